@@ -1,0 +1,1 @@
+//! Error figures between an image and a reference.

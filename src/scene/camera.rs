@@ -1,0 +1,64 @@
+//! Cameras: a pose in world space and a projection.
+
+use glam::{DMat3, DVec3};
+
+use super::Mesh;
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    pub name: String,
+    /// World space, metres.
+    pub position: DVec3,
+    /// Orthonormal columns right, up, back: the camera looks down its -Z.
+    pub world_from_camera: DMat3,
+    pub projection: Projection,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// Vertical field of view in radians, in (0, pi).
+    Perspective { yfov: f64 },
+    /// Half the height of the view in metres.
+    Orthographic { ymag: f64 },
+}
+
+impl Camera {
+    /// A camera at `position` that looks at `target`. `None` if the pose is degenerate (target at position, up along
+    /// the view, not finite).
+    pub fn look_at(position: DVec3, target: DVec3, up: DVec3, projection: Projection) -> Option<Self> {
+        let back = (position - target).try_normalize()?;
+        let right = up.cross(back).try_normalize()?;
+        let world_from_camera = DMat3::from_cols(right, back.cross(right), back);
+        let finite = position.is_finite() && world_from_camera.is_finite();
+        finite.then(|| Self { name: "camera".into(), position, world_from_camera, projection })
+    }
+
+    /// A camera that sees all of `mesh` from the front, slightly above.
+    pub fn framing(mesh: &Mesh, origin: DVec3) -> Self {
+        let (lo, hi) = mesh.bounds();
+        let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
+        let center = origin + (lo + hi) / 2.0;
+        let radius = ((hi - lo).length() / 2.0).max(f64::MIN_POSITIVE.sqrt());
+        let yfov = 40f64.to_radians();
+        let back = DVec3::new(0.0, 0.25, 1.0).normalize();
+        let position = center + back * radius / (yfov / 2.0).sin();
+        Self::look_at(position, center, DVec3::Y, Projection::Perspective { yfov })
+            .expect("the view is neither vertical nor of zero length")
+    }
+
+    /// Ray through image point (x, y) in [0, 1]², y down: (origin, unit direction) in world space.
+    pub fn ray(&self, x: f64, y: f64, aspect: f64) -> (DVec3, DVec3) {
+        let (sx, sy) = (2.0 * x - 1.0, 1.0 - 2.0 * y);
+        match self.projection {
+            Projection::Perspective { yfov } => {
+                let half_height = (yfov / 2.0).tan();
+                let direction = DVec3::new(sx * half_height * aspect, sy * half_height, -1.0);
+                (self.position, (self.world_from_camera * direction).normalize())
+            }
+            Projection::Orthographic { ymag } => {
+                let offset = DVec3::new(sx * ymag * aspect, sy * ymag, 0.0);
+                (self.position + self.world_from_camera * offset, -self.world_from_camera.z_axis)
+            }
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Lights as artists set them: world space, double precision, colour and intensity apart from pose.
+
+use glam::{DVec3, Vec3};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LightKind {
+    Point,
+    Spot,
+    Directional,
+}
+
+/// One light. Its picture is linear in `color * intensity * 2^stops`; all else needs it shaded again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// Unique in its rig; holds no dot, since image layers are called `light.NAME`.
+    pub name: String,
+    pub kind: LightKind,
+    /// World space, metres; ignored for directional lights.
+    pub position: DVec3,
+    /// Unit vector along which a spot or directional light shines; ignored for points.
+    pub direction: DVec3,
+    /// Linear Rec. 709.
+    pub color: Vec3,
+    /// Candela; lux for directional lights.
+    pub intensity: f64,
+    /// Intensity is multiplied by 2^stops.
+    pub stops: f64,
+    /// Spot half-angles in radians, 0 <= inner <= outer <= pi/2.
+    pub inner_angle: f64,
+    pub outer_angle: f64,
+    /// Metres; nothing is lit beyond it.
+    pub range: Option<f64>,
+    /// Index into the rig's groups.
+    pub group: Option<usize>,
+    pub enabled: bool,
+    /// Whether geometry blocks it.
+    pub shadows: bool,
+    /// The glTF node that it came from.
+    pub node: Option<usize>,
+}
+
+/// A master over some lights: a factor on all of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightGroup {
+    pub name: String,
+    pub stops: f64,
+    /// Linear Rec. 709, multiplies the lights' own.
+    pub color: Vec3,
+    pub enabled: bool,
+}
+
+impl Light {
+    /// White point light of one candela at `position`.
+    pub fn point(name: &str, position: DVec3) -> Self {
+        Self {
+            name: name.into(),
+            kind: LightKind::Point,
+            position,
+            direction: DVec3::NEG_Z,
+            color: Vec3::ONE,
+            intensity: 1.0,
+            stops: 0.0,
+            inner_angle: 0.0,
+            outer_angle: std::f64::consts::FRAC_PI_4,
+            range: None,
+            group: None,
+            enabled: true,
+            shadows: true,
+            node: None,
+        }
+    }
+
+    /// What the unit picture of this light is multiplied by, its group not counted; zero if it is off.
+    pub fn scale(&self) -> Vec3 {
+        if self.enabled { self.color * (self.intensity * self.stops.exp2()) as f32 } else { Vec3::ZERO }
+    }
+}
+
+impl LightGroup {
+    /// What the sum of this group's lights is multiplied by; zero if it is off.
+    pub fn scale(&self) -> Vec3 {
+        if self.enabled { self.color * self.stops.exp2() as f32 } else { Vec3::ZERO }
+    }
+}

@@ -1,0 +1,148 @@
+//! glTF 2.0 metallic-roughness materials, and what they say at one point of a surface.
+
+use glam::{Mat3, Vec2, Vec3, Vec4};
+
+use super::texture::{Texture, Wrap};
+
+/// glTF's material: factors, each with an optional texture that multiplies it. Defaults are glTF's.
+#[derive(Clone, Debug)]
+pub struct Material {
+    pub name: String,
+    /// Linear RGBA.
+    pub base_color: Vec4,
+    pub base_color_texture: Option<TextureRef>,
+    pub metallic: f32,
+    pub roughness: f32,
+    /// G roughness, B metallic, linear.
+    pub metallic_roughness_texture: Option<TextureRef>,
+    pub normal_texture: Option<TextureRef>,
+    pub normal_scale: f32,
+    /// Linear radiance, `KHR_materials_emissive_strength` multiplied in.
+    pub emissive: Vec3,
+    pub emissive_texture: Option<TextureRef>,
+    /// `KHR_materials_specular`.
+    pub specular: f32,
+    pub specular_texture: Option<TextureRef>,
+    pub specular_color: Vec3,
+    pub specular_color_texture: Option<TextureRef>,
+    /// `KHR_materials_ior`.
+    pub ior: f32,
+    pub alpha_mode: AlphaMode,
+    pub double_sided: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AlphaMode {
+    Opaque,
+    /// Not there where alpha is below the cutoff.
+    Mask {
+        cutoff: f32,
+    },
+}
+
+/// How a material looks up one texture.
+#[derive(Clone, Copy, Debug)]
+pub struct TextureRef {
+    /// Index into [`super::Scene::textures`].
+    pub texture: usize,
+    /// Which TEXCOORD set, 0 or 1.
+    pub uv_set: usize,
+    /// `KHR_texture_transform` as a matrix on (u, v, 1).
+    pub uv_transform: Mat3,
+    pub wrap: [Wrap; 2],
+}
+
+/// A material at one point: every factor with its texture multiplied in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Linear, vertex colour included, in [0, 1].
+    pub base_color: Vec3,
+    pub alpha: f32,
+    pub metallic: f32,
+    /// glTF roughness, the square root of GGX alpha.
+    pub roughness: f32,
+    pub specular: f32,
+    pub specular_color: Vec3,
+    pub ior: f32,
+    pub emissive: Vec3,
+    /// Normal map value in tangent space, unit length; +Z without a map.
+    pub normal_t: Vec3,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: "default".into(),
+            base_color: Vec4::ONE,
+            base_color_texture: None,
+            metallic: 1.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            emissive: Vec3::ZERO,
+            emissive_texture: None,
+            specular: 1.0,
+            specular_texture: None,
+            specular_color: Vec3::ONE,
+            specular_color_texture: None,
+            ior: 1.5,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+        }
+    }
+}
+
+impl Material {
+    /// Every texture that this material looks at.
+    pub fn textures(&self) -> impl Iterator<Item = &TextureRef> {
+        [
+            &self.base_color_texture,
+            &self.metallic_roughness_texture,
+            &self.normal_texture,
+            &self.emissive_texture,
+            &self.specular_texture,
+            &self.specular_color_texture,
+        ]
+        .into_iter()
+        .flatten()
+    }
+
+    /// Evaluates all factors at texture coordinates `uvs` (sets 0 and 1) and vertex colour `color`.
+    ///
+    /// `footprints` is the width of a pixel in each set's units, for choosing mip levels; 0 reads the finest.
+    pub fn evaluate(&self, textures: &[Texture], uvs: [Vec2; 2], footprints: [f32; 2], color: Vec4) -> Surface {
+        let read = |texture: &Option<TextureRef>| match texture {
+            Some(t) => t.sample(textures, uvs, footprints),
+            None => Vec4::ONE,
+        };
+        let base_color = self.base_color * read(&self.base_color_texture) * color;
+        let metallic_roughness = read(&self.metallic_roughness_texture);
+        let normal_t = match &self.normal_texture {
+            Some(t) => {
+                let n = t.sample(textures, uvs, footprints).truncate() * 2.0 - 1.0;
+                (n * Vec3::new(self.normal_scale, self.normal_scale, 1.0)).try_normalize().unwrap_or(Vec3::Z)
+            }
+            None => Vec3::Z,
+        };
+        Surface {
+            base_color: base_color.truncate().clamp(Vec3::ZERO, Vec3::ONE),
+            alpha: base_color.w,
+            metallic: (self.metallic * metallic_roughness.z).clamp(0.0, 1.0),
+            roughness: (self.roughness * metallic_roughness.y).clamp(0.0, 1.0),
+            specular: self.specular * read(&self.specular_texture).w,
+            specular_color: self.specular_color * read(&self.specular_color_texture).truncate(),
+            ior: self.ior,
+            emissive: self.emissive * read(&self.emissive_texture).truncate(),
+            normal_t,
+        }
+    }
+}
+
+impl TextureRef {
+    fn sample(&self, textures: &[Texture], uvs: [Vec2; 2], footprints: [f32; 2]) -> Vec4 {
+        let uv = (self.uv_transform * uvs[self.uv_set].extend(1.0)).truncate();
+        let scale = self.uv_transform.determinant().abs().sqrt();
+        textures[self.texture].sample(uv, self.wrap, footprints[self.uv_set] * scale)
+    }
+}

@@ -1,0 +1,90 @@
+//! Scene: what an importer hands to the bake. Plain data in mesh space, no handles.
+//!
+//! World space is the file's, in double precision. Mesh space is world space minus [`Scene::origin`], in single
+//! precision: a scene far from its own origin loses nothing. Lights and cameras stay in world space.
+
+pub mod camera;
+pub mod light;
+pub mod material;
+pub mod texture;
+
+mod gltf;
+mod gltf_export;
+mod obj;
+pub mod rig;
+
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec2, Vec3, Vec4};
+
+pub use camera::{Camera, Projection};
+pub use gltf_export::export_gltf;
+pub use light::{Light, LightGroup, LightKind};
+pub use material::{AlphaMode, Material, Surface, TextureRef};
+pub use rig::Rig;
+pub use texture::Texture;
+
+use crate::error::{Error, Result};
+
+/// One file, ready to bake.
+pub struct Scene {
+    pub path: PathBuf,
+    pub mesh: Mesh,
+    /// World position of mesh space's (0, 0, 0): the centre of the bounds.
+    pub origin: DVec3,
+    /// Never empty: index 0 is glTF's default material if the file names none.
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    /// In file order; may be empty.
+    pub cameras: Vec<Camera>,
+    /// The file's own lights.
+    pub rig: Rig,
+    /// `scenes[0].extras.width/height`.
+    pub image_size: Option<[u32; 2]>,
+}
+
+/// All triangles of a scene in mesh space, nodes flattened, attributes indexed together.
+///
+/// Optional attributes are empty when no material needs them.
+#[derive(Default)]
+pub struct Mesh {
+    pub positions: Vec<Vec3>,
+    /// Unit length; flat-shaded faces own their vertices.
+    pub normals: Vec<Vec3>,
+    /// TEXCOORD_0 and TEXCOORD_1.
+    pub uvs: [Vec<Vec2>; 2],
+    /// COLOR_0, linear RGBA, multiplies the base colour.
+    pub colors: Vec<Vec4>,
+    /// xyz unit tangent, w the bitangent's sign (+1 or -1); only with normal maps.
+    pub tangents: Vec<Vec4>,
+    /// Counter-clockwise from the front; zero-area triangles are dropped at import.
+    pub triangles: Vec<[u32; 3]>,
+    /// Per triangle, an index into [`Scene::materials`].
+    pub triangle_materials: Vec<u32>,
+}
+
+impl Scene {
+    /// Imports `.glb`, `.gltf` or `.obj`, by extension.
+    pub fn load(path: &Path) -> Result<Self> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        match extension.as_str() {
+            "glb" | "gltf" => gltf::load(path),
+            "obj" => obj::load(path),
+            _ => Err(Error::import(path, "not a scene: expected .glb, .gltf or .obj")),
+        }
+    }
+
+    /// File stem: what `{scene}` stands for in messages and tables.
+    pub fn name(&self) -> String {
+        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    }
+}
+
+impl Mesh {
+    /// Smallest box around all vertices that triangles use, (min, max); zeros if there are none.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let mut used = self.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
+        let Some(first) = used.next() else { return (Vec3::ZERO, Vec3::ZERO) };
+        used.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)))
+    }
+}
