@@ -2,8 +2,11 @@
 //!
 //! Data flows one way: [`scene`] -> [`bake`] -> [`relight`]; [`gpu`] is all Vulkan and all `unsafe`.
 
+pub mod bake;
 pub mod error;
+pub mod gpu;
 pub mod image;
 pub mod scene;
+pub mod shared;
 
 pub use error::{Error, Result};

@@ -10,3 +10,8 @@ pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()
     let _ = (path, encode);
     todo!()
 }
+
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    let _ = (path, bytes);
+    todo!()
+}

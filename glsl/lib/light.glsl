@@ -1,0 +1,25 @@
+// Punctual lights [KHR_lights_punctual]. Twin: src/reference/light.rs.
+
+// Unit direction towards the light, and irradiance at normal incidence for unit intensity.
+float incident(PackedLight light, vec3 position, out vec3 wi) {
+    if (light.kind == LIGHT_DIRECTIONAL) {
+        wi = -light.direction;
+        return 1.0;
+    }
+    vec3 to_light = light.position - position;
+    float d2 = dot(to_light, to_light);
+    if (d2 == 0.0) { // at the light itself no direction is defined
+        wi = vec3(0.0);
+        return 0.0;
+    }
+    wi = to_light / sqrt(d2);
+    float x2 = d2 * light.inverse_range * light.inverse_range;
+    float irradiance = clamp(1.0 - x2 * x2, 0.0, 1.0) / d2;
+    if (light.kind == LIGHT_SPOT) {
+        // 1 - cos of the angle off the axis is half the squared chord: exact for narrow cones.
+        vec3 chord = wi + light.direction;
+        float cone = clamp((light.cone_versine - 0.5 * dot(chord, chord)) * light.cone_scale, 0.0, 1.0);
+        irradiance *= cone * cone;
+    }
+    return irradiance;
+}

@@ -1,0 +1,32 @@
+// Extra view samples -> their pixels of one light's image.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { ResolvePush push; };
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= push.pixel_count) {
+        return;
+    }
+    ExtraPixel p = push.pixels.at[index];
+    uvec3 at = p.pixel + uvec3(0, 1, 2) * push.pixel_stride;
+    vec3 sum = vec3(0.0);
+    if ((push.layers & 1) != 0) {
+        sum = p.first_weight * vec3(push.image.at[at.r], push.image.at[at.g], push.image.at[at.b]);
+    }
+    for (uint i = p.first; i < p.first + p.count; ++i) {
+        ExtraSample s = push.samples.at[i];
+        if (((push.layers >> min(s.layer, 31)) & 1) != 0) {
+            uvec3 from = i + uvec3(0, 1, 2) * push.extra_stride;
+            sum += s.weight * vec3(push.extras.at[from.r], push.extras.at[from.g], push.extras.at[from.b]);
+        }
+    }
+    push.image.at[at.r] = sum.r;
+    push.image.at[at.g] = sum.g;
+    push.image.at[at.b] = sum.b;
+}

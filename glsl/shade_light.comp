@@ -1,0 +1,46 @@
+// One light at unit intensity, all view samples.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+#include "lib/brdf.glsl"
+#include "lib/light.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { ShadeLightPush push; };
+// Whether any BRDF of the scene has a specular lobe.
+layout(constant_id = 0) const bool SPECULAR = true;
+
+vec3 shade(uint index) {
+    ViewSample s = push.samples.at[index];
+    uint word = push.visibility.at[index / 4];
+    float visibility = float((word >> (8 * (index & 3))) & 255) * (1.0 / 255.0);
+    if (s.brdf == NO_BRDF || visibility == 0.0) {
+        return vec3(0.0);
+    }
+    vec3 wi;
+    float irradiance = visibility * incident(push.light, s.position, wi);
+    if (irradiance == 0.0) {
+        return vec3(0.0);
+    }
+    return irradiance * reflected(push.brdfs.at[s.brdf], octahedral(s.normal), wi, octahedral(s.wo), SPECULAR);
+}
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= push.sample_count) {
+        return;
+    }
+    vec3 radiance = shade(index);
+    if (index < push.pixel_stride) {
+        push.image.at[index] = radiance.r;
+        push.image.at[index + push.pixel_stride] = radiance.g;
+        push.image.at[index + 2 * push.pixel_stride] = radiance.b;
+    } else {
+        uint extra = index - push.pixel_stride;
+        push.extras.at[extra] = radiance.r;
+        push.extras.at[extra + push.extra_stride] = radiance.g;
+        push.extras.at[extra + 2 * push.extra_stride] = radiance.b;
+    }
+}

@@ -1,0 +1,14 @@
+// Depth from the light.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+
+layout(push_constant, scalar) uniform Block { ShadowPush push; };
+
+void main() {
+    uint at = 3 * gl_VertexIndex;
+    vec3 position = vec3(push.positions.at[at], push.positions.at[at + 1], push.positions.at[at + 2]);
+    gl_Position = push.faces.at[push.face].clip_from_mesh * vec4(position, 1.0);
+}

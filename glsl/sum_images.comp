@@ -1,0 +1,23 @@
+// Weighted sum of images, four floats a thread.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { SumImagesPush push; };
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= 3 * push.plane_length) {
+        return;
+    }
+    uint plane = index / push.plane_length;
+    vec4 sum = vec4(0.0);
+    for (uint i = 0; i < push.term_count; ++i) {
+        SumTerm term = push.terms.at[i];
+        sum += term.scale[plane] * term.image.at[index];
+    }
+    push.sum.at[index] = sum;
+}

@@ -1,0 +1,24 @@
+// A fixed amount of work a sample, to set other kernels against: reads 32 bytes, multiplies and adds, writes 12 bytes.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { YardstickPush push; };
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= push.sample_count) {
+        return;
+    }
+    vec4 a = push.samples.at[2 * index];
+    vec4 b = push.samples.at[2 * index + 1];
+    for (uint i = 0; i < push.multiply_adds; i += 4) {
+        a = a * b + b;
+    }
+    push.results.at[3 * index] = a.x;
+    push.results.at[3 * index + 1] = a.y;
+    push.results.at[3 * index + 2] = a.z + a.w;
+}

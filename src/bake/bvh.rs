@@ -1,0 +1,169 @@
+//! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays in [`super::packet`].
+
+use glam::{Vec2, Vec3, Vec3A, Vec4};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ploc::PlocBuilder;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
+
+use crate::scene::{AlphaMode, Scene};
+
+/// All triangles of a scene, ready to be hit. Directions need not be unit length; distances are in their lengths.
+pub struct Bvh {
+    /// Wide nodes for single rays.
+    wide: CwBvh,
+    wide_corners: Vec<Corners>,
+    /// Binary nodes for packets, whose rays agree so well that a wide node tests too much.
+    pub(super) binary: Bvh2,
+    pub(super) binary_corners: Vec<Corners>,
+    /// Half the diagonal of the bounds, metres.
+    pub radius: f32,
+    /// Whether any triangle has holes where its alpha is low.
+    pub(super) has_masks: bool,
+}
+
+/// A triangle where traversal finds it: in leaf order.
+#[derive(Clone, Copy)]
+pub(super) struct Corners {
+    pub v: [Vec3; 3],
+    /// Index into the mesh.
+    pub triangle: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Index into the mesh's triangles.
+    pub triangle: u32,
+    /// Weights of the second and third corner.
+    pub barycentric: Vec2,
+    pub distance: f32,
+}
+
+impl Bvh {
+    pub fn build(scene: &Scene) -> Self {
+        let mesh = &scene.mesh;
+        let corners: Vec<Corners> = mesh
+            .triangles
+            .iter()
+            .enumerate()
+            .map(|(i, t)| Corners { v: t.map(|v| mesh.positions[v as usize]), triangle: i as u32 })
+            .collect();
+        let triangles: Vec<Triangle> = corners
+            .iter()
+            .map(|c| {
+                let [v0, v1, v2] = c.v.map(Vec3A::from);
+                Triangle { v0, v1, v2 }
+            })
+            .collect();
+        let params = BvhBuildParams::medium_build();
+        let mut binary = PlocBuilder::with_capacity(triangles.len()).build(
+            params.ploc_search_distance,
+            &triangles,
+            (0..triangles.len() as u32).collect(),
+            params.sort_precision,
+            params.search_depth_threshold,
+        );
+        let mut reinsertion = ReinsertionOptimizer::default();
+        reinsertion.run(&mut binary, params.reinsertion_batch_ratio, None);
+        let wide = bvh2_to_cwbvh(&binary, 3, true, false);
+        collapse(&mut binary, params.max_prims_per_leaf, params.collapse_traversal_cost);
+        let again = params.post_collapse_reinsertion_batch_ratio_multiplier;
+        reinsertion.run(&mut binary, params.reinsertion_batch_ratio * again, None);
+
+        let in_order = |indices: &[u32]| indices.iter().map(|&i| corners[i as usize]).collect::<Vec<_>>();
+        let (lo, hi) = mesh.bounds();
+        let masked = |m: &crate::scene::Material| m.alpha_mode != AlphaMode::Opaque;
+        Self {
+            wide_corners: in_order(&wide.primitive_indices),
+            binary_corners: in_order(&binary.primitive_indices),
+            wide,
+            binary,
+            radius: (hi - lo).length() / 2.0,
+            has_masks: scene.materials.iter().any(masked),
+        }
+    }
+
+    /// First surface along the ray between its origin and `max_distance`.
+    pub fn closest_hit(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
+        let ray = Ray::new(origin.into(), direction.into(), 0.0, max_distance);
+        let mut closest: Option<Hit> = None;
+        let mut hit = RayHit::none();
+        self.wide.ray_traverse(ray, &mut hit, |ray, primitive| {
+            let candidate = self.intersect(scene, &self.wide_corners[primitive], origin, direction, ray.tmax);
+            closest = candidate.or(closest);
+            candidate.map_or(f32::INFINITY, |hit| hit.distance)
+        });
+        closest
+    }
+
+    /// Whether anything lies along the ray between its origin and `max_distance`.
+    pub fn occluded(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
+        let ray = Ray::new(origin.into(), direction.into(), 0.0, max_distance);
+        !self.wide.ray_traverse_miss(ray, |ray, primitive| {
+            let hit = self.intersect(scene, &self.wide_corners[primitive], origin, direction, ray.tmax);
+            hit.map_or(f32::INFINITY, |hit| hit.distance)
+        })
+    }
+
+    /// [Möller 1997], edges included: two triangles that share one both own it, so that no ray slips through.
+    fn intersect(
+        &self,
+        scene: &Scene,
+        corners: &Corners,
+        origin: Vec3,
+        direction: Vec3,
+        max_distance: f32,
+    ) -> Option<Hit> {
+        let [v0, v1, v2] = corners.v;
+        let (e1, e2) = (v1 - v0, v2 - v0);
+        let normal = e1.cross(e2);
+        let determinant = -normal.dot(direction);
+        if determinant == 0.0 {
+            return None;
+        }
+        let to_origin = origin - v0;
+        let moment = to_origin.cross(direction);
+        let inverse = determinant.recip();
+        let u = e2.dot(moment) * inverse;
+        let v = -e1.dot(moment) * inverse;
+        let distance = normal.dot(to_origin) * inverse;
+        let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0 && distance < max_distance;
+        let hit = Hit { triangle: corners.triangle, barycentric: Vec2::new(u, v), distance };
+        (inside && !(self.has_masks && is_hole(scene, hit.triangle, hit.barycentric))).then_some(hit)
+    }
+
+    /// How far off a surface a shadow ray ends, for a light `distance` away: above the rounding of both.
+    pub fn shadow_offset(&self, distance: f32) -> f32 {
+        // 2^-17: some 60 roundings of a coordinate as large as the scene. 2^-21: the same for the light's distance.
+        self.radius * f32::exp2(-17.0) + distance * f32::exp2(-21.0)
+    }
+}
+
+/// Whether a masked material is absent at this point.
+pub(super) fn is_hole(scene: &Scene, triangle: u32, barycentric: Vec2) -> bool {
+    let material = &scene.materials[scene.mesh.triangle_materials[triangle as usize] as usize];
+    let AlphaMode::Mask { cutoff } = material.alpha_mode else { return false };
+    let (uvs, color) = interpolate_attributes(scene, triangle, barycentric);
+    material.evaluate(&scene.textures, uvs, [0.0; 2], color).alpha < cutoff
+}
+
+/// Texture coordinates and vertex colour at a point of a triangle; zeros and white where the mesh has none.
+pub(super) fn interpolate_attributes(scene: &Scene, triangle: u32, barycentric: Vec2) -> ([Vec2; 2], Vec4) {
+    let mesh = &scene.mesh;
+    let corners = mesh.triangles[triangle as usize].map(|v| v as usize);
+    let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];
+    let uv = |set: usize| match mesh.uvs[set].as_slice() {
+        [] => Vec2::ZERO,
+        uvs => corners.iter().zip(weights).map(|(&v, w)| uvs[v] * w).sum(),
+    };
+    let color = match mesh.colors.as_slice() {
+        [] => Vec4::ONE,
+        colors => corners.iter().zip(weights).map(|(&v, w)| colors[v] * w).sum(),
+    };
+    ([uv(0), uv(1)], color)
+}

@@ -1,0 +1,326 @@
+//! Instance, device, queue and allocator: one owner for each, released in the right order.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::ffi::{CStr, c_char, c_void};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use ash::{ext, vk};
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+
+use super::device::{self, DeviceInfo};
+use crate::error::{Error, Result};
+
+/// Whether the Khronos validation layer watches, synchronization included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Validation {
+    Off,
+    On,
+}
+
+/// A Vulkan device, ready to use. Everything made from it holds an `Arc` of it.
+pub struct Context {
+    pub info: DeviceInfo,
+    /// Nanoseconds a timestamp tick.
+    pub(super) timestamp_period: f64,
+    pub(super) device: ash::Device,
+    pub(super) queue: vk::Queue,
+    pub(super) queue_family: u32,
+    pub(super) debug_utils: Option<ext::debug_utils::Device>,
+    pub(super) pipeline_cache: vk::PipelineCache,
+    /// All pipelines share it: 128 bytes of push constants and one sampled image.
+    pub(super) pipeline_layout: vk::PipelineLayout,
+    pub(super) set_layout: vk::DescriptorSetLayout,
+    /// `None` only while dropping.
+    pub(super) allocator: Mutex<Option<Allocator>>,
+    /// Device memory in use, by the first word of the owner's name.
+    memory: Mutex<BTreeMap<String, u64>>,
+    pipeline_cache_file: Option<PathBuf>,
+    messages: Box<Messages>,
+    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    instance: ash::Instance,
+    _entry: ash::Entry,
+}
+
+/// Why a lock cannot fail: no holder of one of our locks panics.
+pub(super) const UNPOISONED: &str = "no thread panics while it holds this lock";
+
+/// What the validation layer said.
+#[derive(Default)]
+struct Messages(Mutex<Vec<String>>);
+
+/// Turns a Vulkan result code into an `Error` that says what was tried.
+pub(super) fn vulkan<E>(action: impl Into<String>) -> impl FnOnce(E) -> Error
+where
+    E: std::error::Error + Send + Sync + 'static,
+{
+    let action = action.into();
+    move |source| Error::Vulkan { action, source: Box::new(source) }
+}
+
+pub(super) fn create_instance(validation: Validation) -> Result<(ash::Entry, ash::Instance, bool)> {
+    let no_device = |reason: &str| {
+        let reason = reason.to_owned();
+        |source: Box<dyn std::error::Error + Send + Sync>| Error::NoDevice { reason, source: Some(source) }
+    };
+    // SAFETY: loads the system's Vulkan loader, which is trusted to behave.
+    let entry = unsafe { ash::Entry::load() }
+        .map_err(|e| no_device("there is no Vulkan loader; tools/setup installs one")(e.into()))?;
+    // SAFETY: the entry is loaded.
+    let layers = unsafe { entry.enumerate_instance_layer_properties() }.map_err(vulkan("list layers"))?;
+    let layer = c"VK_LAYER_KHRONOS_validation";
+    let validate = validation == Validation::On && layers.iter().any(|l| l.layer_name_as_c_str() == Ok(layer));
+    if validation == Validation::On && !validate {
+        tracing::warn!("the Vulkan validation layer is not installed: nothing is validated");
+    }
+    let application = vk::ApplicationInfo::default().application_name(c"relume").api_version(vk::API_VERSION_1_3);
+    let layer_names = [layer.as_ptr()];
+    let extension_names = [ext::debug_utils::NAME.as_ptr()];
+    let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+    let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+    let mut create = vk::InstanceCreateInfo::default().application_info(&application);
+    if validate {
+        create =
+            create.enabled_layer_names(&layer_names).enabled_extension_names(&extension_names).push_next(&mut features);
+    }
+    // SAFETY: all pointers outlive the call.
+    let instance = unsafe { entry.create_instance(&create, None) }
+        .map_err(|e| no_device("Vulkan does not start; tools/setup installs a driver")(e.into()))?;
+    Ok((entry, instance, validate))
+}
+
+impl Context {
+    /// Opens the device that `wanted` names (index or part of its name), else the best one.
+    ///
+    /// Compiled pipelines are kept in `cache_dir` from run to run.
+    pub fn new(wanted: Option<&str>, validation: Validation, cache_dir: Option<&Path>) -> Result<Arc<Self>> {
+        let (entry, instance, validate) = create_instance(validation)?;
+        let info = match device::choose(&instance, wanted) {
+            Ok(info) => info,
+            Err(error) => {
+                // SAFETY: nothing was created from the instance.
+                unsafe { instance.destroy_instance(None) };
+                return Err(error);
+            }
+        };
+        tracing::info!("device: {} ({})", info.name, info.driver);
+        warn_of_slow_lavapipe(&info);
+
+        let messages = Box::<Messages>::default();
+        let messenger = if validate { Some(create_messenger(&entry, &instance, &messages)?) } else { None };
+
+        // SAFETY: the handle comes from this instance.
+        let (limits, families) = unsafe {
+            (
+                instance.get_physical_device_properties(info.handle).limits,
+                instance.get_physical_device_queue_family_properties(info.handle),
+            )
+        };
+        let both = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
+        let queue_family = families.iter().position(|f| f.queue_flags.contains(both)).ok_or_else(|| {
+            Error::NoDevice { reason: format!("{} has no queue for graphics and compute", info.name), source: None }
+        })? as u32;
+        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
+        let core = vk::PhysicalDeviceFeatures::default().depth_clamp(true);
+        let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
+            .buffer_device_address(true)
+            .scalar_block_layout(true)
+            .host_query_reset(true);
+        let mut features13 =
+            vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true);
+        let create = vk::DeviceCreateInfo::default()
+            .queue_create_infos(&queues)
+            .enabled_features(&core)
+            .push_next(&mut features12)
+            .push_next(&mut features13);
+        // SAFETY: `choose` checked every feature asked for; all pointers outlive the call.
+        let device =
+            unsafe { instance.create_device(info.handle, &create, None) }.map_err(vulkan("create the device"))?;
+        // SAFETY: the queue was asked for above.
+        let queue = unsafe { device.get_device_queue(queue_family, 0) };
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.clone(),
+            device: device.clone(),
+            physical_device: info.handle,
+            debug_settings: Default::default(),
+            buffer_device_address: true,
+            allocation_sizes: Default::default(),
+        })
+        .map_err(vulkan("create the allocator"))?;
+        let (set_layout, pipeline_layout) = create_layouts(&device)?;
+        let pipeline_cache_file = cache_dir.map(|dir| dir.join(pipeline_cache_name(&info)));
+        let pipeline_cache = create_pipeline_cache(&device, pipeline_cache_file.as_deref())?;
+        let debug_utils = validate.then(|| ext::debug_utils::Device::new(&instance, &device));
+        Ok(Arc::new(Self {
+            timestamp_period: f64::from(limits.timestamp_period),
+            device,
+            queue,
+            queue_family,
+            debug_utils,
+            pipeline_cache,
+            pipeline_layout,
+            set_layout,
+            allocator: Mutex::new(Some(allocator)),
+            memory: Mutex::default(),
+            pipeline_cache_file,
+            messages,
+            messenger,
+            instance,
+            _entry: entry,
+            info,
+        }))
+    }
+
+    /// Whether kernels run on this machine's CPU, which then is better at tracing rays than at rasterising.
+    pub fn is_cpu(&self) -> bool {
+        self.info.kind == "cpu"
+    }
+
+    /// Everything that the validation layer said so far. Tests assert that it is empty.
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.messages.0.lock().expect(UNPOISONED).clone()
+    }
+
+    /// Device memory in use as (owner, bytes).
+    pub fn memory_by_owner(&self) -> Vec<(String, u64)> {
+        self.memory.lock().expect(UNPOISONED).iter().map(|(owner, bytes)| (owner.clone(), *bytes)).collect()
+    }
+
+    pub(super) fn count_memory(&self, owner: &str, bytes: u64) {
+        *self.memory.lock().expect(UNPOISONED).entry(owner.to_owned()).or_default() += bytes;
+    }
+
+    pub(super) fn uncount_memory(&self, owner: &str, bytes: u64) {
+        let mut memory = self.memory.lock().expect(UNPOISONED);
+        let left = memory.get_mut(owner).expect("it was counted");
+        *left -= bytes;
+        if *left == 0 {
+            memory.remove(owner);
+        }
+    }
+
+    /// Names an object for validation messages and debuggers.
+    pub(super) fn name<T: vk::Handle>(&self, object: T, name: &str) {
+        let Some(debug_utils) = &self.debug_utils else { return };
+        let name = std::ffi::CString::new(name).expect("names hold no zero byte");
+        let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
+        // SAFETY: the object belongs to this device. A name that cannot be set is no reason to fail.
+        let _ = unsafe { debug_utils.set_debug_utils_object_name(&info) };
+    }
+
+    fn save_pipeline_cache(&self) -> Result<()> {
+        let Some(file) = &self.pipeline_cache_file else { return Ok(()) };
+        // SAFETY: the cache is alive.
+        let data = unsafe { self.device.get_pipeline_cache_data(self.pipeline_cache) }
+            .map_err(vulkan("read the pipeline cache"))?;
+        let unchanged = std::fs::read(file).is_ok_and(|old| old == data);
+        if unchanged { Ok(()) } else { crate::image::file::write_bytes(file, &data) }
+    }
+}
+
+impl Drop for Context {
+    fn drop(&mut self) {
+        if let Err(error) = self.save_pipeline_cache() {
+            tracing::debug!("pipelines are not kept: {error}"); // a read-only cache works
+        }
+        for (owner, bytes) in self.memory.lock().expect(UNPOISONED).iter() {
+            tracing::error!("leaked: {bytes} bytes of {owner}");
+        }
+        // SAFETY: all that was made from the device holds an Arc of this context, so it is gone; every frame was
+        // waited for before it was dropped.
+        unsafe {
+            self.device.destroy_pipeline_cache(self.pipeline_cache, None);
+            self.device.destroy_pipeline_layout(self.pipeline_layout, None);
+            self.device.destroy_descriptor_set_layout(self.set_layout, None);
+            drop(self.allocator.lock().expect(UNPOISONED).take());
+            self.device.destroy_device(None);
+            if let Some((loader, messenger)) = self.messenger.take() {
+                loader.destroy_debug_utils_messenger(messenger, None);
+            }
+            self.instance.destroy_instance(None);
+        }
+    }
+}
+
+fn warn_of_slow_lavapipe(info: &DeviceInfo) {
+    // "llvmpipe Mesa 25.0.7-2 (LLVM 15.0.6)"
+    let major = info.driver.split_once("Mesa ").and_then(|(_, v)| v.split('.').next()?.parse::<u32>().ok());
+    if info.kind == "cpu" && major.is_some_and(|major| major < 25) {
+        tracing::warn!(
+            "{} runs relume 8 to 20 times slower than Mesa 25; tools/setup installs a newer one",
+            info.driver
+        );
+    }
+}
+
+fn pipeline_cache_name(info: &DeviceInfo) -> String {
+    let key = blake3::hash(format!("{} {} {}", info.name, info.driver, info.api).as_bytes());
+    format!("pipelines-{}.bin", &key.to_hex()[..16])
+}
+
+fn create_pipeline_cache(device: &ash::Device, file: Option<&Path>) -> Result<vk::PipelineCache> {
+    let data = file.and_then(|file| std::fs::read(file).ok()).unwrap_or_default();
+    let create = vk::PipelineCacheCreateInfo::default().initial_data(&data);
+    // SAFETY: the data outlives the call; drivers check its header and ignore what isn't theirs.
+    unsafe { device.create_pipeline_cache(&create, None) }.map_err(vulkan("create the pipeline cache"))
+}
+
+fn create_layouts(device: &ash::Device) -> Result<(vk::DescriptorSetLayout, vk::PipelineLayout)> {
+    let bindings = [vk::DescriptorSetLayoutBinding::default()
+        .binding(0)
+        .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+        .descriptor_count(1)
+        .stage_flags(vk::ShaderStageFlags::COMPUTE)];
+    let push = [vk::PushConstantRange::default()
+        .stage_flags(vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT)
+        .size(128)];
+    // SAFETY: all pointers outlive the calls.
+    unsafe {
+        let set_layout = device
+            .create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
+            .map_err(vulkan("create the descriptor set layout"))?;
+        let create = vk::PipelineLayoutCreateInfo::default()
+            .set_layouts(std::slice::from_ref(&set_layout))
+            .push_constant_ranges(&push);
+        let layout = device.create_pipeline_layout(&create, None).map_err(vulkan("create the pipeline layout"))?;
+        Ok((set_layout, layout))
+    }
+}
+
+fn create_messenger(
+    entry: &ash::Entry,
+    instance: &ash::Instance,
+    messages: &Messages,
+) -> Result<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)> {
+    use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Type};
+    let loader = ext::debug_utils::Instance::new(entry, instance);
+    let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
+        .message_severity(Severity::ERROR | Severity::WARNING)
+        .message_type(Type::GENERAL | Type::VALIDATION | Type::PERFORMANCE)
+        .pfn_user_callback(Some(on_message))
+        .user_data(std::ptr::from_ref(messages).cast_mut().cast());
+    // SAFETY: `messages` is boxed and outlives the messenger.
+    let messenger =
+        unsafe { loader.create_debug_utils_messenger(&create, None) }.map_err(vulkan("create the debug messenger"))?;
+    Ok((loader, messenger))
+}
+
+unsafe extern "system" fn on_message(
+    severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _type: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    messages: *mut c_void,
+) -> vk::Bool32 {
+    // SAFETY: the layer passes a valid struct; `messages` is what `create_messenger` gave it.
+    let (text, messages) = unsafe {
+        let pointer: *const c_char = (*data).p_message;
+        let text = if pointer.is_null() { Cow::Borrowed("") } else { CStr::from_ptr(pointer).to_string_lossy() };
+        (text, &*messages.cast::<Messages>())
+    };
+    tracing::error!("Vulkan validation, {severity:?}: {text}");
+    if let Ok(mut messages) = messages.0.lock() {
+        messages.push(text.into_owned());
+    }
+    vk::FALSE
+}

@@ -1,0 +1,127 @@
+//! Which Vulkan devices there are, what each lacks, and which one to take.
+
+use std::ffi::CStr;
+
+use ash::vk;
+
+use super::context::create_instance;
+use super::{Validation, context::vulkan};
+use crate::error::{Error, Result};
+
+/// One line of `relume devices`.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct DeviceInfo {
+    pub index: usize,
+    pub name: String,
+    pub driver: String,
+    /// discrete, integrated, virtual, cpu or other.
+    pub kind: &'static str,
+    pub api: String,
+    /// Largest device-local heap.
+    pub memory_bytes: u64,
+    /// What relume needs and the device does not have; empty if it can be used.
+    pub lacks: Vec<String>,
+    #[serde(skip)]
+    pub(super) handle: vk::PhysicalDevice,
+}
+
+/// All devices, in Vulkan's order.
+pub fn list_devices() -> Result<Vec<DeviceInfo>> {
+    let (_entry, instance, _) = create_instance(Validation::Off)?;
+    let devices = enumerate(&instance);
+    // SAFETY: nothing was created from the instance.
+    unsafe { instance.destroy_instance(None) };
+    devices
+}
+
+/// Finds the device that `wanted` names by index or by part of its name; without a wish the best real GPU, else a CPU.
+pub(super) fn choose(instance: &ash::Instance, wanted: Option<&str>) -> Result<DeviceInfo> {
+    let devices = enumerate(instance)?;
+    let no_device = |reason: String| Error::NoDevice { reason, source: None };
+    if let Some(wanted) = wanted {
+        let matches = |d: &&DeviceInfo| match wanted.parse::<usize>() {
+            Ok(index) => d.index == index,
+            Err(_) => d.name.to_lowercase().contains(&wanted.to_lowercase()),
+        };
+        let found = devices.iter().find(matches).ok_or_else(|| {
+            let names: Vec<_> = devices.iter().map(|d| format!("{} {}", d.index, d.name)).collect();
+            no_device(format!("none is called {wanted:?}; there are: {}", names.join(", ")))
+        })?;
+        return match found.lacks.is_empty() {
+            true => Ok(found.clone()),
+            false => Err(no_device(format!("{} lacks {}", found.name, found.lacks.join(", ")))),
+        };
+    }
+    let rank =
+        |d: &&DeviceInfo| ["discrete", "integrated", "virtual", "cpu", "other"].iter().position(|k| *k == d.kind);
+    devices.iter().filter(|d| d.lacks.is_empty()).min_by_key(rank).cloned().ok_or_else(|| {
+        no_device(match devices.is_empty() {
+            true => "the driver list is empty; install Mesa's lavapipe (tools/setup) or a GPU driver".into(),
+            false => {
+                let each: Vec<_> = devices.iter().map(|d| format!("{} lacks {}", d.name, d.lacks.join(", "))).collect();
+                each.join("; ")
+            }
+        })
+    })
+}
+
+fn enumerate(instance: &ash::Instance) -> Result<Vec<DeviceInfo>> {
+    // SAFETY: the instance is alive.
+    let handles = unsafe { instance.enumerate_physical_devices() }.map_err(vulkan("list devices"))?;
+    Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, index, handle)).collect())
+}
+
+fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) -> DeviceInfo {
+    let mut driver = vk::PhysicalDeviceDriverProperties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver);
+    let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
+    let mut features13 = vk::PhysicalDeviceVulkan13Features::default();
+    // SAFETY: the handle comes from this instance, and the structs chain what the calls fill.
+    unsafe { instance.get_physical_device_properties2(handle, &mut properties) };
+    let properties = properties.properties;
+    let api = properties.api_version;
+    let has_13 = api >= vk::API_VERSION_1_3;
+    let mut features = vk::PhysicalDeviceFeatures2::default();
+    if has_13 {
+        features = features.push_next(&mut features12).push_next(&mut features13);
+    }
+    // SAFETY: as above; 1.3 structs are only chained where 1.3 is.
+    let memory = unsafe {
+        instance.get_physical_device_features2(handle, &mut features);
+        instance.get_physical_device_memory_properties(handle)
+    };
+    let core = features.features;
+    let needs = [
+        ("Vulkan 1.3", has_13),
+        ("bufferDeviceAddress", features12.buffer_device_address == vk::TRUE),
+        ("scalarBlockLayout", features12.scalar_block_layout == vk::TRUE),
+        ("hostQueryReset", features12.host_query_reset == vk::TRUE),
+        ("synchronization2", features13.synchronization2 == vk::TRUE),
+        ("dynamicRendering", features13.dynamic_rendering == vk::TRUE),
+        ("depthClamp", core.depth_clamp == vk::TRUE),
+        ("timestamps", properties.limits.timestamp_compute_and_graphics == vk::TRUE),
+    ];
+    let text = |bytes: Option<&CStr>| bytes.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let heaps = &memory.memory_heaps[..memory.memory_heap_count as usize];
+    DeviceInfo {
+        index,
+        name: text(properties.device_name_as_c_str().ok()),
+        driver: format!("{} {}", text(driver.driver_name_as_c_str().ok()), text(driver.driver_info_as_c_str().ok())),
+        kind: match properties.device_type {
+            vk::PhysicalDeviceType::DISCRETE_GPU => "discrete",
+            vk::PhysicalDeviceType::INTEGRATED_GPU => "integrated",
+            vk::PhysicalDeviceType::VIRTUAL_GPU => "virtual",
+            vk::PhysicalDeviceType::CPU => "cpu",
+            _ => "other",
+        },
+        api: format!("{}.{}.{}", vk::api_version_major(api), vk::api_version_minor(api), vk::api_version_patch(api)),
+        memory_bytes: heaps
+            .iter()
+            .filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
+            .map(|h| h.size)
+            .max()
+            .unwrap_or(0),
+        lacks: needs.iter().filter(|(_, has)| !has).map(|(what, _)| what.to_string()).collect(),
+        handle,
+    }
+}

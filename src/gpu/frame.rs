@@ -1,0 +1,430 @@
+//! A frame: passes in order, each with its barrier, debug label and timestamps.
+//!
+//! A pass reaches a buffer only through an address that [`Pass::read`] or [`Pass::write`] handed out, so every access
+//! is declared, and the barriers follow from the declarations. The frame checks them: reading what nothing wrote, or
+//! reading and writing one buffer by two names, is our mistake and stops the program. (Synchronization validation
+//! cannot see buffer addresses, and lavapipe forgives a missing barrier.)
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use ash::vk;
+use bytemuck::Pod;
+
+use super::context::{Context, vulkan};
+use super::gpu_struct::{Glsl, Read, Write};
+use super::kernel::Kernel;
+use super::memory::{Access, Buffer, RawBuffer};
+use super::raster::DepthArray;
+use crate::error::Result;
+use crate::shared::GROUP_SIZE;
+
+/// Where a pass ran.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Site {
+    Gpu,
+    Cpu,
+}
+
+/// When one pass of a finished frame ran.
+#[derive(Clone, Copy, Debug)]
+pub struct PassTime {
+    pub name: &'static str,
+    pub site: Site,
+    /// From the start of the frame.
+    pub start_ms: f64,
+    pub ms: f64,
+}
+
+/// A frame splits its work where it would need more passes than this.
+pub const MAX_PASSES: usize = 1024;
+/// Bytes of small per-frame data: light lists, shadow faces.
+const UPLOAD_BYTES: usize = 1 << 20;
+
+const STAGES: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
+    vk::PipelineStageFlags2::COMPUTE_SHADER.as_raw()
+        | vk::PipelineStageFlags2::ALL_GRAPHICS.as_raw()
+        | vk::PipelineStageFlags2::ALL_TRANSFER.as_raw(),
+);
+
+/// Everything that frames need, made once.
+pub struct Frames {
+    context: Arc<Context>,
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+    queries: vk::QueryPool,
+    upload: Buffer<u8>,
+    upload_used: usize,
+    uses: HashMap<u64, Use>,
+    accesses: Vec<(u64, Touch)>,
+    /// Passes before this one are covered by a barrier.
+    synced: usize,
+    pass_count: usize,
+    names: Vec<&'static str>,
+    ticks: Vec<u64>,
+    times: Vec<PassTime>,
+    began: Instant,
+}
+
+/// The last passes of this frame that touched a buffer.
+#[derive(Clone, Copy, Default)]
+struct Use {
+    written: Option<usize>,
+    read: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Touch {
+    Read,
+    Write,
+}
+
+/// Commands being recorded. Dropped without [`Frame::finish`], nothing of it happens.
+pub struct Frame<'a> {
+    frames: &'a mut Frames,
+}
+
+/// A pass being declared; ends with `dispatch`.
+pub struct Pass<'f> {
+    frames: &'f mut Frames,
+    name: &'static str,
+    sampled: Option<vk::DescriptorSet>,
+}
+
+impl Glsl for u8 {
+    fn name() -> String {
+        unreachable!("the upload buffer is never addressed as bytes")
+    }
+}
+
+impl Frames {
+    pub fn new(context: &Arc<Context>) -> Result<Self> {
+        let device = &context.device;
+        let pool_info = vk::CommandPoolCreateInfo::default()
+            .flags(vk::CommandPoolCreateFlags::TRANSIENT)
+            .queue_family_index(context.queue_family);
+        let query_info =
+            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_PASSES as u32);
+        // SAFETY: all infos are valid; the handles are destroyed in `drop`.
+        let (pool, commands, fence, queries) = unsafe {
+            let pool = device.create_command_pool(&pool_info, None).map_err(vulkan("create a command pool"))?;
+            let allocate = vk::CommandBufferAllocateInfo::default()
+                .command_pool(pool)
+                .level(vk::CommandBufferLevel::PRIMARY)
+                .command_buffer_count(1);
+            let commands = device.allocate_command_buffers(&allocate).map_err(vulkan("allocate commands"))?[0];
+            let fence = device.create_fence(&Default::default(), None).map_err(vulkan("create a fence"))?;
+            let queries = device.create_query_pool(&query_info, None).map_err(vulkan("create a query pool"))?;
+            (pool, commands, fence, queries)
+        };
+        context.name(pool, "frame pool");
+        context.name(commands, "frame commands");
+        context.name(fence, "frame fence");
+        context.name(queries, "frame timestamps");
+        Ok(Self {
+            upload: Buffer::new(context, "frame upload", Access::HostWrites, UPLOAD_BYTES)?,
+            context: context.clone(),
+            pool,
+            commands,
+            fence,
+            queries,
+            upload_used: 0,
+            uses: HashMap::new(),
+            accesses: Vec::new(),
+            synced: 0,
+            pass_count: 0,
+            names: Vec::with_capacity(MAX_PASSES),
+            ticks: vec![0; 2 * MAX_PASSES],
+            times: Vec::with_capacity(MAX_PASSES),
+            began: Instant::now(),
+        })
+    }
+
+    /// What each pass of the last finished frame took, CPU stages first.
+    pub fn times(&self) -> &[PassTime] {
+        &self.times
+    }
+
+    pub fn begin(&mut self) -> Result<Frame<'_>> {
+        self.began = Instant::now();
+        self.upload_used = 0;
+        self.uses.clear();
+        self.synced = 0;
+        self.pass_count = 0;
+        self.names.clear();
+        self.times.clear();
+        let device = &self.context.device;
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the last frame was waited for or never submitted.
+        unsafe {
+            device.reset_command_pool(self.pool, Default::default()).map_err(vulkan("reset a command pool"))?;
+            device.reset_query_pool(self.queries, 0, 2 * MAX_PASSES as u32);
+            device.begin_command_buffer(self.commands, &begin).map_err(vulkan("begin a frame"))?;
+        }
+        Ok(Frame { frames: self })
+    }
+
+    /// Declares an access of the pass under way.
+    fn touch(&mut self, name: &str, raw: &RawBuffer, touch: Touch) -> u64 {
+        match touch {
+            Touch::Read => {
+                assert!(raw.written.load(Ordering::Relaxed), "pass {name:?} reads {:?}, which nothing wrote", raw.name)
+            }
+            Touch::Write => raw.written.store(true, Ordering::Relaxed),
+        }
+        self.touch_id(name, raw.id, &raw.name, touch);
+        raw.address
+    }
+
+    fn touch_id(&mut self, name: &str, id: u64, object: &str, touch: Touch) {
+        for &(other, other_touch) in &self.accesses {
+            let conflict = other == id && (touch, other_touch) != (Touch::Read, Touch::Read);
+            assert!(!conflict, "pass {name:?} declares {object:?} twice: {other_touch:?} and {touch:?}");
+        }
+        self.accesses.push((id, touch));
+    }
+
+    /// Begins a pass on the device: label, barrier if its declared accesses need one, timestamp.
+    fn begin_pass(&mut self, name: &'static str) {
+        assert!(self.pass_count < MAX_PASSES, "pass {name:?} is one more than the {MAX_PASSES} of a frame");
+        let this = self.pass_count;
+        let mut hazard = false;
+        for &(id, touch) in &self.accesses {
+            let used = self.uses.entry(id).or_default();
+            let pending = |pass: Option<usize>| pass.is_some_and(|pass| pass >= self.synced);
+            hazard |= pending(used.written) || (touch == Touch::Write && pending(used.read));
+            match touch {
+                Touch::Read => used.read = Some(this),
+                Touch::Write => used.written = Some(this),
+            }
+        }
+        self.accesses.clear();
+        if hazard {
+            self.synced = this;
+            let access = vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE;
+            self.barrier(STAGES, access, STAGES, access);
+        }
+        self.label_begin(name);
+        self.timestamp(2 * this as u32);
+    }
+
+    fn end_pass(&mut self, name: &'static str) {
+        self.timestamp(2 * self.pass_count as u32 + 1);
+        if let Some(debug_utils) = &self.context.debug_utils {
+            // SAFETY: a label was begun in `begin_pass`.
+            unsafe { debug_utils.cmd_end_debug_utils_label(self.commands) };
+        }
+        self.names.push(name);
+        self.pass_count += 1;
+    }
+
+    fn label_begin(&self, name: &str) {
+        let Some(debug_utils) = &self.context.debug_utils else { return };
+        let name = std::ffi::CString::new(name).expect("names hold no zero byte");
+        let label = vk::DebugUtilsLabelEXT::default().label_name(&name);
+        // SAFETY: the command buffer is being recorded.
+        unsafe { debug_utils.cmd_begin_debug_utils_label(self.commands, &label) };
+    }
+
+    fn timestamp(&self, query: u32) {
+        // SAFETY: the command buffer is being recorded, the query is within the pool and was reset.
+        unsafe {
+            self.context.device.cmd_write_timestamp2(
+                self.commands,
+                vk::PipelineStageFlags2::ALL_COMMANDS,
+                self.queries,
+                query,
+            )
+        }
+    }
+
+    fn barrier(
+        &self,
+        source: vk::PipelineStageFlags2,
+        source_access: vk::AccessFlags2,
+        target: vk::PipelineStageFlags2,
+        target_access: vk::AccessFlags2,
+    ) {
+        let barriers = [vk::MemoryBarrier2::default()
+            .src_stage_mask(source)
+            .src_access_mask(source_access)
+            .dst_stage_mask(target)
+            .dst_access_mask(target_access)];
+        let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+        // SAFETY: the command buffer is being recorded, outside of rendering.
+        unsafe { self.context.device.cmd_pipeline_barrier2(self.commands, &info) };
+    }
+
+    /// Device ticks of the finished frame to [`PassTime`]s, `submitted_ms` after its beginning.
+    fn collect_times(&mut self, submitted_ms: f64) -> Result<()> {
+        let ticks = &mut self.ticks[..2 * self.pass_count];
+        if ticks.is_empty() {
+            return Ok(());
+        }
+        // SAFETY: all these queries were written by the frame that was waited for.
+        unsafe { self.context.device.get_query_pool_results(self.queries, 0, ticks, vk::QueryResultFlags::TYPE_64) }
+            .map_err(vulkan("read timestamps"))?;
+        let ms = |ticks: u64| ticks as f64 * self.context.timestamp_period * 1e-6;
+        let first = ticks[0];
+        for (name, pair) in self.names.iter().zip(ticks.chunks_exact(2)) {
+            self.times.push(PassTime {
+                name,
+                site: Site::Gpu,
+                start_ms: submitted_ms + ms(pair[0].saturating_sub(first)),
+                ms: ms(pair[1].saturating_sub(pair[0])),
+            });
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Frames {
+    fn drop(&mut self) {
+        let device = &self.context.device;
+        // SAFETY: `finish` waits, so no frame is in flight.
+        unsafe {
+            device.destroy_query_pool(self.queries, None);
+            device.destroy_fence(self.fence, None);
+            device.destroy_command_pool(self.pool, None);
+        }
+    }
+}
+
+impl Frame<'_> {
+    /// Starts to declare a pass.
+    pub fn pass(&mut self, name: &'static str) -> Pass<'_> {
+        self.frames.accesses.clear();
+        Pass { frames: self.frames, name, sampled: None }
+    }
+
+    /// Runs a stage on the CPU, timed like a pass.
+    pub fn cpu<R>(&mut self, name: &'static str, stage: impl FnOnce() -> R) -> R {
+        let start = Instant::now();
+        let result = stage();
+        self.frames.times.push(PassTime {
+            name,
+            site: Site::Cpu,
+            start_ms: (start - self.frames.began).as_secs_f64() * 1e3,
+            ms: start.elapsed().as_secs_f64() * 1e3,
+        });
+        result
+    }
+
+    /// Hands a few elements to kernels of this frame.
+    pub fn upload<T: Glsl>(&mut self, data: &[T]) -> Read<T> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let start = self.frames.upload_used.next_multiple_of(16);
+        let end = start + bytes.len();
+        assert!(end <= UPLOAD_BYTES, "{} bytes do not fit the {UPLOAD_BYTES} that a frame can upload", bytes.len());
+        self.frames.upload_used = end;
+        self.frames.upload.host_mut()[start..end].copy_from_slice(bytes);
+        Read::new(self.frames.upload.raw().address + start as u64)
+    }
+
+    /// How many more passes fit into this frame.
+    pub fn passes_left(&self) -> usize {
+        MAX_PASSES - self.frames.pass_count
+    }
+
+    /// Submits the frame and waits for it, the only wait there is.
+    pub fn finish(self) -> Result<()> {
+        let frames = self.frames;
+        let host = (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ);
+        frames.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, host.0, host.1);
+        let submitted_ms = frames.began.elapsed().as_secs_f64() * 1e3;
+        let device = &frames.context.device;
+        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(frames.commands)];
+        let submit = [vk::SubmitInfo2::default().command_buffer_infos(&commands)];
+        // SAFETY: the commands were recorded from live objects, whose owners outlive this wait.
+        unsafe {
+            device.end_command_buffer(frames.commands).map_err(vulkan("end a frame"))?;
+            device.queue_submit2(frames.context.queue, &submit, frames.fence).map_err(vulkan("submit a frame"))?;
+            device.wait_for_fences(&[frames.fence], true, u64::MAX).map_err(vulkan("wait for a frame"))?;
+            device.reset_fences(&[frames.fence]).map_err(vulkan("reset a fence"))?;
+        }
+        frames.collect_times(submitted_ms)
+    }
+}
+
+impl Pass<'_> {
+    /// Declares that the pass reads `buffer`.
+    pub fn read<T: Glsl>(&mut self, buffer: &Buffer<T>) -> Read<T> {
+        Read::new(self.frames.touch(self.name, buffer.raw(), Touch::Read))
+    }
+
+    /// Declares that the pass writes `buffer`, and perhaps reads it.
+    pub fn write<T: Glsl>(&mut self, buffer: &Buffer<T>) -> Write<T> {
+        Write::new(self.frames.touch(self.name, buffer.raw(), Touch::Write))
+    }
+
+    /// The same as [`Pass::read`], where a kernel sees the elements as another type of the same bytes.
+    pub fn read_as<T: Glsl, U: Glsl>(&mut self, buffer: &Buffer<T>) -> Read<U> {
+        Read::new(self.frames.touch(self.name, buffer.raw(), Touch::Read))
+    }
+
+    /// The same as [`Pass::write`], where a kernel sees the elements as another type of the same bytes.
+    pub fn write_as<T: Glsl, U: Glsl>(&mut self, buffer: &Buffer<T>) -> Write<U> {
+        Write::new(self.frames.touch(self.name, buffer.raw(), Touch::Write))
+    }
+
+    /// An address for an input that this variant of the kernel never follows.
+    pub fn unused<T: Glsl>(&self) -> Read<T> {
+        Read::new(0)
+    }
+
+    /// An address for an output that this variant of the kernel never follows.
+    pub fn unused_output<T: Glsl>(&self) -> Write<T> {
+        Write::new(0)
+    }
+
+    /// Declares that the kernel samples `depth`, its set 0.
+    pub fn sample(&mut self, depth: &DepthArray) {
+        self.frames.touch_id(self.name, depth.id, &depth.name, Touch::Read);
+        self.sampled = Some(depth.set);
+    }
+
+    /// Runs `kernel` with one thread for each of `thread_count`.
+    pub fn dispatch<P: Pod>(self, kernel: &Kernel, push: &P, thread_count: u32) {
+        let Self { frames, name, sampled } = self;
+        frames.begin_pass(name);
+        let device = &frames.context.device;
+        let layout = frames.context.pipeline_layout;
+        let stages = vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT;
+        // SAFETY: the command buffer is being recorded; every address in `push` was declared, so its buffer is alive
+        // until the frame was waited for.
+        unsafe {
+            device.cmd_bind_pipeline(frames.commands, vk::PipelineBindPoint::COMPUTE, kernel.pipeline());
+            device.cmd_push_constants(frames.commands, layout, stages, 0, bytemuck::bytes_of(push));
+            if let Some(set) = sampled {
+                let bind_point = vk::PipelineBindPoint::COMPUTE;
+                device.cmd_bind_descriptor_sets(frames.commands, bind_point, layout, 0, &[set], &[]);
+            }
+            device.cmd_dispatch(frames.commands, thread_count.div_ceil(GROUP_SIZE), 1, 1);
+        }
+        frames.end_pass(name);
+    }
+
+    /// Draws triangles into layers of `target`; see [`super::raster`].
+    pub(super) fn record(self, target: &DepthArray, record: impl FnOnce(&Context, vk::CommandBuffer)) {
+        let Self { frames, name, .. } = self;
+        frames.touch_id(name, target.id, &target.name, Touch::Write);
+        frames.begin_pass(name);
+        record(&frames.context, frames.commands);
+        frames.end_pass(name);
+    }
+}
+
+/// Copies once, outside of frames, and waits.
+pub(super) fn copy_once(context: &Arc<Context>, from: &RawBuffer, to: &RawBuffer, bytes: u64) -> Result<()> {
+    let mut frames = Frames::new(context)?;
+    let frame = frames.begin()?;
+    let region = [vk::BufferCopy::default().size(bytes)];
+    // SAFETY: the command buffer is being recorded; both buffers hold `bytes` and outlive the wait below.
+    unsafe { context.device.cmd_copy_buffer(frame.frames.commands, from.handle, to.handle, &region) };
+    frame.finish()?;
+    Ok(())
+}

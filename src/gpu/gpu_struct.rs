@@ -1,0 +1,151 @@
+//! One declaration, two languages: structs and constants that Rust and GLSL share.
+//!
+//! Rust lays the structs out as `repr(C)` without padding (`Pod` refuses it), GLSL as `scalar`: both are running sums
+//! of the same sizes. The build script compiles this file too and generates the include `shared.glsl` from it.
+
+use std::marker::PhantomData;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, UVec4, Vec2, Vec3, Vec4};
+
+/// A type that has the same bytes in GLSL.
+pub trait Glsl: Pod {
+    /// What GLSL calls it.
+    fn name() -> String;
+}
+
+macro_rules! primitive {
+    ($($rust:ty => $glsl:literal),* $(,)?) => {
+        $(impl Glsl for $rust {
+            fn name() -> String {
+                $glsl.into()
+            }
+        })*
+
+        /// Declares what [`Read`] and [`Write`] of each primitive are in GLSL.
+        pub fn primitive_references() -> String {
+            [$(references::<$rust>()),*].concat()
+        }
+    };
+}
+
+primitive! {
+    f32 => "float",
+    u32 => "uint",
+    Vec2 => "vec2",
+    Vec3 => "vec3",
+    Vec4 => "vec4",
+    UVec4 => "uvec4",
+    Mat4 => "mat4",
+}
+
+/// Device address of `[T]` that a pass reads. Only [`super::frame::Pass`] hands one out: it is the receipt for the
+/// declared access.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug)]
+pub struct Read<T>(u64, PhantomData<T>);
+
+/// Device address of `[T]` that a pass writes, or reads and writes.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug)]
+pub struct Write<T>(u64, PhantomData<T>);
+
+macro_rules! address {
+    ($name:ident) => {
+        // SAFETY: a u64 and a zero-sized marker, so every bit pattern is a value and there is no padding.
+        unsafe impl<T: Glsl> Zeroable for $name<T> {}
+        // SAFETY: as above; no address is followed on the host.
+        unsafe impl<T: Glsl> Pod for $name<T> {}
+        impl<T: Glsl> Glsl for $name<T> {
+            fn name() -> String {
+                format!(concat!(stringify!($name), "_{}"), T::name())
+            }
+        }
+        impl<T> $name<T> {
+            #[allow(dead_code)] // the build script makes no addresses
+            pub(super) fn new(address: u64) -> Self {
+                Self(address, PhantomData)
+            }
+        }
+    };
+}
+address!(Read);
+address!(Write);
+
+/// GLSL declarations of `Read<T>` and `Write<T>`.
+pub fn references<T: Glsl>() -> String {
+    // Addresses are 16-byte aligned at the start of a buffer, so an element is as aligned as its size allows.
+    let align = 1 << size_of::<T>().trailing_zeros().min(4);
+    let name = T::name();
+    [("Read", "readonly "), ("Write", "")]
+        .map(|(kind, access)| {
+            format!(
+                "layout(buffer_reference, scalar, buffer_reference_align = {align}) {access}buffer {kind}_{name} {{ \
+                 {name} at[]; }};\n"
+            )
+        })
+        .concat()
+}
+
+/// Declares constants and structs for both languages, and `shared_glsl()`, their GLSL.
+///
+/// `struct` items can be elements of buffers; `push` items are push constants and must fit 128 bytes, the smallest
+/// limit that Vulkan allows. Eight-byte fields come first.
+macro_rules! gpu_shared {
+    (
+        constants { $($(#[doc = $const_doc:literal])* pub const $constant:ident: u32 = $value:expr;)* }
+        structs {
+            $($(#[doc = $doc:literal])* pub $kind:ident $name:ident {
+                $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty,)*
+            })*
+        }
+    ) => {
+        $($(#[doc = $const_doc])* pub const $constant: u32 = $value;)*
+        $(
+            $(#[doc = $doc])*
+            #[repr(C)]
+            #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+            pub struct $name {
+                $($(#[doc = $field_doc])* pub $field: $type,)*
+            }
+            impl $crate::gpu::gpu_struct::Glsl for $name {
+                fn name() -> String {
+                    stringify!($name).into()
+                }
+            }
+            gpu_shared!(@check $kind $name);
+        )*
+
+        /// GLSL of everything declared here.
+        pub fn shared_glsl() -> String {
+            use $crate::gpu::gpu_struct::Glsl;
+            let mut glsl = $crate::gpu::gpu_struct::primitive_references();
+            $(
+                $(glsl += &format!("//{}\n", $const_doc);)*
+                glsl += &format!("const uint {} = {}u;\n", stringify!($constant), $constant);
+            )*
+            $(
+                $(glsl += &format!("//{}\n", $doc);)*
+                glsl += concat!("struct ", stringify!($name), " {\n");
+                $(
+                    $(glsl += &format!("    //{}\n", $field_doc);)*
+                    glsl += &format!("    {} {};\n", <$type as Glsl>::name(), stringify!($field));
+                )*
+                glsl += "};\n";
+                glsl += &gpu_shared!(@references $kind $name);
+            )*
+            glsl
+        }
+    };
+    (@check struct $name:ident) => {};
+    (@check push $name:ident) => {
+        const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
+    };
+    (@references struct $name:ident) => {
+        $crate::gpu::gpu_struct::references::<$name>()
+    };
+    (@references push $name:ident) => {
+        String::new() // each kernel declares its own push constant block
+    };
+}
+pub(crate) use gpu_shared;

@@ -1,0 +1,152 @@
+//! Compute kernels: GLSL compiled at build time, specialised at start.
+
+use std::ffi::CStr;
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::context::{Context, vulkan};
+use crate::error::{Error, Result};
+
+/// Values of specialization constants, by `constant_id`: what a scene does not use compiles to nothing.
+pub type Specialization<'a> = &'a [(u32, u32)];
+
+/// SPIR-V of every shader in `glsl/`, by file name.
+macro_rules! embedded {
+    ($($name:literal),* $(,)?) => {
+        pub(super) fn embedded_spirv(name: &str) -> Option<&'static [u8]> {
+            match name {
+                $($name => Some(include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".spv"))),)*
+                _ => None,
+            }
+        }
+    };
+}
+embedded![
+    "shade_light.comp",
+    "resolve.comp",
+    "sum_images.comp",
+    "composite.comp",
+    "yardstick.comp",
+    "shadow.vert",
+    "shadow_pcf.comp"
+];
+
+/// One compute pipeline.
+pub struct Kernel {
+    name: String,
+    pipeline: vk::Pipeline,
+    context: Arc<Context>,
+    #[cfg(feature = "hot-reload")]
+    specialization: Vec<(u32, u32)>,
+    #[cfg(feature = "hot-reload")]
+    modified: Option<std::time::SystemTime>,
+}
+
+pub(super) const ENTRY_POINT: &CStr = c"main";
+
+impl Kernel {
+    /// Compiles `glsl/{name}.comp` for this device, or takes it from the pipeline cache.
+    pub fn new(context: &Arc<Context>, name: &str, specialization: Specialization) -> Result<Self> {
+        let spirv = embedded_spirv(&format!("{name}.comp"))
+            .ok_or_else(|| Error::Shader { kernel: name.into(), log: "no such kernel was compiled in".into() })?;
+        let pipeline = create_pipeline(context, name, spirv, specialization)?;
+        Ok(Self {
+            name: name.into(),
+            pipeline,
+            context: context.clone(),
+            #[cfg(feature = "hot-reload")]
+            specialization: specialization.to_vec(),
+            #[cfg(feature = "hot-reload")]
+            modified: None,
+        })
+    }
+
+    pub(super) fn pipeline(&self) -> vk::Pipeline {
+        self.pipeline
+    }
+
+    /// Compiles the kernel anew if its source changed since the last look; an error in it is logged and the kernel
+    /// stays as it was. Looks at `glsl/` where this program was built.
+    #[cfg(feature = "hot-reload")]
+    pub fn reload_if_changed(&mut self) {
+        let path = format!("{}/glsl/{}.comp", env!("CARGO_MANIFEST_DIR"), self.name);
+        let path = std::path::Path::new(&path);
+        let Ok(modified) = std::fs::metadata(path).and_then(|m| m.modified()) else { return };
+        let seen = self.modified.replace(modified);
+        if seen.is_none_or(|seen| seen == modified) {
+            return;
+        }
+        let made = super::compile::compile(path, &crate::shared::shared_glsl())
+            .map_err(|log| Error::Shader { kernel: self.name.clone(), log })
+            .and_then(|spirv| {
+                create_pipeline(&self.context, &self.name, bytemuck::cast_slice(&spirv), &self.specialization)
+            });
+        match made {
+            Ok(pipeline) => {
+                tracing::info!("reloaded {}", self.name);
+                // SAFETY: frames are waited for before kernels can be borrowed mutably.
+                unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
+                self.pipeline = pipeline;
+            }
+            Err(error) => tracing::error!("{error}"),
+        }
+    }
+}
+
+impl Drop for Kernel {
+    fn drop(&mut self) {
+        // SAFETY: every frame is waited for before its borrow of the kernel ends.
+        unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
+    }
+}
+
+fn create_pipeline(
+    context: &Context,
+    name: &str,
+    spirv: &[u8],
+    specialization: Specialization,
+) -> Result<vk::Pipeline> {
+    let entries: Vec<_> = (0..specialization.len())
+        .map(|i| vk::SpecializationMapEntry { constant_id: specialization[i].0, offset: 4 * i as u32, size: 4 })
+        .collect();
+    let values: Vec<u8> = specialization.iter().flat_map(|(_, value)| value.to_ne_bytes()).collect();
+    let info = vk::SpecializationInfo::default().map_entries(&entries).data(&values);
+    let module = ShaderModule::new(context, name, spirv)?;
+    let stage = vk::PipelineShaderStageCreateInfo::default()
+        .stage(vk::ShaderStageFlags::COMPUTE)
+        .module(module.handle)
+        .name(ENTRY_POINT)
+        .specialization_info(&info);
+    let create = vk::ComputePipelineCreateInfo::default().stage(stage).layout(context.pipeline_layout);
+    // SAFETY: all pointers outlive the call.
+    let pipelines = unsafe { context.device.create_compute_pipelines(context.pipeline_cache, &[create], None) }
+        .map_err(|(_, error)| vulkan(format!("create the pipeline {name}"))(error))?;
+    context.name(pipelines[0], name);
+    Ok(pipelines[0])
+}
+
+/// A shader module that lives as long as pipelines are made from it.
+pub(super) struct ShaderModule<'a> {
+    pub handle: vk::ShaderModule,
+    context: &'a Context,
+}
+
+impl<'a> ShaderModule<'a> {
+    pub fn new(context: &'a Context, name: &str, spirv: &[u8]) -> Result<Self> {
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(spirv);
+        let create = vk::ShaderModuleCreateInfo::default().code(&words);
+        // SAFETY: shaderc made the code, and the words outlive the call.
+        let handle = unsafe { context.device.create_shader_module(&create, None) }
+            .map_err(vulkan(format!("load the shader {name}")))?;
+        context.name(handle, name);
+        Ok(Self { handle, context })
+    }
+}
+
+impl Drop for ShaderModule<'_> {
+    fn drop(&mut self) {
+        // SAFETY: pipelines keep what they need of a module.
+        unsafe { self.context.device.destroy_shader_module(self.handle, None) };
+    }
+}

@@ -1,0 +1,190 @@
+//! Buffers: owned, named, typed, dropped.
+
+use std::marker::PhantomData;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+
+use super::context::{Context, UNPOISONED, vulkan};
+use super::gpu_struct::Glsl;
+use crate::error::Result;
+
+/// Who touches a buffer besides kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Nobody.
+    Device,
+    /// The host writes it, kernels read it.
+    HostWrites,
+    /// Kernels write it, the host reads it.
+    HostReads,
+}
+
+/// `[T]` in device memory, addressed by pointer.
+pub struct Buffer<T> {
+    raw: RawBuffer,
+    len: usize,
+    element: PhantomData<T>,
+}
+
+/// What [`super::Frame`] needs to know of a buffer.
+pub(super) struct RawBuffer {
+    pub name: String,
+    /// Unique in this process: addresses are used again, this is not.
+    pub id: u64,
+    pub address: u64,
+    pub handle: vk::Buffer,
+    /// Whether anything was ever written to it.
+    pub written: AtomicBool,
+    allocation: Option<Allocation>,
+    context: Arc<Context>,
+}
+
+static NEXT_ID: AtomicU64 = AtomicU64::new(0);
+
+impl<T: Glsl> Buffer<T> {
+    /// Room for `len` elements. The first word of `name` is the owner in the memory report.
+    pub fn new(context: &Arc<Context>, name: &str, access: Access, len: usize) -> Result<Self> {
+        let raw = RawBuffer::new(context, name, access, (len * size_of::<T>()) as u64)?;
+        Ok(Self { raw, len, element: PhantomData })
+    }
+
+    /// A buffer that holds `data` and is only read from now on.
+    pub fn from_slice(context: &Arc<Context>, name: &str, data: &[T]) -> Result<Self> {
+        let access = if context.is_cpu() { Access::HostWrites } else { Access::Device };
+        let mut buffer = Self::new(context, name, access, data.len())?;
+        if access == Access::HostWrites {
+            buffer.host_mut()[..data.len()].copy_from_slice(data);
+        } else if !data.is_empty() {
+            let mut staging = Self::new(context, "staging", Access::HostWrites, data.len())?;
+            staging.host_mut().copy_from_slice(data);
+            super::frame::copy_once(context, &staging.raw, &buffer.raw, size_of_val(data) as u64)?;
+            buffer.raw.written.store(true, Ordering::Relaxed);
+        }
+        Ok(buffer)
+    }
+
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// What kernels wrote; only with [`Access::HostReads`] or [`Access::HostWrites`].
+    pub fn host(&self) -> &[T] {
+        let bytes = self.raw.mapped().unwrap_or_else(|| panic!("{} is not host memory", self.raw.name));
+        bytemuck::cast_slice(&bytes[..self.len * size_of::<T>()])
+    }
+
+    /// For the host to write before the frame that reads it is recorded; only with [`Access::HostWrites`].
+    pub fn host_mut(&mut self) -> &mut [T] {
+        self.raw.written.store(true, Ordering::Relaxed);
+        let bytes = self.len * size_of::<T>();
+        let Self { raw, .. } = self;
+        let allocation = raw.allocation.as_mut().expect("held until dropped");
+        let mapped = allocation.mapped_slice_mut();
+        bytemuck::cast_slice_mut(&mut mapped.unwrap_or_else(|| panic!("{} is not host memory", raw.name))[..bytes])
+    }
+
+    pub(super) fn raw(&self) -> &RawBuffer {
+        &self.raw
+    }
+}
+
+impl RawBuffer {
+    fn new(context: &Arc<Context>, name: &str, access: Access, bytes: u64) -> Result<Self> {
+        let action = || format!("allocate {bytes} bytes for {name}");
+        let create = vk::BufferCreateInfo::default()
+            // Empty buffers don't exist in Vulkan, but scenes without lights do. 16: vec4 reads of a ragged end.
+            .size(bytes.next_multiple_of(16).max(16))
+            .usage(
+                vk::BufferUsageFlags::STORAGE_BUFFER
+                    | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS
+                    | vk::BufferUsageFlags::INDEX_BUFFER
+                    | vk::BufferUsageFlags::TRANSFER_SRC
+                    | vk::BufferUsageFlags::TRANSFER_DST,
+            );
+        // SAFETY: the create info is valid; the handle is owned by the struct returned.
+        let handle = unsafe { context.device.create_buffer(&create, None) }.map_err(vulkan(action()))?;
+        let mut raw = Self {
+            name: name.into(),
+            id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
+            address: 0,
+            handle,
+            written: AtomicBool::new(false),
+            allocation: None,
+            context: context.clone(),
+        };
+        // SAFETY: the buffer was just made, so it has no memory yet; `raw` frees both if a step fails.
+        unsafe {
+            let requirements = context.device.get_buffer_memory_requirements(handle);
+            let allocation = allocate(context, name, access, requirements, true)?;
+            context.count_memory(owner(name), allocation.size());
+            let bound = context.device.bind_buffer_memory(handle, allocation.memory(), allocation.offset());
+            raw.allocation = Some(allocation);
+            bound.map_err(vulkan(action()))?;
+            raw.address =
+                context.device.get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(handle));
+        }
+        assert!(raw.address % 16 == 0, "{name} is at {:#x}; kernels read 16 bytes at once", raw.address);
+        context.name(handle, name);
+        Ok(raw)
+    }
+
+    fn mapped(&self) -> Option<&[u8]> {
+        self.allocation.as_ref()?.mapped_slice()
+    }
+}
+
+impl Drop for RawBuffer {
+    fn drop(&mut self) {
+        // SAFETY: every frame is waited for before its borrow of the buffers ends, so none is in use.
+        unsafe { self.context.device.destroy_buffer(self.handle, None) };
+        release(&self.context, &self.name, self.allocation.take());
+    }
+}
+
+pub(super) fn owner(name: &str) -> &str {
+    name.split(' ').next().unwrap_or(name)
+}
+
+pub(super) fn allocate(
+    context: &Context,
+    name: &str,
+    access: Access,
+    requirements: vk::MemoryRequirements,
+    linear: bool,
+) -> Result<Allocation> {
+    let location = match access {
+        Access::Device => MemoryLocation::GpuOnly,
+        Access::HostWrites => MemoryLocation::CpuToGpu,
+        Access::HostReads => MemoryLocation::GpuToCpu,
+    };
+    let mut allocator = context.allocator.lock().expect(UNPOISONED);
+    let allocator = allocator.as_mut().expect("held until the context drops");
+    let size = requirements.size;
+    allocator
+        .allocate(&AllocationCreateDesc {
+            name,
+            requirements,
+            location,
+            linear,
+            allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+        })
+        .map_err(vulkan(format!("allocate {size} bytes for {name}")))
+}
+
+pub(super) fn release(context: &Context, name: &str, allocation: Option<Allocation>) {
+    let Some(allocation) = allocation else { return };
+    context.uncount_memory(owner(name), allocation.size());
+    let mut allocator = context.allocator.lock().expect(UNPOISONED);
+    let freed = allocator.as_mut().expect("held until the context drops").free(allocation);
+    if let Err(error) = freed {
+        tracing::error!("cannot free {name}: {error}");
+    }
+}

@@ -1,0 +1,236 @@
+//! What Rust and GLSL share: view samples, BRDFs, lights, push constants. The bake fills them, kernels read them.
+
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+use crate::gpu::gpu_struct::{Read, Write, gpu_shared};
+
+gpu_shared! {
+    constants {
+        /// Threads in a workgroup of every kernel: one tile of pixels, and a whole number of subgroups everywhere.
+        pub const GROUP_SIZE: u32 = 64;
+        /// Side of a tile of pixels. Images and layer 1 are stored tile by tile, so that 64 neighbours in memory are
+        /// neighbours in the picture: a packet of shadow rays, a workgroup, a cache line.
+        pub const TILE_SIZE: u32 = 8;
+        /// [`ViewSample::brdf`] of a sample that reflects no light directly: background, perfect mirror.
+        pub const NO_BRDF: u32 = 0xffff_ffff;
+
+        /// [`PackedLight::kind`]
+        pub const LIGHT_POINT: u32 = 0;
+        /// [`PackedLight::kind`]
+        pub const LIGHT_SPOT: u32 = 1;
+        /// [`PackedLight::kind`]
+        pub const LIGHT_DIRECTIONAL: u32 = 2;
+
+        /// Composite writes scene-linear float RGB.
+        pub const OUTPUT_LINEAR: u32 = 0;
+        /// Composite writes 8-bit sRGB, clamped.
+        pub const OUTPUT_CLAMPED: u32 = 1;
+        /// Composite writes 8-bit sRGB through AgX.
+        pub const OUTPUT_AGX: u32 = 2;
+        /// Composite writes 8-bit sRGB through Khronos PBR Neutral.
+        pub const OUTPUT_PBR_NEUTRAL: u32 = 3;
+    }
+
+    structs {
+        /// A surface point that the camera sees, straight or through mirrors; mesh space.
+        pub struct ViewSample {
+            /// Metres.
+            pub position: Vec3,
+            /// Index of its [`Brdf`], or [`NO_BRDF`].
+            pub brdf: u32,
+            /// Unit shading normal, octahedral.
+            pub normal: Vec2,
+            /// Unit direction towards the eye or the mirror that sees it, octahedral.
+            pub wo: Vec2,
+        }
+
+        /// glTF's BRDF with its parameters multiplied out [glTF 2.0, Appendix B].
+        ///
+        /// f = diffuse/pi (1 - F_d) + (f0 + (f90 - f0) s) V D with s = (1 - v.h)^5 and
+        /// F_d = dielectric_f0 + (dielectric_f90 - dielectric_f0) s, the dielectric part's Fresnel term.
+        pub struct Brdf {
+            /// Base colour times (1 - metallic).
+            pub diffuse: Vec3,
+            /// GGX alpha, roughness squared; 0 has no specular lobe here: its mirror image is in deeper layers.
+            pub alpha: f32,
+            /// Normal-incidence reflectance, dielectric and metal mixed.
+            pub f0: Vec3,
+            /// Grazing reflectance, dielectric and metal mixed.
+            pub f90: f32,
+            /// Largest channel of the dielectric part's normal-incidence reflectance.
+            pub dielectric_f0: f32,
+            /// The dielectric part's grazing reflectance.
+            pub dielectric_f90: f32,
+        }
+
+        /// A light at unit intensity in mesh space.
+        pub struct PackedLight {
+            /// Metres; for directional lights unused.
+            pub position: Vec3,
+            /// One of the `LIGHT_` constants.
+            pub kind: u32,
+            /// Unit; along the light.
+            pub direction: Vec3,
+            /// 1/range, 0 without one.
+            pub inverse_range: f32,
+            /// 1 / max(0.001, cos inner - cos outer) [KHR_lights_punctual].
+            pub cone_scale: f32,
+            /// 1 - cos outer: compared with 1 - cos of the angle, which stays exact for narrow cones.
+            pub cone_versine: f32,
+        }
+
+        /// View samples beyond layer 1 of a pixel, or beyond its first sample.
+        pub struct ExtraSample {
+            /// RGB share of the pixel: BRDF and cosine along the mirror path over the number of samples a pixel.
+            pub weight: Vec3,
+            /// Layer of the deep framebuffer, from 0.
+            pub layer: u32,
+        }
+
+        /// A pixel with extra samples.
+        pub struct ExtraPixel {
+            /// Pixel in tile order.
+            pub pixel: u32,
+            /// Its first extra sample, counted from the first extra one.
+            pub first: u32,
+            /// How many.
+            pub count: u32,
+            /// Share of the pixel's first sample: 1 / samples a pixel.
+            pub first_weight: f32,
+        }
+
+        /// One side of a light's shadow map.
+        pub struct ShadowFace {
+            /// Reversed depth: 1 at the near plane, 0 at infinity.
+            pub clip_from_mesh: Mat4,
+        }
+
+        /// One term of a sum of images.
+        pub struct SumTerm {
+            /// Planes R, G, B.
+            pub image: Read<Vec4>,
+            /// Factor on each plane.
+            pub scale: Vec3,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
+        }
+
+        /// shade_light.comp
+        pub push ShadeLightPush {
+            /// View samples, layer 1 first.
+            pub samples: Read<ViewSample>,
+            /// BRDFs that they point to.
+            pub brdfs: Read<Brdf>,
+            /// How much of the light each sample sees, 8 bits each, four a word.
+            pub visibility: Read<u32>,
+            /// Planes R, G, B of `pixel_stride` floats: the light's image.
+            pub image: Write<f32>,
+            /// Planes R, G, B of `extra_stride` floats: radiance of the extra samples.
+            pub extras: Write<f32>,
+            /// At unit intensity.
+            pub light: PackedLight,
+            /// All view samples.
+            pub sample_count: u32,
+            /// Samples of layer 1: pixels, padded to whole tiles.
+            pub pixel_stride: u32,
+            /// Extra samples, padded to a multiple of 4.
+            pub extra_stride: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
+        }
+
+        /// shadow_pcf.comp
+        pub push ShadowPcfPush {
+            /// View samples.
+            pub samples: Read<ViewSample>,
+            /// One, or six in the order +X, -X, +Y, -Y, +Z, -Z.
+            pub faces: Read<ShadowFace>,
+            /// 8 bits a sample, four a word.
+            pub visibility: Write<u32>,
+            /// Where the light is; picks the face.
+            pub light_position: Vec3,
+            /// 1 or 6.
+            pub face_count: u32,
+            /// All view samples.
+            pub sample_count: u32,
+            /// Side of a texel in texture coordinates.
+            pub texel: f32,
+        }
+
+        /// shadow.vert
+        pub push ShadowPush {
+            /// Vertices, three floats each.
+            pub positions: Read<f32>,
+            /// All faces of the light.
+            pub faces: Read<ShadowFace>,
+            /// Which one is drawn.
+            pub face: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
+        }
+
+        /// resolve.comp
+        pub push ResolvePush {
+            /// Pixels that have extra samples.
+            pub pixels: Read<ExtraPixel>,
+            /// Weight and layer of each extra sample.
+            pub samples: Read<ExtraSample>,
+            /// Radiance of the extra samples, planes.
+            pub extras: Read<f32>,
+            /// The light's image, planes.
+            pub image: Write<f32>,
+            /// How many pixels.
+            pub pixel_count: u32,
+            /// Floats a plane of `image`.
+            pub pixel_stride: u32,
+            /// Floats a plane of `extras`.
+            pub extra_stride: u32,
+            /// Bit l: layer l counts.
+            pub layers: u32,
+        }
+
+        /// sum_images.comp
+        pub push SumImagesPush {
+            /// What is summed.
+            pub terms: Read<SumTerm>,
+            /// Planes R, G, B.
+            pub sum: Write<Vec4>,
+            /// How many terms.
+            pub term_count: u32,
+            /// vec4s a plane.
+            pub plane_length: u32,
+        }
+
+        /// composite.comp
+        pub push CompositePush {
+            /// What is summed.
+            pub terms: Read<SumTerm>,
+            /// One packed RGBA8 a pixel, or three floats, row by row.
+            pub target: Write<u32>,
+            /// How many terms.
+            pub term_count: u32,
+            /// Floats a plane of the terms.
+            pub pixel_stride: u32,
+            /// Pixels.
+            pub width: u32,
+            /// Pixels.
+            pub height: u32,
+            /// Linear factor, 2^stops.
+            pub exposure: f32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
+        }
+
+        /// yardstick.comp
+        pub push YardstickPush {
+            /// 32 bytes a sample.
+            pub samples: Read<Vec4>,
+            /// 12 bytes a sample.
+            pub results: Write<f32>,
+            /// How many samples.
+            pub sample_count: u32,
+            /// Multiply-adds a sample.
+            pub multiply_adds: u32,
+        }
+    }
+}
