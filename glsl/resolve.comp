@@ -15,11 +15,9 @@ void main() {
     }
     ExtraPixel p = push.pixels.at[index];
     uvec3 at = p.pixel + uvec3(0, 1, 2) * push.pixel_stride;
-    vec3 sum = vec3(0.0);
-    if ((push.layers & 1) != 0) {
-        sum = p.first_weight * vec3(push.image.at[at.r], push.image.at[at.g], push.image.at[at.b]);
-    }
-    for (uint i = p.first; i < p.first + p.count; ++i) {
+    vec3 sum = p.first_weight * vec3(push.image.at[at.r], push.image.at[at.g], push.image.at[at.b]);
+    for (uint k = p.first; k < p.first + p.count; ++k) {
+        uint i = push.indices.at[k];
         ExtraSample s = push.samples.at[i];
         if (((push.layers >> min(s.layer, 31)) & 1) != 0) {
             uvec3 from = i + uvec3(0, 1, 2) * push.extra_stride;

@@ -14,7 +14,7 @@ void main() {
         return;
     }
     uint plane = index / push.plane_length;
-    vec4 sum = vec4(0.0);
+    vec4 sum = push.accumulate != 0 ? push.sum.at[index] : vec4(0.0);
     for (uint i = 0; i < push.term_count; ++i) {
         SumTerm term = push.terms.at[i];
         sum += term.scale[plane] * term.image.at[index];

@@ -91,9 +91,9 @@ gpu_shared! {
         pub struct ExtraPixel {
             /// Pixel in tile order.
             pub pixel: u32,
-            /// Its first extra sample, counted from the first extra one.
+            /// Where its list of extra samples begins.
             pub first: u32,
-            /// How many.
+            /// How many they are.
             pub count: u32,
             /// Share of the pixel's first sample: 1 / samples a pixel.
             pub first_weight: f32,
@@ -135,8 +135,8 @@ gpu_shared! {
             pub pixel_stride: u32,
             /// Extra samples, padded to a multiple of 4.
             pub extra_stride: u32,
-            /// Keeps the size a multiple of eight.
-            pub unused: u32,
+            /// Bit l: layer l counts. Only bit 0 matters here; deeper layers are weighed by resolve.comp.
+            pub layers: u32,
         }
 
         /// shadow_pcf.comp
@@ -173,6 +173,8 @@ gpu_shared! {
         pub push ResolvePush {
             /// Pixels that have extra samples.
             pub pixels: Read<ExtraPixel>,
+            /// Their lists of extra samples, counted from the first extra one.
+            pub indices: Read<u32>,
             /// Weight and layer of each extra sample.
             pub samples: Read<ExtraSample>,
             /// Radiance of the extra samples, planes.
@@ -199,6 +201,10 @@ gpu_shared! {
             pub term_count: u32,
             /// vec4s a plane.
             pub plane_length: u32,
+            /// 1: add to what is there.
+            pub accumulate: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
         }
 
         /// composite.comp

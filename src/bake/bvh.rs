@@ -24,7 +24,7 @@ pub struct Bvh {
     /// Half the diagonal of the bounds, metres.
     pub radius: f32,
     /// Whether any triangle has holes where its alpha is low.
-    pub(super) has_masks: bool,
+    pub has_masks: bool,
 }
 
 /// A triangle where traversal finds it: in leaf order.
@@ -135,6 +135,11 @@ impl Bvh {
         let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0 && distance < max_distance;
         let hit = Hit { triangle: corners.triangle, barycentric: Vec2::new(u, v), distance };
         (inside && !(self.has_masks && is_hole(scene, hit.triangle, hit.barycentric))).then_some(hit)
+    }
+
+    /// The mesh's triangles, neighbours near each other.
+    pub fn triangle_order(&self) -> impl Iterator<Item = u32> {
+        self.binary_corners.iter().map(|corners| corners.triangle)
     }
 
     /// How far off a surface a shadow ray ends, for a light `distance` away: above the rounding of both.

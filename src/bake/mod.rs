@@ -1,4 +1,78 @@
 //! Scene -> [`Baked`]: everything that does not depend on the lights, one call per stage, in order.
 
 pub mod bvh;
+pub mod edges;
+pub mod octahedral;
 pub mod packet;
+pub mod surface;
+pub mod view_samples;
+
+use glam::Vec3;
+
+use self::bvh::Bvh;
+use self::packet::SamplePacket;
+use self::view_samples::{EyeRays, Tiling};
+use crate::scene::{Camera, Rig, Scene};
+use crate::shared::{Brdf, ExtraPixel, ExtraSample, ViewSample};
+
+/// What of a scene is baked, and how finely.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakeSettings {
+    pub width: u32,
+    pub height: u32,
+    /// Layers of the deep framebuffer: 1 = no reflections.
+    pub layers: u32,
+    /// Paths from the eye for a pixel that lies on an edge.
+    pub samples: u32,
+}
+
+/// The layered deep framebuffer of one camera.
+pub struct Baked {
+    pub tiling: Tiling,
+    /// Layer 1, a sample a pixel, tile by tile, padded to whole tiles; then the extra samples.
+    pub samples: Vec<ViewSample>,
+    /// Of each sample, unit, mesh space.
+    pub geometric_normals: Vec<Vec3>,
+    /// The same samples as the shadow tracer wants them.
+    pub packets: Vec<SamplePacket>,
+    /// One for each material, then those of textured samples.
+    pub brdfs: Vec<Brdf>,
+    /// Share and layer of each extra sample.
+    pub extra_samples: Vec<ExtraSample>,
+    /// Extra samples pixel by pixel.
+    pub extra_indices: Vec<u32>,
+    /// Pixels that have any, and those on edges.
+    pub extra_pixels: Vec<ExtraPixel>,
+    /// Radiance of emitters as seen, resolved to pixels: planes R, G, B in tile order; empty if there are none.
+    pub emission: Vec<f32>,
+    /// Samples in each layer.
+    pub layers: Vec<usize>,
+    /// Whether any sample has a specular lobe.
+    pub has_specular: bool,
+}
+
+impl Baked {
+    /// Samples of layer 1, padding included: what a plane of an image holds.
+    pub fn pixel_stride(&self) -> usize {
+        self.tiling.len()
+    }
+}
+
+/// Bakes what `camera` sees of `scene`. `rig` tells where shadow edges lie, for anti-aliasing.
+pub fn bake(
+    scene: &Scene,
+    bvh: &Bvh,
+    camera: &Camera,
+    rig: &Rig,
+    settings: &BakeSettings,
+    progress: &(dyn Fn(usize) + Sync),
+) -> Baked {
+    let tiling = Tiling { width: settings.width, height: settings.height };
+    let eye = EyeRays { scene, bvh, camera, tiling, layers: settings.layers };
+    let baked = view_samples::collect(&eye, settings, &[], progress);
+    if settings.samples <= 1 {
+        return baked;
+    }
+    let edges = edges::find(&eye, &baked, rig);
+    view_samples::collect(&eye, settings, &edges, progress)
+}

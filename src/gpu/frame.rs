@@ -259,6 +259,16 @@ impl Frames {
         unsafe { self.context.device.cmd_pipeline_barrier2(self.commands, &info) };
     }
 
+    fn upload<T: Glsl>(&mut self, data: &[T]) -> Read<T> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let start = self.upload_used.next_multiple_of(16);
+        let end = start + bytes.len();
+        assert!(end <= UPLOAD_BYTES, "{} bytes do not fit the {UPLOAD_BYTES} that a frame can upload", bytes.len());
+        self.upload_used = end;
+        self.upload.host_mut()[start..end].copy_from_slice(bytes);
+        Read::new(self.upload.raw().address + start as u64)
+    }
+
     /// Device ticks of the finished frame to [`PassTime`]s, `submitted_ms` after its beginning.
     fn collect_times(&mut self, submitted_ms: f64) -> Result<()> {
         let ticks = &mut self.ticks[..2 * self.pass_count];
@@ -316,13 +326,7 @@ impl Frame<'_> {
 
     /// Hands a few elements to kernels of this frame.
     pub fn upload<T: Glsl>(&mut self, data: &[T]) -> Read<T> {
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        let start = self.frames.upload_used.next_multiple_of(16);
-        let end = start + bytes.len();
-        assert!(end <= UPLOAD_BYTES, "{} bytes do not fit the {UPLOAD_BYTES} that a frame can upload", bytes.len());
-        self.frames.upload_used = end;
-        self.frames.upload.host_mut()[start..end].copy_from_slice(bytes);
-        Read::new(self.frames.upload.raw().address + start as u64)
+        self.frames.upload(data)
     }
 
     /// How many more passes fit into this frame.
@@ -371,14 +375,9 @@ impl Pass<'_> {
         Write::new(self.frames.touch(self.name, buffer.raw(), Touch::Write))
     }
 
-    /// An address for an input that this variant of the kernel never follows.
-    pub fn unused<T: Glsl>(&self) -> Read<T> {
-        Read::new(0)
-    }
-
-    /// An address for an output that this variant of the kernel never follows.
-    pub fn unused_output<T: Glsl>(&self) -> Write<T> {
-        Write::new(0)
+    /// Hands a few elements to this pass.
+    pub fn upload<T: Glsl>(&mut self, data: &[T]) -> Read<T> {
+        self.frames.upload(data)
     }
 
     /// Declares that the kernel samples `depth`, its set 0.

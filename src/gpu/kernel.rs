@@ -34,6 +34,7 @@ embedded![
 
 /// One compute pipeline.
 pub struct Kernel {
+    #[cfg(feature = "hot-reload")]
     name: String,
     pipeline: vk::Pipeline,
     context: Arc<Context>,
@@ -52,6 +53,7 @@ impl Kernel {
             .ok_or_else(|| Error::Shader { kernel: name.into(), log: "no such kernel was compiled in".into() })?;
         let pipeline = create_pipeline(context, name, spirv, specialization)?;
         Ok(Self {
+            #[cfg(feature = "hot-reload")]
             name: name.into(),
             pipeline,
             context: context.clone(),

@@ -1,0 +1,86 @@
+//! Pixels that need more than one sample: where surface, normal or visibility change from one pixel to the next.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::Baked;
+use super::octahedral::decode;
+use super::packet::{PACKET_SIZE, trace_packets};
+use super::view_samples::EyeRays;
+use crate::scene::Rig;
+use crate::shared::NO_BRDF;
+
+/// Normals further apart than this lie on an edge: 8 degrees.
+const NORMAL_COSINE: f32 = 0.99;
+/// Neighbours whose connection leaves the tangent plane by more than this slope lie on an edge.
+const PLANE_SLOPE: f32 = 0.2;
+
+/// Pixels on edges, in tile order, sorted. Visibility edges are those of `rig`'s lights.
+pub(super) fn find(eye: &EyeRays, baked: &Baked, rig: &Rig) -> Vec<u32> {
+    let mut visible: Vec<Vec<u8>> = Vec::new();
+    for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
+        let light = light.pack(eye.scene.origin);
+        let mut visibility = vec![0u8; baked.packets.len() * PACKET_SIZE];
+        visibility.par_chunks_mut(PACKET_SIZE * 16).zip(baked.packets.par_chunks(16)).for_each(
+            |(visibility, packets)| {
+                trace_packets(eye.bvh, eye.scene, &light, packets, visibility);
+            },
+        );
+        visible.push(visibility);
+    }
+    // Extra samples of each pixel; it has at most one in each layer now.
+    let pixel_count = baked.pixel_stride();
+    let mut extras: Vec<&[u32]> = vec![&[]; pixel_count];
+    for p in &baked.extra_pixels {
+        extras[p.pixel as usize] = &baked.extra_indices[p.first as usize..(p.first + p.count) as usize];
+    }
+    let materials = eye.scene.materials.len() as u32;
+    let tiling = eye.tiling;
+    let differs = |a: usize, b: usize| {
+        let (extra_a, extra_b) = (extras[a], extras[b]);
+        let deeper = || {
+            extra_a.iter().zip(extra_b).any(|(&a, &b)| {
+                let layer = |i: u32| baked.extra_samples[i as usize].layer;
+                layer(a) != layer(b)
+                    || samples_differ(baked, materials, &visible, pixel_count + a as usize, pixel_count + b as usize)
+            })
+        };
+        samples_differ(baked, materials, &visible, a, b) || extra_a.len() != extra_b.len() || deeper()
+    };
+    let mut on_edge: Vec<u32> = (0..pixel_count)
+        .into_par_iter()
+        .filter(|&index| {
+            let (x, y) = tiling.pixel(index);
+            let inside = tiling.contains((x, y));
+            inside
+                && (-1..=1).any(|dy: i32| {
+                    (-1..=1).any(|dx: i32| {
+                        let neighbour = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
+                        tiling.contains(neighbour) && differs(index, tiling.index(neighbour.0, neighbour.1))
+                    })
+                })
+        })
+        .map(|index| index as u32)
+        .collect();
+    on_edge.sort_unstable();
+    on_edge
+}
+
+fn samples_differ(baked: &Baked, materials: u32, visible: &[Vec<u8>], a: usize, b: usize) -> bool {
+    let (sa, sb) = (&baked.samples[a], &baked.samples[b]);
+    let (ga, gb) = (baked.geometric_normals[a], baked.geometric_normals[b]);
+    if (ga == Vec3::ZERO) != (gb == Vec3::ZERO) {
+        return true;
+    }
+    if ga == Vec3::ZERO {
+        return false;
+    }
+    // BRDFs from `materials` on are a textured sample's own: they differ everywhere.
+    let material = |brdf: u32| if (materials..NO_BRDF).contains(&brdf) { materials } else { brdf };
+    let between = sb.position - sa.position;
+    let off_plane = between.dot(ga).abs().max(between.dot(gb).abs());
+    material(sa.brdf) != material(sb.brdf)
+        || decode(sa.normal).dot(decode(sb.normal)) < NORMAL_COSINE
+        || off_plane > PLANE_SLOPE * between.length()
+        || visible.iter().any(|v| v[a] != v[b])
+}

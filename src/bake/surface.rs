@@ -1,0 +1,113 @@
+//! What a ray sees where it hits: point, normals, BRDF, emission.
+
+use glam::{Vec3, Vec4};
+
+use super::bvh::{Hit, interpolate_attributes};
+use crate::scene::{Scene, Surface};
+use crate::shared::Brdf;
+
+/// Narrowest lobe that is not a perfect mirror: glTF roughness 1e-6. Below, float32 directions cannot aim at it.
+const MIN_ALPHA: f32 = 1e-12;
+
+/// A surface point seen from one side; mesh space.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    pub position: Vec3,
+    /// Unit shading normal, normal map included; of the side that is seen if the material is double-sided.
+    pub normal: Vec3,
+    /// Unit geometric normal, turned likewise.
+    pub geometric_normal: Vec3,
+    pub brdf: Brdf,
+    /// Radiance that the surface emits towards the viewer.
+    pub emission: Vec3,
+    /// Index into the scene's materials.
+    pub material: u32,
+    /// Whether the BRDF is the same all over the material.
+    pub uniform: bool,
+}
+
+impl SurfacePoint {
+    /// Evaluates the surface at `hit` as seen along `direction`; a pixel is `footprint` metres wide there.
+    pub fn new(scene: &Scene, hit: &Hit, direction: Vec3, footprint: f32) -> Self {
+        let mesh = &scene.mesh;
+        let corners = mesh.triangles[hit.triangle as usize].map(|v| v as usize);
+        let [p0, p1, p2] = corners.map(|v| mesh.positions[v]);
+        let (u, v) = (hit.barycentric.x, hit.barycentric.y);
+        let weights = [1.0 - u - v, u, v];
+        let cross = (p1 - p0).cross(p2 - p0);
+        let mut geometric_normal = cross.normalize_or_zero();
+        let smooth: Vec3 = corners.iter().zip(weights).map(|(&v, w)| mesh.normals[v] * w).sum();
+        let mut normal = smooth.try_normalize().unwrap_or(geometric_normal);
+
+        let material = mesh.triangle_materials[hit.triangle as usize];
+        let m = &scene.materials[material as usize];
+        let uniform = mesh.colors.is_empty() && m.textures().next().is_none();
+        let surface = if uniform {
+            m.evaluate(&scene.textures, Default::default(), [0.0; 2], Vec4::ONE)
+        } else {
+            let (uvs, color) = interpolate_attributes(scene, hit.triangle, hit.barycentric);
+            let footprints = [0, 1].map(|set| uv_footprint(scene, corners, set, cross.length(), footprint));
+            m.evaluate(&scene.textures, uvs, footprints, color)
+        };
+        if m.normal_texture.is_some() && !mesh.tangents.is_empty() {
+            let tangent: Vec4 = corners.iter().zip(weights).map(|(&v, w)| mesh.tangents[v] * w).sum();
+            let bitangent = normal.cross(tangent.truncate()) * mesh.tangents[corners[0]].w;
+            let n = surface.normal_t;
+            let mapped = tangent.truncate() * n.x + bitangent * n.y + normal * n.z;
+            normal = mapped.try_normalize().unwrap_or(normal);
+        }
+        let behind = geometric_normal.dot(direction) > 0.0;
+        if behind && m.double_sided {
+            normal = -normal;
+            geometric_normal = -geometric_normal;
+        }
+        let emission = if behind && !m.double_sided { Vec3::ZERO } else { surface.emissive };
+        let position = p0 * weights[0] + p1 * weights[1] + p2 * weights[2];
+        Self { position, normal, geometric_normal, brdf: brdf(&surface), emission, material, uniform }
+    }
+}
+
+/// Width of a pixel in texture coordinates: its width on the surface times the square root of the ratio of areas.
+fn uv_footprint(scene: &Scene, corners: [usize; 3], set: usize, double_area: f32, footprint: f32) -> f32 {
+    let uvs = &scene.mesh.uvs[set];
+    if uvs.is_empty() {
+        return 0.0;
+    }
+    let [a, b, c] = corners.map(|v| uvs[v]);
+    footprint * ((b - a).perp_dot(c - a).abs() / double_area).sqrt()
+}
+
+/// Multiplies the parameters of glTF's material model out [glTF 2.0, Appendix B; KHR_materials_specular].
+pub fn brdf(s: &Surface) -> Brdf {
+    let normal_incidence = ((s.ior - 1.0) / (s.ior + 1.0)).powi(2);
+    let dielectric_f0 = (normal_incidence * s.specular_color).min(Vec3::ONE) * s.specular;
+    let alpha = s.roughness * s.roughness;
+    Brdf {
+        diffuse: s.base_color * (1.0 - s.metallic),
+        alpha: if s.roughness > 0.0 { alpha.max(MIN_ALPHA) } else { 0.0 },
+        f0: dielectric_f0.lerp(s.base_color, s.metallic),
+        f90: s.specular * (1.0 - s.metallic) + s.metallic,
+        dielectric_f0: dielectric_f0.max_element(),
+        dielectric_f90: s.specular,
+    }
+}
+
+impl Brdf {
+    /// Whether light from a point or a direction is reflected at all.
+    pub fn reflects_directly(&self) -> bool {
+        self.diffuse != Vec3::ZERO || (self.has_lobe() && (self.f0 != Vec3::ZERO || self.f90 != 0.0))
+    }
+
+    /// Whether there is a specular lobe of some width.
+    pub fn has_lobe(&self) -> bool {
+        self.alpha > 0.0
+    }
+
+    /// What a perfect mirror reflects at this cosine: Schlick's Fresnel term, dielectric and metal mixed.
+    pub fn mirror(&self, cosine: f32) -> Vec3 {
+        if self.has_lobe() {
+            return Vec3::ZERO;
+        }
+        self.f0.lerp(Vec3::splat(self.f90), (1.0 - cosine.clamp(0.0, 1.0)).powi(5))
+    }
+}

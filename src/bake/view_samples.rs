@@ -1,0 +1,351 @@
+//! The layered deep framebuffer [Yang 2007, Tables 3.1 and 3.2], ray-cast, as a compact list of view samples.
+//!
+//! Layer 1 holds one sample a pixel, tile by tile; deeper layers, and further samples of pixels on edges, are extra
+//! samples that exist only where a mirror or an edge is seen. Order: layer, then pixel, so that neighbours in memory
+//! are neighbours in the scene.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::bvh::Bvh;
+use super::packet::{PACKET_SIZE, SamplePacket};
+use super::surface::SurfacePoint;
+use super::{BakeSettings, Baked, octahedral};
+use crate::scene::{Camera, Projection, Scene};
+use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSample};
+
+/// A path from the eye is not followed below this share of a pixel: half of an 8-bit step a thousand times brighter.
+const MIN_WEIGHT: f32 = 1e-6;
+
+/// One surface along a path from the eye through mirrors.
+#[derive(Clone, Copy)]
+pub(super) struct PathVertex {
+    pub point: SurfacePoint,
+    pub wo: Vec3,
+    /// Product of BRDF and cosine along the path up to here.
+    pub weight: Vec3,
+    /// From 0.
+    pub layer: u32,
+}
+
+/// Image points and pixels in tile order.
+#[derive(Clone, Copy)]
+pub struct Tiling {
+    pub width: u32,
+    pub height: u32,
+}
+
+impl Tiling {
+    /// Pixels, padded to whole tiles.
+    pub fn len(&self) -> usize {
+        let tiles = |size: u32| size.div_ceil(TILE_SIZE) as usize;
+        tiles(self.width) * tiles(self.height) * PACKET_SIZE
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Pixel (x, y) at a place in tile order; it may lie outside of the image, in a tile's padding.
+    pub fn pixel(&self, index: usize) -> (u32, u32) {
+        let tiles_x = self.width.div_ceil(TILE_SIZE) as usize;
+        let (tile, inside) = (index / PACKET_SIZE, (index % PACKET_SIZE) as u32);
+        let (tile_x, tile_y) = ((tile % tiles_x) as u32, (tile / tiles_x) as u32);
+        (tile_x * TILE_SIZE + inside % TILE_SIZE, tile_y * TILE_SIZE + inside / TILE_SIZE)
+    }
+
+    /// Place of pixel (x, y) in tile order.
+    pub fn index(&self, x: u32, y: u32) -> usize {
+        let tiles_x = self.width.div_ceil(TILE_SIZE);
+        let tile = (y / TILE_SIZE) * tiles_x + x / TILE_SIZE;
+        tile as usize * PACKET_SIZE + ((y % TILE_SIZE) * TILE_SIZE + x % TILE_SIZE) as usize
+    }
+
+    pub fn contains(&self, (x, y): (u32, u32)) -> bool {
+        x < self.width && y < self.height
+    }
+}
+
+/// Casts rays from one camera into one scene.
+pub(super) struct EyeRays<'a> {
+    pub scene: &'a Scene,
+    pub bvh: &'a Bvh,
+    pub camera: &'a Camera,
+    pub tiling: Tiling,
+    pub layers: u32,
+}
+
+impl EyeRays<'_> {
+    /// Follows the ray through image point (x, y), in pixels, through perfect mirrors. Calls `visit` at each surface.
+    pub fn follow(&self, x: f64, y: f64, mut visit: impl FnMut(PathVertex)) {
+        let (width, height) = (f64::from(self.tiling.width), f64::from(self.tiling.height));
+        let (origin, direction) = self.camera.ray(x / width, y / height, width / height);
+        let mut origin = (origin - self.scene.origin).as_vec3();
+        let mut direction = direction.as_vec3();
+        // Width of a pixel at distance d: fixed + growing * d.
+        let (fixed, growing) = match self.camera.projection {
+            Projection::Perspective { yfov } => (0.0, (2.0 * (yfov / 2.0).tan() / height) as f32),
+            Projection::Orthographic { ymag } => ((2.0 * ymag / height) as f32, 0.0),
+        };
+        let mut distance = 0.0;
+        let mut weight = Vec3::ONE;
+        for layer in 0..self.layers {
+            let Some(hit) = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY) else { return };
+            distance += hit.distance;
+            let point = SurfacePoint::new(self.scene, &hit, direction, fixed + growing * distance);
+            let wo = -direction;
+            visit(PathVertex { point, wo, weight, layer });
+            let cosine = point.normal.dot(wo);
+            if cosine <= 0.0 {
+                return; // single-sided, seen from behind
+            }
+            weight *= point.brdf.mirror(cosine);
+            if weight.max_element() < MIN_WEIGHT {
+                return;
+            }
+            direction = (2.0 * cosine * point.normal - wo).normalize();
+            let outside = point.geometric_normal.dot(wo).signum() * point.geometric_normal;
+            if direction.dot(outside) <= 0.0 {
+                return; // bent into the surface by the interpolated normal
+            }
+            origin = point.position + outside * self.bvh.shadow_offset(distance);
+        }
+    }
+}
+
+/// Collects path vertices as view samples.
+#[derive(Default)]
+struct Collector {
+    samples: Vec<ViewSample>,
+    geometric_normals: Vec<Vec3>,
+    /// Only those that are not a material's own.
+    brdfs: Vec<Brdf>,
+}
+
+impl Collector {
+    fn push(&mut self, vertex: &PathVertex) {
+        let SurfacePoint { position, normal, geometric_normal, brdf, material, uniform, .. } = vertex.point;
+        let brdf = if !brdf.reflects_directly() || normal.dot(vertex.wo) <= 0.0 {
+            NO_BRDF
+        } else if uniform {
+            material
+        } else {
+            self.brdfs.push(brdf);
+            OWN_BRDF
+        };
+        let (normal, wo) = (octahedral::encode(normal), octahedral::encode(vertex.wo));
+        self.samples.push(ViewSample { position, brdf, normal, wo });
+        self.geometric_normals.push(geometric_normal);
+    }
+
+    fn push_empty(&mut self) {
+        self.samples.push(EMPTY_SAMPLE);
+        self.geometric_normals.push(Vec3::ZERO);
+    }
+}
+
+/// Stands for the next BRDF of the collector until collectors are joined.
+const OWN_BRDF: u32 = NO_BRDF - 1;
+const EMPTY_SAMPLE: ViewSample = ViewSample { position: Vec3::ZERO, brdf: NO_BRDF, normal: Vec2::ZERO, wo: Vec2::ZERO };
+
+/// What one tile of pixels sees.
+#[derive(Default)]
+struct Tile {
+    first: Collector,
+    extra: Collector,
+    /// Pixel in tile order, weight and layer of each extra sample.
+    extra_of: Vec<(u32, ExtraSample)>,
+    emission: Vec<(u32, Vec3)>,
+}
+
+/// The deep framebuffer with one path a pixel, through its centre; `edges` lists pixels that get `samples` paths.
+pub(super) fn collect(
+    eye: &EyeRays,
+    settings: &BakeSettings,
+    edges: &[u32],
+    progress: &(dyn Fn(usize) + Sync),
+) -> Baked {
+    let tile_count = eye.tiling.len() / PACKET_SIZE;
+    let tiles: Vec<Tile> = (0..tile_count)
+        .into_par_iter()
+        .map(|tile| {
+            let range = (tile * PACKET_SIZE) as u32..((tile + 1) * PACKET_SIZE) as u32;
+            let from = edges.partition_point(|&pixel| pixel < range.start);
+            let to = edges.partition_point(|&pixel| pixel < range.end);
+            let result = collect_tile(eye, range, &edges[from..to], settings.samples);
+            progress(1);
+            result
+        })
+        .collect();
+    join(eye, settings, edges, tiles)
+}
+
+fn collect_tile(eye: &EyeRays, pixels: std::ops::Range<u32>, edges: &[u32], samples: u32) -> Tile {
+    let mut tile = Tile::default();
+    let first_pixel = pixels.start;
+    for pixel in pixels {
+        let (x, y) = eye.tiling.pixel(pixel as usize);
+        let seen = tile.first.samples.len();
+        if eye.tiling.contains((x, y)) {
+            let share = if edges.binary_search(&pixel).is_ok() { 1.0 / samples as f32 } else { 1.0 };
+            eye.follow(f64::from(x) + 0.5, f64::from(y) + 0.5, |vertex| tile.add(&vertex, pixel, share, true));
+        }
+        if tile.first.samples.len() == seen {
+            tile.first.push_empty();
+        }
+        debug_assert_eq!(tile.first.samples.len() as u32, pixel - first_pixel + 1);
+    }
+    for &pixel in edges {
+        let (x, y) = eye.tiling.pixel(pixel as usize);
+        for i in 1..samples {
+            let (u, v) = (radical_inverse(2, i), radical_inverse(3, i));
+            let share = 1.0 / samples as f32;
+            eye.follow(f64::from(x) + u, f64::from(y) + v, |vertex| tile.add(&vertex, pixel, share, false));
+        }
+    }
+    tile
+}
+
+impl Tile {
+    fn add(&mut self, vertex: &PathVertex, pixel: u32, share: f32, centre: bool) {
+        if vertex.point.emission != Vec3::ZERO {
+            self.emission.push((pixel, vertex.weight * share * vertex.point.emission));
+        }
+        if centre && vertex.layer == 0 {
+            self.first.push(vertex);
+        } else if vertex.point.brdf.reflects_directly() && vertex.point.normal.dot(vertex.wo) > 0.0 {
+            self.extra.push(vertex);
+            self.extra_of.push((pixel, ExtraSample { weight: vertex.weight * share, layer: vertex.layer }));
+        }
+    }
+}
+
+/// [van der Corput 1935; Halton 1960].
+fn radical_inverse(base: u32, mut index: u32) -> f64 {
+    let (mut value, mut digit) = (0.0, 1.0 / f64::from(base));
+    while index > 0 {
+        value += digit * f64::from(index % base);
+        index /= base;
+        digit /= f64::from(base);
+    }
+    value
+}
+
+/// Joins the tiles: layer 1 in tile order, then the extra samples by layer and pixel.
+fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>) -> Baked {
+    let pixel_count = eye.tiling.len();
+    let mut brdfs: Vec<Brdf> = eye
+        .scene
+        .materials
+        .iter()
+        .map(|m| super::surface::brdf(&m.evaluate(&[], Default::default(), [0.0; 2], glam::Vec4::ONE)))
+        .collect();
+    let mut samples = Vec::with_capacity(pixel_count);
+    let mut geometric_normals = Vec::with_capacity(pixel_count);
+    let mut append = |collector: &Collector, order: &mut dyn Iterator<Item = usize>, brdf_of: &[u32]| {
+        for i in order {
+            let mut sample = collector.samples[i];
+            if sample.brdf == OWN_BRDF {
+                sample.brdf = brdf_of[i];
+            }
+            samples.push(sample);
+            geometric_normals.push(collector.geometric_normals[i]);
+        }
+    };
+    let mut place_brdfs = |collector: &Collector| -> Vec<u32> {
+        let mut next = brdfs.len() as u32;
+        brdfs.extend_from_slice(&collector.brdfs);
+        let own = collector.samples.iter().map(|s| {
+            let this = next;
+            next += u32::from(s.brdf == OWN_BRDF);
+            this
+        });
+        own.collect()
+    };
+    for tile in &tiles {
+        let brdf_of = place_brdfs(&tile.first);
+        append(&tile.first, &mut (0..tile.first.samples.len()), &brdf_of);
+    }
+    let extra_brdfs: Vec<Vec<u32>> = tiles.iter().map(|tile| place_brdfs(&tile.extra)).collect();
+
+    let layer_total = tiles.iter().flat_map(|t| &t.extra_of).map(|(_, e)| e.layer + 1).max().unwrap_or(1);
+    let mut extra_samples = Vec::new();
+    let mut owners: Vec<(u32, u32)> = Vec::new();
+    for layer in 0..layer_total {
+        for (tile, brdf_of) in tiles.iter().zip(&extra_brdfs) {
+            let in_layer = |&i: &usize| tile.extra_of[i].1.layer == layer;
+            append(&tile.extra, &mut (0..tile.extra_of.len()).filter(in_layer), brdf_of);
+            for i in (0..tile.extra_of.len()).filter(in_layer) {
+                owners.push((tile.extra_of[i].0, extra_samples.len() as u32));
+                extra_samples.push(tile.extra_of[i].1);
+            }
+        }
+    }
+    let mut layers = vec![0; layer_total as usize];
+    layers[0] = geometric_normals[..pixel_count].iter().filter(|n| **n != Vec3::ZERO).count();
+    for extra in &extra_samples {
+        layers[extra.layer as usize] += 1;
+    }
+
+    // Pixels on edges are listed even if their extra rays saw nothing: their first sample counts for a share only.
+    owners.sort_unstable();
+    let mut pixels: Vec<u32> = owners.iter().map(|&(pixel, _)| pixel).chain(edges.iter().copied()).collect();
+    pixels.sort_unstable();
+    pixels.dedup();
+    let mut first = 0;
+    let extra_pixels = pixels
+        .into_iter()
+        .map(|pixel| {
+            let count = owners[first..].iter().take_while(|owner| owner.0 == pixel).count();
+            let on_edge = edges.binary_search(&pixel).is_ok();
+            let first_weight = if on_edge { 1.0 / settings.samples as f32 } else { 1.0 };
+            let listed = ExtraPixel { pixel, first: first as u32, count: count as u32, first_weight };
+            first += count;
+            listed
+        })
+        .collect();
+
+    let emission_parts: Vec<&(u32, Vec3)> = tiles.iter().flat_map(|tile| &tile.emission).collect();
+    let mut emission = vec![0.0; if emission_parts.is_empty() { 0 } else { 3 * pixel_count }];
+    for (pixel, radiance) in emission_parts {
+        for (plane, value) in radiance.to_array().into_iter().enumerate() {
+            emission[plane * pixel_count + *pixel as usize] += value;
+        }
+    }
+    let has_specular = samples.iter().any(|s| s.brdf != NO_BRDF && brdfs[s.brdf as usize].has_lobe());
+    Baked {
+        tiling: eye.tiling,
+        has_specular,
+        packets: pack(&samples, &geometric_normals, pixel_count),
+        samples,
+        geometric_normals,
+        brdfs,
+        extra_samples,
+        extra_indices: owners.into_iter().map(|(_, extra)| extra).collect(),
+        extra_pixels,
+        emission,
+        layers,
+    }
+}
+
+/// Samples as packets of 64; a packet holds samples of layer 1 or extra ones, not both.
+pub(super) fn pack(samples: &[ViewSample], geometric_normals: &[Vec3], pixel_count: usize) -> Vec<SamplePacket> {
+    assert_eq!(pixel_count % PACKET_SIZE, 0, "layer 1 is padded to whole tiles");
+    samples
+        .par_chunks(PACKET_SIZE)
+        .zip(geometric_normals.par_chunks(PACKET_SIZE))
+        .map(|(samples, geometric_normals)| {
+            let mut packet = SamplePacket::default();
+            for (lane, (sample, geometric_normal)) in samples.iter().zip(geometric_normals).enumerate() {
+                let lit = sample.brdf != NO_BRDF;
+                let normal = if lit { octahedral::decode(sample.normal) } else { Vec3::ZERO };
+                for axis in 0..3 {
+                    packet.position[axis][lane] = sample.position[axis];
+                    packet.normal[axis][lane] = normal[axis];
+                    packet.geometric_normal[axis][lane] = geometric_normal[axis];
+                }
+            }
+            packet
+        })
+        .collect()
+}

@@ -1,0 +1,23 @@
+//! Automatic exposure: exported candela values span six orders of magnitude.
+
+/// Scene-linear luminance that a picture's typical pixel is brought to.
+const MIDDLE_GREY: f64 = 0.18;
+
+/// Stops that bring the geometric mean of the lit pixels' luminance to middle grey [Reinhard 2002, Eq. 1 and 2]; 0 if
+/// nothing is lit.
+pub fn automatic(pixels: &[[f32; 3]]) -> f32 {
+    let mut luminances: Vec<f64> = pixels
+        .iter()
+        .map(|&[r, g, b]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b))
+        .filter(|&y| y.is_finite() && y > 0.0)
+        .collect();
+    if luminances.is_empty() {
+        return 0.0;
+    }
+    // Pixels a thousand times darker than the brightest percent are not what the picture is about.
+    luminances.sort_by(f64::total_cmp);
+    let bright = luminances[(luminances.len() - 1) * 99 / 100];
+    let lit = &luminances[luminances.partition_point(|&y| y < 1e-3 * bright)..];
+    let mean = lit.iter().map(|y| y.log2()).sum::<f64>() / lit.len() as f64;
+    (MIDDLE_GREY.log2() - mean) as f32
+}

@@ -1,0 +1,559 @@
+//! Which edit invalidates what: a balanced tree of partial sums over the lights' images [Yang 2007, Figure 3.3].
+//!
+//! A leaf is one light's image at unit intensity; an inner node is the sum of its children, each times its scale
+//! (colour, intensity, group master). What is being edited, the *focus*, is kept out of the sum of all others, the
+//! *rest*: while one light is edited a frame reads two images, however many lights there are. When the focus moves,
+//! the sums on the old path are made again and a new rest is summed: O(log L) images. Nothing is ever subtracted.
+//!
+//! Images live in a fixed number of slots. When they run out, the least recently used image goes, and is made again
+//! when it is needed. This module only decides; [`LightCache::plan`] lists the work, and the relighter does it.
+
+use std::collections::HashMap;
+
+use glam::Vec3;
+
+use crate::scene::{Light, Rig};
+
+/// One image of a sum.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Term {
+    pub source: Source,
+    pub scale: Vec3,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    Slot(usize),
+    /// The sum of all that is not being edited.
+    Rest,
+    /// Emitters, which never change.
+    Emission,
+}
+
+/// A step towards the picture, in the order of [`Plan::steps`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// Shade `light` at unit intensity into `slot`.
+    Shade { light: usize, slot: usize },
+    /// Sum `terms` into `target`, in addition to what is there if `accumulate`.
+    Sum { target: Source, terms: Vec<Term>, accumulate: bool },
+}
+
+/// What a frame has to do.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plan {
+    pub steps: Vec<Step>,
+    /// The picture is the sum of these.
+    pub picture: Vec<Term>,
+}
+
+/// More edited lights than this, and the tree's root is summed instead of a rest.
+const MAX_FOCUS: usize = 8;
+/// Images that a rest sums at once, so that few slots are enough.
+const REST_BATCH: usize = 8;
+
+pub struct LightCache {
+    rig: Rig,
+    nodes: Vec<Node>,
+    root: Option<usize>,
+    /// Node of each light and of each group that has lights.
+    leaf_of: Vec<usize>,
+    node_of_group: Vec<Option<usize>>,
+    slots: Vec<Slot>,
+    focus: Vec<usize>,
+    /// The sum of all but the focus, and the emission; `None` if it must be made again.
+    rest: Option<Vec<Term>>,
+    /// Nodes edited since the last plan.
+    edited: Vec<usize>,
+    has_emission: bool,
+    clock: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Node {
+    parent: Option<usize>,
+    children: Option<[usize; 2]>,
+    light: Option<usize>,
+    group: Option<usize>,
+    /// Holds its image, up to date.
+    slot: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Slot {
+    node: Option<usize>,
+    last_used: u64,
+    /// Uses under way; a pinned slot stays.
+    pins: u32,
+}
+
+impl LightCache {
+    /// Slots that a rig needs to keep everything, and the fewest that work.
+    pub fn slot_range(light_count: usize) -> (usize, usize) {
+        // Summing a tree holds an image a level, and groups make it at most twice as deep; the focus and one batch of
+        // the rest stay while that happens.
+        let depth = usize::BITS - light_count.leading_zeros();
+        let fewest = 2 * depth as usize + MAX_FOCUS + REST_BATCH + 4;
+        (fewest, fewest.max(2 * light_count))
+    }
+
+    pub fn new(rig: &Rig, slot_count: usize, has_emission: bool) -> Self {
+        let mut cache = Self {
+            rig: rig.clone(),
+            nodes: Vec::new(),
+            root: None,
+            leaf_of: Vec::new(),
+            node_of_group: Vec::new(),
+            slots: vec![Slot::default(); slot_count],
+            focus: Vec::new(),
+            rest: None,
+            edited: Vec::new(),
+            has_emission,
+            clock: 0,
+        };
+        cache.build_tree();
+        cache
+    }
+
+    pub fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    pub fn slot_count(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// Takes over a new state of the lights. Images of lights that did not move are kept.
+    pub fn set_rig(&mut self, rig: &Rig) {
+        let same_tree = self.rig.groups.len() == rig.groups.len()
+            && self.rig.lights.len() == rig.lights.len()
+            && self.rig.lights.iter().zip(&rig.lights).all(|(a, b)| a.group == b.group && a.name == b.name);
+        let old = std::mem::replace(&mut self.rig, rig.clone());
+        if !same_tree {
+            self.rebuild_tree(&old);
+            return;
+        }
+        for (i, (a, b)) in old.lights.iter().zip(&rig.lights).enumerate() {
+            if !same_image(a, b) {
+                self.release(self.leaf_of[i]);
+            }
+            if !same_image(a, b) || a.scale() != b.scale() {
+                self.touch(self.leaf_of[i]);
+            }
+        }
+        for (i, (a, b)) in old.groups.iter().zip(&rig.groups).enumerate() {
+            if a.scale() != b.scale()
+                && let Some(node) = self.node_of_group[i]
+            {
+                self.touch(node);
+            }
+        }
+    }
+
+    /// Makes `light` the one that is about to be edited.
+    pub fn select(&mut self, light: usize) {
+        self.edited.push(self.leaf_of[light]);
+    }
+
+    /// All images are out of date, say because other layers are shown.
+    pub fn invalidate(&mut self) {
+        for node in 0..self.nodes.len() {
+            self.release(node);
+        }
+        self.rest = None;
+    }
+
+    /// The work that makes the whole picture.
+    pub fn plan(&mut self) -> Plan {
+        self.clock += 1;
+        let mut plan = Plan::default();
+        let mut edited = std::mem::take(&mut self.edited);
+        edited.sort_unstable();
+        edited.dedup();
+        // A group's node stands for all that is edited below it.
+        let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
+        edited.retain(|n| !below.contains(n));
+        if !edited.iter().all(|n| self.focus.contains(n)) || !below.is_empty() {
+            self.focus = if edited.len() <= MAX_FOCUS { edited } else { Vec::new() };
+            self.rest = None;
+        }
+        let mut focus_terms = Vec::new();
+        let mut rest_nodes = Vec::new();
+        if let Some(root) = self.root {
+            self.split(root, Vec3::ONE, &mut focus_terms, &mut rest_nodes);
+        }
+        let mut pinned = Vec::new();
+        for (node, scale) in focus_terms {
+            let slot = self.need(node, &mut plan.steps);
+            self.slots[slot].pins += 1;
+            pinned.push(slot);
+            plan.picture.push(Term { source: Source::Slot(slot), scale });
+        }
+        let rest = match self.rest.take() {
+            Some(rest) => rest,
+            None => self.make_rest(&rest_nodes, &mut plan.steps),
+        };
+        plan.picture.extend(&rest);
+        self.rest = Some(rest);
+        for slot in pinned {
+            self.slots[slot].pins -= 1;
+        }
+        plan
+    }
+
+    /// The work that makes the picture of one light alone.
+    pub fn plan_light(&mut self, light: usize) -> Plan {
+        self.clock += 1;
+        let mut plan = Plan::default();
+        let mut scale = Vec3::ONE;
+        let mut node = Some(self.leaf_of[light]);
+        while let Some(n) = node {
+            scale *= self.scale(n);
+            node = self.nodes[n].parent;
+        }
+        if scale != Vec3::ZERO {
+            let slot = self.need(self.leaf_of[light], &mut plan.steps);
+            plan.picture.push(Term { source: Source::Slot(slot), scale });
+        }
+        plan
+    }
+
+    /// Splits the tree into focused nodes and the largest subtrees without any, each with its scale in the picture.
+    fn split(
+        &self,
+        node: usize,
+        above: Vec3,
+        focus_terms: &mut Vec<(usize, Vec3)>,
+        rest_nodes: &mut Vec<(usize, Vec3)>,
+    ) {
+        let scale = above * self.scale(node);
+        if self.focus.contains(&node) {
+            if scale != Vec3::ZERO {
+                focus_terms.push((node, scale));
+            }
+        } else if !self.focus.iter().any(|&f| self.is_below(f, node)) {
+            rest_nodes.push((node, scale));
+        } else if let Some(children) = self.nodes[node].children {
+            for child in children {
+                self.split(child, scale, focus_terms, rest_nodes);
+            }
+        }
+    }
+
+    /// Sums what is not in focus.
+    fn make_rest(&mut self, nodes: &[(usize, Vec3)], steps: &mut Vec<Step>) -> Vec<Term> {
+        let emission = Term { source: Source::Emission, scale: Vec3::ONE };
+        let mut terms: Vec<Term> = self.has_emission.then_some(emission).into_iter().collect();
+        let nodes: Vec<_> = nodes.iter().filter(|(_, scale)| *scale != Vec3::ZERO).collect();
+        if nodes.is_empty() {
+            return terms;
+        }
+        for (batch_index, batch) in nodes.chunks(REST_BATCH).enumerate() {
+            let mut pinned = Vec::with_capacity(REST_BATCH);
+            for &&(node, scale) in batch {
+                let slot = self.need(node, steps);
+                self.slots[slot].pins += 1;
+                pinned.push(slot);
+                terms.push(Term { source: Source::Slot(slot), scale });
+            }
+            for slot in pinned {
+                self.slots[slot].pins -= 1;
+            }
+            let terms = std::mem::take(&mut terms);
+            steps.push(Step::Sum { target: Source::Rest, terms, accumulate: batch_index > 0 });
+        }
+        vec![Term { source: Source::Rest, scale: Vec3::ONE }]
+    }
+
+    /// Makes sure that `node`'s image is there and up to date; returns its slot.
+    fn need(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
+        if let Some(slot) = self.nodes[node].slot {
+            self.slots[slot].last_used = self.clock;
+            return slot;
+        }
+        let Some(children) = self.nodes[node].children else {
+            let slot = self.take_slot(node);
+            let light = self.nodes[node].light.expect("a leaf is a light");
+            steps.push(Step::Shade { light, slot });
+            return slot;
+        };
+        let mut terms = Vec::with_capacity(2);
+        for child in children {
+            let scale = self.scale(child);
+            if scale != Vec3::ZERO {
+                let slot = self.need(child, steps);
+                self.slots[slot].pins += 1;
+                terms.push((slot, scale));
+            }
+        }
+        let target = self.take_slot(node);
+        for (slot, _) in &terms {
+            self.slots[*slot].pins -= 1;
+        }
+        let terms = terms.into_iter().map(|(slot, scale)| Term { source: Source::Slot(slot), scale }).collect();
+        steps.push(Step::Sum { target: Source::Slot(target), terms, accumulate: false });
+        target
+    }
+
+    /// Gives `node` the slot that was not used for the longest time.
+    fn take_slot(&mut self, node: usize) -> usize {
+        let free = self.slots.iter().enumerate().filter(|(_, slot)| slot.pins == 0);
+        let (index, _) = free.min_by_key(|(_, s)| (s.node.is_some(), s.last_used)).expect("slot_range leaves room");
+        if let Some(evicted) = self.slots[index].node {
+            self.nodes[evicted].slot = None;
+        }
+        self.slots[index] = Slot { node: Some(node), last_used: self.clock, pins: 0 };
+        self.nodes[node].slot = Some(index);
+        index
+    }
+
+    /// Forgets `node`'s image.
+    fn release(&mut self, node: usize) {
+        if let Some(slot) = self.nodes[node].slot.take() {
+            self.slots[slot] = Slot::default();
+        }
+    }
+
+    /// `node`'s contribution changed: the sums above it are out of date.
+    fn touch(&mut self, node: usize) {
+        let mut above = self.nodes[node].parent;
+        while let Some(n) = above {
+            self.release(n);
+            above = self.nodes[n].parent;
+        }
+        self.edited.push(node);
+    }
+
+    fn scale(&self, node: usize) -> Vec3 {
+        let Node { light, group, .. } = self.nodes[node];
+        light.map_or(Vec3::ONE, |i| self.rig.lights[i].scale())
+            * group.map_or(Vec3::ONE, |i| self.rig.groups[i].scale())
+    }
+
+    fn is_below(&self, node: usize, ancestor: usize) -> bool {
+        std::iter::successors(self.nodes[node].parent, |&n| self.nodes[n].parent).any(|n| n == ancestor)
+    }
+
+    fn has_ancestor_in(&self, node: usize, set: &[usize]) -> bool {
+        set.iter().any(|&other| self.is_below(node, other))
+    }
+
+    fn build_tree(&mut self) {
+        let leaf = |light| Node { parent: None, children: None, light: Some(light), group: None, slot: None };
+        self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
+        self.leaf_of = (0..self.rig.lights.len()).collect();
+        self.node_of_group = vec![None; self.rig.groups.len()];
+        let mut top = Vec::new();
+        for group in 0..self.rig.groups.len() {
+            let lights: Vec<usize> =
+                (0..self.rig.lights.len()).filter(|&i| self.rig.lights[i].group == Some(group)).collect();
+            if let Some(node) = self.balance(&lights) {
+                self.nodes[node].group = Some(group);
+                self.node_of_group[group] = Some(node);
+                top.push(node);
+            }
+        }
+        top.extend((0..self.rig.lights.len()).filter(|&i| self.rig.lights[i].group.is_none()));
+        self.root = self.balance(&top);
+    }
+
+    /// A balanced tree over `nodes`; returns its root.
+    fn balance(&mut self, nodes: &[usize]) -> Option<usize> {
+        match nodes {
+            [] => None,
+            [one] => Some(*one),
+            _ => {
+                let (left, right) = nodes.split_at(nodes.len() / 2);
+                let children = [self.balance(left)?, self.balance(right)?];
+                let this = self.nodes.len();
+                self.nodes.push(Node { parent: None, children: Some(children), light: None, group: None, slot: None });
+                for child in children {
+                    self.nodes[child].parent = Some(this);
+                }
+                Some(this)
+            }
+        }
+    }
+
+    /// A new tree after lights came, went or changed groups; unmoved lights keep their images.
+    fn rebuild_tree(&mut self, old: &Rig) {
+        let kept: HashMap<&str, (&Light, usize)> = old
+            .lights
+            .iter()
+            .enumerate()
+            .filter_map(|(i, light)| Some((light.name.as_str(), (light, self.nodes[self.leaf_of[i]].slot?))))
+            .collect();
+        self.build_tree();
+        let mut slots = vec![Slot::default(); self.slots.len()];
+        for (i, light) in self.rig.lights.iter().enumerate() {
+            if let Some(&(was, slot)) = kept.get(light.name.as_str())
+                && same_image(was, light)
+            {
+                let leaf = self.leaf_of[i];
+                self.nodes[leaf].slot = Some(slot);
+                slots[slot] = Slot { node: Some(leaf), last_used: self.slots[slot].last_used, pins: 0 };
+            }
+        }
+        self.slots = slots;
+        self.focus.clear();
+        self.edited.clear();
+        self.rest = None;
+    }
+}
+
+/// Whether two states of a light have the same image at unit intensity.
+fn same_image(a: &Light, b: &Light) -> bool {
+    (a.kind, a.position, a.direction) == (b.kind, b.position, b.direction)
+        && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::LightGroup;
+
+    /// Does the steps with numbers for images: a light's is its x coordinate.
+    struct Numbers {
+        slots: Vec<f32>,
+        rest: f32,
+        shaded: usize,
+    }
+
+    impl Numbers {
+        fn value(&self, term: &Term) -> f32 {
+            term.scale.x
+                * match term.source {
+                    Source::Slot(slot) => self.slots[slot],
+                    Source::Rest => self.rest,
+                    Source::Emission => 1000.0,
+                }
+        }
+
+        fn run(&mut self, rig: &Rig, plan: &Plan) -> f32 {
+            for step in &plan.steps {
+                match step {
+                    Step::Shade { light, slot } => {
+                        self.slots[*slot] = rig.lights[*light].position.x as f32;
+                        self.shaded += 1;
+                    }
+                    Step::Sum { target, terms, accumulate } => {
+                        let old = if *accumulate { self.rest } else { 0.0 };
+                        let sum = old + terms.iter().map(|t| self.value(t)).sum::<f32>();
+                        match target {
+                            Source::Slot(slot) => self.slots[*slot] = sum,
+                            Source::Rest => self.rest = sum,
+                            Source::Emission => unreachable!(),
+                        }
+                    }
+                }
+            }
+            plan.picture.iter().map(|t| self.value(t)).sum()
+        }
+    }
+
+    fn truth(rig: &Rig) -> f32 {
+        let one = |l: &Light| {
+            let group = l.group.map_or(1.0, |g| rig.groups[g].scale().x);
+            l.position.x as f32 * l.scale().x * group
+        };
+        1000.0 + rig.lights.iter().map(one).sum::<f32>()
+    }
+
+    fn rig(light_count: usize, group_count: usize) -> Rig {
+        let group = |i| LightGroup { name: format!("g{i}"), stops: 0.0, color: Vec3::ONE, enabled: true };
+        let light = |i: usize| {
+            let group = (i % 3 != 0 && group_count > 0).then(|| i % group_count.max(1));
+            Light { group, ..Light::point(&format!("l{i}"), DVec3::new(i as f64, 0.0, 0.0)) }
+        };
+        Rig {
+            camera: None,
+            groups: (0..group_count).map(group).collect(),
+            lights: (0..light_count).map(light).collect(),
+        }
+    }
+
+    proptest! {
+        /// Whatever is edited, in whatever order, with however few slots: the picture is the sum of all lights.
+        #[test]
+        fn picture_is_the_sum(
+            light_count in 0usize..40,
+            group_count in 0usize..4,
+            scarce in any::<bool>(),
+            edits in prop::collection::vec((0usize..7, 0usize..1000, 1usize..20), 0..40),
+        ) {
+            let mut rig = rig(light_count, group_count);
+            let (fewest, most) = LightCache::slot_range(light_count);
+            let slot_count = if scarce { fewest } else { most };
+            let mut cache = LightCache::new(&rig, slot_count, true);
+            let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, shaded: 0 };
+            for (kind, which, amount) in edits {
+                let lights = rig.lights.len();
+                let amount_f = amount as f64;
+                match kind {
+                    0 if lights > 0 => rig.lights[which % lights].position.x = amount_f,
+                    1 if lights > 0 => rig.lights[which % lights].intensity = amount_f,
+                    2 if lights > 0 => rig.lights[which % lights].enabled ^= true,
+                    3 if group_count > 0 => rig.groups[which % group_count].enabled ^= true,
+                    4 if group_count > 0 => rig.groups[which % group_count].stops = (amount % 4) as f64,
+                    5 if lights > 0 => {
+                        for i in 0..amount {
+                            rig.lights[(which + i) % lights].position.x += 1.0;
+                        }
+                    }
+                    6 if lights > 1 => drop(rig.lights.remove(which % lights)),
+                    _ => {}
+                }
+                cache.set_rig(&rig);
+                let plan = cache.plan();
+                prop_assert_eq!(numbers.run(&rig, &plan), truth(&rig));
+                if !rig.lights.is_empty() {
+                    let one = which % rig.lights.len();
+                    let alone = cache.plan_light(one);
+                    let light = &rig.lights[one];
+                    let group = light.group.map_or(1.0, |g| rig.groups[g].scale().x);
+                    prop_assert_eq!(numbers.run(&rig, &alone), light.position.x as f32 * light.scale().x * group);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn colour_edits_shade_nothing_and_sum_nothing() {
+        let mut rig = rig(256, 0);
+        let slot_count = LightCache::slot_range(256).1;
+        let mut cache = LightCache::new(&rig, slot_count, false);
+        cache.plan();
+        cache.select(17);
+        cache.plan();
+        rig.lights[17].intensity = 3.0;
+        cache.set_rig(&rig);
+        let plan = cache.plan();
+        assert!(plan.steps.is_empty(), "{:?}", plan.steps);
+        assert_eq!(plan.picture.len(), 2);
+    }
+
+    #[test]
+    fn selecting_another_light_costs_a_logarithm() {
+        let mut rig = rig(256, 0);
+        let slot_count = LightCache::slot_range(256).1;
+        let mut cache = LightCache::new(&rig, slot_count, false);
+        cache.plan();
+        for light in [3, 250, 130, 4] {
+            rig.lights[light].position.x += 1.0;
+            cache.set_rig(&rig);
+            let images: usize = cache
+                .plan()
+                .steps
+                .iter()
+                .map(|step| match step {
+                    Step::Shade { .. } => 0,
+                    Step::Sum { terms, .. } => terms.len() + 1,
+                })
+                .sum();
+            assert!(images <= 3 * 8 + 9, "{images} images for 256 lights");
+        }
+    }
+}

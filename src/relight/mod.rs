@@ -1,0 +1,445 @@
+//! The whole frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
+
+pub mod exposure;
+pub mod light_cache;
+mod shadow_map;
+mod visibility;
+
+use std::sync::Arc;
+
+use glam::{Vec3, Vec4};
+
+use self::light_cache::{LightCache, Plan, Source, Step, Term};
+use self::shadow_map::ShadowMaps;
+use self::visibility::VisibilityBuffers;
+pub use self::visibility::VisibilityMethod;
+use crate::bake::Baked;
+use crate::bake::bvh::Bvh;
+use crate::error::Result;
+use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, PassTime};
+use crate::scene::{Rig, Scene};
+use crate::shared::*;
+
+/// How pictures leave the relighter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ToneMap {
+    /// Clamped.
+    None,
+    Agx,
+    PbrNeutral,
+}
+
+/// Which part of the picture is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layers {
+    /// Straight and through mirrors.
+    All,
+    /// Layer 1 of the deep framebuffer.
+    Direct,
+    /// The mirror layers.
+    Reflection,
+}
+
+impl Layers {
+    fn mask(self) -> u32 {
+        match self {
+            Self::All => u32::MAX,
+            Self::Direct => 1,
+            Self::Reflection => !1,
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct RelightSettings {
+    pub visibility: VisibilityMethod,
+    /// Side of a shadow map in texels.
+    pub shadow_size: u32,
+    pub tone_map: ToneMap,
+    /// Device memory for light images; `None` takes a quarter of what the device has.
+    pub budget_bytes: Option<u64>,
+}
+
+/// Keeps a picture up to date with its lights.
+pub struct Relighter {
+    context: Arc<Context>,
+    frames: Frames,
+    scene: Arc<Scene>,
+    bvh: Arc<Bvh>,
+    baked: Arc<Baked>,
+    gpu: GpuBaked,
+    cache: LightCache,
+    images: Vec<Buffer<Vec4>>,
+    rest: Buffer<Vec4>,
+    /// Planes of the extra samples' radiance, of the light being shaded.
+    extras: Buffer<f32>,
+    visibility: VisibilityBuffers,
+    shadow_maps: Option<ShadowMaps>,
+    kernels: Kernels,
+    display: Buffer<u32>,
+    /// Only made when linear pixels are asked for.
+    linear: Option<Buffer<u32>>,
+    layers: Layers,
+    /// Times of the frames that the last call took.
+    times: Vec<PassTime>,
+}
+
+/// The baked data that kernels read.
+struct GpuBaked {
+    samples: Buffer<ViewSample>,
+    brdfs: Buffer<Brdf>,
+    extra_samples: Buffer<ExtraSample>,
+    extra_indices: Buffer<u32>,
+    extra_pixels: Buffer<ExtraPixel>,
+    emission: Option<Buffer<f32>>,
+}
+
+struct Kernels {
+    shade_light: Kernel,
+    resolve: Kernel,
+    sum_images: Kernel,
+    display: Kernel,
+    linear: Kernel,
+}
+
+impl Relighter {
+    pub fn new(
+        context: &Arc<Context>,
+        scene: &Arc<Scene>,
+        bvh: &Arc<Bvh>,
+        baked: &Arc<Baked>,
+        rig: &Rig,
+        settings: &RelightSettings,
+    ) -> Result<Self> {
+        let pixel_stride = baked.pixel_stride();
+        let extra_stride = baked.extra_samples.len().next_multiple_of(4);
+        let image_bytes = 12 * pixel_stride as u64;
+        let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4);
+        let (fewest, most) = LightCache::slot_range(rig.lights.len());
+        let slot_count = ((budget / image_bytes) as usize).clamp(fewest, most);
+        let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
+        let traced = settings.visibility.traces(context, bvh);
+        let output = match settings.tone_map {
+            ToneMap::None => OUTPUT_CLAMPED,
+            ToneMap::Agx => OUTPUT_AGX,
+            ToneMap::PbrNeutral => OUTPUT_PBR_NEUTRAL,
+        };
+        Ok(Self {
+            frames: Frames::new(context)?,
+            gpu: GpuBaked::new(context, baked)?,
+            cache: LightCache::new(rig, slot_count, !baked.emission.is_empty()),
+            images: (0..slot_count).map(|_| image("light images")).collect::<Result<_>>()?,
+            rest: image("light images (rest)")?,
+            extras: Buffer::new(context, "extra samples' radiance", Access::Device, 3 * extra_stride)?,
+            visibility: VisibilityBuffers::new(context, baked.packets.len())?,
+            shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
+            kernels: Kernels {
+                shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(baked.has_specular))])?,
+                resolve: Kernel::new(context, "resolve", &[])?,
+                sum_images: Kernel::new(context, "sum_images", &[])?,
+                display: Kernel::new(context, "composite", &[(0, output)])?,
+                linear: Kernel::new(context, "composite", &[(0, OUTPUT_LINEAR)])?,
+            },
+            display: Buffer::new(
+                context,
+                "pictures",
+                Access::HostReads,
+                (baked.tiling.width * baked.tiling.height) as usize,
+            )?,
+            linear: None,
+            layers: Layers::All,
+            times: Vec::new(),
+            context: context.clone(),
+            scene: scene.clone(),
+            bvh: bvh.clone(),
+            baked: baked.clone(),
+        })
+    }
+
+    pub fn rig(&self) -> &Rig {
+        self.cache.rig()
+    }
+
+    pub fn context(&self) -> &Arc<Context> {
+        &self.context
+    }
+
+    /// What each pass of the last picture took.
+    pub fn times(&self) -> &[PassTime] {
+        &self.times
+    }
+
+    /// Whether shadow rays are traced on the CPU, else shadow maps are drawn.
+    pub fn traces(&self) -> bool {
+        self.shadow_maps.is_none()
+    }
+
+    /// Takes over a new state of the lights; the next picture shows it.
+    pub fn set_rig(&mut self, rig: &Rig) {
+        self.cache.set_rig(rig);
+    }
+
+    /// Makes `light` the one that is about to be edited.
+    pub fn select(&mut self, light: usize) {
+        self.cache.select(light);
+    }
+
+    /// Chooses the part of the picture that is made from now on.
+    pub fn set_layers(&mut self, layers: Layers) {
+        if self.layers != layers {
+            self.layers = layers;
+            self.cache.invalidate();
+        }
+    }
+
+    /// The picture for a display: 8-bit sRGB with alpha, row by row, at 2^`exposure` stops.
+    pub fn display(&mut self, exposure: f32) -> Result<&[[u8; 4]]> {
+        let plan = self.cache.plan();
+        self.run(&plan, Output::Display { exposure })?;
+        Ok(bytemuck::cast_slice(self.display.host()))
+    }
+
+    /// The picture in scene-linear Rec. 709 radiance, row by row.
+    pub fn linear(&mut self) -> Result<&[[f32; 3]]> {
+        let plan = self.cache.plan();
+        self.linear_picture(plan)
+    }
+
+    /// One light's share of the picture.
+    pub fn linear_of_light(&mut self, light: usize) -> Result<&[[f32; 3]]> {
+        let plan = self.cache.plan_light(light);
+        self.linear_picture(plan)
+    }
+
+    /// Emitters as seen.
+    pub fn linear_of_emission(&mut self) -> Result<&[[f32; 3]]> {
+        let emission = Term { source: Source::Emission, scale: Vec3::ONE };
+        let picture = self.gpu.emission.iter().map(|_| emission).collect();
+        self.linear_picture(Plan { steps: Vec::new(), picture })
+    }
+
+    fn linear_picture(&mut self, plan: Plan) -> Result<&[[f32; 3]]> {
+        if self.linear.is_none() {
+            let pixels = (self.baked.tiling.width * self.baked.tiling.height) as usize;
+            self.linear = Some(Buffer::new(&self.context, "pictures", Access::HostReads, 3 * pixels)?);
+        }
+        self.run(&plan, Output::Linear)?;
+        let linear = self.linear.as_ref().expect("made above");
+        Ok(bytemuck::cast_slice(linear.host()))
+    }
+
+    /// Does a plan's steps and makes the picture: one frame, or several if many lights are stale at once.
+    fn run(&mut self, plan: &Plan, output: Output) -> Result<()> {
+        #[cfg(feature = "hot-reload")]
+        self.reload_changed_kernels();
+        self.times.clear();
+        let Self { frames, times, visibility, .. } = self;
+        let parts = Parts {
+            scene: &self.scene,
+            bvh: &self.bvh,
+            baked: &self.baked,
+            gpu: &self.gpu,
+            images: &self.images,
+            rest: &self.rest,
+            extras: &self.extras,
+            kernels: &self.kernels,
+            rig: self.cache.rig(),
+            layers: self.layers,
+        };
+        let mut steps = plan.steps.iter().peekable();
+        loop {
+            visibility.restart();
+            let mut frame = frames.begin()?;
+            while let Some(step) = steps.peek() {
+                match step {
+                    _ if frame.passes_left() < PASSES_A_STEP + 1 => break,
+                    Step::Shade { .. } if visibility.is_used_up() => break,
+                    Step::Shade { light, slot } => {
+                        parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), *light, *slot)
+                    }
+                    Step::Sum { target, terms, accumulate } => parts.sum(&mut frame, *target, terms, *accumulate),
+                }
+                steps.next();
+            }
+            let done = steps.peek().is_none();
+            if done {
+                let target = match output {
+                    Output::Display { exposure } => (&self.kernels.display, &self.display, exposure),
+                    Output::Linear => (&self.kernels.linear, self.linear.as_ref().expect("made before"), 0.0),
+                };
+                parts.composite(&mut frame, &plan.picture, target);
+            }
+            frame.finish()?;
+            times.extend_from_slice(frames.times());
+            if done {
+                return Ok(());
+            }
+        }
+    }
+
+    #[cfg(feature = "hot-reload")]
+    fn reload_changed_kernels(&mut self) {
+        let Kernels { shade_light, resolve, sum_images, display, linear } = &mut self.kernels;
+        for kernel in [&mut *shade_light, resolve, sum_images, display, linear] {
+            kernel.reload_if_changed();
+        }
+        if shade_light.was_reloaded() {
+            self.cache.invalidate();
+        }
+    }
+}
+
+/// Draw and look up a shadow map, shade, resolve.
+const PASSES_A_STEP: usize = 4;
+
+enum Output {
+    Display { exposure: f32 },
+    Linear,
+}
+
+/// What passes touch, borrowed for one frame.
+struct Parts<'a> {
+    scene: &'a Scene,
+    bvh: &'a Bvh,
+    baked: &'a Baked,
+    gpu: &'a GpuBaked,
+    images: &'a [Buffer<Vec4>],
+    rest: &'a Buffer<Vec4>,
+    extras: &'a Buffer<f32>,
+    kernels: &'a Kernels,
+    rig: &'a Rig,
+    layers: Layers,
+}
+
+impl Parts<'_> {
+    /// Visibility and shading of one light at unit intensity into the image `slot`.
+    fn shade(
+        &self,
+        frame: &mut Frame,
+        visibility: &mut VisibilityBuffers,
+        shadow_maps: Option<&mut ShadowMaps>,
+        light: usize,
+        slot: usize,
+    ) {
+        let light = &self.rig.lights[light];
+        let packed = light.pack(self.scene.origin);
+        let seen = match shadow_maps {
+            _ if !light.shadows => visibility.all_seen(),
+            None => {
+                let seen = visibility.take();
+                frame.cpu("trace shadows", || seen.trace(self.bvh, self.scene, self.baked, &packed));
+                &*seen
+            }
+            Some(maps) => {
+                let seen = visibility.take();
+                maps.run(frame, &self.gpu.samples, light, &packed, seen);
+                &*seen
+            }
+        };
+        let image = &self.images[slot];
+        let pixel_stride = self.baked.pixel_stride() as u32;
+        let extra_stride = (self.extras.len() / 3) as u32;
+        let mut pass = frame.pass("shade light");
+        let push = ShadeLightPush {
+            samples: pass.read(&self.gpu.samples),
+            brdfs: pass.read(&self.gpu.brdfs),
+            visibility: pass.read(&seen.words),
+            image: pass.write_as(image),
+            extras: pass.write(self.extras),
+            light: packed,
+            sample_count: self.baked.samples.len() as u32,
+            pixel_stride,
+            extra_stride,
+            layers: self.layers.mask(),
+        };
+        pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
+
+        if self.gpu.extra_pixels.is_empty() {
+            return;
+        }
+        let mut pass = frame.pass("resolve");
+        let push = ResolvePush {
+            pixels: pass.read(&self.gpu.extra_pixels),
+            indices: pass.read(&self.gpu.extra_indices),
+            samples: pass.read(&self.gpu.extra_samples),
+            extras: pass.read(self.extras),
+            image: pass.write_as(image),
+            pixel_count: self.gpu.extra_pixels.len() as u32,
+            pixel_stride,
+            extra_stride,
+            layers: self.layers.mask(),
+        };
+        pass.dispatch(&self.kernels.resolve, &push, push.pixel_count);
+    }
+
+    fn image(&self, source: Source) -> &Buffer<Vec4> {
+        match source {
+            Source::Slot(slot) => &self.images[slot],
+            Source::Rest => self.rest,
+            Source::Emission => unreachable!("emission is read as floats"),
+        }
+    }
+
+    /// Sums images into one.
+    fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], accumulate: bool) {
+        let mut pass = frame.pass("sum lights");
+        let terms = self.read_terms(&mut pass, terms);
+        let push = SumImagesPush {
+            sum: pass.write(self.image(target)),
+            term_count: terms.len() as u32,
+            terms: pass.upload(&terms),
+            plane_length: (self.baked.pixel_stride() / 4) as u32,
+            accumulate: u32::from(accumulate),
+            unused: 0,
+        };
+        pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);
+    }
+
+    /// Sums images into pixels, exposed and tone-mapped.
+    fn composite(&self, frame: &mut Frame, terms: &[Term], target: (&Kernel, &Buffer<u32>, f32)) {
+        let (kernel, target, exposure) = target;
+        let mut pass = frame.pass("composite");
+        let terms = self.read_terms(&mut pass, terms);
+        let push = CompositePush {
+            terms: pass.upload(&terms),
+            target: pass.write(target),
+            term_count: terms.len() as u32,
+            pixel_stride: self.baked.pixel_stride() as u32,
+            width: self.baked.tiling.width,
+            height: self.baked.tiling.height,
+            exposure: exposure.exp2(),
+            unused: 0,
+        };
+        pass.dispatch(kernel, &push, push.width * push.height);
+    }
+
+    fn read_terms(&self, pass: &mut crate::gpu::Pass, terms: &[Term]) -> Vec<SumTerm> {
+        terms
+            .iter()
+            .map(|term| SumTerm {
+                image: match (term.source, &self.gpu.emission) {
+                    (Source::Emission, Some(emission)) => pass.read_as(emission),
+                    _ => pass.read(self.image(term.source)),
+                },
+                scale: term.scale,
+                unused: 0,
+            })
+            .collect()
+    }
+}
+
+impl GpuBaked {
+    fn new(context: &Arc<Context>, baked: &Baked) -> Result<Self> {
+        let emission = (!baked.emission.is_empty())
+            .then(|| Buffer::from_slice(context, "emission", &baked.emission))
+            .transpose()?;
+        Ok(Self {
+            samples: Buffer::from_slice(context, "view samples", &baked.samples)?,
+            brdfs: Buffer::from_slice(context, "brdfs", &baked.brdfs)?,
+            extra_samples: Buffer::from_slice(context, "view samples (extra)", &baked.extra_samples)?,
+            extra_indices: Buffer::from_slice(context, "view samples (extra indices)", &baked.extra_indices)?,
+            extra_pixels: Buffer::from_slice(context, "view samples (extra pixels)", &baked.extra_pixels)?,
+            emission,
+        })
+    }
+}

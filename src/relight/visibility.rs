@@ -1,0 +1,97 @@
+//! How much of a light each view sample sees: one byte a sample, traced or from shadow maps.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use crate::bake::Baked;
+use crate::bake::bvh::Bvh;
+use crate::bake::packet::{PACKET_SIZE, trace_packets};
+use crate::error::Result;
+use crate::gpu::{Access, Buffer, Context};
+use crate::scene::Scene;
+use crate::shared::PackedLight;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VisibilityMethod {
+    /// What is faster on the device.
+    Auto,
+    /// Shadow maps with percentage-closer filtering [Reeves 1987].
+    Map,
+    /// Exact rays on the CPU.
+    Traced,
+}
+
+impl VisibilityMethod {
+    /// Whether rays are traced. Maps cannot show holes, so scenes with alpha masks are traced too.
+    pub fn traces(self, context: &Context, bvh: &Bvh) -> bool {
+        if self == Self::Map && bvh.has_masks {
+            tracing::warn!("alpha masks cast no holes in shadow maps: tracing shadow rays instead");
+        }
+        match self {
+            _ if bvh.has_masks => true,
+            Self::Auto => context.is_cpu(),
+            Self::Map => false,
+            Self::Traced => true,
+        }
+    }
+}
+
+/// Visibility of one light at all view samples.
+pub struct Visibility {
+    /// Four samples a word, 64 samples a packet.
+    pub words: Buffer<u32>,
+}
+
+/// Lights whose visibility a frame can hold.
+const LIGHTS_A_FRAME: usize = 8;
+/// Packets that a thread takes at once: some 50 microseconds of work.
+const PACKETS_A_TASK: usize = 16;
+
+pub struct VisibilityBuffers {
+    buffers: Vec<Visibility>,
+    used: usize,
+    all_seen: Visibility,
+}
+
+impl VisibilityBuffers {
+    pub fn new(context: &Arc<Context>, packet_count: usize) -> Result<Self> {
+        let new = || -> Result<Visibility> {
+            let words = packet_count * PACKET_SIZE / 4;
+            let mut words = Buffer::new(context, "visibility", Access::HostWrites, words)?;
+            words.host_mut().fill(u32::MAX);
+            Ok(Visibility { words })
+        };
+        Ok(Self { buffers: (0..LIGHTS_A_FRAME).map(|_| new()).collect::<Result<_>>()?, used: 0, all_seen: new()? })
+    }
+
+    /// A new frame begins.
+    pub fn restart(&mut self) {
+        self.used = 0;
+    }
+
+    pub fn is_used_up(&self) -> bool {
+        self.used == self.buffers.len()
+    }
+
+    pub fn take(&mut self) -> &mut Visibility {
+        self.used += 1;
+        &mut self.buffers[self.used - 1]
+    }
+
+    /// For lights without shadows.
+    pub fn all_seen(&self) -> &Visibility {
+        &self.all_seen
+    }
+}
+
+impl Visibility {
+    /// Traces all view samples towards `light`, on all cores.
+    pub fn trace(&mut self, bvh: &Bvh, scene: &Scene, baked: &Baked, light: &PackedLight) {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(self.words.host_mut());
+        bytes
+            .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
+            .zip(baked.packets.par_chunks(PACKETS_A_TASK))
+            .for_each(|(visibility, packets)| trace_packets(bvh, scene, light, packets, visibility));
+    }
+}
