@@ -1,6 +1,7 @@
 //! Scene -> [`Baked`]: everything that does not depend on the lights, one call per stage, in order.
 
 pub mod bvh;
+pub mod cache;
 pub mod edges;
 pub mod octahedral;
 pub mod packet;
@@ -13,7 +14,7 @@ use self::bvh::Bvh;
 use self::packet::SamplePacket;
 use self::view_samples::{EyeRays, Tiling};
 use crate::scene::{Camera, Rig, Scene};
-use crate::shared::{Brdf, ExtraPixel, ExtraSample, ViewSample};
+use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, ViewSample};
 
 /// What of a scene is baked, and how finely.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +25,13 @@ pub struct BakeSettings {
     pub layers: u32,
     /// Paths from the eye for a pixel that lies on an edge.
     pub samples: u32,
+}
+
+impl BakeSettings {
+    /// Tiles of pixels, the steps that `bake` reports.
+    pub fn tile_count(&self) -> usize {
+        Tiling { width: self.width, height: self.height }.len() / packet::PACKET_SIZE
+    }
 }
 
 /// The layered deep framebuffer of one camera.
@@ -52,6 +60,22 @@ pub struct Baked {
 }
 
 impl Baked {
+    /// Whether every index that a kernel follows leads to something.
+    fn is_consistent(&self) -> bool {
+        let pixels = self.pixel_stride();
+        let extras = self.extra_samples.len();
+        let brdf_exists = |s: &ViewSample| s.brdf == NO_BRDF || (s.brdf as usize) < self.brdfs.len();
+        let list_exists = |p: &ExtraPixel| {
+            (p.pixel as usize) < pixels && p.first as usize + p.count as usize <= self.extra_indices.len()
+        };
+        self.samples.len() == pixels + extras
+            && self.geometric_normals.len() == self.samples.len()
+            && self.samples.iter().all(brdf_exists)
+            && self.extra_pixels.iter().all(list_exists)
+            && self.extra_indices.iter().all(|&i| (i as usize) < extras)
+            && (self.emission.is_empty() || self.emission.len() == 3 * pixels)
+    }
+
     /// Samples of layer 1, padding included: what a plane of an image holds.
     pub fn pixel_stride(&self) -> usize {
         self.tiling.len()

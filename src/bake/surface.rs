@@ -83,7 +83,7 @@ pub fn brdf(s: &Surface) -> Brdf {
     let dielectric_f0 = (normal_incidence * s.specular_color).min(Vec3::ONE) * s.specular;
     let alpha = s.roughness * s.roughness;
     Brdf {
-        diffuse: s.base_color * (1.0 - s.metallic),
+        diffuse: s.base_color * ((1.0 - s.metallic) * s.diffuse_weight),
         alpha: if s.roughness > 0.0 { alpha.max(MIN_ALPHA) } else { 0.0 },
         f0: dielectric_f0.lerp(s.base_color, s.metallic),
         f90: s.specular * (1.0 - s.metallic) + s.metallic,

@@ -29,6 +29,8 @@ pub struct Material {
     pub ior: f32,
     pub alpha_mode: AlphaMode,
     pub double_sided: bool,
+    /// Leaves the diffuse lobe out [Yang 2007, Figure 5.4].
+    pub strip_diffuse: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,6 +67,8 @@ pub struct Surface {
     pub specular_color: Vec3,
     pub ior: f32,
     pub emissive: Vec3,
+    /// 0 where the diffuse lobe is left out, else 1.
+    pub diffuse_weight: f32,
     /// Normal map value in tangent space, unit length; +Z without a map.
     pub normal_t: Vec3,
 }
@@ -89,6 +93,7 @@ impl Default for Material {
             ior: 1.5,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
+            strip_diffuse: false,
         }
     }
 }
@@ -134,6 +139,7 @@ impl Material {
             specular_color: self.specular_color * read(&self.specular_color_texture).truncate(),
             ior: self.ior,
             emissive: self.emissive * read(&self.emissive_texture).truncate(),
+            diffuse_weight: if self.strip_diffuse { 0.0 } else { 1.0 },
             normal_t,
         }
     }

@@ -1,0 +1,97 @@
+//! Subcommands, and what they share: logging, progress, exit status.
+
+mod bake;
+mod bench;
+mod compare;
+mod devices;
+mod options;
+mod output;
+mod plan;
+mod progress;
+mod render;
+mod rig;
+mod session;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use relume::Error;
+
+/// Interactive relighting: precomputes what the lights do not change, then shows any edit of a light at once.
+#[derive(Parser)]
+#[command(version, max_term_width = 120)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// No progress and no warnings.
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    /// Says what is decided; twice, also why.
+    #[arg(long, short, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Bakes what is missing and writes the relit image.
+    Render(render::Args),
+    /// Precomputes a scene and stores it in the cache.
+    Bake(bake::Args),
+    /// Times edits of lights.
+    Bench(bench::Args),
+    /// Tells what a scene needs, what is left out and what that saves.
+    Plan(plan::Args),
+    /// Writes a scene's lights and camera as a rig, or the scene with a rig's lights.
+    Rig(rig::Args),
+    /// Measures how an image differs from a reference.
+    Compare(compare::Args),
+    /// Lists Vulkan devices, their drivers, and what each lacks.
+    Devices(devices::Args),
+}
+
+/// Runs the command line; exit status 0: done, 1: the work failed, 2: bad usage.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    log_to_stderr(cli.quiet, cli.verbose);
+    progress::set_quiet(cli.quiet);
+    let result = match &cli.command {
+        Command::Render(args) => render::run(args),
+        Command::Bake(args) => bake::run(args),
+        Command::Bench(args) => bench::run(args),
+        Command::Plan(args) => plan::run(args),
+        Command::Rig(args) => rig::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Devices(args) => devices::run(args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("relume: {}", chain(&error));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// An error and its causes on one line.
+fn chain(error: &Error) -> String {
+    let causes = std::iter::successors(std::error::Error::source(error), |cause| cause.source());
+    let text = causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"));
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn log_to_stderr(quiet: bool, verbose: u8) {
+    use tracing_subscriber::filter::LevelFilter;
+    let level = match (quiet, verbose) {
+        (true, _) => LevelFilter::ERROR,
+        (false, 0) => LevelFilter::WARN,
+        (false, 1) => LevelFilter::INFO,
+        (false, _) => LevelFilter::DEBUG,
+    };
+    tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .without_time()
+        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+        .init();
+}

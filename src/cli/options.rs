@@ -1,0 +1,177 @@
+//! Options that several subcommands take; defaults as in their help.
+
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use relume::relight::{ToneMap, VisibilityMethod};
+use relume::{Error, Result};
+
+/// Which scene, and how it is baked.
+#[derive(clap::Args, Clone)]
+pub struct SceneOptions {
+    /// Image size in pixels, WIDTHxHEIGHT [default: the scene's own, else 720x480].
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub size: Option<[u32; 2]>,
+    /// Name of a camera node [default: the first].
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<String>,
+    /// Indirect light. This version has none: only `off`.
+    #[arg(long, value_enum, default_value = "off")]
+    pub gi: Gi,
+    /// Mirror layers; 1 has no reflections.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
+    pub layers: u32,
+    /// View samples a pixel, the extra ones only where edges lie.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub samples: u32,
+    /// Removes the diffuse lobe of every material.
+    #[arg(long)]
+    pub strip_diffuse: bool,
+    /// Leaves nothing out that the scene does not need.
+    #[arg(long)]
+    pub force_all: bool,
+    /// Everything random follows from it.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// CPU threads [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Option<u32>,
+    /// Where baked data lives [default: the user's cache directory].
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// Bakes anew and stores nothing.
+    #[arg(long, conflicts_with = "cache")]
+    pub no_cache: bool,
+}
+
+/// How a baked scene is lit.
+#[derive(clap::Args, Clone)]
+pub struct LightOptions {
+    /// Shadow maps with percentage-closer filtering, or exact rays on the CPU; auto: what is faster on the device.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub visibility: Visibility,
+    /// Side of a shadow map in texels.
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=16384))]
+    pub shadow_size: u32,
+    /// Vulkan device, by index or part of its name [default: the best real GPU, else the CPU].
+    #[arg(long, value_name = "NAME|INDEX")]
+    pub device: Option<String>,
+    /// Device memory for light images, as 2000000000, 500M or 2G [default: a quarter of the device's].
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
+    pub budget: Option<u64>,
+    /// Tone curve of PNG images; EXR is always scene-linear.
+    #[arg(long, value_enum, default_value = "agx")]
+    pub tonemap: Tonemap,
+    /// Exposure of PNG images in stops, or `auto`: fixed once, from the first rig as loaded.
+    #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
+    pub exposure: Exposure,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Gi {
+    Off,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Visibility {
+    Auto,
+    Map,
+    Traced,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Tonemap {
+    None,
+    Agx,
+    PbrNeutral,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+pub enum Exposure {
+    Auto,
+    Stops(f32),
+}
+
+impl From<Visibility> for VisibilityMethod {
+    fn from(v: Visibility) -> Self {
+        match v {
+            Visibility::Auto => Self::Auto,
+            Visibility::Map => Self::Map,
+            Visibility::Traced => Self::Traced,
+        }
+    }
+}
+
+impl From<Tonemap> for ToneMap {
+    fn from(t: Tonemap) -> Self {
+        match t {
+            Tonemap::None => Self::None,
+            Tonemap::Agx => Self::Agx,
+            Tonemap::PbrNeutral => Self::PbrNeutral,
+        }
+    }
+}
+
+impl SceneOptions {
+    /// The cache directory, or `None` if nothing is kept.
+    pub fn cache_dir(&self) -> Option<PathBuf> {
+        if self.no_cache { None } else { self.cache.clone().or_else(user_cache_dir) }
+    }
+}
+
+/// `$XDG_CACHE_HOME/relume`, else `~/.cache/relume`; `%LOCALAPPDATA%\relume` on Windows.
+pub fn user_cache_dir() -> Option<PathBuf> {
+    let from = |variable: &str| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = from("XDG_CACHE_HOME").or_else(|| from("LOCALAPPDATA")).or_else(|| Some(from("HOME")?.join(".cache")));
+    base.map(|base| base.join("relume"))
+}
+
+/// Largest image side: 16,384 pixels, what Vulkan devices guarantee for images.
+const MAX_SIDE: u32 = 16_384;
+
+fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let size: [u32; 2] = parsed.ok_or("expected WIDTHxHEIGHT, like 720x480")?;
+    check_size(size).map(|()| size)
+}
+
+/// Whether an image of this size can be made.
+pub fn check_size(size: [u32; 2]) -> Result<(), String> {
+    match size {
+        [w, h] if w == 0 || h == 0 => Err(format!("{w}x{h} has no pixels")),
+        [w, h] if w > MAX_SIDE || h > MAX_SIDE => Err(format!("{w}x{h} is larger than {MAX_SIDE}x{MAX_SIDE}")),
+        _ => Ok(()),
+    }
+}
+
+fn parse_bytes(text: &str) -> Result<u64, String> {
+    let (digits, factor) = match text.to_ascii_uppercase().trim_end_matches('B') {
+        t if t.ends_with('G') => (t.trim_end_matches('G').to_owned(), 1e9),
+        t if t.ends_with('M') => (t.trim_end_matches('M').to_owned(), 1e6),
+        t if t.ends_with('K') => (t.trim_end_matches('K').to_owned(), 1e3),
+        t => (t.to_owned(), 1.0),
+    };
+    let number: f64 = digits.parse().map_err(|_| "expected a number of bytes, like 2G")?;
+    if number >= 0.0 && number.is_finite() { Ok((number * factor) as u64) } else { Err("not a size".into()) }
+}
+
+fn parse_exposure(text: &str) -> Result<Exposure, String> {
+    match text {
+        "auto" => Ok(Exposure::Auto),
+        _ => text
+            .parse::<f32>()
+            .ok()
+            .filter(|stops| stops.is_finite())
+            .map(Exposure::Stops)
+            .ok_or("expected stops, like -1.5, or auto".into()),
+    }
+}
+
+/// Refuses an output whose extension is none of `extensions`, before any work is done.
+pub fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    match extensions.contains(&extension.as_str()) {
+        true => Ok(()),
+        false => Err(Error::invalid(path.display().to_string(), format!("expected a name in .{}", extensions.join(" or .")))),
+    }
+}

@@ -1,0 +1,207 @@
+//! Where pictures go: which passes, as EXR layers or one PNG each.
+
+use std::path::{Path, PathBuf};
+
+use relume::image::{Image, Layer, exr, png};
+use relume::relight::{Layers, Relighter, exposure};
+use relume::{Error, Result};
+
+use super::options::{Exposure, check_extension};
+
+/// One picture that a render can give.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PassKind {
+    Beauty,
+    Direct,
+    Reflection,
+    Emission,
+    /// Everything that one light does, by its name.
+    Light(String),
+}
+
+/// What `--passes` asks for.
+#[derive(Clone, Debug)]
+pub enum Passes {
+    All,
+    List(Vec<PassKind>),
+}
+
+pub fn parse_passes(text: &str) -> Result<Passes, String> {
+    if text == "all" {
+        return Ok(Passes::All);
+    }
+    let parse = |name: &str| match name {
+        "beauty" => Ok(PassKind::Beauty),
+        "direct" => Ok(PassKind::Direct),
+        "reflection" => Ok(PassKind::Reflection),
+        "emission" => Ok(PassKind::Emission),
+        "indirect" | "indirect_glossy" => Err(format!("{name}: this version has no indirect light")),
+        _ => match name.strip_prefix("light:") {
+            Some(light) => Ok(PassKind::Light(light.to_owned())),
+            None => Err(format!("{name}: expected beauty, direct, reflection, emission, light:NAME or all")),
+        },
+    };
+    text.split(',').map(|name| parse(name.trim())).collect::<Result<_, _>>().map(Passes::List)
+}
+
+impl Passes {
+    fn resolve(&self, relighter: &Relighter) -> Result<Vec<PassKind>> {
+        use PassKind::*;
+        let lights = &relighter.rig().lights;
+        match self {
+            Self::All => {
+                let each = lights.iter().map(|light| Light(light.name.clone()));
+                Ok([Beauty, Direct, Reflection, Emission].into_iter().chain(each).collect())
+            }
+            Self::List(list) => {
+                for pass in list {
+                    if let Light(name) = pass
+                        && !lights.iter().any(|light| light.name == *name)
+                    {
+                        let names: Vec<_> = lights.iter().map(|light| light.name.as_str()).collect();
+                        let reason = format!("no such light; there are: {}", names.join(", "));
+                        return Err(Error::invalid(format!("--passes light:{name}"), reason));
+                    }
+                }
+                Ok(list.clone())
+            }
+        }
+    }
+}
+
+impl PassKind {
+    /// What EXR calls its layer; the beauty is the unnamed one.
+    fn layer_name(&self) -> String {
+        match self {
+            Self::Beauty => String::new(),
+            Self::Direct => "direct".into(),
+            Self::Reflection => "reflection".into(),
+            Self::Emission => "emission".into(),
+            Self::Light(name) => format!("light.{name}"),
+        }
+    }
+
+    /// What `{pass}` stands for in the name of a file.
+    fn file_name(&self) -> String {
+        match self {
+            Self::Beauty => "beauty".into(),
+            _ => self.layer_name(),
+        }
+    }
+
+    fn linear(&self, relighter: &mut Relighter) -> Result<Vec<[f32; 3]>> {
+        relighter.set_layers(match self {
+            Self::Direct => Layers::Direct,
+            Self::Reflection => Layers::Reflection,
+            _ => Layers::All,
+        });
+        let pixels = match self {
+            Self::Beauty => relighter.linear()?,
+            Self::Direct | Self::Reflection => relighter.linear_without_emission()?,
+            Self::Emission => relighter.linear_of_emission()?,
+            Self::Light(name) => {
+                let light = relighter.rig().lights.iter().position(|light| light.name == *name);
+                relighter.linear_of_light(light.expect("resolved before"))?
+            }
+        };
+        Ok(pixels.to_vec())
+    }
+}
+
+/// A file name that may hold `{rig}` and `{pass}`.
+#[derive(Clone, Debug)]
+pub struct Template(pub PathBuf);
+
+impl Template {
+    pub fn check(&self, rig_count: usize) -> Result<()> {
+        check_extension(&self.0, &["exr", "png"])?;
+        let text = self.0.to_string_lossy();
+        if rig_count > 1 && !text.contains("{rig}") {
+            return Err(Error::invalid(text, "several rigs need an output name with {rig} in it"));
+        }
+        Ok(())
+    }
+
+    fn fill(&self, rig: &str, pass: &str) -> PathBuf {
+        PathBuf::from(self.0.to_string_lossy().replace("{rig}", rig).replace("{pass}", pass))
+    }
+
+    fn has_pass(&self) -> bool {
+        self.0.to_string_lossy().contains("{pass}")
+    }
+}
+
+/// A written picture's figures for `--stats`.
+#[derive(Default)]
+pub struct Written {
+    pub files: Vec<PathBuf>,
+    /// Values in the beauty that are NaN or infinite.
+    pub non_finite: usize,
+    pub negative: usize,
+}
+
+/// Renders `passes` of one rig into `template`. `exposure` is fixed by the first picture that needs it.
+pub fn write(
+    relighter: &mut Relighter,
+    passes: &Passes,
+    template: &Template,
+    rig: &str,
+    size: (usize, usize),
+    exposure: &mut Exposure,
+) -> Result<Written> {
+    let mut passes = passes.resolve(relighter)?;
+    let is_exr = check_extension(&template.0, &["exr"]).is_ok();
+    if !is_exr && !template.has_pass() && passes.len() > 1 {
+        return Err(Error::invalid(
+            template.0.display().to_string(),
+            "a PNG holds one pass; put {pass} into the name, or write an EXR",
+        ));
+    }
+    // The beauty comes first: automatic exposure looks at it.
+    passes.sort_by_key(|pass| *pass != PassKind::Beauty);
+    let mut written = Written::default();
+    let mut image = Image { width: size.0, height: size.1, layers: Vec::new() };
+    for pass in &passes {
+        let pixels = pass.linear(relighter)?;
+        if *pass == PassKind::Beauty {
+            written.non_finite = pixels.iter().flatten().filter(|v| !v.is_finite()).count();
+            written.negative = pixels.iter().flatten().filter(|v| **v < 0.0).count();
+        }
+        if is_exr {
+            let layer = Layer { name: pass.layer_name(), pixels };
+            if template.has_pass() {
+                let path = template.fill(rig, &pass.file_name());
+                let unnamed = Layer { name: String::new(), ..layer };
+                exr::write(&path, &Image { layers: vec![unnamed], ..image.clone() })?;
+                written.files.push(path);
+            } else {
+                image.layers.push(layer);
+            }
+        } else {
+            if *exposure == Exposure::Auto {
+                let beauty = PassKind::Beauty.linear(relighter)?;
+                *exposure = Exposure::Stops(exposure::automatic(&beauty));
+            }
+            let Exposure::Stops(stops) = *exposure else { unreachable!("fixed above") };
+            let path = template.fill(rig, &pass.file_name());
+            png::write(&path, size.0, size.1, &relighter.tone_map(&pixels, stops)?)?;
+            written.files.push(path);
+        }
+    }
+    if is_exr && !template.has_pass() {
+        let path = template.fill(rig, "");
+        exr::write(&path, &image)?;
+        written.files.push(path);
+    }
+    Ok(written)
+}
+
+/// Makes the folder that a file goes to.
+pub fn make_parent(path: &Path) -> Result<()> {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => {
+            std::fs::create_dir_all(parent).map_err(Error::io("create", parent))
+        }
+        _ => Ok(()),
+    }
+}

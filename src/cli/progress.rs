@@ -1,0 +1,31 @@
+//! Progress bars on stderr, and only on a terminal.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+pub fn set_quiet(quiet: bool) {
+    QUIET.store(quiet, Ordering::Relaxed);
+}
+
+/// A bar for work of `total` steps; it goes when it is done.
+pub fn bar(what: &'static str, total: usize) -> ProgressBar {
+    let target = match QUIET.load(Ordering::Relaxed) {
+        true => ProgressDrawTarget::hidden(),
+        false => ProgressDrawTarget::stderr_with_hz(10), // hidden by itself where stderr is no terminal
+    };
+    let style = ProgressStyle::with_template("{msg:24} {wide_bar} {percent:>3} %  {eta} left")
+        .expect("the template is valid")
+        .progress_chars("█▉▊▋▌▍▎▏ ");
+    ProgressBar::with_draw_target(Some(total as u64), target).with_style(style).with_message(what)
+}
+
+/// A line for work whose length nobody knows.
+pub fn spinner(what: &'static str) -> ProgressBar {
+    let bar = bar(what, 0);
+    bar.set_style(ProgressStyle::with_template("{msg:24} {spinner}").expect("the template is valid"));
+    bar.enable_steady_tick(std::time::Duration::from_millis(100));
+    bar
+}

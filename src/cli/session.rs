@@ -1,0 +1,178 @@
+//! From command-line options to a baked scene and a relighter.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use relume::bake::bvh::Bvh;
+use relume::bake::{BakeSettings, Baked, bake, cache};
+use relume::gpu::{Context, Validation};
+use relume::relight::{RelightSettings, Relighter};
+use relume::scene::{Camera, Rig, Scene};
+use relume::{Error, Result};
+
+use super::options::{LightOptions, SceneOptions, check_size};
+use super::progress;
+
+/// A scene with its BVH, baked for one camera.
+pub struct Session {
+    pub scene: Arc<Scene>,
+    pub bvh: Arc<Bvh>,
+    pub baked: Arc<Baked>,
+    pub camera: Camera,
+    /// The lights that the first picture shows.
+    pub rig: Rig,
+    pub bake: BakeReport,
+    pub cache_dir: Option<PathBuf>,
+}
+
+/// What the bake took.
+#[derive(Default)]
+pub struct BakeReport {
+    pub stages: Vec<Stage>,
+    pub seconds: f64,
+    /// User and system, all threads.
+    pub cpu_seconds: f64,
+    /// Whether the deep framebuffer came from the cache.
+    pub cached: bool,
+}
+
+#[derive(serde::Serialize, Clone)]
+pub struct Stage {
+    pub name: &'static str,
+    pub seconds: f64,
+}
+
+impl BakeReport {
+    fn stage<R>(&mut self, name: &'static str, work: impl FnOnce() -> R) -> R {
+        let start = Instant::now();
+        let result = work();
+        let seconds = start.elapsed().as_secs_f64();
+        tracing::info!("{name}: {:.0} ms", 1e3 * seconds);
+        self.stages.push(Stage { name, seconds });
+        result
+    }
+}
+
+impl Session {
+    /// Loads and bakes `path` with the lights of `rig_path`, or its own.
+    pub fn open(path: &Path, rig_path: Option<&Path>, options: &SceneOptions) -> Result<Self> {
+        use_threads(options.threads);
+        let mut report = BakeReport::default();
+        let start = Instant::now();
+        let cpu_start = cpu_seconds();
+        let spinner = progress::spinner("loading");
+        let mut scene = report.stage("load", || Scene::load(path))?;
+        spinner.finish_and_clear();
+        if options.strip_diffuse {
+            scene.materials.iter_mut().for_each(|m| m.strip_diffuse = true);
+        }
+        let rig = match rig_path {
+            Some(path) => Rig::load(path)?,
+            None => scene.rig.clone(),
+        };
+        if rig.lights.is_empty() {
+            tracing::warn!("{}: no lights, so the picture is black", rig_path.unwrap_or(path).display());
+        }
+        let camera = choose_camera(&scene, &rig, options)?;
+        let [width, height] = options.size.or(scene.image_size).unwrap_or([720, 480]);
+        check_size([width, height]).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
+        let settings = BakeSettings { width, height, layers: options.layers, samples: options.samples };
+
+        let spinner = progress::spinner("building the BVH");
+        let bvh = report.stage("build BVH", || Bvh::build(&scene));
+        spinner.finish_and_clear();
+        let cache_dir = options.cache_dir();
+        let key = cache::key(&scene, &camera, &rig, &settings);
+        let stored = cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key)));
+        report.cached = stored.is_some();
+        let mut baked = match stored {
+            Some(baked) => baked,
+            None => {
+                let passes = if settings.samples > 1 { 2 } else { 1 };
+                let bar = progress::bar("deep framebuffer", passes * settings.tile_count());
+                let baked = report.stage("deep framebuffer", || {
+                    bake(&scene, &bvh, &camera, &rig, &settings, &|n| bar.inc(n as u64))
+                });
+                bar.finish_and_clear();
+                if let Some(dir) = &cache_dir
+                    && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
+                {
+                    tracing::info!("not kept: {error}"); // a read-only cache works
+                }
+                baked
+            }
+        };
+        baked.has_specular |= options.force_all;
+        report.seconds = start.elapsed().as_secs_f64();
+        report.cpu_seconds = cpu_seconds() - cpu_start;
+        Ok(Self {
+            scene: Arc::new(scene),
+            bvh: Arc::new(bvh),
+            baked: Arc::new(baked),
+            camera,
+            rig,
+            bake: report,
+            cache_dir,
+        })
+    }
+
+    pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {
+        let validation = if cfg!(debug_assertions) { Validation::On } else { Validation::Off };
+        Context::new(options.device.as_deref(), validation, self.cache_dir.as_deref())
+    }
+
+    pub fn relighter(&self, context: &Arc<Context>, rig: &Rig, options: &LightOptions) -> Result<Relighter> {
+        let settings = RelightSettings {
+            visibility: options.visibility.into(),
+            shadow_size: options.shadow_size,
+            tone_map: options.tonemap.into(),
+            budget_bytes: options.budget,
+        };
+        Relighter::new(context, &self.scene, &self.bvh, &self.baked, rig, &settings)
+    }
+
+    pub fn size(&self) -> (usize, usize) {
+        (self.baked.tiling.width as usize, self.baked.tiling.height as usize)
+    }
+}
+
+/// The rig's camera, the one asked for by name, the first, or one that frames the scene.
+fn choose_camera(scene: &Scene, rig: &Rig, options: &SceneOptions) -> Result<Camera> {
+    if let Some(name) = &options.camera {
+        let found = scene.cameras.iter().find(|camera| camera.name == *name);
+        return found.cloned().ok_or_else(|| {
+            let names: Vec<_> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
+            Error::invalid(
+                format!("--camera {name}"),
+                format!("{} has no such camera; it has: {}", scene.path.display(), names.join(", ")),
+            )
+        });
+    }
+    if let Some(camera) = rig.camera.as_ref().or(scene.cameras.first()) {
+        return Ok(camera.clone());
+    }
+    tracing::warn!("{}: no camera, so the view is framed by the scene's bounds", scene.path.display());
+    Ok(Camera::framing(&scene.mesh, scene.origin))
+}
+
+fn use_threads(threads: Option<u32>) {
+    let Some(threads) = threads else { return };
+    // Fails only if the pool is running already, with the number that an earlier call chose.
+    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global();
+}
+
+/// Processor time of this process, user and system, all threads; 0 where /proc does not tell.
+pub fn cpu_seconds() -> f64 {
+    // Fields 14 and 15 after the command's name, in clock ticks, of which Linux has 100 a second [proc(5)].
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
+    after_name.split_whitespace().skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
+}
+
+/// Most memory that this process ever held, in bytes; 0 where /proc does not tell.
+pub fn peak_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()).unwrap_or(0) * 1024
+}
