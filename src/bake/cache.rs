@@ -105,6 +105,7 @@ pub fn store(dir: &Path, key: &Key, name: &str, baked: &Baked) -> Result<()> {
             ("scene", name.to_owned()),
             ("width", baked.tiling.width.to_string()),
             ("height", baked.tiling.height.to_string()),
+            ("asked_layers", baked.asked_layers.to_string()),
             ("blake3", hasher.finalize().to_hex().to_string()),
         ]
         .map(|(k, v)| (k.to_owned(), v)),
@@ -192,6 +193,7 @@ fn decode(bytes: &[u8]) -> Option<Baked> {
         extra_pixels,
         emission,
         layers,
+        asked_layers: number("asked_layers")?,
     };
     if !whole || !baked.is_consistent() {
         return None;

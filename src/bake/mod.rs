@@ -55,6 +55,8 @@ pub struct Baked {
     pub emission: Vec<f32>,
     /// Samples in each layer.
     pub layers: Vec<usize>,
+    /// Layers that were asked for.
+    pub asked_layers: u32,
     /// Whether any sample has a specular lobe.
     pub has_specular: bool,
 }

@@ -325,6 +325,7 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         extra_pixels,
         emission,
         layers,
+        asked_layers: eye.layers,
     }
 }
 

@@ -11,6 +11,7 @@ mod progress;
 mod render;
 mod rig;
 mod session;
+mod stats;
 
 use std::process::ExitCode;
 

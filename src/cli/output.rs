@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use relume::image::{Image, Layer, exr, png};
-use relume::relight::{Layers, Relighter, exposure};
+use relume::relight::{Layers, Picture, Relighter, exposure};
 use relume::{Error, Result};
 
 use super::options::{Exposure, check_extension};
@@ -89,22 +89,21 @@ impl PassKind {
         }
     }
 
-    fn linear(&self, relighter: &mut Relighter) -> Result<Vec<[f32; 3]>> {
+    /// Tells the relighter which layers this pass shows, and which picture of them.
+    fn choose(&self, relighter: &mut Relighter) -> Picture {
         relighter.set_layers(match self {
             Self::Direct => Layers::Direct,
             Self::Reflection => Layers::Reflection,
             _ => Layers::All,
         });
-        let pixels = match self {
-            Self::Beauty => relighter.linear()?,
-            Self::Direct | Self::Reflection => relighter.linear_without_emission()?,
-            Self::Emission => relighter.linear_of_emission()?,
+        match self {
+            Self::Emission => Picture::Emission,
             Self::Light(name) => {
                 let light = relighter.rig().lights.iter().position(|light| light.name == *name);
-                relighter.linear_of_light(light.expect("resolved before"))?
+                Picture::Light(light.expect("names were checked"))
             }
-        };
-        Ok(pixels.to_vec())
+            _ => Picture::Whole,
+        }
     }
 }
 
@@ -149,7 +148,7 @@ pub fn write(
     size: (usize, usize),
     exposure: &mut Exposure,
 ) -> Result<Written> {
-    let mut passes = passes.resolve(relighter)?;
+    let passes = passes.resolve(relighter)?;
     let is_exr = check_extension(&template.0, &["exr"]).is_ok();
     if !is_exr && !template.has_pass() && passes.len() > 1 {
         return Err(Error::invalid(
@@ -157,39 +156,35 @@ pub fn write(
             "a PNG holds one pass; put {pass} into the name, or write an EXR",
         ));
     }
-    // The beauty comes first: automatic exposure looks at it.
-    passes.sort_by_key(|pass| *pass != PassKind::Beauty);
     let mut written = Written::default();
+    let picture = PassKind::Beauty.choose(relighter);
+    let beauty = relighter.linear(picture)?;
+    written.non_finite = beauty.iter().flatten().filter(|v| !v.is_finite()).count();
+    written.negative = beauty.iter().flatten().filter(|v| **v < 0.0).count();
+    let stops = match *exposure {
+        Exposure::Stops(stops) => stops,
+        Exposure::Auto => exposure::automatic(beauty),
+    };
+    *exposure = Exposure::Stops(stops);
+
     let mut image = Image { width: size.0, height: size.1, layers: Vec::new() };
     for pass in &passes {
-        let pixels = pass.linear(relighter)?;
-        if *pass == PassKind::Beauty {
-            written.non_finite = pixels.iter().flatten().filter(|v| !v.is_finite()).count();
-            written.negative = pixels.iter().flatten().filter(|v| **v < 0.0).count();
-        }
-        if is_exr {
-            let layer = Layer { name: pass.layer_name(), pixels };
-            if template.has_pass() {
-                let path = template.fill(rig, &pass.file_name());
-                let unnamed = Layer { name: String::new(), ..layer };
-                exr::write(&path, &Image { layers: vec![unnamed], ..image.clone() })?;
-                written.files.push(path);
-            } else {
-                image.layers.push(layer);
-            }
-        } else {
-            if *exposure == Exposure::Auto {
-                let beauty = PassKind::Beauty.linear(relighter)?;
-                *exposure = Exposure::Stops(exposure::automatic(&beauty));
-            }
-            let Exposure::Stops(stops) = *exposure else { unreachable!("fixed above") };
-            let path = template.fill(rig, &pass.file_name());
-            png::write(&path, size.0, size.1, &relighter.tone_map(&pixels, stops)?)?;
+        let picture = pass.choose(relighter);
+        let path = template.fill(rig, &pass.file_name());
+        make_parent(&path)?;
+        if !is_exr {
+            png::write(&path, size.0, size.1, relighter.display(picture, stops)?)?;
             written.files.push(path);
+        } else if template.has_pass() {
+            exr::write(&path, &Image::single(size.0, size.1, relighter.linear(picture)?.to_vec()))?;
+            written.files.push(path);
+        } else {
+            image.layers.push(Layer { name: pass.layer_name(), pixels: relighter.linear(picture)?.to_vec() });
         }
     }
-    if is_exr && !template.has_pass() {
+    if !image.layers.is_empty() {
         let path = template.fill(rig, "");
+        make_parent(&path)?;
         exr::write(&path, &image)?;
         written.files.push(path);
     }
@@ -197,7 +192,7 @@ pub fn write(
 }
 
 /// Makes the folder that a file goes to.
-pub fn make_parent(path: &Path) -> Result<()> {
+fn make_parent(path: &Path) -> Result<()> {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => {
             std::fs::create_dir_all(parent).map_err(Error::io("create", parent))

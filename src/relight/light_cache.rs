@@ -155,8 +155,9 @@ impl LightCache {
         self.edited.push(self.leaf_of[light]);
     }
 
-    /// All images are out of date, say because other layers are shown.
-    pub fn invalidate(&mut self) {
+    /// All images are out of date, since other layers are shown.
+    pub fn invalidate(&mut self, has_emission: bool) {
+        self.has_emission = has_emission;
         for node in 0..self.nodes.len() {
             self.release(node);
         }

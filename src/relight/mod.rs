@@ -50,6 +50,16 @@ impl Layers {
     }
 }
 
+/// What a picture shows of the chosen layers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Picture {
+    Whole,
+    /// One light's share, by its index in the rig.
+    Light(usize),
+    /// Emitters as seen.
+    Emission,
+}
+
 #[derive(Clone, Debug)]
 pub struct RelightSettings {
     pub visibility: VisibilityMethod,
@@ -184,41 +194,24 @@ impl Relighter {
         self.cache.select(light);
     }
 
-    /// Chooses the part of the picture that is made from now on.
+    /// Chooses the part of the picture that is made from now on; emitters belong to the whole.
     pub fn set_layers(&mut self, layers: Layers) {
         if self.layers != layers {
             self.layers = layers;
-            self.cache.invalidate();
+            self.cache.invalidate(layers == Layers::All && self.gpu.emission.is_some());
         }
     }
 
     /// The picture for a display: 8-bit sRGB with alpha, row by row, at 2^`exposure` stops.
-    pub fn display(&mut self, exposure: f32) -> Result<&[[u8; 4]]> {
-        let plan = self.cache.plan();
+    pub fn display(&mut self, picture: Picture, exposure: f32) -> Result<&[[u8; 4]]> {
+        let plan = self.plan(picture);
         self.run(&plan, Output::Display { exposure })?;
         Ok(bytemuck::cast_slice(self.display.host()))
     }
 
     /// The picture in scene-linear Rec. 709 radiance, row by row.
-    pub fn linear(&mut self) -> Result<&[[f32; 3]]> {
-        let plan = self.cache.plan();
-        self.linear_picture(plan)
-    }
-
-    /// One light's share of the picture.
-    pub fn linear_of_light(&mut self, light: usize) -> Result<&[[f32; 3]]> {
-        let plan = self.cache.plan_light(light);
-        self.linear_picture(plan)
-    }
-
-    /// Emitters as seen.
-    pub fn linear_of_emission(&mut self) -> Result<&[[f32; 3]]> {
-        let emission = Term { source: Source::Emission, scale: Vec3::ONE };
-        let picture = self.gpu.emission.iter().map(|_| emission).collect();
-        self.linear_picture(Plan { steps: Vec::new(), picture })
-    }
-
-    fn linear_picture(&mut self, plan: Plan) -> Result<&[[f32; 3]]> {
+    pub fn linear(&mut self, picture: Picture) -> Result<&[[f32; 3]]> {
+        let plan = self.plan(picture);
         if self.linear.is_none() {
             let pixels = (self.baked.tiling.width * self.baked.tiling.height) as usize;
             self.linear = Some(Buffer::new(&self.context, "pictures", Access::HostReads, 3 * pixels)?);
@@ -226,6 +219,17 @@ impl Relighter {
         self.run(&plan, Output::Linear)?;
         let linear = self.linear.as_ref().expect("made above");
         Ok(bytemuck::cast_slice(linear.host()))
+    }
+
+    fn plan(&mut self, picture: Picture) -> Plan {
+        match picture {
+            Picture::Whole => self.cache.plan(),
+            Picture::Light(light) => self.cache.plan_light(light),
+            Picture::Emission => {
+                let emission = Term { source: Source::Emission, scale: Vec3::ONE };
+                Plan { steps: Vec::new(), picture: self.gpu.emission.iter().map(|_| emission).collect() }
+            }
+        }
     }
 
     /// Does a plan's steps and makes the picture: one frame, or several if many lights are stale at once.

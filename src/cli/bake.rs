@@ -1,0 +1,56 @@
+//! `relume bake`
+
+use std::path::PathBuf;
+
+use relume::bake::cache;
+use relume::{Error, Result};
+
+use super::options::SceneOptions;
+use super::session::Session;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// .glb, .gltf or .obj
+    #[arg(required_unless_present_any = ["list", "prune"])]
+    scene: Option<PathBuf>,
+    /// Lights whose shadow edges are anti-aliased, and the camera [default: the scene's own].
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Lists what the cache holds.
+    #[arg(long, conflicts_with = "scene")]
+    list: bool,
+    /// Removes all baked data from the cache.
+    #[arg(long, conflicts_with_all = ["scene", "list"])]
+    prune: bool,
+    #[command(flatten)]
+    options: SceneOptions,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let dir = args.options.cache_dir();
+    let no_cache = || Error::invalid("--no-cache", "there is no cache to list or to prune");
+    if args.list {
+        let dir = dir.ok_or_else(no_cache)?;
+        for entry in cache::list(&dir)? {
+            let mb = entry.bytes as f64 * 1e-6;
+            println!("{mb:9.1} MB  {:>11}  {}  {}", entry.size, entry.scene, entry.path.display());
+        }
+        return Ok(());
+    }
+    if args.prune {
+        let dir = dir.ok_or_else(no_cache)?;
+        let (files, bytes) = cache::prune(&dir)?;
+        println!("removed {files} files, {:.1} MB, from {}", bytes as f64 * 1e-6, dir.display());
+        return Ok(());
+    }
+    let scene = args.scene.as_ref().expect("clap requires it");
+    let session = Session::open(scene, args.rig.as_deref(), &args.options)?;
+    let report = &session.bake;
+    for stage in &report.stages {
+        println!("{:<20} {:9.1} ms", stage.name, 1e3 * stage.seconds);
+    }
+    let cached = if report.cached { " (deep framebuffer from the cache)" } else { "" };
+    println!("{:<20} {:9.1} ms, {:.2} CPU seconds{cached}", "all", 1e3 * report.seconds, report.cpu_seconds);
+    println!("view samples by layer: {:?}", session.baked.layers);
+    Ok(())
+}

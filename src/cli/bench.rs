@@ -1,0 +1,10 @@
+//! `relume bench`
+
+use relume::Result;
+
+#[derive(clap::Args)]
+pub struct Args {}
+
+pub fn run(_: &Args) -> Result<()> {
+    todo!()
+}

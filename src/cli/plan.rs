@@ -1,0 +1,95 @@
+//! `relume plan`
+
+use std::path::PathBuf;
+
+use relume::Result;
+use serde_json::json;
+
+use super::options::SceneOptions;
+use super::session::Session;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// .glb, .gltf or .obj
+    scene: PathBuf,
+    /// Replaces the scene's lights.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// As JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    options: SceneOptions,
+}
+
+/// Something that a scene does not need.
+#[derive(serde::Serialize)]
+pub struct LeftOut {
+    what: &'static str,
+    why: String,
+    saves: String,
+}
+
+/// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn.
+pub fn left_out(session: &Session, traced: bool) -> Vec<LeftOut> {
+    let baked = &session.baked;
+    let pixels = baked.pixel_stride();
+    let mut list = Vec::new();
+    let mut add = |what, why: &str, saves: String| list.push(LeftOut { what, why: why.into(), saves });
+    let megabytes = |bytes: usize| format!("{:.1} MB", bytes as f64 * 1e-6);
+    let per_sample = size_of::<relume::shared::ViewSample>();
+    let full_layers = baked.asked_layers.saturating_sub(1) as usize * pixels;
+    let deeper: usize = baked.layers.iter().skip(1).sum();
+    if deeper == 0 && full_layers > 0 {
+        let saves = format!("{} layers, {}", baked.asked_layers - 1, megabytes(full_layers * per_sample));
+        add("mirror layers", "no mirror is visible", saves);
+    } else if deeper < full_layers {
+        let saves = format!("{} view samples, {}", full_layers - deeper, megabytes((full_layers - deeper) * per_sample));
+        add("parts of mirror layers", "mirrors cover a part of the picture", saves);
+    }
+    if !baked.has_specular {
+        add("the specular lobe", "no visible surface has one", "its share of the shading kernel".into());
+    }
+    if baked.emission.is_empty() {
+        add("emission", "no emitter is visible", megabytes(12 * pixels));
+    }
+    if session.scene.textures.is_empty() {
+        add("BRDFs of single samples", "nothing is textured", megabytes(pixels * size_of::<relume::shared::Brdf>()));
+    }
+    if traced {
+        add("shadow maps", "rays are traced on the CPU", "drawing, and 24 MB at 1024 texels".into());
+    }
+    list
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let session = Session::open(&args.scene, args.rig.as_deref(), &args.options)?;
+    let baked = &session.baked;
+    let images = 2 * session.rig.lights.len() * 12 * baked.pixel_stride();
+    let left_out = left_out(&session, true);
+    if args.json {
+        let plan = json!({
+            "schema": 1,
+            "scene": {
+                "triangles": session.scene.mesh.triangles.len(),
+                "lights": session.rig.lights.len(),
+                "width": baked.tiling.width,
+                "height": baked.tiling.height,
+            },
+            "samples": { "view": baked.samples.len(), "layers": baked.layers },
+            "light_image_bytes": images,
+            "left_out": left_out,
+        });
+        println!("{plan:#}");
+        return Ok(());
+    }
+    println!("{}", args.scene.display());
+    println!("  {} triangles, {} lights", session.scene.mesh.triangles.len(), session.rig.lights.len());
+    println!("  {}x{} pixels, view samples by layer {:?}", baked.tiling.width, baked.tiling.height, baked.layers);
+    println!("  light images: up to {:.0} MB", images as f64 * 1e-6);
+    println!("left out:");
+    for item in left_out {
+        println!("  {}: {} (saves {})", item.what, item.why, item.saves);
+    }
+    Ok(())
+}
