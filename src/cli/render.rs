@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use relume::scene::Rig;
 use relume::{Error, Result};
 
-use super::options::{Exposure, LightOptions, SceneOptions};
+use super::options::{LightOptions, SceneOptions};
 use super::output::{self, Passes, Template, Written};
 use super::session::Session;
 use super::stats;

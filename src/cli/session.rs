@@ -19,7 +19,6 @@ pub struct Session {
     pub scene: Arc<Scene>,
     pub bvh: Arc<Bvh>,
     pub baked: Arc<Baked>,
-    pub camera: Camera,
     /// The lights that the first picture shows.
     pub rig: Rig,
     pub bake: BakeReport,
@@ -110,7 +109,6 @@ impl Session {
             scene: Arc::new(scene),
             bvh: Arc::new(bvh),
             baked: Arc::new(baked),
-            camera,
             rig,
             bake: report,
             cache_dir,

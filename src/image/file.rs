@@ -98,8 +98,3 @@ impl Write for Watched<'_> {
         self.keep(outcome)
     }
 }
-
-pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
-    let _ = (path, bytes);
-    todo!()
-}

@@ -8,10 +8,13 @@ pub mod light;
 pub mod material;
 pub mod texture;
 
+mod files;
 mod gltf;
 mod gltf_export;
+mod mesh_builder;
 mod obj;
 pub mod rig;
+mod tangents;
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +25,7 @@ pub use gltf_export::export_gltf;
 pub use light::{Light, LightGroup, LightKind};
 pub use material::{AlphaMode, Material, Surface, TextureRef};
 pub use rig::Rig;
-pub use texture::Texture;
+pub use texture::{Encoding, Texture, Wrap};
 
 use crate::error::{Error, Result};
 

@@ -1,0 +1,32 @@
+//! `relume rig`: lights out of a scene, and into it.
+
+use std::path::PathBuf;
+
+use relume::scene::{Rig, Scene, export_gltf};
+use relume::{Error, Result};
+
+/// Writes a scene's lights and camera as a rig file, or a scene with the lights of a rig file.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A .glb, .gltf or .obj file
+    pub scene: PathBuf,
+    /// Writes SCENE with the lights of this rig file
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// The rig file to write (.toml); with --rig, the scene (.glb or .gltf)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let scene = Scene::load(&args.scene)?;
+    if let Some(rig) = &args.rig {
+        return export_gltf(&scene, &Rig::load(rig)?, &args.output);
+    }
+    // A forgotten --rig would put TOML where the next program expects a scene.
+    if args.output.extension().is_some_and(|e| ["glb", "gltf", "obj"].iter().any(|s| e.eq_ignore_ascii_case(s))) {
+        let reason = "a rig file is TOML; to write a scene, name the rig to put into it with --rig";
+        return Err(Error::invalid(args.output.display().to_string(), reason));
+    }
+    Rig { camera: scene.cameras.first().cloned(), ..scene.rig }.save(&args.output)
+}

@@ -1,0 +1,102 @@
+//! Files that scenes consist of, and what their URIs may reach.
+
+use std::path::{Component, Path, PathBuf};
+
+use base64::Engine;
+use base64::alphabet;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use percent_encoding::percent_decode_str;
+
+use crate::error::{Error, Result};
+
+/// The whole of a regular file; anything else (a pipe might never end) is an error.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
+    let kind = std::fs::metadata(path).map_err(Error::io("open", path))?;
+    if !kind.is_file() {
+        return Err(Error::import(path, "not a regular file"));
+    }
+    std::fs::read(path).map_err(Error::io("read", path))
+}
+
+/// What `uri` in `scene` stands for: a `data:` URI or a file in the scene's own folder or below.
+///
+/// `what` is the item that holds the URI, for messages.
+pub fn read_uri(scene: &Path, uri: &str, what: &str) -> Result<Vec<u8>> {
+    if let Some(data) = uri.strip_prefix("data:") {
+        return decode_data(data).map_err(|reason| Error::import(scene, format!("{what}: {reason}")));
+    }
+    let relative = relative_path(uri)
+        .map_err(|reason| Error::import(scene, format!("{what}: URI \"{}\" {reason}", shortened(uri))))?;
+    let path = scene.parent().unwrap_or(Path::new("")).join(relative);
+    read(&path).map_err(|e| Error::import_from(scene, format!("{what}: cannot read \"{}\"", shortened(uri)), e))
+}
+
+/// A percent-encoded URI as a path below the scene's folder. A scene may come from anywhere, so it doesn't get to name
+/// files outside it.
+pub fn relative_path(uri: &str) -> Result<PathBuf, &'static str> {
+    inside(&percent_decode_str(uri).decode_utf8().map_err(|_| "is not UTF-8")?)
+}
+
+/// `decoded` as a path below the folder that it is relative to.
+pub fn inside(decoded: &str) -> Result<PathBuf, &'static str> {
+    if decoded.contains('\0') {
+        return Err("holds a zero byte");
+    }
+    let colon = decoded.find(':').unwrap_or(usize::MAX);
+    if colon < decoded.find('/').unwrap_or(usize::MAX) {
+        return Err("has a scheme other than data:");
+    }
+    let mut path = PathBuf::new();
+    for part in Path::new(decoded).components() {
+        match part {
+            Component::Normal(name) => path.push(name),
+            Component::CurDir => {}
+            Component::ParentDir if path.pop() => {}
+            _ => return Err("leads out of the scene's folder"),
+        }
+    }
+    if path.as_os_str().is_empty() { Err("is empty") } else { Ok(path) }
+}
+
+/// What follows `data:`: `[mediatype][;base64],data`.
+fn decode_data(data: &str) -> Result<Vec<u8>, String> {
+    let (head, body) = data.split_once(',').ok_or("data URI without a comma")?;
+    if !head.ends_with(";base64") {
+        return Ok(percent_decode_str(body).collect());
+    }
+    let lenient = GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
+    let engine = GeneralPurpose::new(&alphabet::STANDARD, lenient);
+    engine.decode(body).map_err(|e| format!("base64: {e}"))
+}
+
+/// A URI as it may stand in a message.
+pub fn shortened(uri: &str) -> String {
+    let mut short: String = uri.chars().take(80).collect();
+    if short.len() < uri.len() {
+        short.push_str("...");
+    }
+    short
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_stay_inside() {
+        assert_eq!(relative_path("a%20b/../c.png").unwrap(), Path::new("c.png"));
+        assert_eq!(relative_path("./tex/%C3%A9.png").unwrap(), Path::new("tex/é.png"));
+        for uri in ["../x", "a/../../x", "%2e%2e/x", "/etc/passwd", "file:///x", "http://x/y", "", ".", "a%00", "%ff"] {
+            assert!(relative_path(uri).is_err(), "{uri}");
+        }
+    }
+
+    #[test]
+    fn data_uris() {
+        assert_eq!(decode_data("application/octet-stream;base64,AAEC").unwrap(), [0, 1, 2]);
+        assert_eq!(decode_data(";base64,AAE").unwrap(), [0, 1]);
+        assert_eq!(decode_data("text/plain,a%20b").unwrap(), b"a b");
+        assert!(decode_data(";base64,!").is_err());
+        assert!(decode_data("nothing").is_err());
+    }
+}

@@ -1,0 +1,119 @@
+//! `KHR_lights_punctual` and cameras: from nodes to world space.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+
+use super::document::Document;
+use super::nodes::Placed;
+use crate::error::Result;
+use crate::scene::rig::UniqueNames;
+use crate::scene::{Camera, Light, LightKind, Projection};
+
+impl Document {
+    pub fn import_lights(&self, placed: &[Placed]) -> Result<Vec<Light>> {
+        let mut names = UniqueNames::default();
+        let mut lights = Vec::new();
+        for Placed { node, world_from_node } in placed {
+            let Some(index) = self.poses.nodes[*node].light() else { continue };
+            let entry = self.item(self.lights(), index, "light", &self.node_name(*node))?;
+            let names_of = [&self.poses.nodes[*node].name, &entry.name];
+            let name = names_of.into_iter().flatten().find(|n| !n.is_empty()).cloned();
+            let name = names.claim(&name.unwrap_or_else(|| format!("light{}", lights.len())));
+            lights.push(self.light(name, index, *node, world_from_node)?);
+        }
+        Ok(lights)
+    }
+
+    fn light(&self, name: String, index: usize, node: usize, world_from_node: &DAffine3) -> Result<Light> {
+        let entry = &self.lights()[index];
+        let wrong = |reason: &str| self.error(format!("light {index} of {}: {reason}", self.node_name(node)));
+        let kind = match entry.kind.as_str() {
+            "point" => LightKind::Point,
+            "spot" => LightKind::Spot,
+            "directional" => LightKind::Directional,
+            kind => return Err(wrong(&format!("type \"{kind}\" is none that KHR_lights_punctual has"))),
+        };
+        let color = Vec3::from_array(entry.color.unwrap_or([1.0; 3]));
+        if !(color.is_finite() && color.min_element() >= 0.0) {
+            return Err(wrong("its colour is negative or not finite"));
+        }
+        let intensity = entry.intensity.unwrap_or(1.0);
+        if !(intensity >= 0.0 && (color * intensity as f32).is_finite()) {
+            return Err(wrong("its intensity is negative or too large"));
+        }
+        if entry.range.is_some_and(|range| !(range > 0.0)) {
+            return Err(wrong("its range is not positive"));
+        }
+        let mut light = Light {
+            kind,
+            color,
+            intensity,
+            range: entry.range.filter(|_| kind != LightKind::Directional),
+            node: Some(node),
+            ..Light::point(&name, DVec3::ZERO)
+        };
+        // What a kind ignores stays at its default.
+        if kind != LightKind::Directional {
+            light.position = world_from_node.translation;
+            if !light.position.is_finite() {
+                return Err(wrong("its position is not finite"));
+            }
+        }
+        if kind != LightKind::Point {
+            // A tiny scale must not underflow.
+            let axis = world_from_node.matrix3.z_axis;
+            let direction = -(axis / axis.abs().max_element());
+            light.direction = direction.try_normalize().ok_or_else(|| wrong("its node has no direction"))?;
+        }
+        if kind == LightKind::Spot {
+            let inner = entry.spot.inner_cone_angle.unwrap_or(0.0);
+            let outer = entry.spot.outer_cone_angle.unwrap_or(FRAC_PI_4);
+            // pi/2 in single precision is a little more than pi/2.
+            if !(0.0 <= inner && inner <= outer && outer <= FRAC_PI_2 + 1e-6) {
+                return Err(wrong(&format!("cone angles {inner} and {outer} are not 0 <= inner <= outer <= pi/2")));
+            }
+            (light.inner_angle, light.outer_angle) = (inner.min(FRAC_PI_2), outer.min(FRAC_PI_2));
+        }
+        Ok(light)
+    }
+
+    pub fn import_cameras(&self, placed: &[Placed]) -> Result<Vec<Camera>> {
+        let mut names = UniqueNames::default();
+        let mut cameras = Vec::new();
+        for Placed { node, world_from_node } in placed {
+            let Some(index) = self.poses.nodes[*node].camera else { continue };
+            let entry = self.item(&self.poses.cameras, index, "camera", &self.node_name(*node))?;
+            let wrong = |reason: &str| self.error(format!("camera {index} of {}: {reason}", self.node_name(*node)));
+            let projection = match (entry.kind.as_str(), &entry.perspective, &entry.orthographic) {
+                ("perspective", Some(p), _) if 0.0 < p.yfov && p.yfov < PI => Projection::Perspective { yfov: p.yfov },
+                ("perspective", Some(_), _) => return Err(wrong("yfov does not lie between 0 and pi")),
+                ("orthographic", _, Some(o)) if 0.0 < o.ymag && o.ymag.is_finite() => {
+                    Projection::Orthographic { ymag: o.ymag }
+                }
+                ("orthographic", _, Some(_)) => return Err(wrong("ymag is not positive")),
+                _ => return Err(wrong("is neither a perspective nor an orthographic camera")),
+            };
+            let names_of = [&self.poses.nodes[*node].name, &entry.name];
+            let name = names_of.into_iter().flatten().find(|n| !n.is_empty()).cloned();
+            let name = names.claim(&name.unwrap_or_else(|| format!("camera{}", cameras.len())));
+            let position = world_from_node.translation;
+            let world_from_camera = unscaled(world_from_node.matrix3)
+                .filter(|_| position.is_finite())
+                .ok_or_else(|| wrong("its node's transform is singular or not finite"))?;
+            cameras.push(Camera { name, position, world_from_camera, projection });
+        }
+        Ok(cameras)
+    }
+}
+
+/// The axes right, up and back without scale, shear or mirroring: back is kept, then up as far as it can be.
+fn unscaled(matrix: DMat3) -> Option<DMat3> {
+    if super::nodes::is_singular(matrix) {
+        return None;
+    }
+    let back = matrix.z_axis.try_normalize()?;
+    let up = matrix.y_axis.try_normalize()?;
+    let right = up.cross(back).try_normalize()?;
+    Some(DMat3::from_cols(right, back.cross(right), back))
+}

@@ -1,0 +1,69 @@
+//! glTF 2.0: `.gltf` and `.glb` into a [`Scene`].
+
+mod accessor;
+pub mod container;
+pub mod document;
+mod lights;
+mod materials;
+pub mod nodes;
+mod primitives;
+
+use std::path::Path;
+
+use container::Container;
+use document::Document;
+use materials::Materials;
+
+use super::mesh_builder::MeshBuilder;
+use super::{Rig, Scene};
+use crate::error::Result;
+
+// A picture wider than this is a mistake in the file.
+const MAX_IMAGE_SIDE: f64 = 65_536.0;
+
+pub fn load(path: &Path) -> Result<Scene> {
+    let document = Document::parse(path, &Container::read(path)?)?;
+    let placed = document.placed_nodes()?;
+    let mut materials = Materials::new(&document);
+    let mut builder = MeshBuilder::default();
+    let left_out = primitives::import_meshes(&document, &placed, &mut materials, &mut builder)?;
+    let rig = Rig { lights: document.import_lights(&placed)?, ..Rig::default() };
+    let cameras = document.import_cameras(&placed)?;
+    let (materials, textures) = materials.finish()?;
+    let (mesh, origin) = builder.finish().map_err(|reason| document.error(reason))?;
+    warn_of(&document, &left_out);
+    let image_size = image_size(&document);
+    Ok(Scene { path: path.to_owned(), mesh, origin, materials, textures, cameras, rig, image_size })
+}
+
+fn warn_of(document: &Document, left_out: &primitives::LeftOut) {
+    let path = document.path.display();
+    if left_out.points_and_lines > 0 {
+        tracing::warn!("{path}: skipped {} primitives of points or lines", left_out.points_and_lines);
+    }
+    if left_out.missing_uvs > 0 {
+        let count = left_out.missing_uvs;
+        tracing::warn!("{path}: {count} primitives lack texture coordinates that their material uses");
+    }
+    let root = &document.root;
+    let morphs = root.meshes.iter().flat_map(|m| &m.primitives).any(|p| p.targets.is_some());
+    if morphs || !root.skins.is_empty() || !root.animations.is_empty() {
+        tracing::warn!("{path}: morph targets, skins and animations are left in their base pose");
+    }
+}
+
+/// `extras.width/height` of the scene that is shown; a size that is none is a warning.
+fn image_size(document: &Document) -> Option<[u32; 2]> {
+    let scene = document.poses.scenes.get(document.shown_scene())?;
+    let extras = scene.extras.as_ref()?;
+    let (width, height) = (extras.get("width")?, extras.get("height")?);
+    let side = |value: &serde_json::Value| {
+        let side = value.as_f64().filter(|s| s.fract() == 0.0 && (1.0..=MAX_IMAGE_SIDE).contains(s));
+        side.map(|s| s as u32)
+    };
+    let size = side(width).zip(side(height)).map(|(w, h)| [w, h]);
+    if size.is_none() {
+        tracing::warn!("{}: an image of {width} x {height} is ignored", document.path.display());
+    }
+    size
+}

@@ -1,0 +1,83 @@
+//! A rig's lights back into the glTF file that they came from.
+//!
+//! Works on the JSON as it is, so that whatever we know nothing of is still there afterwards.
+
+mod json;
+mod lights;
+mod pack;
+
+use std::path::Path;
+
+use super::gltf::container::{Container, MAGIC};
+use super::gltf::document::Document;
+use super::{Rig, Scene};
+use crate::error::{Error, Result};
+use crate::image::file;
+
+/// Writes the file that `scene` came from with `rig`'s lights in place of its own, as one `.glb` or `.gltf` that holds
+/// its buffers and images.
+///
+/// A light with a node returns to it, parents' transforms undone; others get nodes of their own. Groups, stops and
+/// switches are folded into intensity and colour; `shadows` has no counterpart in glTF.
+pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
+    let has_extension =
+        |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+    if !has_extension(&scene.path, "glb") && !has_extension(&scene.path, "gltf") {
+        return Err(Error::import(&scene.path, "export needs a scene that is glTF"));
+    }
+    let is_glb = has_extension(path, "glb");
+    if !is_glb && !has_extension(path, "gltf") {
+        return Err(Error::invalid(path.display().to_string(), "scenes are written as .glb or .gltf"));
+    }
+    let container = Container::read(&scene.path)?;
+    let document = Document::parse(&scene.path, &container)?;
+    let root: serde_json::Value = serde_json::from_slice(&container.json)
+        .map_err(|e| Error::import_from(&scene.path, "is not the JSON of a glTF", e))?;
+    let serde_json::Value::Object(mut root) = root else {
+        return Err(Error::import(&scene.path, "is not a JSON object"));
+    };
+    lights::replace(&mut root, &document, rig)?;
+    if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
+        tracing::warn!("{}: glTF cannot say that \"{}\" casts no shadows", path.display(), light.name);
+    }
+    let bytes = if is_glb {
+        let bin = pack::into_one_buffer(&mut root, &document)?;
+        glb(&serialized(&root, path)?, &bin, path)?
+    } else {
+        pack::into_data_uris(&mut root, &document)?;
+        serialized(&root, path)?
+    };
+    file::write_whole(path, |out| out.write_all(&bytes).map_err(Error::io("write", path)))
+}
+
+fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
+    serde_json::to_vec(root).map_err(|e| Error::Export { path: path.to_owned(), source: e.into() })
+}
+
+/// Header, JSON chunk, binary chunk if there is anything in it [glTF 2.0, 4.4].
+fn glb(json: &[u8], bin: &[u8], path: &Path) -> Result<Vec<u8>> {
+    let padded = |length: usize| length.next_multiple_of(4);
+    let bin_bytes = if bin.is_empty() { 0 } else { 8 + padded(bin.len()) };
+    let total = 12 + 8 + padded(json.len()) + bin_bytes;
+    let Ok(total) = u32::try_from(total) else {
+        let reason = format!("{total} bytes are more than a .glb holds");
+        return Err(Error::invalid(path.display().to_string(), reason));
+    };
+    let mut bytes = Vec::with_capacity(total as usize);
+    bytes.extend(MAGIC);
+    bytes.extend(2u32.to_le_bytes());
+    bytes.extend(total.to_le_bytes());
+    let mut chunk = |kind: &[u8; 4], content: &[u8], padding: u8| {
+        let end = bytes.len() + 8 + padded(content.len());
+        // The total fits 32 bits, so its parts do.
+        bytes.extend((padded(content.len()) as u32).to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend(content);
+        bytes.resize(end, padding);
+    };
+    chunk(b"JSON", json, b' ');
+    if !bin.is_empty() {
+        chunk(b"BIN\0", bin, 0);
+    }
+    Ok(bytes)
+}

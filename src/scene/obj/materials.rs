@@ -1,0 +1,269 @@
+//! MTL: materials made for Phong shading, as metallic-roughness.
+//!
+//! - Kd is the base colour, Ke emission, Pr and Pm roughness and metalness, Ni the index of refraction.
+//! - Ns, the Blinn-Phong exponent: alpha² = 2 / (Ns + 2) [Karis 2013]; roughness is the square root of alpha.
+//! - Ks scales the reflection at normal incidence, 0.5 being glTF's 0.04, as common exporters have it; 0 is Lambert.
+//! - illum 0 and 1 have no highlight; illum 3 is a mirror of colour Ks, or Kd.
+//! - map_Kd, map_Ke, norm, bump. A grey bump map is a height map, which is left out.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::{Mat3, Vec2, Vec3};
+
+use super::parse::{logical_lines, number, numbers, some_numbers};
+use crate::error::{Error, Result};
+use crate::scene::{Encoding, Material, Texture, TextureRef, Wrap, files};
+
+/// What a face without a material gets.
+pub fn default(name: &str) -> Material {
+    let name = if name.is_empty() { "default" } else { name };
+    Material { name: name.into(), metallic: 0.0, roughness: 1.0, ..Material::default() }
+}
+
+/// The materials of all `mtllib`s, and their textures.
+#[derive(Default)]
+pub struct Library {
+    materials: HashMap<String, Material>,
+    textures: Vec<Texture>,
+    decoded: HashMap<(String, Encoding), usize>,
+}
+
+/// One `newmtl` as written.
+#[derive(Default)]
+struct Entry {
+    name: String,
+    kd: Option<Vec3>,
+    ks: Option<Vec3>,
+    ke: Option<Vec3>,
+    ns: Option<f32>,
+    pr: Option<f32>,
+    pm: Option<f32>,
+    ni: Option<f32>,
+    illum: Option<u32>,
+    map_kd: Option<Map>,
+    map_ke: Option<Map>,
+    norm: Option<Map>,
+    bump: Option<Map>,
+}
+
+/// A texture statement: options, then a file name.
+struct Map {
+    file: String,
+    offset: Vec2,
+    scale: Vec2,
+    clamp: bool,
+    /// -bm
+    strength: f32,
+}
+
+impl Library {
+    pub fn get(&self, name: &str) -> Option<Material> {
+        self.materials.get(name).cloned()
+    }
+
+    pub fn into_textures(self) -> Vec<Texture> {
+        self.textures
+    }
+
+    /// Reads what a `mtllib` statement names: one file whose name may hold spaces, else several. A missing file is a
+    /// warning: many OBJ files travel without theirs.
+    pub fn read(&mut self, obj: &Path, statement: &str) -> Result<()> {
+        let folder = obj.parent().unwrap_or(Path::new(""));
+        let there = |name: &str| files::inside(&name.replace('\\', "/")).map(|p| folder.join(p)).ok();
+        let whole = there(statement).filter(|path| path.is_file());
+        let paths = match whole {
+            Some(path) => vec![(statement, Some(path))],
+            None => statement.split_whitespace().map(|name| (name, there(name))).collect(),
+        };
+        for (name, path) in paths {
+            match path.filter(|path| path.is_file()) {
+                Some(path) => self.read_file(&path)?,
+                None => {
+                    let name = files::shortened(name);
+                    tracing::warn!("{}: there is no \"{name}\"; its materials are grey", obj.display());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn read_file(&mut self, path: &Path) -> Result<()> {
+        let bytes = files::read(path)?;
+        let entries = entries(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+        for entry in entries {
+            let name = entry.name.clone();
+            let material = self.material(path, entry)?;
+            self.materials.insert(name, material);
+        }
+        Ok(())
+    }
+
+    fn material(&mut self, path: &Path, entry: Entry) -> Result<Material> {
+        let mut material = default(&entry.name);
+        let is_mirror = entry.illum == Some(3);
+        let base = if is_mirror { entry.ks.or(entry.kd) } else { entry.kd };
+        material.base_color = base.unwrap_or(Vec3::ONE).clamp(Vec3::ZERO, Vec3::ONE).extend(1.0);
+        if is_mirror {
+            (material.metallic, material.roughness) = (1.0, 0.0);
+        } else {
+            // Ns is not negative, so this lies in [0, 1].
+            let from_exponent = entry.ns.map(|ns| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt());
+            material.roughness = entry.pr.or(from_exponent).unwrap_or(1.0).clamp(0.0, 1.0);
+            material.metallic = entry.pm.unwrap_or(0.0).clamp(0.0, 1.0);
+            material.specular_color = entry.ks.map_or(Vec3::ONE, |ks| ks.max(Vec3::ZERO) / 0.5);
+            if matches!(entry.illum, Some(0 | 1)) || entry.ks == Some(Vec3::ZERO) {
+                material.specular = 0.0;
+            }
+            material.ior = entry.ni.filter(|&ni| ni > 1.0).unwrap_or(1.5);
+        }
+        material.emissive = entry.ke.unwrap_or(Vec3::ZERO).max(Vec3::ZERO);
+        if let Some(map) = &entry.map_kd {
+            // Many exporters write black where a texture replaces the colour.
+            if base == Some(Vec3::ZERO) {
+                material.base_color = glam::Vec4::ONE;
+            }
+            material.base_color_texture = Some(self.texture(path, map, Encoding::Srgb)?);
+        }
+        if let Some(map) = &entry.map_ke {
+            if entry.ke.is_none_or(|ke| ke == Vec3::ZERO) {
+                material.emissive = Vec3::ONE;
+            }
+            material.emissive_texture = Some(self.texture(path, map, Encoding::Srgb)?);
+        }
+        if let Some(map) = entry.norm.as_ref().or(entry.bump.as_ref()) {
+            let texture = self.texture(path, map, Encoding::Linear)?;
+            let texels = &self.textures[texture.texture].levels[0].texels;
+            if entry.norm.is_none() && texels.iter().all(|t| t[0] == t[1] && t[1] == t[2]) {
+                let file = files::shortened(&map.file);
+                tracing::warn!("{}: \"{file}\" is a height map, which is left out", path.display());
+            } else {
+                material.normal_texture = Some(texture);
+                material.normal_scale = map.strength;
+            }
+        }
+        Ok(material)
+    }
+
+    fn texture(&mut self, mtl: &Path, map: &Map, encoding: Encoding) -> Result<TextureRef> {
+        let key = (map.file.clone(), encoding);
+        let texture = match self.decoded.get(&key) {
+            Some(&known) => known,
+            None => {
+                let name = files::shortened(&map.file);
+                let relative =
+                    files::inside(&map.file).map_err(|reason| Error::import(mtl, format!("\"{name}\" {reason}")))?;
+                let path = mtl.parent().unwrap_or(Path::new("")).join(relative);
+                let bytes =
+                    files::read(&path).map_err(|e| Error::import_from(mtl, format!("cannot read \"{name}\""), e))?;
+                let texture = Texture::decode(map.file.clone(), &bytes, encoding)
+                    .map_err(|e| Error::import_from(mtl, format!("\"{name}\" cannot be decoded"), e))?;
+                self.textures.push(texture);
+                self.decoded.insert(key, self.textures.len() - 1);
+                self.textures.len() - 1
+            }
+        };
+        let wrap = if map.clamp { Wrap::Clamp } else { Wrap::Repeat };
+        // Our v is OBJ's turned over, before the transform and after it.
+        let turned = Mat3::from_cols(Vec3::X, -Vec3::Y, Vec3::new(0.0, 1.0, 1.0));
+        let uv_transform = turned * Mat3::from_translation(map.offset) * Mat3::from_scale(map.scale) * turned;
+        Ok(TextureRef { texture, uv_set: 0, uv_transform, wrap: [wrap; 2] })
+    }
+}
+
+fn entries(text: &str) -> Result<Vec<Entry>, String> {
+    let mut entries: Vec<Entry> = Vec::new();
+    for (line_number, line) in logical_lines(text) {
+        let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
+        let rest = rest.trim();
+        if key == "newmtl" {
+            entries.push(Entry { name: rest.to_owned(), ..Entry::default() });
+            continue;
+        }
+        let Some(entry) = entries.last_mut() else { continue };
+        entry.set(key, rest).map_err(|reason| format!("line {line_number}: {key}: {reason}"))?;
+    }
+    Ok(entries)
+}
+
+impl Entry {
+    fn set(&mut self, key: &str, rest: &str) -> Result<(), String> {
+        let scalar = || numbers::<1>(rest).map(|[x]| Some(x as f32));
+        match key {
+            "Kd" => self.kd = Some(color(rest)?),
+            "Ks" => self.ks = Some(color(rest)?),
+            "Ke" => self.ke = Some(color(rest)?),
+            "Ns" => self.ns = scalar()?,
+            "Pr" => self.pr = scalar()?,
+            "Pm" => self.pm = scalar()?,
+            "Ni" => self.ni = scalar()?,
+            "illum" => self.illum = scalar()?.map(|x| x as u32),
+            "map_Kd" => self.map_kd = Some(Map::parse(rest)?),
+            "map_Ke" => self.map_ke = Some(Map::parse(rest)?),
+            "norm" => self.norm = Some(Map::parse(rest)?),
+            "bump" | "map_bump" | "map_Bump" => self.bump = Some(Map::parse(rest)?),
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// One number stands for three.
+fn color(rest: &str) -> Result<Vec3, String> {
+    let [r, g, b] = some_numbers(rest, [f64::NAN; 3])?;
+    let green = if g.is_nan() { r } else { g };
+    let blue = if b.is_nan() { r } else { b };
+    Ok(glam::DVec3::new(r, green, blue).as_vec3())
+}
+
+impl Map {
+    fn parse(rest: &str) -> Result<Self, String> {
+        let (offset, scale) = (Vec2::ZERO, Vec2::ONE);
+        let mut map = Self { file: String::new(), offset, scale, clamp: false, strength: 1.0 };
+        let mut rest = rest;
+        while rest.starts_with('-') {
+            let (option, mut after) = split_word(rest);
+            match option {
+                "-o" | "-s" | "-t" => {
+                    // One to three numbers.
+                    let mut values = Vec::new();
+                    while let (word, next) = split_word(after)
+                        && values.len() < 3
+                        && let Ok(value) = number(word)
+                    {
+                        values.push(value as f32);
+                        after = next;
+                    }
+                    let default = if option == "-s" { 1.0 } else { 0.0 };
+                    let value = |i: usize| values.get(i).copied().unwrap_or(default);
+                    match option {
+                        "-o" => map.offset = Vec2::new(value(0), value(1)),
+                        "-s" => map.scale = Vec2::new(value(0), value(1)),
+                        _ => {}
+                    }
+                }
+                "-mm" => after = split_word(split_word(after).1).1,
+                "-bm" => {
+                    let (word, next) = split_word(after);
+                    (map.strength, after) = (number(word)? as f32, next);
+                }
+                "-clamp" => {
+                    let (word, next) = split_word(after);
+                    (map.clamp, after) = (word == "on", next);
+                }
+                "-blendu" | "-blendv" | "-boost" | "-cc" | "-imfchan" | "-texres" | "-type" => {
+                    after = split_word(after).1;
+                }
+                _ => return Err(format!("option {option} is unknown")),
+            }
+            rest = after;
+        }
+        map.file = rest.replace('\\', "/");
+        if map.file.is_empty() { Err("names no file".into()) } else { Ok(map) }
+    }
+}
+
+fn split_word(text: &str) -> (&str, &str) {
+    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    (word, rest.trim_start())
+}

@@ -1,0 +1,69 @@
+//! Colour temperature as linear Rec. 709.
+
+use glam::{DVec2, DVec3, Vec3};
+
+/// The temperatures for which [Krystek 1985] holds, in kelvin.
+pub const KELVIN: std::ops::RangeInclusive<f64> = 1_000.0..=15_000.0;
+
+/// Chromaticity of a black body at `kelvin` as linear Rec. 709 of luminance 1; what lies outside the gamut is clipped.
+///
+/// `tint` in [-1, 1] moves it off the Planckian locus, along the locus's normal in CIE 1960 (u, v), by up to 0.02:
+/// positive is greener, negative more magenta. Correlated colour temperature means something up to 0.05.
+pub fn kelvin_to_rgb(kelvin: f64, tint: f64) -> Vec3 {
+    let on_locus = planckian_locus(kelvin);
+    let tangent = (planckian_locus(kelvin * 1.001) - planckian_locus(kelvin * 0.999)).normalize();
+    // The locus runs to smaller u as it gets hotter; above it is green.
+    let uv = on_locus + DVec2::new(tangent.y, -tangent.x) * 0.02 * tint;
+    let denominator = 2.0 * uv.x - 8.0 * uv.y + 4.0;
+    let (x, y) = (3.0 * uv.x / denominator, 2.0 * uv.y / denominator);
+    let xyz = DVec3::new(x / y, 1.0, (1.0 - x - y) / y);
+    // XYZ to Rec. 709 primaries, D65 white [IEC 61966-2-1].
+    let rgb = DVec3::new(
+        DVec3::new(3.2404542, -1.5371385, -0.4985314).dot(xyz),
+        DVec3::new(-0.9692660, 1.8760108, 0.0415560).dot(xyz),
+        DVec3::new(0.0556434, -0.2040259, 1.0572252).dot(xyz),
+    )
+    .max(DVec3::ZERO);
+    (rgb / DVec3::new(0.2126729, 0.7151522, 0.0721750).dot(rgb)).as_vec3()
+}
+
+/// (u, v) of CIE 1960 on the Planckian locus, good to 9e-5 [Krystek 1985].
+fn planckian_locus(t: f64) -> DVec2 {
+    let u =
+        (0.860117757 + 1.54118254e-4 * t + 1.28641212e-7 * t * t) / (1.0 + 8.42420235e-4 * t + 7.08145163e-7 * t * t);
+    let v =
+        (0.317398726 + 4.22806245e-5 * t + 4.20481691e-8 * t * t) / (1.0 - 2.89741816e-5 * t + 1.61456053e-7 * t * t);
+    DVec2::new(u, v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn xy(t: f64) -> DVec2 {
+        let uv = planckian_locus(t);
+        DVec2::new(3.0 * uv.x, 2.0 * uv.y) / (2.0 * uv.x - 8.0 * uv.y + 4.0)
+    }
+
+    #[test]
+    fn illuminant_a_and_6500_k() {
+        // CIE standard illuminant A; the tolerance is Krystek's 9e-5 in (u, v), which is up to three times that here.
+        assert!((xy(2855.5) - DVec2::new(0.44757, 0.40745)).length() < 5e-4, "{}", xy(2855.5));
+        assert!((xy(6500.0) - DVec2::new(0.3135, 0.3237)).length() < 5e-4, "{}", xy(6500.0));
+    }
+
+    #[test]
+    fn luminance_is_one_and_warm_is_red() {
+        for kelvin in [1_000.0, 1_900.0, 4_300.0, 6_504.0, 15_000.0] {
+            for tint in [-1.0, 0.0, 1.0] {
+                let rgb = kelvin_to_rgb(kelvin, tint);
+                let luminance = rgb.dot(Vec3::new(0.2126729, 0.7151522, 0.072175));
+                assert!((luminance - 1.0).abs() < 1e-5 && rgb.min_element() >= 0.0, "{kelvin} {tint}: {rgb}");
+            }
+        }
+        assert!(kelvin_to_rgb(2_700.0, 0.0).x > 2.0 * kelvin_to_rgb(2_700.0, 0.0).z);
+        assert!(kelvin_to_rgb(10_000.0, 0.0).z > kelvin_to_rgb(10_000.0, 0.0).x);
+        assert!((kelvin_to_rgb(6_504.0, 0.0) - Vec3::ONE).abs().max_element() < 0.06);
+        assert!(kelvin_to_rgb(5_000.0, 1.0).y > kelvin_to_rgb(5_000.0, 0.0).y);
+    }
+}

@@ -1,0 +1,75 @@
+//! Rig files: lights, groups and a camera as TOML.
+//!
+//! Angles are radians in memory and degrees in the file; the file gets the shortest degrees that read back as the same
+//! radians, or, where none do, the nearest (1e-15 relative).
+
+mod blackbody;
+mod read;
+mod write;
+
+use std::collections::HashSet;
+use std::path::Path;
+
+pub use blackbody::kelvin_to_rgb;
+
+use super::{Camera, Light, LightGroup};
+use crate::error::{Error, Result};
+use crate::image::file;
+
+/// Everything about a scene that an artist edits.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rig {
+    pub camera: Option<Camera>,
+    pub groups: Vec<LightGroup>,
+    pub lights: Vec<Light>,
+}
+
+impl Rig {
+    /// Reads a rig file; what it says wrong is an error that names the line.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = super::files::read(path)?;
+        let text = String::from_utf8(text).map_err(|e| Error::import_from(path, "is not UTF-8 text", e))?;
+        read::parse(&text).map_err(|reason| Error::import(path, reason))
+    }
+
+    /// The rig as a TOML document that [`Rig::load`] reads back equal.
+    ///
+    /// Exactly equal but for angles (1e-15 relative) and the camera's axes (1e-12).
+    pub fn to_toml(&self) -> String {
+        write::to_toml(self)
+    }
+
+    /// Writes [`Rig::to_toml`] to `path`, whole or not at all.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        file::write_whole(path, |out| out.write_all(self.to_toml().as_bytes()).map_err(Error::io("write", path)))
+    }
+
+    /// What the unit picture of light `index` is multiplied by, its group counted.
+    pub fn scale(&self, index: usize) -> glam::Vec3 {
+        let light = &self.lights[index];
+        light.scale() * light.group.map_or(glam::Vec3::ONE, |group| self.groups[group].scale())
+    }
+}
+
+/// Makes names of lights, groups and cameras: no dots, since image layers are called `light.NAME`, and no two alike.
+#[derive(Default)]
+pub struct UniqueNames {
+    taken: HashSet<String>,
+}
+
+impl UniqueNames {
+    /// `name` without dots, and with `_2`, `_3`, ... behind it if it is taken.
+    pub fn claim(&mut self, name: &str) -> String {
+        let name = without_dots(name);
+        let numbered = (2u64..).map(|n| format!("{name}_{n}"));
+        let free = std::iter::once(name.clone()).chain(numbered).find(|name| !self.taken.contains(name));
+        let free = free.expect("there are more numbers than names");
+        self.taken.insert(free.clone());
+        free
+    }
+}
+
+/// A light's or group's name as it stands in memory.
+pub fn without_dots(name: &str) -> String {
+    name.replace('.', "_")
+}

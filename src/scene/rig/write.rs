@@ -1,0 +1,137 @@
+//! [`Rig`] to TOML that people edit: no noise digits, no keys that say nothing.
+
+use std::f64::consts::FRAC_PI_4;
+use std::fmt::{Display, Write};
+
+use glam::{DVec3, Vec3};
+
+use super::Rig;
+use crate::scene::{Camera, Light, LightGroup, LightKind, Projection};
+
+pub fn to_toml(rig: &Rig) -> String {
+    let mut out = Document::default();
+    if let Some(camera) = &rig.camera {
+        out.camera(camera);
+    }
+    for group in &rig.groups {
+        out.group(group);
+    }
+    for light in &rig.lights {
+        out.light(light, &rig.groups);
+    }
+    out.text
+}
+
+#[derive(Default)]
+struct Document {
+    text: String,
+}
+
+impl Document {
+    fn header(&mut self, header: &str) {
+        let gap = if self.text.is_empty() { "" } else { "\n" };
+        writeln!(self.text, "{gap}{header}").expect("strings take everything");
+    }
+
+    fn key(&mut self, key: &str, value: impl Display) {
+        writeln!(self.text, "{key} = {value}").expect("strings take everything");
+    }
+
+    fn camera(&mut self, camera: &Camera) {
+        self.header("[camera]");
+        self.key("name", string(&camera.name));
+        self.key("position", vector(camera.position));
+        // As far off as the position is from the origin, so that their difference keeps its digits.
+        let distance = camera.position.abs().max_element().max(1.0).log2().ceil().exp2();
+        self.key("target", vector(camera.position - camera.world_from_camera.z_axis * distance));
+        self.key("up", vector(camera.world_from_camera.y_axis));
+        match camera.projection {
+            Projection::Perspective { yfov } => self.key("yfov_deg", number(degrees(yfov))),
+            Projection::Orthographic { ymag } => self.key("ymag", number(ymag)),
+        }
+    }
+
+    fn group(&mut self, group: &LightGroup) {
+        self.header("[[group]]");
+        self.key("name", string(&group.name));
+        self.key("stops", number(group.stops));
+        self.key("color", color(group.color));
+        self.key("enabled", group.enabled);
+    }
+
+    fn light(&mut self, light: &Light, groups: &[LightGroup]) {
+        let kind = match light.kind {
+            LightKind::Point => "point",
+            LightKind::Spot => "spot",
+            LightKind::Directional => "directional",
+        };
+        self.header("[[light]]");
+        self.key("name", string(&light.name));
+        self.key("kind", string(kind));
+        // What a kind ignores is written only where it says something: it comes back when the kind changes again.
+        if light.kind != LightKind::Directional || light.position != DVec3::ZERO {
+            self.key("position", vector(light.position));
+        }
+        if light.kind != LightKind::Point || light.direction != DVec3::NEG_Z {
+            self.key("direction", vector(light.direction));
+        }
+        self.key("color", color(light.color));
+        self.key("intensity", number(light.intensity));
+        self.key("stops", number(light.stops));
+        if light.kind == LightKind::Spot || (light.inner_angle, light.outer_angle) != (0.0, FRAC_PI_4) {
+            self.key("inner_deg", number(degrees(light.inner_angle)));
+            self.key("outer_deg", number(degrees(light.outer_angle)));
+        }
+        if let Some(range) = light.range {
+            self.key("range", number(range));
+        }
+        if let Some(group) = light.group {
+            self.key("group", string(&groups[group].name));
+        }
+        self.key("enabled", light.enabled);
+        self.key("shadows", light.shadows);
+        if let Some(node) = light.node {
+            self.key("node", node);
+        }
+    }
+}
+
+/// The shortest decimal that reads back as `x`, as TOML wants it: with a point or an exponent.
+fn number(x: impl Into<f64>) -> String {
+    format!("{:?}", x.into())
+}
+
+fn vector(v: DVec3) -> String {
+    format!("[{}, {}, {}]", number(v.x), number(v.y), number(v.z))
+}
+
+/// f32's own shortest digits: 0.95, not 0.949999988079071.
+fn color(c: Vec3) -> String {
+    format!("[{:?}, {:?}, {:?}]", c.x, c.y, c.z)
+}
+
+fn string(s: &str) -> String {
+    toml::Value::String(s.into()).to_string()
+}
+
+/// The shortest degrees that are `radians` again; where rounding leaves none, the nearest.
+fn degrees(radians: f64) -> f64 {
+    let exact = radians.to_degrees();
+    (0..=15)
+        .filter_map(|digits| format!("{exact:.digits$}").parse::<f64>().ok())
+        .chain([exact.next_down(), exact.next_up()])
+        .find(|shorter| shorter.to_radians() == radians)
+        .unwrap_or(exact)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn round_degrees_stay_round() {
+        for deg in [0.0, 18.0, 28.0, 42.0, 33.3, 89.999, 90.0] {
+            assert_eq!(degrees(f64::to_radians(deg)), deg);
+        }
+    }
+}

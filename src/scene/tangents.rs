@@ -1,0 +1,122 @@
+//! Tangents for normal maps where a file holds none.
+//!
+//! glTF asks for MikkTSpace [glTF 2.0, 3.7.2.1]. Of its two ports to Rust one is unsafe and no longer kept; the other
+//! recurses once per triangle around a vertex, so that a fan of a million triangles overflows the stack, which no
+//! `Result` catches. This is the same construction without its search for neighbours: per welded vertex (equal
+//! position, normal and texture coordinate) and handedness, the mean of the triangles' tangents in the vertex's plane,
+//! weighted by angle. It differs from MikkTSpace only where equal vertices belong to parts that share no edge.
+
+use std::collections::HashMap;
+
+use glam::{DVec2, DVec3, Vec3};
+
+use super::mesh_builder::Part;
+
+/// Fills `part.tangents` from texture coordinates `uv_set`. A vertex shared by triangles that show the image
+/// mirrored and not is doubled.
+pub fn generate(part: &mut Part, uv_set: usize) {
+    let welded = weld(part, uv_set);
+    // What triangles add up to for each welded vertex: those that show the image unmirrored, mirrored ones.
+    let mut sums = vec![[DVec3::ZERO; 2]; welded.iter().map(|&w| w as usize + 1).max().unwrap_or(0)];
+    let frames: Vec<Option<Frame>> = part.triangles.iter().map(|&t| Frame::of(part, uv_set, t)).collect();
+    for (&triangle, frame) in part.triangles.iter().zip(&frames) {
+        let Some(frame) = frame else { continue };
+        for corner in 0..3 {
+            let i = triangle[corner] as usize;
+            let normal = part.normals[i].as_dvec3();
+            let flat = |v: DVec3| (v - normal * normal.dot(v)).try_normalize();
+            let [here, next, previous] = [0, 1, 2].map(|k| part.positions[triangle[(corner + k) % 3] as usize]);
+            let (Some(tangent), Some(a), Some(b)) = (flat(frame.tangent), flat(next - here), flat(previous - here))
+            else {
+                continue;
+            };
+            sums[welded[i] as usize][frame.mirrored as usize] += tangent * a.dot(b).clamp(-1.0, 1.0).acos();
+        }
+    }
+    assign(part, &welded, &sums, &frames);
+}
+
+/// How texture space lies on one triangle.
+struct Frame {
+    /// Direction of growing u.
+    tangent: DVec3,
+    /// Whether the image appears as in a mirror. v grows downwards, so it doesn't where (u, v) turns clockwise.
+    mirrored: bool,
+}
+
+impl Frame {
+    /// `None` if the triangle has no area in texture space.
+    fn of(part: &Part, uv_set: usize, triangle: [u32; 3]) -> Option<Self> {
+        let [a, b, c] = triangle.map(|i| part.positions[i as usize]);
+        let [s, t, u] = triangle.map(|i| part.uvs[uv_set][i as usize].as_dvec2());
+        let (du, dv): (DVec2, DVec2) = (t - s, u - s);
+        let determinant = du.perp_dot(dv);
+        if determinant.abs() <= f64::MIN_POSITIVE {
+            return None;
+        }
+        let tangent = ((b - a) * dv.y - (c - a) * du.y) * determinant.signum();
+        Some(Self { tangent: tangent.try_normalize()?, mirrored: determinant > 0.0 })
+    }
+}
+
+/// For each vertex a number that vertices of equal position, normal and texture coordinate share.
+fn weld(part: &Part, uv_set: usize) -> Vec<u32> {
+    let mut numbers = HashMap::with_capacity(part.positions.len());
+    (0..part.positions.len())
+        .map(|i| {
+            let position = part.positions[i].to_array().map(f64::to_bits);
+            let normal = part.normals[i].to_array().map(f32::to_bits);
+            let uv = part.uvs[uv_set][i].to_array().map(f32::to_bits);
+            let next = numbers.len() as u32;
+            *numbers.entry((position, normal, uv)).or_insert(next)
+        })
+        .collect()
+}
+
+fn assign(part: &mut Part, welded: &[u32], sums: &[[DVec3; 2]], frames: &[Option<Frame>]) {
+    const NONE: u32 = u32::MAX;
+    let tangent = |normal: Vec3, sum: DVec3, mirrored: bool| {
+        let axis = sum.as_vec3().try_normalize().unwrap_or_else(|| perpendicular(normal));
+        axis.extend(if mirrored { -1.0 } else { 1.0 })
+    };
+    let given = part.positions.len();
+    part.tangents = (0..given).map(|i| tangent(part.normals[i], sums[welded[i] as usize][0], false)).collect();
+    // Where each vertex has its twin of the other handedness; the first one to come keeps the vertex.
+    let mut taken = vec![None; given];
+    let mut twin = vec![NONE; given];
+    for (t, frame) in frames.iter().enumerate() {
+        let Some(Frame { mirrored, .. }) = *frame else { continue };
+        for corner in 0..3 {
+            let i = part.triangles[t][corner] as usize;
+            match taken[i] {
+                None => {
+                    taken[i] = Some(mirrored);
+                    let sum = sums[welded[i] as usize][mirrored as usize];
+                    part.tangents[i] = tangent(part.normals[i], sum, mirrored);
+                }
+                Some(same) if same == mirrored => {}
+                Some(_) => {
+                    if twin[i] == NONE {
+                        twin[i] = part.positions.len() as u32;
+                        part.positions.push(part.positions[i]);
+                        part.normals.push(part.normals[i]);
+                        for values in part.uvs.iter_mut().filter(|values| !values.is_empty()) {
+                            values.push(values[i]);
+                        }
+                        if !part.colors.is_empty() {
+                            part.colors.push(part.colors[i]);
+                        }
+                        let sum = sums[welded[i] as usize][mirrored as usize];
+                        part.tangents.push(tangent(part.normals[i], sum, mirrored));
+                    }
+                    part.triangles[t][corner] = twin[i];
+                }
+            }
+        }
+    }
+}
+
+/// Some unit vector at right angles to `normal`.
+pub fn perpendicular(normal: Vec3) -> Vec3 {
+    normal.any_orthonormal_vector()
+}
