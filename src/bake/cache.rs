@@ -119,7 +119,8 @@ pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     let mut entries = Vec::new();
     for path in files(dir)? {
         let bytes = std::fs::read(&path).map_err(Error::io("read", &path))?;
-        let metadata = SafeTensors::read_metadata(&bytes).ok().and_then(|(_, m)| m.metadata().clone()).unwrap_or_default();
+        let metadata =
+            SafeTensors::read_metadata(&bytes).ok().and_then(|(_, m)| m.metadata().clone()).unwrap_or_default();
         let field = |name: &str| metadata.get(name).cloned().unwrap_or("?".into());
         let size = format!("{}x{}", field("width"), field("height"));
         entries.push(Entry { path, scene: field("scene"), size, bytes: bytes.len() as u64 });

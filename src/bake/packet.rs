@@ -88,34 +88,62 @@ fn trace_packet<const DIRECTIONAL: bool>(
     }
 }
 
+/// A ray from the light to a view sample, or from a sample along a directional light.
+pub struct ShadowRay {
+    pub origin: Vec3,
+    pub direction: Vec3,
+    /// In lengths of `direction`.
+    pub length: f32,
+}
+
+impl SamplePacket {
+    /// The ray that [`trace_packets`] traces for one lane; `None` if it faces away from the light or lies outside of
+    /// its cone or range.
+    pub fn shadow_ray(&self, bvh: &Bvh, light: &PackedLight, lane: usize) -> Option<ShadowRay> {
+        if light.kind == LIGHT_DIRECTIONAL {
+            let origin = self.target::<true>(bvh, light, lane)?;
+            Some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
+        } else {
+            let target = Vec3::from(self.target::<false>(bvh, light, lane)?);
+            Some(ShadowRay { origin: light.position, direction: target - light.position, length: 1.0 })
+        }
+    }
+
+    /// Where the ray of a lane ends: off the surface, on the light's side. `None` if it need not be traced.
+    #[inline(always)]
+    fn target<const DIRECTIONAL: bool>(&self, bvh: &Bvh, light: &PackedLight, i: usize) -> Option<[f32; 3]> {
+        let [px, py, pz] = [self.position[0][i], self.position[1][i], self.position[2][i]];
+        let [nx, ny, nz] = [self.normal[0][i], self.normal[1][i], self.normal[2][i]];
+        let [gx, gy, gz] = [self.geometric_normal[0][i], self.geometric_normal[1][i], self.geometric_normal[2][i]];
+        let (l, d) = (light.position, light.direction);
+        let (tx, ty, tz) = if DIRECTIONAL { (-d.x, -d.y, -d.z) } else { (l.x - px, l.y - py, l.z - pz) };
+        let distance2 = tx * tx + ty * ty + tz * tz;
+        let distance = distance2.sqrt();
+        let facing = nx * tx + ny * ty + nz * tz > 0.0;
+        // A little wider than the cone, whose edge is black.
+        let cone = if light.kind == LIGHT_SPOT { 1.0 - light.cone_versine - 1e-5 } else { -2.0 };
+        let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
+        let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
+        let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance });
+        let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
+        (facing & inside & in_range).then_some([px + gx * offset, py + gy * offset, pz + gz * offset])
+    }
+}
+
 /// Sets up rays to samples that face the light and lie in its cone and range; the others stay dead.
 #[inline(always)]
 fn start_rays<const DIRECTIONAL: bool>(bvh: &Bvh, light: &PackedLight, packet: &SamplePacket, rays: &mut Rays) {
-    let [px, py, pz] = &packet.position;
-    let [nx, ny, nz] = &packet.normal;
-    let [gx, gy, gz] = &packet.geometric_normal;
-    let (l, d) = (light.position, light.direction);
-    // A little wider than the cone, whose edge is black.
-    let cone = if light.kind == LIGHT_SPOT { 1.0 - light.cone_versine - 1e-5 } else { -2.0 };
-    let range2 = if light.inverse_range > 0.0 { light.inverse_range.powi(-2) } else { f32::INFINITY };
+    let origin = if DIRECTIONAL { Vec3::ZERO } else { light.position };
     for i in 0..PACKET_SIZE {
-        let (tx, ty, tz) = if DIRECTIONAL { (-d.x, -d.y, -d.z) } else { (l.x - px[i], l.y - py[i], l.z - pz[i]) };
-        let distance2 = tx * tx + ty * ty + tz * tz;
-        let distance = distance2.sqrt();
-        let facing = nx[i] * tx + ny[i] * ty + nz[i] * tz > 0.0;
-        let inside = DIRECTIONAL | ((-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance) & (distance2 < range2));
-        let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance });
-        let side = gx[i] * tx + gy[i] * ty + gz[i] * tz;
-        let offset = if side < 0.0 { -offset } else { offset };
-        let target = [px[i] + gx[i] * offset, py[i] + gy[i] * offset, pz[i] + gz[i] * offset];
-        let origin = if DIRECTIONAL { Vec3::ZERO } else { l };
+        let target = packet.target::<DIRECTIONAL>(bvh, light, i);
+        let end = target.unwrap_or_default();
         for axis in 0..3 {
-            let q = target[axis] - origin[axis];
+            let q = end[axis] - origin[axis];
             rays.q[axis][i] = q;
             // Parallel to a slab: a huge number with the right sign, so that no 0 * inf arises.
             rays.inverse_q[axis][i] = if q.abs() > 1e-30 { 1.0 / q } else { 1e30f32.copysign(q) };
         }
-        rays.end[i] = if facing & inside { 1.0 } else { -1.0 };
+        rays.end[i] = if target.is_some() { 1.0 } else { -1.0 };
     }
 }
 

@@ -1,10 +1,291 @@
-//! `relume bench`
+//! `relume bench`: each edit from the change of a light to the finished image in host memory.
+
+use std::path::PathBuf;
+use std::time::Instant;
 
 use relume::Result;
+use relume::gpu::Site;
+use relume::image::file::write_bytes;
+use relume::relight::limits::Limits;
+use relume::relight::{Picture, Relighter};
+use relume::scene::{LightGroup, LightKind, Rig};
+use serde_json::json;
+
+use super::bench_rig::{light_like_scene, nudge};
+use super::options::{LightOptions, SceneOptions};
+use super::session::Session;
+use super::stats::sum_by_name;
+use super::{bench_rays, progress};
 
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct Args {
+    /// .glb, .gltf or .obj; several are measured one after the other.
+    #[arg(required = true)]
+    scenes: Vec<PathBuf>,
+    /// Repeats everything with that many lights: the scene's own, then more placed by the seed.
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    lights: Vec<usize>,
+    /// Frames counted for each edit; a fifth as many before are not.
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    /// All records as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Replaces the scenes' lights.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    #[command(flatten)]
+    scene_options: SceneOptions,
+    #[command(flatten)]
+    light_options: LightOptions,
+}
 
-pub fn run(_: &Args) -> Result<()> {
-    todo!()
+#[derive(Clone, Copy, PartialEq)]
+enum Edit {
+    Color,
+    Toggle,
+    Move,
+    Select,
+    Group,
+    Multi,
+    None,
+}
+
+const EDITS: [(Edit, &str); 7] = [
+    (Edit::Color, "color"),
+    (Edit::Toggle, "toggle"),
+    (Edit::Move, "move"),
+    (Edit::Select, "select"),
+    (Edit::Group, "group"),
+    (Edit::Multi, "multi"),
+    (Edit::None, "none"),
+];
+
+/// One line of the table.
+#[derive(serde::Serialize)]
+struct Record {
+    scene: String,
+    lights: usize,
+    edit: &'static str,
+    edited_kind: LightKind,
+    gi: &'static str,
+    method: Option<&'static str>,
+    size: [u32; 2],
+    visibility: &'static str,
+    median_ms: f64,
+    p95_ms: f64,
+    best_ms: f64,
+    passes: Vec<PassRecord>,
+}
+
+#[derive(serde::Serialize)]
+struct PassRecord {
+    name: &'static str,
+    on: Site,
+    median_ms: f64,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let mut records = Vec::new();
+    let mut limits = json!(null);
+    let mut rates = Vec::new();
+    let mut device = (String::new(), String::new());
+    for path in &args.scenes {
+        let session = Session::open(path, args.rig.as_deref(), &args.scene_options)?;
+        let context = session.context(&args.light_options)?;
+        device = (context.info.name.clone(), context.info.driver.clone());
+        let mut measured = Limits::new(&context, session.baked.samples.len())?;
+        let mut yardstick = Vec::new();
+        let counts = match args.lights.as_slice() {
+            [] => vec![session.rig.lights.len()],
+            counts => counts.to_vec(),
+        };
+        println!("{}: {}", path.display(), describe(&session));
+        println!(
+            "  {:>6} {:<7} {:<11} {:>8} {:>8} {:>8}  passes, median ms",
+            "lights", "edit", "of", "best", "median", "p95"
+        );
+        for &count in &counts {
+            let rig = light_like_scene(&session, count, args.scene_options.seed);
+            let mut relighter = session.relighter(&context, &rig, &args.light_options)?;
+            relighter.display(Picture::Whole, 0.0)?;
+            for edited in first_of_each_kind(&rig) {
+                for (edit, name) in EDITS {
+                    if edit.needed_lights() > count || (edit == Edit::None && edited != 0) {
+                        continue;
+                    }
+                    yardstick.push(measured.yardstick_ms()?);
+                    let bar = progress::bar(name, args.frames as usize);
+                    let record = measure(&mut relighter, &session, &rig, edited, (edit, name), args.frames, &bar)?;
+                    bar.finish_and_clear();
+                    print_record(&record);
+                    records.push(record);
+                }
+            }
+        }
+        let rays = bench_rays::measure(&session);
+        let copy = best_of(5, || measured.copy_gb_s())?;
+        let fma = best_of(5, || measured.fma_gflop_s())?;
+        let yard = yardstick.iter().copied().fold(f64::INFINITY, f64::min);
+        println!(
+            "  yardstick {yard:.2} ms best, {:.2} median; copy {copy:.1} GB/s, {fma:.1} Gflop/s",
+            median(&mut yardstick)
+        );
+        println!("  shadow rays: {rays}");
+        println!("  load average {:.2}", load_average());
+        limits = json!({ "copy_gb_s": copy, "fma_gflop_s": fma, "yardstick_ms": yard });
+        rates.push(json!({ "scene": session.scene.name(), "shadow_rays": rays }));
+    }
+    if let Some(path) = &args.json {
+        let all = json!({
+            "schema": 1,
+            "device": device.0,
+            "driver": device.1,
+            "load": load_average(),
+            "limits": limits,
+            "rates": { "segments_per_s_core": null, "gather_rays_per_s": null, "scenes": rates },
+            "records": records,
+        });
+        write_bytes(path, format!("{all:#}\n").as_bytes())?;
+    }
+    Ok(())
+}
+
+impl Edit {
+    fn needed_lights(self) -> usize {
+        match self {
+            Self::None => 0,
+            Self::Color | Self::Toggle | Self::Move => 1,
+            Self::Select | Self::Group => 2,
+            Self::Multi => 3,
+        }
+    }
+}
+
+fn measure(
+    relighter: &mut Relighter,
+    session: &Session,
+    rig: &Rig,
+    edited: usize,
+    (edit, name): (Edit, &'static str),
+    frames: u32,
+    bar: &indicatif::ProgressBar,
+) -> Result<Record> {
+    let mut rig = rig.clone();
+    if edit == Edit::Group {
+        let group = LightGroup { name: "half".into(), stops: 0.0, color: glam::Vec3::ONE, enabled: true };
+        rig.groups.push(group);
+        let half = rig.lights.len() / 2;
+        rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
+    }
+    relighter.set_rig(&rig);
+    relighter.display(Picture::Whole, 0.0)?;
+    let original = rig.clone();
+    let count = rig.lights.len();
+    let warm_up = frames.div_ceil(5);
+    let mut all_ms = Vec::new();
+    let mut pass_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
+    for frame in 0..warm_up + frames {
+        let odd = frame % 2 == 1;
+        let step = f64::from(frame % 16);
+        let start = Instant::now();
+        match edit {
+            Edit::Color => rig.lights[edited].color.x = 0.5 + step as f32 / 32.0,
+            Edit::Toggle => rig.lights[edited].enabled = odd,
+            Edit::Move => nudge(&mut rig.lights[edited], &original.lights[edited], session, step),
+            Edit::Select => relighter.select((edited + frame as usize * 7919 + usize::from(odd)) % count),
+            Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
+            Edit::Multi => {
+                for light in [edited, (edited + 1) % count, (edited + count / 2) % count] {
+                    nudge(&mut rig.lights[light], &original.lights[light], session, step);
+                }
+            }
+            Edit::None => {}
+        }
+        relighter.set_rig(&rig);
+        relighter.display(Picture::Whole, 0.0)?;
+        let ms = start.elapsed().as_secs_f64() * 1e3;
+        bar.inc(1);
+        if frame < warm_up {
+            continue;
+        }
+        all_ms.push(ms);
+        for (name, site, ms) in sum_by_name(relighter.times()) {
+            match pass_ms.iter_mut().find(|pass| pass.0 == name) {
+                Some(pass) => pass.2.push(ms),
+                None => pass_ms.push((name, site, vec![ms])),
+            }
+        }
+    }
+    Ok(Record {
+        scene: session.scene.name(),
+        lights: count,
+        edit: name,
+        edited_kind: rig.lights.get(edited).map_or(LightKind::Point, |light| light.kind),
+        gi: "off",
+        method: None,
+        size: [session.baked.tiling.width, session.baked.tiling.height],
+        visibility: if relighter.traces() { "traced" } else { "map" },
+        median_ms: median(&mut all_ms),
+        p95_ms: percentile(&mut all_ms, 0.95),
+        best_ms: percentile(&mut all_ms, 0.0),
+        passes: pass_ms
+            .into_iter()
+            .map(|(name, on, mut ms)| PassRecord { name, on, median_ms: median(&mut ms) })
+            .collect(),
+    })
+}
+
+fn print_record(r: &Record) {
+    let passes: Vec<_> = r.passes.iter().map(|pass| format!("{} {:.2}", pass.name, pass.median_ms)).collect();
+    let kind = format!("{:?}", r.edited_kind).to_lowercase();
+    println!(
+        "  {:>6} {:<7} {:<11} {:>8.2} {:>8.2} {:>8.2}  {}",
+        r.lights,
+        r.edit,
+        kind,
+        r.best_ms,
+        r.median_ms,
+        r.p95_ms,
+        passes.join(", ")
+    );
+}
+
+fn describe(session: &Session) -> String {
+    let tiling = session.baked.tiling;
+    let triangles = session.scene.mesh.triangles.len();
+    format!(
+        "{triangles} triangles, {}x{}, view samples by layer {:?}",
+        tiling.width, tiling.height, session.baked.layers
+    )
+}
+
+/// The first light of each kind.
+fn first_of_each_kind(rig: &Rig) -> Vec<usize> {
+    let kinds = [LightKind::Point, LightKind::Spot, LightKind::Directional];
+    let first = kinds.map(|kind| rig.lights.iter().position(|light| light.kind == kind));
+    let mut found: Vec<usize> = first.into_iter().flatten().collect();
+    found.sort_unstable();
+    if found.is_empty() { vec![0] } else { found }
+}
+
+fn best_of(times: usize, mut measure: impl FnMut() -> Result<f64>) -> Result<f64> {
+    (0..times).try_fold(0.0, |best: f64, _| Ok(best.max(measure()?)))
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    percentile(values, 0.5)
+}
+
+/// Nearest rank; NaN of nothing.
+pub fn percentile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().saturating_sub(1);
+    values.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
+}
+
+/// Mean number of running processes over the last minute; 0 where /proc does not tell.
+fn load_average() -> f64 {
+    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split_whitespace().next().and_then(|load| load.parse().ok()).unwrap_or(0.0)
 }

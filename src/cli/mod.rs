@@ -2,6 +2,8 @@
 
 mod bake;
 mod bench;
+mod bench_rays;
+mod bench_rig;
 mod compare;
 mod devices;
 mod options;

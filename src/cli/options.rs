@@ -172,6 +172,8 @@ pub fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extensions.contains(&extension.as_str()) {
         true => Ok(()),
-        false => Err(Error::invalid(path.display().to_string(), format!("expected a name in .{}", extensions.join(" or .")))),
+        false => {
+            Err(Error::invalid(path.display().to_string(), format!("expected a name in .{}", extensions.join(" or ."))))
+        }
     }
 }

@@ -44,7 +44,8 @@ pub fn left_out(session: &Session, traced: bool) -> Vec<LeftOut> {
         let saves = format!("{} layers, {}", baked.asked_layers - 1, megabytes(full_layers * per_sample));
         add("mirror layers", "no mirror is visible", saves);
     } else if deeper < full_layers {
-        let saves = format!("{} view samples, {}", full_layers - deeper, megabytes((full_layers - deeper) * per_sample));
+        let saves =
+            format!("{} view samples, {}", full_layers - deeper, megabytes((full_layers - deeper) * per_sample));
         add("parts of mirror layers", "mirrors cover a part of the picture", saves);
     }
     if !baked.has_specular {

@@ -90,9 +90,8 @@ impl Session {
             None => {
                 let passes = if settings.samples > 1 { 2 } else { 1 };
                 let bar = progress::bar("deep framebuffer", passes * settings.tile_count());
-                let baked = report.stage("deep framebuffer", || {
-                    bake(&scene, &bvh, &camera, &rig, &settings, &|n| bar.inc(n as u64))
-                });
+                let baked = report
+                    .stage("deep framebuffer", || bake(&scene, &bvh, &camera, &rig, &settings, &|n| bar.inc(n as u64)));
                 bar.finish_and_clear();
                 if let Some(dir) = &cache_dir
                     && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
@@ -105,14 +104,7 @@ impl Session {
         baked.has_specular |= options.force_all;
         report.seconds = start.elapsed().as_secs_f64();
         report.cpu_seconds = cpu_seconds() - cpu_start;
-        Ok(Self {
-            scene: Arc::new(scene),
-            bvh: Arc::new(bvh),
-            baked: Arc::new(baked),
-            rig,
-            bake: report,
-            cache_dir,
-        })
+        Ok(Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked), rig, bake: report, cache_dir })
     }
 
     pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {

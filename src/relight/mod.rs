@@ -2,6 +2,7 @@
 
 pub mod exposure;
 pub mod light_cache;
+pub mod limits;
 mod shadow_map;
 mod visibility;
 

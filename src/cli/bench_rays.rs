@@ -1,0 +1,88 @@
+//! Shadow rays of a scene's lights: in packets, and the same rays singly.
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+use relume::bake::packet::{PACKET_SIZE, trace_packets};
+use relume::shared::PackedLight;
+
+use super::bench::percentile;
+use super::session::Session;
+
+/// Best times of tracing all lights' shadow rays, on all cores.
+#[derive(serde::Serialize)]
+pub struct RayTimes {
+    /// Rays that face their light and lie in its cone.
+    rays: usize,
+    packets_ms: f64,
+    singly_ms: f64,
+    /// Of the rays, where the two disagree: both are right, but for edges that a ray meets within rounding.
+    disagreements: usize,
+}
+
+const REPETITIONS: usize = 9;
+const PACKETS_A_TASK: usize = 16;
+
+pub fn measure(session: &Session) -> RayTimes {
+    let lights: Vec<PackedLight> = session.rig.lights.iter().take(4).map(|l| l.pack(session.scene.origin)).collect();
+    let baked = &session.baked;
+    let (bvh, scene) = (&*session.bvh, &*session.scene);
+    let mut visibility = vec![vec![0u8; baked.packets.len() * PACKET_SIZE]; lights.len()];
+    let mut singly = visibility.clone();
+    let (mut packets_ms, mut singly_ms) = (Vec::new(), Vec::new());
+    let mut rays = 0;
+    for _ in 0..REPETITIONS {
+        let start = Instant::now();
+        for (light, visibility) in lights.iter().zip(&mut visibility) {
+            visibility
+                .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
+                .zip(baked.packets.par_chunks(PACKETS_A_TASK))
+                .for_each(|(visibility, packets)| trace_packets(bvh, scene, light, packets, visibility));
+        }
+        packets_ms.push(start.elapsed().as_secs_f64() * 1e3);
+
+        let start = Instant::now();
+        rays = 0;
+        for (light, visibility) in lights.iter().zip(&mut singly) {
+            rays += visibility
+                .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
+                .zip(baked.packets.par_chunks(PACKETS_A_TASK))
+                .map(|(visibility, packets)| {
+                    let mut rays = 0;
+                    for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
+                        for (lane, visible) in visibility.iter_mut().enumerate() {
+                            *visible = 0;
+                            if let Some(ray) = packet.shadow_ray(bvh, light, lane) {
+                                rays += 1;
+                                *visible =
+                                    if bvh.occluded(scene, ray.origin, ray.direction, ray.length) { 0 } else { 255 };
+                            }
+                        }
+                    }
+                    rays
+                })
+                .sum::<usize>();
+        }
+        singly_ms.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    let differ = |(a, b): (&Vec<u8>, &Vec<u8>)| a.iter().zip(b).filter(|(a, b)| a != b).count();
+    RayTimes {
+        rays,
+        packets_ms: percentile(&mut packets_ms, 0.0),
+        singly_ms: percentile(&mut singly_ms, 0.0),
+        disagreements: visibility.iter().zip(&singly).map(differ).sum(),
+    }
+}
+
+impl std::fmt::Display for RayTimes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { rays, packets_ms, singly_ms, disagreements } = self;
+        let ratio = singly_ms / packets_ms;
+        let rate = *rays as f64 / packets_ms * 1e-3;
+        write!(
+            f,
+            "{rays}: in packets {packets_ms:.2} ms ({rate:.0} million a second), singly {singly_ms:.2} ms, ratio \
+             {ratio:.2}; {disagreements} differ"
+        )
+    }
+}
