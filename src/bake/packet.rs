@@ -1,12 +1,13 @@
 //! Shadow rays in packets of 64 that share the light: exact visibility, several times faster than single rays.
 //!
 //! A packet is 64 view samples that lie close together. All its rays start at the light (or run along it, if it is
-//! directional), so that a triangle's three edge functions are made once for 64 rays, and testing a ray is three dot
+//! directional), so that a triangle's three edge functions are made once for 64 rays, and testing a ray is four dot
 //! products; two triangles that share an edge compute it from the same numbers, so no ray slips between them. Rays are
-//! tested eight by eight; a bit for each eight tells whether any of them is still concerned. Plain safe Rust: the
-//! compiler vectorises the inner loops for the best instruction set of the machine, which `pulp` finds while running.
+//! tested a register at a time, and a bit for each register tells whether any of its rays is still concerned. `pulp`
+//! finds the widest registers of the machine; products and sums are rounded one by one, so that all give the same.
 
 use glam::{Vec2, Vec3};
+use pulp::{Simd, WithSimd};
 
 use super::bvh::{Bvh, is_hole};
 use crate::scene::Scene;
@@ -14,12 +15,9 @@ use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight};
 
 /// Rays in a packet.
 pub const PACKET_SIZE: usize = 64;
-/// Rays in a group: one AVX register.
-const GROUP: usize = 8;
-const GROUPS: usize = PACKET_SIZE / GROUP;
 type Lanes = [f32; PACKET_SIZE];
-/// A node to visit, and a bit for each group of rays that met its parent.
-type Entry = (u32, u32);
+/// A node to visit, and a bit for each register of rays that met its parent.
+type Entry = (u32, u64);
 
 /// 64 view samples as the tracer wants them, mesh space. Lanes without a sample have zero normals.
 #[derive(Clone)]
@@ -40,19 +38,52 @@ impl Default for SamplePacket {
 
 /// Traces `packets` towards `light`. `visibility` gets 255 a sample that sees it and faces it, else 0; 64 a packet.
 pub fn trace_packets(bvh: &Bvh, scene: &Scene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
-    pulp::Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            let mut stack = Vec::with_capacity(128);
-            for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
-                if light.kind == LIGHT_DIRECTIONAL {
-                    trace_packet::<true>(bvh, scene, light, packet, &mut stack, visibility);
-                } else {
-                    trace_packet::<false>(bvh, scene, light, packet, &mut stack, visibility);
-                }
+    pulp::Arch::new().dispatch(TracePackets { bvh, scene, light, packets, visibility });
+}
+
+struct TracePackets<'a> {
+    bvh: &'a Bvh,
+    scene: &'a Scene,
+    light: &'a PackedLight,
+    packets: &'a [SamplePacket],
+    visibility: &'a mut [u8],
+}
+
+impl WithSimd for TracePackets<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        if self.light.kind == LIGHT_DIRECTIONAL {
+            self.trace::<S, true>(simd);
+        } else {
+            self.trace::<S, false>(simd);
+        }
+    }
+}
+
+impl TracePackets<'_> {
+    #[inline(always)]
+    fn trace<S: Simd, const DIRECTIONAL: bool>(self, simd: S) {
+        let Self { bvh, scene, light, packets, visibility } = self;
+        let shared = if DIRECTIONAL { -light.direction } else { light.position };
+        let mut stack = Vec::with_capacity(128);
+        let zero = [[0.0; PACKET_SIZE]; 3];
+        let mut rays = Rays { q: zero, inverse_q: zero, end: [-1.0; PACKET_SIZE] };
+        for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
+            start_rays::<DIRECTIONAL>(bvh, light, packet, &mut rays);
+            let mut alive = 0;
+            for (register, end) in S::as_simd_f32s(&rays.end).0.iter().enumerate() {
+                alive |= u64::from(any_positive(simd, *end)) << register;
             }
-        },
-    );
+            if alive != 0 {
+                traverse::<S, DIRECTIONAL>(simd, bvh, scene, shared, &mut rays, alive, &mut stack);
+            }
+            for (visible, end) in visibility.iter_mut().zip(&rays.end) {
+                *visible = if *end > 0.0 { 255 } else { 0 };
+            }
+        }
+    }
 }
 
 /// The rays of one packet.
@@ -63,29 +94,8 @@ struct Rays {
     q: [Lanes; 3],
     /// 1/q; only for points.
     inverse_q: [Lanes; 3],
-    /// End of the ray: 1 while it has hit nothing, else negative, so that it meets no box; only for points.
+    /// End of the ray: 1 while it has hit nothing, else negative, so that it meets no box.
     end: Lanes,
-}
-
-#[inline(always)]
-fn trace_packet<const DIRECTIONAL: bool>(
-    bvh: &Bvh,
-    scene: &Scene,
-    light: &PackedLight,
-    packet: &SamplePacket,
-    stack: &mut Vec<Entry>,
-    visibility: &mut [u8],
-) {
-    let mut rays = Rays { q: [[0.0; PACKET_SIZE]; 3], inverse_q: [[0.0; PACKET_SIZE]; 3], end: [-1.0; PACKET_SIZE] };
-    start_rays::<DIRECTIONAL>(bvh, light, packet, &mut rays);
-    let alive = alive_groups(&rays.end);
-    if alive != 0 {
-        let shared = if DIRECTIONAL { -light.direction } else { light.position };
-        traverse::<DIRECTIONAL>(bvh, scene, shared, &mut rays, alive, stack);
-    }
-    for (visible, end) in visibility.iter_mut().zip(&rays.end) {
-        *visible = if *end > 0.0 { 255 } else { 0 };
-    }
 }
 
 /// A ray from the light to a view sample, or from a sample along a directional light.
@@ -148,119 +158,118 @@ fn start_rays<const DIRECTIONAL: bool>(bvh: &Bvh, light: &PackedLight, packet: &
 }
 
 #[inline(always)]
-fn alive_groups(end: &Lanes) -> u32 {
-    let mut alive = 0;
-    for group in 0..GROUPS {
-        let mut any = false;
-        for i in group * GROUP..(group + 1) * GROUP {
-            any |= end[i] > 0.0;
-        }
-        alive |= u32::from(any) << group;
-    }
-    alive
+fn any<S: Simd>(simd: S, mask: S::m32s) -> bool {
+    simd.first_true_m32s(mask) < S::F32_LANES
 }
 
 #[inline(always)]
-fn traverse<const DIRECTIONAL: bool>(
+fn any_positive<S: Simd>(simd: S, a: S::f32s) -> bool {
+    any(simd, simd.less_than_f32s(simd.splat_f32s(0.0), a))
+}
+
+#[inline(always)]
+fn traverse<S: Simd, const DIRECTIONAL: bool>(
+    simd: S,
     bvh: &Bvh,
     scene: &Scene,
     shared: Vec3,
     rays: &mut Rays,
-    mut alive: u32,
+    mut alive: u64,
     stack: &mut Vec<Entry>,
 ) {
     let nodes = &bvh.binary.nodes;
     let inverse_direction = shared.recip().clamp(Vec3::splat(-1e30), Vec3::splat(1e30));
     stack.clear();
     stack.push((0, alive));
-    while let Some((node_index, groups)) = stack.pop() {
+    while let Some((node_index, concerned)) = stack.pop() {
         let node = &nodes[node_index as usize];
-        let groups = groups & alive;
         let bounds = node.aabb();
         let (lo, hi) = (Vec3::from(bounds.min), Vec3::from(bounds.max));
         let mut met = 0;
-        let mut left = groups;
+        let mut left = concerned & alive;
         while left != 0 {
-            let group = left.trailing_zeros() as usize;
+            let register = left.trailing_zeros() as usize;
             left &= left - 1;
-            let any = match DIRECTIONAL {
-                false => group_meets_box(rays, group, lo - shared, hi - shared),
-                true => group_meets_box_along(rays, group, lo, hi, inverse_direction),
+            let meets = match DIRECTIONAL {
+                false => meets_box(simd, rays, register, lo - shared, hi - shared),
+                true => meets_box_along(simd, rays, register, lo, hi, inverse_direction),
             };
-            met |= u32::from(any) << group;
+            met |= u64::from(meets) << register;
         }
-        if met != 0 {
-            let first = node.first_index;
-            if node.is_leaf() {
-                for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
-                    let edges = Edges::new::<DIRECTIONAL>(shared, corners.v);
-                    let mut left = met;
-                    while left != 0 {
-                        let group = left.trailing_zeros() as usize;
-                        left &= left - 1;
-                        let live = if bvh.has_masks {
-                            block_unless_hole::<DIRECTIONAL>(&edges, rays, group, |b| {
-                                is_hole(scene, corners.triangle, b)
-                            })
-                        } else {
-                            block::<DIRECTIONAL>(&edges, rays, group)
-                        };
-                        if !live {
-                            met &= !(1 << group);
-                            alive &= !(1 << group);
-                        }
-                    }
-                    if met == 0 {
-                        break;
-                    }
+        if met == 0 {
+            continue;
+        }
+        let first = node.first_index;
+        if !node.is_leaf() {
+            stack.push((first + 1, met));
+            stack.push((first, met));
+            continue;
+        }
+        for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
+            let edges = Edges::new::<DIRECTIONAL>(shared, corners.v);
+            let mut left = met;
+            while left != 0 {
+                let register = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let some_left = if bvh.has_masks {
+                    let hole = |barycentric| is_hole(scene, corners.triangle, barycentric);
+                    block_unless_hole::<DIRECTIONAL>(&edges, rays, register, S::F32_LANES, hole)
+                } else {
+                    block::<S, DIRECTIONAL>(simd, &edges, rays, register)
+                };
+                if !some_left {
+                    met &= !(1 << register);
+                    alive &= !(1 << register);
                 }
-                if alive == 0 {
-                    return;
-                }
-            } else {
-                stack.push((first + 1, met));
-                stack.push((first, met));
+            }
+            if met == 0 {
+                break;
             }
         }
+        if alive == 0 {
+            return;
+        }
     }
 }
 
-/// Whether any live ray of the group, from a shared origin, meets the box given relative to it.
 #[inline(always)]
-fn group_meets_box(rays: &Rays, group: usize, lo: Vec3, hi: Vec3) -> bool {
-    let range = group * GROUP..(group + 1) * GROUP;
-    let (ix, iy, iz) =
-        (&rays.inverse_q[0][range.clone()], &rays.inverse_q[1][range.clone()], &rays.inverse_q[2][range.clone()]);
-    let end = &rays.end[range];
-    let mut any = false;
-    for i in 0..GROUP {
-        let (x0, x1) = (lo.x * ix[i], hi.x * ix[i]);
-        let (y0, y1) = (lo.y * iy[i], hi.y * iy[i]);
-        let (z0, z1) = (lo.z * iz[i], hi.z * iz[i]);
-        let near = x0.min(x1).max(y0.min(y1)).max(z0.min(z1).max(0.0));
-        let far = x0.max(x1).min(y0.max(y1)).min(z0.max(z1).min(end[i]));
-        // Four roundings of slack [Ize 2013].
-        any |= near <= far * (1.0 + 4.0 * f32::EPSILON);
-    }
-    any
+fn load<S: Simd>(lanes: &Lanes, register: usize) -> S::f32s {
+    S::as_simd_f32s(lanes).0[register]
 }
 
-/// Whether any live ray of the group, in a shared direction from `q`, meets the box.
+/// Enlarges the far end of a box by four roundings [Ize 2013].
+const SLACK: f32 = 1.0 + 4.0 * f32::EPSILON;
+
+/// Whether any live ray of a register, from a shared origin, meets the box given relative to it.
 #[inline(always)]
-fn group_meets_box_along(rays: &Rays, group: usize, lo: Vec3, hi: Vec3, inverse: Vec3) -> bool {
-    let range = group * GROUP..(group + 1) * GROUP;
-    let (qx, qy, qz) = (&rays.q[0][range.clone()], &rays.q[1][range.clone()], &rays.q[2][range.clone()]);
-    let end = &rays.end[range];
-    let mut any = false;
-    for i in 0..GROUP {
-        let (x0, x1) = ((lo.x - qx[i]) * inverse.x, (hi.x - qx[i]) * inverse.x);
-        let (y0, y1) = ((lo.y - qy[i]) * inverse.y, (hi.y - qy[i]) * inverse.y);
-        let (z0, z1) = ((lo.z - qz[i]) * inverse.z, (hi.z - qz[i]) * inverse.z);
-        let near = x0.min(x1).max(y0.min(y1)).max(z0.min(z1).max(0.0));
-        let far = x0.max(x1).min(y0.max(y1)).min(z0.max(z1));
-        any |= (near <= far * (1.0 + 4.0 * f32::EPSILON)) & (end[i] > 0.0);
+fn meets_box<S: Simd>(simd: S, rays: &Rays, register: usize, lo: Vec3, hi: Vec3) -> bool {
+    let mut near = simd.splat_f32s(0.0);
+    let mut far = load::<S>(&rays.end, register);
+    for axis in 0..3 {
+        let inverse = load::<S>(&rays.inverse_q[axis], register);
+        let a = simd.mul_f32s(simd.splat_f32s(lo[axis]), inverse);
+        let b = simd.mul_f32s(simd.splat_f32s(hi[axis]), inverse);
+        near = simd.max_f32s(near, simd.min_f32s(a, b));
+        far = simd.min_f32s(far, simd.max_f32s(a, b));
     }
-    any
+    any(simd, simd.less_than_or_equal_f32s(near, simd.mul_f32s(far, simd.splat_f32s(SLACK))))
+}
+
+/// Whether any live ray of a register, in a shared direction from `q`, meets the box.
+#[inline(always)]
+fn meets_box_along<S: Simd>(simd: S, rays: &Rays, register: usize, lo: Vec3, hi: Vec3, inverse: Vec3) -> bool {
+    let mut near = simd.splat_f32s(0.0);
+    // Without an end while it lives.
+    let mut far = simd.mul_f32s(load::<S>(&rays.end, register), simd.splat_f32s(f32::MAX));
+    for axis in 0..3 {
+        let q = load::<S>(&rays.q[axis], register);
+        let inverse = simd.splat_f32s(inverse[axis]);
+        let a = simd.mul_f32s(simd.sub_f32s(simd.splat_f32s(lo[axis]), q), inverse);
+        let b = simd.mul_f32s(simd.sub_f32s(simd.splat_f32s(hi[axis]), q), inverse);
+        near = simd.max_f32s(near, simd.min_f32s(a, b));
+        far = simd.min_f32s(far, simd.max_f32s(a, b));
+    }
+    any(simd, simd.less_than_or_equal_f32s(near, simd.mul_f32s(far, simd.splat_f32s(SLACK))))
 }
 
 /// A triangle as seen by all rays of a packet: edge function i of a ray is `normals[i] . q + offsets[i]`; it belongs to
@@ -294,37 +303,55 @@ impl Edges {
     }
 
     /// The three edge functions of a ray, and whether it meets the triangle within its ends.
-    #[inline(always)]
-    fn test<const DIRECTIONAL: bool>(&self, q: [f32; 3]) -> ([f32; 3], bool) {
-        let dot = |n: Vec3| n.x * q[0] + n.y * q[1] + n.z * q[2];
-        let w = [0, 1, 2].map(|k| dot(self.normals[k]) + self.offsets[k]);
-        let low = w[0].min(w[1]).min(w[2]);
-        let high = w[0].max(w[1]).max(w[2]);
-        let inside = (low >= 0.0) | (high <= 0.0);
-        let plane = dot(self.normal);
+    fn test<const DIRECTIONAL: bool>(&self, q: Vec3) -> ([f32; 3], bool) {
+        let w = [0, 1, 2].map(|k| self.normals[k].dot(q) + self.offsets[k]);
+        let inside = w.iter().all(|w| *w >= 0.0) || w.iter().all(|w| *w <= 0.0);
+        let plane = self.normal.dot(q);
         let within = if DIRECTIONAL {
             (self.plane_offset - plane) * self.along > 0.0
         } else {
-            // 0 < plane_offset / plane < 1, without the division.
-            (self.plane_offset * plane > 0.0) & (self.plane_offset.abs() < plane.abs())
+            self.plane_offset * plane > 0.0 && self.plane_offset.abs() < plane.abs()
         };
-        (w, inside & within)
+        (w, inside && within)
     }
 }
 
-/// Ends the rays of a group that meet the triangle. Returns whether any is left.
+/// Ends the rays of a register that meet the triangle. Returns whether any is left. [`Edges::test`], many at once.
 #[inline(always)]
-fn block<const DIRECTIONAL: bool>(edges: &Edges, rays: &mut Rays, group: usize) -> bool {
-    let range = group * GROUP..(group + 1) * GROUP;
-    let (qx, qy, qz) = (&rays.q[0][range.clone()], &rays.q[1][range.clone()], &rays.q[2][range.clone()]);
-    let end = &mut rays.end[range];
-    let mut any = false;
-    for i in 0..GROUP {
-        let (_, hit) = edges.test::<DIRECTIONAL>([qx[i], qy[i], qz[i]]);
-        end[i] = if hit { -1.0 } else { end[i] };
-        any |= end[i] > 0.0;
+fn block<S: Simd, const DIRECTIONAL: bool>(simd: S, edges: &Edges, rays: &mut Rays, register: usize) -> bool {
+    let q = [0, 1, 2].map(|axis| load::<S>(&rays.q[axis], register));
+    let dot = |n: Vec3| {
+        let x = simd.mul_f32s(simd.splat_f32s(n.x), q[0]);
+        let y = simd.mul_f32s(simd.splat_f32s(n.y), q[1]);
+        let z = simd.mul_f32s(simd.splat_f32s(n.z), q[2]);
+        simd.add_f32s(simd.add_f32s(x, y), z)
+    };
+    let edge = |k: usize| match DIRECTIONAL {
+        true => simd.add_f32s(dot(edges.normals[k]), simd.splat_f32s(edges.offsets[k])),
+        false => dot(edges.normals[k]),
+    };
+    let (w0, w1, w2) = (edge(0), edge(1), edge(2));
+    let low = simd.min_f32s(simd.min_f32s(w0, w1), w2);
+    let high = simd.max_f32s(simd.max_f32s(w0, w1), w2);
+    let zero = simd.splat_f32s(0.0);
+    let inside = simd.or_m32s(simd.less_than_or_equal_f32s(zero, low), simd.less_than_or_equal_f32s(high, zero));
+    let end = load::<S>(&rays.end, register);
+    if !any(simd, simd.and_m32s(inside, simd.less_than_f32s(zero, end))) {
+        return true; // most registers miss; it is left as it was, and some of it was alive
     }
-    any
+    let plane = dot(edges.normal);
+    let offset = simd.splat_f32s(edges.plane_offset);
+    let within = if DIRECTIONAL {
+        let ahead = simd.mul_f32s(simd.sub_f32s(offset, plane), simd.splat_f32s(edges.along));
+        simd.less_than_f32s(zero, ahead)
+    } else {
+        // 0 < plane_offset / plane < 1, without the division.
+        let ahead = simd.less_than_f32s(zero, simd.mul_f32s(offset, plane));
+        simd.and_m32s(ahead, simd.less_than_f32s(simd.abs_f32s(offset), simd.abs_f32s(plane)))
+    };
+    let end = simd.select_f32s(simd.and_m32s(inside, within), simd.splat_f32s(-1.0), end);
+    S::as_mut_simd_f32s(&mut rays.end).0[register] = end;
+    any_positive(simd, end)
 }
 
 /// The same for triangles with holes: `hole` tells by barycentric coordinates.
@@ -332,12 +359,13 @@ fn block<const DIRECTIONAL: bool>(edges: &Edges, rays: &mut Rays, group: usize) 
 fn block_unless_hole<const DIRECTIONAL: bool>(
     edges: &Edges,
     rays: &mut Rays,
-    group: usize,
+    register: usize,
+    lanes: usize,
     hole: impl Fn(Vec2) -> bool,
 ) -> bool {
     let mut any = false;
-    for i in group * GROUP..(group + 1) * GROUP {
-        let (w, hit) = edges.test::<DIRECTIONAL>([rays.q[0][i], rays.q[1][i], rays.q[2][i]]);
+    for i in register * lanes..(register + 1) * lanes {
+        let (w, hit) = edges.test::<DIRECTIONAL>(Vec3::new(rays.q[0][i], rays.q[1][i], rays.q[2][i]));
         if hit && rays.end[i] > 0.0 && !hole(Vec2::new(w[1], w[2]) / (w[0] + w[1] + w[2])) {
             rays.end[i] = -1.0;
         }
