@@ -7,6 +7,7 @@
 //! finds the widest registers of the machine; products and sums are rounded one by one, so that all give the same.
 
 use glam::{Vec2, Vec3};
+use obvhs::bvh2::node::Bvh2Node;
 use pulp::{Simd, WithSimd};
 
 use super::bvh::{Bvh, is_hole};
@@ -69,9 +70,10 @@ impl TracePackets<'_> {
         let shared = if DIRECTIONAL { -light.direction } else { light.position };
         let mut stack = Vec::with_capacity(128);
         let zero = [[0.0; PACKET_SIZE]; 3];
-        let mut rays = Rays { q: zero, inverse_q: zero, end: [-1.0; PACKET_SIZE] };
+        let end = [-1.0; PACKET_SIZE];
+        let mut rays = Rays { q: zero, inverse_q: zero, end, center: Vec3::ZERO, half: Vec3::ZERO };
         for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
-            start_rays::<DIRECTIONAL>(bvh, light, packet, &mut rays);
+            start_rays::<S, DIRECTIONAL>(simd, bvh, light, packet, &mut rays);
             let mut alive = 0;
             for (register, end) in S::as_simd_f32s(&rays.end).0.iter().enumerate() {
                 alive |= u64::from(any_positive(simd, *end)) << register;
@@ -96,6 +98,9 @@ struct Rays {
     inverse_q: [Lanes; 3],
     /// End of the ray: 1 while it has hit nothing, else negative, so that it meets no box.
     end: Lanes,
+    /// Box around the `q` of all live rays: its centre, and half its size.
+    center: Vec3,
+    half: Vec3,
 }
 
 /// A ray from the light to a view sample, or from a sample along a directional light.
@@ -111,17 +116,18 @@ impl SamplePacket {
     /// its cone or range.
     pub fn shadow_ray(&self, bvh: &Bvh, light: &PackedLight, lane: usize) -> Option<ShadowRay> {
         if light.kind == LIGHT_DIRECTIONAL {
-            let origin = self.target::<true>(bvh, light, lane)?;
-            Some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
+            let (needed, origin) = self.target::<true>(bvh, light, lane);
+            needed.then_some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
         } else {
-            let target = Vec3::from(self.target::<false>(bvh, light, lane)?);
-            Some(ShadowRay { origin: light.position, direction: target - light.position, length: 1.0 })
+            let (needed, target) = self.target::<false>(bvh, light, lane);
+            let direction = Vec3::from(target) - light.position;
+            needed.then_some(ShadowRay { origin: light.position, direction, length: 1.0 })
         }
     }
 
-    /// Where the ray of a lane ends: off the surface, on the light's side. `None` if it need not be traced.
+    /// Whether the ray of a lane needs to be traced, and where it ends: off the surface, on the light's side.
     #[inline(always)]
-    fn target<const DIRECTIONAL: bool>(&self, bvh: &Bvh, light: &PackedLight, i: usize) -> Option<[f32; 3]> {
+    fn target<const DIRECTIONAL: bool>(&self, bvh: &Bvh, light: &PackedLight, i: usize) -> (bool, [f32; 3]) {
         let [px, py, pz] = [self.position[0][i], self.position[1][i], self.position[2][i]];
         let [nx, ny, nz] = [self.normal[0][i], self.normal[1][i], self.normal[2][i]];
         let [gx, gy, gz] = [self.geometric_normal[0][i], self.geometric_normal[1][i], self.geometric_normal[2][i]];
@@ -136,24 +142,44 @@ impl SamplePacket {
         let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
         let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance });
         let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
-        (facing & inside & in_range).then_some([px + gx * offset, py + gy * offset, pz + gz * offset])
+        (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
     }
 }
 
 /// Sets up rays to samples that face the light and lie in its cone and range; the others stay dead.
 #[inline(always)]
-fn start_rays<const DIRECTIONAL: bool>(bvh: &Bvh, light: &PackedLight, packet: &SamplePacket, rays: &mut Rays) {
+fn start_rays<S: Simd, const DIRECTIONAL: bool>(
+    simd: S,
+    bvh: &Bvh,
+    light: &PackedLight,
+    packet: &SamplePacket,
+    rays: &mut Rays,
+) {
     let origin = if DIRECTIONAL { Vec3::ZERO } else { light.position };
+    let [qx, qy, qz] = &mut rays.q;
     for i in 0..PACKET_SIZE {
-        let target = packet.target::<DIRECTIONAL>(bvh, light, i);
-        let end = target.unwrap_or_default();
-        for axis in 0..3 {
-            let q = end[axis] - origin[axis];
-            rays.q[axis][i] = q;
-            // Parallel to a slab: a huge number with the right sign, so that no 0 * inf arises.
-            rays.inverse_q[axis][i] = if q.abs() > 1e-30 { 1.0 / q } else { 1e30f32.copysign(q) };
+        let (needed, target) = packet.target::<DIRECTIONAL>(bvh, light, i);
+        (qx[i], qy[i], qz[i]) = (target[0] - origin.x, target[1] - origin.y, target[2] - origin.z);
+        rays.end[i] = if needed { 1.0 } else { -1.0 };
+    }
+    for axis in 0..3 {
+        let q = S::as_simd_f32s(&rays.q[axis]).0;
+        let end = S::as_simd_f32s(&rays.end).0;
+        let inverse = S::as_mut_simd_f32s(&mut rays.inverse_q[axis]).0;
+        let (mut lo, mut hi) = (simd.splat_f32s(f32::MAX), simd.splat_f32s(f32::MIN));
+        for register in 0..q.len() {
+            let q = q[register];
+            // Parallel to a slab: a huge number instead of infinity, so that no 0 * inf arises.
+            let parallel = simd.less_than_f32s(simd.abs_f32s(q), simd.splat_f32s(1e-30));
+            let divisor = simd.select_f32s(parallel, simd.splat_f32s(1e-30), q);
+            inverse[register] = simd.div_f32s(simd.splat_f32s(1.0), divisor);
+            let live = simd.less_than_f32s(simd.splat_f32s(0.0), end[register]);
+            lo = simd.select_f32s(live, simd.min_f32s(lo, q), lo);
+            hi = simd.select_f32s(live, simd.max_f32s(hi, q), hi);
         }
-        rays.end[i] = if target.is_some() { 1.0 } else { -1.0 };
+        let (lo, hi) = (simd.reduce_min_f32s(lo), simd.reduce_max_f32s(hi));
+        rays.center[axis] = (lo + hi) / 2.0;
+        rays.half[axis] = (hi - lo) / 2.0;
     }
 }
 
@@ -179,14 +205,11 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
 ) {
     let nodes = &bvh.binary.nodes;
     let inverse_direction = shared.recip().clamp(Vec3::splat(-1e30), Vec3::splat(1e30));
-    stack.clear();
-    stack.push((0, alive));
-    while let Some((node_index, concerned)) = stack.pop() {
-        let node = &nodes[node_index as usize];
+    let meets = |node: &Bvh2Node, rays: &Rays, concerned: u64| {
         let bounds = node.aabb();
         let (lo, hi) = (Vec3::from(bounds.min), Vec3::from(bounds.max));
         let mut met = 0;
-        let mut left = concerned & alive;
+        let mut left = concerned;
         while left != 0 {
             let register = left.trailing_zeros() as usize;
             left &= left - 1;
@@ -196,17 +219,28 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
             };
             met |= u64::from(meets) << register;
         }
-        if met == 0 {
-            continue;
-        }
+        met
+    };
+    stack.clear();
+    stack.push((0, alive));
+    while let Some((node_index, concerned)) = stack.pop() {
+        let node = &nodes[node_index as usize];
+        let mut met = concerned & alive;
         let first = node.first_index;
         if !node.is_leaf() {
-            stack.push((first + 1, met));
-            stack.push((first, met));
+            for child in [first + 1, first] {
+                let met = meets(&nodes[child as usize], rays, met);
+                if met != 0 {
+                    stack.push((child, met));
+                }
+            }
             continue;
         }
         for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
             let edges = Edges::new::<DIRECTIONAL>(shared, corners.v);
+            if edges.miss_all::<DIRECTIONAL>(rays) {
+                continue;
+            }
             let mut left = met;
             while left != 0 {
                 let register = left.trailing_zeros() as usize;
@@ -300,6 +334,21 @@ impl Edges {
             false => (moments, [0.0; 3]),
         };
         Self { normals, offsets, normal, plane_offset: normal.dot(v[0]), along: normal.dot(shared) }
+    }
+
+    /// Whether every ray of the packet surely passes by, by interval arithmetic on the box around its `q`.
+    #[inline(always)]
+    fn miss_all<const DIRECTIONAL: bool>(&self, rays: &Rays) -> bool {
+        // Where a ray meets the triangle ahead of its start, all edge functions have this sign.
+        let facing = if DIRECTIONAL { self.along } else { self.plane_offset };
+        let sign = 1f32.copysign(facing);
+        (0..3).any(|k| {
+            let (n, offset) = (self.normals[k], self.offsets[k]);
+            let reach = n.abs().dot(rays.half);
+            let middle = (n.dot(rays.center) + offset) * sign;
+            // Slack for the rounding of both sides.
+            middle + reach < -1e-6 * (n.abs().dot(rays.center.abs()) + reach + offset.abs())
+        })
     }
 
     /// The three edge functions of a ray, and whether it meets the triangle within its ends.
