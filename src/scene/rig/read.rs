@@ -90,8 +90,8 @@ pub fn parse(text: &str) -> Result<Rig, String> {
         let message = e.message().replace('\n', " ");
         reader.line(at, message)
     })?;
-    let mut rig = Rig::default();
-    rig.camera = file.camera.map(|camera| reader.camera(camera)).transpose()?;
+    let camera = file.camera.map(|camera| reader.camera(camera)).transpose()?;
+    let mut rig = Rig { camera, ..Rig::default() };
     let mut group_indices = HashMap::new();
     for entry in file.group {
         let at = entry.name.span();
