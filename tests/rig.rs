@@ -108,7 +108,7 @@ fn wrong_rigs_name_the_line() {
         (format!("{light}intensity = 1e20\nstops = 100\n"), "must be finite"),
         (format!("{light}color = [1, -1, 1]\n"), "line 5: light \"a\": color"),
         (format!("{light}color = [1, 1]\n"), "line 5"),
-        (format!("{light}range = 0\n"), "range must be positive"),
+        (format!("{light}range = 0\n"), "line 5: light \"a\": range is 0"),
         (format!("{light}enabled = 1\n"), "line 5"),
         (light.replace("[0, 0, 0]", "[0, inf, 0]"), "line 4: light \"a\": position must be finite"),
         (light.replace("position = [0, 0, 0]\n", ""), "line 3: light \"a\": a point light needs a position"),

@@ -1,12 +1,100 @@
 //! Files that are whole or not there.
 
-use std::io::Write;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Writes `path` through `encode` into a file beside it, then renames: a failure leaves what was there before.
+///
+/// A symbolic link stays and what it points to is replaced; a device or pipe is written to directly. When the disk
+/// fails, the error is `Error::Io` naming `path`, whatever `encode` made of it.
 pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
-    let _ = (path, encode);
-    todo!()
+    match fs::metadata(path) {
+        Ok(kind) if kind.is_dir() => return Err(Error::io("write", path)(io::ErrorKind::IsADirectory.into())),
+        // Renaming onto /dev/null or /dev/stdout would replace the device.
+        Ok(kind) if !kind.is_file() => {
+            let device = File::options().write(true).open(path).map_err(Error::io("open", path))?;
+            return encode_into(path, &device, encode);
+        }
+        _ => {}
+    }
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let folder = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let beside = temporary().tempfile_in(folder).map_err(Error::io("create", path))?;
+    encode_into(path, beside.as_file(), encode)?;
+    beside.as_file().sync_all().map_err(Error::io("write", path))?;
+    beside.persist(&target).map_err(|failed| Error::io("rename a finished file to", path)(failed.error))?;
+    Ok(())
+}
+
+/// Writes `bytes` as the whole of `path`, like [`write_whole`].
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_whole(path, |out| out.write_all(bytes).map_err(Error::io("write", path)))
+}
+
+/// Opens a regular file for reading, with its length in bytes; anything else (a pipe might never end) is an error.
+pub fn open(path: &Path) -> Result<(File, u64)> {
+    let kind = fs::metadata(path).map_err(Error::io("open", path))?;
+    if !kind.is_file() {
+        return Err(Error::import(path, "not a regular file"));
+    }
+    let file = File::open(path).map_err(Error::io("open", path))?;
+    Ok((file, kind.len()))
+}
+
+fn temporary() -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".relume-").suffix(".part");
+    // tempfile's own default is 0600; with this the kernel takes the umask off, as for any new file.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder
+}
+
+fn encode_into(path: &Path, file: &File, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
+    let mut watched = Watched { file, failure: None };
+    let mut buffered = BufWriter::with_capacity(1 << 16, &mut watched);
+    let encoded = encode(&mut buffered);
+    let flushed = buffered.flush().map_err(Error::io("write", path));
+    drop(buffered);
+    match watched.failure {
+        Some(failure) => Err(Error::io("write", path)(failure)),
+        None => encoded.and(flushed),
+    }
+}
+
+/// Keeps the first failure of the disk, which encoders wrap in errors of their own.
+struct Watched<'a> {
+    file: &'a File,
+    failure: Option<io::Error>,
+}
+
+impl Watched<'_> {
+    fn keep<T>(&mut self, outcome: io::Result<T>) -> io::Result<T> {
+        outcome.map_err(|failure| {
+            let kind = failure.kind();
+            // An interrupted write is tried again by the caller and has failed nothing.
+            if kind != io::ErrorKind::Interrupted {
+                self.failure.get_or_insert(failure);
+            }
+            kind.into()
+        })
+    }
+}
+
+impl Write for Watched<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let outcome = self.file.write(bytes);
+        self.keep(outcome)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let outcome = self.file.flush();
+        self.keep(outcome)
+    }
 }

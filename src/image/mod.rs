@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod exr;
+mod exr_read;
 pub mod file;
 pub mod png;
 
@@ -22,7 +23,40 @@ pub struct Layer {
 }
 
 impl Image {
-    pub fn layer(&self, name: &str) -> Option<&Layer> {
-        self.layers.iter().find(|layer| layer.name == name)
+    /// An image of the unnamed layer alone; `pixels` are width * height, row by row.
+    pub fn single(width: usize, height: usize, pixels: Vec<[f32; 3]>) -> Self {
+        Self { width, height, layers: Vec::new() }.with_layer("", pixels)
     }
+
+    /// The same image with one more layer, whose name must be new and whose pixels must fill the size.
+    pub fn with_layer(mut self, name: impl Into<String>, pixels: Vec<[f32; 3]>) -> Self {
+        self.push_layer(name, pixels);
+        self
+    }
+
+    /// Adds a layer, whose name must be new and whose pixels must fill the image's size.
+    pub fn push_layer(&mut self, name: impl Into<String>, pixels: Vec<[f32; 3]>) {
+        let name = name.into();
+        assert_eq!(pixels.len(), self.width * self.height, "layer `{name}` of {}x{}", self.width, self.height);
+        assert!(self.layers.iter().all(|layer| layer.name != name), "layer `{name}` is there already");
+        self.layers.push(Layer { name, pixels });
+    }
+
+    /// The layer of that name; `beauty` is the unnamed one unless a layer is really called so.
+    pub fn layer(&self, name: &str) -> Option<&Layer> {
+        let exactly = |name: &str| self.layers.iter().find(|layer| layer.name == name);
+        exactly(name).or_else(|| if name == "beauty" { exactly("") } else { None })
+    }
+}
+
+impl Layer {
+    /// Relative luminance of every pixel, row by row.
+    pub fn luminance(&self) -> Vec<f32> {
+        self.pixels.iter().copied().map(luminance).collect()
+    }
+}
+
+/// Relative luminance of linear Rec. 709, in the unit of its channels [ITU-R BT.709-6, Section 3].
+pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
 }

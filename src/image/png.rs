@@ -1,9 +1,81 @@
+//! PNG files: 8-bit sRGB out, anything as 8-bit RGBA in.
+
+use std::io::BufReader;
 use std::path::Path;
 
-use crate::error::Result;
+use super::file;
+use crate::error::{Error, Result};
+
+/// Pixels of a PNG file, row by row from the top, as stored (sRGB unless the file says otherwise).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pixels {
+    pub width: usize,
+    pub height: usize,
+    pub rgba: Vec<[u8; 4]>,
+}
 
 /// Writes 8-bit sRGB pixels (RGB or RGBA by `CHANNELS`), beside and renamed.
 pub fn write<const CHANNELS: usize>(path: &Path, width: usize, height: usize, pixels: &[[u8; CHANNELS]]) -> Result<()> {
-    let _ = (path, width, height, pixels);
-    todo!()
+    assert_eq!(pixels.len(), width * height, "pixels of {width}x{height}");
+    let bytes = encode(width, height, pixels)
+        .map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
+    file::write_bytes(path, &bytes)
+}
+
+fn encode<const CHANNELS: usize>(
+    width: usize,
+    height: usize,
+    pixels: &[[u8; CHANNELS]],
+) -> Result<Vec<u8>, png::EncodingError> {
+    const { assert!(CHANNELS == 3 || CHANNELS == 4, "RGB or RGBA") };
+    // No PNG has a side of 2^31 or more, so a size cut to fit is refused like the size itself.
+    let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, side(width), side(height));
+    encoder.set_color(if CHANNELS == 4 { png::ColorType::Rgba } else { png::ColorType::Rgb });
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(pixels.as_flattened())?;
+    writer.finish()?;
+    Ok(bytes)
+}
+
+/// Reads any PNG as 8-bit RGBA: grey is spread, palettes are looked up, 16 bits keep the upper 8.
+pub fn read(path: &Path) -> Result<Pixels> {
+    let malformed = |cause: png::DecodingError| match cause {
+        png::DecodingError::IoError(cause) if cause.kind() != std::io::ErrorKind::UnexpectedEof => {
+            Error::io("read", path)(cause)
+        }
+        cause => Error::import_from(path, "not a readable PNG file", cause),
+    };
+    let (opened, file_bytes) = file::open(path)?;
+    let mut decoder = png::Decoder::new(BufReader::new(opened));
+    decoder.set_transformations(png::Transformations::normalize_to_color8());
+    let mut reader = decoder.read_info().map_err(malformed)?;
+
+    // Deflate shrinks at most 1032:1 and the densest PNG holds 8 pixels a byte, which become 4 bytes each.
+    let most = file_bytes.saturating_mul(1032 * 8 * 4);
+    let size = reader.output_buffer_size().filter(|&bytes| bytes as u64 <= most);
+    let size = size.ok_or_else(|| Error::import(path, "claims more pixels than its bytes could hold"))?;
+    let mut stored = vec![0; size];
+    let frame = reader.next_frame(&mut stored).map_err(malformed)?;
+    let stored = &stored[..frame.buffer_size()];
+    let rgba = match frame.color_type {
+        png::ColorType::Grayscale => stored.iter().map(|&grey| [grey, grey, grey, 255]).collect(),
+        png::ColorType::GrayscaleAlpha => {
+            stored.as_chunks::<2>().0.iter().map(|&[grey, alpha]| [grey, grey, grey, alpha]).collect()
+        }
+        png::ColorType::Rgb => stored.as_chunks::<3>().0.iter().map(|&[r, g, b]| [r, g, b, 255]).collect(),
+        png::ColorType::Rgba => stored.as_chunks::<4>().0.to_vec(),
+        png::ColorType::Indexed => unreachable!("palettes are expanded by the transformation set above"),
+    };
+    Ok(Pixels { width: frame.width as usize, height: frame.height as usize, rgba })
+}
+
+/// sRGB value of a linear one, clamped to what 8 bits hold; not a number becomes 0 [IEC 61966-2-1, 5.2].
+pub fn srgb8_from_linear(linear: f32) -> u8 {
+    let linear = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
+    let encoded = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    (encoded * 255.0).round() as u8
 }

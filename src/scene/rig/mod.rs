@@ -5,6 +5,7 @@
 
 mod blackbody;
 mod read;
+mod read_light;
 mod write;
 
 use std::collections::{HashMap, HashSet};
