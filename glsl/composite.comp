@@ -2,6 +2,7 @@
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
 #include "lib/color.glsl"
@@ -10,22 +11,25 @@ layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { CompositePush push; };
 layout(constant_id = 0) const uint OUTPUT = OUTPUT_LINEAR;
 
+// One workgroup a tile: reads run on in memory, and no pixel divides by the width.
 void main() {
-    uint index = gl_GlobalInvocationID.x;
-    if (index >= push.width * push.height) {
+    uint tiles_x = (push.width + TILE_SIZE - 1) / TILE_SIZE;
+    uvec2 tile = uvec2(gl_WorkGroupID.x % tiles_x, gl_WorkGroupID.x / tiles_x);
+    uint inside = gl_LocalInvocationIndex;
+    uvec2 pixel = tile * TILE_SIZE + uvec2(inside % TILE_SIZE, inside / TILE_SIZE);
+    if (pixel.x >= push.width || pixel.y >= push.height) {
         return;
     }
-    uvec2 pixel = uvec2(index % push.width, index / push.width);
-    uint tiles_x = (push.width + TILE_SIZE - 1) / TILE_SIZE;
-    uvec2 tile = pixel / TILE_SIZE;
-    uvec2 inside = pixel % TILE_SIZE;
-    uint at = (tile.y * tiles_x + tile.x) * TILE_SIZE * TILE_SIZE + inside.y * TILE_SIZE + inside.x;
+    uint at = gl_GlobalInvocationID.x;
+    uint index = pixel.y * push.width + pixel.x;
 
     vec3 c = vec3(0.0);
-    for (uint i = 0; i < push.term_count; ++i) {
-        SumTerm term = push.terms.at[i];
-        Read_float image = Read_float(term.image);
-        c += term.scale * vec3(image.at[at], image.at[at + push.pixel_stride], image.at[at + 2 * push.pixel_stride]);
+    [[unroll]] for (uint i = 0; i < MAX_TERMS; ++i) {
+        if (i < push.term_count) {
+            Read_float image = Read_float(push.terms[i].image);
+            vec3 term = vec3(image.at[at], image.at[at + push.pixel_stride], image.at[at + 2 * push.pixel_stride]);
+            c += push.terms[i].scale * term;
+        }
     }
     if (OUTPUT == OUTPUT_LINEAR) {
         push.target.at[3 * index] = floatBitsToUint(c.r);

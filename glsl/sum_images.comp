@@ -2,6 +2,7 @@
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
 
@@ -13,11 +14,12 @@ void main() {
     if (index >= 3 * push.plane_length) {
         return;
     }
-    uint plane = index / push.plane_length;
+    uint plane = uint(index >= push.plane_length) + uint(index >= 2 * push.plane_length);
     vec4 sum = push.accumulate != 0 ? push.sum.at[index] : vec4(0.0);
-    for (uint i = 0; i < push.term_count; ++i) {
-        SumTerm term = push.terms.at[i];
-        sum += term.scale[plane] * term.image.at[index];
+    [[unroll]] for (uint i = 0; i < MAX_TERMS; ++i) {
+        if (i < push.term_count) {
+            sum += push.terms[i].scale[plane] * push.terms[i].image.at[index];
+        }
     }
     push.sum.at[index] = sum;
 }

@@ -21,6 +21,9 @@ gpu_shared! {
         /// [`PackedLight::kind`]
         pub const LIGHT_DIRECTIONAL: u32 = 2;
 
+        /// Images that a pass sums at most: so many terms fit its push constants.
+        pub const MAX_TERMS: u32 = 4;
+
         /// Composite writes scene-linear float RGB.
         pub const OUTPUT_LINEAR: u32 = 0;
         /// Composite writes 8-bit sRGB, clamped.
@@ -193,10 +196,10 @@ gpu_shared! {
 
         /// sum_images.comp
         pub push SumImagesPush {
-            /// What is summed.
-            pub terms: Read<SumTerm>,
             /// Planes R, G, B.
             pub sum: Write<Vec4>,
+            /// What is summed.
+            pub terms: [SumTerm; MAX_TERMS as usize],
             /// How many terms.
             pub term_count: u32,
             /// vec4s a plane.
@@ -210,7 +213,7 @@ gpu_shared! {
         /// composite.comp
         pub push CompositePush {
             /// What is summed.
-            pub terms: Read<SumTerm>,
+            pub terms: [SumTerm; MAX_TERMS as usize],
             /// One packed RGBA8 a pixel, or three floats, row by row.
             pub target: Write<u32>,
             /// How many terms.

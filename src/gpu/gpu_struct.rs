@@ -39,6 +39,12 @@ primitive! {
     Mat4 => "mat4",
 }
 
+impl<T: Glsl, const N: usize> Glsl for [T; N] {
+    fn name() -> String {
+        format!("{}[{N}]", T::name())
+    }
+}
+
 /// Device address of `[T]` that a pass reads. Only [`super::frame::Pass`] hands one out: it is the receipt for the
 /// declared access.
 #[repr(transparent)]

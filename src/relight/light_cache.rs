@@ -13,6 +13,7 @@ use std::collections::HashMap;
 use glam::Vec3;
 
 use crate::scene::{Light, Rig};
+use crate::shared::MAX_TERMS;
 
 /// One image of a sum.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,10 +48,10 @@ pub struct Plan {
     pub picture: Vec<Term>,
 }
 
-/// More edited lights than this, and the tree's root is summed instead of a rest.
-const MAX_FOCUS: usize = 8;
-/// Images that a rest sums at once, so that few slots are enough.
-const REST_BATCH: usize = 8;
+/// More edited lights than this, and the tree's root is summed instead of a rest: the picture is the focus and the rest.
+const MAX_FOCUS: usize = MAX_TERMS as usize - 1;
+/// Images that a pass sums.
+const BATCH: usize = MAX_TERMS as usize;
 
 pub struct LightCache {
     rig: Rig,
@@ -93,7 +94,7 @@ impl LightCache {
         // Summing a tree holds an image a level, and groups make it at most twice as deep; the focus and one batch of
         // the rest stay while that happens.
         let depth = usize::BITS - light_count.leading_zeros();
-        let fewest = 2 * depth as usize + MAX_FOCUS + REST_BATCH + 4;
+        let fewest = 2 * depth as usize + MAX_FOCUS + BATCH + 4;
         (fewest, fewest.max(2 * light_count))
     }
 
@@ -249,19 +250,20 @@ impl LightCache {
         if nodes.is_empty() {
             return terms;
         }
-        for (batch_index, batch) in nodes.chunks(REST_BATCH).enumerate() {
-            let mut pinned = Vec::with_capacity(REST_BATCH);
-            for &&(node, scale) in batch {
-                let slot = self.need(node, steps);
-                self.slots[slot].pins += 1;
-                pinned.push(slot);
-                terms.push(Term { source: Source::Slot(slot), scale });
+        let mut accumulate = false;
+        for (i, &&(node, scale)) in nodes.iter().enumerate() {
+            let slot = self.need(node, steps);
+            self.slots[slot].pins += 1;
+            terms.push(Term { source: Source::Slot(slot), scale });
+            if terms.len() == BATCH || i + 1 == nodes.len() {
+                for term in &terms {
+                    if let Source::Slot(slot) = term.source {
+                        self.slots[slot].pins -= 1;
+                    }
+                }
+                steps.push(Step::Sum { target: Source::Rest, terms: std::mem::take(&mut terms), accumulate });
+                accumulate = true;
             }
-            for slot in pinned {
-                self.slots[slot].pins -= 1;
-            }
-            let terms = std::mem::take(&mut terms);
-            steps.push(Step::Sum { target: Source::Rest, terms, accumulate: batch_index > 0 });
         }
         vec![Term { source: Source::Rest, scale: Vec3::ONE }]
     }

@@ -6,7 +6,7 @@ use glam::{Vec3, Vec4};
 
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel};
-use crate::shared::{SumImagesPush, SumTerm, YardstickPush};
+use crate::shared::{MAX_TERMS, SumImagesPush, SumTerm, YardstickPush};
 
 /// Kernels and buffers for measuring, made once.
 pub struct Limits {
@@ -56,9 +56,10 @@ impl Limits {
     pub fn copy_gb_s(&mut self) -> Result<f64> {
         let mut frame = self.frames.begin()?;
         let mut pass = frame.pass("copy");
-        let term = SumTerm { image: pass.read(&self.source), scale: Vec3::ONE, unused: 0 };
+        let mut terms: [SumTerm; MAX_TERMS as usize] = bytemuck::Zeroable::zeroed();
+        terms[0] = SumTerm { image: pass.read(&self.source), scale: Vec3::ONE, unused: 0 };
         let push = SumImagesPush {
-            terms: pass.upload(&[term]),
+            terms,
             sum: pass.write(&self.copy),
             term_count: 1,
             plane_length: COPY_PLANE as u32,

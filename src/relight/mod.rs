@@ -17,7 +17,7 @@ pub use self::visibility::VisibilityMethod;
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, PassTime};
+use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, Pass, PassTime};
 use crate::scene::{Rig, Scene};
 use crate::shared::*;
 
@@ -388,11 +388,10 @@ impl Parts<'_> {
     /// Sums images into one.
     fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], accumulate: bool) {
         let mut pass = frame.pass("sum lights");
-        let terms = self.read_terms(&mut pass, terms);
         let push = SumImagesPush {
-            sum: pass.write(self.image(target)),
             term_count: terms.len() as u32,
-            terms: pass.upload(&terms),
+            terms: self.read_terms(&mut pass, terms),
+            sum: pass.write(self.image(target)),
             plane_length: (self.baked.pixel_stride() / 4) as u32,
             accumulate: u32::from(accumulate),
             unused: 0,
@@ -404,32 +403,30 @@ impl Parts<'_> {
     fn composite(&self, frame: &mut Frame, terms: &[Term], target: (&Kernel, &Buffer<u32>, f32)) {
         let (kernel, target, exposure) = target;
         let mut pass = frame.pass("composite");
-        let terms = self.read_terms(&mut pass, terms);
         let push = CompositePush {
-            terms: pass.upload(&terms),
-            target: pass.write(target),
             term_count: terms.len() as u32,
+            terms: self.read_terms(&mut pass, terms),
+            target: pass.write(target),
             pixel_stride: self.baked.pixel_stride() as u32,
             width: self.baked.tiling.width,
             height: self.baked.tiling.height,
             exposure: exposure.exp2(),
             unused: 0,
         };
-        pass.dispatch(kernel, &push, push.width * push.height);
+        pass.dispatch(kernel, &push, push.pixel_stride);
     }
 
-    fn read_terms(&self, pass: &mut crate::gpu::Pass, terms: &[Term]) -> Vec<SumTerm> {
-        terms
-            .iter()
-            .map(|term| SumTerm {
-                image: match (term.source, &self.gpu.emission) {
-                    (Source::Emission, Some(emission)) => pass.read_as(emission),
-                    _ => pass.read(self.image(term.source)),
-                },
-                scale: term.scale,
-                unused: 0,
-            })
-            .collect()
+    fn read_terms(&self, pass: &mut Pass, terms: &[Term]) -> [SumTerm; MAX_TERMS as usize] {
+        assert!(terms.len() <= MAX_TERMS as usize, "{} terms, push constants hold {MAX_TERMS}", terms.len());
+        let mut read: [SumTerm; MAX_TERMS as usize] = bytemuck::Zeroable::zeroed();
+        for (read, term) in read.iter_mut().zip(terms) {
+            read.scale = term.scale;
+            read.image = match (term.source, &self.gpu.emission) {
+                (Source::Emission, Some(emission)) => pass.read_as(emission),
+                _ => pass.read(self.image(term.source)),
+            };
+        }
+        read
     }
 }
 

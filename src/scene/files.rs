@@ -1,5 +1,6 @@
 //! Files that scenes consist of, and what their URIs may reach.
 
+use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use base64::Engine;
@@ -8,14 +9,14 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use percent_encoding::percent_decode_str;
 
 use crate::error::{Error, Result};
+use crate::image::file;
 
 /// The whole of a regular file; anything else (a pipe might never end) is an error.
 pub fn read(path: &Path) -> Result<Vec<u8>> {
-    let kind = std::fs::metadata(path).map_err(Error::io("open", path))?;
-    if !kind.is_file() {
-        return Err(Error::import(path, "not a regular file"));
-    }
-    std::fs::read(path).map_err(Error::io("read", path))
+    let (mut file, _) = file::open(path)?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes).map_err(Error::io("read", path))?;
+    Ok(bytes)
 }
 
 /// What `uri` in `scene` stands for: a `data:` URI or a file in the scene's own folder or below.

@@ -1,5 +1,7 @@
 //! Textures: decoded once, looked up while baking.
 
+use std::sync::LazyLock;
+
 use glam::{Vec2, Vec4};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +35,10 @@ pub struct Level {
     pub texels: Vec<[u8; 4]>,
 }
 
+/// All textures of a scene together: 2 GiB as stored, besides their mip levels. Files may name one image any number of
+/// times, and compress an empty one to nothing.
+pub const MAX_TEXELS: u64 = 1 << 29;
+
 // An image may not claim more than this while it is decoded: 16,384 x 16,384 RGBA is 1 GiB.
 const MAX_DECODED_BYTES: u64 = 1 << 30;
 const MAX_SIDE: u32 = 1 << 16;
@@ -47,12 +53,16 @@ impl Texture {
         assert!(!texels.is_empty(), "a texture has at least one texel");
         let mut levels = vec![Level { width, height, texels }];
         let decode = decode_table(encoding);
-        let mut finer: Vec<Vec4> = levels[0].texels.iter().map(|&t| linear(t, &decode)).collect();
         let (mut width, mut height) = (width, height);
+        // Levels come from the one before as it was before rounding; the finest is exact as it is stored.
+        let mut finer: Vec<Vec4> = Vec::new();
         while width > 1 || height > 1 {
-            let (half_width, half_height) = ((width / 2).max(1), (height / 2).max(1));
-            finer = shrink(&finer, [width, height], [half_width, half_height]);
-            (width, height) = (half_width, half_height);
+            let half = [(width / 2).max(1), (height / 2).max(1)];
+            finer = match levels.len() {
+                1 => shrink(|i| linear(levels[0].texels[i], decode), [width, height], half),
+                _ => shrink(|i| finer[i], [width, height], half),
+            };
+            [width, height] = half;
             let texels = finer.iter().map(|&t| stored(t, encoding)).collect();
             levels.push(Level { width, height, texels });
         }
@@ -75,6 +85,13 @@ impl Texture {
         }
         let texels = pixels.pixels().map(|p| p.0).collect();
         Ok(Self::new(name, width, height, texels, encoding))
+    }
+
+    /// How many texels [`Texture::decode`] would make of a file, by its header.
+    pub fn texel_count(file: &[u8]) -> Result<u64, image::ImageError> {
+        let reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
+        let (width, height) = reader.into_dimensions()?;
+        Ok(u64::from(width) * u64::from(height))
     }
 
     pub fn width(&self) -> usize {
@@ -103,10 +120,7 @@ impl Texture {
         let level = &self.levels[level];
         let (x, tx) = taps(uv.x, wrap[0], level.width);
         let (y, ty) = taps(uv.y, wrap[1], level.height);
-        let decode = match self.encoding {
-            Encoding::Srgb => &*SRGB,
-            Encoding::Linear => &*LINEAR,
-        };
+        let decode = decode_table(self.encoding);
         let texel = |x: usize, y: usize| linear(level.texels[y * level.width + x], decode);
         let top = texel(x[0], y[0]).lerp(texel(x[1], y[0]), tx);
         let bottom = texel(x[0], y[1]).lerp(texel(x[1], y[1]), tx);
@@ -138,7 +152,11 @@ fn taps(t: f32, wrap: Wrap, size: usize) -> ([usize; 2], f32) {
 }
 
 /// Box filter: each new texel is the mean of the area that it covers, also where a side is odd.
-fn shrink(finer: &[Vec4], [width, height]: [usize; 2], [new_width, new_height]: [usize; 2]) -> Vec<Vec4> {
+fn shrink(
+    finer: impl Fn(usize) -> Vec4,
+    [width, height]: [usize; 2],
+    [new_width, new_height]: [usize; 2],
+) -> Vec<Vec4> {
     let columns = covers(width, new_width);
     let rows = covers(height, new_height);
     let mut coarser = Vec::with_capacity(new_width * new_height);
@@ -147,7 +165,7 @@ fn shrink(finer: &[Vec4], [width, height]: [usize; 2], [new_width, new_height]: 
             let mut sum = Vec4::ZERO;
             for &(y, wy) in row {
                 for &(x, wx) in column {
-                    sum += finer[y * width + x] * (wx * wy);
+                    sum += finer(y * width + x) * (wx * wy);
                 }
             }
             coarser.push(sum);
@@ -182,20 +200,19 @@ fn stored(linear: Vec4, encoding: Encoding) -> [u8; 4] {
     [byte(encode(linear.x)), byte(encode(linear.y)), byte(encode(linear.z)), byte(linear.w)]
 }
 
-static SRGB: std::sync::LazyLock<[f32; 256]> = std::sync::LazyLock::new(|| decode_table(Encoding::Srgb));
-static LINEAR: std::sync::LazyLock<[f32; 256]> = std::sync::LazyLock::new(|| decode_table(Encoding::Linear));
-
-/// IEC 61966-2-1, or the identity, for every byte.
-fn decode_table(encoding: Encoding) -> [f32; 256] {
-    std::array::from_fn(|i| {
-        let c = i as f64 / 255.0;
-        let value = match encoding {
-            Encoding::Srgb if c <= 0.04045 => c / 12.92,
-            Encoding::Srgb => ((c + 0.055) / 1.055).powf(2.4),
-            Encoding::Linear => c,
-        };
-        value as f32
-    })
+/// What each stored byte is as linear light: IEC 61966-2-1, or the identity.
+fn decode_table(encoding: Encoding) -> &'static [f32; 256] {
+    static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|i| {
+            let c = i as f64 / 255.0;
+            (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
+        })
+    });
+    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|i| i as f32 / 255.0));
+    match encoding {
+        Encoding::Srgb => &SRGB,
+        Encoding::Linear => &LINEAR,
+    }
 }
 
 #[cfg(test)]

@@ -68,6 +68,9 @@ impl Container {
             }
             at = begin + size;
         }
+        // Padding should be spaces, and is zeros all the same.
+        let text = container.json.iter().rposition(|&b| b != 0).map_or(0, |last| last + 1);
+        container.json.truncate(text);
         if container.json.is_empty() {
             return Err("has no JSON chunk".into());
         }
@@ -88,5 +91,6 @@ pub fn buffer_bytes(path: &Path, index: usize, uri: Option<&str>, length: u64, b
     }
     // What lies behind is padding.
     bytes.truncate(length as usize);
+    bytes.shrink_to_fit();
     Ok(bytes)
 }

@@ -123,6 +123,9 @@ pub struct Spot {
     pub outer_cone_angle: Option<f64>,
 }
 
+// What a .glb can hold. Buffers may name one file any number of times.
+const MAX_BUFFER_BYTES: usize = 1 << 32;
+
 /// What of `extensionsRequired` we have.
 const SUPPORTED: &[&str] = &[
     "KHR_lights_punctual",
@@ -143,9 +146,14 @@ impl Document {
         let mut document = Self { path: path.to_owned(), root, poses, buffers: Vec::new() };
         document.check_version()?;
         document.check_extensions()?;
+        let mut total_bytes = 0;
         for (index, buffer) in document.root.buffers.iter().enumerate() {
             let uri = buffer.uri.as_deref();
             document.buffers.push(buffer_bytes(path, index, uri, buffer.byte_length.0, bin.as_deref())?);
+            total_bytes += document.buffers[index].len();
+            if total_bytes > MAX_BUFFER_BYTES {
+                return Err(document.error(format!("buffer {index}: more than {MAX_BUFFER_BYTES} bytes together")));
+            }
         }
         Ok(document)
     }

@@ -39,10 +39,10 @@ impl Document {
             return Err(wrong("its colour is negative or not finite"));
         }
         let intensity = entry.intensity.unwrap_or(1.0);
-        if !(intensity >= 0.0 && (color * intensity as f32).is_finite()) {
+        if intensity < 0.0 || !(color * intensity as f32).is_finite() {
             return Err(wrong("its intensity is negative or too large"));
         }
-        if entry.range.is_some_and(|range| !(range > 0.0)) {
+        if entry.range.is_some_and(|range| range <= 0.0) {
             return Err(wrong("its range is not positive"));
         }
         let mut light = Light {

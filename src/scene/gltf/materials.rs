@@ -1,5 +1,6 @@
 //! Materials and the textures that they look at.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
@@ -10,6 +11,7 @@ use rayon::prelude::*;
 
 use super::document::Document;
 use crate::error::{Error, Result};
+use crate::scene::texture::MAX_TEXELS;
 use crate::scene::{AlphaMode, Encoding, Material, Texture, TextureRef, Wrap, files};
 
 /// The materials in use so far, in the order of their first use.
@@ -20,6 +22,7 @@ pub struct Materials<'a> {
     indices: HashMap<Option<usize>, usize>,
     /// What each texture is decoded from: an image of the file, and how to read it.
     textures: Vec<(usize, Encoding)>,
+    texture_indices: HashMap<(usize, Encoding), usize>,
     blend_warned: bool,
 }
 
@@ -39,8 +42,8 @@ impl From<&json::texture::Info> for Info {
 
 impl<'a> Materials<'a> {
     pub fn new(document: &'a Document) -> Self {
-        let (materials, indices, textures) = Default::default();
-        Self { document, materials, indices, textures, blend_warned: false }
+        let (materials, indices, textures, texture_indices) = Default::default();
+        Self { document, materials, indices, textures, texture_indices, blend_warned: false }
     }
 
     /// Index of a material of the file among those in use, and the material.
@@ -62,6 +65,14 @@ impl<'a> Materials<'a> {
 
     /// All materials in use, and their textures, decoded.
     pub fn finish(self) -> Result<(Vec<Material>, Vec<Texture>)> {
+        let mut texels = 0;
+        for &(image, _) in &self.textures {
+            texels += self.document.texel_count(image)?;
+            if texels > MAX_TEXELS {
+                let reason = format!("image {image}: the textures are more than {MAX_TEXELS} texels together");
+                return Err(self.document.error(reason));
+            }
+        }
         let decode = |&(image, encoding): &(usize, Encoding)| self.document.decode_image(image, encoding);
         let textures = self.textures.par_iter().map(decode).collect::<Result<_>>()?;
         Ok((self.materials, textures))
@@ -88,7 +99,7 @@ impl<'a> Materials<'a> {
             }
         };
         let normal = source.normal_texture.as_ref();
-        let normal_info = normal.map(|n| normal_info(n)).transpose();
+        let normal_info = normal.map(normal_info).transpose();
         let normal_info = normal_info.map_err(|e| {
             Error::import_from(&document.path, format!("{what}: the transform of its normal texture"), e)
         })?;
@@ -152,8 +163,7 @@ impl<'a> Materials<'a> {
         if !uv_transform.is_finite() {
             return Err(document.error(format!("{what}: its transform is not finite")));
         }
-        let known = self.textures.iter().position(|&t| t == (image, encoding));
-        let texture = known.unwrap_or_else(|| {
+        let texture = *self.texture_indices.entry((image, encoding)).or_insert_with(|| {
             self.textures.push((image, encoding));
             self.textures.len() - 1
         });
@@ -162,26 +172,42 @@ impl<'a> Materials<'a> {
 }
 
 impl Document {
+    fn texel_count(&self, index: usize) -> Result<u64> {
+        let count = Texture::texel_count(&self.image_file(index)?);
+        count.map_err(|e| self.undecodable(index, e))
+    }
+
     fn decode_image(&self, index: usize, encoding: Encoding) -> Result<Texture> {
+        let name = self.root.images[index].name.clone().unwrap_or_else(|| format!("image{index}"));
+        let texture = Texture::decode(name, &self.image_file(index)?, encoding);
+        texture.map_err(|e| self.undecodable(index, e))
+    }
+
+    fn image_file(&self, index: usize) -> Result<Cow<'_, [u8]>> {
         let image = &self.root.images[index];
-        let name = image.name.clone().unwrap_or_else(|| format!("image{index}"));
-        let what = format!("image {index} \"{name}\"");
+        let what = self.image_name(index);
         if let Some(mime) = &image.mime_type
             && !json::image::VALID_MIME_TYPES.contains(&mime.0.as_str())
         {
             return Err(self.error(format!("{what} is of type {}, expected PNG or JPEG", files::shortened(&mime.0))));
         }
-        let from_file;
-        let bytes = match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => {
-                from_file = files::read_uri(&self.path, uri, &what)?;
-                &from_file
-            }
-            (None, Some(view)) => self.view(view.value(), &what)?,
-            (None, None) => return Err(self.error(format!("{what} has neither a URI nor a buffer view"))),
-        };
-        Texture::decode(name, bytes, encoding)
-            .map_err(|e| Error::import_from(&self.path, format!("{what} cannot be decoded"), e))
+        match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => Ok(files::read_uri(&self.path, uri, &what)?.into()),
+            (None, Some(view)) => Ok(self.view(view.value(), &what)?.into()),
+            (None, None) => Err(self.error(format!("{what} has neither a URI nor a buffer view"))),
+        }
+    }
+
+    fn undecodable(&self, index: usize, cause: image::ImageError) -> Error {
+        Error::import_from(&self.path, format!("{} cannot be decoded", self.image_name(index)), cause)
+    }
+
+    /// `image 3 "bricks"`.
+    fn image_name(&self, index: usize) -> String {
+        match &self.root.images[index].name {
+            Some(name) => format!("image {index} \"{name}\""),
+            None => format!("image {index}"),
+        }
     }
 }
 

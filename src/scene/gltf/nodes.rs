@@ -102,5 +102,5 @@ pub fn is_singular(matrix: DMat3) -> bool {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::try_normalize);
     let [Some(x), Some(y), Some(z)] = columns else { return true };
     // 1e-12: four digits above what rounding leaves of the determinant of three columns in one plane.
-    !(x.cross(y).dot(z).abs() > 1e-12)
+    x.cross(y).dot(z).abs() <= 1e-12
 }

@@ -1,5 +1,7 @@
 //! MTL: materials made for Phong shading, as metallic-roughness.
 //!
+//! [Karis 2013]: B. Karis, Real shading in Unreal Engine 4, SIGGRAPH course notes.
+//!
 //! - Kd is the base colour, Ke emission, Pr and Pm roughness and metalness, Ni the index of refraction.
 //! - Ns, the Blinn-Phong exponent: alpha² = 2 / (Ns + 2) [Karis 2013]; roughness is the square root of alpha.
 //! - Ks scales the reflection at normal incidence, 0.5 being glTF's 0.04, as common exporters have it; 0 is Lambert.
@@ -7,12 +9,13 @@
 //! - map_Kd, map_Ke, norm, bump. A grey bump map is a height map, which is left out.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{Mat3, Vec2, Vec3};
 
 use super::parse::{logical_lines, number, numbers, some_numbers};
 use crate::error::{Error, Result};
+use crate::scene::texture::MAX_TEXELS;
 use crate::scene::{Encoding, Material, Texture, TextureRef, Wrap, files};
 
 /// What a face without a material gets.
@@ -26,7 +29,8 @@ pub fn default(name: &str) -> Material {
 pub struct Library {
     materials: HashMap<String, Material>,
     textures: Vec<Texture>,
-    decoded: HashMap<(String, Encoding), usize>,
+    decoded: HashMap<(PathBuf, Encoding), usize>,
+    texel_count: u64,
 }
 
 /// One `newmtl` as written.
@@ -145,19 +149,27 @@ impl Library {
         Ok(material)
     }
 
+    fn decode(&mut self, mtl: &Path, map: &Map, path: &Path, encoding: Encoding) -> Result<Texture> {
+        let name = files::shortened(&map.file);
+        let bytes = files::read(path).map_err(|e| Error::import_from(mtl, format!("cannot read \"{name}\""), e))?;
+        let undecodable = |e| Error::import_from(mtl, format!("\"{name}\" cannot be decoded"), e);
+        self.texel_count += Texture::texel_count(&bytes).map_err(undecodable)?;
+        if self.texel_count > MAX_TEXELS {
+            let reason = format!("\"{name}\": the textures are more than {MAX_TEXELS} texels together");
+            return Err(Error::import(mtl, reason));
+        }
+        Texture::decode(map.file.clone(), &bytes, encoding).map_err(undecodable)
+    }
+
     fn texture(&mut self, mtl: &Path, map: &Map, encoding: Encoding) -> Result<TextureRef> {
-        let key = (map.file.clone(), encoding);
+        let name = files::shortened(&map.file);
+        let relative = files::inside(&map.file).map_err(|reason| Error::import(mtl, format!("\"{name}\" {reason}")))?;
+        let path = mtl.parent().unwrap_or(Path::new("")).join(relative);
+        let key = (path, encoding);
         let texture = match self.decoded.get(&key) {
             Some(&known) => known,
             None => {
-                let name = files::shortened(&map.file);
-                let relative =
-                    files::inside(&map.file).map_err(|reason| Error::import(mtl, format!("\"{name}\" {reason}")))?;
-                let path = mtl.parent().unwrap_or(Path::new("")).join(relative);
-                let bytes =
-                    files::read(&path).map_err(|e| Error::import_from(mtl, format!("cannot read \"{name}\""), e))?;
-                let texture = Texture::decode(map.file.clone(), &bytes, encoding)
-                    .map_err(|e| Error::import_from(mtl, format!("\"{name}\" cannot be decoded"), e))?;
+                let texture = self.decode(mtl, map, &key.0, encoding)?;
                 self.textures.push(texture);
                 self.decoded.insert(key, self.textures.len() - 1);
                 self.textures.len() - 1

@@ -142,13 +142,15 @@ pub fn logical_lines(text: &str) -> impl Iterator<Item = (usize, String)> {
     let mut lines = text.lines().enumerate();
     std::iter::from_fn(move || {
         loop {
-            let (index, line) = lines.next()?;
-            let mut line = line.to_owned();
-            while line.trim_end().ends_with('\\') {
-                line.truncate(line.trim_end().len() - 1);
+            let (index, mut part) = lines.next()?;
+            let mut line = String::new();
+            // Looks at each physical line once, however many are joined.
+            while let Some(begin) = part.trim_end().strip_suffix('\\') {
+                line.push_str(begin);
                 line.push(' ');
-                line.push_str(lines.next().map_or("", |(_, next)| next));
+                part = lines.next().map_or("", |(_, next)| next);
             }
+            line.push_str(part);
             let content = line.split('#').next().unwrap_or_default().trim();
             if !content.is_empty() {
                 return Some((index + 1, content.to_owned()));

@@ -1,4 +1,7 @@
 //! Polygons into triangles.
+//!
+//! [Sutherland 1974]: I. Sutherland, R. Sproull, R. Schumacker, A characterization of ten hidden-surface algorithms,
+//! ACM Computing Surveys 6(1).
 
 use glam::{DVec2, DVec3};
 

@@ -1,4 +1,7 @@
 //! Colour temperature as linear Rec. 709.
+//!
+//! [Krystek 1985]: M. Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application
+//! 10(1).
 
 use glam::{DVec2, DVec3, Vec3};
 

@@ -5,9 +5,10 @@
 
 mod blackbody;
 mod read;
+mod read_light;
 mod write;
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 pub use blackbody::kelvin_to_rgb;
@@ -55,17 +56,25 @@ impl Rig {
 #[derive(Default)]
 pub struct UniqueNames {
     taken: HashSet<String>,
+    /// By name: the number to try next, so that many alike don't try all of them.
+    next: HashMap<String, u64>,
 }
 
 impl UniqueNames {
     /// `name` without dots, and with `_2`, `_3`, ... behind it if it is taken.
     pub fn claim(&mut self, name: &str) -> String {
         let name = without_dots(name);
-        let numbered = (2u64..).map(|n| format!("{name}_{n}"));
-        let free = std::iter::once(name.clone()).chain(numbered).find(|name| !self.taken.contains(name));
-        let free = free.expect("there are more numbers than names");
-        self.taken.insert(free.clone());
-        free
+        if self.taken.insert(name.clone()) {
+            return name;
+        }
+        let next = self.next.entry(name.clone()).or_insert(2);
+        loop {
+            let numbered = format!("{name}_{next}");
+            *next += 1;
+            if self.taken.insert(numbered.clone()) {
+                return numbered;
+            }
+        }
     }
 }
 

@@ -1,0 +1,158 @@
+//! One `[[light]]` of a rig file.
+
+use std::collections::HashMap;
+use std::ops::RangeInclusive;
+
+use glam::{DVec3, Vec3};
+use toml::Spanned;
+
+use super::read::{LightEntry, Reader, Span, is_color};
+use super::{blackbody, kelvin_to_rgb, without_dots};
+use crate::scene::{Light, LightGroup, LightKind};
+
+pub fn light(
+    reader: &Reader,
+    entry: LightEntry,
+    group_indices: &HashMap<String, usize>,
+    groups: &[LightGroup],
+) -> Result<Light, String> {
+    let name = without_dots(entry.name.get_ref());
+    let check = Check { reader, name: &name, kind: &entry.kind };
+    if name.is_empty() {
+        return Err(check.wrong(entry.name.span(), "the name is empty"));
+    }
+    if let Some(radius) = entry.radius {
+        return Err(check.wrong(radius.span(), "`radius` is reserved for area lights, which are not there yet"));
+    }
+    let kind = check.kind()?;
+    let strength_at = [&entry.intensity, &entry.stops].into_iter().flatten().map(|v| v.span()).next();
+    let [inner_angle, outer_angle] = check.cone(entry.inner_deg, entry.outer_deg)?;
+    let position = check.vector(entry.position, "position", kind != LightKind::Directional)?;
+    let light = Light {
+        kind,
+        position: position.unwrap_or(DVec3::ZERO),
+        direction: check.direction(entry.direction, kind != LightKind::Point)?,
+        color: check.color(entry.color, entry.kelvin, entry.tint)?,
+        intensity: check.number(entry.intensity, 1.0, "intensity", 0.0..=f64::MAX)?,
+        stops: check.number(entry.stops, 0.0, "stops", f64::MIN..=f64::MAX)?,
+        inner_angle,
+        outer_angle,
+        range: match entry.range {
+            None => None,
+            some => Some(check.number(some, 0.0, "range", f64::MIN_POSITIVE..=f64::MAX)?),
+        },
+        group: check.group(entry.group, group_indices)?,
+        enabled: entry.enabled,
+        shadows: entry.shadows,
+        node: entry.node,
+        name: name.clone(),
+    };
+    // Off or on: switching it on must not be what breaks the picture.
+    let own = Light { enabled: true, ..light.clone() }.scale();
+    let group = light.group.map_or(Vec3::ONE, |g| LightGroup { enabled: true, ..groups[g].clone() }.scale());
+    if !(own * group).is_finite() {
+        let reason = "color * intensity * 2^stops, its group's included, must be finite";
+        return Err(check.wrong(strength_at.unwrap_or(entry.kind.span()), reason));
+    }
+    Ok(light)
+}
+
+/// Checks the values of one light, and says whose they are.
+struct Check<'a> {
+    reader: &'a Reader<'a>,
+    name: &'a str,
+    kind: &'a Spanned<String>,
+}
+
+impl Check<'_> {
+    fn wrong(&self, at: Span, reason: impl std::fmt::Display) -> String {
+        self.reader.line(at, format!("light \"{}\": {reason}", self.name))
+    }
+
+    fn kind(&self) -> Result<LightKind, String> {
+        let wrong = |reason: String| Err(self.wrong(self.kind.span(), reason));
+        match self.kind.get_ref().as_str() {
+            "point" => Ok(LightKind::Point),
+            "spot" => Ok(LightKind::Spot),
+            "directional" => Ok(LightKind::Directional),
+            kind @ ("rect" | "sphere" | "dome") => wrong(format!("kind `{kind}` is reserved and not there yet")),
+            kind => wrong(format!("kind `{kind}` is unknown, expected `point`, `spot` or `directional`")),
+        }
+    }
+
+    fn number(
+        &self,
+        value: Option<Spanned<f64>>,
+        default: f64,
+        what: &str,
+        allowed: RangeInclusive<f64>,
+    ) -> Result<f64, String> {
+        let Some(value) = value else { return Ok(default) };
+        match *value.get_ref() {
+            x if allowed.contains(&x) => Ok(x),
+            x => Err(self.wrong(value.span(), format!("{what} is {x}, must lie in {allowed:?}"))),
+        }
+    }
+
+    fn vector(&self, value: Option<Spanned<[f64; 3]>>, what: &str, needed: bool) -> Result<Option<DVec3>, String> {
+        match value {
+            Some(v) if v.get_ref().iter().all(|x| x.is_finite()) => Ok(Some(DVec3::from_array(*v.get_ref()))),
+            Some(v) => Err(self.wrong(v.span(), format!("{what} must be finite"))),
+            None if needed => {
+                Err(self.wrong(self.kind.span(), format!("a {} light needs a {what}", self.kind.get_ref())))
+            }
+            None => Ok(None),
+        }
+    }
+
+    fn direction(&self, value: Option<Spanned<[f64; 3]>>, needed: bool) -> Result<DVec3, String> {
+        let at = value.as_ref().map(|v| v.span()).unwrap_or_default();
+        match self.vector(value, "direction", needed)? {
+            None => Ok(DVec3::NEG_Z),
+            // Unit length already, but for rounding: left as it is, so that what was written reads back equal.
+            Some(d) if (d.length_squared() - 1.0).abs() < 1e-14 => Ok(d),
+            Some(d) => d.try_normalize().ok_or_else(|| self.wrong(at, "direction must not be of zero length")),
+        }
+    }
+
+    fn color(
+        &self,
+        color: Option<Spanned<[f32; 3]>>,
+        kelvin: Option<Spanned<f64>>,
+        tint: Option<Spanned<f64>>,
+    ) -> Result<Vec3, String> {
+        match (color, kelvin, tint) {
+            (Some(_), Some(kelvin), _) => Err(self.wrong(kelvin.span(), "color and kelvin are both given")),
+            (_, None, Some(tint)) => Err(self.wrong(tint.span(), "tint needs kelvin")),
+            (Some(color), None, None) => {
+                let value = Vec3::from_array(*color.get_ref());
+                let wrong = || self.wrong(color.span(), "color must be finite and not negative");
+                is_color(value).then_some(value).ok_or_else(wrong)
+            }
+            (None, Some(kelvin), tint) => Ok(kelvin_to_rgb(
+                self.number(Some(kelvin), 0.0, "kelvin", blackbody::KELVIN)?,
+                self.number(tint, 0.0, "tint", -1.0..=1.0)?,
+            )),
+            (None, None, None) => Ok(Vec3::ONE),
+        }
+    }
+
+    /// Half-angles in radians, inner and outer.
+    fn cone(&self, inner: Option<Spanned<f64>>, outer: Option<Spanned<f64>>) -> Result<[f64; 2], String> {
+        let at = outer.as_ref().or(inner.as_ref()).map(|v| v.span()).unwrap_or_default();
+        let inner_deg = self.number(inner, 0.0, "inner_deg", 0.0..=90.0)?;
+        let outer_deg = self.number(outer, 45.0, "outer_deg", 0.0..=90.0)?;
+        if inner_deg > outer_deg {
+            return Err(self.wrong(at, format!("inner_deg is {inner_deg}, more than outer_deg, {outer_deg}")));
+        }
+        Ok([inner_deg.to_radians(), outer_deg.to_radians()])
+    }
+
+    fn group(&self, name: Option<Spanned<String>>, indices: &HashMap<String, usize>) -> Result<Option<usize>, String> {
+        let Some(name) = name else { return Ok(None) };
+        match indices.get(&without_dots(name.get_ref())) {
+            Some(&index) => Ok(Some(index)),
+            None => Err(self.wrong(name.span(), format!("there is no group \"{}\"", name.get_ref()))),
+        }
+    }
+}

@@ -1,0 +1,660 @@
+//! Hostile files: every one ends in an `Error` that names the file, none in a panic, a hang or an abort.
+
+mod support;
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use relume::Error;
+use relume::scene::{Rig, Scene, export_gltf};
+use serde_json::{Value, json};
+use support::*;
+
+/// The error's own line and its causes.
+fn chain(error: &Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = std::error::Error::source(error);
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
+}
+
+#[track_caller]
+fn assert_refused(path: &Path, says: &str) {
+    let Err(error) = Scene::load(path) else { panic!("{}: loaded, should say: {says}", path.display()) };
+    let name = path.file_name().unwrap().to_str().unwrap();
+    let text = chain(&error);
+    assert!(error.to_string().contains(name), "\"{error}\" does not name {name}");
+    assert!(!error.to_string().contains('\n'), "{error}");
+    assert!(text.contains(says), "says: {text}\nnot: {says}");
+}
+
+#[track_caller]
+fn assert_bytes_refused(name: &str, bytes: &[u8], says: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    assert_refused(&write(folder.path(), name, bytes), says);
+}
+
+/// Changes a good file and expects a refusal.
+#[track_caller]
+fn assert_change_refused(says: &str, change: impl FnOnce(&mut Gltf)) {
+    let mut gltf = full();
+    change(&mut gltf);
+    assert_bytes_refused("hostile.glb", &gltf.to_glb(), says);
+}
+
+/// A file with something of everything.
+fn full() -> Gltf {
+    let mut gltf = Gltf::square();
+    let uvs = gltf.f32s(&[[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
+    let colors = gltf.accessor(&[128; 16], UNSIGNED_BYTE, "VEC4", 4);
+    gltf.json["accessors"][colors]["normalized"] = true.into();
+    let sparse_at = gltf.view(&[0, 0]);
+    let sparse_to = gltf.view(&[0; 12]);
+    gltf.json["accessors"][0]["sparse"] = json!({"count": 1,
+        "indices": {"bufferView": sparse_at, "componentType": UNSIGNED_BYTE}, "values": {"bufferView": sparse_to}});
+    let image = png(2, 2, &[[1, 2, 3, 4]; 4]);
+    let image = gltf.view(&image);
+    let primitive = &mut gltf.json["meshes"][0]["primitives"][0];
+    primitive["attributes"]["TEXCOORD_0"] = uvs.into();
+    primitive["attributes"]["COLOR_0"] = colors.into();
+    primitive["material"] = 0.into();
+    gltf.json["images"] = json!([{"bufferView": image, "mimeType": "image/png"}]);
+    gltf.json["samplers"] = json!([{}]);
+    gltf.json["textures"] = json!([{"source": 0, "sampler": 0}]);
+    gltf.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+        "normalTexture": {"index": 0}, "emissiveFactor": [0.0, 0.0, 0.0]}]);
+    gltf.json["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]);
+    gltf.light(json!({"type": "spot", "intensity": 5.0, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}}));
+    gltf.root(json!({"name": "eye", "camera": 0}));
+    gltf.root(json!({"name": "lamp", "extensions": {"KHR_lights_punctual": {"light": 0}}}));
+    gltf
+}
+
+#[test]
+fn the_good_file_is_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Scene::load(&full().write(folder.path(), "good.glb")).unwrap();
+    assert_eq!((scene.mesh.triangles.len(), scene.textures.len(), scene.rig.lights.len()), (2, 2, 1));
+}
+
+#[test]
+fn files_that_are_not_there_or_not_files() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["none.glb", "none.gltf", "none.obj"] {
+        assert_refused(&folder.path().join(name), "cannot open");
+        std::fs::create_dir(folder.path().join(format!("folder-{name}"))).unwrap();
+        assert_refused(&folder.path().join(format!("folder-{name}")), "not a regular file");
+    }
+    assert_refused(&write(folder.path(), "scene.fbx", b"x"), "expected .glb, .gltf or .obj");
+    assert_refused(&write(folder.path(), "scene", b"x"), "expected .glb, .gltf or .obj");
+}
+
+#[test]
+fn containers() {
+    let good = full().to_glb();
+    let at = |at: usize, value: u32| {
+        let mut bytes = good.clone();
+        bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        bytes
+    };
+    assert_bytes_refused("x.glb", b"", "does not begin with \"glTF\"");
+    assert_bytes_refused("x.glb", b"glT", "does not begin with \"glTF\"");
+    assert_bytes_refused("x.glb", b"PK\x03\x04 zip", "does not begin with \"glTF\"");
+    assert_bytes_refused("x.glb", b"glTF\x02\0\0\0", "ends inside the .glb header");
+    assert_bytes_refused("x.glb", &at(4, 1), "version 1");
+    // Less than the header itself: where the gltf crate's own reader underflows.
+    assert_bytes_refused("x.glb", &at(8, 0), "no JSON chunk");
+    assert_bytes_refused("x.glb", &at(8, 11), "no JSON chunk");
+    assert_bytes_refused("x.glb", &at(8, u32::MAX), "is cut off");
+    assert_bytes_refused("x.glb", &at(12, u32::MAX), "chunk 0 claims 4294967295 bytes");
+    assert_bytes_refused("x.glb", &at(12, 0), "");
+    assert_bytes_refused("x.glb", &at(16, 7), "first chunk is not JSON");
+    assert_bytes_refused("x.glb", &good[..good.len() - 1], "is cut off");
+    for length in 0..good.len() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_refused(&write(folder.path(), "cut.glb", &good[..length]), "");
+    }
+}
+
+#[test]
+fn json() {
+    for (text, says) in [
+        ("", "EOF"),
+        ("{", "EOF"),
+        ("[]", ""),
+        ("null", ""),
+        ("{}", "asset"),
+        ("{\"asset\": {\"version\": 2}}", "expected a string"),
+        ("{\"asset\": {\"version\": \"1.0\"}}", "is glTF 1.0"),
+        ("{\"asset\": {\"version\": \"2.0\", \"minVersion\": \"2.1\"}}", "at least 2.1"),
+        ("{\"asset\": {\"version\": \"2.0\"}}", "no triangles"),
+        ("{\"asset\": {\"version\": \"2.0\"}, \"nodes\": 3}", ""),
+        ("{\"asset\": {\"version\": \"2.0\"}, \"nodes\": [{\"translation\": [1e999, 0, 0]}]}", "out of range"),
+        ("{\"asset\": {\"version\": \"2.0\"}, \"nodes\": [{\"mesh\": -1}]}", ""),
+        ("{\"asset\": {\"version\": \"2.0\"}, \"nodes\": [{\"mesh\": 1.5}]}", ""),
+        ("{\"asset\": {\"version\": \"2.0\"}, \"scene\": 9}", "names scene 9"),
+        ("\u{1}\u{2}", ""),
+    ] {
+        assert_bytes_refused("x.gltf", text.as_bytes(), says);
+        assert_bytes_refused("x.glb", &glb(text.as_bytes(), b""), "");
+    }
+    assert_bytes_refused("x.gltf", &[0xff; 64], "");
+    assert_bytes_refused("x.gltf", "[".repeat(1 << 20).as_bytes(), "");
+    let deep =
+        format!("{{\"asset\": {{\"version\": \"2.0\"}}, \"extras\": {}1{}}}", "[".repeat(1 << 17), "]".repeat(1 << 17));
+    assert_bytes_refused("x.gltf", deep.as_bytes(), "");
+}
+
+#[test]
+fn extensions() {
+    assert_change_refused("requires KHR_draco_mesh_compression", |g| {
+        g.json["extensionsRequired"] = json!(["KHR_lights_punctual", "KHR_draco_mesh_compression"]);
+    });
+}
+
+#[test]
+fn indices_out_of_range() {
+    assert_change_refused("the scene names node 99, there are 3", |g| g.json["scenes"][0]["nodes"] = json!([99]));
+    assert_change_refused("names scene 4", |g| g.json["scene"] = 4.into());
+    assert_change_refused("node 0 names node 77", |g| g.json["nodes"][0]["children"] = json!([77]));
+    assert_change_refused("node 0 names mesh 5", |g| g.json["nodes"][0]["mesh"] = 5.into());
+    assert_change_refused("node 1 \"eye\" names camera 5", |g| g.json["nodes"][1]["camera"] = 5.into());
+    assert_change_refused("node 2 \"lamp\" names light 5", |g| {
+        g.json["nodes"][2]["extensions"]["KHR_lights_punctual"]["light"] = 5.into();
+    });
+    assert_change_refused("names material 8", |g| g.json["meshes"][0]["primitives"][0]["material"] = 8.into());
+    assert_change_refused("names texture 8", |g| g.json["materials"][0]["normalTexture"]["index"] = 8.into());
+    assert_change_refused("names image 8", |g| g.json["textures"][0]["source"] = 8.into());
+    assert_change_refused("names sampler 8", |g| g.json["textures"][0]["sampler"] = 8.into());
+    assert_change_refused("has no image that we can read", |g| g.json["textures"][0] = json!({}));
+    assert_change_refused("image 0 names buffer view 88", |g| g.json["images"][0]["bufferView"] = 88.into());
+    for attribute in ["POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0", "TANGENT"] {
+        let says = format!("mesh 0, primitive 0{} names accessor 66", if attribute == "POSITION" { "" } else { ": " });
+        assert_change_refused(says.split(':').next().unwrap(), |g| {
+            g.json["meshes"][0]["primitives"][0]["attributes"][attribute] = 66.into();
+        });
+    }
+    assert_change_refused("names accessor 66", |g| g.json["meshes"][0]["primitives"][0]["indices"] = 66.into());
+    assert_change_refused("names accessor 4294967295", |g| {
+        g.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = u32::MAX.into();
+    });
+    assert_change_refused("names buffer view 55", |g| g.json["accessors"][0]["bufferView"] = 55.into());
+    assert_change_refused("names buffer 3", |g| g.json["bufferViews"][0]["buffer"] = 3.into());
+    assert_change_refused("sparse names buffer view 55", |g| {
+        g.json["accessors"][0]["sparse"]["values"]["bufferView"] = 55.into();
+    });
+    assert_change_refused("index 4 is out of range, there are 4 vertices", |g| {
+        let indices = g.indices(&[0, 1, 4]);
+        g.json["meshes"][0]["primitives"][0]["indices"] = indices.into();
+    });
+    assert_change_refused("index 65535 is out of range", |g| {
+        let indices = g.indices(&[0, 1, 65_535]);
+        g.json["meshes"][0]["primitives"][0]["indices"] = indices.into();
+    });
+    assert_change_refused("index 200 is out of range, there are 4 elements", |g| {
+        let at = g.view(&[200]);
+        g.json["accessors"][0]["sparse"]["indices"]["bufferView"] = at.into();
+    });
+    assert_change_refused("7 indices are no whole triangles", |g| {
+        let indices = g.indices(&[0, 1, 2, 0, 2, 3, 0]);
+        g.json["meshes"][0]["primitives"][0]["indices"] = indices.into();
+    });
+}
+
+#[test]
+fn accessors_that_overrun() {
+    let huge = 1u64 << 60;
+    for (key, value) in [
+        ("count", json!(5)),
+        ("count", json!(huge)),
+        ("count", json!(u64::MAX)),
+        ("byteOffset", json!(4)),
+        ("byteOffset", json!(huge)),
+        ("byteOffset", json!(u64::MAX)),
+    ] {
+        // Positions; then normals, which nothing counts before.
+        for accessor in [0, 1] {
+            assert_change_refused("", |g| g.json["accessors"][accessor][key] = value.clone());
+        }
+    }
+    for (key, value) in [
+        ("byteLength", json!(47)),
+        ("byteLength", json!(u64::MAX)),
+        ("byteOffset", json!(1u64 << 40)),
+        ("byteOffset", json!(u64::MAX)),
+    ] {
+        assert_change_refused("overrun a", |g| g.json["bufferViews"][0][key] = value);
+    }
+    assert_change_refused("stride 4 is less than", |g| g.json["bufferViews"][0]["byteStride"] = 4.into());
+    assert_change_refused("overrun a view", |g| g.json["bufferViews"][0]["byteStride"] = 16.into());
+    assert_change_refused("overrun a view", |g| g.json["bufferViews"][0]["byteStride"] = json!(u64::MAX));
+    assert_change_refused("sparse: 1000000 elements", |g| g.json["accessors"][0]["sparse"]["count"] = 1_000_000.into());
+    assert_change_refused("elements and no buffer view", |g| {
+        g.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
+        g.json["accessors"][0]["count"] = json!(40_000_000);
+    });
+    assert_change_refused("more than 134217728 corners", |g| {
+        g.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
+        g.json["accessors"][0]["count"] = json!(u64::MAX);
+    });
+    assert_change_refused("buffer 0 claims 99999999 bytes", |g| {
+        g.json["buffers"] = json!([{"byteLength": 99_999_999}]);
+    });
+    assert_change_refused("buffer 1 has neither", |g| {
+        g.json["buffers"] = json!([{"byteLength": g.bin.len()}, {"byteLength": 4}]);
+    });
+}
+
+#[test]
+fn accessors_of_the_wrong_kind() {
+    let set = |accessor: usize, key: &'static str, value: Value| {
+        move |g: &mut Gltf| g.json["accessors"][accessor][key] = value
+    };
+    assert_change_refused("POSITION: accessor 0: the type is none that glTF has", set(0, "type", json!("VEC9")));
+    assert_change_refused("is not of type Vec3", set(0, "type", json!("MAT4")));
+    assert_change_refused("the component type is none", set(0, "componentType", json!(5124)));
+    assert_change_refused("holds U32, which is not allowed", set(0, "componentType", json!(UNSIGNED_INT)));
+    assert_change_refused("holds I16 without KHR_mesh_quantization", set(0, "componentType", json!(SHORT)));
+    assert_change_refused("holds U16, which is not allowed", set(1, "componentType", json!(UNSIGNED_SHORT)));
+    assert_change_refused("holds F32, which is not allowed", set(2, "componentType", json!(FLOAT)));
+    assert_change_refused("holds U8, which is not allowed", set(4, "normalized", json!(false)));
+    assert_change_refused("3 of NORMAL for 4 of POSITION", set(1, "count", json!(3)));
+    assert_change_refused("has no POSITION", |g| {
+        g.json["meshes"][0]["primitives"][0]["attributes"] = json!({"NORMAL": 1});
+    });
+    assert_change_refused("the mode is none that glTF has", |g| {
+        g.json["meshes"][0]["primitives"][0]["mode"] = 7.into();
+    });
+}
+
+#[test]
+fn numbers_that_are_none() {
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        assert_change_refused("POSITION: vertex 1 is not finite", |g| {
+            g.bin[12..16].copy_from_slice(&bad.to_le_bytes());
+        });
+        assert_change_refused("COLOR_0: vertex 0 is not finite", |g| {
+            let colors = g.f32s(&[[bad, 0.0, 0.0]; 4]);
+            g.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = colors.into();
+        });
+    }
+    assert_change_refused("too large", |g| g.json["nodes"][0]["scale"] = json!([1e30, 1e30, 1e30]));
+    // Each scale fits single precision, their product no precision.
+    let blow_up = |g: &mut Gltf, node: usize| {
+        let first = (0..11).fold(node, |child, _| g.node(json!({"children": [child], "scale": [1e30, 1e30, 1e30]})));
+        g.json["scenes"][0]["nodes"] = json!([first]);
+    };
+    assert_change_refused("node 0: its transform is singular or not finite", |g| blow_up(g, 0));
+    for scale in [json!([0, 1, 1]), json!([0, 0, 0]), json!([1, 1, 0])] {
+        assert_change_refused("node 0: its transform is singular", |g| g.json["nodes"][0]["scale"] = scale);
+    }
+    assert_change_refused("node 0: its transform is singular", |g| {
+        g.json["nodes"][0]["matrix"] = json!([1, 2, 3, 0, 2, 4, 6, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
+    });
+    assert_change_refused("node 0: the last row of its matrix", |g| {
+        g.json["nodes"][0]["matrix"] = json!([1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
+    });
+    assert_change_refused("node 0: its rotation is no quaternion", |g| {
+        g.json["nodes"][0]["rotation"] = json!([0, 0, 0, 0]);
+    });
+    assert_change_refused("out of range", |g| g.json["nodes"][0]["rotation"] = json!([1e300, 0, 0, 1e300]));
+    assert_change_refused("", |g| g.json["nodes"][0]["translation"] = json!([0, 0]));
+    for (node, what) in [(1, "camera 0 of node 1 \"eye\""), (2, "light 0 of node 2 \"lamp\"")] {
+        assert_change_refused(what, |g| g.json["nodes"][node]["scale"] = json!([0, 0, 0]));
+        assert_change_refused(what, |g| {
+            g.json["nodes"][node]["translation"] = json!([1, 0, 0]);
+            blow_up(g, node);
+            g.json["scenes"][0]["nodes"].as_array_mut().unwrap().push(0.into());
+        });
+    }
+}
+
+#[test]
+fn a_singular_node_above_nothing_does_not_matter() {
+    let mut gltf = full();
+    let child = gltf.node(json!({"name": "bone"}));
+    gltf.root(json!({"children": [child], "scale": [0, 0, 0]}));
+    let folder = tempfile::tempdir().unwrap();
+    assert!(Scene::load(&gltf.write(folder.path(), "x.glb")).is_ok());
+}
+
+#[test]
+fn nodes_that_are_no_tree() {
+    let ancestor = "is its own ancestor or has two parents";
+    assert_change_refused(ancestor, |g| g.json["nodes"][0]["children"] = json!([0]));
+    assert_change_refused(ancestor, |g| {
+        g.json["nodes"][0]["children"] = json!([1]);
+        g.json["nodes"][1]["children"] = json!([0]);
+        g.json["scenes"][0]["nodes"] = json!([0]);
+    });
+    assert_change_refused(ancestor, |g| g.json["scenes"][0]["nodes"] = json!([0, 0]));
+    // Each level twice the one before: 2^64 nodes if it were believed.
+    assert_change_refused(ancestor, |g| {
+        let nodes: Vec<Value> =
+            (0..64).map(|i| json!({"children": [i + 1, i + 1]})).chain([json!({"mesh": 0})]).collect();
+        g.json["nodes"] = nodes.into();
+        g.json["scenes"][0]["nodes"] = json!([0]);
+    });
+    // Without a scene, a ring has no root.
+    assert_change_refused("no triangles", |g| {
+        g.json["nodes"] = json!([{"children": [1], "mesh": 0}, {"children": [0]}]);
+        g.json.as_object_mut().unwrap().remove("scenes");
+        g.json.as_object_mut().unwrap().remove("scene");
+    });
+}
+
+#[test]
+fn no_triangles() {
+    assert_change_refused("no triangles", |g| g.json["scenes"][0]["nodes"] = json!([1, 2]));
+    assert_change_refused("no triangles", |g| g.json["meshes"][0]["primitives"] = json!([]));
+    assert_change_refused("no triangles but 2 of zero area", |g| g.bin[..48].fill(0));
+    assert_change_refused("no triangles", |g| g.json["meshes"][0]["primitives"][0]["mode"] = 0.into());
+}
+
+#[test]
+fn a_small_file_that_means_too_much() {
+    let mut gltf = Gltf::new();
+    let positions = gltf.push("accessors", json!({"componentType": FLOAT, "type": "VEC3", "count": 1 << 24}));
+    gltf.mesh(json!({"attributes": {"POSITION": positions}, "mode": 5}));
+    for _ in 0..1_000 {
+        gltf.root(json!({"mesh": 0}));
+    }
+    assert_bytes_refused("x.glb", &gltf.to_glb(), "corners of triangles");
+}
+
+/// Files that would take quadratic time if each item looked at all before it.
+#[test]
+fn many_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut gltf = Gltf::square();
+    gltf.light(json!({"type": "point", "name": "same"}));
+    for _ in 0..100_000 {
+        gltf.root(json!({"extensions": {"KHR_lights_punctual": {"light": 0}}}));
+    }
+    let scene = Scene::load(&gltf.write(folder.path(), "x.glb")).unwrap();
+    assert_eq!(scene.rig.lights[99_999].name, "same_100000");
+    assert_bytes_refused("x.obj", "\\\n".repeat(1 << 20).as_bytes(), "no triangles");
+    assert_bytes_refused("x.obj", "usemtl a\n".repeat(1 << 18).as_bytes(), "no triangles");
+    let nested = write(folder.path(), "x.toml", format!("a = {}", "[".repeat(1 << 18)).as_bytes());
+    assert!(Rig::load(&nested).unwrap_err().to_string().contains("x.toml"));
+    let nested = write(folder.path(), "y.toml", format!("a{} = 1", ".a".repeat(1 << 18)).as_bytes());
+    assert!(Rig::load(&nested).unwrap_err().to_string().contains("y.toml"));
+}
+
+#[test]
+fn materials() {
+    let set = |key: &'static str, value: Value| move |g: &mut Gltf| g.json["materials"][0][key] = value;
+    assert_change_refused("the alpha mode is none", set("alphaMode", json!("GLASS")));
+    assert_change_refused(
+        "material 0 \"material0\": a factor",
+        set("pbrMetallicRoughness", json!({"metallicFactor": -1})),
+    );
+    assert_change_refused("out of range", set("pbrMetallicRoughness", json!({"roughnessFactor": 1e300})));
+    assert_change_refused("a colour", set("pbrMetallicRoughness", json!({"baseColorFactor": [-1, 0, 0, 1]})));
+    assert_change_refused("a colour", |g| {
+        g.json["materials"][0]["emissiveFactor"] = json!([1e38, 0, 0]);
+        g.json["materials"][0]["extensions"] = json!({"KHR_materials_emissive_strength": {"emissiveStrength": 1e38}});
+    });
+    assert_change_refused("refraction", set("extensions", json!({"KHR_materials_ior": {"ior": 0.5}})));
+    assert_change_refused("TEXCOORD_2", set("normalTexture", json!({"index": 0, "texCoord": 2})));
+    assert_change_refused(
+        "transform",
+        set("normalTexture", json!({"index": 0, "extensions": {"KHR_texture_transform": {"rotation": "x"}}})),
+    );
+    assert_change_refused(
+        "out of range",
+        set("normalTexture", json!({"index": 0, "extensions": {"KHR_texture_transform": {"scale": [1e39, 1]}}})),
+    );
+    assert_change_refused("the wrapping mode is none", |g| g.json["samplers"][0]["wrapS"] = 5.into());
+}
+
+#[test]
+fn images() {
+    let cannot = "image 0 cannot be decoded";
+    let replace = |bytes: Vec<u8>| {
+        move |g: &mut Gltf| {
+            let view = g.view(&bytes);
+            g.json["images"][0]["bufferView"] = view.into();
+        }
+    };
+    let good = png(2, 2, &[[1, 2, 3, 4]; 4]);
+    assert_change_refused(cannot, replace(b"no picture".to_vec()));
+    assert_change_refused(cannot, replace(Vec::new()));
+    assert_change_refused(cannot, replace(good[..good.len() / 2].to_vec()));
+    assert_change_refused(cannot, replace(b"\xff\xd8\xff\xe0\0\x10JFIF\0".to_vec()));
+    // Claims 2^31 - 1 pixels a side.
+    let mut bomb = good.clone();
+    bomb[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
+    assert_change_refused(cannot, replace(bomb));
+    // An empty 8192 x 8192 picture is a few kilobytes; nine of them are more than fits.
+    let empty = png(8_192, 8_192, &vec![[0; 4]; 1 << 26]);
+    assert_change_refused("texels together", |g| {
+        let view = g.view(&empty);
+        g.json["images"] = (0..9).map(|_| json!({"bufferView": view, "mimeType": "image/png"})).collect();
+        g.json["textures"] = (0..9).map(|i| json!({"source": i})).collect();
+        g.json["materials"] =
+            (0..9).map(|i| json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": i}}})).collect();
+        let primitive = g.json["meshes"][0]["primitives"][0].clone();
+        let with = |i: usize| {
+            let mut primitive = primitive.clone();
+            primitive["material"] = i.into();
+            primitive
+        };
+        g.json["meshes"][0]["primitives"] = (0..9).map(with).collect();
+    });
+    assert_change_refused("is of type image/webp", |g| g.json["images"][0]["mimeType"] = "image/webp".into());
+    assert_change_refused("has neither a URI nor a buffer view", |g| g.json["images"][0] = json!({}));
+}
+
+#[test]
+fn uris() {
+    let uri = |uri: &'static str| move |g: &mut Gltf| g.json["images"][0] = json!({"uri": uri});
+    assert_change_refused("image 0: cannot read \"none.png\"", uri("none.png"));
+    for outside in ["../secret.png", "%2e%2e/secret.png", "a/../../secret.png", "/etc/passwd"] {
+        assert_change_refused("leads out of the scene's folder", uri(outside));
+    }
+    assert_change_refused("has a scheme", uri("file:///etc/passwd"));
+    assert_change_refused("has a scheme", uri("https://example.org/x.png"));
+    assert_change_refused("is not UTF-8", uri("%ff.png"));
+    assert_change_refused("zero byte", uri("a%00.png"));
+    assert_change_refused("is empty", uri(""));
+    assert_change_refused("without a comma", uri("data:image/png;base64"));
+    assert_change_refused("base64", uri("data:image/png;base64,*"));
+    assert_change_refused("cannot be decoded", uri("data:image/png;base64,AAAA"));
+    assert_change_refused("buffer 0: cannot read \"none.bin\"", |g| {
+        g.json["buffers"] = json!([{"byteLength": 4, "uri": "none.bin"}]);
+    });
+    assert_change_refused("buffer 0 claims 400 bytes and holds 3", |g| {
+        g.json["buffers"] = json!([{"byteLength": 400, "uri": "data:;base64,AAAA"}]);
+    });
+}
+
+#[test]
+fn lights_and_cameras() {
+    let light = |value: Value| move |g: &mut Gltf| g.json["extensions"]["KHR_lights_punctual"]["lights"][0] = value;
+    let what = "light 0 of node 2 \"lamp\": ";
+    assert_change_refused(&format!("{what}type \"area\""), light(json!({"type": "area"})));
+    assert_change_refused(&format!("{what}its intensity"), light(json!({"type": "point", "intensity": -1})));
+    assert_change_refused(&format!("{what}its intensity"), light(json!({"type": "point", "intensity": 1e300})));
+    assert_change_refused(&format!("{what}its colour"), light(json!({"type": "point", "color": [-1, 0, 0]})));
+    assert_change_refused(&format!("{what}its range"), light(json!({"type": "point", "range": 0})));
+    for (inner, outer) in [(0.5, 0.4), (-0.1, 0.4), (0.1, 1.6)] {
+        let spot = json!({"type": "spot", "spot": {"innerConeAngle": inner, "outerConeAngle": outer}});
+        assert_change_refused("cone angles", light(spot));
+    }
+    let camera = |value: Value| move |g: &mut Gltf| g.json["cameras"][0] = value;
+    let what = "camera 0 of node 1 \"eye\": ";
+    for yfov in [0.0, -1.0, 3.2] {
+        let value = json!({"type": "perspective", "perspective": {"yfov": yfov, "znear": 1}});
+        assert_change_refused(&format!("{what}yfov"), camera(value));
+    }
+    let orthographic = json!({"xmag": 1, "ymag": 0, "znear": 0, "zfar": 1});
+    assert_change_refused("ymag", camera(json!({"type": "orthographic", "orthographic": orthographic})));
+    assert_change_refused("neither a perspective", camera(json!({"type": "perspective"})));
+    assert_change_refused("", camera(json!({"type": "fisheye"})));
+}
+
+#[test]
+fn obj() {
+    let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\n";
+    for (text, says) in [
+        ("", "no triangles"),
+        (square, "no triangles"),
+        ("v 0 0\n", "line 1: \"0 0\" is no vertex"),
+        ("v 0 0 nan\n", "line 1: nan is not finite"),
+        ("v 0 0 1e99\n", "line 1"),
+        ("v 0 0 x\n", "line 1: \"x\" is no number"),
+        ("v 0 0 0 0\n", "line 1"),
+        ("f 1 2 3\n", "line 1: vertex 1 is out of range, there are 0"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 4\n", "line 4: vertex 4 is out of range, there are 3"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 0\n", "line 4: \"0\" is no corner"),
+        ("v 0 0 0\nf 1 1 -2\n", "line 2: \"-2\" counts back past the first"),
+        ("v 0 0 0\nf 1 1 -9223372036854775808\n", "line 2"),
+        ("v 0 0 0\nf 1 1 99999999999999999999\n", "line 2"),
+        ("v 0 0 0\nf 1/1 1/1 1/1\n", "line 2: texture coordinate 1 is out of range"),
+        ("v 0 0 0\nf 1//9223372036854775807 1 1\n", "normal 9223372036854775807 is out of range"),
+        ("v 0 0 0\nf 1/1/1/1 1 1\n", "line 2"),
+        ("v 0 0 0\nf 1 1\n", "line 2: a face of 2 corners"),
+        ("v 0 0 0\nf 1 1 1\n", "no triangles but 1 of zero area"),
+        ("vt\n", "line 1"),
+        ("vn 1 2\n", "line 1"),
+        ("\\", "no triangles"),
+    ] {
+        assert_bytes_refused("x.obj", text.as_bytes(), says);
+    }
+    assert_bytes_refused("x.obj", format!("{square}f {}\n", "1 2 3 ".repeat(100_000)).as_bytes(), "300000 corners");
+    assert_bytes_refused("x.obj", &[0xff; 100], "no triangles");
+}
+
+#[test]
+fn mtl() {
+    let folder = tempfile::tempdir().unwrap();
+    let obj = b"mtllib x.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl a\nf 1 2 3\n";
+    let obj = write(folder.path(), "x.obj", obj);
+    // A missing library is only a warning.
+    assert!(Scene::load(&obj).is_ok());
+    for (text, says) in [
+        ("newmtl a\nKd\n", "line 2: Kd: numbers are missing"),
+        ("newmtl a\nKs x\n", "line 2: Ks: \"x\" is no number"),
+        ("newmtl a\nNs nan\n", "line 2: Ns"),
+        ("newmtl a\nmap_Kd\n", "line 2: map_Kd: names no file"),
+        ("newmtl a\nmap_Kd -s 1 2\n", "line 2: map_Kd: names no file"),
+        ("newmtl a\nmap_Kd -what x.png\n", "option -what is unknown"),
+        ("newmtl a\nmap_Kd none.png\n", "cannot read \"none.png\""),
+        ("newmtl a\nmap_Kd ../../secret.png\n", "leads out of"),
+        ("newmtl a\nmap_Kd x.obj\n", "\"x.obj\" cannot be decoded"),
+    ] {
+        write(folder.path(), "x.mtl", text.as_bytes());
+        let Err(error) = Scene::load(&obj) else { panic!("loaded: {text}") };
+        assert!(error.to_string().contains("x.mtl"), "{error}");
+        assert!(chain(&error).contains(says), "says: {}\nnot: {says}", chain(&error));
+    }
+    // Short colours that make other readers panic; the wildest values that are numbers.
+    write(folder.path(), "x.mtl", b"Kd 1 1 1\nnewmtl a\nKd 1e30 -5\nKs 0.5\nNs -7\nPr 9\nPm -3\nillum 77\nNi 0\n");
+    let scene = Scene::load(&obj).unwrap();
+    let material = &scene.materials[0];
+    assert!((0.0..=1.0).contains(&material.roughness) && (0.0..=1.0).contains(&material.metallic));
+}
+
+#[test]
+fn export_of_a_file_that_has_changed_since() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = full().write(folder.path(), "x.glb");
+    let scene = Scene::load(&path).unwrap();
+    for bytes in [&b"glTF"[..], b"", &glb(b"[]", b"")] {
+        std::fs::write(&path, bytes).unwrap();
+        let error = export_gltf(&scene, &scene.rig, &folder.path().join("out.glb")).unwrap_err();
+        assert!(error.to_string().contains("x.glb"), "{error}");
+    }
+    assert!(!folder.path().join("out.glb").exists());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
+
+    /// Loads or refuses; what loads can be exported or is refused.
+    #[test]
+    fn damaged_files_never_panic(
+        flips in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 0..6),
+        cut in proptest::option::of(any::<proptest::sample::Index>()),
+    ) {
+        let mut bytes = full().to_glb();
+        for (at, value) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), "damaged.glb", &bytes);
+        match Scene::load(&path) {
+            Ok(scene) => {
+                let vertices = scene.mesh.positions.len();
+                prop_assert!(scene.mesh.triangles.iter().flatten().all(|&i| (i as usize) < vertices));
+                prop_assert!(scene.mesh.positions.iter().all(|p| p.is_finite()));
+                prop_assert!(scene.mesh.normals.iter().all(|n| n.is_normalized()));
+                _ = export_gltf(&scene, &Rig::default(), &folder.path().join("out.gltf"));
+            }
+            Err(error) => prop_assert!(error.to_string().contains("damaged.glb"), "{}", error),
+        }
+    }
+
+    /// The same for the JSON alone, a word replaced at a time: it gets further than single bytes do.
+    #[test]
+    fn damaged_json_never_panics(
+        edits in proptest::collection::vec((any::<proptest::sample::Index>(), 0usize..16), 1..4),
+    ) {
+        let values = [
+            json!(null), json!(-1), json!(0), json!(1), json!(7), json!(255), json!(u32::MAX), json!(u64::MAX),
+            json!(1e300), json!(-1e-300), json!(0.5), json!(""), json!([]), json!({}), json!([0, 0, 0]), json!(5121),
+        ];
+        let mut gltf = full();
+        gltf.json["buffers"] = json!([{"byteLength": gltf.bin.len()}]);
+        for (at, value) in edits {
+            let mut leaves = Vec::new();
+            pointers(&gltf.json, String::new(), &mut leaves);
+            let pointer = &leaves[at.index(leaves.len())];
+            *gltf.json.pointer_mut(pointer).unwrap() = values[value].clone();
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = gltf.write(folder.path(), "damaged.glb");
+        match Scene::load(&path) {
+            Ok(scene) => _ = export_gltf(&scene, &scene.rig, &folder.path().join("out.glb")),
+            Err(error) => prop_assert!(error.to_string().contains("damaged.glb"), "{}", error),
+        }
+    }
+
+    #[test]
+    fn damaged_text_never_panics(
+        lines in proptest::collection::vec(".{0,20}|v( [0-9.e-]{1,5}){3}|f( -?[0-9]{1,2}(/[0-9]?){0,2}){3,9}|vt 0 1|vn 0 0 1", 0..30),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let text = lines.join("\n");
+        _ = Scene::load(&write(folder.path(), "x.obj", text.as_bytes()));
+        _ = Rig::load(&write(folder.path(), "x.toml", text.as_bytes()));
+    }
+}
+
+/// JSON pointers to everything below `value`.
+fn pointers(value: &Value, here: String, all: &mut Vec<String>) {
+    match value {
+        Value::Array(items) => {
+            for (i, item) in items.iter().enumerate() {
+                pointers(item, format!("{here}/{i}"), all);
+            }
+        }
+        Value::Object(items) => {
+            for (key, item) in items {
+                pointers(item, format!("{here}/{key}"), all);
+            }
+        }
+        _ => {}
+    }
+    if !here.is_empty() {
+        all.push(here);
+    }
+}

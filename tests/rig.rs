@@ -1,0 +1,487 @@
+//! Rig files, and rigs written back into glTF.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DQuat, DVec3, Vec3};
+use proptest::prelude::*;
+use relume::Error;
+use relume::scene::{Camera, Light, LightGroup, LightKind, Projection, Rig, Scene, export_gltf};
+use serde_json::{Value, json};
+use support::*;
+
+fn parse(text: &str) -> Result<Rig, Error> {
+    let folder = tempfile::tempdir().unwrap();
+    Rig::load(&write(folder.path(), "rig.toml", text.as_bytes()))
+}
+
+/// What a rig file that says `text` is told.
+fn refusal(text: &str) -> String {
+    let message = parse(text).err().unwrap_or_else(|| panic!("accepted: {text}")).to_string();
+    assert!(message.contains("rig.toml") && !message.contains('\n'), "{message}");
+    message
+}
+
+#[test]
+fn the_documented_example() {
+    let rig = parse(
+        r#"
+[camera]
+position = [0, 1, 3.6]
+target = [0, 1, 0]
+up = [0, 1, 0]
+yfov_deg = 42.0
+
+[[group]]
+name = "rim"
+stops = 0.5
+color = [1, 1, 1]
+enabled = true
+
+[[light]]
+name = "key.a"
+kind = "spot"
+position = [2.8, 3.8, 1.5]
+direction = [-0.6, -0.7, -0.3]
+color = [1.0, 0.95, 0.9]
+intensity = 60.0
+stops = 0.0
+inner_deg = 18.0
+outer_deg = 28.0
+range = 10.0
+group = "rim"
+enabled = true
+shadows = true
+"#,
+    )
+    .unwrap();
+    let camera = rig.camera.as_ref().unwrap();
+    assert_eq!((camera.position, camera.world_from_camera), (DVec3::new(0.0, 1.0, 3.6), DMat3::IDENTITY));
+    let light = &rig.lights[0];
+    assert_eq!((light.name.as_str(), light.kind, light.group), ("key_a", LightKind::Spot, Some(0)));
+    assert!((light.direction.length() - 1.0).abs() < 1e-15);
+    assert_eq!((light.inner_angle, light.outer_angle), (18f64.to_radians(), 28f64.to_radians()));
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+}
+
+#[test]
+fn defaults() {
+    let rig = parse("[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [1, 2, 3]\n").unwrap();
+    assert_eq!(rig.lights, [Light::point("a", DVec3::new(1.0, 2.0, 3.0))]);
+    assert_eq!(parse("").unwrap(), Rig::default());
+}
+
+#[test]
+fn colour_temperature() {
+    let light = |more: &str| format!("[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0, 0, 0]\n{more}\n");
+    let warm = parse(&light("kelvin = 2700")).unwrap().lights[0].color;
+    assert!(warm.x > 1.0 && warm.z < 0.5, "{warm}");
+    assert!(refusal(&light("kelvin = 2700\ncolor = [1, 1, 1]")).contains("line 5: light \"a\": color and kelvin"));
+    assert!(refusal(&light("tint = 0.1")).contains("tint needs kelvin"));
+    assert!(refusal(&light("kelvin = 100")).contains("kelvin is 100"));
+}
+
+#[test]
+fn wrong_rigs_name_the_line() {
+    let light = "[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0, 0, 0]\n";
+    let spot = "[[light]]\nname = \"a\"\nkind = \"spot\"\nposition = [0, 0, 0]\ndirection = [0, -1, 0]\n";
+    for (text, says) in [
+        (format!("{light}brightness = 3\n"), "line 5: unknown field `brightness`"),
+        ("\n\n[lamp]\n".into(), "line 3: unknown field `lamp`"),
+        (format!("{light}radius = 0.1\n"), "line 5: light \"a\": `radius` is reserved"),
+        (light.replace("point", "rect"), "line 3: light \"a\": kind `rect` is reserved"),
+        (light.replace("point", "sphere"), "kind `sphere` is reserved"),
+        (light.replace("point", "dome"), "kind `dome` is reserved"),
+        (light.replace("point", "laser"), "line 3: light \"a\": kind `laser` is unknown"),
+        (format!("{light}\n{light}"), "line 7: light \"a\" is there twice"),
+        (format!("{light}\n{}", light.replace("\"a\"", "\"\"")), "the name is empty"),
+        (
+            format!("{light}{}", light.replace("\"a\"", "\"b.c\"")) + &light.replace("\"a\"", "\"b_c\""),
+            "\"b_c\" is there twice",
+        ),
+        (format!("{light}group = \"x\"\n"), "line 5: light \"a\": there is no group \"x\""),
+        (format!("{light}intensity = -1\n"), "line 5: light \"a\": intensity is -1"),
+        (format!("{light}intensity = nan\n"), "intensity is NaN"),
+        (format!("{light}intensity = inf\n"), "intensity is inf"),
+        (format!("{light}stops = 1e300\n"), "must be finite"),
+        (format!("{light}intensity = 1e20\nstops = 100\n"), "must be finite"),
+        (format!("{light}color = [1, -1, 1]\n"), "line 5: light \"a\": color"),
+        (format!("{light}color = [1, 1]\n"), "line 5"),
+        (format!("{light}range = 0\n"), "line 5: light \"a\": range is 0"),
+        (format!("{light}enabled = 1\n"), "line 5"),
+        (light.replace("[0, 0, 0]", "[0, inf, 0]"), "line 4: light \"a\": position must be finite"),
+        (light.replace("position = [0, 0, 0]\n", ""), "line 3: light \"a\": a point light needs a position"),
+        (spot.replace("position = [0, 0, 0]\n", ""), "a spot light needs a position"),
+        (spot.replace("direction = [0, -1, 0]\n", ""), "a spot light needs a direction"),
+        (spot.replace("spot", "directional").replace("direction = ", "#"), "a directional light needs a direction"),
+        (spot.replace("-1", "0"), "line 5: light \"a\": direction must not be of zero length"),
+        (format!("{spot}inner_deg = 30\nouter_deg = 20\n"), "line 7: light \"a\": inner_deg is 30, more than"),
+        (format!("{spot}outer_deg = 91\n"), "outer_deg is 91"),
+        ("[[group]]\nname = \"g\"\n[[group]]\nname = \"g\"\n".into(), "line 4: group \"g\" is there twice"),
+        ("[[group]]\nname = \"g\"\nstops = nan\n".into(), "line 2: group \"g\""),
+        ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 0]\nyfov_deg = 40\n".into(), "line 1: camera"),
+        ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\nyfov_deg = 180\n".into(), "yfov_deg"),
+        ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\n".into(), "needs one of yfov_deg and ymag"),
+        ("[[light]\n".into(), "line 1"),
+    ] {
+        let message = refusal(&text);
+        assert!(message.contains(says), "{text}\nsays: {message}\nnot: {says}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let missing = Rig::load(&folder.path().join("none.toml")).unwrap_err().to_string();
+    assert!(missing.contains("none.toml"), "{missing}");
+    let binary = Rig::load(&write(folder.path(), "binary.toml", &[0xff, 0xfe, 0])).unwrap_err().to_string();
+    assert!(binary.contains("binary.toml"), "{binary}");
+}
+
+fn vector(size: f64) -> impl Strategy<Value = DVec3> {
+    [-size..size, -size..size, -size..size].prop_map(DVec3::from_array)
+}
+
+fn unit() -> impl Strategy<Value = DVec3> {
+    vector(1.0).prop_filter_map("too short", |v| (v.length() > 1e-3).then(|| v.normalize()))
+}
+
+fn color() -> impl Strategy<Value = Vec3> {
+    [0f32..2.0, 0f32..2.0, 0f32..2.0].prop_map(Vec3::from_array)
+}
+
+fn light() -> impl Strategy<Value = Light> {
+    let kind = prop_oneof![Just(LightKind::Point), Just(LightKind::Spot), Just(LightKind::Directional)];
+    let intensity = prop_oneof![Just(0.0), Just(1e-20), Just(1e20), 0.0..1e3f64];
+    let angles = (0.0..=1.0f64, 0.0..=std::f64::consts::FRAC_PI_2).prop_map(|(share, outer)| (share * outer, outer));
+    (
+        (kind, vector(1e4), unit(), color(), intensity, -20.0..20.0f64, angles),
+        (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 2]>()),
+        (".*", proptest::option::of(0usize..1000)),
+    )
+        .prop_map(
+            |((kind, position, direction, color, intensity, stops, angles), (range, group, flags), (name, node))| {
+                let [enabled, shadows] = flags;
+                let (inner_angle, outer_angle) = angles;
+                let name = name.replace('.', "_");
+                Light {
+                    name,
+                    kind,
+                    position,
+                    direction,
+                    color,
+                    intensity,
+                    stops,
+                    inner_angle,
+                    outer_angle,
+                    range,
+                    group,
+                    enabled,
+                    shadows,
+                    node,
+                }
+            },
+        )
+}
+
+fn camera() -> impl Strategy<Value = Camera> {
+    let projection = prop_oneof![
+        (0.01..3.1f64).prop_map(|yfov| Projection::Perspective { yfov }),
+        (0.01..1e3f64).prop_map(|ymag| Projection::Orthographic { ymag })
+    ];
+    (vector(1e5), unit(), unit(), projection, ".*").prop_filter_map("degenerate", |(position, back, up, p, name)| {
+        let camera = Camera::look_at(position, position - back, up, p)?;
+        (up.cross(back).length() > 0.1).then_some(Camera { name, ..camera })
+    })
+}
+
+proptest! {
+    #[test]
+    fn toml_reads_back_equal(
+        lights in proptest::collection::vec(light(), 0..4),
+        camera in proptest::option::of(camera()),
+        tints in [color(), color()],
+        stops in -9.0..9.0f64,
+    ) {
+        let group = |i: usize| LightGroup {
+            name: format!("g \"{i}\"\n"), stops: stops * i as f64, color: tints[i], enabled: i == 0,
+        };
+        let mut rig = Rig { camera, groups: vec![group(0), group(1)], lights };
+        for (i, light) in rig.lights.iter_mut().enumerate() {
+            light.name = format!("{}{i}", light.name);
+        }
+        let text = rig.to_toml();
+        let mut read = parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        for (read, light) in read.lights.iter_mut().zip(&rig.lights) {
+            prop_assert!((read.inner_angle - light.inner_angle).abs() < 1e-15);
+            prop_assert!((read.outer_angle - light.outer_angle).abs() < 1e-15);
+            (read.inner_angle, read.outer_angle) = (light.inner_angle, light.outer_angle);
+        }
+        if let (Some(read), Some(camera)) = (&mut read.camera, &rig.camera) {
+            prop_assert!((read.world_from_camera - camera.world_from_camera).to_cols_array().iter().all(|d| d.abs() < 1e-12));
+            read.world_from_camera = camera.world_from_camera;
+            if let (Projection::Perspective { yfov: a }, Projection::Perspective { yfov: b }) = (read.projection, camera.projection) {
+                prop_assert!((a - b).abs() < 1e-15);
+                read.projection = camera.projection;
+            }
+        }
+        prop_assert_eq!(read, rig, "{}", text);
+    }
+}
+
+#[test]
+fn save_writes_what_load_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    let rig = Rig { lights: vec![Light::point("a", DVec3::ONE)], ..Rig::default() };
+    rig.save(&path).unwrap();
+    assert_eq!(Rig::load(&path).unwrap(), rig);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    let nowhere = rig.save(&folder.path().join("none/rig.toml")).unwrap_err().to_string();
+    assert!(nowhere.contains("none/rig.toml"), "{nowhere}");
+}
+
+/// A square; lights under rotated, scaled and sheared parents, on a node with a mesh, on one with a child.
+fn lit() -> Gltf {
+    let mut gltf = Gltf::square();
+    let spot = json!({"type": "spot", "intensity": 60.5, "color": [1.0, 0.95, 0.9], "range": 12.5, "extras": {"a": 1},
+        "spot": {"innerConeAngle": 0.3, "outerConeAngle": 0.5}});
+    for light in [json!({"type": "point", "name": "bulb"}), spot, json!({"type": "directional", "intensity": 2.0})] {
+        gltf.light(light);
+    }
+    let light = |index: usize| json!({"KHR_lights_punctual": {"light": index}});
+    let key = gltf.node(json!({"name": "key", "extensions": light(1), "translation": [0.5, 1.0, 2.0],
+        "rotation": [0.1, 0.2, 0.3, 0.927], "scale": [1.0, 1.0, -1.0], "extras": {"kept": true}}));
+    let matrix = [2.0, 0.1, 0.0, 0.0, 0.0, 0.5, 0.3, 0.0, 0.2, 0.0, 3.0, 0.0, 7.0, 8.0, 9.0, 1.0];
+    gltf.root(json!({"children": [key], "matrix": matrix}));
+    gltf.root(json!({"name": "bulb node", "extensions": light(0), "mesh": 0, "translation": [0.0, 0.0, 4.0]}));
+    let child = gltf.node(json!({"mesh": 0, "translation": [0.0, 0.0, 1.0]}));
+    gltf.root(json!({"extensions": light(2), "children": [child], "rotation": [0.5, 0.5, 0.5, 0.5]}));
+    gltf.json["extras"] = json!({"anything": [1, 2.5, "x"]});
+    gltf.json["nodes"][0]["extensions"] = json!({"VENDOR_thing": {"z": 1, "a": 2}});
+    gltf
+}
+
+fn export(gltf: &Gltf, rig: &Rig, name: &str) -> (Scene, Scene, Value) {
+    let folder = tempfile::tempdir().unwrap();
+    let source = Scene::load(&gltf.write(folder.path(), "source.glb")).unwrap();
+    let path = folder.path().join(name);
+    export_gltf(&source, rig, &path).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let json = if bytes.starts_with(b"glTF") {
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        &bytes[20..20 + length]
+    } else {
+        &bytes[..]
+    };
+    let json = serde_json::from_slice(json).unwrap();
+    (source, Scene::load(&path).unwrap(), json)
+}
+
+fn rig_of(gltf: &Gltf) -> Rig {
+    let folder = tempfile::tempdir().unwrap();
+    Scene::load(&gltf.write(folder.path(), "source.glb")).unwrap().rig
+}
+
+/// Lights compared by name, to 1e-6; nodes and what export folds are not.
+fn assert_same_lights(got: &Rig, want: &Rig) {
+    let names = |rig: &Rig| rig.lights.iter().map(|l| l.name.clone()).collect::<std::collections::BTreeSet<_>>();
+    assert_eq!(names(got), names(want));
+    for (i, light) in want.lights.iter().enumerate() {
+        let j = got.lights.iter().position(|l| l.name == light.name).unwrap();
+        let read = &got.lights[j];
+        assert_eq!(read.kind, light.kind);
+        assert!(
+            read.position.distance(light.position) <= 1e-6 * (1.0 + light.position.length()),
+            "{read:?}\n{light:?}"
+        );
+        if light.kind != LightKind::Point {
+            assert!(read.direction.distance(light.direction) <= 1e-6, "{read:?}\n{light:?}");
+        }
+        if light.kind == LightKind::Spot {
+            assert!((read.inner_angle - light.inner_angle).abs() <= 1e-6);
+            assert!((read.outer_angle - light.outer_angle).abs() <= 1e-6);
+        }
+        let (a, b) = (got.scale(j), want.scale(i));
+        assert!((a - b).abs().max_element() <= 1e-6 * b.max_element(), "{a} {b}");
+        assert_eq!(read.range, light.range);
+    }
+}
+
+fn assert_same_geometry(a: &Scene, b: &Scene) {
+    let bytes = |scene: &Scene| {
+        let positions = scene.mesh.positions.iter().flat_map(|p| p.to_array()).map(f32::to_bits);
+        positions.chain(scene.mesh.triangles.iter().flatten().copied()).collect::<Vec<u32>>()
+    };
+    assert_eq!(bytes(a), bytes(b));
+    assert_eq!((a.origin, a.mesh.normals.len()), (b.origin, b.mesh.normals.len()));
+}
+
+#[test]
+fn an_untouched_rig_changes_nothing() {
+    let gltf = lit();
+    let rig = rig_of(&gltf);
+    for name in ["out.glb", "out.gltf"] {
+        let (source, back, json) = export(&gltf, &rig, name);
+        assert_same_geometry(&source, &back);
+        assert_same_lights(&back.rig, &rig);
+        assert_eq!(back.rig.lights.iter().map(|l| l.node).collect::<Vec<_>>(), [Some(1), Some(3), Some(5)]);
+        for i in [0, 1, 2, 3, 4] {
+            let (mut node, mut old) = (json["nodes"][i].clone(), gltf.json["nodes"][i].clone());
+            node.as_object_mut().unwrap().remove("extensions");
+            old.as_object_mut().unwrap().remove("extensions");
+            assert_eq!(node, old);
+        }
+        assert_eq!(json["extras"], gltf.json["extras"]);
+        assert_eq!(json["nodes"][0]["extensions"], gltf.json["nodes"][0]["extensions"]);
+        assert_eq!(json["extensions"]["KHR_lights_punctual"]["lights"][0]["extras"], json!({"a": 1}));
+        assert_eq!((&json["accessors"], &json["meshes"]), (&gltf.json["accessors"], &gltf.json["meshes"]));
+    }
+}
+
+#[test]
+fn moved_lights_stand_where_the_rig_says() {
+    let gltf = lit();
+    let mut rig = rig_of(&gltf);
+    for light in &mut rig.lights {
+        if light.kind != LightKind::Directional {
+            light.position += DVec3::new(0.5, -1.0, 0.25);
+        }
+        if light.kind != LightKind::Point {
+            light.direction = (DQuat::from_rotation_y(1.0) * light.direction + DVec3::Y * 0.3).normalize();
+        }
+        light.stops = 1.5;
+    }
+    for name in ["out.glb", "out.gltf"] {
+        let (source, back, json) = export(&gltf, &rig, name);
+        // Meshes on the lights' nodes and below them have not moved along.
+        assert_same_geometry(&source, &back);
+        assert_same_lights(&back.rig, &rig);
+        let key = back.rig.lights.iter().find(|l| l.name == "key").unwrap();
+        assert_eq!(key.node, Some(1));
+        assert_eq!(json["nodes"][1]["extras"], json!({"kept": true}));
+    }
+}
+
+#[test]
+fn groups_stops_and_switches_are_folded() {
+    let gltf = lit();
+    let mut rig = rig_of(&gltf);
+    rig.groups.push(LightGroup { name: "g".into(), stops: -2.0, color: Vec3::new(0.5, 3.0, 1.0), enabled: true });
+    rig.groups.push(LightGroup { name: "off".into(), stops: 0.0, color: Vec3::ONE, enabled: false });
+    (rig.lights[0].group, rig.lights[0].stops) = (Some(0), 3.0);
+    rig.lights[1].enabled = false;
+    rig.lights[2].group = Some(1);
+    let (_, back, json) = export(&gltf, &rig, "out.glb");
+    assert_same_lights(&back.rig, &rig);
+    for light in json["extensions"]["KHR_lights_punctual"]["lights"].as_array().unwrap() {
+        assert!(light["color"].as_array().unwrap().iter().all(|c| c.as_f64().unwrap() <= 1.0), "{light}");
+    }
+}
+
+#[test]
+fn new_and_deleted_lights() {
+    let gltf = lit();
+    let mut rig = rig_of(&gltf);
+    rig.lights.remove(0);
+    let mut new = Light::point("new.one", DVec3::new(1.0, 2.0, 3.0));
+    (new.name, new.kind, new.direction) = ("new_one".into(), LightKind::Spot, DVec3::Z);
+    rig.lights.push(new);
+    // A copy: two lights cannot share a node.
+    rig.lights.push(Light { name: "copy".into(), ..rig.lights[0].clone() });
+    // Names a node that has no light.
+    rig.lights.push(Light { node: Some(0), ..Light::point("stray", DVec3::X) });
+    let (source, back, json) = export(&gltf, &rig, "out.glb");
+    assert_same_geometry(&source, &back);
+    assert_same_lights(&back.rig, &rig);
+    assert!(json["nodes"][1].get("extensions").is_none());
+    assert_eq!(json["extensionsUsed"], json!(["KHR_lights_punctual"]));
+
+    let (_, dark, json) = export(&gltf, &Rig::default(), "out.glb");
+    assert!(dark.rig.lights.is_empty());
+    assert!(json.get("extensions").is_none() && json.get("extensionsUsed").is_none());
+
+    let (_, renamed, _) = {
+        let mut rig = rig_of(&gltf);
+        rig.lights.iter_mut().for_each(|l| l.name.push('x'));
+        let out = export(&gltf, &rig, "out.glb");
+        assert_same_lights(&out.1.rig, &rig);
+        out
+    };
+    assert_eq!(renamed.rig.lights.len(), 3);
+}
+
+#[test]
+fn other_scenes_keep_their_lights() {
+    let mut gltf = lit();
+    let other = gltf.light(json!({"type": "point", "intensity": 5.0, "name": "other"}));
+    let node = gltf.node(json!({"extensions": {"KHR_lights_punctual": {"light": other}}}));
+    gltf.push("scenes", json!({"nodes": [node]}));
+    let (_, _, json) = export(&gltf, &Rig::default(), "out.glb");
+    assert_eq!(
+        json["extensions"]["KHR_lights_punctual"]["lights"],
+        json!([{"type": "point", "intensity": 5.0, "name": "other"}])
+    );
+    assert_eq!(json["nodes"][node]["extensions"]["KHR_lights_punctual"]["light"], 0);
+}
+
+#[test]
+fn external_files_come_along() {
+    let mut gltf = lit();
+    let folder = tempfile::tempdir().unwrap();
+    let (first, second) = (gltf.bin.clone(), png(1, 1, &[[1, 2, 3, 255]]));
+    write(folder.path(), "first.bin", &first);
+    write(folder.path(), "image.png", &second);
+    // Two buffers, the second holding an image; another image is a file.
+    write(folder.path(), "second.bin", &second);
+    gltf.json["buffers"] =
+        json!([{"byteLength": first.len(), "uri": "first.bin"}, {"byteLength": second.len(), "uri": "second.bin"}]);
+    let view = gltf.push("bufferViews", json!({"buffer": 1, "byteLength": second.len()}));
+    gltf.json["images"] = json!([{"bufferView": view, "mimeType": "image/png"}, {"uri": "image.png"}]);
+    gltf.json["textures"] = json!([{"source": 0}, {"source": 1}]);
+    gltf.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+        "emissiveTexture": {"index": 1}}]);
+    gltf.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    let path = write(folder.path(), "source.gltf", gltf.json.to_string().as_bytes());
+    let source = Scene::load(&path).unwrap();
+    let elsewhere = tempfile::tempdir().unwrap();
+    for name in ["out.glb", "out.gltf"] {
+        let path = elsewhere.path().join(name);
+        export_gltf(&source, &source.rig, &path).unwrap();
+        let back = Scene::load(&path).unwrap();
+        assert_same_geometry(&source, &back);
+        assert_eq!(back.textures.len(), 2);
+        assert!(back.textures.iter().all(|t| t.levels[0].texels == [[1, 2, 3, 255]]));
+    }
+    assert_eq!(std::fs::read_dir(elsewhere.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn export_refuses_what_it_cannot_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let obj = write(folder.path(), "scene.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    let scene = Scene::load(&obj).unwrap();
+    let message = export_gltf(&scene, &Rig::default(), &folder.path().join("out.glb")).unwrap_err().to_string();
+    assert!(message.contains("scene.obj") && message.contains("glTF"), "{message}");
+    let scene = Scene::load(&Gltf::square().write(folder.path(), "scene.glb")).unwrap();
+    let message = export_gltf(&scene, &Rig::default(), Path::new("out.toml")).unwrap_err().to_string();
+    assert!(message.contains("out.toml"), "{message}");
+}
+
+#[test]
+fn the_shared_scenes_round_trip() {
+    let shared = std::env::var("RELUME_SHARED").map(PathBuf::from);
+    let shared = shared.unwrap_or_else(|_| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"));
+    let path = shared.join("scenes/balls-16.glb");
+    if !path.is_file() {
+        println!("not run: there is no {}", path.display());
+        return;
+    }
+    let scene = Scene::load(&path).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let toml = folder.path().join("rig.toml");
+    scene.rig.save(&toml).unwrap();
+    let rig = Rig::load(&toml).unwrap();
+    let out = folder.path().join("out.glb");
+    export_gltf(&scene, &rig, &out).unwrap();
+    let back = Scene::load(&out).unwrap();
+    assert_same_geometry(&scene, &back);
+    assert_same_lights(&back.rig, &scene.rig);
+}
