@@ -138,7 +138,7 @@ macro_rules! gpu_shared {
                     glsl += &format!("    {} {};\n", <$type as Glsl>::name(), stringify!($field));
                 )*
                 glsl += "};\n";
-                glsl += &gpu_shared!(@references $kind $name);
+                glsl += gpu_shared!(@references $kind $name);
             )*
             glsl
         }
@@ -148,10 +148,10 @@ macro_rules! gpu_shared {
         const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
     };
     (@references struct $name:ident) => {
-        $crate::gpu::gpu_struct::references::<$name>()
+        &$crate::gpu::gpu_struct::references::<$name>()
     };
     (@references push $name:ident) => {
-        String::new() // each kernel declares its own push constant block
+        "" // each kernel declares its own push constant block
     };
 }
 pub(crate) use gpu_shared;

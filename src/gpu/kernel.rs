@@ -71,13 +71,15 @@ impl Kernel {
     /// Compiles the kernel anew if its source changed since the last look; an error in it is logged and the kernel
     /// stays as it was. Looks at `glsl/` where this program was built.
     #[cfg(feature = "hot-reload")]
-    pub fn reload_if_changed(&mut self) {
+    ///
+    /// Returns whether it is a new one.
+    pub fn reload_if_changed(&mut self) -> bool {
         let path = format!("{}/glsl/{}.comp", env!("CARGO_MANIFEST_DIR"), self.name);
         let path = std::path::Path::new(&path);
-        let Ok(modified) = std::fs::metadata(path).and_then(|m| m.modified()) else { return };
+        let Ok(modified) = std::fs::metadata(path).and_then(|m| m.modified()) else { return false };
         let seen = self.modified.replace(modified);
         if seen.is_none_or(|seen| seen == modified) {
-            return;
+            return false;
         }
         let made = super::compile::compile(path, &crate::shared::shared_glsl())
             .map_err(|log| Error::Shader { kernel: self.name.clone(), log })
@@ -90,8 +92,12 @@ impl Kernel {
                 // SAFETY: frames are waited for before kernels can be borrowed mutably.
                 unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
                 self.pipeline = pipeline;
+                true
             }
-            Err(error) => tracing::error!("{error}"),
+            Err(error) => {
+                tracing::error!("{error}");
+                false
+            }
         }
     }
 }

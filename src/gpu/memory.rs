@@ -131,7 +131,7 @@ impl RawBuffer {
             raw.address =
                 context.device.get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(handle));
         }
-        assert!(raw.address % 16 == 0, "{name} is at {:#x}; kernels read 16 bytes at once", raw.address);
+        assert!(raw.address.is_multiple_of(16), "{name} is at {:#x}; kernels read 16 bytes at once", raw.address);
         context.name(handle, name);
         Ok(raw)
     }

@@ -468,7 +468,7 @@ mod tests {
     fn rig(light_count: usize, group_count: usize) -> Rig {
         let group = |i| LightGroup { name: format!("g{i}"), stops: 0.0, color: Vec3::ONE, enabled: true };
         let light = |i: usize| {
-            let group = (i % 3 != 0 && group_count > 0).then(|| i % group_count.max(1));
+            let group = (!i.is_multiple_of(3) && group_count > 0).then(|| i % group_count.max(1));
             Light { group, ..Light::point(&format!("l{i}"), DVec3::new(i as f64, 0.0, 0.0)) }
         };
         Rig {

@@ -223,6 +223,10 @@ impl Relighter {
     }
 
     fn plan(&mut self, picture: Picture) -> Plan {
+        #[cfg(feature = "hot-reload")]
+        if self.reload_changed_kernels() {
+            self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
+        }
         match picture {
             Picture::Whole => self.cache.plan(),
             Picture::Light(light) => self.cache.plan_light(light),
@@ -235,8 +239,6 @@ impl Relighter {
 
     /// Does a plan's steps and makes the picture: one frame, or several if many lights are stale at once.
     fn run(&mut self, plan: &Plan, output: Output) -> Result<()> {
-        #[cfg(feature = "hot-reload")]
-        self.reload_changed_kernels();
         self.times.clear();
         let Self { frames, times, visibility, .. } = self;
         let parts = Parts {
@@ -282,15 +284,12 @@ impl Relighter {
         }
     }
 
+    /// Kernels whose source changed are compiled anew, and the picture with them.
     #[cfg(feature = "hot-reload")]
-    fn reload_changed_kernels(&mut self) {
+    fn reload_changed_kernels(&mut self) -> bool {
         let Kernels { shade_light, resolve, sum_images, display, linear } = &mut self.kernels;
-        for kernel in [&mut *shade_light, resolve, sum_images, display, linear] {
-            kernel.reload_if_changed();
-        }
-        if shade_light.was_reloaded() {
-            self.cache.invalidate();
-        }
+        let kernels = [shade_light, resolve, sum_images, display, linear];
+        kernels.into_iter().fold(false, |changed, kernel| kernel.reload_if_changed() | changed)
     }
 }
 
