@@ -1,0 +1,116 @@
+//! Criterion benchmarks: each kernel on its own, shadow rays, whole frames. `relume bench` tells more of any scene.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use relume::bake::bvh::Bvh;
+use relume::bake::packet::{PACKET_SIZE, trace_packets};
+use relume::bake::{BakeSettings, Baked, bake};
+use relume::gpu::{Context, Validation};
+use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
+use relume::scene::Scene;
+
+struct Setup {
+    scene: Arc<Scene>,
+    bvh: Arc<Bvh>,
+    baked: Arc<Baked>,
+    context: Arc<Context>,
+}
+
+impl Setup {
+    fn new() -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/balls-2.glb");
+        let scene = Scene::load(&path).expect("the scene ships with the project");
+        let bvh = Bvh::build(&scene);
+        let settings = BakeSettings { width: 720, height: 480, layers: 4, samples: 1 };
+        let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+        let context = Context::new(None, Validation::Off, None).expect("a Vulkan device");
+        Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked), context }
+    }
+
+    fn relighter(&self, visibility: VisibilityMethod) -> Relighter {
+        let settings = RelightSettings { visibility, shadow_size: 1024, tone_map: ToneMap::Agx, budget_bytes: None };
+        Relighter::new(&self.context, &self.scene, &self.bvh, &self.baked, &self.scene.rig, &settings)
+            .expect("the device has memory for a small picture")
+    }
+}
+
+/// Passes of a frame in which one light moved, each by its own timestamps.
+fn kernels(criterion: &mut Criterion) {
+    let setup = Setup::new();
+    let mut group = criterion.benchmark_group("kernels");
+    for (visibility, passes) in [
+        (VisibilityMethod::Traced, &["shade light", "resolve", "composite"][..]),
+        (VisibilityMethod::Map, &["draw shadow map", "look up shadow map"][..]),
+    ] {
+        let mut relighter = setup.relighter(visibility);
+        for pass in passes {
+            group.bench_function(*pass, |bencher| {
+                bencher.iter_custom(|iterations| {
+                    (0..iterations).map(|i| frame_with_moved_light(&mut relighter, i, Some(pass))).sum()
+                });
+            });
+        }
+    }
+}
+
+fn frames(criterion: &mut Criterion) {
+    let setup = Setup::new();
+    let mut group = criterion.benchmark_group("frames");
+    for visibility in [VisibilityMethod::Traced, VisibilityMethod::Map] {
+        let mut relighter = setup.relighter(visibility);
+        group.bench_function(BenchmarkId::new("move a light", format!("{visibility:?}")), |bencher| {
+            let mut i = 0;
+            bencher.iter(|| {
+                i += 1;
+                frame_with_moved_light(&mut relighter, i, None)
+            });
+        });
+    }
+    let mut relighter = setup.relighter(VisibilityMethod::Traced);
+    group.bench_function("recolour a light", |bencher| {
+        let mut rig = setup.scene.rig.clone();
+        bencher.iter(|| {
+            rig.lights[0].stops = 1.0 - rig.lights[0].stops;
+            relighter.set_rig(&rig);
+            relighter.display(Picture::Whole, 0.0).expect("it did before").len()
+        });
+    });
+}
+
+/// Makes a frame; returns what one pass of it took.
+fn frame_with_moved_light(relighter: &mut Relighter, frame: u64, pass: Option<&str>) -> Duration {
+    let mut rig = relighter.rig().clone();
+    rig.lights[0].position.x += if frame.is_multiple_of(2) { 0.1 } else { -0.1 };
+    relighter.set_rig(&rig);
+    relighter.display(Picture::Whole, 0.0).expect("it did before");
+    let ms: f64 = relighter.times().iter().filter(|time| Some(time.name) == pass).map(|time| time.ms).sum();
+    Duration::from_secs_f64(ms * 1e-3)
+}
+
+/// On one thread: the same rays in packets and singly.
+fn shadow_rays(criterion: &mut Criterion) {
+    let setup = Setup::new();
+    let light = setup.scene.rig.lights[0].pack(setup.scene.origin);
+    let (bvh, scene, packets) = (&*setup.bvh, &*setup.scene, &setup.baked.packets);
+    let mut visibility = vec![0; packets.len() * PACKET_SIZE];
+    let mut group = criterion.benchmark_group("shadow rays");
+    group.bench_function("packets", |bencher| {
+        bencher.iter(|| trace_packets(bvh, scene, &light, packets, &mut visibility));
+    });
+    group.bench_function("singly", |bencher| {
+        bencher.iter(|| {
+            let rays = packets.iter().flat_map(|p| (0..PACKET_SIZE).filter_map(|lane| p.shadow_ray(bvh, &light, lane)));
+            rays.filter(|ray| bvh.occluded(scene, ray.origin, ray.direction, ray.length)).count()
+        });
+    });
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().sample_size(20).measurement_time(Duration::from_secs(2));
+    targets = kernels, frames, shadow_rays
+}
+criterion_main!(benches);
