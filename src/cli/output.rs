@@ -51,7 +51,8 @@ impl Passes {
         match self {
             Self::All => {
                 let each = lights.iter().map(|light| Light(light.name.clone()));
-                Ok([Beauty, Direct, Reflection, Emission].into_iter().chain(each).collect())
+                let emission = relighter.has_emission().then_some(Emission);
+                Ok([Beauty, Direct, Reflection].into_iter().chain(emission).chain(each).collect())
             }
             Self::List(list) => {
                 for pass in list {
