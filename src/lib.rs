@@ -1,6 +1,76 @@
 //! relume: interactive relighting of scenes with fixed camera, geometry and materials.
 //!
-//! Data flows one way: [`scene`] -> [`bake`] -> [`relight`]; [`gpu`] is all Vulkan and all `unsafe`.
+//! With those fixed, which surface each pixel sees, also through mirrors, is known once and for all: the layered deep
+//! framebuffer. A light that moves is shaded again at its view samples; a light that is only recoloured is not even
+//! that: the picture is a sum of cached images, one a light.
+//!
+//! Data flows one way, and no arrow points back:
+//!
+//! ```text
+//! scene -> bake -> relight
+//!                     |
+//!                    gpu        all Vulkan, all unsafe
+//! ```
+//!
+//! - [`scene`]: files in, plain data out. World space is in double precision.
+//! - [`bake`]: [`scene::Scene`] -> [`bake::Baked`], what does not depend on the lights: BVH, view samples.
+//! - [`relight`]: visibility, shading, sums of light images, the picture.
+//! - [`gpu`]: device, memory, kernels, frames. Knows no lights.
+//! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
+//! - [`image`]: EXR and PNG, and how pictures differ.
+//! - [`reference`]: the kernels again in double precision on the CPU, to test them against.
+//!
+//! ```no_run
+//! use std::{path::Path, sync::Arc};
+//! use relume::bake::{BakeSettings, bake, bvh::Bvh};
+//! use relume::gpu::{Context, Validation};
+//! use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
+//! use relume::scene::Scene;
+//!
+//! # fn main() -> relume::Result<()> {
+//! let scene = Arc::new(Scene::load(Path::new("scenes/balls-2.glb"))?);
+//! let bvh = Arc::new(Bvh::build(&scene));
+//! let settings = BakeSettings { width: 720, height: 480, layers: 4, samples: 1 };
+//! let baked = Arc::new(bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_tiles| ()));
+//! let context = Context::new(None, Validation::Off, None)?;
+//! let settings = RelightSettings {
+//!     visibility: VisibilityMethod::Auto,
+//!     shadow_size: 1024,
+//!     tone_map: ToneMap::Agx,
+//!     budget_bytes: None,
+//! };
+//! let mut relighter = Relighter::new(&context, &scene, &bvh, &baked, &scene.rig, &settings)?;
+//! let mut rig = scene.rig.clone();
+//! rig.lights[0].position.y += 0.1;
+//! relighter.set_rig(&rig);
+//! let pixels: &[[u8; 4]] = relighter.display(Picture::Whole, 0.0)?;
+//! # Ok(()) }
+//! ```
+//!
+//! # Bibliography
+//!
+//! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
+//! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
+//!   KHR_lights_punctual, KHR_materials_specular, KHR_materials_ior, ...
+//! - [Halton 1960] Halton, On the efficiency of certain quasi-random sequences of points, Numerische Mathematik 2.
+//! - [Hasan 2006] Hašan, Pellacini, Bala, Direct-to-indirect transfer for cinematic relighting, SIGGRAPH.
+//! - [Heitz 2014] Heitz, Understanding the masking-shadowing function in microfacet-based BRDFs, JCGT 3(2).
+//! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
+//! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
+//! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
+//! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
+//! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
+//! - [Möller 1997] Möller, Trumbore, Fast, minimum storage ray-triangle intersection, JGT 2(1).
+//! - [Ragan-Kelley 2007] Ragan-Kelley et al., The Lightspeed automatic interactive lighting preview system, SIGGRAPH.
+//! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
+//! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
+//! - [Sobotka 2022] Sobotka, AgX; [Wrensch 2023] Wrensch, Minimal AgX implementation.
+//! - [Reshetov 2005] Reshetov, Soupikov, Hurley, Multi-level ray tracing algorithm, SIGGRAPH.
+//! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
+//! - [Sutherland 1974] Sutherland, Hodgman, Reentrant polygon clipping, CACM 17(1).
+//! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
+//! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.
+//! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.
 
 pub mod bake;
 pub mod error;

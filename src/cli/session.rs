@@ -76,6 +76,7 @@ impl Session {
         let camera = choose_camera(&scene, &rig, options)?;
         let [width, height] = options.size.or(scene.image_size).unwrap_or([720, 480]);
         check_size([width, height]).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
+        check_memory([width, height], path)?;
         let settings = BakeSettings { width, height, layers: options.layers, samples: options.samples };
 
         let spinner = progress::spinner("building the BVH");
@@ -144,6 +145,27 @@ fn choose_camera(scene: &Scene, rig: &Rig, options: &SceneOptions) -> Result<Cam
     }
     tracing::warn!("{}: no camera, so the view is framed by the scene's bounds", scene.path.display());
     Ok(Camera::framing(&scene.mesh, scene.origin))
+}
+
+/// Bytes that a pixel takes at the least: view sample, normal and packet, twice while they are collected; the samples
+/// and three light images on the device; two pictures.
+const BYTES_A_PIXEL: u64 = 2 * (32 + 12 + 36) + 32 + 36 + 16;
+
+/// Refuses a picture that cannot fit this machine, before the system does so less kindly.
+fn check_memory(size: [u32; 2], path: &Path) -> Result<()> {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()) else { return Ok(()) };
+    let needed = u64::from(size[0]) * u64::from(size[1]) * BYTES_A_PIXEL;
+    if needed <= kib * 1024 {
+        return Ok(());
+    }
+    let (needed, free) = (needed as f64 * 1e-9, kib as f64 * 1024e-9);
+    let reason = format!(
+        "{}x{} pixels take {needed:.1} GB of memory, {free:.1} GB are free; choose a smaller --size",
+        size[0], size[1]
+    );
+    Err(Error::invalid(path.display().to_string(), reason))
 }
 
 fn use_threads(threads: Option<u32>) {

@@ -89,13 +89,13 @@ struct Slot {
 }
 
 impl LightCache {
-    /// Slots that a rig needs to keep everything, and the fewest that work.
+    /// The fewest slots that work for a rig, and those that keep everything: the tree has 2 L - 1 nodes.
     pub fn slot_range(light_count: usize) -> (usize, usize) {
         // Summing a tree holds an image a level, and groups make it at most twice as deep; the focus and one batch of
         // the rest stay while that happens.
         let depth = usize::BITS - light_count.leading_zeros();
-        let fewest = 2 * depth as usize + MAX_FOCUS + BATCH + 4;
-        (fewest, fewest.max(2 * light_count))
+        let most = 2 * light_count;
+        (most.min(2 * depth as usize + MAX_FOCUS + BATCH + 4), most)
     }
 
     pub fn new(rig: &Rig, slot_count: usize, has_emission: bool) -> Self {

@@ -1,0 +1,62 @@
+//! What the documentation names exists.
+
+use std::path::Path;
+
+/// Words of `text` between backquotes, or in the parentheses of a Markdown link.
+fn named(text: &str) -> impl Iterator<Item = &str> {
+    let quoted = text.split('`').skip(1).step_by(2);
+    let linked = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    quoted.chain(linked)
+}
+
+#[test]
+fn files_named_in_the_documentation_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut checked = 0;
+    for document in ["README.md", "scenes/README.md", "src/lib.rs"] {
+        let text = std::fs::read_to_string(root.join(document)).unwrap();
+        let folder = root.join(document).parent().unwrap().to_owned();
+        for name in named(&text) {
+            let first = name.split_whitespace().next().unwrap_or_default();
+            let is_path = ["tools/", "scenes/", "docs/", "src/", "glsl/", "tests/", "benches/"];
+            let made_on_use = first.starts_with("scenes/generated");
+            if is_path.iter().any(|p| first.starts_with(p)) && !made_on_use && !first.contains(['*', '{', '<']) {
+                assert!(
+                    root.join(first).exists() || folder.join(first).exists(),
+                    "{document} names {first}, which does not exist"
+                );
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 5, "only {checked} names were found: has the way they are written changed?");
+}
+
+#[test]
+fn every_citation_is_in_the_bibliography() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let bibliography = std::fs::read_to_string(root.join("src/lib.rs")).unwrap();
+    let mut folders = vec![root.join("src"), root.join("glsl")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap().flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let text = std::fs::read_to_string(&path).unwrap();
+            for cited in text.split('[').skip(1).filter_map(|rest| rest.split(']').next()) {
+                // "Author 2007, Eq. 3; Other 1999"
+                for one in cited.split(';').map(|c| c.split(',').next().unwrap_or_default().trim()) {
+                    let mut words = one.rsplitn(2, ' ');
+                    let year = words.next().unwrap_or_default();
+                    let author = words.next().unwrap_or_default();
+                    let is_year = year.len() == 4 && year.parse::<u32>().is_ok_and(|y| (1900..2100).contains(&y));
+                    if is_year && author.chars().all(|c| c.is_alphabetic() || "- ,".contains(c)) && !author.is_empty() {
+                        assert!(bibliography.contains(&format!("[{one}]")), "{}: [{one}]", path.display());
+                    }
+                }
+            }
+        }
+    }
+}
