@@ -358,6 +358,7 @@ fn light_a_micrometre_off_a_wall() {
         let got = render(&gpu, matt_room().scene(), &camera, &rig(vec![Light::point("l", light)]), &setup, Layers::All);
         let mut lit = 0;
         for (got, wall) in got.into_iter().zip(&walls) {
+            assert!(got.iter().all(|x| x.is_finite() && *x >= 0.0), "{got:?}");
             let &Some((at, normal)) = wall else { continue };
             if off < 0.0 {
                 assert_eq!(got, [0.0; 3], "light from behind the wall at {at}");
