@@ -76,6 +76,7 @@ pub mod bake;
 pub mod error;
 pub mod gpu;
 pub mod image;
+pub mod reference;
 pub mod relight;
 pub mod scene;
 pub mod shared;

@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec3A, Vec4};
 use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
@@ -70,7 +71,9 @@ impl Bvh {
         );
         let mut reinsertion = ReinsertionOptimizer::default();
         reinsertion.run(&mut binary, params.reinsertion_batch_ratio, None);
-        let wide = bvh2_to_cwbvh(&binary, 3, true, false);
+        let (lo, hi) = mesh.bounds();
+        let radius = (hi - lo).length() / 2.0;
+        let wide = bvh2_to_cwbvh(&padded(&binary, radius), 3, true, false);
         collapse(&mut binary, params.max_prims_per_leaf, params.collapse_traversal_cost);
         let again = params.post_collapse_reinsertion_batch_ratio_multiplier;
         reinsertion.run(&mut binary, params.reinsertion_batch_ratio * again, None);
@@ -78,41 +81,39 @@ impl Bvh {
         binary.reorder_in_stack_traversal_order();
 
         let in_order = |indices: &[u32]| indices.iter().map(|&i| corners[i as usize]).collect::<Vec<_>>();
-        let (lo, hi) = mesh.bounds();
         let masked = |m: &crate::scene::Material| m.alpha_mode != AlphaMode::Opaque;
         Self {
             wide_corners: in_order(&wide.primitive_indices),
             binary_corners: in_order(&binary.primitive_indices),
             wide,
             binary,
-            radius: (hi - lo).length() / 2.0,
+            radius,
             has_masks: scene.materials.iter().any(masked),
         }
     }
 
     /// First surface along the ray between its origin and `max_distance`.
     pub fn closest_hit(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
-        let ray = Ray::new(origin.into(), direction.into(), 0.0, max_distance);
         let mut closest: Option<Hit> = None;
-        let mut hit = RayHit::none();
-        self.wide.ray_traverse(ray, &mut hit, |ray, primitive| {
-            let candidate = self.intersect(scene, &self.wide_corners[primitive], origin, direction, ray.tmax);
+        self.wide.ray_traverse(wide_ray(origin, direction, max_distance), &mut RayHit::none(), |ray, primitive| {
+            let max_distance = ray.tmax / WIDE_UNIT;
+            let candidate = self.intersect(scene, &self.wide_corners[primitive], origin, direction, max_distance);
             closest = candidate.or(closest);
-            candidate.map_or(f32::INFINITY, |hit| hit.distance)
+            candidate.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         });
         closest
     }
 
     /// Whether anything lies along the ray between its origin and `max_distance`.
     pub fn occluded(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
-        let ray = Ray::new(origin.into(), direction.into(), 0.0, max_distance);
-        !self.wide.ray_traverse_miss(ray, |ray, primitive| {
-            let hit = self.intersect(scene, &self.wide_corners[primitive], origin, direction, ray.tmax);
-            hit.map_or(f32::INFINITY, |hit| hit.distance)
+        !self.wide.ray_traverse_miss(wide_ray(origin, direction, max_distance), |_, primitive| {
+            let hit = self.intersect(scene, &self.wide_corners[primitive], origin, direction, max_distance);
+            hit.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         })
     }
 
-    /// [Möller 1997], edges included: two triangles that share one both own it, so that no ray slips through.
+    /// By the signs of three edge functions, all or none of them negative [Kensler 2006]. Each edge enters as its sum
+    /// and difference, of which a neighbour gets exactly the negative: a ray through a shared edge hits at least one.
     fn intersect(
         &self,
         scene: &Scene,
@@ -121,22 +122,19 @@ impl Bvh {
         direction: Vec3,
         max_distance: f32,
     ) -> Option<Hit> {
-        let [v0, v1, v2] = corners.v;
-        let (e1, e2) = (v1 - v0, v2 - v0);
-        let normal = e1.cross(e2);
-        let determinant = -normal.dot(direction);
-        if determinant == 0.0 {
+        let [v0, v1, v2] = corners.v.map(|v| v - origin);
+        let edge = |a: Vec3, b: Vec3| (a + b).cross(b - a).dot(direction);
+        let w = Vec3::new(edge(v1, v2), edge(v2, v0), edge(v0, v1));
+        if w.min_element() < 0.0 && w.max_element() > 0.0 {
             return None;
         }
-        let to_origin = origin - v0;
-        let moment = to_origin.cross(direction);
-        let inverse = determinant.recip();
-        let u = e2.dot(moment) * inverse;
-        let v = -e1.dot(moment) * inverse;
-        let distance = normal.dot(to_origin) * inverse;
-        let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0 && distance < max_distance;
-        let hit = Hit { triangle: corners.triangle, barycentric: Vec2::new(u, v), distance };
-        (inside && !(self.has_masks && is_hole(scene, hit.triangle, hit.barycentric))).then_some(hit)
+        let normal = (v1 - v0).cross(v2 - v0);
+        let distance = normal.dot(v0) / normal.dot(direction);
+        let barycentric = Vec2::new(w.y, w.z) / (w.x + w.y + w.z);
+        // What is not a number, from a ray within the triangle's plane, is no hit.
+        let within = distance > 0.0 && distance < max_distance && barycentric.is_finite();
+        let hit = Hit { triangle: corners.triangle, barycentric, distance };
+        (within && !(self.has_masks && is_hole(scene, hit.triangle, hit.barycentric))).then_some(hit)
     }
 
     /// The mesh's triangles, neighbours near each other.
@@ -149,6 +147,37 @@ impl Bvh {
         // 2^-17: some 60 roundings of a coordinate as large as the scene. 2^-21: the same for the light's distance.
         self.radius * f32::exp2(-17.0) + distance * f32::exp2(-21.0)
     }
+}
+
+/// What `wide` counts distances in, a power of two. obvhs passes over boxes that end within 1e-4 of the origin; in
+/// these units that is nothing, however small the scene.
+const WIDE_UNIT: f32 = (1u64 << 40) as f32;
+
+/// A ray as `wide` tests its boxes.
+fn wide_ray(origin: Vec3, direction: Vec3, max_distance: f32) -> Ray {
+    // -0 becomes 0: obvhs takes the side of a box from `direction < 0`, and that of its inverse from the sign bit.
+    let direction = direction + Vec3::ZERO;
+    // Parallel to a slab: a huge number, so that no 0 * inf arises.
+    let inverse = (direction.recip() * WIDE_UNIT).clamp(Vec3::splat(-1e30), Vec3::splat(1e30));
+    Ray {
+        origin: origin.into(),
+        direction: direction.into(),
+        inv_direction: inverse.into(),
+        tmin: 0.0,
+        tmax: max_distance * WIDE_UNIT,
+    }
+}
+
+/// The same boxes a little larger: obvhs tests them without slack, and rays from within the scene are rounded by some
+/// eight roundings of a coordinate as large as it [Ize 2013].
+fn padded(bvh: &Bvh2, radius: f32) -> Bvh2 {
+    let mut bvh = bvh.clone();
+    let pad = Vec3A::splat(radius * f32::exp2(-20.0));
+    for node in &mut bvh.nodes {
+        let Aabb { min, max } = *node.aabb();
+        node.set_aabb(Aabb::new(min - pad, max + pad));
+    }
+    bvh
 }
 
 /// Whether a masked material is absent at this point.

@@ -80,14 +80,17 @@ impl EyeRays<'_> {
     pub fn follow(&self, x: f64, y: f64, mut visit: impl FnMut(PathVertex)) {
         let (width, height) = (f64::from(self.tiling.width), f64::from(self.tiling.height));
         let (origin, direction) = self.camera.ray(x / width, y / height, width / height);
-        let mut origin = (origin - self.scene.origin).as_vec3();
+        // Up to the scene in double precision: a long way to it costs no digits.
+        let origin = origin - self.scene.origin;
+        let start = (-origin.dot(direction) - f64::from(self.bvh.radius)).max(0.0);
+        let mut origin = (origin + start * direction).as_vec3();
         let mut direction = direction.as_vec3();
         // Width of a pixel at distance d: fixed + growing * d.
         let (fixed, growing) = match self.camera.projection {
             Projection::Perspective { yfov } => (0.0, (2.0 * (yfov / 2.0).tan() / height) as f32),
             Projection::Orthographic { ymag } => ((2.0 * ymag / height) as f32, 0.0),
         };
-        let mut distance = 0.0;
+        let mut distance = start as f32;
         let mut weight = Vec3::ONE;
         for layer in 0..self.layers {
             let Some(hit) = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY) else { return };
@@ -108,7 +111,7 @@ impl EyeRays<'_> {
             if direction.dot(outside) <= 0.0 {
                 return; // bent into the surface by the interpolated normal
             }
-            origin = point.position + outside * self.bvh.shadow_offset(distance);
+            origin = point.position + outside * self.bvh.shadow_offset(hit.distance);
         }
     }
 }

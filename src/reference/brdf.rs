@@ -1,0 +1,90 @@
+//! glTF's BRDF [glTF 2.0, Appendix B]. Twin of glsl/lib/brdf.glsl.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec2};
+
+use crate::shared::Brdf;
+
+/// Below this cosine the masking term stays as it is there: the BRDF of a narrow lobe has no limit at the horizon.
+const MIN_COSINE: f64 = 1e-6;
+
+/// All that an isotropic BRDF looks at. The half vector's sine comes beside its cosine, which says nothing about
+/// narrow lobes.
+#[derive(Clone, Copy, Debug)]
+pub struct Angles {
+    /// n . wi
+    pub ni: f64,
+    /// n . wo
+    pub no: f64,
+    /// n . h
+    pub nh: f64,
+    /// |n x h|
+    pub sine_nh: f64,
+    /// wo . h
+    pub oh: f64,
+}
+
+impl Angles {
+    /// All vectors are unit; `wi` and `wo` point away from the surface.
+    pub fn new(n: DVec3, wi: DVec3, wo: DVec3) -> Self {
+        let h = (wi + wo).normalize_or(n);
+        Self { ni: n.dot(wi), no: n.dot(wo), nh: n.dot(h), sine_nh: n.cross(h).length(), oh: wo.dot(h).clamp(0.0, 1.0) }
+    }
+}
+
+/// The BRDF, in 1/sr; zero below either horizon. A perfect mirror's specular part is [`mirror`].
+pub fn f(brdf: &Brdf, n: DVec3, wi: DVec3, wo: DVec3) -> DVec3 {
+    f_of_angles(brdf, &Angles::new(n, wi, wo))
+}
+
+/// The BRDF times the cosine at `wi`.
+pub fn reflected(brdf: &Brdf, n: DVec3, wi: DVec3, wo: DVec3) -> DVec3 {
+    f(brdf, n, wi, wo) * n.dot(wi).max(0.0)
+}
+
+/// [`f`] for angles already known.
+pub fn f_of_angles(brdf: &Brdf, a: &Angles) -> DVec3 {
+    if a.ni <= 0.0 || a.no <= 0.0 {
+        return DVec3::ZERO;
+    }
+    // Schlick's weight [Schlick 1994, Eq. 24].
+    let s = (1.0 - a.oh).powi(5);
+    let (f0, f90) = (f64::from(brdf.dielectric_f0), f64::from(brdf.dielectric_f90));
+    let diffuse = brdf.diffuse.as_dvec3() / PI * (1.0 - (f0 + (f90 - f0) * s));
+    if brdf.alpha == 0.0 {
+        return diffuse;
+    }
+    let alpha = f64::from(brdf.alpha);
+    let fresnel = brdf.f0.as_dvec3().lerp(DVec3::splat(brdf.f90.into()), s);
+    diffuse + fresnel * ggx(a.nh, a.sine_nh, alpha) * smith(a.ni, a.no, alpha)
+}
+
+/// What a perfect mirror reflects at this cosine, dielectric and metal mixed.
+pub fn mirror(brdf: &Brdf, cosine: f64) -> DVec3 {
+    let s = (1.0 - cosine.clamp(0.0, 1.0)).powi(5);
+    if brdf.alpha > 0.0 { DVec3::ZERO } else { brdf.f0.as_dvec3().lerp(DVec3::splat(brdf.f90.into()), s) }
+}
+
+/// Density of half vectors, normalized over projected area [Walter 2007, Eq. 33]: alpha² / (pi cos⁴ (alpha² + tan²)²).
+pub fn ggx(nh: f64, sine_nh: f64, alpha: f64) -> f64 {
+    let x = alpha / (alpha * alpha * nh * nh + sine_nh * sine_nh);
+    x * x / PI
+}
+
+/// Height-correlated masking over 4 n.wi n.wo [Heitz 2014, Eq. 99].
+pub fn smith(ni: f64, no: f64, alpha: f64) -> f64 {
+    let (ni, no) = (ni.max(MIN_COSINE), no.max(MIN_COSINE));
+    // 1 + lambda as (1 + sqrt(1 + alpha² tan²)) / 2 [Heitz 2014, Eq. 72].
+    let lambda = |cosine: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 / (cosine * cosine) - 1.0)).sqrt() - 1.0);
+    1.0 / ((1.0 + lambda(ni) + lambda(no)) * 4.0 * ni * no)
+}
+
+/// Unit vector from its octahedral map [Cigolle 2014].
+pub fn octahedral(e: Vec2) -> DVec3 {
+    let e = e.as_dvec2();
+    let z = 1.0 - e.x.abs() - e.y.abs();
+    let sign = |x: f64| if x >= 0.0 { 1.0 } else { -1.0 };
+    let (x, y) = if z >= 0.0 { (e.x, e.y) } else { ((1.0 - e.y.abs()) * sign(e.x), (1.0 - e.x.abs()) * sign(e.y)) };
+    DVec3::new(x, y, z).normalize()
+}

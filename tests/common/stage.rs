@@ -1,0 +1,155 @@
+//! Scenes made in code, and the whole way from a scene to its pictures.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3, Vec4};
+use relume::bake::bvh::Bvh;
+use relume::bake::{BakeSettings, Baked, bake};
+use relume::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
+use relume::scene::rig::Rig;
+use relume::scene::{Camera, Light, Material, Projection, Scene};
+
+use super::Gpu;
+
+/// Quads in world space, on their way to a [`Scene`].
+#[derive(Clone, Default)]
+pub struct Build {
+    pub quads: Vec<([DVec3; 4], usize)>,
+    pub materials: Vec<Material>,
+}
+
+impl Build {
+    pub fn material(&mut self, material: Material) -> usize {
+        self.materials.push(material);
+        self.materials.len() - 1
+    }
+
+    /// A parallelogram around `center`; its front is the side that u x v points to.
+    pub fn quad(&mut self, center: DVec3, u: DVec3, v: DVec3, material: usize) -> &mut Self {
+        self.quads.push(([center - u - v, center + u - v, center + u + v, center - u + v], material));
+        self
+    }
+
+    /// A box around `center` with half the side `half`, seen from inside.
+    pub fn room(&mut self, center: DVec3, half: f64, material: usize) -> &mut Self {
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+            let (u, v) = (DVec3::new(axis.y, axis.z, axis.x), DVec3::new(axis.z, axis.x, axis.y));
+            self.quad(center - axis * half, v * half, u * half, material);
+            self.quad(center + axis * half, u * half, v * half, material);
+        }
+        self
+    }
+
+    /// Around the centre of its bounds, as importers do it.
+    pub fn scene(&self) -> Scene {
+        let corners = || self.quads.iter().flat_map(|(corners, _)| corners);
+        let low = corners().copied().reduce(DVec3::min).expect("there is a quad");
+        let high = corners().copied().reduce(DVec3::max).expect("there is a quad");
+        let mut scene = Scene {
+            path: "made-in-code.glb".into(),
+            mesh: Default::default(),
+            origin: (low + high) / 2.0,
+            materials: self.materials.clone(),
+            textures: Vec::new(),
+            cameras: Vec::new(),
+            rig: rig(Vec::new()),
+            image_size: None,
+        };
+        for (corners, material) in &self.quads {
+            let first = scene.mesh.positions.len() as u32;
+            let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]).normalize();
+            scene.mesh.positions.extend(corners.map(|p| (p - scene.origin).as_vec3()));
+            scene.mesh.normals.extend([normal.as_vec3(); 4]);
+            scene.mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+            scene.mesh.triangle_materials.extend([*material as u32; 2]);
+        }
+        scene
+    }
+}
+
+/// Pure Lambert: `KHR_materials_specular` with a factor of 0.
+pub fn lambert(albedo: Vec3) -> Material {
+    Material { base_color: albedo.extend(1.0), metallic: 0.0, specular: 0.0, ..Default::default() }
+}
+
+pub fn mirror(color: Vec3, metallic: f32) -> Material {
+    Material { base_color: color.extend(1.0), metallic, roughness: 0.0, ..Default::default() }
+}
+
+pub fn emitter(radiance: Vec3) -> Material {
+    Material { base_color: Vec4::new(0.0, 0.0, 0.0, 1.0), emissive: radiance, ..lambert(Vec3::ZERO) }
+}
+
+pub fn rig(lights: Vec<Light>) -> Rig {
+    Rig { camera: None, groups: Vec::new(), lights }
+}
+
+pub fn look(from: DVec3, to: DVec3, up: DVec3, projection: Projection) -> Camera {
+    Camera::look_at(from, to, up, projection).expect("the pose is not degenerate")
+}
+
+/// How a picture is made.
+#[derive(Clone)]
+pub struct Setup {
+    pub width: u32,
+    pub height: u32,
+    pub layers: u32,
+    pub samples: u32,
+    pub visibility: VisibilityMethod,
+    pub shadow_size: u32,
+    pub budget_bytes: Option<u64>,
+}
+
+impl Setup {
+    /// One sample a pixel, four layers, exact shadows.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self {
+            width,
+            height,
+            layers: 4,
+            samples: 1,
+            visibility: VisibilityMethod::Traced,
+            shadow_size: 2048,
+            budget_bytes: None,
+        }
+    }
+}
+
+/// A scene, baked.
+pub struct Stage {
+    pub scene: Arc<Scene>,
+    pub bvh: Arc<Bvh>,
+    pub baked: Arc<Baked>,
+}
+
+impl Stage {
+    pub fn new(scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup) -> Self {
+        let bvh = Bvh::build(&scene);
+        let settings =
+            BakeSettings { width: setup.width, height: setup.height, layers: setup.layers, samples: setup.samples };
+        let baked = bake(&scene, &bvh, camera, rig, &settings, &|_| ());
+        Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked) }
+    }
+
+    pub fn relighter(&self, gpu: &Gpu, rig: &Rig, setup: &Setup) -> Relighter {
+        let settings = RelightSettings {
+            visibility: setup.visibility,
+            shadow_size: setup.shadow_size,
+            tone_map: ToneMap::None,
+            budget_bytes: setup.budget_bytes,
+        };
+        Relighter::new(gpu, &self.scene, &self.bvh, &self.baked, rig, &settings).expect("the device has room")
+    }
+}
+
+/// Linear pixels of the chosen layers under all lights.
+pub fn pixels(relighter: &mut Relighter, layers: Layers) -> Vec<[f32; 3]> {
+    relighter.set_layers(layers);
+    relighter.linear(Picture::Whole).expect("frames run").to_vec()
+}
+
+/// All the way: bakes `scene`, lights it, returns linear pixels.
+pub fn render(gpu: &Gpu, scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup, layers: Layers) -> Vec<[f32; 3]> {
+    let stage = Stage::new(scene, camera, rig, setup);
+    pixels(&mut stage.relighter(gpu, rig, setup), layers)
+}

@@ -1,0 +1,752 @@
+//! Every kernel on its own against its f64 twin, on random and ragged input; and what a frame checks.
+//!
+//! A kernel starts from the same float32 numbers as its twin. What it makes of them differs by rounding, which narrow
+//! lobes and cones magnify without bound; so tolerances are put on angles, where the rounding happens, and follow from
+//! there by evaluating the twin at both ends.
+
+mod common;
+
+use common::gpu;
+use common::random::Random;
+use glam::{DVec3, Vec2, Vec3, Vec4};
+use relume::bake::octahedral;
+use relume::bake::surface::brdf;
+use relume::gpu::gpu_struct::Read;
+use relume::gpu::{Access, Buffer, Frame, Frames, Kernel};
+use relume::reference::brdf::{Angles, f_of_angles};
+use relume::reference::{self, composite, light};
+use relume::scene::{Light, LightKind, Surface};
+use relume::shared::*;
+
+/// What a dot or cross product of unit vectors, each decoded or normalised in float32, may be off by: eight roundings.
+const ANGLE: f64 = 8.0 * ROUNDING;
+/// Half a unit in the last place of 1.
+const ROUNDING: f64 = 1.0 / 16_777_216.0;
+/// Relative error of some 30 float32 operations on the way to a radiance: square roots and divisions included.
+const ARITHMETIC: f64 = 30.0 * ROUNDING;
+/// Stands in memory that a kernel must write, or must not.
+const SENTINEL: f32 = -1234.5;
+
+/// Sizes that are one element, less than a subgroup, around a workgroup, and many workgroups and a bit.
+const RAGGED: [usize; 7] = [1, 3, 63, 64, 65, 130, 10_007];
+
+fn run(frames: &mut Frames, record: impl FnOnce(&mut Frame)) {
+    let mut frame = frames.begin().unwrap();
+    record(&mut frame);
+    frame.finish().unwrap();
+}
+
+/// Room for `len` floats and as many again behind, all sentinels.
+fn output(gpu: &common::Gpu, len: usize) -> Buffer<f32> {
+    let mut buffer = Buffer::new(gpu, "test output", Access::HostReads, len + 64).unwrap();
+    buffer.host_mut().fill(SENTINEL);
+    buffer
+}
+
+/// As push constants hold them.
+fn terms(given: impl IntoIterator<Item = (Vec3, Read<Vec4>)>) -> [SumTerm; MAX_TERMS as usize] {
+    let mut terms: [SumTerm; MAX_TERMS as usize] = bytemuck::Zeroable::zeroed();
+    for (i, (scale, image)) in given.into_iter().enumerate() {
+        terms[i] = SumTerm { image, scale, unused: 0 };
+    }
+    terms
+}
+
+/// Pixel `i` of three planes.
+fn pixel(planes: &[f32], stride: usize, i: usize) -> DVec3 {
+    DVec3::new(planes[i].into(), planes[i + stride].into(), planes[i + 2 * stride].into())
+}
+
+fn random_surface(random: &mut Random) -> Surface {
+    Surface {
+        base_color: random.color(),
+        alpha: 1.0,
+        metallic: [0.0, 1.0, random.unit() as f32][random.below(3)],
+        roughness: random.pick(&[0.0, 1e-6, 1e-3, 0.03, 0.2, 0.5, 1.0]),
+        specular: random.pick(&[0.0, 0.5, 1.0]),
+        specular_color: random.pick(&[Vec3::ONE, Vec3::new(1.0, 0.5, 0.2)]),
+        ior: random.pick(&[1.0, 1.33, 1.5, 2.4]),
+        emissive: Vec3::ZERO,
+        diffuse_weight: random.pick(&[0.0, 1.0, 1.0, 1.0]),
+        normal_t: Vec3::Z,
+    }
+}
+
+/// One of each kind, with and without range, and with the cones that are hard: hair-thin, sharp-edged, a hemisphere.
+fn lights(random: &mut Random) -> Vec<Light> {
+    let base = || Light::point("light", DVec3::new(0.3, 1.1, -0.2));
+    let spot = |inner: f64, outer: f64, direction: DVec3| Light {
+        kind: LightKind::Spot,
+        direction,
+        inner_angle: inner.to_radians(),
+        outer_angle: outer.to_radians(),
+        ..base()
+    };
+    vec![
+        base(),
+        Light { range: Some(1.5), ..base() },
+        Light { position: DVec3::new(-40.0, 3.0, 1e3), ..base() },
+        Light { kind: LightKind::Directional, direction: random.direction(), ..base() },
+        spot(18.0, 28.0, random.direction()),
+        spot(0.0, 90.0, random.direction()),
+        spot(40.0, 40.0, random.direction()),
+        spot(0.0, 0.01, random.direction()),
+        spot(0.005, 0.01, random.direction()),
+        Light { range: Some(1.2), ..spot(5.0, 60.0, random.direction()) },
+    ]
+}
+
+/// A view sample that is as often as not where something is hard: in the mirror direction, at grazing angles, within
+/// a narrow cone, at the light itself.
+fn random_sample(random: &mut Random, light: &PackedLight, brdf_count: usize) -> ViewSample {
+    let mut position = random.vector(-1.0, 1.0).as_vec3();
+    match random.below(6) {
+        0 => position = light.position,
+        1 => position = light.position + random.direction().as_vec3() * random.magnitude(1e-6, 1e-2) as f32,
+        2 | 3 if light.kind == LIGHT_SPOT => {
+            let angle = f64::from(2.0 * light.cone_versine).sqrt() * random.between(0.0, 1.2);
+            let across = random.direction().cross(light.direction.as_dvec3()).normalize();
+            let along = light.direction.as_dvec3() * angle.cos() + across * angle.sin();
+            position = light.position + (along * random.between(0.1, 3.0)).as_vec3();
+        }
+        _ => {}
+    }
+    let wi = light::incident(light, position.as_dvec3()).map_or(DVec3::Y, |arriving| arriving.wi);
+    let normal = match random.below(3) {
+        0 => random.direction(),
+        1 => (wi + random.direction() * 0.7).normalize(),
+        // Grazing light, on either side of the horizon.
+        _ => {
+            let across = wi.cross(random.direction()).normalize();
+            (across + wi * random.magnitude(1e-8, 1e-2) * random.pick(&[1.0, 1.0, 1.0, -1.0])).normalize()
+        }
+    };
+    let mirrored = 2.0 * normal.dot(wi) * normal - wi;
+    let wo = match random.below(4) {
+        0 => random.direction(),
+        1 => (normal + random.direction() * 0.99).normalize(),
+        _ => (mirrored + random.direction() * random.pick(&[0.0, 1e-6, 1e-3, 0.1])).normalize(),
+    };
+    ViewSample {
+        position,
+        brdf: if random.below(16) == 0 { NO_BRDF } else { random.below(brdf_count) as u32 },
+        normal: octahedral::encode(normal.as_vec3()),
+        wo: octahedral::encode(wo.as_vec3()),
+    }
+}
+
+/// Least and greatest radiance that float32 angles may give.
+fn shade_bounds(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &PackedLight) -> (DVec3, DVec3) {
+    let black = (DVec3::ZERO, DVec3::ZERO);
+    if sample.brdf == NO_BRDF {
+        return black;
+    }
+    let Some(arriving) = light::incident(light, sample.position.as_dvec3()) else { return black };
+    let wi = arriving.wi;
+    let ends = |value: f64, by: f64| [value - by, value + by];
+
+    let mut irradiances = [1.0; 2];
+    if light.kind != LIGHT_DIRECTIONAL {
+        let d = (light.position.as_dvec3() - sample.position.as_dvec3()).length();
+        // The fall to the range is taken from 1, so its rounding is absolute.
+        irradiances = ends(light::window(light, d), ANGLE).map(|window| window.clamp(0.0, 1.0) / (d * d));
+    }
+    if light.kind == LIGHT_SPOT {
+        let [near, far] = ends(light::off_axis(light, wi), ANGLE).map(|chord| light::cone(light, chord.max(0.0)));
+        irradiances = [irradiances[0] * near.min(far), irradiances[1] * near.max(far)];
+    }
+
+    let (n, wo) = (reference::brdf::octahedral(sample.normal), reference::brdf::octahedral(sample.wo));
+    let a = Angles::new(n, wi, wo);
+    // Two nearly opposite directions leave a short sum, whose direction is the more uncertain.
+    let half_angle = ANGLE / (wi + wo).length().max(ANGLE);
+    let mut low = DVec3::INFINITY;
+    let mut high = DVec3::ZERO;
+    for ni in ends(a.ni, ANGLE) {
+        for no in ends(a.no, ANGLE) {
+            for sine_nh in ends(a.sine_nh, half_angle) {
+                for oh in ends(a.oh, half_angle) {
+                    let angles = Angles { ni, no, nh: a.nh, sine_nh: sine_nh.max(0.0), oh: oh.clamp(0.0, 1.0) };
+                    let value = f_of_angles(&brdfs[sample.brdf as usize], &angles) * ni.max(0.0);
+                    low = low.min(value);
+                    high = high.max(value);
+                }
+            }
+        }
+    }
+    let scale = |end: usize, slack: f64| visibility * irradiances[end] * (1.0 + slack);
+    (low * scale(0, -ARITHMETIC), high * scale(1, ARITHMETIC))
+}
+
+#[test]
+fn bounds_hold_the_twin_itself() {
+    let mut random = Random::new(5);
+    let brdfs: Vec<Brdf> = (0..64).map(|_| brdf(&random_surface(&mut random))).collect();
+    for light in lights(&mut random) {
+        let light = light.pack(DVec3::ZERO);
+        let mut lit = 0;
+        for _ in 0..2000 {
+            let sample = random_sample(&mut random, &light, brdfs.len());
+            let value = reference::shade(&sample, &brdfs, 0.5, &light);
+            let (low, high) = shade_bounds(&sample, &brdfs, 0.5, &light);
+            assert!(low.cmple(value).all() && value.cmple(high).all(), "{value} is not in {low} .. {high}: {sample:?}");
+            lit += usize::from(value != DVec3::ZERO);
+        }
+        assert!(lit > 100, "only {lit} of 2000 samples are lit by {light:?}");
+    }
+}
+
+#[test]
+fn shade_light() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(1);
+    let surfaces: Vec<Surface> = (0..100).map(|_| random_surface(&mut random)).collect();
+    let brdfs: Vec<Brdf> = surfaces.iter().map(brdf).collect();
+    let brdf_buffer = Buffer::from_slice(&gpu, "test brdfs", &brdfs).unwrap();
+    // As the scene's materials without a lobe have it, a kernel without one.
+    let matt = brdfs.iter().map(|&b| Brdf { alpha: 0.0, ..b }).collect::<Vec<_>>();
+    let kernels = [0, 1].map(|specular| Kernel::new(&gpu, "shade_light", &[(0, specular)]).unwrap());
+    let (mut lit, mut tight) = (0, 0);
+    for (light_index, light) in lights(&mut random).iter().enumerate() {
+        for (size_index, &count) in RAGGED.iter().enumerate() {
+            let light = light.pack(DVec3::ZERO);
+            let specular = (light_index + size_index) % 4 != 0;
+            // All in layer 1, nearly all, few.
+            let pixels = [count, count - count / 3, count.min(1)][size_index % 3];
+            let extras = count - pixels;
+            let layers = if size_index == 5 { !1 } else { u32::MAX };
+            let samples: Vec<_> = (0..count).map(|_| random_sample(&mut random, &light, brdfs.len())).collect();
+            let mut visibility: Vec<u8> = (0..count).map(|_| random.pick(&[0, 255, 255, 255, 1, 77])).collect();
+            visibility.resize(count.next_multiple_of(4), 13);
+            let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
+            let words: Vec<u32> = bytemuck::pod_collect_to_vec(&visibility);
+            let visibility_buffer = Buffer::from_slice(&gpu, "test visibility", &words).unwrap();
+            let image = output(&gpu, 3 * pixels);
+            let extra_image = output(&gpu, 3 * extras);
+            run(&mut frames, |frame| {
+                let mut pass = frame.pass("shade light");
+                let push = ShadeLightPush {
+                    samples: pass.read(&sample_buffer),
+                    brdfs: pass.read(&brdf_buffer),
+                    visibility: pass.read(&visibility_buffer),
+                    image: pass.write(&image),
+                    extras: pass.write(&extra_image),
+                    light,
+                    sample_count: count as u32,
+                    pixel_stride: pixels as u32,
+                    extra_stride: extras as u32,
+                    layers,
+                };
+                pass.dispatch(&kernels[usize::from(specular)], &push, push.sample_count);
+            });
+            assert!(image.host()[3 * pixels..].iter().all(|&x| x == SENTINEL), "wrote past {pixels} pixels");
+            assert!(extra_image.host()[3 * extras..].iter().all(|&x| x == SENTINEL), "wrote past {extras} extras");
+            for (i, sample) in samples.iter().enumerate() {
+                let got = match i.checked_sub(pixels) {
+                    None => pixel(image.host(), pixels, i),
+                    Some(extra) => pixel(extra_image.host(), extras, extra),
+                };
+                let counts = i >= pixels || layers & 1 != 0;
+                let seen = if counts { f64::from(visibility[i]) / 255.0 } else { 0.0 };
+                let (low, high) = shade_bounds(sample, if specular { &brdfs } else { &matt }, seen, &light);
+                assert!(
+                    low.cmple(got).all() && got.cmple(high).all(),
+                    "sample {i} of {count}: {got} is not in {low} .. {high}; {sample:?}, {:?}, {light:?}",
+                    brdfs.get(sample.brdf as usize),
+                );
+                if high != DVec3::ZERO {
+                    lit += 1;
+                    tight += usize::from((high - low).cmple(1e-4 * high).all());
+                }
+            }
+        }
+    }
+    println!("{tight} of {lit} lit samples have bounds closer than 1e-4");
+    assert!(tight > lit / 4 && lit > 10_000, "{tight} of {lit} lit samples have bounds that tell anything");
+}
+
+/// The bounds of `shade_light` are wide in places; of ordinary materials in ordinary light every digit counts.
+#[test]
+fn shade_light_is_exact_where_nothing_is_narrow() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(2);
+    let ordinary = |random: &mut Random| {
+        let roughness = random.between(0.4, 1.0) as f32;
+        Surface { roughness, ior: 1.5, specular: 1.0, diffuse_weight: 1.0, ..random_surface(random) }
+    };
+    let brdfs: Vec<Brdf> = (0..50).map(|_| brdf(&ordinary(&mut random))).collect();
+    let light = Light::point("light", DVec3::new(0.0, 2.0, 0.0)).pack(DVec3::ZERO);
+    let count = 4097usize;
+    let samples: Vec<ViewSample> = (0..count)
+        .map(|_| {
+            let position = random.vector(-1.0, 1.0);
+            let wi = (light.position.as_dvec3() - position).normalize();
+            let normal = (wi + 0.8 * random.direction()).normalize();
+            let wo = (normal + 0.8 * random.direction()).normalize();
+            let [normal, wo] = [normal, wo].map(|v| octahedral::encode(v.as_vec3()));
+            ViewSample { position: position.as_vec3(), brdf: random.below(brdfs.len()) as u32, normal, wo }
+        })
+        .collect();
+    let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
+    let brdf_buffer = Buffer::from_slice(&gpu, "test brdfs", &brdfs).unwrap();
+    let visibility = Buffer::from_slice(&gpu, "test visibility", &vec![u32::MAX; count.div_ceil(4)]).unwrap();
+    let image = output(&gpu, 3 * count);
+    let none = output(&gpu, 0);
+    let kernel = Kernel::new(&gpu, "shade_light", &[(0, 1)]).unwrap();
+    run(&mut frames, |frame| {
+        let mut pass = frame.pass("shade light");
+        let push = ShadeLightPush {
+            samples: pass.read(&sample_buffer),
+            brdfs: pass.read(&brdf_buffer),
+            visibility: pass.read(&visibility),
+            image: pass.write(&image),
+            extras: pass.write(&none),
+            light,
+            sample_count: count as u32,
+            pixel_stride: count as u32,
+            extra_stride: 0,
+            layers: 1,
+        };
+        pass.dispatch(&kernel, &push, push.sample_count);
+    });
+    for (i, sample) in samples.iter().enumerate() {
+        let got = pixel(image.host(), count, i);
+        let want = reference::shade(sample, &brdfs, 1.0, &light);
+        // Cosines are above 0.3 or so and lobes 0.16 wide: 2 / 0.16 times the angles' rounding, four times over.
+        let error = ((got - want) / want.max(DVec3::splat(1e-30))).abs().max_element();
+        assert!(error < 4.0 * ANGLE / 0.08, "sample {i}: {got}, not {want}, off by {error:.1e}");
+    }
+}
+
+#[test]
+fn resolve() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(3);
+    let kernel = Kernel::new(&gpu, "resolve", &[]).unwrap();
+    for (case, &pixels) in RAGGED.iter().enumerate() {
+        let extras = [0, 1, 5, 200, 3, 77, 20_000][case];
+        let layers = [u32::MAX, 1, !1, 0b100][case % 4];
+        let samples: Vec<ExtraSample> = (0..extras)
+            .map(|_| ExtraSample { weight: random.color(), layer: random.pick(&[0, 1, 2, 3, 31, 40]) })
+            .collect();
+        // Every other pixel or so has a list, some empty; lists share samples out in random order.
+        let mut indices = Vec::new();
+        let mut listed = Vec::new();
+        for pixel in 0..pixels as u32 {
+            if random.below(2) == 0 {
+                continue;
+            }
+            let first = indices.len() as u32;
+            let count = if extras == 0 { 0 } else { random.below(6) as u32 };
+            indices.extend((0..count).map(|_| random.below(extras) as u32));
+            listed.push(ExtraPixel { pixel, first, count, first_weight: random.unit() as f32 });
+        }
+        let extra_stride = extras.next_multiple_of(4);
+        let radiance: Vec<f32> = (0..3 * extra_stride).map(|_| random.unit() as f32).collect();
+        let before: Vec<f32> = (0..3 * pixels).map(|_| random.unit() as f32).collect();
+        let pixel_buffer = Buffer::from_slice(&gpu, "test pixels", &listed).unwrap();
+        let index_buffer = Buffer::from_slice(&gpu, "test indices", &indices).unwrap();
+        let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
+        let extra_buffer = Buffer::from_slice(&gpu, "test extras", &radiance).unwrap();
+        let mut image = output(&gpu, 3 * pixels);
+        image.host_mut()[..3 * pixels].copy_from_slice(&before);
+        run(&mut frames, |frame| {
+            let mut pass = frame.pass("resolve");
+            let push = ResolvePush {
+                pixels: pass.read(&pixel_buffer),
+                indices: pass.read(&index_buffer),
+                samples: pass.read(&sample_buffer),
+                extras: pass.read(&extra_buffer),
+                image: pass.write(&image),
+                pixel_count: listed.len() as u32,
+                pixel_stride: pixels as u32,
+                extra_stride: extra_stride as u32,
+                layers,
+            };
+            pass.dispatch(&kernel, &push, push.pixel_count);
+        });
+        let extras: Vec<DVec3> = (0..extras).map(|i| pixel(&radiance, extra_stride, i)).collect();
+        let mut want: Vec<DVec3> = (0..pixels).map(|i| pixel(&before, pixels, i)).collect();
+        reference::resolve(&listed, &indices, &samples, &extras, layers, &mut want);
+        for (i, want) in want.iter().enumerate() {
+            // Six products and their sum, all positive: a rounding each.
+            let error = (pixel(image.host(), pixels, i) - want).abs();
+            assert!(error.cmple(12.0 * ROUNDING * want).all(), "pixel {i} of {pixels}: off by {error}");
+        }
+        assert!(image.host()[3 * pixels..].iter().all(|&x| x == SENTINEL), "wrote past {pixels} pixels");
+    }
+}
+
+#[test]
+fn sum_images() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(4);
+    let kernel = Kernel::new(&gpu, "sum_images", &[]).unwrap();
+    for (case, &quarter) in RAGGED.iter().enumerate() {
+        let stride = 4 * quarter;
+        for term_count in 0..=MAX_TERMS as usize {
+            let accumulate = (case + term_count) % 2 == 0;
+            let terms: Vec<(Vec3, Vec<f32>)> = (0..term_count)
+                .map(|_| (random.color(), (0..3 * stride).map(|_| random.unit() as f32).collect()))
+                .collect();
+            let buffers: Vec<_> =
+                terms.iter().map(|(_, image)| Buffer::from_slice(&gpu, "test image", image).unwrap()).collect();
+            let mut sum = output(&gpu, 3 * stride);
+            sum.host_mut()[..3 * stride].fill(0.25);
+            run(&mut frames, |frame| {
+                let mut pass = frame.pass("sum");
+                let push = SumImagesPush {
+                    terms: crate::terms(terms.iter().zip(&buffers).map(|((scale, _), b)| (*scale, pass.read_as(b)))),
+                    sum: pass.write_as(&sum),
+                    term_count: term_count as u32,
+                    plane_length: quarter as u32,
+                    accumulate: u32::from(accumulate),
+                    unused: 0,
+                };
+                pass.dispatch(&kernel, &push, 3 * push.plane_length);
+            });
+            let images: Vec<Vec<DVec3>> =
+                terms.iter().map(|(_, image)| (0..stride).map(|i| pixel(image, stride, i)).collect()).collect();
+            let mut want = vec![DVec3::splat(if accumulate { 0.25 } else { 0.0 }); stride];
+            let pairs: Vec<(Vec3, &[DVec3])> =
+                terms.iter().zip(&images).map(|((scale, _), image)| (*scale, image.as_slice())).collect();
+            reference::sum_images(&pairs, &mut want);
+            for (i, want) in want.iter().enumerate() {
+                // A product and a sum a term, all positive.
+                let tolerance = (2 * term_count) as f64 * ROUNDING * want;
+                let error = (pixel(sum.host(), stride, i) - want).abs();
+                assert!(error.cmple(tolerance).all(), "pixel {i} of {stride}, {term_count} terms: off by {error}");
+            }
+            assert!(sum.host()[3 * stride..].iter().all(|&x| x == SENTINEL), "wrote past {stride} pixels");
+        }
+    }
+}
+
+/// Pixel sizes that are a point, less than a tile, no whole number of tiles, lines, and whole tiles.
+const SIZES: [(u32, u32); 6] = [(1, 1), (7, 3), (13, 7), (1, 65), (129, 1), (64, 48)];
+
+#[test]
+fn composite_sums_exposes_and_maps_tones() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(6);
+    for output_kind in [OUTPUT_LINEAR, OUTPUT_CLAMPED, OUTPUT_AGX, OUTPUT_PBR_NEUTRAL] {
+        let kernel = Kernel::new(&gpu, "composite", &[(0, output_kind)]).unwrap();
+        for (width, height) in SIZES {
+            let tiling = relume::bake::view_samples::Tiling { width, height };
+            let stride = tiling.len();
+            let count = 1 + random.below(MAX_TERMS as usize);
+            let exposure = random.pick(&[1.0f32, 0.25, 8.0]);
+            // From a thousandth of black to a thousand times white; some black, some negative as a gather may leave it.
+            let value = |random: &mut Random| match random.below(10) {
+                0 => 0.0,
+                1 => -random.magnitude(1e-6, 1e-2) as f32,
+                _ => random.magnitude(1e-4, 1e3) as f32,
+            };
+            let images: Vec<Vec<f32>> =
+                (0..count).map(|_| (0..3 * stride).map(|_| value(&mut random)).collect()).collect();
+            let scales: Vec<Vec3> = (0..count).map(|_| random.color()).collect();
+            let buffers: Vec<_> =
+                images.iter().map(|image| Buffer::from_slice(&gpu, "test image", image).unwrap()).collect();
+            let pixel_count = (width * height) as usize;
+            let words = pixel_count * if output_kind == OUTPUT_LINEAR { 3 } else { 1 };
+            let mut target: Buffer<u32> = Buffer::new(&gpu, "test picture", Access::HostReads, words + 64).unwrap();
+            target.host_mut().fill(0x1234_5678);
+            run(&mut frames, |frame| {
+                let mut pass = frame.pass("composite");
+                let push = CompositePush {
+                    terms: terms(scales.iter().zip(&buffers).map(|(scale, b)| (*scale, pass.read_as(b)))),
+                    target: pass.write(&target),
+                    term_count: scales.len() as u32,
+                    pixel_stride: stride as u32,
+                    width,
+                    height,
+                    exposure,
+                    unused: 0,
+                };
+                pass.dispatch(&kernel, &push, push.pixel_stride);
+            });
+            assert!(target.host()[words..].iter().all(|&x| x == 0x1234_5678), "wrote past {width} x {height}");
+            for at in 0..pixel_count {
+                let place = tiling.index(at as u32 % width, at as u32 / width);
+                let parts = || scales.iter().zip(&images).map(|(s, i)| s.as_dvec3() * pixel(i, stride, place));
+                let sum: DVec3 = parts().sum();
+                let size: DVec3 = parts().map(DVec3::abs).sum();
+                if output_kind == OUTPUT_LINEAR {
+                    let got: &[f32] = bytemuck::cast_slice(&target.host()[3 * at..3 * at + 3]);
+                    let error = (pixel(got, 1, 0) - sum).abs();
+                    assert!(error.cmple(6.0 * ROUNDING * size).all(), "pixel {at}: off by {error}");
+                    continue;
+                }
+                // Rounding to 8 bits, and what Vulkan lets `pow` and `log2` be off by: 1e-4 of white.
+                let want = 255.0 * composite::display(output_kind, exposure.into(), sum);
+                let [r, g, b, alpha] = target.host()[at].to_le_bytes();
+                let got = DVec3::new(r.into(), g.into(), b.into());
+                let error = (got - want).abs().max_element();
+                assert!(error <= 0.5 + 0.0255, "output {output_kind}, {sum} at {exposure}: {got}, not {want}");
+                assert_eq!(alpha, 255);
+            }
+        }
+    }
+}
+
+#[test]
+fn yardstick() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(7);
+    let kernel = Kernel::new(&gpu, "yardstick", &[]).unwrap();
+    for count in RAGGED {
+        let samples: Vec<Vec4> = (0..2 * count).map(|_| random.color().extend(random.unit() as f32)).collect();
+        let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
+        let results = output(&gpu, 3 * count);
+        run(&mut frames, |frame| {
+            let mut pass = frame.pass("yardstick");
+            let push = YardstickPush {
+                samples: pass.read(&sample_buffer),
+                results: pass.write(&results),
+                sample_count: count as u32,
+                multiply_adds: 128,
+            };
+            pass.dispatch(&kernel, &push, push.sample_count);
+        });
+        for i in 0..count {
+            let (start, b) = (samples[2 * i].as_dvec4(), samples[2 * i + 1].as_dvec4());
+            let a = (0..32).fold(start, |a, _| a * b + b);
+            let want = DVec3::new(a.x, a.y, a.z + a.w);
+            let error = (DVec3::from_slice(&[0, 1, 2].map(|c| f64::from(results.host()[3 * i + c]))) - want).abs();
+            // 32 steps of two roundings each, all positive.
+            assert!(error.cmple(65.0 * ROUNDING * want).all(), "sample {i} of {count}: off by {error}");
+        }
+        assert!(results.host()[3 * count..].iter().all(|&x| x == SENTINEL), "wrote past {count} samples");
+    }
+}
+
+/// Chains of passes through few buffers: each must see what the one before wrote.
+#[test]
+fn passes_see_what_earlier_ones_wrote() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let kernel = Kernel::new(&gpu, "sum_images", &[]).unwrap();
+    let quarter = 50_000;
+    let mut buffers: Vec<Buffer<Vec4>> =
+        (0..3).map(|_| Buffer::new(&gpu, "test chain", Access::HostReads, 3 * quarter).unwrap()).collect();
+    buffers[0].host_mut().fill(Vec4::ONE);
+    buffers[1].host_mut().fill(Vec4::ONE);
+    run(&mut frames, |frame| {
+        // Fibonacci: two reads, and a write over what was read two passes ago.
+        for i in 0..20 {
+            let mut pass = frame.pass("chain");
+            let push = SumImagesPush {
+                terms: terms([i, i + 1].map(|k| (Vec3::ONE, pass.read(&buffers[k % 3])))),
+                sum: pass.write(&buffers[(i + 2) % 3]),
+                term_count: 2,
+                plane_length: quarter as u32,
+                accumulate: 0,
+                unused: 0,
+            };
+            pass.dispatch(&kernel, &push, 3 * push.plane_length);
+        }
+    });
+    let last = buffers[21 % 3].host();
+    assert!(last.iter().all(|&v| v == Vec4::splat(17_711.0)), "the 22nd Fibonacci number, not {}", last[0]);
+    assert_eq!(frames.times().len(), 20);
+}
+
+#[test]
+#[should_panic(expected = "reads \"test of nobody\", which nothing wrote")]
+fn reading_what_nothing_wrote_stops() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let buffer: Buffer<f32> = Buffer::new(&gpu, "test of nobody", Access::Device, 4).unwrap();
+    let mut frame = frames.begin().unwrap();
+    let _ = frame.pass("reader").read(&buffer);
+}
+
+#[test]
+#[should_panic(expected = "declares \"test of two\" twice")]
+fn reading_and_writing_in_one_pass_stops() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let buffer = Buffer::from_slice(&gpu, "test of two", &[1.0f32]).unwrap();
+    let mut frame = frames.begin().unwrap();
+    let mut pass = frame.pass("both");
+    let _ = pass.read(&buffer);
+    let _ = pass.write(&buffer);
+}
+
+#[test]
+#[should_panic(expected = "declares \"test of two\" twice")]
+fn writing_twice_in_one_pass_stops() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let buffer = Buffer::from_slice(&gpu, "test of two", &[1.0f32]).unwrap();
+    let mut frame = frames.begin().unwrap();
+    let mut pass = frame.pass("both");
+    let _ = pass.write(&buffer);
+    let _ = pass.write(&buffer);
+}
+
+/// What a panic leaves half recorded must not disturb the next frame.
+#[test]
+fn frames_go_on_after_one_was_dropped() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let kernel = Kernel::new(&gpu, "yardstick", &[]).unwrap();
+    let samples = Buffer::from_slice(&gpu, "test samples", &[Vec4::ONE; 2]).unwrap();
+    let results = output(&gpu, 3);
+    let record = |frame: &mut Frame| {
+        let mut pass = frame.pass("yardstick");
+        let push = YardstickPush {
+            samples: pass.read(&samples),
+            results: pass.write(&results),
+            sample_count: 1,
+            multiply_adds: 4,
+        };
+        pass.dispatch(&kernel, &push, 1);
+    };
+    record(&mut frames.begin().unwrap());
+    assert_eq!(results.host()[0], SENTINEL, "a frame without `finish` does nothing");
+    run(&mut frames, record);
+    assert_eq!(results.host()[..3], [2.0, 2.0, 4.0]);
+}
+
+#[test]
+fn octahedral_normals_decode_alike_on_both_sides() {
+    let mut random = Random::new(8);
+    for _ in 0..100_000 {
+        let axis = random.pick(&[DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z]);
+        let anywhere = random.direction();
+        let v = random.pick(&[anywhere, axis, axis + 1e-5 * anywhere]).normalize();
+        let e = octahedral::encode(v.as_vec3());
+        let got = reference::brdf::octahedral(e);
+        assert!(got.distance(v) < ANGLE, "{v} came back as {got}");
+        // At a seam of the map both sides must fold alike.
+        assert!(octahedral::decode(e).as_dvec3().distance(got) < ANGLE, "{e}");
+    }
+    assert_eq!(reference::brdf::octahedral(Vec2::ZERO), DVec3::Z);
+}
+
+/// glslang lets GLSL write through `readonly` references, which no barrier then waits for: every store to `.at[...]`
+/// must go through a field of the shader's push constants that is declared `Write`.
+#[test]
+fn shaders_store_only_through_write_references() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let shared = std::fs::read_to_string(root.join("src/shared.rs")).unwrap();
+    let mut stores_seen = 0;
+    for dir in ["glsl", "glsl/lib"] {
+        for entry in std::fs::read_dir(root.join(dir)).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                continue;
+            }
+            let source = std::fs::read_to_string(&path).unwrap();
+            let stores = stores(&source);
+            stores_seen += stores.len();
+            let wrong = stores_not_declared(&stores, &source, &shared);
+            assert!(wrong.is_empty(), "{} stores through {wrong:?}", path.display());
+        }
+    }
+    assert!(stores_seen >= 10, "only {stores_seen} stores found in all shaders");
+}
+
+#[test]
+fn stores_through_read_references_are_found() {
+    let shared = "pub push P { pub a: Read<f32>, pub b: Write<f32>, }";
+    let block = "uniform Block { P push; };";
+    let check = |code: &str| {
+        let source = format!("{block} void main() {{ {code} }}");
+        stores_not_declared(&stores(&source), &source, shared)
+    };
+    let fine = ["push.b.at[i] = 1.0;", "push.b.at[i + n[2]].x += push.a.at[3];", "if (push.a.at[0] == 1.0) {}"];
+    for code in fine {
+        assert!(check(code).is_empty(), "{code}");
+    }
+    let wrong = [
+        "push.a.at[i] = 1.0;",
+        "push.a.at[push.a.at[0]].xy *= 2.0;",
+        "push.a.at[i]++;",
+        "++push.a.at[i];",
+        "Read_float r = push.a; r.at[0] = 1.0;",
+        "Read_float(push.b).at[0]\n    = 1.0;",
+        "atomicAdd(push.a.at[0], 1);",
+    ];
+    for code in wrong {
+        assert_eq!(check(code).len(), 1, "{code}");
+    }
+}
+
+/// What each store to `.at[...]` goes through: `push.field`, or whatever else it is.
+fn stores(source: &str) -> Vec<String> {
+    let uncommented: String =
+        source.lines().map(|line| line.split("//").next().unwrap_or("").to_owned() + "\n").collect();
+    let mut found = Vec::new();
+    for (at, _) in uncommented.match_indices(".at[") {
+        let before = &uncommented[..at];
+        let base_start = start_of_expression(before);
+        let base = &before[base_start..];
+        let mut rest = after_bracket(&uncommented[at + 3..]).trim_start();
+        // Members and elements of what is stored.
+        loop {
+            if let Some(member) = rest.strip_prefix('.') {
+                rest = member.trim_start_matches(|c: char| c.is_alphanumeric() || c == '_').trim_start();
+            } else if rest.starts_with('[') {
+                rest = after_bracket(rest).trim_start();
+            } else {
+                break;
+            }
+        }
+        let assigns = rest.starts_with('=') && !rest.starts_with("==");
+        let compound = ["+=", "-=", "*=", "/=", "%=", "&=", "|=", "^=", "<<=", ">>=", "++", "--"];
+        let lead = before[..base_start].trim_end();
+        let called = lead.strip_suffix('(').unwrap_or("");
+        let function = &called[start_of_expression(called)..];
+        let steps = lead.ends_with("++") || lead.ends_with("--");
+        if assigns || compound.iter().any(|op| rest.starts_with(op)) || steps || function.starts_with("atomic") {
+            found.push(base.to_owned());
+        }
+    }
+    found
+}
+
+/// Where the expression of names, dots, brackets and calls begins that ends `text`.
+fn start_of_expression(text: &str) -> usize {
+    let mut depth = 0;
+    for (at, c) in text.char_indices().rev() {
+        match c {
+            ')' | ']' => depth += 1,
+            '(' | '[' if depth > 0 => depth -= 1,
+            _ if depth > 0 || c.is_alphanumeric() || c == '_' || c == '.' => {}
+            _ => return at + c.len_utf8(),
+        }
+    }
+    0
+}
+
+/// What follows the bracket that `text` begins with.
+fn after_bracket(text: &str) -> &str {
+    let mut depth = 0;
+    for (at, c) in text.char_indices() {
+        match c {
+            '[' => depth += 1,
+            ']' if depth == 1 => return &text[at + 1..],
+            ']' => depth -= 1,
+            _ => {}
+        }
+    }
+    ""
+}
+
+fn stores_not_declared(stores: &[String], source: &str, shared: &str) -> Vec<String> {
+    let push = source.split("uniform Block {").nth(1).and_then(|s| s.split_whitespace().next()).unwrap_or("none");
+    let fields = shared.split(&format!("pub push {push} {{")).nth(1).and_then(|s| s.split('}').next()).unwrap_or("");
+    let is_written = |base: &str| {
+        let field = base.strip_prefix("push.").unwrap_or("");
+        !field.is_empty() && fields.contains(&format!("pub {field}: Write<"))
+    };
+    stores.iter().filter(|base| !is_written(base)).cloned().collect()
+}

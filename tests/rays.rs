@@ -1,0 +1,171 @@
+//! Rays against brute force in double precision: none slips through, whatever the scene's size and the ray's direction.
+
+mod common;
+
+use common::assert_near;
+use common::random::Random;
+use common::stage::{Build, lambert};
+use glam::{DVec3, Vec3};
+use relume::bake::bvh::Bvh;
+use relume::scene::Scene;
+
+/// Triangles all over a ball of radius `size`, some long and thin, some flat along an axis.
+fn shards(random: &mut Random, count: usize, size: f64) -> Scene {
+    let mut build = Build::default();
+    let material = build.material(lambert(Vec3::ONE));
+    for _ in 0..count {
+        let center = random.vector(-size, size);
+        let u = random.direction() * size * random.magnitude(0.01, 0.5);
+        let v = match random.below(3) {
+            0 => u.cross(random.pick(&[DVec3::X, DVec3::Y, DVec3::Z])) * 0.1,
+            _ => u.cross(random.direction()) * 0.5,
+        };
+        let axis = random.pick(&[DVec3::X, DVec3::Y, DVec3::Z]);
+        let flatten = random.below(2) == 0;
+        let [u, v] = [u, v].map(|e| if flatten { e - axis * e.dot(axis) } else { e });
+        if u.cross(v).length() > 1e-6 * size * size {
+            build.quad(center, u, v, material);
+        }
+    }
+    build.scene()
+}
+
+/// Distance along the ray to each triangle, and how far inside of it the ray passes, as a share of its size.
+fn all_hits(scene: &Scene, origin: Vec3, direction: Vec3) -> Vec<(f64, f64)> {
+    let (origin, direction) = (origin.as_dvec3(), direction.as_dvec3());
+    let hit = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|i| scene.mesh.positions[i as usize].as_dvec3());
+        let normal = (b - a).cross(c - a);
+        let along = normal.dot(direction);
+        let distance = normal.dot(a - origin) / along;
+        let p = origin + distance * direction;
+        let weights = [(b, c), (c, a), (a, b)].map(|(s, e)| (e - s).cross(p - s).dot(normal) / normal.length_squared());
+        let inside = weights.into_iter().fold(f64::INFINITY, f64::min);
+        (along != 0.0 && distance.is_finite()).then_some((distance, inside))
+    };
+    scene.mesh.triangles.iter().filter_map(hit).collect()
+}
+
+/// Directions that make trouble: along axes with either sign of zero, nearly so, short, long.
+fn direction(random: &mut Random) -> Vec3 {
+    let zero = random.pick(&[0.0, -0.0, 1e-9, -1e-9, 1e-20]);
+    let sign = random.pick(&[1.0, -1.0]);
+    let along = [Vec3::new(sign, zero, -zero), Vec3::new(zero, sign, zero), Vec3::new(-zero, zero, sign)];
+    let anywhere = random.direction().as_vec3();
+    match random.below(4) {
+        0 => random.pick(&along),
+        1 => Vec3::new(anywhere.x, zero, anywhere.z),
+        2 => anywhere * random.magnitude(1e-6, 1e6) as f32,
+        _ => anywhere,
+    }
+}
+
+#[test]
+fn closest_hits_are_those_of_brute_force() {
+    let mut random = Random::new(11);
+    for size in [1e-6, 1e-3, 1.0, 1e4] {
+        let scene = shards(&mut random, 500, size);
+        let bvh = Bvh::build(&scene);
+        let mut hits = 0;
+        for _ in 0..4000 {
+            let direction = direction(&mut random);
+            let length = f64::from(direction.length());
+            let origin = random.vector(-1.2 * size, 1.2 * size).as_vec3();
+            let got = bvh.closest_hit(&scene, origin, direction, f32::INFINITY);
+            let all = all_hits(&scene, origin, direction);
+            // Within this of an edge or of the origin, float32 may decide either way.
+            let unsure = 1e-4;
+            let closest = |margin: f64, near: f64| {
+                let ahead = all.iter().filter(|(d, inside)| d * length > near * size && *inside > margin);
+                ahead.map(|hit| hit.0).fold(f64::INFINITY, f64::min)
+            };
+            let (sure, possible) = (closest(unsure, 1e-5), closest(-unsure, -1e-5));
+            match got {
+                None => assert_eq!(sure, f64::INFINITY, "size {size}: missed, {origin} along {direction:?}"),
+                Some(hit) => {
+                    hits += 1;
+                    let distance = f64::from(hit.distance);
+                    let slack = 1e-5 * (distance + size / length);
+                    let fits = distance <= sure + slack && distance >= possible - slack;
+                    assert!(fits, "size {size}: {distance}, not {possible} .. {sure}, {origin} along {direction:?}");
+                    let p = |i: usize| scene.mesh.positions[scene.mesh.triangles[hit.triangle as usize][i] as usize];
+                    let (u, v) = (hit.barycentric.x, hit.barycentric.y);
+                    let point = p(0) * (1.0 - u - v) + p(1) * u + p(2) * v;
+                    let off = (point - (origin + direction * hit.distance)).length();
+                    assert!(f64::from(off) < 1e-4 * size, "barycentric point is {off} m off, size {size}");
+                }
+            }
+            let any = bvh.occluded(&scene, origin, direction, f32::INFINITY);
+            assert_eq!(any, got.is_some(), "occluded agrees with closest_hit");
+            if let Some(hit) = got {
+                let before = bvh.occluded(&scene, origin, direction, hit.distance * 0.999);
+                let behind = bvh.occluded(&scene, origin, direction, hit.distance * 1.001);
+                assert!(!before && behind, "occluded at {} m, limits 0.999 and 1.001 of it", hit.distance);
+            }
+        }
+        assert!(hits > 1000, "{hits} hits, size {size}");
+    }
+}
+
+/// A room of 6 x 8 x 8 quads: from inside, every ray hits, straight through corners and along seams too.
+#[test]
+fn no_ray_leaves_a_closed_room() {
+    let mut random = Random::new(12);
+    // Powers of two, so that neighbours have their corners from the same numbers.
+    for half in [1.0 / 1024.0, 1.0, 1024.0] {
+        let mut build = Build::default();
+        let material = build.material(lambert(Vec3::ONE));
+        let cells = 8;
+        let side = 1.0 / f64::from(cells);
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+            let (u, v) = (DVec3::new(axis.y, axis.z, axis.x), DVec3::new(axis.z, axis.x, axis.y));
+            for (i, j) in (0..cells).flat_map(|i| (0..cells).map(move |j| (i, j))) {
+                let at = |k: i32| f64::from(2 * k + 1) * side - 1.0;
+                for sign in [-1.0, 1.0] {
+                    let center = (axis * sign + u * at(i) + v * at(j)) * half;
+                    build.quad(center, u * side * half, v * side * half, material);
+                }
+            }
+        }
+        let scene = build.scene();
+        let bvh = Bvh::build(&scene);
+        let corners = &scene.mesh.positions;
+        let mut escaped = Vec::new();
+        let mut cast = 0;
+        for _ in 0..300 {
+            let inside = random.vector(-0.9 * half, 0.9 * half);
+            // Somewhere, at the centre, above a corner of cells, on a diagonal.
+            let origin =
+                random.pick(&[inside, DVec3::ZERO, DVec3::new(0.25, 0.5, 0.1) * half, DVec3::splat(0.3) * half]);
+            let origin = origin.as_vec3();
+            for _ in 0..100 {
+                let [a, b] = [0; 2].map(|_| corners[random.below(corners.len())]);
+                let edge = random.below(corners.len() / 4) * 4;
+                let along = corners[edge].lerp(corners[edge + 1], random.unit() as f32);
+                let target = random.pick(&[a, b, (a + b) / 2.0, along]);
+                let direction = if target == origin { Vec3::X } else { target - origin };
+                let sign = random.pick(&[1.0, -1.0]);
+                let parallel = random.pick(&[Vec3::X, Vec3::Y, Vec3::Z]) * sign;
+                let direction = random.pick(&[direction, direction, direction.normalize(), parallel]);
+                cast += 1;
+                if bvh.closest_hit(&scene, origin, direction, f32::INFINITY).is_none() {
+                    escaped.push((origin, direction));
+                }
+                if !bvh.occluded(&scene, origin, direction, f32::INFINITY) {
+                    escaped.push((origin, direction));
+                }
+            }
+        }
+        let first = escaped.first();
+        assert!(escaped.is_empty(), "{} of {cast} rays left a room of {half} m: {first:?}", escaped.len());
+    }
+}
+
+#[test]
+fn radius_is_half_the_diagonal() {
+    let mut build = Build::default();
+    let material = build.material(lambert(Vec3::ONE));
+    build.room(DVec3::splat(7.0), 2.0, material);
+    let bvh = Bvh::build(&build.scene());
+    assert_near(bvh.radius.into(), 12f64.sqrt(), 1e-6, "radius");
+}
