@@ -7,7 +7,9 @@ use common::random::Random;
 use common::stage::{Build, lambert};
 use glam::{DVec3, Vec3};
 use relume::bake::bvh::Bvh;
-use relume::scene::Scene;
+use relume::bake::packet::{PACKET_SIZE, trace_packets};
+use relume::bake::{BakeSettings, bake};
+use relume::scene::{Light, LightKind, Scene};
 
 /// Triangles all over a ball of radius `size`, some long and thin, some flat along an axis.
 fn shards(random: &mut Random, count: usize, size: f64) -> Scene {
@@ -168,4 +170,29 @@ fn radius_is_half_the_diagonal() {
     build.room(DVec3::splat(7.0), 2.0, material);
     let bvh = Bvh::build(&build.scene());
     assert_near(bvh.radius.into(), 12f64.sqrt(), 1e-6, "radius");
+}
+
+/// A point light as far as a star casts the shadows of the sun in that direction, contact shadows too.
+#[test]
+fn far_point_lights_shadow_like_the_sun() {
+    let scene = Scene::load(&common::shipped("balls-2.glb")).unwrap();
+    let bvh = Bvh::build(&scene);
+    let settings = BakeSettings { width: 120, height: 80, layers: 1, samples: 1 };
+    let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+    let direction = DVec3::new(-0.4, -0.8, -0.3).normalize();
+    let sun = Light { kind: LightKind::Directional, direction, ..Light::point("sun", DVec3::ZERO) };
+    let seen = |light: &Light| {
+        let mut visibility = vec![0; baked.packets.len() * PACKET_SIZE];
+        trace_packets(&bvh, &scene, &light.pack(scene.origin), &baked.packets, &mut visibility);
+        visibility
+    };
+    let want = seen(&sun);
+    let lit = want.iter().filter(|v| **v > 0).count();
+    assert!(lit > 1000 && lit < 8600, "{lit} of 9,600 samples are lit: the test shows no shadows");
+    // At a distance d parallax moves shadows by size²/d: from 1e5 m on by less than these pixels tell.
+    for distance in [1e5, 1e7, 1e9] {
+        let star = Light::point("star", scene.origin - direction * distance);
+        let differing = seen(&star).iter().zip(&want).filter(|(a, b)| a != b).count();
+        assert!(differing <= 5, "{differing} samples differ at {distance} m");
+    }
 }

@@ -15,7 +15,7 @@ use crate::scene::{Camera, Rig, Scene};
 use crate::shared::NO_BRDF;
 
 /// Counts changes of what a file holds.
-const FORMAT: &str = "1";
+const FORMAT: &str = "2";
 
 /// Name of what a bake depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -17,6 +17,9 @@ use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight};
 /// Rays in a packet.
 pub const PACKET_SIZE: usize = 64;
 type Lanes = [f32; PACKET_SIZE];
+/// Lights further away than so many radii of the scene are traced ray by ray from the samples: what packets compute
+/// relative to the light is rounded relative to its distance.
+const FAR_RADII: f32 = 32.0;
 /// A node to visit, and a bit for each register of rays that met its parent.
 type Entry = (u32, u64);
 
@@ -55,7 +58,9 @@ impl WithSimd for TracePackets<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        if self.light.kind == LIGHT_DIRECTIONAL {
+        if is_far(self.bvh, self.light) {
+            self.trace_singly();
+        } else if self.light.kind == LIGHT_DIRECTIONAL {
             self.trace::<S, true>(simd);
         } else {
             self.trace::<S, false>(simd);
@@ -63,7 +68,21 @@ impl WithSimd for TracePackets<'_> {
     }
 }
 
+fn is_far(bvh: &Bvh, light: &PackedLight) -> bool {
+    light.kind != LIGHT_DIRECTIONAL && light.position.length() > FAR_RADII * bvh.radius
+}
+
 impl TracePackets<'_> {
+    fn trace_singly(self) {
+        let Self { bvh, scene, light, packets, visibility } = self;
+        for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
+            for (lane, visible) in visibility.iter_mut().enumerate() {
+                let sees = |ray: ShadowRay| !bvh.occluded(scene, ray.origin, ray.direction, ray.length);
+                *visible = if packet.shadow_ray(bvh, light, lane).is_some_and(sees) { 255 } else { 0 };
+            }
+        }
+    }
+
     #[inline(always)]
     fn trace<S: Simd, const DIRECTIONAL: bool>(self, simd: S) {
         let Self { bvh, scene, light, packets, visibility } = self;
@@ -168,7 +187,7 @@ impl Pyramid {
     }
 }
 
-/// A ray from the light to a view sample, or from a sample along a directional light.
+/// A ray from the light to a view sample, or from a sample towards a directional or far light.
 pub struct ShadowRay {
     pub origin: Vec3,
     pub direction: Vec3,
@@ -185,8 +204,11 @@ impl SamplePacket {
             needed.then_some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
         } else {
             let (needed, target) = self.target::<false>(bvh, light, lane);
-            let direction = Vec3::from(target) - light.position;
-            needed.then_some(ShadowRay { origin: light.position, direction, length: 1.0 })
+            let (origin, end) = match is_far(bvh, light) {
+                true => (Vec3::from(target), light.position),
+                false => (light.position, Vec3::from(target)),
+            };
+            needed.then_some(ShadowRay { origin, direction: end - origin, length: 1.0 })
         }
     }
 
@@ -205,7 +227,7 @@ impl SamplePacket {
         let cone = if light.kind == LIGHT_SPOT { 1.0 - light.cone_versine - 1e-5 } else { -2.0 };
         let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
         let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
-        let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance });
+        let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance.min(FAR_RADII * bvh.radius) });
         let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
         (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
     }
