@@ -591,6 +591,43 @@ fn writing_twice_in_one_pass_stops() {
     let _ = pass.write(&buffer);
 }
 
+/// lavapipe forgives a missing barrier and validation cannot see addresses, so the barriers themselves are counted.
+#[test]
+fn barriers_follow_from_declared_accesses() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let kernel = Kernel::new(&gpu, "yardstick", &[]).unwrap();
+    let samples = Buffer::from_slice(&gpu, "test samples", &[Vec4::ONE; 4]).unwrap();
+    let (a, b) = (output(&gpu, 8), output(&gpu, 8));
+    // Which buffer each pass reads (`None`: the samples) and writes, and the barriers up to and with it.
+    let passes = [
+        (None, &a, 0, "the first pass waits for nothing"),
+        (None, &b, 0, "nor does one that touches other buffers"),
+        (Some(&a), &b, 1, "reading and writing what was written"),
+        (None, &a, 2, "writing what was read since the last barrier"),
+        (None, &a, 3, "writing what was written"),
+    ];
+    for count in 1..=passes.len() {
+        let mut frame = frames.begin().unwrap();
+        for (read, written, ..) in &passes[..count] {
+            let mut pass = frame.pass("pass");
+            let push = YardstickPush {
+                samples: match read {
+                    Some(buffer) => pass.read_as(*buffer),
+                    None => pass.read(&samples),
+                },
+                results: pass.write(*written),
+                sample_count: 1,
+                multiply_adds: 4,
+            };
+            pass.dispatch(&kernel, &push, 1);
+        }
+        frame.finish().unwrap();
+        let (.., want, why) = passes[count - 1];
+        assert_eq!(frames.barrier_count(), want, "{why}");
+    }
+}
+
 /// What a panic leaves half recorded must not disturb the next frame.
 #[test]
 fn frames_go_on_after_one_was_dropped() {

@@ -177,6 +177,11 @@ impl Context {
         self.info.kind == "cpu"
     }
 
+    /// Whether the validation layer watches: it may not be installed.
+    pub fn is_validated(&self) -> bool {
+        self.messenger.is_some()
+    }
+
     /// Everything that the validation layer said so far. Tests assert that it is empty.
     pub fn validation_messages(&self) -> Vec<String> {
         self.messages.0.lock().expect(UNPOISONED).clone()

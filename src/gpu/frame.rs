@@ -64,6 +64,7 @@ pub struct Frames {
     /// Passes before this one are covered by a barrier.
     synced: usize,
     pass_count: usize,
+    barrier_count: usize,
     names: Vec<&'static str>,
     ticks: Vec<u64>,
     times: Vec<PassTime>,
@@ -137,6 +138,7 @@ impl Frames {
             accesses: Vec::new(),
             synced: 0,
             pass_count: 0,
+            barrier_count: 0,
             names: Vec::with_capacity(MAX_PASSES),
             ticks: vec![0; 2 * MAX_PASSES],
             times: Vec::with_capacity(MAX_PASSES),
@@ -149,12 +151,18 @@ impl Frames {
         &self.times
     }
 
+    /// How many barriers between passes the last frame needed.
+    pub fn barrier_count(&self) -> usize {
+        self.barrier_count
+    }
+
     pub fn begin(&mut self) -> Result<Frame<'_>> {
         self.began = Instant::now();
         self.upload_used = 0;
         self.uses.clear();
         self.synced = 0;
         self.pass_count = 0;
+        self.barrier_count = 0;
         self.names.clear();
         self.times.clear();
         let device = &self.context.device;
@@ -205,6 +213,7 @@ impl Frames {
         self.accesses.clear();
         if hazard {
             self.synced = this;
+            self.barrier_count += 1;
             let access = vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE;
             self.barrier(STAGES, access, STAGES, access);
         }

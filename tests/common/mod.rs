@@ -30,6 +30,9 @@ pub fn gpu() -> Gpu {
     let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let open = || Context::new(None, Validation::On, None).expect("tools/setup installs a Vulkan device");
     let context = CONTEXT.get_or_init(open).clone();
+    if !context.is_validated() {
+        not_run("Vulkan validation: its layer is not installed");
+    }
     let messages_before = context.validation_messages().len();
     let memory_before = context.memory_by_owner();
     Gpu { context, messages_before, memory_before, _turn: turn }
