@@ -508,7 +508,7 @@ fn obj() {
         ("v 0 0 1e99\n", "line 1"),
         ("v 0 0 x\n", "line 1: \"x\" is no number"),
         ("v 0 0 0 0\n", "line 1"),
-        ("f 1 2 3\n", "line 1: vertex 1 is out of range, there are 0"),
+        ("f 1 2 3\n", "line 1: vertex 3 is out of range, there are 0"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 4\n", "line 4: vertex 4 is out of range, there are 3"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 0\n", "line 4: \"0\" is no corner"),
         ("v 0 0 0\nf 1 1 -2\n", "line 2: \"-2\" counts back past the first"),

@@ -11,9 +11,9 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 
-use super::parse::{logical_lines, number, numbers, some_numbers};
+use super::guard::{self, number, split_word};
 use crate::error::{Error, Result};
 use crate::scene::texture::MAX_TEXELS;
 use crate::scene::{Encoding, Material, Texture, TextureRef, Wrap, files};
@@ -33,26 +33,8 @@ pub struct Library {
     texel_count: u64,
 }
 
-/// One `newmtl` as written.
-#[derive(Default)]
-struct Entry {
-    name: String,
-    kd: Option<Vec3>,
-    ks: Option<Vec3>,
-    ke: Option<Vec3>,
-    ns: Option<f32>,
-    pr: Option<f32>,
-    pm: Option<f32>,
-    ni: Option<f32>,
-    illum: Option<u32>,
-    map_kd: Option<Map>,
-    map_ke: Option<Map>,
-    norm: Option<Map>,
-    bump: Option<Map>,
-}
-
 /// A texture statement: options, then a file name.
-struct Map {
+pub struct Map {
     file: String,
     offset: Vec2,
     scale: Vec2,
@@ -94,51 +76,61 @@ impl Library {
 
     fn read_file(&mut self, path: &Path) -> Result<()> {
         let bytes = files::read(path)?;
-        let entries = entries(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+        let text = guard::mtl(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+        let (entries, _) =
+            tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| Error::import_from(path, "not an MTL file", e))?;
         for entry in entries {
-            let name = entry.name.clone();
-            let material = self.material(path, entry)?;
-            self.materials.insert(name, material);
+            let material = self.material(path, &entry)?;
+            self.materials.insert(entry.name, material);
         }
         Ok(())
     }
 
-    fn material(&mut self, path: &Path, entry: Entry) -> Result<Material> {
+    fn material(&mut self, path: &Path, entry: &tobj::Material) -> Result<Material> {
+        let color = |rgb: Option<[f64; 3]>| rgb.map(|rgb| DVec3::from(rgb).as_vec3());
+        let (kd, ks, ke) = (color(entry.diffuse), color(entry.specular), color(entry.emissive));
+        let scalar = |key| entry.unknown_param.get(key).and_then(|text: &String| text.parse::<f32>().ok());
+        let map = |text: Option<&String>| {
+            text.map(|text| Map::parse(text)).transpose().map_err(|reason| Error::import(path, reason))
+        };
+        let norm = map(entry.unknown_param.get("norm"))?;
+
         let mut material = default(&entry.name);
-        let is_mirror = entry.illum == Some(3);
-        let base = if is_mirror { entry.ks.or(entry.kd) } else { entry.kd };
+        let is_mirror = entry.illumination_model == Some(3);
+        let base = if is_mirror { ks.or(kd) } else { kd };
         material.base_color = base.unwrap_or(Vec3::ONE).clamp(Vec3::ZERO, Vec3::ONE).extend(1.0);
         if is_mirror {
             (material.metallic, material.roughness) = (1.0, 0.0);
         } else {
             // Ns is not negative, so this lies in [0, 1].
-            let from_exponent = entry.ns.map(|ns| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt());
-            material.roughness = entry.pr.or(from_exponent).unwrap_or(1.0).clamp(0.0, 1.0);
-            material.metallic = entry.pm.unwrap_or(0.0).clamp(0.0, 1.0);
-            material.specular_color = entry.ks.map_or(Vec3::ONE, |ks| ks.max(Vec3::ZERO) / 0.5);
-            if matches!(entry.illum, Some(0 | 1)) || entry.ks == Some(Vec3::ZERO) {
+            let from_exponent = entry.shininess.map(|ns| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt() as f32);
+            material.roughness = scalar("Pr").or(from_exponent).unwrap_or(1.0).clamp(0.0, 1.0);
+            material.metallic = scalar("Pm").unwrap_or(0.0).clamp(0.0, 1.0);
+            material.specular_color = ks.map_or(Vec3::ONE, |ks| ks.max(Vec3::ZERO) / 0.5);
+            if matches!(entry.illumination_model, Some(0 | 1)) || ks == Some(Vec3::ZERO) {
                 material.specular = 0.0;
             }
-            material.ior = entry.ni.filter(|&ni| ni > 1.0).unwrap_or(1.5);
+            material.ior = entry.optical_density.map(|ni| ni as f32).filter(|&ni| ni > 1.0).unwrap_or(1.5);
         }
-        material.emissive = entry.ke.unwrap_or(Vec3::ZERO).max(Vec3::ZERO);
-        if let Some(map) = &entry.map_kd {
+        material.emissive = ke.unwrap_or(Vec3::ZERO).max(Vec3::ZERO);
+        if let Some(map) = map(entry.diffuse_texture.as_ref())? {
             // Many exporters write black where a texture replaces the colour.
             if base == Some(Vec3::ZERO) {
                 material.base_color = glam::Vec4::ONE;
             }
-            material.base_color_texture = Some(self.texture(path, map, Encoding::Srgb)?);
+            material.base_color_texture = Some(self.texture(path, &map, Encoding::Srgb)?);
         }
-        if let Some(map) = &entry.map_ke {
-            if entry.ke.is_none_or(|ke| ke == Vec3::ZERO) {
+        if let Some(map) = map(entry.unknown_param.get("map_Ke"))? {
+            if ke.is_none_or(|ke| ke == Vec3::ZERO) {
                 material.emissive = Vec3::ONE;
             }
-            material.emissive_texture = Some(self.texture(path, map, Encoding::Srgb)?);
+            material.emissive_texture = Some(self.texture(path, &map, Encoding::Srgb)?);
         }
-        if let Some(map) = entry.norm.as_ref().or(entry.bump.as_ref()) {
-            let texture = self.texture(path, map, Encoding::Linear)?;
+        let is_bump = norm.is_none();
+        if let Some(map) = norm.or(map(entry.normal_texture.as_ref())?) {
+            let texture = self.texture(path, &map, Encoding::Linear)?;
             let texels = &self.textures[texture.texture].levels[0].texels;
-            if entry.norm.is_none() && texels.iter().all(|t| t[0] == t[1] && t[1] == t[2]) {
+            if is_bump && texels.iter().all(|t| t[0] == t[1] && t[1] == t[2]) {
                 let file = files::shortened(&map.file);
                 tracing::warn!("{}: \"{file}\" is a height map, which is left out", path.display());
             } else {
@@ -183,53 +175,8 @@ impl Library {
     }
 }
 
-fn entries(text: &str) -> Result<Vec<Entry>, String> {
-    let mut entries: Vec<Entry> = Vec::new();
-    for (line_number, line) in logical_lines(text) {
-        let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
-        let rest = rest.trim();
-        if key == "newmtl" {
-            entries.push(Entry { name: rest.to_owned(), ..Entry::default() });
-            continue;
-        }
-        let Some(entry) = entries.last_mut() else { continue };
-        entry.set(key, rest).map_err(|reason| format!("line {line_number}: {key}: {reason}"))?;
-    }
-    Ok(entries)
-}
-
-impl Entry {
-    fn set(&mut self, key: &str, rest: &str) -> Result<(), String> {
-        let scalar = || numbers::<1>(rest).map(|[x]| Some(x as f32));
-        match key {
-            "Kd" => self.kd = Some(color(rest)?),
-            "Ks" => self.ks = Some(color(rest)?),
-            "Ke" => self.ke = Some(color(rest)?),
-            "Ns" => self.ns = scalar()?,
-            "Pr" => self.pr = scalar()?,
-            "Pm" => self.pm = scalar()?,
-            "Ni" => self.ni = scalar()?,
-            "illum" => self.illum = scalar()?.map(|x| x as u32),
-            "map_Kd" => self.map_kd = Some(Map::parse(rest)?),
-            "map_Ke" => self.map_ke = Some(Map::parse(rest)?),
-            "norm" => self.norm = Some(Map::parse(rest)?),
-            "bump" | "map_bump" | "map_Bump" => self.bump = Some(Map::parse(rest)?),
-            _ => {}
-        }
-        Ok(())
-    }
-}
-
-/// One number stands for three.
-fn color(rest: &str) -> Result<Vec3, String> {
-    let [r, g, b] = some_numbers(rest, [f64::NAN; 3])?;
-    let green = if g.is_nan() { r } else { g };
-    let blue = if b.is_nan() { r } else { b };
-    Ok(glam::DVec3::new(r, green, blue).as_vec3())
-}
-
 impl Map {
-    fn parse(rest: &str) -> Result<Self, String> {
+    pub fn parse(rest: &str) -> Result<Self, String> {
         let (offset, scale) = (Vec2::ZERO, Vec2::ONE);
         let mut map = Self { file: String::new(), offset, scale, clamp: false, strength: 1.0 };
         let mut rest = rest;
@@ -273,9 +220,4 @@ impl Map {
         map.file = rest.replace('\\', "/");
         if map.file.is_empty() { Err("names no file".into()) } else { Ok(map) }
     }
-}
-
-fn split_word(text: &str) -> (&str, &str) {
-    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
-    (word, rest.trim_start())
 }

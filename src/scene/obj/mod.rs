@@ -1,47 +1,65 @@
 //! Wavefront OBJ and MTL into a [`Scene`]: triangles and materials, no lights, no camera.
-//!
-//! The tobj crate panics on a `Kd` of fewer than three numbers, shifts texture coordinates and normals where only some
-//! faces have them, turns polylines into polygons and knows no line numbers; hence a reader of our own.
 
+mod guard;
 mod materials;
-mod parse;
-mod triangulate;
 
 use std::collections::HashMap;
+use std::iter;
+use std::ops::Range;
 use std::path::Path;
 
-use glam::{Vec2, Vec3, Vec4};
+use earcut::Earcut;
+use earcut::utils3d::project3d_to_2d;
+use glam::{DVec3, Vec2, Vec4};
+use tobj::{LoadOptions, Mesh};
 
 use super::mesh_builder::{MeshBuilder, Part};
 use super::{Material, Rig, Scene, files};
 use crate::error::{Error, Result};
+use guard::Face;
 use materials::Library;
-use parse::{Corner, Obj};
 
 pub fn load(path: &Path) -> Result<Scene> {
     let bytes = files::read(path)?;
-    let obj = Obj::parse(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+    let obj = guard::obj(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
     let mut library = Library::default();
-    for line in &obj.libraries {
-        library.read(path, line)?;
+    for statement in &obj.libraries {
+        library.read(path, statement)?;
     }
+    // The options leave polygons whole and every attribute its own indices. Materials are assigned here, because tobj
+    // forgets names that it cannot find and wants libraries before their use.
+    let no_materials = |_: &Path| Ok(Default::default());
+    let (models, _) = tobj::load_obj_buf(&mut obj.text.as_bytes(), &LoadOptions::default(), no_materials)
+        .map_err(|e| Error::import_from(path, "not an OBJ file", e))?;
+    let mut mesh = models.into_iter().next().map(|model| model.mesh).unwrap_or_default();
+    if mesh.vertex_color.iter().all(|&c| c == 1.0) {
+        mesh.vertex_color.clear();
+    }
+
+    let mut polygons_of = vec![Vec::new(); obj.materials.len()];
+    // No arities: all are triangles.
+    let mut arities = mesh.face_arities.iter().copied().chain(iter::repeat(3));
+    let mut first = 0;
+    for face in &obj.faces {
+        let corners = first..first + arities.next().expect("endless") as usize;
+        first = corners.end;
+        polygons_of[face.material].push((face, corners));
+    }
+    assert_eq!(first, mesh.indices.len(), "a face of tobj's is none of ours");
+
     let mut builder = MeshBuilder::default();
     let mut materials = Vec::new();
-    for (name, faces) in &obj.faces {
-        let material = match library.get(name) {
-            Some(material) => material,
-            None => {
-                if !name.is_empty() {
-                    tracing::warn!("{}: there is no material \"{name}\"", path.display());
-                }
-                materials::default(name)
+    for (name, polygons) in obj.materials.iter().zip(polygons_of).filter(|(_, polygons)| !polygons.is_empty()) {
+        let material = library.get(name).unwrap_or_else(|| {
+            if !name.is_empty() {
+                tracing::warn!("{}: there is no material \"{name}\"", path.display());
             }
-        };
+            materials::default(name)
+        });
         // Faces without normals are flat, those with normals aren't: two kinds of parts.
-        for flat in [false, true] {
-            let faces = faces.iter().filter(|face| face.iter().any(|c| c.normal.is_none()) == flat);
-            let part = part(&obj, faces, flat, &material, materials.len() as u32);
-            builder.add(part);
+        for has_normals in [true, false] {
+            let polygons = polygons.iter().filter(|(face, _)| face.has_normals == has_normals);
+            builder.add(part(&mesh, polygons, &material, materials.len() as u32));
         }
         materials.push(material);
     }
@@ -59,42 +77,90 @@ pub fn load(path: &Path) -> Result<Scene> {
     })
 }
 
+/// Polygons are ranges of the mesh's corners; either all or none of them have normals.
 fn part<'a>(
-    obj: &Obj,
-    faces: impl Iterator<Item = &'a Vec<Corner>>,
-    flat: bool,
+    mesh: &Mesh,
+    polygons: impl Iterator<Item = &'a (&'a Face, Range<usize>)>,
     material: &Material,
     material_index: u32,
 ) -> Part {
     let mut part = Part { material: material_index, ..Part::default() };
     part.tangents_from = material.normal_texture.as_ref().map(|t| t.uv_set);
     let textured = material.textures().next().is_some();
-    let colored = !obj.colors.is_empty();
+    let three = |values: &[f64], i: u32| DVec3::from_slice(&values[3 * i as usize..]);
     let mut numbers = HashMap::new();
-    for face in faces {
-        let mut vertex = |corner: &Corner| {
+    for (face, corners) in polygons {
+        let mut vertex = |corner: usize| {
             let next = part.positions.len() as u32;
-            let normal = corner.normal.filter(|_| !flat);
-            *numbers.entry((corner.position, corner.uv, normal)).or_insert_with(|| {
-                part.positions.push(obj.positions[corner.position]);
-                if let Some(normal) = normal {
-                    part.normals.push(obj.normals[normal]);
-                }
+            let position = mesh.indices[corner];
+            let uv = face.has_uvs.then(|| mesh.texcoord_indices[corner]);
+            let normal = face.has_normals.then(|| mesh.normal_indices[corner]);
+            *numbers.entry((position, uv, normal)).or_insert_with(|| {
+                part.positions.push(three(&mesh.positions, position));
+                part.normals.extend(normal.map(|i| three(&mesh.normals, i).as_vec3()));
                 if textured {
                     // OBJ's v grows upwards, glTF's and ours downwards.
-                    let uv = corner.uv.map_or(Vec2::ZERO, |i| obj.uvs[i]);
-                    part.uvs[0].push(Vec2::new(uv.x, 1.0 - uv.y));
+                    let turned = |i| Vec2::new(mesh.texcoords[2 * i] as f32, 1.0 - mesh.texcoords[2 * i + 1] as f32);
+                    part.uvs[0].push(uv.map_or(Vec2::Y, |i| turned(i as usize)));
                 }
-                if colored {
-                    let color = obj.colors.get(corner.position).copied().flatten();
-                    part.colors.push(color.unwrap_or(Vec3::ONE).extend(1.0).clamp(Vec4::ZERO, Vec4::ONE));
+                if !mesh.vertex_color.is_empty() {
+                    let color = three(&mesh.vertex_color, position).as_vec3();
+                    part.colors.push(color.extend(1.0).clamp(Vec4::ZERO, Vec4::ONE));
                 }
                 next
             })
         };
-        let vertices: Vec<u32> = face.iter().map(&mut vertex).collect();
-        let outline: Vec<_> = face.iter().map(|c| obj.positions[c.position]).collect();
-        part.triangles.extend(triangulate::polygon(&outline).into_iter().map(|t| t.map(|i| vertices[i])));
+        let vertices: Vec<u32> = corners.clone().map(&mut vertex).collect();
+        let outline: Vec<DVec3> = mesh.indices[corners.clone()].iter().map(|&i| three(&mesh.positions, i)).collect();
+        part.triangles.extend(triangulated(&outline).into_iter().map(|t| t.map(|i| vertices[i])));
     }
     part
+}
+
+/// Triangles of a flat polygon as indices of its corners, wound as it is. Outlines that cross themselves lose some, those
+/// without area all.
+fn triangulated(outline: &[DVec3]) -> Vec<[usize; 3]> {
+    if outline.len() == 3 {
+        return vec![[0, 1, 2]];
+    }
+    // Relative to the first: far from the origin the normal would be lost to rounding.
+    let corners: Vec<[f64; 3]> = outline.iter().map(|&p| (p - outline[0]).to_array()).collect();
+    let (mut flat, mut triangles) = (Vec::new(), Vec::new());
+    if project3d_to_2d(&corners, corners.len(), &mut flat) {
+        Earcut::new().earcut_slice(&flat, &[], &mut triangles);
+    }
+    triangles.as_chunks().0.to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area(corners: &[DVec3], triangles: &[[usize; 3]]) -> DVec3 {
+        triangles.iter().map(|&[a, b, c]| (corners[b] - corners[a]).cross(corners[c] - corners[a]) / 2.0).sum()
+    }
+
+    #[test]
+    fn concave_polygons_keep_their_area() {
+        // An L, started at its inner corner's neighbour too, where a fan would leave it.
+        let l = [(0., 0.), (2., 0.), (2., 1.), (1., 1.), (1., 2.), (0., 2.)].map(|(x, y)| DVec3::new(x, 0.5, -y));
+        let far = DVec3::new(4e5, 0.0, 5e6);
+        for first in 0..6 {
+            let mut corners = l.map(|p| p + far);
+            corners.rotate_left(first);
+            let triangles = triangulated(&corners);
+            assert_eq!(triangles.len(), 4);
+            assert!((area(&corners, &triangles) - DVec3::new(0.0, 3.0, 0.0)).length() < 1e-9);
+            for t in &triangles {
+                assert!(area(&corners, &[*t]).y > 0.0, "{triangles:?} from {first}");
+            }
+        }
+    }
+
+    #[test]
+    fn nonsense_still_ends() {
+        let bow = [DVec3::ZERO, DVec3::new(1., 1., 0.), DVec3::X, DVec3::Y];
+        assert!(triangulated(&bow).len() <= 2);
+        assert_eq!(triangulated(&[DVec3::ONE; 7]).len(), 0);
+    }
 }

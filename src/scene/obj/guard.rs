@@ -1,0 +1,192 @@
+//! OBJ and MTL text that tobj reads right.
+//!
+//! tobj 4.0.5 takes polylines for faces, gives a corner without a texture coordinate or a normal the one before, shifts
+//! vertex colours where only some vertices have them, panics on short colours and on normal indices that overflow when
+//! tripled, and refuses comments behind statements, continued lines and `d -halo`. So it gets only the statements that
+//! we use, each checked and complete. Errors begin with the line's number, which it would not tell.
+
+use std::collections::HashMap;
+use std::ops::RangeInclusive;
+
+use super::materials::Map;
+
+// A polygon is triangulated in quadratic time at worst; none that means anything has more corners.
+const MAX_CORNERS: usize = 1_024;
+
+pub struct Obj {
+    /// Without groups and materials, so that tobj makes one mesh of it, all faces in order.
+    pub text: String,
+    pub faces: Vec<Face>,
+    /// Names; the first is empty and stands for none.
+    pub materials: Vec<String>,
+    /// What stands behind each `mtllib`.
+    pub libraries: Vec<String>,
+}
+
+/// What tobj does not tell of a face. Threes are position, texture coordinate, normal.
+pub struct Face {
+    pub material: usize,
+    /// At every corner.
+    pub has_uvs: bool,
+    /// At every corner.
+    pub has_normals: bool,
+    /// Indices from 1; 0: none.
+    greatest: [i64; 3],
+    line_number: usize,
+}
+
+pub fn obj(text: &str) -> Result<Obj, String> {
+    let mut obj = Obj { text: String::new(), faces: Vec::new(), materials: vec![String::new()], libraries: Vec::new() };
+    let mut material_indices = HashMap::from([(String::new(), 0)]);
+    let mut material = 0;
+    let mut counts = [0; 3];
+    for (line_number, line) in logical_lines(text) {
+        let (key, rest) = split_word(&line);
+        let wrong = |reason: String| format!("line {line_number}: {reason}");
+        match key {
+            "v" => {
+                obj.text.extend(["v ", &vertex(rest).map_err(wrong)?, "\n"]);
+                counts[0] += 1;
+            }
+            "vt" => {
+                numbers(rest, 1..=2).map_err(wrong)?;
+                // A lone u gets its v; what follows two is ignored.
+                obj.text.extend(["vt ", rest, " 0\n"]);
+                counts[1] += 1;
+            }
+            "vn" => {
+                numbers(rest, 3..=3).map_err(wrong)?;
+                obj.text.extend(["vn ", rest, "\n"]);
+                counts[2] += 1;
+            }
+            "f" => {
+                let (has, greatest) = face(rest, counts).map_err(wrong)?;
+                obj.text.extend(["f ", rest, "\n"]);
+                obj.faces.push(Face { material, has_uvs: has[1], has_normals: has[2], greatest, line_number });
+            }
+            "usemtl" => {
+                material = *material_indices.entry(rest.to_owned()).or_insert_with(|| {
+                    obj.materials.push(rest.to_owned());
+                    obj.materials.len() - 1
+                });
+            }
+            "mtllib" => obj.libraries.push(rest.to_owned()),
+            // Groups, smoothing, points, lines, curves: not needed.
+            _ => {}
+        }
+    }
+    // Indices may point forward, so their range is checked at the end.
+    for face in &obj.faces {
+        for (k, what) in ["vertex", "texture coordinate", "normal"].into_iter().enumerate() {
+            let (index, there) = (face.greatest[k], counts[k]);
+            if index > there {
+                return Err(format!("line {}: {what} {index} is out of range, there are {there}", face.line_number));
+            }
+        }
+    }
+    Ok(obj)
+}
+
+/// `x y z`, `x y z w` or `x y z r g b` as `x y z r g b`: where there is no colour, white.
+fn vertex(rest: &str) -> Result<String, String> {
+    match numbers(rest, 0..=8)?[..] {
+        [_, _, _] => Ok(format!("{rest} 1 1 1")),
+        [x, y, z, w] if w != 0.0 => vertex(&format!("{:e} {:e} {:e}", x / w, y / w, z / w)),
+        [x, y, z, r, g, b] | [x, y, z, r, g, b, _] => Ok(format!("{x:e} {y:e} {z:e} {r:e} {g:e} {b:e}")),
+        _ => Err(format!("\"{rest}\" is no vertex")),
+    }
+}
+
+/// Corners `v`, `v/vt`, `v//vn` or `v/vt/vn`; negative indices count back from the last one so far. Returns what all
+/// corners have and the greatest index of each kind.
+fn face(rest: &str, counts: [i64; 3]) -> Result<([bool; 3], [i64; 3]), String> {
+    let (mut has, mut greatest) = ([true; 3], [0; 3]);
+    let mut corner_count = 0;
+    for word in rest.split_whitespace() {
+        let wrong = || format!("\"{word}\" is no corner of a face");
+        let mut indices = [0; 3];
+        for (k, part) in word.split('/').enumerate().filter(|(_, part)| !part.is_empty()) {
+            let index = part.parse().ok().filter(|&index| index != 0).ok_or_else(wrong)?;
+            *indices.get_mut(k).ok_or_else(wrong)? = index;
+            if index < -counts[k] {
+                return Err(format!("\"{word}\" counts back past the first"));
+            }
+        }
+        if indices[0] == 0 {
+            return Err(wrong());
+        }
+        for k in 0..3 {
+            has[k] &= indices[k] != 0;
+            greatest[k] = indices[k].max(greatest[k]);
+        }
+        corner_count += 1;
+    }
+    match corner_count {
+        3..=MAX_CORNERS => Ok((has, greatest)),
+        n => Err(format!("a face of {n} corners")),
+    }
+}
+
+pub fn mtl(text: &str) -> Result<String, String> {
+    let mut checked = String::new();
+    for (line_number, line) in logical_lines(text) {
+        let (key, rest) = split_word(&line);
+        let value = match key {
+            "newmtl" => Ok(rest.to_owned()),
+            // One number stands for three.
+            "Kd" | "Ks" | "Ke" => numbers(rest, 1..=3).map(|c| {
+                let [green, blue] = [1, 2].map(|i| c.get(i).unwrap_or(&c[0]));
+                format!("{:e} {green:e} {blue:e}", c[0])
+            }),
+            "Ns" | "Ni" | "Pr" | "Pm" => numbers(rest, 1..=1).map(|x| format!("{:e}", x[0])),
+            "illum" => numbers(rest, 1..=1).map(|x| (x[0] as u8).to_string()),
+            "map_Kd" | "map_Ke" | "norm" | "bump" | "map_bump" | "map_Bump" => {
+                Map::parse(rest).map(|_| rest.to_owned())
+            }
+            _ => continue,
+        };
+        let value = value.map_err(|reason| format!("line {line_number}: {key}: {reason}"))?;
+        checked.extend([key, " ", &value, "\n"]);
+    }
+    Ok(checked)
+}
+
+/// Lines without comments, with what a backslash continues, and the number of their first line.
+fn logical_lines(text: &str) -> impl Iterator<Item = (usize, String)> {
+    let mut lines = text.lines().enumerate();
+    std::iter::from_fn(move || {
+        loop {
+            let (index, mut part) = lines.next()?;
+            let mut line = String::new();
+            // Looks at each physical line once, however many are joined.
+            while let Some(begin) = part.trim_end().strip_suffix('\\') {
+                line.push_str(begin);
+                line.push(' ');
+                part = lines.next().map_or("", |(_, next)| next);
+            }
+            line.push_str(part);
+            let content = line.split('#').next().unwrap_or_default().trim();
+            if !content.is_empty() {
+                return Some((index + 1, content.to_owned()));
+            }
+        }
+    })
+}
+
+/// The first word, and the rest without the space between them.
+pub fn split_word(text: &str) -> (&str, &str) {
+    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    (word, rest.trim_start())
+}
+
+pub fn number(word: &str) -> Result<f64, String> {
+    let value: f64 = word.parse().map_err(|_| format!("\"{word}\" is no number"))?;
+    // Single precision is what most of them become.
+    if (value as f32).is_finite() { Ok(value) } else { Err(format!("{word} is not finite")) }
+}
+
+/// As many numbers as there are, up to the greatest count; what follows is ignored.
+fn numbers(rest: &str, count: RangeInclusive<usize>) -> Result<Vec<f64>, String> {
+    let values = rest.split_whitespace().take(*count.end()).map(number).collect::<Result<Vec<f64>, _>>()?;
+    if values.len() >= *count.start() { Ok(values) } else { Err("numbers are missing".into()) }
+}
