@@ -74,10 +74,14 @@ fn full() -> Gltf {
 }
 
 #[test]
-fn the_good_file_is_good() {
+fn the_good_files_are_good() {
     let folder = tempfile::tempdir().unwrap();
     let scene = Scene::load(&full().write(folder.path(), "good.glb")).unwrap();
     assert_eq!((scene.mesh.triangles.len(), scene.textures.len(), scene.rig.lights.len()), (2, 2, 1));
+    write(folder.path(), "x.mtl", MTL.as_bytes());
+    write(folder.path(), "x.png", &png(1, 1, &[[1, 2, 3, 4]]));
+    let scene = Scene::load(&write(folder.path(), "x.obj", OBJ.as_bytes())).unwrap();
+    assert_eq!((scene.mesh.triangles.len(), scene.textures.len(), scene.materials.len()), (5, 2, 2));
 }
 
 #[test]
@@ -508,6 +512,9 @@ fn obj() {
         ("v 0 0 1e99\n", "line 1"),
         ("v 0 0 x\n", "line 1: \"x\" is no number"),
         ("v 0 0 0 0\n", "line 1"),
+        ("v 1e9 0 0 1e-308\n", "line 1: inf is not finite"),
+        ("v 0 0 0 1 1\n", "line 1"),
+        ("v 0 0 0 1 1 inf\n", "line 1: inf is not finite"),
         ("f 1 2 3\n", "line 1: vertex 3 is out of range, there are 0"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 4\n", "line 4: vertex 4 is out of range, there are 3"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 0\n", "line 4: \"0\" is no corner"),
@@ -516,7 +523,15 @@ fn obj() {
         ("v 0 0 0\nf 1 1 99999999999999999999\n", "line 2"),
         ("v 0 0 0\nf 1/1 1/1 1/1\n", "line 2: texture coordinate 1 is out of range"),
         ("v 0 0 0\nf 1//9223372036854775807 1 1\n", "normal 9223372036854775807 is out of range"),
+        // These three overflow when tripled.
+        ("v 0 0 0\nvn 0 0 1\nf 1//6148914691236517205 1 1\n", "normal 6148914691236517205 is out of range"),
+        ("v 0 0 0\nvn 0 0 1\nf 1//6148914691236517207 1 1\n", "normal 6148914691236517207 is out of range"),
+        ("v 0 0 0\nvn 0 0 1\nf 1//-6148914691236517206 1 1\n", "counts back past the first"),
+        ("v 0 0 0\nvn 0 0 1\nf 1//-2 1 1\n", "line 3: \"1//-2\" counts back past the first"),
         ("v 0 0 0\nf 1/1/1/1 1 1\n", "line 2"),
+        ("v 0 0 0\nf /1 1 1\n", "line 2: \"/1\" is no corner"),
+        ("v 0 0 0\nf 1 1 1.5\n", "line 2: \"1.5\" is no corner"),
+        ("v 0 0 0\nf\n", "line 2: a face of 0 corners"),
         ("v 0 0 0\nf 1 1\n", "line 2: a face of 2 corners"),
         ("v 0 0 0\nf 1 1 1\n", "no triangles but 1 of zero area"),
         ("vt\n", "line 1"),
@@ -527,7 +542,18 @@ fn obj() {
     }
     assert_bytes_refused("x.obj", format!("{square}f {}\n", "1 2 3 ".repeat(100_000)).as_bytes(), "300000 corners");
     assert_bytes_refused("x.obj", &[0xff; 100], "no triangles");
+    assert_bytes_refused("x.obj", "v 0 0 0\nl 1 1 1\nl 1 7\np 9\n".as_bytes(), "no triangles");
+    // Star polygons of the most corners: none of a hundred costs more than a moment.
+    let corners = |step: usize| (0..1_024).map(|i| (i * step % 1_024 + 1).to_string() + " ").collect::<String>();
+    let mut stars: String = (0..1_024).map(|i| (i as f32).sin_cos()).map(|(x, y)| format!("v {x} {y} 0\n")).collect();
+    stars.extend((0..100).map(|i| format!("f {}\n", corners(10 * i + 1))));
+    _ = Scene::load(&write(tempfile::tempdir().unwrap().path(), "x.obj", stars.as_bytes()));
 }
+
+const OBJ: &str = "mtllib x.mtl\nv 0 0 0\nv 1 0 0 1 0 0\nv 1 1 0\nv 0 1 0 1\nvt 0 0\nvt 1 0\nvn 0 0 1\n\
+    usemtl a\nf 1/1/1 2/2/1 3/1/1 4/2/1\nusemtl b\nf -4 -3 \\\n-2 # tip\nf 1//1 2//1 3//1 4//1\nl 1 2 3\n";
+const MTL: &str = "newmtl a\nKd 0.5 0.5 0.5\nKs 1 1 1\nNs 9\nPr 0.5\nmap_Kd -s 2 2 -o 0 1 x.png\nnorm x.png\n\
+    newmtl b\nKd 0.5\nillum 3\nKe 1 1 1\nd -halo 1\nbump -bm 2 x.png\n";
 
 #[test]
 fn mtl() {
@@ -540,6 +566,9 @@ fn mtl() {
         ("newmtl a\nKd\n", "line 2: Kd: numbers are missing"),
         ("newmtl a\nKs x\n", "line 2: Ks: \"x\" is no number"),
         ("newmtl a\nNs nan\n", "line 2: Ns"),
+        ("newmtl a\nKd spectral a.rfl\n", "line 2: Kd: \"spectral\" is no number"),
+        ("newmtl a\nPr\n", "line 2: Pr"),
+        ("newmtl\n", "invalid object name"),
         ("newmtl a\nmap_Kd\n", "line 2: map_Kd: names no file"),
         ("newmtl a\nmap_Kd -s 1 2\n", "line 2: map_Kd: names no file"),
         ("newmtl a\nmap_Kd -what x.png\n", "option -what is unknown"),
@@ -625,6 +654,47 @@ proptest! {
         match Scene::load(&path) {
             Ok(scene) => _ = export_gltf(&scene, &scene.rig, &folder.path().join("out.glb")),
             Err(error) => prop_assert!(error.to_string().contains("damaged.glb"), "{}", error),
+        }
+    }
+
+    #[test]
+    fn damaged_obj_and_mtl_never_panic(
+        flips in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 0..6),
+        swaps in proptest::collection::vec((any::<proptest::sample::Index>(), 0usize..16), 0..3),
+        cut in proptest::option::of(any::<proptest::sample::Index>()),
+    ) {
+        let words = ["", "-1", "0", "1", "5", "nan", "1e39", "1/", "//1", "f", "v", "Kd", "usemtl", "newmtl", "-s",
+            "6148914691236517205"];
+        let mut text = format!("{OBJ}\0{MTL}");
+        for (at, word) in swaps {
+            let starts: Vec<usize> = text.split(' ').map(|w| w.as_ptr() as usize - text.as_ptr() as usize).collect();
+            let start = starts[at.index(starts.len())];
+            let end = text[start..].find([' ', '\n', '\0']).map_or(text.len(), |n| start + n);
+            text.replace_range(start..end, words[word]);
+        }
+        let (obj, mtl) = text.split_once('\0').unwrap();
+        let (mut obj, mut mtl) = (obj.as_bytes().to_vec(), mtl.as_bytes().to_vec());
+        for (at, value) in flips {
+            let at = at.index(obj.len() + mtl.len());
+            let length = obj.len();
+            *obj.get_mut(at).unwrap_or_else(|| &mut mtl[at - length]) = value;
+        }
+        if let Some(cut) = cut {
+            let at = cut.index(obj.len() + mtl.len());
+            if at < obj.len() { obj.truncate(at) } else { mtl.truncate(at - obj.len()) }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), "x.mtl", &mtl);
+        write(folder.path(), "x.png", &png(1, 1, &[[1, 2, 3, 4]]));
+        match Scene::load(&write(folder.path(), "x.obj", &obj)) {
+            Ok(scene) => {
+                let mesh = &scene.mesh;
+                prop_assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < mesh.positions.len()));
+                prop_assert!(mesh.positions.iter().all(|p| p.is_finite()));
+                prop_assert!(mesh.normals.iter().all(|n| n.is_normalized()));
+                prop_assert!(scene.materials.iter().all(|m| (0.0..=1.0).contains(&m.roughness) && m.emissive.is_finite()));
+            }
+            Err(error) => prop_assert!(error.to_string().contains("x.obj") || error.to_string().contains("x.mtl"), "{}", error),
         }
     }
 

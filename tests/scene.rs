@@ -560,6 +560,32 @@ fn obj_faces() {
 }
 
 #[test]
+fn obj_faces_of_several_kinds() {
+    // Only some faces have normals or texture coordinates, only some vertices colours; indices point forward.
+    let obj = format!(
+        "mtllib my materials.mtl\n{OBJ_SQUARE}v 2 2 2 0.5 0 1\nv 4 0 0 2\nusemtl a\nf 1/2/1 2/1/1 3/3/2\nf 1 3 4\n\
+         f 1//1 2//1 5//1\nf 2 6 5\nf 1/2 2/1 3/3\nvn 1 0 0\nvn 0 1 0\nvt 0.25\nvt 0.5 0.75 9\nvt 1 1\n"
+    );
+    let scene = load_obj(&obj, "newmtl a\nKd 1 1 1\nd -halo 0.5\nKa 1\nmap_Kd two texels.png\n");
+    let mut corners = std::collections::HashMap::new();
+    for (triangle, vertices) in scene.mesh.triangles.iter().enumerate() {
+        let of = world(&scene, triangle).map(|p| p.to_array().map(|x| x as i32));
+        let uvs = vertices.map(|i| scene.mesh.uvs[0][i as usize].to_array());
+        let normals = vertices.map(|i| scene.mesh.normals[i as usize]);
+        let colors = vertices.map(|i| scene.mesh.colors[i as usize].truncate());
+        corners.entry(of).or_insert_with(Vec::new).push((normals, uvs, colors));
+    }
+    let [a, b, c, d, tip, far] = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 2, 2], [2, 0, 0]];
+    let (white, purple, none) = ([Vec3::ONE; 3], Vec3::new(0.5, 0.0, 1.0), [[0.0, 1.0]; 3]);
+    let uvs = [[0.5, 0.25], [0.25, 1.0], [1.0, 0.0]];
+    let given = [Vec3::X, Vec3::X, Vec3::Y];
+    assert_eq!(corners[&[a, b, c]], [(given, uvs, white), ([Vec3::Z; 3], uvs, white)]);
+    assert_eq!(corners[&[a, c, d]], [([Vec3::Z; 3], none, white)]);
+    assert_eq!(corners[&[a, b, tip]], [([Vec3::X; 3], none, [Vec3::ONE, Vec3::ONE, purple])]);
+    assert_eq!(corners[&[b, far, tip]][0].2, [Vec3::ONE, Vec3::ONE, purple]);
+}
+
+#[test]
 fn obj_materials() {
     let obj = format!(
         "mtllib my materials.mtl\n{OBJ_SQUARE}vt 0 0\nvt 1 0\nvt 1 1\n\
