@@ -1,0 +1,128 @@
+//! A triangle against the rays of a packet.
+
+use glam::{Vec2, Vec3};
+use pulp::Simd;
+
+use super::rays::{Rays, any, any_positive, load};
+
+/// A triangle as seen by all rays of a packet: edge function i of a ray is `normals[i] . q + offsets[i]`; it belongs to
+/// the edge opposite to corner i. All three have one sign where the ray's line meets the triangle [Kensler 2006].
+///
+/// Each edge enters as its sum and difference: rounding is relative to the edge's length, and a neighbour, which has
+/// the corners in the other order, gets exactly the negative.
+pub(super) struct Edges {
+    normals: [Vec3; 3],
+    /// Zero from a point.
+    offsets: [f32; 3],
+    /// The plane: normal . x = plane_offset, x relative to a shared origin.
+    normal: Vec3,
+    plane_offset: f32,
+    /// normal . shared direction; only for directional.
+    along: f32,
+}
+
+impl Edges {
+    #[inline(always)]
+    pub fn new<const DIRECTIONAL: bool>(shared: Vec3, corners: [Vec3; 3]) -> Self {
+        let v = if DIRECTIONAL { corners } else { corners.map(|v| v - shared) };
+        let normal = (v[1] - v[0]).cross(v[2] - v[0]);
+        let edges = [(v[1], v[2]), (v[2], v[0]), (v[0], v[1])];
+        let moments = edges.map(|(a, b)| (a + b).cross(b - a));
+        let (normals, offsets) = match DIRECTIONAL {
+            true => (edges.map(|(a, b)| 2.0 * shared.cross(b - a)), moments.map(|m| shared.dot(m))),
+            false => (moments, [0.0; 3]),
+        };
+        Self { normals, offsets, normal, plane_offset: normal.dot(v[0]), along: normal.dot(shared) }
+    }
+
+    /// Whether every ray of the packet surely passes by, by interval arithmetic on the box around its `q`.
+    #[inline(always)]
+    pub fn miss_all<const DIRECTIONAL: bool>(&self, rays: &Rays) -> bool {
+        // Where a ray meets the triangle ahead of its start, all edge functions have this sign.
+        let facing = if DIRECTIONAL { self.along } else { self.plane_offset };
+        let sign = 1f32.copysign(facing);
+        (0..3).any(|k| {
+            let (n, offset) = (self.normals[k], self.offsets[k]);
+            let reach = n.abs().dot(rays.half);
+            let middle = (n.dot(rays.center) + offset) * sign;
+            // Slack for the rounding of both sides.
+            middle + reach < -1e-6 * (n.abs().dot(rays.center.abs()) + reach + offset.abs())
+        })
+    }
+
+    /// The three edge functions of a ray, and whether it meets the triangle within its ends.
+    fn test<const DIRECTIONAL: bool>(&self, q: Vec3) -> ([f32; 3], bool) {
+        let w = [0, 1, 2].map(|k| self.normals[k].dot(q) + self.offsets[k]);
+        let inside = w.iter().all(|w| *w >= 0.0) || w.iter().all(|w| *w <= 0.0);
+        let plane = self.normal.dot(q);
+        let within = if DIRECTIONAL {
+            (self.plane_offset - plane) * self.along > 0.0
+        } else {
+            self.plane_offset * plane > 0.0 && self.plane_offset.abs() < plane.abs()
+        };
+        (w, inside && within)
+    }
+}
+
+/// Ends the rays of a register that meet the triangle. Returns whether any is left. [`Edges::test`], many at once.
+#[inline(always)]
+pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
+    simd: S,
+    edges: &Edges,
+    rays: &mut Rays,
+    register: usize,
+) -> bool {
+    let q = [0, 1, 2].map(|axis| load::<S>(&rays.q[axis], register));
+    let dot = |n: Vec3| {
+        let x = simd.mul_f32s(simd.splat_f32s(n.x), q[0]);
+        let y = simd.mul_f32s(simd.splat_f32s(n.y), q[1]);
+        let z = simd.mul_f32s(simd.splat_f32s(n.z), q[2]);
+        simd.add_f32s(simd.add_f32s(x, y), z)
+    };
+    let edge = |k: usize| match DIRECTIONAL {
+        true => simd.add_f32s(dot(edges.normals[k]), simd.splat_f32s(edges.offsets[k])),
+        false => dot(edges.normals[k]),
+    };
+    let (w0, w1, w2) = (edge(0), edge(1), edge(2));
+    let low = simd.min_f32s(simd.min_f32s(w0, w1), w2);
+    let high = simd.max_f32s(simd.max_f32s(w0, w1), w2);
+    let zero = simd.splat_f32s(0.0);
+    let inside = simd.or_m32s(simd.less_than_or_equal_f32s(zero, low), simd.less_than_or_equal_f32s(high, zero));
+    let end = load::<S>(&rays.end, register);
+    if !any(simd, simd.and_m32s(inside, simd.less_than_f32s(zero, end))) {
+        return true; // most registers miss; it is left as it was, and some of it was alive
+    }
+    let plane = dot(edges.normal);
+    let offset = simd.splat_f32s(edges.plane_offset);
+    let within = if DIRECTIONAL {
+        let ahead = simd.mul_f32s(simd.sub_f32s(offset, plane), simd.splat_f32s(edges.along));
+        simd.less_than_f32s(zero, ahead)
+    } else {
+        // 0 < plane_offset / plane < 1, without the division.
+        let ahead = simd.less_than_f32s(zero, simd.mul_f32s(offset, plane));
+        simd.and_m32s(ahead, simd.less_than_f32s(simd.abs_f32s(offset), simd.abs_f32s(plane)))
+    };
+    let end = simd.select_f32s(simd.and_m32s(inside, within), simd.splat_f32s(-1.0), end);
+    S::as_mut_simd_f32s(&mut rays.end).0[register] = end;
+    any_positive(simd, end)
+}
+
+/// The same for triangles with holes: `hole` tells by barycentric coordinates.
+#[inline(never)]
+pub(super) fn block_unless_hole<const DIRECTIONAL: bool>(
+    edges: &Edges,
+    rays: &mut Rays,
+    register: usize,
+    lanes: usize,
+    hole: impl Fn(Vec2) -> bool,
+) -> bool {
+    let mut any = false;
+    for i in register * lanes..(register + 1) * lanes {
+        let (w, hit) = edges.test::<DIRECTIONAL>(Vec3::new(rays.q[0][i], rays.q[1][i], rays.q[2][i]));
+        if hit && rays.end[i] > 0.0 && !hole(Vec2::new(w[1], w[2]) / (w[0] + w[1] + w[2])) {
+            rays.end[i] = -1.0;
+        }
+        any |= rays.end[i] > 0.0;
+    }
+    any
+}
