@@ -25,7 +25,7 @@ pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    let beside = temporary().tempfile_in(folder).map_err(Error::io("create", path))?;
+    let beside = temporary().tempfile_in(folder).map_err(|e| Error::io("create", path)(without_path(e)))?;
     encode_into(path, beside.as_file(), encode)?;
     beside.as_file().sync_all().map_err(Error::io("write", path))?;
     beside.persist(&target).map_err(|failed| Error::io("rename a finished file to", path)(failed.error))?;
@@ -54,6 +54,12 @@ fn temporary() -> tempfile::Builder<'static, 'static> {
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder
+}
+
+/// The cause of an error in which tempfile names its own file, which nobody has asked for.
+fn without_path(error: io::Error) -> io::Error {
+    let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<io::Error>());
+    inner.and_then(io::Error::raw_os_error).map_or(error, io::Error::from_raw_os_error)
 }
 
 fn encode_into(path: &Path, file: &File, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
