@@ -7,6 +7,7 @@ mod shadow_map;
 mod visibility;
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use glam::{Vec3, Vec4};
 
@@ -245,6 +246,7 @@ impl Relighter {
     /// Does a plan's steps and makes the picture: one frame, or several if many lights are stale at once.
     fn run(&mut self, plan: &Plan, output: Output) -> Result<()> {
         self.times.clear();
+        let began = Instant::now();
         let Self { frames, times, visibility, .. } = self;
         let parts = Parts {
             scene: &self.scene,
@@ -261,6 +263,7 @@ impl Relighter {
         let mut steps = plan.steps.iter().peekable();
         loop {
             visibility.restart();
+            let begin_ms = began.elapsed().as_secs_f64() * 1e3;
             let mut frame = frames.begin()?;
             while let Some(step) = steps.peek() {
                 match step {
@@ -282,7 +285,7 @@ impl Relighter {
                 parts.composite(&mut frame, &plan.picture, target);
             }
             frame.finish()?;
-            times.extend_from_slice(frames.times());
+            times.extend(frames.times().iter().map(|time| PassTime { start_ms: begin_ms + time.start_ms, ..*time }));
             if done {
                 return Ok(());
             }
