@@ -7,13 +7,14 @@ use relume::{Error, Result};
 
 use super::options::SceneOptions;
 use super::session::Session;
+use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// .glb, .gltf or .obj
+    /// Scene: .glb, .gltf or .obj.
     #[arg(required_unless_present_any = ["list", "prune"])]
     scene: Option<PathBuf>,
-    /// Lights whose shadow edges are anti-aliased, and the camera [default: the scene's own].
+    /// Rig file that replaces the scene's lights: --samples looks at their shadow edges.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Lists what the cache holds.
@@ -33,24 +34,28 @@ pub fn run(args: &Args) -> Result<()> {
         let dir = dir.ok_or_else(no_cache)?;
         for entry in cache::list(&dir)? {
             let mb = entry.bytes as f64 * 1e-6;
-            println!("{mb:9.1} MB  {:>11}  {}  {}", entry.size, entry.scene, entry.path.display());
+            out!("{mb:9.1} MB  {:>11}  {}  {}", entry.size, entry.scene, entry.path.display())?;
         }
         return Ok(());
     }
     if args.prune {
         let dir = dir.ok_or_else(no_cache)?;
         let (files, bytes) = cache::prune(&dir)?;
-        println!("removed {files} files, {:.1} MB, from {}", bytes as f64 * 1e-6, dir.display());
+        out!("removed {files} files, {:.1} MB, from {}", bytes as f64 * 1e-6, dir.display())?;
         return Ok(());
     }
     let scene = args.scene.as_ref().expect("clap requires it");
     let session = Session::open(scene, args.rig.as_deref(), &args.options)?;
+    // Other commands do without a cache that cannot be written; this one is there to fill it.
+    if let Some(error) = session.not_stored {
+        return Err(error);
+    }
     let report = &session.bake;
     for stage in &report.stages {
-        println!("{:<20} {:9.1} ms", stage.name, 1e3 * stage.seconds);
+        out!("{:<20} {:9.1} ms", stage.name, 1e3 * stage.seconds)?;
     }
     let cached = if report.cached { " (deep framebuffer from the cache)" } else { "" };
-    println!("{:<20} {:9.1} ms, {:.2} CPU seconds{cached}", "all", 1e3 * report.seconds, report.cpu_seconds);
-    println!("view samples by layer: {:?}", session.baked.layers);
+    out!("{:<20} {:9.1} ms, {:.2} CPU seconds{cached}", "all", 1e3 * report.seconds, report.cpu_seconds)?;
+    out!("view samples by layer: {:?}", session.layers())?;
     Ok(())
 }

@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use relume::Result;
 use relume::gpu::Site;
-use relume::image::file::write_bytes;
 use relume::relight::limits::Limits;
 use relume::relight::{Picture, Relighter};
 use relume::scene::{LightGroup, LightKind, Rig};
@@ -13,25 +12,27 @@ use serde_json::json;
 
 use super::bench_rig::{light_like_scene, nudge};
 use super::options::{LightOptions, SceneOptions};
+use super::output::{make_parent, write_json};
 use super::session::Session;
 use super::stats::sum_by_name;
-use super::{bench_rays, progress};
+use super::{bench_rays, progress, stdout};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// .glb, .gltf or .obj; several are measured one after the other.
-    #[arg(required = true)]
+    /// Scenes, measured one after the other: .glb, .gltf or .obj.
+    #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Repeats everything with that many lights: the scene's own, then more placed by the seed.
-    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    /// Repeats everything with that many lights: the scene's own, then more placed by the seed [default: the scene's
+    /// own].
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_light_count)]
     lights: Vec<usize>,
     /// Frames counted for each edit; a fifth as many before are not.
-    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: u32,
-    /// All records as JSON.
+    /// Writes all records as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Replaces the scenes' lights.
+    /// Rig file that replaces the scenes' lights.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     #[command(flatten)]
@@ -45,16 +46,19 @@ enum Edit {
     Color,
     Toggle,
     Move,
+    /// The same as `Move` while there is no indirect light.
+    MoveDirect,
     Select,
     Group,
     Multi,
     None,
 }
 
-const EDITS: [(Edit, &str); 7] = [
+const EDITS: [(Edit, &str); 8] = [
     (Edit::Color, "color"),
     (Edit::Toggle, "toggle"),
     (Edit::Move, "move"),
+    (Edit::MoveDirect, "move_direct"),
     (Edit::Select, "select"),
     (Edit::Group, "group"),
     (Edit::Multi, "multi"),
@@ -86,6 +90,8 @@ struct PassRecord {
 }
 
 pub fn run(args: &Args) -> Result<()> {
+    args.json.iter().try_for_each(|path| make_parent(path))?;
+    let table = Table { matters: args.json.is_none() };
     let mut records = Vec::new();
     let mut limits = json!(null);
     let mut rates = Vec::new();
@@ -100,11 +106,11 @@ pub fn run(args: &Args) -> Result<()> {
             [] => vec![session.rig.lights.len()],
             counts => counts.to_vec(),
         };
-        println!("{}: {}", path.display(), describe(&session));
-        println!(
-            "  {:>6} {:<7} {:<11} {:>8} {:>8} {:>8}  passes, median ms",
+        table.line(format_args!("{}: {}", path.display(), describe(&session)))?;
+        table.line(format_args!(
+            "  {:>6} {:<11} {:<11} {:>8} {:>8} {:>8}  passes, median ms",
             "lights", "edit", "of", "best", "median", "p95"
-        );
+        ))?;
         for &count in &counts {
             let rig = light_like_scene(&session, count, args.scene_options.seed);
             let mut relighter = session.relighter(&context, &rig, &args.light_options)?;
@@ -118,7 +124,7 @@ pub fn run(args: &Args) -> Result<()> {
                     let bar = progress::bar(name, args.frames as usize);
                     let record = measure(&mut relighter, &session, &rig, edited, (edit, name), args.frames, &bar)?;
                     bar.finish_and_clear();
-                    print_record(&record);
+                    table.record(&record)?;
                     records.push(record);
                 }
             }
@@ -127,12 +133,12 @@ pub fn run(args: &Args) -> Result<()> {
         let copy = best_of(5, || measured.copy_gb_s())?;
         let fma = best_of(5, || measured.fma_gflop_s())?;
         let yard = yardstick.iter().copied().fold(f64::INFINITY, f64::min);
-        println!(
+        table.line(format_args!(
             "  yardstick {yard:.2} ms best, {:.2} median; copy {copy:.1} GB/s, {fma:.1} Gflop/s",
             median(&mut yardstick)
-        );
-        println!("  shadow rays: {rays}");
-        println!("  load average {:.2}", load_average());
+        ))?;
+        table.line(format_args!("  shadow rays: {rays}"))?;
+        table.line(format_args!("  load average {:.2}", load_average()))?;
         limits = json!({ "copy_gb_s": copy, "fma_gflop_s": fma, "yardstick_ms": yard });
         rates.push(json!({ "scene": session.scene.name(), "shadow_rays": rays }));
     }
@@ -146,7 +152,7 @@ pub fn run(args: &Args) -> Result<()> {
             "rates": { "segments_per_s_core": null, "gather_rays_per_s": null, "scenes": rates },
             "records": records,
         });
-        write_bytes(path, format!("{all:#}\n").as_bytes())?;
+        write_json(path, &all)?;
     }
     Ok(())
 }
@@ -155,7 +161,7 @@ impl Edit {
     fn needed_lights(self) -> usize {
         match self {
             Self::None => 0,
-            Self::Color | Self::Toggle | Self::Move => 1,
+            Self::Color | Self::Toggle | Self::Move | Self::MoveDirect => 1,
             Self::Select | Self::Group => 2,
             Self::Multi => 3,
         }
@@ -192,7 +198,7 @@ fn measure(
         match edit {
             Edit::Color => rig.lights[edited].color.x = 0.5 + step as f32 / 32.0,
             Edit::Toggle => rig.lights[edited].enabled = odd,
-            Edit::Move => nudge(&mut rig.lights[edited], &original.lights[edited], session, step),
+            Edit::Move | Edit::MoveDirect => nudge(&mut rig.lights[edited], &original.lights[edited], session, step),
             Edit::Select => relighter.select((edited + frame as usize * 7919 + usize::from(odd)) % count),
             Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
             Edit::Multi => {
@@ -236,28 +242,39 @@ fn measure(
     })
 }
 
-fn print_record(r: &Record) {
-    let passes: Vec<_> = r.passes.iter().map(|pass| format!("{} {:.2}", pass.name, pass.median_ms)).collect();
-    let kind = format!("{:?}", r.edited_kind).to_lowercase();
-    println!(
-        "  {:>6} {:<7} {:<11} {:>8.2} {:>8.2} {:>8.2}  {}",
-        r.lights,
-        r.edit,
-        kind,
-        r.best_ms,
-        r.median_ms,
-        r.p95_ms,
-        passes.join(", ")
-    );
+/// Records for people, on standard output.
+struct Table {
+    /// Without --json: the work ends when nobody reads on.
+    matters: bool,
+}
+
+impl Table {
+    fn line(&self, text: std::fmt::Arguments) -> Result<()> {
+        match stdout::line(text) {
+            Err(error) if !self.matters && stdout::reader_has_gone(&error) => Ok(()),
+            outcome => outcome,
+        }
+    }
+
+    fn record(&self, r: &Record) -> Result<()> {
+        let passes: Vec<_> = r.passes.iter().map(|pass| format!("{} {:.2}", pass.name, pass.median_ms)).collect();
+        let kind = format!("{:?}", r.edited_kind).to_lowercase();
+        self.line(format_args!(
+            "  {:>6} {:<11} {kind:<11} {:>8.2} {:>8.2} {:>8.2}  {}",
+            r.lights,
+            r.edit,
+            r.best_ms,
+            r.median_ms,
+            r.p95_ms,
+            passes.join(", ")
+        ))
+    }
 }
 
 fn describe(session: &Session) -> String {
     let tiling = session.baked.tiling;
     let triangles = session.scene.mesh.triangles.len();
-    format!(
-        "{triangles} triangles, {}x{}, view samples by layer {:?}",
-        tiling.width, tiling.height, session.baked.layers
-    )
+    format!("{triangles} triangles, {}x{}, view samples by layer {:?}", tiling.width, tiling.height, session.layers())
 }
 
 /// The first light of each kind.
@@ -288,4 +305,12 @@ pub fn percentile(values: &mut [f64], share: f64) -> f64 {
 fn load_average() -> f64 {
     let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     text.split_whitespace().next().and_then(|load| load.parse().ok()).unwrap_or(0.0)
+}
+
+/// Most lights that a bench places; each has images of its own or is shaded anew.
+const MAX_LIGHTS: usize = 65_536;
+
+fn parse_light_count(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|&count| count <= MAX_LIGHTS);
+    count.ok_or_else(|| format!("expected numbers of lights up to {MAX_LIGHTS}, like 2,16"))
 }

@@ -1,14 +1,16 @@
 //! `relume compare`: error figures as JSON.
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use relume::Result;
 use relume::image::compare::{Figures, Pictures, Settings};
 use relume::image::png;
-use relume::{Error, Result};
 use serde::Serialize;
+use serde_json::json;
 
-/// Error figures of an image against a reference, as JSON.
+use super::output::make_parent;
+use super::stdout::out;
+
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// EXR file to judge
@@ -24,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true)]
     layer: String,
 
-    /// Compare means of NxN pixels
+    /// Compares means of NxN pixels
     #[arg(long, value_name = "N", default_value = "1", value_parser = parse_block)]
     block: usize,
 
@@ -32,11 +34,11 @@ pub struct Args {
     #[arg(long, value_name = "F", default_value = "0", value_parser = parse_trim)]
     trim: f64,
 
-    /// Count only the pixels that are white here
+    /// Counts only the pixels that are white here
     #[arg(long, value_name = "PNG")]
     mask: Option<PathBuf>,
 
-    /// Write the absolute difference times the scale, clamped, as sRGB
+    /// Writes the absolute difference times --scale, clamped, as sRGB
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
 
@@ -54,16 +56,14 @@ struct Output<'a> {
 
 /// Prints the figures on stdout and writes the difference map if one is asked for.
 pub fn run(args: &Args) -> Result<()> {
+    args.diff.iter().try_for_each(|path| make_parent(path))?;
     let second = args.reference_b.as_deref();
     let pictures = Pictures::read(&args.image, &args.reference, second, &args.layer, args.mask.as_deref())?;
     if let Some(path) = &args.diff {
         png::write(path, pictures.width, pictures.height, &pictures.difference_map(args.scale))?;
     }
     let figures = pictures.figures(Settings { block: args.block, trim: args.trim });
-    let stdout = Path::new("standard output");
-    let json = serde_json::to_string_pretty(&Output { schema: 1, figures: &figures })
-        .map_err(|source| Error::Export { path: stdout.to_owned(), source: source.into() })?;
-    writeln!(std::io::stdout(), "{json}").map_err(Error::io("write", stdout))
+    out!("{:#}", json!(Output { schema: 1, figures: &figures }))
 }
 
 fn parse_block(text: &str) -> Result<usize, String> {

@@ -3,9 +3,11 @@
 use relume::Result;
 use relume::gpu::list_devices;
 
+use super::stdout::out;
+
 #[derive(clap::Args)]
 pub struct Args {
-    /// As JSON.
+    /// Prints JSON.
     #[arg(long)]
     json: bool,
 }
@@ -13,16 +15,16 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let devices = list_devices()?;
     if args.json {
-        println!("{}", serde_json::json!({ "schema": 1, "devices": devices }));
+        out!("{}", serde_json::json!({ "schema": 1, "devices": devices }))?;
         return Ok(());
     }
     if devices.is_empty() {
-        println!("no Vulkan device; tools/setup installs a driver for the CPU");
+        out!("no Vulkan device; tools/setup installs a driver for the CPU")?;
     }
     for d in devices {
         let verdict = if d.lacks.is_empty() { "ready".into() } else { format!("lacks {}", d.lacks.join(", ")) };
         let gib = d.memory_bytes as f64 / f64::from(1 << 30);
-        println!("{}  {} ({}), {}, Vulkan {}, {gib:.1} GiB: {verdict}", d.index, d.name, d.kind, d.driver, d.api);
+        out!("{}  {} ({}), {}, Vulkan {}, {gib:.1} GiB: {verdict}", d.index, d.name, d.kind, d.driver, d.api)?;
     }
     Ok(())
 }

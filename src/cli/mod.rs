@@ -14,7 +14,9 @@ mod render;
 mod rig;
 mod session;
 mod stats;
+mod stdout;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -23,14 +25,15 @@ use relume::Error;
 /// Interactive relighting: precomputes what the lights do not change, then shows any edit of a light at once.
 #[derive(Parser)]
 #[command(version, max_term_width = 120)]
+#[command(after_help = "Exit status: 0 done; 1 the work failed, and one line on stderr says why; 2 bad usage.")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
     /// No progress and no warnings.
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, display_order = 900)]
     quiet: bool,
-    /// Says what is decided; twice, also why.
-    #[arg(long, short, global = true, action = clap::ArgAction::Count)]
+    /// Says what is decided and how long it takes; twice, more of it.
+    #[arg(long, short, global = true, display_order = 901, action = clap::ArgAction::Count)]
     verbose: u8,
 }
 
@@ -46,7 +49,7 @@ enum Command {
     Plan(plan::Args),
     /// Writes a scene's lights and camera as a rig, or the scene with a rig's lights.
     Rig(rig::Args),
-    /// Measures how an image differs from a reference.
+    /// Measures how an image differs from a reference; prints JSON.
     Compare(compare::Args),
     /// Lists Vulkan devices, their drivers, and what each lacks.
     Devices(devices::Args),
@@ -68,8 +71,10 @@ pub fn main() -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) if stdout::reader_has_gone(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("relume: {}", chain(&error));
+            // Where stderr is full or closed nobody can be told; the exit status still tells.
+            let _ = writeln!(std::io::stderr(), "relume: {}", chain(&error));
             ExitCode::FAILURE
         }
     }
@@ -93,6 +98,7 @@ fn log_to_stderr(quiet: bool, verbose: u8) {
     tracing_subscriber::fmt()
         .with_max_level(level)
         .with_writer(std::io::stderr)
+        .log_internal_errors(false) // it would report a full stderr on stderr, and panic
         .with_target(false)
         .without_time()
         .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))

@@ -8,11 +8,12 @@ use relume::{Error, Result};
 
 /// Which scene, and how it is baked.
 #[derive(clap::Args, Clone)]
+#[command(next_help_heading = "Scene and bake")]
 pub struct SceneOptions {
-    /// Image size in pixels, WIDTHxHEIGHT [default: the scene's own, else 720x480].
+    /// Image size in pixels [default: the scene's own, else 720x480].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
-    /// Name of a camera node [default: the first].
+    /// Camera node to look from, by name [default: the rig's camera, else the first].
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
     /// Indirect light. This version has none: only `off`.
@@ -21,22 +22,22 @@ pub struct SceneOptions {
     /// Mirror layers; 1 has no reflections.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
     pub layers: u32,
-    /// View samples a pixel, the extra ones only where edges lie.
+    /// View samples a pixel; more than one only where edges lie.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: u32,
     /// Removes the diffuse lobe of every material.
     #[arg(long)]
     pub strip_diffuse: bool,
-    /// Leaves nothing out that the scene does not need.
+    /// Leaves nothing out, not even what the scene does not need; the picture is the same.
     #[arg(long)]
     pub force_all: bool,
-    /// Everything random follows from it.
+    /// Seed of everything random.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// CPU threads [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub threads: Option<u32>,
-    /// Where baked data lives [default: the user's cache directory].
+    /// Where baked data lives [default: relume in the user's cache directory, ~/.cache as a rule].
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
     /// Bakes anew and stores nothing.
@@ -46,9 +47,10 @@ pub struct SceneOptions {
 
 /// How a baked scene is lit.
 #[derive(clap::Args, Clone)]
+#[command(next_help_heading = "Light and picture")]
 pub struct LightOptions {
     /// Shadow maps with percentage-closer filtering, or exact rays on the CPU; auto: what is faster on the device.
-    #[arg(long, value_enum, default_value = "auto")]
+    #[arg(long, value_enum, value_name = "METHOD", default_value = "auto")]
     pub visibility: Visibility,
     /// Side of a shadow map in texels.
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=16384))]
@@ -60,7 +62,7 @@ pub struct LightOptions {
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub budget: Option<u64>,
     /// Tone curve of PNG images; EXR is always scene-linear.
-    #[arg(long, value_enum, default_value = "agx")]
+    #[arg(long, value_enum, value_name = "CURVE", default_value = "agx")]
     pub tonemap: Tonemap,
     /// Exposure of PNG images in stops, or `auto`: fixed once, from the first rig as loaded.
     #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
@@ -144,6 +146,9 @@ pub fn check_size(size: [u32; 2]) -> Result<(), String> {
     }
 }
 
+/// From candles to suns and back is 50 stops; a factor of 2^100 times any sane radiance still is a number.
+const MAX_STOPS: f32 = 100.0;
+
 fn parse_bytes(text: &str) -> Result<u64, String> {
     let (digits, factor) = match text.to_ascii_uppercase().trim_end_matches('B') {
         t if t.ends_with('G') => (t.trim_end_matches('G').to_owned(), 1e9),
@@ -161,9 +166,9 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
         _ => text
             .parse::<f32>()
             .ok()
-            .filter(|stops| stops.is_finite())
+            .filter(|stops| stops.abs() <= MAX_STOPS)
             .map(Exposure::Stops)
-            .ok_or("expected stops, like -1.5, or auto".into()),
+            .ok_or(format!("expected auto, or stops from -{MAX_STOPS} to {MAX_STOPS}, like -1.5")),
     }
 }
 

@@ -1,9 +1,13 @@
 //! Where pictures go: which passes, as EXR layers or one PNG each.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use relume::image::{Image, Layer, exr, png};
+use relume::gpu::PassTime;
+use relume::image::file::write_bytes;
+use relume::image::{Image, exr, png};
 use relume::relight::{Layers, Picture, Relighter, exposure};
+use relume::scene::Rig;
 use relume::{Error, Result};
 
 use super::options::{Exposure, check_extension};
@@ -41,17 +45,22 @@ pub fn parse_passes(text: &str) -> Result<Passes, String> {
             None => Err(format!("{name}: expected beauty, direct, reflection, emission, light:NAME or all")),
         },
     };
-    text.split(',').map(|name| parse(name.trim())).collect::<Result<_, _>>().map(Passes::List)
+    let list = text.split(',').map(|name| parse(name.trim())).collect::<Result<Vec<_>, _>>()?;
+    match list.iter().enumerate().find(|(i, pass)| list[..*i].contains(pass)) {
+        Some((_, twice)) => Err(format!("{} is there twice", twice.name())),
+        None => Ok(Passes::List(list)),
+    }
 }
 
 impl Passes {
-    fn resolve(&self, relighter: &Relighter) -> Result<Vec<PassKind>> {
+    /// The passes of a rig, whose lights may be asked for by name.
+    fn of(&self, rig: &Rig, has_emission: bool) -> Result<Vec<PassKind>> {
         use PassKind::*;
-        let lights = &relighter.rig().lights;
+        let lights = &rig.lights;
         match self {
             Self::All => {
                 let each = lights.iter().map(|light| Light(light.name.clone()));
-                let emission = relighter.has_emission().then_some(Emission);
+                let emission = has_emission.then_some(Emission);
                 Ok([Beauty, Direct, Reflection].into_iter().chain(emission).chain(each).collect())
             }
             Self::List(list) => {
@@ -60,7 +69,10 @@ impl Passes {
                         && !lights.iter().any(|light| light.name == *name)
                     {
                         let names: Vec<_> = lights.iter().map(|light| light.name.as_str()).collect();
-                        let reason = format!("no such light; there are: {}", names.join(", "));
+                        let reason = match names.is_empty() {
+                            true => "there are no lights".into(),
+                            false => format!("no such light; there are: {}", names.join(", ")),
+                        };
                         return Err(Error::invalid(format!("--passes light:{name}"), reason));
                     }
                 }
@@ -71,10 +83,9 @@ impl Passes {
 }
 
 impl PassKind {
-    /// What EXR calls its layer; the beauty is the unnamed one.
-    fn layer_name(&self) -> String {
+    fn name(&self) -> String {
         match self {
-            Self::Beauty => String::new(),
+            Self::Beauty => "beauty".into(),
             Self::Direct => "direct".into(),
             Self::Reflection => "reflection".into(),
             Self::Emission => "emission".into(),
@@ -82,12 +93,14 @@ impl PassKind {
         }
     }
 
-    /// What `{pass}` stands for in the name of a file.
+    /// What EXR calls its layer; the beauty is the unnamed one.
+    fn layer_name(&self) -> String {
+        if *self == Self::Beauty { String::new() } else { self.name() }
+    }
+
+    /// What `{pass}` stands for in the name of a file. A light called `../key` stays in the folder.
     fn file_name(&self) -> String {
-        match self {
-            Self::Beauty => "beauty".into(),
-            _ => self.layer_name(),
-        }
+        self.name().replace(['/', '\\', '\0'], "_")
     }
 
     /// Tells the relighter which layers this pass shows, and which picture of them.
@@ -113,91 +126,152 @@ impl PassKind {
 pub struct Template(pub PathBuf);
 
 impl Template {
-    pub fn check(&self, rig_count: usize) -> Result<()> {
+    /// Refuses, before any work is done, what cannot hold the pictures asked for.
+    pub fn check(&self, rig_count: usize, passes: &Passes) -> Result<()> {
         check_extension(&self.0, &["exr", "png"])?;
-        let text = self.0.to_string_lossy();
-        if rig_count > 1 && !text.contains("{rig}") {
-            return Err(Error::invalid(text, "several rigs need an output name with {rig} in it"));
+        let needs = |reason: &str| Err(Error::invalid(self.0.display().to_string(), reason));
+        if rig_count > 1 && !self.holds("{rig}") {
+            return needs("several rigs need an output name with {rig} in it");
+        }
+        let several = match passes {
+            Passes::All => true,
+            Passes::List(list) => list.len() > 1,
+        };
+        if several && !self.is_exr() && !self.holds("{pass}") {
+            return needs("a PNG holds one pass; put {pass} into the name, or write an EXR");
         }
         Ok(())
     }
 
+    /// Names that are not UTF-8 hold no placeholders and stay as they are.
     fn fill(&self, rig: &str, pass: &str) -> PathBuf {
-        PathBuf::from(self.0.to_string_lossy().replace("{rig}", rig).replace("{pass}", pass))
+        let fill = |text: &str| PathBuf::from(text.replace("{rig}", rig).replace("{pass}", pass));
+        self.0.to_str().map_or_else(|| self.0.clone(), fill)
     }
 
-    fn has_pass(&self) -> bool {
-        self.0.to_string_lossy().contains("{pass}")
+    fn holds(&self, placeholder: &str) -> bool {
+        self.0.to_str().is_some_and(|text| text.contains(placeholder))
+    }
+
+    fn is_exr(&self) -> bool {
+        check_extension(&self.0, &["exr"]).is_ok()
     }
 }
 
-/// A written picture's figures for `--stats`.
+/// One file to write.
+struct Target {
+    path: PathBuf,
+    passes: Vec<PassKind>,
+}
+
+/// All pictures of one rig.
+pub struct Job<'a> {
+    pub rig: &'a Rig,
+    targets: Vec<Target>,
+}
+
+/// What to write for each rig and its name. Two pictures for one file are an error.
+pub fn plan<'a>(
+    passes: &Passes,
+    template: &Template,
+    rigs: &[(String, &'a Rig)],
+    has_emission: bool,
+) -> Result<Vec<Job<'a>>> {
+    let mut paths = HashSet::new();
+    let mut jobs = Vec::new();
+    for (name, rig) in rigs {
+        let passes = passes.of(rig, has_emission)?;
+        let target =
+            |passes: &[PassKind], pass: &str| Target { path: template.fill(name, pass), passes: passes.into() };
+        let targets: Vec<_> = match template.holds("{pass}") {
+            true => passes.chunks(1).map(|pass| target(pass, &pass[0].file_name())).collect(),
+            false => vec![target(&passes, "")],
+        };
+        if let Some(twice) = targets.iter().find(|target| !paths.insert(target.path.clone())) {
+            let reason = "two rigs or lights give this name; rename one";
+            return Err(Error::invalid(twice.path.display().to_string(), reason));
+        }
+        jobs.push(Job { rig, targets });
+    }
+    Ok(jobs)
+}
+
+/// Written pictures, and figures of them for `--stats`.
 #[derive(Default)]
 pub struct Written {
     pub files: Vec<PathBuf>,
     /// Values in the beauty that are NaN or infinite.
     pub non_finite: usize,
     pub negative: usize,
+    /// When passes ran: one list for each picture.
+    pub frames: Vec<Vec<PassTime>>,
 }
 
-/// Renders `passes` of one rig into `template`. `exposure` is fixed by the first picture that needs it.
+/// Renders a rig and writes its files. `exposure` is fixed by the first picture that needs it.
 pub fn write(
     relighter: &mut Relighter,
-    passes: &Passes,
-    template: &Template,
-    rig: &str,
+    job: &Job,
     size: (usize, usize),
     exposure: &mut Exposure,
-) -> Result<Written> {
-    let passes = passes.resolve(relighter)?;
-    let is_exr = check_extension(&template.0, &["exr"]).is_ok();
-    if !is_exr && !template.has_pass() && passes.len() > 1 {
-        return Err(Error::invalid(
-            template.0.display().to_string(),
-            "a PNG holds one pass; put {pass} into the name, or write an EXR",
-        ));
-    }
-    let mut written = Written::default();
-    let picture = PassKind::Beauty.choose(relighter);
-    let beauty = relighter.linear(picture)?;
-    written.non_finite = beauty.iter().flatten().filter(|v| !v.is_finite()).count();
-    written.negative = beauty.iter().flatten().filter(|v| **v < 0.0).count();
+    written: &mut Written,
+) -> Result<()> {
+    relighter.set_rig(job.rig);
+    let beauty = linear(relighter, &PassKind::Beauty, written)?;
+    written.non_finite += beauty.iter().flatten().filter(|v| !v.is_finite()).count();
+    written.negative += beauty.iter().flatten().filter(|v| **v < 0.0).count();
     let stops = match *exposure {
         Exposure::Stops(stops) => stops,
-        Exposure::Auto => exposure::automatic(beauty),
+        Exposure::Auto => {
+            let stops = exposure::automatic(&beauty);
+            tracing::info!("exposure: {stops:.2} stops");
+            stops
+        }
     };
     *exposure = Exposure::Stops(stops);
 
-    let mut image = Image { width: size.0, height: size.1, layers: Vec::new() };
-    for pass in &passes {
-        let picture = pass.choose(relighter);
-        let path = template.fill(rig, &pass.file_name());
-        make_parent(&path)?;
-        if !is_exr {
-            png::write(&path, size.0, size.1, relighter.display(picture, stops)?)?;
-            written.files.push(path);
-        } else if template.has_pass() {
-            exr::write(&path, &Image::single(size.0, size.1, relighter.linear(picture)?.to_vec()))?;
-            written.files.push(path);
+    for Target { path, passes } in &job.targets {
+        make_parent(path)?;
+        if check_extension(path, &["exr"]).is_ok() {
+            let mut image = Image { width: size.0, height: size.1, layers: Vec::new() };
+            for pass in passes {
+                let pixels = match pass {
+                    PassKind::Beauty => beauty.clone(),
+                    _ => linear(relighter, pass, written)?,
+                };
+                image.push_layer(pass.layer_name(), pixels);
+            }
+            exr::write(path, &image)?;
         } else {
-            image.layers.push(Layer { name: pass.layer_name(), pixels: relighter.linear(picture)?.to_vec() });
+            let picture = passes[0].choose(relighter);
+            png::write(path, size.0, size.1, relighter.display(picture, stops)?)?;
+            written.frames.push(relighter.times().to_vec());
         }
+        written.files.push(path.clone());
     }
-    if !image.layers.is_empty() {
-        let path = template.fill(rig, "");
-        make_parent(&path)?;
-        exr::write(&path, &image)?;
-        written.files.push(path);
-    }
-    Ok(written)
+    Ok(())
 }
 
-/// Makes the folder that a file goes to.
-fn make_parent(path: &Path) -> Result<()> {
+fn linear(relighter: &mut Relighter, pass: &PassKind, written: &mut Written) -> Result<Vec<[f32; 3]>> {
+    let picture = pass.choose(relighter);
+    let pixels = relighter.linear(picture)?.to_vec();
+    written.frames.push(relighter.times().to_vec());
+    Ok(pixels)
+}
+
+/// Makes the folder that a file goes to, and refuses to write a file where a folder is.
+pub fn make_parent(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::io("write", path)(std::io::ErrorKind::IsADirectory.into()));
+    }
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => {
             std::fs::create_dir_all(parent).map_err(Error::io("create", parent))
         }
         _ => Ok(()),
     }
+}
+
+/// Writes JSON as the whole of `path`.
+pub fn write_json(path: &Path, json: &serde_json::Value) -> Result<()> {
+    write_bytes(path, format!("{json:#}\n").as_bytes())
 }

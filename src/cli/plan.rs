@@ -7,15 +7,16 @@ use serde_json::json;
 
 use super::options::SceneOptions;
 use super::session::Session;
+use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// .glb, .gltf or .obj
+    /// Scene: .glb, .gltf or .obj.
     scene: PathBuf,
-    /// Replaces the scene's lights.
+    /// Rig file that replaces the scene's lights.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// As JSON.
+    /// Prints JSON.
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -77,20 +78,20 @@ pub fn run(args: &Args) -> Result<()> {
                 "width": baked.tiling.width,
                 "height": baked.tiling.height,
             },
-            "samples": { "view": baked.samples.len(), "layers": baked.layers },
+            "samples": { "view": baked.samples.len(), "layers": session.layers() },
             "light_image_bytes": images,
             "left_out": left_out,
         });
-        println!("{plan:#}");
+        out!("{plan:#}")?;
         return Ok(());
     }
-    println!("{}", args.scene.display());
-    println!("  {} triangles, {} lights", session.scene.mesh.triangles.len(), session.rig.lights.len());
-    println!("  {}x{} pixels, view samples by layer {:?}", baked.tiling.width, baked.tiling.height, baked.layers);
-    println!("  light images: up to {:.0} MB", images as f64 * 1e-6);
-    println!("left out:");
+    out!("{}", args.scene.display())?;
+    out!("  {} triangles, {} lights", session.scene.mesh.triangles.len(), session.rig.lights.len())?;
+    out!("  {}x{} pixels, view samples by layer {:?}", baked.tiling.width, baked.tiling.height, session.layers())?;
+    out!("  light images: up to {:.0} MB", images as f64 * 1e-6)?;
+    out!("left out:")?;
     for item in left_out {
-        println!("  {}: {} (saves {})", item.what, item.why, item.saves);
+        out!("  {}: {} (saves {})", item.what, item.why, item.saves)?;
     }
     Ok(())
 }

@@ -5,20 +5,22 @@ use std::path::PathBuf;
 use relume::scene::{Rig, Scene, export_gltf};
 use relume::{Error, Result};
 
-/// Writes a scene's lights and camera as a rig file, or a scene with the lights of a rig file.
+use super::output::make_parent;
+
 #[derive(clap::Args)]
 pub struct Args {
-    /// A .glb, .gltf or .obj file
+    /// Scene: .glb, .gltf or .obj.
     pub scene: PathBuf,
-    /// Writes SCENE with the lights of this rig file
+    /// Rig file: writes the scene with its lights.
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
-    /// The rig file to write (.toml); with --rig, the scene (.glb or .gltf)
+    /// Rig file to write (.toml); with --rig, the scene (.glb or .gltf).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
 
 pub fn run(args: &Args) -> Result<()> {
+    make_parent(&args.output)?;
     let scene = Scene::load(&args.scene)?;
     if let Some(rig) = &args.rig {
         return export_gltf(&scene, &Rig::load(rig)?, &args.output);

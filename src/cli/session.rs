@@ -23,6 +23,8 @@ pub struct Session {
     pub rig: Rig,
     pub bake: BakeReport,
     pub cache_dir: Option<PathBuf>,
+    /// Why the cache could not be written.
+    pub not_stored: Option<Error>,
 }
 
 /// What the bake took.
@@ -76,7 +78,7 @@ impl Session {
         let camera = choose_camera(&scene, &rig, options)?;
         let [width, height] = options.size.or(scene.image_size).unwrap_or([720, 480]);
         check_size([width, height]).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
-        check_memory([width, height], path)?;
+        check_memory([width, height], options.samples, path)?;
         let settings = BakeSettings { width, height, layers: options.layers, samples: options.samples };
 
         let spinner = progress::spinner("building the BVH");
@@ -86,6 +88,7 @@ impl Session {
         let key = cache::key(&scene, &camera, &rig, &settings);
         let stored = cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key)));
         report.cached = stored.is_some();
+        let mut not_stored = None;
         let mut baked = match stored {
             Some(baked) => baked,
             None => {
@@ -98,6 +101,7 @@ impl Session {
                     && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
                 {
                     tracing::info!("not kept: {error}"); // a read-only cache works
+                    not_stored = Some(error);
                 }
                 baked
             }
@@ -105,7 +109,8 @@ impl Session {
         baked.has_specular |= options.force_all;
         report.seconds = start.elapsed().as_secs_f64();
         report.cpu_seconds = cpu_seconds() - cpu_start;
-        Ok(Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked), rig, bake: report, cache_dir })
+        let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
+        Ok(Self { scene, bvh, baked, rig, bake: report, cache_dir, not_stored })
     }
 
     pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {
@@ -123,6 +128,13 @@ impl Session {
         Relighter::new(context, &self.scene, &self.bvh, &self.baked, rig, &settings)
     }
 
+    /// View samples in each layer that was asked for, seen or not.
+    pub fn layers(&self) -> Vec<usize> {
+        let mut layers = self.baked.layers.clone();
+        layers.resize(self.baked.asked_layers as usize, 0);
+        layers
+    }
+
     pub fn size(&self) -> (usize, usize) {
         (self.baked.tiling.width as usize, self.baked.tiling.height as usize)
     }
@@ -134,10 +146,11 @@ fn choose_camera(scene: &Scene, rig: &Rig, options: &SceneOptions) -> Result<Cam
         let found = scene.cameras.iter().find(|camera| camera.name == *name);
         return found.cloned().ok_or_else(|| {
             let names: Vec<_> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
-            Error::invalid(
-                format!("--camera {name}"),
-                format!("{} has no such camera; it has: {}", scene.path.display(), names.join(", ")),
-            )
+            let reason = match names.is_empty() {
+                true => format!("{} has no cameras", scene.path.display()),
+                false => format!("{} has no such camera; it has: {}", scene.path.display(), names.join(", ")),
+            };
+            Error::invalid(format!("--camera {name}"), reason)
         });
     }
     if let Some(camera) = rig.camera.as_ref().or(scene.cameras.first()) {
@@ -147,23 +160,28 @@ fn choose_camera(scene: &Scene, rig: &Rig, options: &SceneOptions) -> Result<Cam
     Ok(Camera::framing(&scene.mesh, scene.origin))
 }
 
-/// Bytes that a pixel takes at the least: view sample, normal and packet, twice while they are collected; the samples
+/// Bytes that a sample takes at the least: view sample, normal and packet, twice while they are collected; the samples
 /// and three light images on the device; two pictures.
-const BYTES_A_PIXEL: u64 = 2 * (32 + 12 + 36) + 32 + 36 + 16;
+const BYTES_A_SAMPLE: u64 = 2 * (32 + 12 + 36) + 32 + 36 + 16;
+/// Share of the pixels that get several samples: 0.04 in the shipped scenes.
+const SHARE_OF_EDGES: f64 = 0.04;
 
 /// Refuses a picture that cannot fit this machine, before the system does so less kindly.
-fn check_memory(size: [u32; 2], path: &Path) -> Result<()> {
+fn check_memory(size: [u32; 2], samples: u32, path: &Path) -> Result<()> {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
     let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()) else { return Ok(()) };
-    let needed = u64::from(size[0]) * u64::from(size[1]) * BYTES_A_PIXEL;
-    if needed <= kib * 1024 {
+    let samples_a_pixel = 1.0 + SHARE_OF_EDGES * f64::from(samples - 1);
+    let needed = (u64::from(size[0]) * u64::from(size[1]) * BYTES_A_SAMPLE) as f64 * samples_a_pixel * 1e-9;
+    let free = kib as f64 * 1024e-9;
+    if needed <= free {
         return Ok(());
     }
-    let (needed, free) = (needed as f64 * 1e-9, kib as f64 * 1024e-9);
     let reason = format!(
-        "{}x{} pixels take {needed:.1} GB of memory, {free:.1} GB are free; choose a smaller --size",
-        size[0], size[1]
+        "{}x{} pixels take {needed:.1} GB of memory, {free:.1} GB are free; choose a smaller --size{}",
+        size[0],
+        size[1],
+        if samples > 1 { " or fewer --samples" } else { "" }
     );
     Err(Error::invalid(path.display().to_string(), reason))
 }

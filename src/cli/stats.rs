@@ -1,10 +1,6 @@
 //! `--stats` and `--trace`: figures of a run for other programs.
 
-use std::path::Path;
-
-use relume::Result;
 use relume::gpu::{PassTime, Site};
-use relume::image::file::write_bytes;
 use relume::relight::Relighter;
 use serde_json::{Value, json};
 
@@ -12,8 +8,8 @@ use super::output::Written;
 use super::plan::left_out;
 use super::session::{BakeReport, Session, peak_bytes};
 
-/// Writes the figures of INTERFACE's `--stats`; what this version does not compute is null.
-pub fn write(path: &Path, session: &Session, relighter: &Relighter, written: &Written) -> Result<()> {
+/// What `--stats` tells; what this version does not compute is null. `frame` is the first picture, all lights new.
+pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> Value {
     let info = &relighter.context().info;
     let baked = &session.baked;
     let memory: Vec<Value> = relighter
@@ -22,7 +18,7 @@ pub fn write(path: &Path, session: &Session, relighter: &Relighter, written: &Wr
         .into_iter()
         .map(|(owner, bytes)| json!({ "owner": owner, "bytes": bytes }))
         .collect();
-    let stats = json!({
+    json!({
         "schema": 1,
         "relume": env!("CARGO_PKG_VERSION"),
         "device": info.name,
@@ -40,15 +36,18 @@ pub fn write(path: &Path, session: &Session, relighter: &Relighter, written: &Wr
             "cached": session.bake.cached,
             "peak_bytes": peak_bytes(),
         },
-        "samples": { "view": baked.samples.len(), "gather": 0, "layers": baked.layers },
-        "transfer": null,
-        "frame": frame(relighter.times()),
+        "samples": { "view": baked.samples.len(), "gather": 0, "layers": session.layers() },
+        "transfer": {
+            "method": null, "form": null, "bytes": 0, "bytes_per_pixel": 0.0, "macs_per_pixel": 0.0,
+            "held_out": { "point": null, "spot": null, "worst_tile": null },
+            "spectral_radius": null, "bounces": null, "residual": null, "capped": null,
+        },
+        "frame": frame(written.frames.first().map_or(&[], Vec::as_slice)),
         "non_finite": written.non_finite,
         "negative": written.negative,
         "memory": memory,
         "left_out": left_out(session, relighter.traces()),
-    });
-    write_bytes(path, format!("{stats:#}\n").as_bytes())
+    })
 }
 
 /// Passes in order of their first appearance, the times of equal names added.
@@ -72,51 +71,36 @@ fn frame(times: &[PassTime]) -> Value {
     json!({ "passes": passes, "gpu_ms": gpu_ms, "wall_ms": wall_ms })
 }
 
-/// Events in the format of Chrome's tracing, which Perfetto opens too.
-#[derive(Default)]
-pub struct Trace {
-    events: Vec<Value>,
-    /// Where the next frame begins, microseconds.
-    end_us: f64,
-}
-
 const CPU_THREAD: u32 = 1;
 const GPU_THREAD: u32 = 2;
 
-impl Trace {
-    /// Adds the passes of one picture, called `name`, after what is there.
-    pub fn add(&mut self, name: &str, times: &[PassTime]) {
-        let begin = self.end_us;
-        for time in times {
-            let thread = if time.site == Site::Gpu { GPU_THREAD } else { CPU_THREAD };
-            let start = begin + 1e3 * time.start_ms;
-            self.event(time.name, name, thread, start, 1e3 * time.ms);
-        }
-    }
-
-    fn event(&mut self, name: &str, category: &str, thread: u32, start_us: f64, us: f64) {
-        self.end_us = self.end_us.max(start_us + us);
-        self.events.push(json!({
+/// The bake's stages, then the passes of each frame, as Chrome's trace events, which Perfetto opens too.
+pub fn trace(bake: &BakeReport, frames: &[Vec<PassTime>]) -> Value {
+    let mut events = Vec::new();
+    let mut end_us = 0.0f64;
+    let mut event = |name: &str, category: &str, thread: u32, start_us: f64, us: f64| {
+        events.push(json!({
             "name": name, "cat": category, "ph": "X", "pid": 1, "tid": thread, "ts": start_us, "dur": us,
         }));
+        end_us = end_us.max(start_us + us);
+        end_us
+    };
+    let mut begin_us = 0.0;
+    for stage in &bake.stages {
+        begin_us = event(stage.name, "bake", CPU_THREAD, begin_us, 1e6 * stage.seconds);
     }
-
-    /// Writes all events, the bake's stages before them.
-    pub fn write(self, path: &Path, bake: &BakeReport) -> Result<()> {
-        let mut all = Self::default();
-        for stage in &bake.stages {
-            all.event(stage.name, "bake", CPU_THREAD, all.end_us, 1e6 * stage.seconds);
+    for frame in frames {
+        let mut frame_end_us = begin_us;
+        for time in frame {
+            let thread = if time.site == Site::Gpu { GPU_THREAD } else { CPU_THREAD };
+            frame_end_us = event(time.name, "frame", thread, begin_us + 1e3 * time.start_ms, 1e3 * time.ms);
         }
-        let offset = all.end_us;
-        for mut event in self.events {
-            event["ts"] = json!(event["ts"].as_f64().unwrap_or(0.0) + offset);
-            all.events.push(event);
-        }
-        for (thread, name) in [(CPU_THREAD, "CPU"), (GPU_THREAD, "GPU")] {
-            all.events.push(json!({
-                "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name },
-            }));
-        }
-        write_bytes(path, json!({ "traceEvents": all.events }).to_string().as_bytes())
+        begin_us = frame_end_us;
     }
+    for (thread, name) in [(CPU_THREAD, "CPU"), (GPU_THREAD, "GPU")] {
+        events.push(json!({
+            "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name },
+        }));
+    }
+    json!({ "traceEvents": events })
 }

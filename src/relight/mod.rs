@@ -181,11 +181,6 @@ impl Relighter {
         &self.times
     }
 
-    /// Whether an emitter is seen.
-    pub fn has_emission(&self) -> bool {
-        self.gpu.emission.is_some()
-    }
-
     /// Whether shadow rays are traced on the CPU, else shadow maps are drawn.
     pub fn traces(&self) -> bool {
         self.shadow_maps.is_none()
