@@ -162,6 +162,8 @@ impl Template {
 struct Target {
     path: PathBuf,
     passes: Vec<PassKind>,
+    /// Whether the file's name tells its one pass: the layer needs no name then.
+    named: bool,
 }
 
 /// All pictures of one rig.
@@ -181,9 +183,12 @@ pub fn plan<'a>(
     let mut jobs = Vec::new();
     for (name, rig) in rigs {
         let passes = passes.of(rig, has_emission)?;
-        let target =
-            |passes: &[PassKind], pass: &str| Target { path: template.fill(name, pass), passes: passes.into() };
-        let targets: Vec<_> = match template.holds("{pass}") {
+        let named = template.holds("{pass}");
+        let target = |passes: &[PassKind], pass: &str| {
+            let path = template.fill(name, pass);
+            Target { path, passes: passes.into(), named }
+        };
+        let targets: Vec<_> = match named {
             true => passes.chunks(1).map(|pass| target(pass, &pass[0].file_name())).collect(),
             false => vec![target(&passes, "")],
         };
@@ -229,7 +234,7 @@ pub fn write(
     };
     *exposure = Exposure::Stops(stops);
 
-    for Target { path, passes } in &job.targets {
+    for Target { path, passes, named } in &job.targets {
         make_parent(path)?;
         if check_extension(path, &["exr"]).is_ok() {
             let mut image = Image { width: size.0, height: size.1, layers: Vec::new() };
@@ -238,7 +243,7 @@ pub fn write(
                     PassKind::Beauty => beauty.clone(),
                     _ => linear(relighter, pass, written)?,
                 };
-                image.push_layer(pass.layer_name(), pixels);
+                image.push_layer(if *named { String::new() } else { pass.layer_name() }, pixels);
             }
             exr::write(path, &image)?;
         } else {
