@@ -5,6 +5,7 @@
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
+#include "lib/thread.glsl"
 #include "lib/color.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
@@ -14,13 +15,13 @@ layout(constant_id = 0) const uint OUTPUT = OUTPUT_LINEAR;
 // One workgroup a tile: reads run on in memory, and no pixel divides by the width.
 void main() {
     uint tiles_x = (push.width + TILE_SIZE - 1) / TILE_SIZE;
-    uvec2 tile = uvec2(gl_WorkGroupID.x % tiles_x, gl_WorkGroupID.x / tiles_x);
+    uvec2 tile = uvec2(group_index() % tiles_x, group_index() / tiles_x);
     uint inside = gl_LocalInvocationIndex;
     uvec2 pixel = tile * TILE_SIZE + uvec2(inside % TILE_SIZE, inside / TILE_SIZE);
     if (pixel.x >= push.width || pixel.y >= push.height) {
         return;
     }
-    uint at = gl_GlobalInvocationID.x;
+    uint at = thread_index();
     uint index = pixel.y * push.width + pixel.x;
 
     vec3 c = vec3(0.0);

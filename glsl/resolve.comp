@@ -4,12 +4,13 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
+#include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { ResolvePush push; };
 
 void main() {
-    uint index = gl_GlobalInvocationID.x;
+    uint index = thread_index();
     if (index >= push.pixel_count) {
         return;
     }

@@ -4,6 +4,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
+#include "lib/thread.glsl"
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
 
@@ -29,7 +30,7 @@ vec3 shade(uint index) {
 }
 
 void main() {
-    uint index = gl_GlobalInvocationID.x;
+    uint index = thread_index();
     if (index >= push.sample_count) {
         return;
     }

@@ -5,6 +5,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
+#include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { ShadowPcfPush push; };
@@ -41,7 +42,7 @@ float lookup(vec3 position) {
 }
 
 void main() {
-    uint first = 4 * gl_GlobalInvocationID.x;
+    uint first = 4 * thread_index();
     if (first >= push.sample_count) {
         return;
     }
@@ -49,5 +50,5 @@ void main() {
     for (uint i = 0; i < 4; ++i) {
         visibility[i] = lookup(push.samples.at[min(first + i, push.sample_count - 1)].position);
     }
-    push.visibility.at[gl_GlobalInvocationID.x] = packUnorm4x8(visibility);
+    push.visibility.at[thread_index()] = packUnorm4x8(visibility);
 }

@@ -5,12 +5,13 @@
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
+#include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { SumImagesPush push; };
 
 void main() {
-    uint index = gl_GlobalInvocationID.x;
+    uint index = thread_index();
     if (index >= 3 * push.plane_length) {
         return;
     }

@@ -65,7 +65,7 @@
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
 //! - [Sobotka 2022] Sobotka, AgX; [Wrensch 2023] Wrensch, Minimal AgX implementation.
-//! - [Reshetov 2005] Reshetov, Soupikov, Hurley, Multi-level ray tracing algorithm, SIGGRAPH.
+//! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
 //! - [Sutherland 1974] Sutherland, Hodgman, Reentrant polygon clipping, CACM 17(1).
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.

@@ -8,6 +8,8 @@ gpu_shared! {
     constants {
         /// Threads in a workgroup of every kernel: one tile of pixels, and a whole number of subgroups everywhere.
         pub const GROUP_SIZE: u32 = 64;
+        /// Workgroups in the first dimension of a dispatch: Vulkan guarantees 65,535.
+        pub const MAX_COLUMNS: u32 = 1 << 15;
         /// Side of a tile of pixels. Images and layer 1 are stored tile by tile, so that 64 neighbours in memory are
         /// neighbours in the picture: a packet of shadow rays, a workgroup, a cache line.
         pub const TILE_SIZE: u32 = 8;

@@ -19,7 +19,7 @@ use super::kernel::Kernel;
 use super::memory::{Access, Buffer, RawBuffer};
 use super::raster::DepthArray;
 use crate::error::Result;
-use crate::shared::GROUP_SIZE;
+use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 
 /// Where a pass ran.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -395,10 +395,12 @@ impl Pass<'_> {
         self.sampled = Some(depth.set);
     }
 
-    /// Runs `kernel` with one thread for each of `thread_count`.
+    /// Runs `kernel` with at least one thread for each of `thread_count`; the kernel leaves the others out.
     pub fn dispatch<P: Pod>(self, kernel: &Kernel, push: &P, thread_count: u32) {
         let Self { frames, name, sampled } = self;
         frames.begin_pass(name);
+        let groups = thread_count.div_ceil(GROUP_SIZE).max(1);
+        let columns = groups.min(MAX_COLUMNS);
         let device = &frames.context.device;
         let layout = frames.context.pipeline_layout;
         let stages = vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT;
@@ -411,7 +413,7 @@ impl Pass<'_> {
                 let bind_point = vk::PipelineBindPoint::COMPUTE;
                 device.cmd_bind_descriptor_sets(frames.commands, bind_point, layout, 0, &[set], &[]);
             }
-            device.cmd_dispatch(frames.commands, thread_count.div_ceil(GROUP_SIZE), 1, 1);
+            device.cmd_dispatch(frames.commands, columns, groups.div_ceil(columns), 1);
         }
         frames.end_pass(name);
     }

@@ -94,9 +94,7 @@ impl TracePackets<'_> {
         let shared = if DIRECTIONAL { -light.direction } else { light.position };
         let mut stack = Vec::with_capacity(128);
         let zero = [[0.0; PACKET_SIZE]; 3];
-        let end = [-1.0; PACKET_SIZE];
-        let (center, half) = (Vec3::ZERO, Vec3::ZERO);
-        let mut rays = Rays { q: zero, inverse_q: zero, end, center, half, pyramid: None };
+        let mut rays = Rays { q: zero, inverse_q: zero, end: [-1.0; PACKET_SIZE] };
         for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
             start_rays::<S, DIRECTIONAL>(simd, bvh, light, packet, &mut rays);
             let mut alive = 0;
@@ -174,9 +172,6 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
     let meets = |node: &Bvh2Node, rays: &Rays, concerned: u64| {
         let bounds = node.aabb();
         let (lo, hi) = (Vec3::from(bounds.min), Vec3::from(bounds.max));
-        if rays.pyramid.is_some_and(|pyramid| pyramid.misses(lo - shared, hi - shared)) {
-            return 0;
-        }
         let mut met = 0;
         let mut left = concerned;
         while left != 0 {
@@ -207,9 +202,6 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
         }
         for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
             let edges = Edges::new::<DIRECTIONAL>(shared, corners.v);
-            if edges.miss_all::<DIRECTIONAL>(rays) {
-                continue;
-            }
             let mut left = met;
             while left != 0 {
                 let register = left.trailing_zeros() as usize;

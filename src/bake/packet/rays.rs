@@ -17,73 +17,6 @@ pub(super) struct Rays {
     pub inverse_q: [Lanes; 3],
     /// End of the ray: 1 while it has hit nothing, else negative, so that it meets no box.
     pub end: Lanes,
-    /// Box around the `q` of all live rays: its centre, and half its size.
-    pub center: Vec3,
-    pub half: Vec3,
-    /// The pyramid around all live rays from a point, if they advance along a common axis.
-    pub pyramid: Option<Pyramid>,
-}
-
-/// Rays from a point along one axis, between two slopes in the others; most boxes are told from it without a look at
-/// single rays [Reshetov 2005].
-#[derive(Clone, Copy)]
-pub(super) struct Pyramid {
-    /// The axis along which all rays advance, and the others.
-    axes: [usize; 3],
-    /// Which way along it.
-    sign: f32,
-    /// How far.
-    end: f32,
-    /// Slopes in the other two axes, a little widened.
-    slopes: [(f32, f32); 2],
-}
-
-impl Pyramid {
-    /// Around the live rays, whose `q` lie in a box.
-    #[inline(always)]
-    fn new<S: Simd>(simd: S, rays: &Rays, lo: Vec3, hi: Vec3) -> Option<Self> {
-        let center = (lo + hi).abs();
-        let axes = match () {
-            _ if center.x >= center.y && center.x >= center.z => [0, 1, 2],
-            _ if center.y >= center.z => [1, 2, 0],
-            _ => [2, 0, 1],
-        };
-        let sign = 1f32.copysign(lo[axes[0]] + hi[axes[0]]);
-        let (near, end) = if sign > 0.0 { (lo[axes[0]], hi[axes[0]]) } else { (-hi[axes[0]], -lo[axes[0]]) };
-        if near <= 0.0 {
-            return None;
-        }
-        let inverse = S::as_simd_f32s(&rays.inverse_q[axes[0]]).0;
-        let ends = S::as_simd_f32s(&rays.end).0;
-        let slopes = [axes[1], axes[2]].map(|axis| {
-            let q = S::as_simd_f32s(&rays.q[axis]).0;
-            let (mut low, mut high) = (simd.splat_f32s(f32::MAX), simd.splat_f32s(f32::MIN));
-            for register in 0..q.len() {
-                let slope = simd.mul_f32s(simd.mul_f32s(q[register], inverse[register]), simd.splat_f32s(sign));
-                let live = simd.less_than_f32s(simd.splat_f32s(0.0), ends[register]);
-                low = simd.select_f32s(live, simd.min_f32s(low, slope), low);
-                high = simd.select_f32s(live, simd.max_f32s(high, slope), high);
-            }
-            let (low, high) = (simd.reduce_min_f32s(low), simd.reduce_max_f32s(high));
-            let slack = 1e-6 * (low.abs() + high.abs());
-            (low - slack, high + slack)
-        });
-        Some(Self { axes, sign, end, slopes })
-    }
-
-    /// Whether the pyramid surely passes by a box given relative to its tip.
-    #[inline(always)]
-    pub fn misses(&self, lo: Vec3, hi: Vec3) -> bool {
-        let [along, u, v] = self.axes;
-        let (near, far) = if self.sign > 0.0 { (lo[along], hi[along]) } else { (-hi[along], -lo[along]) };
-        let (near, far) = (near.max(0.0), far.min(self.end) * SLACK);
-        let passes = |axis: usize, (low, high): (f32, f32)| {
-            let low = if low < 0.0 { low * far } else { low * near };
-            let high = if high < 0.0 { high * near } else { high * far };
-            low > hi[axis] || high < lo[axis]
-        };
-        near > far || passes(u, self.slopes[0]) || passes(v, self.slopes[1])
-    }
 }
 
 /// Sets up rays to samples that face the light and lie in its cone and range; the others stay dead.
@@ -102,27 +35,14 @@ pub(super) fn start_rays<S: Simd, const DIRECTIONAL: bool>(
         (qx[i], qy[i], qz[i]) = (target[0] - origin.x, target[1] - origin.y, target[2] - origin.z);
         rays.end[i] = if needed { 1.0 } else { -1.0 };
     }
-    for axis in 0..3 {
-        let q = S::as_simd_f32s(&rays.q[axis]).0;
-        let end = S::as_simd_f32s(&rays.end).0;
-        let inverse = S::as_mut_simd_f32s(&mut rays.inverse_q[axis]).0;
-        let (mut lo, mut hi) = (simd.splat_f32s(f32::MAX), simd.splat_f32s(f32::MIN));
-        for register in 0..q.len() {
-            let q = q[register];
+    for (q, inverse) in rays.q.iter().zip(&mut rays.inverse_q) {
+        for (q, inverse) in S::as_simd_f32s(q).0.iter().zip(S::as_mut_simd_f32s(inverse).0) {
             // Parallel to a slab: a huge number instead of infinity, so that no 0 * inf arises.
-            let parallel = simd.less_than_f32s(simd.abs_f32s(q), simd.splat_f32s(1e-30));
-            let divisor = simd.select_f32s(parallel, simd.splat_f32s(1e-30), q);
-            inverse[register] = simd.div_f32s(simd.splat_f32s(1.0), divisor);
-            let live = simd.less_than_f32s(simd.splat_f32s(0.0), end[register]);
-            lo = simd.select_f32s(live, simd.min_f32s(lo, q), lo);
-            hi = simd.select_f32s(live, simd.max_f32s(hi, q), hi);
+            let parallel = simd.less_than_f32s(simd.abs_f32s(*q), simd.splat_f32s(1e-30));
+            let divisor = simd.select_f32s(parallel, simd.splat_f32s(1e-30), *q);
+            *inverse = simd.div_f32s(simd.splat_f32s(1.0), divisor);
         }
-        let (lo, hi) = (simd.reduce_min_f32s(lo), simd.reduce_max_f32s(hi));
-        rays.center[axis] = (lo + hi) / 2.0;
-        rays.half[axis] = (hi - lo) / 2.0;
     }
-    let (lo, hi) = (rays.center - rays.half, rays.center + rays.half);
-    rays.pyramid = if DIRECTIONAL { None } else { Pyramid::new(simd, rays, lo, hi) };
 }
 
 #[inline(always)]

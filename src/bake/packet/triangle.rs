@@ -35,21 +35,6 @@ impl Edges {
         Self { normals, offsets, normal, plane_offset: normal.dot(v[0]), along: normal.dot(shared) }
     }
 
-    /// Whether every ray of the packet surely passes by, by interval arithmetic on the box around its `q`.
-    #[inline(always)]
-    pub fn miss_all<const DIRECTIONAL: bool>(&self, rays: &Rays) -> bool {
-        // Where a ray meets the triangle ahead of its start, all edge functions have this sign.
-        let facing = if DIRECTIONAL { self.along } else { self.plane_offset };
-        let sign = 1f32.copysign(facing);
-        (0..3).any(|k| {
-            let (n, offset) = (self.normals[k], self.offsets[k]);
-            let reach = n.abs().dot(rays.half);
-            let middle = (n.dot(rays.center) + offset) * sign;
-            // Slack for the rounding of both sides.
-            middle + reach < -1e-6 * (n.abs().dot(rays.center.abs()) + reach + offset.abs())
-        })
-    }
-
     /// The three edge functions of a ray, and whether it meets the triangle within its ends.
     fn test<const DIRECTIONAL: bool>(&self, q: Vec3) -> ([f32; 3], bool) {
         let w = [0, 1, 2].map(|k| self.normals[k].dot(q) + self.offsets[k]);

@@ -1,0 +1,9 @@
+// Threads of a dispatch, which is folded into rows of MAX_COLUMNS workgroups.
+
+uint group_index() {
+    return gl_WorkGroupID.y * MAX_COLUMNS + gl_WorkGroupID.x;
+}
+
+uint thread_index() {
+    return gl_GlobalInvocationID.y * (MAX_COLUMNS * GROUP_SIZE) + gl_GlobalInvocationID.x;
+}
