@@ -66,6 +66,8 @@ pub struct LightCache {
     rest: Option<Vec<Term>>,
     /// Nodes edited since the last plan.
     edited: Vec<usize>,
+    /// What the last plan that followed an edit took as edited.
+    edited_before: Vec<usize>,
     has_emission: bool,
     clock: u64,
 }
@@ -109,6 +111,7 @@ impl LightCache {
             focus: Vec::new(),
             rest: None,
             edited: Vec::new(),
+            edited_before: Vec::new(),
             has_emission,
             clock: 0,
         };
@@ -175,7 +178,13 @@ impl LightCache {
         // A group's node stands for all that is edited below it.
         let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
         edited.retain(|n| !below.contains(n));
-        if !edited.iter().all(|n| self.focus.contains(n)) || !below.is_empty() {
+        // A part of the focus that is edited twice becomes the focus: fewer images a frame from then on.
+        let narrower = edited == self.edited_before && edited.len() < self.focus.len();
+        if !edited.is_empty() {
+            self.edited_before.clone_from(&edited);
+        }
+        let outside = !edited.iter().all(|n| self.focus.contains(n)) || !below.is_empty();
+        if outside || (narrower && !edited.is_empty()) {
             self.focus = if edited.len() <= MAX_FOCUS { edited } else { Vec::new() };
             self.rest = None;
         }
@@ -400,6 +409,7 @@ impl LightCache {
         self.slots = slots;
         self.focus.clear();
         self.edited.clear();
+        self.edited_before.clear();
         self.rest = None;
     }
 }
