@@ -188,6 +188,8 @@ fn measure(
     relighter.display(Picture::Whole, 0.0)?;
     let original = rig.clone();
     let count = rig.lights.len();
+    // Odd, so that `select` meets every light of an even number of them, each far from the one before.
+    let stride = (count / 2).saturating_sub(1) | 1;
     let warm_up = frames.div_ceil(5);
     let mut all_ms = Vec::new();
     let mut pass_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
@@ -199,7 +201,7 @@ fn measure(
             Edit::Color => rig.lights[edited].color.x = 0.5 + step as f32 / 32.0,
             Edit::Toggle => rig.lights[edited].enabled = odd,
             Edit::Move | Edit::MoveDirect => nudge(&mut rig.lights[edited], &original.lights[edited], session, step),
-            Edit::Select => relighter.select((edited + frame as usize * 7919 + usize::from(odd)) % count),
+            Edit::Select => relighter.select((edited + frame as usize * stride) % count),
             Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
             Edit::Multi => {
                 for light in [edited, (edited + 1) % count, (edited + count / 2) % count] {
