@@ -74,7 +74,7 @@ fn frames(criterion: &mut Criterion) {
         let mut rig = setup.scene.rig.clone();
         bencher.iter(|| {
             rig.lights[0].stops = 1.0 - rig.lights[0].stops;
-            relighter.set_rig(&rig);
+            relighter.set_rig(&rig).expect("no light was added");
             relighter.display(Picture::Whole, 0.0).expect("it did before").len()
         });
     });
@@ -84,7 +84,7 @@ fn frames(criterion: &mut Criterion) {
 fn frame_with_moved_light(relighter: &mut Relighter, frame: u64, pass: Option<&str>) -> Duration {
     let mut rig = relighter.rig().clone();
     rig.lights[0].position.x += if frame.is_multiple_of(2) { 0.1 } else { -0.1 };
-    relighter.set_rig(&rig);
+    relighter.set_rig(&rig).expect("no light was added");
     relighter.display(Picture::Whole, 0.0).expect("it did before");
     let ms: f64 = relighter.times().iter().filter(|time| Some(time.name) == pass).map(|time| time.ms).sum();
     Duration::from_secs_f64(ms * 1e-3)

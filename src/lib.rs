@@ -42,7 +42,7 @@
 //! let mut relighter = Relighter::new(&context, &scene, &bvh, &baked, &scene.rig, &settings)?;
 //! let mut rig = scene.rig.clone();
 //! rig.lights[0].position.y += 0.1;
-//! relighter.set_rig(&rig);
+//! relighter.set_rig(&rig)?;
 //! let pixels: &[[u8; 4]] = relighter.display(Picture::Whole, 0.0)?;
 //! # Ok(()) }
 //! ```
@@ -50,6 +50,7 @@
 //! # Bibliography
 //!
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
+//! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
 //!   KHR_lights_punctual, KHR_materials_specular, KHR_materials_ior, ...
 //! - [Halton 1960] Halton, On the efficiency of certain quasi-random sequences of points, Numerische Mathematik 2.
@@ -60,14 +61,11 @@
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
-//! - [Möller 1997] Möller, Trumbore, Fast, minimum storage ray-triangle intersection, JGT 2(1).
-//! - [Ragan-Kelley 2007] Ragan-Kelley et al., The Lightspeed automatic interactive lighting preview system, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
 //! - [Sobotka 2022] Sobotka, AgX; [Wrensch 2023] Wrensch, Minimal AgX implementation.
 //! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
-//! - [Sutherland 1974] Sutherland, Hodgman, Reentrant polygon clipping, CACM 17(1).
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
 //! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.

@@ -493,12 +493,12 @@ fn groups_and_switches() {
 
     all.lights.iter_mut().for_each(|light| light.group = Some(0));
     all.groups[0].enabled = false;
-    relighter.set_rig(&all);
+    relighter.set_rig(&all).unwrap();
     assert!(relit(&mut relighter).iter().all(|&p| p == [0.0; 3]), "all lights are in a group that is off");
     assert!(relighter.linear(Picture::Light(1)).unwrap().iter().all(|&p| p == [0.0; 3]));
 
     all.groups[0] = LightGroup { name: "g".into(), stops: 1.0, color: Vec3::new(1.0, 0.5, 0.0), enabled: true };
-    relighter.set_rig(&all);
+    relighter.set_rig(&all).unwrap();
     for (got, plain) in relit(&mut relighter).iter().zip(&whole) {
         // Twice, halved red-green-blue: exact but for the order of sums.
         let want = DVec3::new(2.0, 1.0, 0.0) * DVec3::from(plain.map(f64::from));
@@ -509,6 +509,6 @@ fn groups_and_switches() {
     all.groups[0] = LightGroup { name: "g".into(), stops: 0.0, color: Vec3::ONE, enabled: true };
     all.lights[0].enabled = false;
     all.lights[2].enabled = false;
-    relighter.set_rig(&all);
+    relighter.set_rig(&all).unwrap();
     assert_eq!(relit(&mut relighter), parts[1], "one light left");
 }

@@ -404,7 +404,8 @@ fn a_tiny_budget_changes_nothing() {
     let scene = shipped("balls-16.glb");
     let (usual, tiny) = (folder.path().join("usual.exr"), folder.path().join("tiny.exr"));
     render!(&scene, &usual).silent();
-    render!(&scene, &tiny, "--budget", "1").silent();
+    let warned = render!(&scene, &tiny, "--budget", "1").done();
+    assert!(matches!(warned.warnings().as_slice(), [one] if one.contains("budget")), "{}", warned.stderr);
     render!(&scene, folder.path().join("huge.png"), "--budget", "1e300G").silent();
     let (usual, tiny) = (layer(&read_exr(&usual), ""), layer(&read_exr(&tiny), ""));
     assert!(difference(&usual, &tiny) < 1e-5); // 16 floats summed in another order

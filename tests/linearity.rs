@@ -185,7 +185,7 @@ fn edits_leave_no_trace(budget_bytes: Option<u64>, edits: usize, seed: u64) {
     let (mut layers, mut compared) = (Layers::All, 0);
     for i in 0..edits {
         trail.push(edit(&mut random, &mut rig, &mut names));
-        relighter.set_rig(&rig);
+        relighter.set_rig(&rig).unwrap();
         // Several edits a picture, as a busy machine sees them; lights alone and other layers in between.
         match random.below(4) {
             0 => continue,
@@ -234,7 +234,7 @@ fn colour_edits_shade_nothing() {
         rig.lights[light].color = color;
         rig.lights[light].enabled = color != Vec3::ONE;
         rig.lights[light].intensity += 1.0;
-        relighter.set_rig(&rig);
+        relighter.set_rig(&rig).unwrap();
         whole(&mut relighter);
         let passes = passes(&relighter);
         let idle = !passes.iter().any(|name| ["shade light", "trace shadows", "resolve"].contains(name));
@@ -242,15 +242,35 @@ fn colour_edits_shade_nothing() {
     }
     // The same light again: nothing is summed either.
     rig.lights[9].color = Vec3::ONE;
-    relighter.set_rig(&rig);
+    relighter.set_rig(&rig).unwrap();
     whole(&mut relighter);
     assert_eq!(passes(&relighter), ["composite"]);
     // A moved light is shaded, alone.
     rig.lights[9].position += DVec3::X;
-    relighter.set_rig(&rig);
+    relighter.set_rig(&rig).unwrap();
     whole(&mut relighter);
     let shaded = passes(&relighter).iter().filter(|&&name| name == "shade light").count();
     assert_eq!(shaded, 1, "{:?}", passes(&relighter));
+}
+
+/// A relighter that began with few lights, or none, shows as many as come, in plenty of memory and in none.
+#[test]
+fn lights_may_come_after_the_start() {
+    let gpu = gpu();
+    let stage = balls_16();
+    let all = &stage.scene.rig;
+    for budget_bytes in [None, Some(1)] {
+        let setup = Setup { budget_bytes, ..setup() };
+        for first in [0, 1, 2] {
+            let few = Rig { lights: all.lights[..first].to_vec(), ..all.clone() };
+            let mut relighter = stage.relighter(&gpu, &few, &setup);
+            whole(&mut relighter);
+            relighter.set_rig(all).unwrap();
+            let got = whole(&mut relighter);
+            let want = whole(&mut stage.relighter(&gpu, all, &setup));
+            assert_eq!(got, want, "{first} lights at first, budget {budget_bytes:?}");
+        }
+    }
 }
 
 /// Bake and picture, from file to pixels, as bytes.

@@ -41,7 +41,9 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
     text(format!("{:?} {:?} {:?}", camera.position, camera.world_from_camera, camera.projection));
     text(format!("{:?}", scene.materials));
     if settings.samples > 1 {
-        text(format!("{:?}", rig.lights));
+        for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
+            text(format!("{:?}", light.pack(scene.origin)));
+        }
     }
     let mesh = &scene.mesh;
     let arrays: [&[u8]; 8] = [
@@ -67,10 +69,10 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
 }
 
 /// Looks a bake up. A file that is damaged or from another version counts as absent.
-pub fn load(dir: &Path, key: &Key) -> Option<Baked> {
+pub fn load(dir: &Path, key: &Key, settings: &BakeSettings) -> Option<Baked> {
     let path = file(dir, key);
     let bytes = std::fs::read(&path).ok()?;
-    let baked = decode(&bytes);
+    let baked = decode(&bytes, settings);
     if baked.is_none() {
         tracing::warn!("{} is damaged: baking anew", path.display());
     }
@@ -105,7 +107,6 @@ pub fn store(dir: &Path, key: &Key, name: &str, baked: &Baked) -> Result<()> {
             ("scene", name.to_owned()),
             ("width", baked.tiling.width.to_string()),
             ("height", baked.tiling.height.to_string()),
-            ("asked_layers", baked.asked_layers.to_string()),
             ("blake3", hasher.finalize().to_hex().to_string()),
         ]
         .map(|(k, v)| (k.to_owned(), v)),
@@ -158,7 +159,7 @@ fn files(dir: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// `None` if anything is not as [`store`] writes it: kernels follow these indices, so every one is checked.
-fn decode(bytes: &[u8]) -> Option<Baked> {
+fn decode(bytes: &[u8], settings: &BakeSettings) -> Option<Baked> {
     let (_, header) = SafeTensors::read_metadata(bytes).ok()?;
     let metadata = header.metadata().as_ref()?;
     let tensors = SafeTensors::deserialize(bytes).ok()?;
@@ -177,8 +178,7 @@ fn decode(bytes: &[u8]) -> Option<Baked> {
     let extra_pixels = elements(tensor("extra_pixels")?)?;
     let emission: Vec<f32> = elements(tensor("emission")?)?;
     let layers = elements(tensor("layers")?)?;
-    let number = |name: &str| metadata.get(name)?.parse::<u32>().ok();
-    let tiling = Tiling { width: number("width")?, height: number("height")? };
+    let tiling = Tiling { width: settings.width, height: settings.height };
     let whole = metadata.get("relume")? == FORMAT && *metadata.get("blake3")? == hasher.finalize().to_hex().to_string();
     let brdf_of = |s: &crate::shared::ViewSample| (s.brdf != NO_BRDF).then_some(s.brdf as usize);
     let has_specular = samples.iter().filter_map(brdf_of).any(|b| brdfs.get(b).is_some_and(|b| b.has_lobe()));
@@ -194,7 +194,7 @@ fn decode(bytes: &[u8]) -> Option<Baked> {
         extra_pixels,
         emission,
         layers,
-        asked_layers: number("asked_layers")?,
+        asked_layers: settings.layers,
     };
     if !whole || !baked.is_consistent() {
         return None;

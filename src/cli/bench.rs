@@ -184,12 +184,12 @@ fn measure(
         let half = rig.lights.len() / 2;
         rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
     }
-    relighter.set_rig(&rig);
+    relighter.set_rig(&rig)?;
     relighter.display(Picture::Whole, 0.0)?;
     let original = rig.clone();
     let count = rig.lights.len();
-    // Odd, so that `select` meets every light of an even number of them, each far from the one before.
-    let stride = (count / 2).saturating_sub(1) | 1;
+    // Coprime to any even count: `select` meets every light, each far from the one before.
+    let stride = (count / 2).saturating_sub(2) | 1;
     let warm_up = frames.div_ceil(5);
     let mut all_ms = Vec::new();
     let mut pass_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
@@ -204,13 +204,13 @@ fn measure(
             Edit::Select => relighter.select((edited + frame as usize * stride) % count),
             Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
             Edit::Multi => {
-                for light in [edited, (edited + 1) % count, (edited + count / 2) % count] {
+                for light in [edited, (edited + 1) % count, (edited + (count / 2).max(2)) % count] {
                     nudge(&mut rig.lights[light], &original.lights[light], session, step);
                 }
             }
             Edit::None => {}
         }
-        relighter.set_rig(&rig);
+        relighter.set_rig(&rig)?;
         relighter.display(Picture::Whole, 0.0)?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
         bar.inc(1);

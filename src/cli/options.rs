@@ -128,7 +128,7 @@ pub fn user_cache_dir() -> Option<PathBuf> {
     base.map(|base| base.join("relume"))
 }
 
-/// Largest image side: 16,384 pixels, what Vulkan devices guarantee for images.
+/// Largest image side, pixels: more is a mistake rather than a picture.
 const MAX_SIDE: u32 = 16_384;
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {

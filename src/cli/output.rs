@@ -220,7 +220,7 @@ pub fn write(
     exposure: &mut Exposure,
     written: &mut Written,
 ) -> Result<()> {
-    relighter.set_rig(job.rig);
+    relighter.set_rig(job.rig)?;
     let beauty = linear(relighter, &PassKind::Beauty, written)?;
     written.non_finite += beauty.iter().flatten().filter(|v| !v.is_finite()).count();
     written.negative += beauty.iter().flatten().filter(|v| **v < 0.0).count();

@@ -7,6 +7,7 @@ use std::time::Instant;
 use relume::bake::bvh::Bvh;
 use relume::bake::{BakeSettings, Baked, bake, cache};
 use relume::gpu::{Context, Validation};
+use relume::relight::light_cache::LightCache;
 use relume::relight::{RelightSettings, Relighter};
 use relume::scene::{Camera, Rig, Scene};
 use relume::{Error, Result};
@@ -78,7 +79,7 @@ impl Session {
         let camera = choose_camera(&scene, &rig, options)?;
         let [width, height] = options.size.or(scene.image_size).unwrap_or([720, 480]);
         check_size([width, height]).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
-        check_memory([width, height], options.samples, path)?;
+        check_memory([width, height], options.samples, rig.lights.len(), path)?;
         let settings = BakeSettings { width, height, layers: options.layers, samples: options.samples };
 
         let spinner = progress::spinner("building the BVH");
@@ -86,7 +87,8 @@ impl Session {
         spinner.finish_and_clear();
         let cache_dir = options.cache_dir();
         let key = cache::key(&scene, &camera, &rig, &settings);
-        let stored = cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key)));
+        let stored =
+            cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key, &settings)));
         report.cached = stored.is_some();
         let mut not_stored = None;
         let mut baked = match stored {
@@ -161,18 +163,22 @@ fn choose_camera(scene: &Scene, rig: &Rig, options: &SceneOptions) -> Result<Cam
 }
 
 /// Bytes that a sample takes at the least: view sample, normal and packet, twice while they are collected; the samples
-/// and three light images on the device; two pictures.
-const BYTES_A_SAMPLE: u64 = 2 * (32 + 12 + 36) + 32 + 36 + 16;
+/// and nine lights' visibility on the device; two pictures.
+const BYTES_A_SAMPLE: u64 = 2 * (32 + 12 + 36) + 32 + 9 + 16;
 /// Share of the pixels that get several samples: 0.04 in the shipped scenes.
 const SHARE_OF_EDGES: f64 = 0.04;
 
 /// Refuses a picture that cannot fit this machine, before the system does so less kindly.
-fn check_memory(size: [u32; 2], samples: u32, path: &Path) -> Result<()> {
+fn check_memory(size: [u32; 2], samples: u32, light_count: usize, path: &Path) -> Result<()> {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
     let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()) else { return Ok(()) };
     let samples_a_pixel = 1.0 + SHARE_OF_EDGES * f64::from(samples - 1);
-    let needed = (u64::from(size[0]) * u64::from(size[1]) * BYTES_A_SAMPLE) as f64 * samples_a_pixel * 1e-9;
+    // The fewest light images that work and their rest; each light's visibility while its shadow edges are looked for.
+    let images = LightCache::slot_range(light_count).0 + 1;
+    let edges = if samples > 1 { light_count } else { 0 };
+    let bytes = BYTES_A_SAMPLE as f64 * samples_a_pixel + (12 * images + edges) as f64;
+    let needed = f64::from(size[0]) * f64::from(size[1]) * bytes * 1e-9;
     let free = kib as f64 * 1024e-9;
     if needed <= free {
         return Ok(());

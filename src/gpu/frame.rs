@@ -39,7 +39,7 @@ pub struct PassTime {
     pub ms: f64,
 }
 
-/// A frame splits its work where it would need more passes than this.
+/// Passes that a frame holds at most; who has more work asks [`Frame::passes_left`] and takes several frames.
 pub const MAX_PASSES: usize = 1024;
 /// Bytes of small per-frame data: light lists, shadow faces.
 const UPLOAD_BYTES: usize = 1 << 20;
@@ -110,29 +110,13 @@ impl Frames {
             .queue_family_index(context.queue_family);
         let query_info =
             vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_PASSES as u32);
-        // SAFETY: all infos are valid; the handles are destroyed in `drop`.
-        let (pool, commands, fence, queries) = unsafe {
-            let pool = device.create_command_pool(&pool_info, None).map_err(vulkan("create a command pool"))?;
-            let allocate = vk::CommandBufferAllocateInfo::default()
-                .command_pool(pool)
-                .level(vk::CommandBufferLevel::PRIMARY)
-                .command_buffer_count(1);
-            let commands = device.allocate_command_buffers(&allocate).map_err(vulkan("allocate commands"))?[0];
-            let fence = device.create_fence(&Default::default(), None).map_err(vulkan("create a fence"))?;
-            let queries = device.create_query_pool(&query_info, None).map_err(vulkan("create a query pool"))?;
-            (pool, commands, fence, queries)
-        };
-        context.name(pool, "frame pool");
-        context.name(commands, "frame commands");
-        context.name(fence, "frame fence");
-        context.name(queries, "frame timestamps");
-        Ok(Self {
+        let mut frames = Self {
             upload: Buffer::new(context, "frame upload", Access::HostWrites, UPLOAD_BYTES)?,
             context: context.clone(),
-            pool,
-            commands,
-            fence,
-            queries,
+            pool: vk::CommandPool::null(),
+            commands: vk::CommandBuffer::null(),
+            fence: vk::Fence::null(),
+            queries: vk::QueryPool::null(),
             upload_used: 0,
             uses: HashMap::new(),
             accesses: Vec::new(),
@@ -143,7 +127,23 @@ impl Frames {
             ticks: vec![0; 2 * MAX_PASSES],
             times: Vec::with_capacity(MAX_PASSES),
             began: Instant::now(),
-        })
+        };
+        // SAFETY: all infos are valid. `drop` destroys what was made if a step fails, and ignores null handles.
+        unsafe {
+            frames.pool = device.create_command_pool(&pool_info, None).map_err(vulkan("create a command pool"))?;
+            let allocate = vk::CommandBufferAllocateInfo::default()
+                .command_pool(frames.pool)
+                .level(vk::CommandBufferLevel::PRIMARY)
+                .command_buffer_count(1);
+            frames.commands = device.allocate_command_buffers(&allocate).map_err(vulkan("allocate commands"))?[0];
+            frames.fence = device.create_fence(&Default::default(), None).map_err(vulkan("create a fence"))?;
+            frames.queries = device.create_query_pool(&query_info, None).map_err(vulkan("create a query pool"))?;
+        }
+        context.name(frames.pool, "frame pool");
+        context.name(frames.commands, "frame commands");
+        context.name(frames.fence, "frame fence");
+        context.name(frames.queries, "frame timestamps");
+        Ok(frames)
     }
 
     /// What each pass of the last finished frame took, CPU stages first.
@@ -173,6 +173,9 @@ impl Frames {
             device.reset_query_pool(self.queries, 0, 2 * MAX_PASSES as u32);
             device.begin_command_buffer(self.commands, &begin).map_err(vulkan("begin a frame"))?;
         }
+        // What earlier frames wrote was waited for, but only a barrier makes it visible to kernels.
+        let access = vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE;
+        self.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, STAGES, access);
         Ok(Frame { frames: self })
     }
 
@@ -384,11 +387,6 @@ impl Pass<'_> {
         Write::new(self.frames.touch(self.name, buffer.raw(), Touch::Write))
     }
 
-    /// Hands a few elements to this pass.
-    pub fn upload<T: Glsl>(&mut self, data: &[T]) -> Read<T> {
-        self.frames.upload(data)
-    }
-
     /// Declares that the kernel samples `depth`, its set 0.
     pub fn sample(&mut self, depth: &DepthArray) {
         self.frames.touch_id(self.name, depth.id, &depth.name, Touch::Read);
@@ -404,8 +402,8 @@ impl Pass<'_> {
         let device = &frames.context.device;
         let layout = frames.context.pipeline_layout;
         let stages = vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT;
-        // SAFETY: the command buffer is being recorded; every address in `push` was declared, so its buffer is alive
-        // until the frame was waited for.
+        // SAFETY: the command buffer is being recorded. Addresses in `push` come from buffers that were declared; who
+        // declares them keeps them until `finish`, as the relighter does, which owns both.
         unsafe {
             device.cmd_bind_pipeline(frames.commands, vk::PipelineBindPoint::COMPUTE, kernel.pipeline());
             device.cmd_push_constants(frames.commands, layout, stages, 0, bytemuck::bytes_of(push));

@@ -6,7 +6,7 @@
 use std::marker::PhantomData;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, UVec4, Vec2, Vec3, Vec4};
+use glam::{Mat4, Vec2, Vec3, Vec4};
 
 /// A type that has the same bytes in GLSL.
 pub trait Glsl: Pod {
@@ -35,7 +35,6 @@ primitive! {
     Vec2 => "vec2",
     Vec3 => "vec3",
     Vec4 => "vec4",
-    UVec4 => "uvec4",
     Mat4 => "mat4",
 }
 

@@ -69,14 +69,15 @@ impl Kernel {
     }
 
     /// Compiles the kernel anew if its source changed since the last look; an error in it is logged and the kernel
-    /// stays as it was. Looks at `glsl/` where this program was built.
+    /// stays as it was. Looks at `glsl/` where this program was built. Returns whether it is a new one.
     #[cfg(feature = "hot-reload")]
-    ///
-    /// Returns whether it is a new one.
     pub fn reload_if_changed(&mut self) -> bool {
         let path = format!("{}/glsl/{}.comp", env!("CARGO_MANIFEST_DIR"), self.name);
         let path = std::path::Path::new(&path);
-        let Ok(modified) = std::fs::metadata(path).and_then(|m| m.modified()) else { return false };
+        let folder = path.with_file_name("lib");
+        let includes = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let times = includes.chain([path.to_owned()]).filter_map(|p| std::fs::metadata(p).ok()?.modified().ok());
+        let Some(modified) = times.max() else { return false };
         let seen = self.modified.replace(modified);
         if seen.is_none_or(|seen| seen == modified) {
             return false;

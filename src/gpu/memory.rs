@@ -62,8 +62,8 @@ impl<T: Glsl> Buffer<T> {
             let mut staging = Self::new(context, "staging", Access::HostWrites, data.len())?;
             staging.host_mut().copy_from_slice(data);
             super::frame::copy_once(context, &staging.raw, &buffer.raw, size_of_val(data) as u64)?;
-            buffer.raw.written.store(true, Ordering::Relaxed);
         }
+        buffer.raw.written.store(true, Ordering::Relaxed);
         Ok(buffer)
     }
 

@@ -48,7 +48,7 @@ pub struct Plan {
     pub picture: Vec<Term>,
 }
 
-/// More edited lights than this, and the tree's root is summed instead of a rest: the picture is the focus and the rest.
+/// More edited lights than this, and nothing is in focus: the picture is the rest alone.
 const MAX_FOCUS: usize = MAX_TERMS as usize - 1;
 /// Images that a pass sums.
 const BATCH: usize = MAX_TERMS as usize;
@@ -123,12 +123,9 @@ impl LightCache {
         &self.rig
     }
 
-    pub fn slot_count(&self) -> usize {
-        self.slots.len()
-    }
-
-    /// Takes over a new state of the lights. Images of lights that did not move are kept.
-    pub fn set_rig(&mut self, rig: &Rig) {
+    /// Takes over a new state of the lights. Images of lights that did not move are kept; slots never get fewer.
+    pub fn set_rig(&mut self, rig: &Rig, slot_count: usize) {
+        self.slots.resize(slot_count.max(self.slots.len()), Slot::default());
         let same_tree = self.rig.groups.len() == rig.groups.len()
             && self.rig.lights.len() == rig.lights.len()
             && self.rig.lights.iter().zip(&rig.lights).all(|(a, b)| a.group == b.group && a.name == b.name);
@@ -516,10 +513,19 @@ mod tests {
                             rig.lights[(which + i) % lights].position.x += 1.0;
                         }
                     }
-                    6 if lights > 1 => drop(rig.lights.remove(which % lights)),
+                    6 if lights > 1 && amount < 10 => drop(rig.lights.remove(which % lights)),
+                    6 => {
+                        for i in 0..amount {
+                            let name = format!("new{}-{i}", rig.lights.iter().map(|l| l.name.len()).sum::<usize>());
+                            rig.lights.push(Light::point(&name, DVec3::new(amount_f, 0.0, 0.0)));
+                        }
+                    }
                     _ => {}
                 }
-                cache.set_rig(&rig);
+                let (fewest, most) = LightCache::slot_range(rig.lights.len());
+                let slot_count = if scarce { fewest } else { most };
+                numbers.slots.resize(slot_count.max(numbers.slots.len()), f32::NAN);
+                cache.set_rig(&rig, slot_count);
                 let plan = cache.plan();
                 prop_assert_eq!(numbers.run(&rig, &plan), truth(&rig));
                 if !rig.lights.is_empty() {
@@ -542,7 +548,7 @@ mod tests {
         cache.select(17);
         cache.plan();
         rig.lights[17].intensity = 3.0;
-        cache.set_rig(&rig);
+        cache.set_rig(&rig, slot_count);
         let plan = cache.plan();
         assert!(plan.steps.is_empty(), "{:?}", plan.steps);
         assert_eq!(plan.picture.len(), 2);
@@ -556,7 +562,7 @@ mod tests {
         cache.plan();
         for light in [3, 250, 130, 4] {
             rig.lights[light].position.x += 1.0;
-            cache.set_rig(&rig);
+            cache.set_rig(&rig, slot_count);
             let images: usize = cache
                 .plan()
                 .steps

@@ -82,6 +82,8 @@ pub struct Relighter {
     gpu: GpuBaked,
     cache: LightCache,
     images: Vec<Buffer<Vec4>>,
+    /// Light images that the budget has room for.
+    image_budget: usize,
     rest: Buffer<Vec4>,
     /// Planes of the extra samples' radiance, of the light being shaded.
     extras: Buffer<f32>,
@@ -129,8 +131,13 @@ impl Relighter {
         let extra_stride = baked.extra_samples.len().next_multiple_of(4);
         let image_bytes = 12 * pixel_stride as u64;
         let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4);
-        let (fewest, most) = LightCache::slot_range(rig.lights.len());
-        let slot_count = ((budget / image_bytes) as usize).clamp(fewest, most);
+        let image_budget = (budget / image_bytes) as usize;
+        let slot_count = slot_count(rig, image_budget);
+        if image_budget < slot_count {
+            tracing::warn!(
+                "the budget holds {image_budget} light images; {slot_count}, the fewest that work, are taken"
+            );
+        }
         let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
         let traced = settings.visibility.traces(context, bvh);
         let output = match settings.tone_map {
@@ -143,6 +150,7 @@ impl Relighter {
             gpu: GpuBaked::new(context, baked)?,
             cache: LightCache::new(rig, slot_count, !baked.emission.is_empty()),
             images: (0..slot_count).map(|_| image("light images")).collect::<Result<_>>()?,
+            image_budget,
             rest: image("light images (rest)")?,
             extras: Buffer::new(context, "extra samples' radiance", Access::Device, 3 * extra_stride)?,
             visibility: VisibilityBuffers::new(context, baked.packets.len())?,
@@ -158,7 +166,7 @@ impl Relighter {
                 context,
                 "pictures",
                 Access::HostReads,
-                (baked.tiling.width * baked.tiling.height) as usize,
+                baked.tiling.width as usize * baked.tiling.height as usize,
             )?,
             linear: None,
             layers: Layers::All,
@@ -189,9 +197,14 @@ impl Relighter {
         self.shadow_maps.is_none()
     }
 
-    /// Takes over a new state of the lights; the next picture shows it.
-    pub fn set_rig(&mut self, rig: &Rig) {
-        self.cache.set_rig(rig);
+    /// Takes over a new state of the lights; the next picture shows it. More lights may take more memory.
+    pub fn set_rig(&mut self, rig: &Rig) -> Result<()> {
+        for _ in self.images.len()..slot_count(rig, self.image_budget) {
+            let elements = 3 * self.baked.pixel_stride() / 4;
+            self.images.push(Buffer::new(&self.context, "light images", Access::Device, elements)?);
+        }
+        self.cache.set_rig(rig, self.images.len());
+        Ok(())
     }
 
     /// Makes `light` the one that is about to be edited.
@@ -216,11 +229,11 @@ impl Relighter {
 
     /// The picture in scene-linear Rec. 709 radiance, row by row.
     pub fn linear(&mut self, picture: Picture) -> Result<&[[f32; 3]]> {
-        let plan = self.plan(picture);
         if self.linear.is_none() {
-            let pixels = (self.baked.tiling.width * self.baked.tiling.height) as usize;
+            let pixels = self.baked.tiling.width as usize * self.baked.tiling.height as usize;
             self.linear = Some(Buffer::new(&self.context, "pictures", Access::HostReads, 3 * pixels)?);
         }
+        let plan = self.plan(picture);
         self.run(&plan, Output::Linear)?;
         let linear = self.linear.as_ref().expect("made above");
         Ok(bytemuck::cast_slice(linear.host()))
@@ -242,8 +255,18 @@ impl Relighter {
         }
     }
 
-    /// Does a plan's steps and makes the picture: one frame, or several if many lights are stale at once.
+    /// Does a plan's steps and makes the picture. After an error no image counts as made.
     fn run(&mut self, plan: &Plan, output: Output) -> Result<()> {
+        let outcome = self.run_frames(plan, output);
+        if outcome.is_err() {
+            self.shown = None;
+            self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
+        }
+        outcome
+    }
+
+    /// One frame, or several if many lights are stale at once.
+    fn run_frames(&mut self, plan: &Plan, output: Output) -> Result<()> {
         self.times.clear();
         let shown = (output, plan.picture.clone());
         if plan.steps.is_empty() && self.shown.as_ref() == Some(&shown) {
@@ -297,13 +320,19 @@ impl Relighter {
         }
     }
 
-    /// Kernels whose source changed are compiled anew, and the picture with them.
+    /// Compute kernels of the frame whose source changed are compiled anew, and the picture with them.
     #[cfg(feature = "hot-reload")]
     fn reload_changed_kernels(&mut self) -> bool {
         let Kernels { shade_light, resolve, sum_images, display, linear } = &mut self.kernels;
         let kernels = [shade_light, resolve, sum_images, display, linear];
         kernels.into_iter().fold(false, |changed, kernel| kernel.reload_if_changed() | changed)
     }
+}
+
+/// How many light images are kept for a rig, where the budget has room for so many.
+fn slot_count(rig: &Rig, image_budget: usize) -> usize {
+    let (fewest, most) = LightCache::slot_range(rig.lights.len());
+    image_budget.clamp(fewest, most)
 }
 
 /// Draw and look up a shadow map, shade, resolve.

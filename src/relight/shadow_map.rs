@@ -20,8 +20,8 @@ use crate::shared::{PackedLight, ShadowFace, ShadowPcfPush, ShadowPush, ViewSamp
 const CLUSTER_SIZE: usize = 256;
 /// Texels that the filter reaches beyond a lookup: one tap and half a bilinear footprint, rounded up.
 const FILTER_TEXELS: f32 = 2.0;
-/// Widest half-angle of a spot that takes a single map: texels of a wider one are too uneven (`SHADOWS` measurements:
-/// at 80 degrees 6.7 % of error against 3.5 % on cube faces).
+/// Widest half-angle of a spot that takes a single map: texels of a wider one are too uneven (measured at 80 degrees: 6.7 % of error
+/// against 3.5 % on cube faces).
 const MAX_SINGLE_ANGLE: f64 = 45.0 * std::f64::consts::PI / 180.0;
 
 pub struct ShadowMaps {
