@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::Baked;
 use super::octahedral::decode;
-use super::packet::{PACKET_SIZE, trace_packets};
+use super::packet::{PACKET_SIZE, trace_all};
 use super::view_samples::EyeRays;
 use crate::scene::Rig;
 use crate::shared::NO_BRDF;
@@ -21,11 +21,7 @@ pub(super) fn find(eye: &EyeRays, baked: &Baked, rig: &Rig) -> Vec<u32> {
     for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
         let light = light.pack(eye.scene.origin);
         let mut visibility = vec![0u8; baked.packets.len() * PACKET_SIZE];
-        visibility.par_chunks_mut(PACKET_SIZE * 16).zip(baked.packets.par_chunks(16)).for_each(
-            |(visibility, packets)| {
-                trace_packets(eye.bvh, eye.scene, &light, packets, visibility);
-            },
-        );
+        trace_all(eye.bvh, eye.scene, &light, &baked.packets, &mut visibility);
         visible.push(visibility);
     }
     // Extra samples of each pixel; it has at most one in each layer now.

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
-use relume::bake::packet::{PACKET_SIZE, trace_packets};
+use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::shared::PackedLight;
 
 use super::bench::percentile;
@@ -34,10 +34,7 @@ pub fn measure(session: &Session) -> RayTimes {
     for _ in 0..REPETITIONS {
         let start = Instant::now();
         for (light, visibility) in lights.iter().zip(&mut visibility) {
-            visibility
-                .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
-                .zip(baked.packets.par_chunks(PACKETS_A_TASK))
-                .for_each(|(visibility, packets)| trace_packets(bvh, scene, light, packets, visibility));
+            trace_all(bvh, scene, light, &baked.packets, visibility);
         }
         packets_ms.push(start.elapsed().as_secs_f64() * 1e3);
 

@@ -2,11 +2,9 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
-use crate::bake::packet::{PACKET_SIZE, trace_packets};
+use crate::bake::packet::{PACKET_SIZE, trace_all};
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
 use crate::scene::Scene;
@@ -45,8 +43,6 @@ pub struct Visibility {
 
 /// Lights whose visibility a frame can hold.
 const LIGHTS_A_FRAME: usize = 8;
-/// Packets that a thread takes at once: some 50 microseconds of work.
-const PACKETS_A_TASK: usize = 16;
 
 pub struct VisibilityBuffers {
     buffers: Vec<Visibility>,
@@ -89,9 +85,6 @@ impl Visibility {
     /// Traces all view samples towards `light`, on all cores.
     pub fn trace(&mut self, bvh: &Bvh, scene: &Scene, baked: &Baked, light: &PackedLight) {
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(self.words.host_mut());
-        bytes
-            .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
-            .zip(baked.packets.par_chunks(PACKETS_A_TASK))
-            .for_each(|(visibility, packets)| trace_packets(bvh, scene, light, packets, visibility));
+        trace_all(bvh, scene, light, &baked.packets, bytes);
     }
 }

@@ -12,15 +12,18 @@ mod triangle;
 use glam::Vec3;
 use obvhs::bvh2::node::Bvh2Node;
 use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
 
 use self::rays::{Rays, any_positive, meets_box, meets_box_along, start_rays};
 use self::triangle::{Edges, block, block_unless_hole};
 use super::bvh::{Bvh, is_hole};
 use crate::scene::Scene;
-use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight};
+use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight, TILE_SIZE};
 
-/// Rays in a packet.
-pub const PACKET_SIZE: usize = 64;
+/// Rays in a packet: one tile of pixels.
+pub const PACKET_SIZE: usize = (TILE_SIZE * TILE_SIZE) as usize;
+/// Packets that a thread takes at once: some 50 microseconds of work.
+const PACKETS_A_TASK: usize = 16;
 type Lanes = [f32; PACKET_SIZE];
 /// Lights further away than so many radii of the scene are traced ray by ray from the samples: what packets compute
 /// relative to the light is rounded relative to its distance.
@@ -48,6 +51,14 @@ impl Default for SamplePacket {
 /// Traces `packets` towards `light`. `visibility` gets 255 a sample that sees it and faces it, else 0; 64 a packet.
 pub fn trace_packets(bvh: &Bvh, scene: &Scene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
     pulp::Arch::new().dispatch(TracePackets { bvh, scene, light, packets, visibility });
+}
+
+/// [`trace_packets`] on all cores.
+pub fn trace_all(bvh: &Bvh, scene: &Scene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
+    visibility
+        .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
+        .zip(packets.par_chunks(PACKETS_A_TASK))
+        .for_each(|(visibility, packets)| trace_packets(bvh, scene, light, packets, visibility));
 }
 
 struct TracePackets<'a> {
