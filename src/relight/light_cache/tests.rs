@@ -1,0 +1,154 @@
+//! The steps done with numbers for images: whatever is edited, the picture is the sum of all lights.
+
+use glam::DVec3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::scene::LightGroup;
+
+/// Does the steps with numbers for images: a light's is its x coordinate.
+struct Numbers {
+    slots: Vec<f32>,
+    rest: f32,
+    shaded: usize,
+}
+
+impl Numbers {
+    fn value(&self, term: &Term) -> f32 {
+        term.scale.x
+            * match term.source {
+                Source::Slot(slot) => self.slots[slot],
+                Source::Rest => self.rest,
+                Source::Emission => 1000.0,
+            }
+    }
+
+    fn run(&mut self, rig: &Rig, plan: &Plan) -> f32 {
+        for step in &plan.steps {
+            match step {
+                Step::Shade { light, slot } => {
+                    self.slots[*slot] = rig.lights[*light].position.x as f32;
+                    self.shaded += 1;
+                }
+                Step::Sum { target, terms, accumulate } => {
+                    let old = if *accumulate { self.rest } else { 0.0 };
+                    let sum = old + terms.iter().map(|t| self.value(t)).sum::<f32>();
+                    match target {
+                        Source::Slot(slot) => self.slots[*slot] = sum,
+                        Source::Rest => self.rest = sum,
+                        Source::Emission => unreachable!(),
+                    }
+                }
+            }
+        }
+        plan.picture.iter().map(|t| self.value(t)).sum()
+    }
+}
+
+fn truth(rig: &Rig) -> f32 {
+    let one = |l: &Light| {
+        let group = l.group.map_or(1.0, |g| rig.groups[g].scale().x);
+        l.position.x as f32 * l.scale().x * group
+    };
+    1000.0 + rig.lights.iter().map(one).sum::<f32>()
+}
+
+fn rig(light_count: usize, group_count: usize) -> Rig {
+    let group = |i| LightGroup { name: format!("g{i}"), stops: 0.0, color: Vec3::ONE, enabled: true };
+    let light = |i: usize| {
+        let group = (!i.is_multiple_of(3) && group_count > 0).then(|| i % group_count.max(1));
+        Light { group, ..Light::point(&format!("l{i}"), DVec3::new(i as f64, 0.0, 0.0)) }
+    };
+    Rig { camera: None, groups: (0..group_count).map(group).collect(), lights: (0..light_count).map(light).collect() }
+}
+
+proptest! {
+    /// Whatever is edited, in whatever order, with however few slots: the picture is the sum of all lights.
+    #[test]
+    fn picture_is_the_sum(
+        light_count in 0usize..40,
+        group_count in 0usize..4,
+        scarce in any::<bool>(),
+        edits in prop::collection::vec((0usize..7, 0usize..1000, 1usize..20), 0..40),
+    ) {
+        let mut rig = rig(light_count, group_count);
+        let (fewest, most) = LightCache::slot_range(light_count);
+        let slot_count = if scarce { fewest } else { most };
+        let mut cache = LightCache::new(&rig, slot_count, true);
+        let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, shaded: 0 };
+        for (kind, which, amount) in edits {
+            let lights = rig.lights.len();
+            let amount_f = amount as f64;
+            match kind {
+                0 if lights > 0 => rig.lights[which % lights].position.x = amount_f,
+                1 if lights > 0 => rig.lights[which % lights].intensity = amount_f,
+                2 if lights > 0 => rig.lights[which % lights].enabled ^= true,
+                3 if group_count > 0 => rig.groups[which % group_count].enabled ^= true,
+                4 if group_count > 0 => rig.groups[which % group_count].stops = (amount % 4) as f64,
+                5 if lights > 0 => {
+                    for i in 0..amount {
+                        rig.lights[(which + i) % lights].position.x += 1.0;
+                    }
+                }
+                6 if lights > 1 && amount < 10 => drop(rig.lights.remove(which % lights)),
+                6 => {
+                    for i in 0..amount {
+                        let name = format!("new{}-{i}", rig.lights.iter().map(|l| l.name.len()).sum::<usize>());
+                        rig.lights.push(Light::point(&name, DVec3::new(amount_f, 0.0, 0.0)));
+                    }
+                }
+                _ => {}
+            }
+            let (fewest, most) = LightCache::slot_range(rig.lights.len());
+            let slot_count = if scarce { fewest } else { most };
+            numbers.slots.resize(slot_count.max(numbers.slots.len()), f32::NAN);
+            cache.set_rig(&rig, slot_count);
+            let plan = cache.plan();
+            prop_assert_eq!(numbers.run(&rig, &plan), truth(&rig));
+            if !rig.lights.is_empty() {
+                let one = which % rig.lights.len();
+                let alone = cache.plan_light(one);
+                let light = &rig.lights[one];
+                let group = light.group.map_or(1.0, |g| rig.groups[g].scale().x);
+                prop_assert_eq!(numbers.run(&rig, &alone), light.position.x as f32 * light.scale().x * group);
+            }
+        }
+    }
+}
+
+#[test]
+fn colour_edits_shade_nothing_and_sum_nothing() {
+    let mut rig = rig(256, 0);
+    let slot_count = LightCache::slot_range(256).1;
+    let mut cache = LightCache::new(&rig, slot_count, false);
+    cache.plan();
+    cache.select(17);
+    cache.plan();
+    rig.lights[17].intensity = 3.0;
+    cache.set_rig(&rig, slot_count);
+    let plan = cache.plan();
+    assert!(plan.steps.is_empty(), "{:?}", plan.steps);
+    assert_eq!(plan.picture.len(), 2);
+}
+
+#[test]
+fn selecting_another_light_costs_a_logarithm() {
+    let mut rig = rig(256, 0);
+    let slot_count = LightCache::slot_range(256).1;
+    let mut cache = LightCache::new(&rig, slot_count, false);
+    cache.plan();
+    for light in [3, 250, 130, 4] {
+        rig.lights[light].position.x += 1.0;
+        cache.set_rig(&rig, slot_count);
+        let images: usize = cache
+            .plan()
+            .steps
+            .iter()
+            .map(|step| match step {
+                Step::Shade { .. } => 0,
+                Step::Sum { terms, .. } => terms.len() + 1,
+            })
+            .sum();
+        assert!(images <= 3 * 8 + 9, "{images} images for 256 lights");
+    }
+}
