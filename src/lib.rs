@@ -17,6 +17,7 @@
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
 //! - [`gpu`]: device, memory, kernels, frames. Knows no lights.
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
+//! - [`brdf`]: glTF's BRDF on the CPU, and directions drawn from it; [`sequence`]: the points that draw them.
 //! - [`image`]: EXR and PNG, and how pictures differ.
 //! - [`reference`]: the kernels again in double precision on the CPU, to test them against.
 //!
@@ -49,13 +50,17 @@
 //!
 //! # Bibliography
 //!
+//! - [Burley 2020] Burley, Practical hash-based Owen scrambling, JCGT 9(4).
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
+//! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
+//! - [Dupuy 2023] Dupuy, Benyoub, Sampling visible GGX normals with spherical caps, Computer Graphics Forum 42(8).
 //! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
 //!   KHR_lights_punctual, KHR_materials_specular, KHR_materials_ior, ...
 //! - [Halton 1960] Halton, On the efficiency of certain quasi-random sequences of points, Numerische Mathematik 2.
 //! - [Hasan 2006] Hašan, Pellacini, Bala, Direct-to-indirect transfer for cinematic relighting, SIGGRAPH.
 //! - [Heitz 2014] Heitz, Understanding the masking-shadowing function in microfacet-based BRDFs, JCGT 3(2).
+//! - [Heitz 2018] Heitz, Sampling the GGX distribution of visible normals, JCGT 7(4).
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
@@ -71,12 +76,14 @@
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.
 
 pub mod bake;
+pub mod brdf;
 pub mod error;
 pub mod gpu;
 pub mod image;
 pub mod reference;
 pub mod relight;
 pub mod scene;
+pub mod sequence;
 pub mod shared;
 
 pub use error::{Error, Result};

@@ -11,9 +11,9 @@ use common::random::Random;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use relume::bake::octahedral;
 use relume::bake::surface::brdf;
+use relume::brdf::{Angles, f_of_angles};
 use relume::gpu::gpu_struct::Read;
 use relume::gpu::{Access, Buffer, Frame, Frames, Kernel};
-use relume::reference::brdf::{Angles, f_of_angles};
 use relume::reference::{self, composite, light};
 use relume::scene::{Light, LightKind, Surface};
 use relume::shared::*;
@@ -156,7 +156,7 @@ fn shade_bounds(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Pa
         irradiances = [irradiances[0] * near.min(far), irradiances[1] * near.max(far)];
     }
 
-    let (n, wo) = (reference::brdf::octahedral(sample.normal), reference::brdf::octahedral(sample.wo));
+    let (n, wo) = (reference::octahedral(sample.normal), reference::octahedral(sample.wo));
     let a = Angles::new(n, wi, wo);
     // Two nearly opposite directions leave a short sum, whose direction is the more uncertain.
     let half_angle = ANGLE / (wi + wo).length().max(ANGLE);
@@ -660,12 +660,12 @@ fn octahedral_normals_decode_alike_on_both_sides() {
         let anywhere = random.direction();
         let v = random.pick(&[anywhere, axis, axis + 1e-5 * anywhere]).normalize();
         let e = octahedral::encode(v.as_vec3());
-        let got = reference::brdf::octahedral(e);
+        let got = reference::octahedral(e);
         assert!(got.distance(v) < ANGLE, "{v} came back as {got}");
         // At a seam of the map both sides must fold alike.
         assert!(octahedral::decode(e).as_dvec3().distance(got) < ANGLE, "{e}");
     }
-    assert_eq!(reference::brdf::octahedral(Vec2::ZERO), DVec3::Z);
+    assert_eq!(reference::octahedral(Vec2::ZERO), DVec3::Z);
 }
 
 /// glslang lets GLSL write through `readonly` references, which no barrier then waits for: every store to `.at[...]`

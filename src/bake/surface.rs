@@ -91,23 +91,3 @@ pub fn brdf(s: &Surface) -> Brdf {
         dielectric_f90: s.specular,
     }
 }
-
-impl Brdf {
-    /// Whether light from a point or a direction is reflected at all.
-    pub fn reflects_directly(&self) -> bool {
-        self.diffuse != Vec3::ZERO || (self.has_lobe() && (self.f0 != Vec3::ZERO || self.f90 != 0.0))
-    }
-
-    /// Whether there is a specular lobe of some width.
-    pub fn has_lobe(&self) -> bool {
-        self.alpha > 0.0
-    }
-
-    /// What a perfect mirror reflects at this cosine: Schlick's Fresnel term, dielectric and metal mixed.
-    pub fn mirror(&self, cosine: f32) -> Vec3 {
-        if self.has_lobe() {
-            return Vec3::ZERO;
-        }
-        self.f0.lerp(Vec3::splat(self.f90), (1.0 - cosine.clamp(0.0, 1.0)).powi(5))
-    }
-}

@@ -11,6 +11,7 @@ use super::bvh::Bvh;
 use super::packet::{PACKET_SIZE, SamplePacket};
 use super::surface::SurfacePoint;
 use super::{BakeSettings, Baked, octahedral};
+use crate::brdf;
 use crate::scene::{Camera, Projection, Scene};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSample};
 
@@ -102,7 +103,7 @@ impl EyeRays<'_> {
             if cosine <= 0.0 {
                 return; // single-sided, seen from behind
             }
-            weight *= point.brdf.mirror(cosine);
+            weight *= brdf::mirror(&point.brdf, cosine.into()).as_vec3();
             if weight.max_element() < MIN_WEIGHT {
                 return;
             }

@@ -2,12 +2,12 @@
 //!
 //! They take the packed inputs of [`crate::shared`], so that both sides start from the same numbers.
 
-pub mod brdf;
 pub mod composite;
 pub mod light;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
+use crate::brdf;
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, PackedLight, ViewSample};
 
 /// Radiance of one view sample under one light at unit intensity; `visibility` in [0, 1]. Twin of shade_light.comp.
@@ -16,7 +16,7 @@ pub fn shade(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Packe
         return DVec3::ZERO;
     }
     let Some(arriving) = light::incident(light, sample.position.as_dvec3()) else { return DVec3::ZERO };
-    let (n, wo) = (brdf::octahedral(sample.normal), brdf::octahedral(sample.wo));
+    let (n, wo) = (octahedral(sample.normal), octahedral(sample.wo));
     visibility * arriving.irradiance * brdf::reflected(&brdfs[sample.brdf as usize], n, arriving.wi, wo)
 }
 
@@ -47,4 +47,13 @@ pub fn sum_images(terms: &[(Vec3, &[DVec3])], sum: &mut [DVec3]) {
             *total += scale.as_dvec3() * pixel;
         }
     }
+}
+
+/// Unit vector from its octahedral map [Cigolle 2014].
+pub fn octahedral(e: Vec2) -> DVec3 {
+    let e = e.as_dvec2();
+    let z = 1.0 - e.x.abs() - e.y.abs();
+    let sign = |x: f64| if x >= 0.0 { 1.0 } else { -1.0 };
+    let (x, y) = if z >= 0.0 { (e.x, e.y) } else { ((1.0 - e.y.abs()) * sign(e.x), (1.0 - e.x.abs()) * sign(e.y)) };
+    DVec3::new(x, y, z).normalize()
 }

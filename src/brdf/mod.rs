@@ -1,8 +1,12 @@
-//! glTF's BRDF [glTF 2.0, Appendix B]. Twin of glsl/lib/brdf.glsl.
+//! glTF's BRDF [glTF 2.0, Appendix B], in double precision: the only one in Rust. Twin of glsl/lib/brdf.glsl.
+
+mod lobes;
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec2};
+use glam::{DVec3, Vec3};
+
+pub use self::lobes::{Lobes, Reflected};
 
 use crate::shared::Brdf;
 
@@ -45,25 +49,38 @@ pub fn reflected(brdf: &Brdf, n: DVec3, wi: DVec3, wo: DVec3) -> DVec3 {
 
 /// [`f`] for angles already known.
 pub fn f_of_angles(brdf: &Brdf, a: &Angles) -> DVec3 {
+    let [diffuse, specular] = parts(brdf, a);
+    diffuse + specular
+}
+
+/// Diffuse and specular part of [`f_of_angles`].
+fn parts(brdf: &Brdf, a: &Angles) -> [DVec3; 2] {
     if a.ni <= 0.0 || a.no <= 0.0 {
-        return DVec3::ZERO;
+        return [DVec3::ZERO; 2];
     }
-    // Schlick's weight [Schlick 1994, Eq. 24].
-    let s = (1.0 - a.oh).powi(5);
+    let s = schlick(a.oh);
     let (f0, f90) = (f64::from(brdf.dielectric_f0), f64::from(brdf.dielectric_f90));
     let diffuse = brdf.diffuse.as_dvec3() / PI * (1.0 - (f0 + (f90 - f0) * s));
-    if brdf.alpha == 0.0 {
-        return diffuse;
+    if !brdf.has_lobe() {
+        return [diffuse, DVec3::ZERO];
     }
     let alpha = f64::from(brdf.alpha);
-    let fresnel = brdf.f0.as_dvec3().lerp(DVec3::splat(brdf.f90.into()), s);
-    diffuse + fresnel * ggx(a.nh, a.sine_nh, alpha) * smith(a.ni, a.no, alpha)
+    [diffuse, fresnel(brdf, s) * ggx(a.nh, a.sine_nh, alpha) * smith(a.ni, a.no, alpha)]
+}
+
+/// Weight of the grazing reflectance [Schlick 1994, Eq. 24].
+fn schlick(cosine: f64) -> f64 {
+    (1.0 - cosine).powi(5)
+}
+
+/// Fresnel term of the specular part, dielectric and metal mixed, at [`schlick`]'s weight `s`.
+fn fresnel(brdf: &Brdf, s: f64) -> DVec3 {
+    brdf.f0.as_dvec3().lerp(DVec3::splat(brdf.f90.into()), s)
 }
 
 /// What a perfect mirror reflects at this cosine, dielectric and metal mixed.
 pub fn mirror(brdf: &Brdf, cosine: f64) -> DVec3 {
-    let s = (1.0 - cosine.clamp(0.0, 1.0)).powi(5);
-    if brdf.alpha > 0.0 { DVec3::ZERO } else { brdf.f0.as_dvec3().lerp(DVec3::splat(brdf.f90.into()), s) }
+    if brdf.has_lobe() { DVec3::ZERO } else { fresnel(brdf, schlick(cosine.clamp(0.0, 1.0))) }
 }
 
 /// Density of half vectors, normalized over projected area [Walter 2007, Eq. 33]: alpha² / (pi cos⁴ (alpha² + tan²)²).
@@ -80,11 +97,14 @@ pub fn smith(ni: f64, no: f64, alpha: f64) -> f64 {
     1.0 / ((1.0 + lambda(ni) + lambda(no)) * 4.0 * ni * no)
 }
 
-/// Unit vector from its octahedral map [Cigolle 2014].
-pub fn octahedral(e: Vec2) -> DVec3 {
-    let e = e.as_dvec2();
-    let z = 1.0 - e.x.abs() - e.y.abs();
-    let sign = |x: f64| if x >= 0.0 { 1.0 } else { -1.0 };
-    let (x, y) = if z >= 0.0 { (e.x, e.y) } else { ((1.0 - e.y.abs()) * sign(e.x), (1.0 - e.x.abs()) * sign(e.y)) };
-    DVec3::new(x, y, z).normalize()
+impl Brdf {
+    /// Whether light from a point or a direction is reflected at all.
+    pub fn reflects_directly(&self) -> bool {
+        self.diffuse != Vec3::ZERO || (self.has_lobe() && (self.f0 != Vec3::ZERO || self.f90 != 0.0))
+    }
+
+    /// Whether there is a specular lobe of some width.
+    pub fn has_lobe(&self) -> bool {
+        self.alpha > 0.0
+    }
 }
