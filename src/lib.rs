@@ -50,6 +50,7 @@
 //!
 //! # Bibliography
 //!
+//! - [Andersson 2020] Andersson et al., FLIP: a difference evaluator for alternating images, Proc. ACM CGIT 3(2).
 //! - [Burley 2020] Burley, Practical hash-based Owen scrambling, JCGT 9(4).
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
 //! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
@@ -66,6 +67,7 @@
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
+//! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
 //! - [Sobotka 2022] Sobotka, AgX; [Wrensch 2023] Wrensch, Minimal AgX implementation.

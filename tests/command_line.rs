@@ -565,13 +565,23 @@ fn compare_prints_figures() {
     }
     let sizes = ["schema", "non_finite", "width", "height"].map(|key| same[key].as_u64().unwrap());
     assert_eq!((same["rel_rmse"].as_f64(), sizes), (Some(0.0), [1, 0, 64, 48]));
-    let other = ["--block", "4", "--trim", "0.1", "--scale", "3", "--diff"];
+    let options = ["--block=4", "--trim=0.1", "--scale=3"];
+    let (map, colors) = (path("new/d.png"), path("newer/f.png"));
     let other = Run::of(
-        relume().arg("compare").args([path("b.exr"), path("a.exr"), path("a.exr")]).args(other).arg(path("new/d.png")),
+        relume()
+            .arg("compare")
+            .args([path("b.exr"), path("a.exr"), path("a.exr")])
+            .args(options)
+            .arg("--diff")
+            .arg(&map)
+            .arg("--false-color")
+            .arg(&colors),
     );
     let other = parse(&other.silent().stdout);
     assert!(other["rel_rmse"].as_f64() > Some(0.01) && other["noise_free"] == true, "{other:#}");
-    assert_eq!(read_png(&path("new/d.png")).len(), 64 * 48);
+    assert!(other["flip_mean"].as_f64() > Some(0.01) && other["flip_floor"] == 0.0, "{other:#}");
+    assert_eq!(read_png(&map).len(), 64 * 48);
+    assert!(read_png(&colors).len() > 64 * 48, "no legend");
     let direct = run!("compare", path("b.exr"), path("a.exr"), "--layer", "direct").silent();
     assert_eq!(parse(&direct.stdout)["max_abs"], 0.0);
     run!("compare", path("a.exr"), path("a.exr"), "--layer", "nosuch").failed(&["a.exr", "nosuch"]);

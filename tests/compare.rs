@@ -158,7 +158,7 @@ fn mask_counts_only_white() {
     let figures = masked.figures(Settings::default());
     assert_close(figures.rel_rmse, 0.5, ROUNDING);
     assert_eq!(figures.non_finite, 0);
-    assert_eq!(masked.difference_map(1.0)[2..], [[0; 3]; 2]);
+    assert_eq!(masked.difference_map(1, 1.0)[2..], [[0; 3]; 2]);
 
     masked.mask = Some(vec![false; 4]);
     let nothing = masked.figures(with_trim(0.5));
@@ -177,7 +177,7 @@ fn non_finite_pixels_are_counted_and_left_out() {
         assert_close(figures.rel_rmse, 0.5, ROUNDING);
         assert_close(figures.max_abs, 1.0, ROUNDING);
     }
-    assert_eq!(broken.difference_map(1.0)[1], [255, 0, 255]);
+    assert_eq!(broken.difference_map(1, 1.0)[1], [255, 0, 255]);
 }
 
 #[test]
@@ -191,10 +191,71 @@ fn sums_are_double() {
 #[test]
 fn difference_map_is_linear_difference_times_scale_as_srgb() {
     let mut map = pictures(1, 1, |_| ([0.25, 1.0, 0.0], [0.5, 1.0, 9.0]));
-    assert_eq!(map.difference_map(2.0), [[png::srgb8_from_linear(0.5), 0, 255]]);
+    assert_eq!(map.difference_map(1, 2.0), [[png::srgb8_from_linear(0.5), 0, 255]]);
     assert_eq!(png::srgb8_from_linear(0.5), 188); // 1.055 * 0.5^(1/2.4) - 0.055 = 0.7354
     map.second = Some(vec![[0.0, 1.0, -9.0]]);
-    assert_eq!(map.difference_map(2.0), [[0, 0, 0]]);
+    assert_eq!(map.difference_map(1, 2.0), [[0, 0, 0]]);
+}
+
+#[test]
+fn maps_show_block_means() {
+    // A checkerboard of +1 and -1 vanishes in 2x2 means; what is not finite is left out of its block and shown itself.
+    let sign = |i: usize| if (i % 6 + i / 6).is_multiple_of(2) { 1.0 } else { -1.0 };
+    let mut checkers = pictures(6, 4, |i| ([2.0 + sign(i); 3], [2.0; 3]));
+    assert_eq!(checkers.difference_map(1, 0.5), vec![[188; 3]; 24]);
+    assert_eq!(checkers.difference_map(2, 0.5), vec![[0; 3]; 24]);
+    checkers.image[0] = [f32::NAN; 3];
+    let map = checkers.difference_map(2, 0.5);
+    let third = png::srgb8_from_linear(0.5 / 3.0); // |(-1 - 1 + 1) / 3| * 0.5
+    assert_eq!((map[0], map[1], map[6], map[7]), ([255, 0, 255], [third; 3], [third; 3], [third; 3]));
+    assert_eq!(map[2], [0; 3]);
+}
+
+/// First, middle and last colour of matplotlib's table.
+const MAGMA: [[u8; 4]; 3] = [[0, 0, 4, 255], [183, 55, 121, 255], [252, 253, 191, 255]];
+
+#[test]
+fn false_colors_span_three_decades() {
+    // Mean differences of 0, 5e-4, 5e-4 * 10^1.5 (by channel 0, 1 and 2 times that), 0.5 and 7; then the mask, a NaN.
+    let middle = 5e-4 * 31.622_776;
+    let differences = [[0.0; 3], [-5e-4; 3], [0.0, middle, 2.0 * middle], [0.5; 3], [-7.0; 3], [9.0; 3], [f32::NAN; 3]];
+    let mut pictures = pictures(400, 3, |i| (differences[i % 7].map(|d| 1.0 + d), [1.0; 3]));
+    pictures.mask = Some((0..1200).map(|i| i % 7 != 5).collect());
+    let map = pictures.false_color(1, 2.0);
+    assert!(map.width == 400 && map.height > 3 + 40);
+    let [darkest, between, brightest] = MAGMA;
+    assert_eq!(map.rgba[..2], [darkest; 2]);
+    let off = map.rgba[2].iter().zip(between).map(|(&got, want)| got.abs_diff(want)).max();
+    assert!(off <= Some(2), "{:?}, not the middle {between:?}", map.rgba[2]);
+    assert_eq!(map.rgba[3..7], [brightest, brightest, [56, 56, 56, 255], [0, 255, 255, 255]]);
+
+    // The legend: a bar from the darkest to the brightest, and white writing under it.
+    let legend = &map.rgba[3 * 400..];
+    let bar = legend.chunks(400).find(|row| row.contains(&brightest)).expect("a bar");
+    let colors: Vec<_> = bar.iter().filter(|&&color| color != [56, 56, 56, 255]).collect();
+    assert_eq!((colors[0], colors[colors.len() - 1]), (&darkest, &brightest));
+    assert!(legend.iter().filter(|&&color| color == [255; 4]).count() > 500, "no writing");
+}
+
+#[test]
+fn false_colors_of_any_size_and_reference() {
+    let rows = |map: &png::Pixels, height: usize| map.height - height;
+    let narrow = pictures(5, 4, |_| ([1.0; 3], [0.5; 3])).false_color(1, 2.0);
+    assert_eq!(narrow.rgba.len(), narrow.width * narrow.height);
+    assert!(narrow.width > 300 && narrow.rgba[5] == [56, 56, 56, 255], "a narrow picture is widened");
+    let wide = pictures(1999, 4, |_| ([1.0; 3], [0.5; 3])).false_color(1, 2.0);
+    assert!(wide.width >= 1999 && wide.width < 1999 + 3 && rows(&wide, 4) == 3 * rows(&narrow, 4), "{}", wide.width);
+    // Without a mean there is no line of percentages.
+    let black = pictures(5, 4, |_| ([1.0; 3], [0.0; 3])).false_color(1, 2.0);
+    assert!(rows(&black, 4) < rows(&narrow, 4));
+    for scale in [1e-30, 1e30] {
+        let extreme = pictures(5, 4, |_| ([f32::MAX; 3], [f32::MIN_POSITIVE; 3])).false_color(3, scale);
+        assert_eq!(extreme.height, narrow.height);
+    }
+    let nothing = pictures(5, 4, |_| ([f32::NAN; 3], [f32::INFINITY; 3]));
+    assert_eq!(nothing.false_color(2, 1.0).rgba[0], [0, 255, 255, 255]);
+    let figures = nothing.figures(with_block(2));
+    assert_eq!((figures.non_finite, figures.rel_rmse, figures.flip_mean, figures.bias), (20, None, None, None));
 }
 
 struct Files(tempfile::TempDir);

@@ -53,7 +53,7 @@ fn leave(pictures: &Pictures, name: &str) -> String {
     let parts = [
         ("got", exposed(&pictures.image)),
         ("want", exposed(&pictures.reference)),
-        ("difference", pictures.difference_map(4.0 / mean)),
+        ("difference", pictures.difference_map(1, 4.0 / mean)),
     ];
     let write = |(part, pixels): &(&str, Vec<[u8; 3]>)| {
         let path = output_dir().join(format!("{name}.{part}.png"));

@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::output::make_parent;
+use super::progress;
 use super::stdout::out;
 
 #[derive(clap::Args, Debug)]
@@ -42,7 +43,11 @@ pub struct Args {
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
 
-    /// Factor on the differences of --diff
+    /// Writes the difference in false colours, with a legend; the brightest stands for 1 / --scale
+    #[arg(long, value_name = "OUT.png")]
+    false_color: Option<PathBuf>,
+
+    /// Factor on the differences of --diff and --false-color
     #[arg(long, value_name = "FACTOR", default_value = "2", value_parser = parse_scale)]
     scale: f32,
 }
@@ -54,15 +59,21 @@ struct Output<'a> {
     figures: &'a Figures,
 }
 
-/// Prints the figures on stdout and writes the difference map if one is asked for.
+/// Prints the figures on stdout and writes the difference maps that are asked for.
 pub fn run(args: &Args) -> Result<()> {
-    args.diff.iter().try_for_each(|path| make_parent(path))?;
+    [&args.diff, &args.false_color].into_iter().flatten().try_for_each(|path| make_parent(path))?;
+    let spinner = progress::spinner("comparing");
     let second = args.reference_b.as_deref();
     let pictures = Pictures::read(&args.image, &args.reference, second, &args.layer, args.mask.as_deref())?;
     if let Some(path) = &args.diff {
-        png::write(path, pictures.width, pictures.height, &pictures.difference_map(args.scale))?;
+        png::write(path, pictures.width, pictures.height, &pictures.difference_map(args.block, args.scale))?;
+    }
+    if let Some(path) = &args.false_color {
+        let map = pictures.false_color(args.block, args.scale);
+        png::write(path, map.width, map.height, &map.rgba)?;
     }
     let figures = pictures.figures(Settings { block: args.block, trim: args.trim });
+    spinner.finish_and_clear();
     out!("{:#}", json!(Output { schema: 1, figures: &figures }))
 }
 

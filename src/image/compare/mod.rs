@@ -1,9 +1,16 @@
 //! Error figures between an image and a reference, free of the reference's noise when it comes in two halves.
 
+mod blocks;
+mod flip;
+mod legend;
+mod maps;
+
 use std::path::Path;
 
 use serde::Serialize;
 
+use self::blocks::{Blocks, Sample};
+pub use self::flip::error_map as flip_map;
 use super::{Image, exr, png};
 use crate::error::{Error, Result};
 
@@ -50,9 +57,13 @@ pub struct Figures {
     pub rel_mse: Option<f64>,
     /// mean(x - r) / mean(r).
     pub bias: Option<f64>,
-    /// Mean FLIP; none yet.
+    /// Mean of FLIP's error map between x and r as displayed [Andersson 2020]; 0 = no difference, 1 = the largest.
+    ///
+    /// Displayed is 0.5 / mean(r) times the picture, through the ACES fit of [Narkowicz 2015] into 8-bit sRGB, at 67
+    /// pixels a degree. FLIP sees whole pictures: where nothing counts, both show the reference.
     pub flip_mean: Option<f64>,
-    /// FLIP of a against b; none yet.
+    /// The same between a and b at the same exposure: what the references' noise does to FLIP, which nothing frees of
+    /// it. Differences near it say nothing.
     pub flip_floor: Option<f64>,
     /// Whether two references were given.
     pub noise_free: bool,
@@ -70,48 +81,6 @@ pub struct Figures {
     /// In pixels, whatever the blocks.
     pub width: usize,
     pub height: usize,
-}
-
-/// A pixel or a block's mean; b = a if there is one reference.
-#[derive(Clone, Copy, Default)]
-struct Sample {
-    x: [f64; 3],
-    a: [f64; 3],
-    b: [f64; 3],
-}
-
-impl Sample {
-    /// (x - a)(x - b) by channel.
-    fn errors(&self) -> [f64; 3] {
-        std::array::from_fn(|c| (self.x[c] - self.a[c]) * (self.x[c] - self.b[c]))
-    }
-
-    /// ab by channel.
-    fn squares(&self) -> [f64; 3] {
-        std::array::from_fn(|c| self.a[c] * self.b[c])
-    }
-
-    fn add(&mut self, other: &Sample) {
-        for c in 0..3 {
-            self.x[c] += other.x[c];
-            self.a[c] += other.a[c];
-            self.b[c] += other.b[c];
-        }
-    }
-
-    fn divided_by(&self, count: f64) -> Sample {
-        let divided = |sum: [f64; 3]| sum.map(|value| value / count);
-        Sample { x: divided(self.x), a: divided(self.a), b: divided(self.b) }
-    }
-
-    fn reference(&self) -> [f64; 3] {
-        std::array::from_fn(|c| 0.5 * (self.a[c] + self.b[c]))
-    }
-
-    fn differences(&self) -> [f64; 3] {
-        let reference = self.reference();
-        std::array::from_fn(|c| self.x[c] - reference[c])
-    }
 }
 
 impl Pictures {
@@ -157,101 +126,37 @@ impl Pictures {
 
     /// The error figures.
     pub fn figures(&self, settings: Settings) -> Figures {
-        assert!(settings.block > 0, "blocks of {} pixels", settings.block);
         assert!((0.0..1.0).contains(&settings.trim), "share {} to trim", settings.trim);
-        self.check_lengths();
-        let Counted { samples, non_finite, reference_non_finite } = self.count(settings.block);
+        let blocks = Blocks::new(self, settings.block);
+        let samples: Vec<Sample> = blocks.counting().collect();
         let values = 3.0 * samples.len() as f64;
         let total = |value: fn(&Sample) -> [f64; 3]| samples.iter().flat_map(value).sum::<f64>();
         let squared_error = (total(Sample::errors) / values).max(0.0);
-        let mean_reference = total(Sample::reference) / values;
         let any = !samples.is_empty();
-        let has_mean = any && mean_reference != 0.0;
+        let mean_reference = blocks.mean_reference().unwrap_or(0.0);
+        let has_mean = mean_reference != 0.0;
         let relative = |sample: &Sample| -> f64 {
             let (errors, reference) = (sample.errors(), sample.reference());
             // 1e-2: keeps black pixels from counting without bound, as the contract has it.
             (0..3).map(|c| errors[c] / (reference[c] * reference[c] + 1e-2 * mean_reference * mean_reference)).sum()
+        };
+        let flip = |reference: fn(&Sample) -> [f64; 3], test: fn(&Sample) -> [f64; 3]| {
+            (mean_reference > 0.0).then(|| flip::mean(&blocks, 0.5 / mean_reference, reference, test))
         };
         Figures {
             rel_rmse: relative_rmse(&samples),
             rmse: any.then(|| squared_error.sqrt()),
             rel_mse: has_mean.then(|| (samples.iter().map(relative).sum::<f64>() / values).max(0.0)),
             bias: has_mean.then(|| total(Sample::differences) / values / mean_reference),
-            flip_mean: None,
-            flip_floor: None,
+            flip_mean: flip(Sample::reference, |sample| sample.x),
+            flip_floor: self.second.as_ref().and_then(|_| flip(|sample| sample.a, |sample| sample.b)),
             noise_free: self.second.is_some(),
             max_abs: samples.iter().flat_map(Sample::differences).map(f64::abs).reduce(f64::max),
             trimmed: relative_rmse(&without_worst(samples, settings.trim)),
-            non_finite,
-            reference_non_finite,
+            non_finite: blocks.non_finite,
+            reference_non_finite: blocks.reference_non_finite,
             width: self.width,
             height: self.height,
-        }
-    }
-
-    /// |x - r| * scale by channel, clamped to [0, 1] and then sRGB-encoded; magenta where it is not a number.
-    ///
-    /// `scale` is in 1 / radiance; the thesis's Figure 5.1 shows differences times 2. Masked pixels are black.
-    pub fn difference_map(&self, scale: f32) -> Vec<[u8; 3]> {
-        self.check_lengths();
-        let pixel = |index: usize| {
-            if !self.counts(index) {
-                return [0; 3];
-            }
-            let (x, a) = (self.image[index], self.reference[index]);
-            let b = self.second.as_ref().map_or(a, |second| second[index]);
-            let difference: [f32; 3] = std::array::from_fn(|c| (x[c] - 0.5 * (a[c] + b[c])).abs() * scale);
-            if difference.iter().any(|value| value.is_nan()) {
-                return [255, 0, 255];
-            }
-            difference.map(png::srgb8_from_linear)
-        };
-        (0..self.image.len()).map(pixel).collect()
-    }
-
-    fn counts(&self, index: usize) -> bool {
-        self.mask.as_ref().is_none_or(|mask| mask[index])
-    }
-
-    /// The samples in rows: means over the pixels of a block that count, each block with equal weight however many.
-    fn count(&self, block: usize) -> Counted {
-        let mut counted = Counted { samples: Vec::new(), non_finite: 0, reference_non_finite: 0 };
-        for top in (0..self.height).step_by(block) {
-            for left in (0..self.width).step_by(block) {
-                let (mut sum, mut count) = (Sample::default(), 0.0);
-                for y in top..self.height.min(top.saturating_add(block)) {
-                    for x in left..self.width.min(left.saturating_add(block)) {
-                        match self.pixel(y * self.width + x) {
-                            Pixel::Masked => {}
-                            Pixel::NonFinite => counted.non_finite += 1,
-                            Pixel::ReferenceNonFinite => counted.reference_non_finite += 1,
-                            Pixel::Counts(sample) => {
-                                sum.add(&sample);
-                                count += 1.0;
-                            }
-                        }
-                    }
-                }
-                if count > 0.0 {
-                    counted.samples.push(sum.divided_by(count));
-                }
-            }
-        }
-        counted
-    }
-
-    fn pixel(&self, index: usize) -> Pixel {
-        let is_finite = |pixel: [f32; 3]| pixel.iter().all(|value| value.is_finite());
-        let (x, a) = (self.image[index], self.reference[index]);
-        let b = self.second.as_ref().map_or(a, |second| second[index]);
-        if !self.counts(index) {
-            Pixel::Masked
-        } else if !is_finite(x) {
-            Pixel::NonFinite
-        } else if !is_finite(a) || !is_finite(b) {
-            Pixel::ReferenceNonFinite
-        } else {
-            Pixel::Counts(Sample { x: x.map(f64::from), a: a.map(f64::from), b: b.map(f64::from) })
         }
     }
 
@@ -262,19 +167,6 @@ impl Pictures {
         assert_eq!(self.second.as_ref().map_or(pixels, Vec::len), pixels, "pixels of the second reference");
         assert_eq!(self.mask.as_ref().map_or(pixels, Vec::len), pixels, "pixels of the mask");
     }
-}
-
-enum Pixel {
-    Masked,
-    NonFinite,
-    ReferenceNonFinite,
-    Counts(Sample),
-}
-
-struct Counted {
-    samples: Vec<Sample>,
-    non_finite: usize,
-    reference_non_finite: usize,
 }
 
 fn take_layer(path: &Path, image: Image, name: &str) -> Result<Vec<[f32; 3]>> {
