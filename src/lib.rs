@@ -58,6 +58,7 @@
 //! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
 //!   KHR_lights_punctual, KHR_materials_specular, KHR_materials_ior, ...
+//! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik 101.
 //! - [Halton 1960] Halton, On the efficiency of certain quasi-random sequences of points, Numerische Mathematik 2.
 //! - [Hasan 2006] Hašan, Pellacini, Bala, Direct-to-indirect transfer for cinematic relighting, SIGGRAPH.
 //! - [Heitz 2014] Heitz, Understanding the masking-shadowing function in microfacet-based BRDFs, JCGT 3(2).
@@ -67,6 +68,7 @@
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
+//! - [Lloyd 1982] Lloyd, Least squares quantization in PCM, IEEE Transactions on Information Theory 28(2).
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.

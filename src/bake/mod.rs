@@ -1,10 +1,13 @@
 //! Scene -> [`Baked`]: everything that does not depend on the lights, one call per stage, in order.
 
+pub mod brdf_factors;
 pub mod bvh;
 pub mod cache;
 pub mod edges;
+pub mod gather_samples;
 pub mod octahedral;
 pub mod packet;
+pub mod point_tree;
 pub mod surface;
 pub mod view_samples;
 

@@ -96,7 +96,7 @@ fn basis(n: DVec3) -> DMat3 {
 }
 
 /// Direction in the local frame whose density is the cosine over pi.
-fn cosine_direction(u: f64, v: f64) -> DVec3 {
+pub fn cosine_direction(u: f64, v: f64) -> DVec3 {
     let (sine, cosine) = (TAU * u).sin_cos();
     let r = v.sqrt();
     DVec3::new(r * cosine, r * sine, (1.0 - v).sqrt())

@@ -1,0 +1,180 @@
+//! Spherical harmonics made orthonormal over one hemisphere under projected solid angle: ∫ B_i B_j cosθ dω = δ_ij.
+//!
+//! A function of degree l and order m is `R_lm(z) Re (x + iy)^m` or `R_lm(z) Im (x + iy)^m`: its radial part R_lm is a
+//! polynomial in z of degree l - m. The first 1, 4, 9, 16 functions span all polynomials of degree 0, 1, 2, 3 on the
+//! sphere, so a smaller basis is the beginning of a larger one.
+
+use std::sync::OnceLock;
+
+use glam::{DVec3, Vec3};
+
+/// Functions at most.
+pub const MAX_FUNCTIONS: usize = 16;
+/// Radial parts: one for each degree up to 3 and order up to the degree.
+pub const RADIAL_COUNT: usize = 10;
+/// Degrees: the largest basis has all up to 3.
+const DEGREES: usize = 4;
+
+/// Degree and order of each radial part; those of one degree are neighbours.
+pub const RADIALS: [(usize, usize); RADIAL_COUNT] =
+    [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2), (3, 3)];
+
+/// Radial parts that the first `functions` functions need.
+pub const fn radials_of(functions: usize) -> usize {
+    match functions {
+        0..=1 => 1,
+        2..=4 => 3,
+        5..=9 => 6,
+        _ => RADIAL_COUNT,
+    }
+}
+
+/// The basis.
+pub struct Harmonics {
+    /// Coefficients of R_lm, ascending powers of z.
+    radials: [[f64; DEGREES]; RADIAL_COUNT],
+    single: [[f32; DEGREES]; RADIAL_COUNT],
+}
+
+impl Harmonics {
+    pub fn get() -> &'static Self {
+        static HARMONICS: OnceLock<Harmonics> = OnceLock::new();
+        HARMONICS.get_or_init(Self::new)
+    }
+
+    fn new() -> Self {
+        let mut radials = [[0.0; DEGREES]; RADIAL_COUNT];
+        for (i, &(degree, order)) in RADIALS.iter().enumerate() {
+            let mut radial = [0.0; DEGREES];
+            radial[degree - order] = 1.0;
+            // Twice is enough to lose nothing to rounding [Giraud 2005].
+            for _ in 0..2 {
+                for (lower, &(_, of_order)) in radials[..i].iter().zip(&RADIALS) {
+                    if of_order == order {
+                        let share = inner(&radial, lower, order);
+                        radial.iter_mut().zip(lower).for_each(|(r, l)| *r -= share * l);
+                    }
+                }
+            }
+            let norm = inner(&radial, &radial, order).sqrt();
+            radials[i] = radial.map(|r| r / norm);
+        }
+        Self { radials, single: radials.map(|radial| radial.map(|r| r as f32)) }
+    }
+
+    /// The first `values.len()` functions in a unit direction of the local frame; below the horizon those of the
+    /// nearest direction that is not.
+    pub fn evaluate(&self, direction: Vec3, values: &mut [f32]) {
+        let mut d = direction;
+        if d.z < 0.0 {
+            d = d.with_z(0.0).try_normalize().unwrap_or(Vec3::X);
+        }
+        let radial = |i: usize| {
+            let [a, b, c, e] = self.single[i];
+            ((e * d.z + c) * d.z + b) * d.z + a
+        };
+        spread(values, radial, azimuths(d.x, d.y));
+    }
+
+    /// [`Self::evaluate`] of all functions in double precision, for directions above the horizon.
+    pub fn evaluate_exactly(&self, d: DVec3) -> [f64; MAX_FUNCTIONS] {
+        let mut values = [0.0; MAX_FUNCTIONS];
+        let radial = |i: usize| self.radials[i].iter().rev().fold(0.0, |sum, c| sum * d.z + c);
+        spread(&mut values, radial, azimuths(d.x, d.y));
+        values
+    }
+
+    /// Coefficients of each radial part, ascending powers of z: what a kernel needs.
+    pub fn radial_coefficients(&self) -> &[[f32; DEGREES]; RADIAL_COUNT] {
+        &self.single
+    }
+}
+
+/// Re and Im of (x + iy)^m for m = 0 to 3.
+pub fn azimuths<T>(x: T, y: T) -> [(T, T); DEGREES]
+where
+    T: Copy + std::ops::Mul<Output = T> + std::ops::Sub<Output = T> + std::ops::Add<Output = T> + From<u8>,
+{
+    let times = |(a, b): (T, T)| (a * x - b * y, a * y + b * x);
+    let one = (T::from(1), T::from(0));
+    let second = times((x, y));
+    [one, (x, y), second, times(second)]
+}
+
+/// Functions from their radial and azimuthal parts: by degree, then order; of an order above 0 the real part first.
+pub fn spread<R, A>(values: &mut [R], radial: impl Fn(usize) -> R, azimuths: [(A, A); DEGREES])
+where
+    A: Copy,
+    R: Copy + std::ops::Mul<A, Output = R>,
+{
+    let mut next = 0;
+    for (i, &(_, order)) in RADIALS[..radials_of(values.len())].iter().enumerate() {
+        let (real, imaginary) = azimuths[order];
+        let radial = radial(i);
+        values[next] = radial * real;
+        next += 1;
+        if order > 0 {
+            values[next] = radial * imaginary;
+            next += 1;
+        }
+    }
+}
+
+/// ∫ over the hemisphere of `a b (1 - z²)^m cos²(mφ) cosθ dω`, in closed form: ∫ z^(n+1) (1 - z²)^m dz over [0, 1] is
+/// m! / (2 s (s + 1) ... (s + m)) with s = (n + 2) / 2.
+fn inner(a: &[f64; DEGREES], b: &[f64; DEGREES], order: usize) -> f64 {
+    let around = if order == 0 { 2.0 } else { 1.0 } * std::f64::consts::PI;
+    let moment = |n: usize| {
+        let s = (n + 2) as f64 / 2.0;
+        (0..order).fold(0.5 / s, |value, i| value * (i + 1) as f64 / (s + (i + 1) as f64))
+    };
+    let terms = (0..DEGREES).flat_map(|i| (0..DEGREES).map(move |j| (i, j)));
+    around * terms.map(|(i, j)| a[i] * b[j] * moment(i + j)).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Midpoint rule, exact to its step's square: 2e-5 here.
+    #[test]
+    fn functions_are_orthonormal_under_projected_solid_angle() {
+        let (heights, around) = (400, 64);
+        let mut gram = [[0.0; MAX_FUNCTIONS]; MAX_FUNCTIONS];
+        for i in 0..heights * around {
+            let z = ((i / around) as f64 + 0.5) / heights as f64;
+            let (sine, cosine) = ((i % around) as f64 * std::f64::consts::TAU / around as f64).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let values = Harmonics::get().evaluate_exactly(DVec3::new(r * cosine, r * sine, z));
+            for (a, row) in values.iter().zip(&mut gram) {
+                for (b, sum) in values.iter().zip(row) {
+                    *sum += a * b * z * std::f64::consts::TAU / (heights * around) as f64;
+                }
+            }
+        }
+        for (i, row) in gram.iter().enumerate() {
+            for (j, &value) in row.iter().enumerate() {
+                let want = if i == j { 1.0 } else { 0.0 };
+                assert!((value - want).abs() < 1e-4, "<B_{i}, B_{j}> = {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn single_precision_agrees_and_stays_at_the_horizon_below_it() {
+        for direction in [Vec3::Z, Vec3::new(0.6, 0.0, 0.8), Vec3::new(-0.48, 0.6, 0.64), Vec3::new(0.6, -0.8, 0.0)] {
+            let exact = Harmonics::get().evaluate_exactly(direction.as_dvec3());
+            for count in [1, 4, 9, 16] {
+                let mut values = [0.0; MAX_FUNCTIONS];
+                Harmonics::get().evaluate(direction, &mut values[..count]);
+                for (i, (value, exact)) in values[..count].iter().zip(exact).enumerate() {
+                    assert!((f64::from(*value) - exact).abs() < 1e-5, "B_{i} at {direction}: {value}, {exact}");
+                }
+            }
+        }
+        let (mut below, mut at) = ([0.0; 9], [0.0; 9]);
+        Harmonics::get().evaluate(Vec3::new(0.48, -0.64, -0.6), &mut below);
+        Harmonics::get().evaluate(Vec3::new(0.6, -0.8, 0.0), &mut at);
+        assert!(below.iter().zip(at).all(|(a, b)| (a - b).abs() < 1e-5));
+    }
+}

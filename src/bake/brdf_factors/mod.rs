@@ -1,0 +1,255 @@
+//! BRDFs as short sums of products, f(ωo, ωi) ≈ Σ h_i(ωo) k_i(ωi): what a gather sample keeps of the light that
+//! reaches it, and what it sends on.
+//!
+//! [`harmonics`] and [`Projection`] are ours: one basis h = B for all materials, the hemisphere's own harmonics, and
+//! k_i(ωi) = ∫ B_i f cosθ dω tabulated once for every roughness.
+
+pub mod harmonics;
+
+use std::f64::consts::PI;
+use std::sync::OnceLock;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use self::harmonics::{Harmonics, MAX_FUNCTIONS, RADIAL_COUNT, RADIALS, azimuths, radials_of, spread};
+use crate::brdf::Lobes;
+use crate::shared::Brdf;
+
+/// Narrower lobes, of glTF roughness below 0.2, are followed by rays: no short sum holds them.
+pub const NEAR_MIRROR_ALPHA: f32 = 0.04;
+/// What of the light from any direction a gather sample reflects at most: glTF's BRDF exceeds 1 near grazing.
+pub const ALBEDO_CAP: f32 = 0.999;
+
+/// Rows of the table, over roughness from that of [`NEAR_MIRROR_ALPHA`] to 1.
+const ROUGHNESSES: usize = 25;
+/// Columns of the table, over the square root of the cosine from 0 to 1: k is steep near grazing.
+const COSINES: usize = 81;
+/// Facets that an entry is summed over, around and along: half of those around, since the other half is their image.
+const FACETS: [usize; 2] = [12, 144];
+
+/// k_i over roughness and angle, divided by what glTF multiplies in: it is linear in all reflectances.
+pub struct Projection {
+    /// [roughness][cosine]: radial parts of the specular lobe's k with Fresnel's term 1, and with Schlick's weight.
+    specular: Vec<[[f32; 2]; RADIAL_COUNT]>,
+    /// [cosine]: radial parts of Schlick's weight over pi, which the diffuse lobe lacks.
+    schlick: Vec<[f32; RADIAL_COUNT]>,
+}
+
+impl Projection {
+    pub fn get() -> &'static Self {
+        static PROJECTION: OnceLock<Projection> = OnceLock::new();
+        PROJECTION.get_or_init(Self::new)
+    }
+
+    fn new() -> Self {
+        let white = Brdf {
+            diffuse: Vec3::ZERO,
+            alpha: 0.0,
+            f0: Vec3::X, // red reflects all, green what Schlick's weight says
+            f90: 1.0,
+            dielectric_f0: 0.0,
+            dielectric_f90: 0.0,
+        };
+        let alpha = |row: usize| {
+            let narrowest = NEAR_MIRROR_ALPHA.sqrt();
+            (narrowest + (1.0 - narrowest) * row as f32 / (ROUGHNESSES - 1) as f32).powi(2)
+        };
+        let row = |row: usize| {
+            let brdf = Brdf { alpha: alpha(row), ..white };
+            column(|wi| integrate(&brdf, wi, |reflected| [reflected.specular.x, reflected.specular.y]))
+        };
+        let specular = (0..ROUGHNESSES).into_par_iter().flat_map_iter(row).map(|k| k.map(|k| k.map(|k| k as f32)));
+        // Its diffuse lobe is 1/pi less Schlick's weight over pi.
+        let lambert = Brdf { diffuse: Vec3::ONE, f0: Vec3::ZERO, f90: 0.0, dielectric_f90: 1.0, ..white };
+        let missing = |wi| integrate(&lambert, wi, |r| [r.density - r.diffuse.x, 0.0]);
+        let schlick = column(missing).into_iter().map(|k| k.map(|[missing, _]| missing as f32)).collect();
+        Self { specular: specular.collect(), schlick }
+    }
+
+    /// k_i of `brdf` for light from the unit direction `wi` of the local frame, above the horizon: what the first
+    /// `values.len()` functions get of irradiance 1 at normal incidence to the light, cosine not included. Capped, so
+    /// that no more than [`ALBEDO_CAP`] of the light is reflected in any channel.
+    pub fn project(&self, brdf: &Brdf, wi: Vec3, values: &mut [Vec3]) {
+        let radials = self.radials(brdf, wi.z, radials_of(values.len()));
+        let albedo = radials[0] * PI.sqrt() as f32;
+        let cap = (Vec3::splat(ALBEDO_CAP) / albedo.max(Vec3::splat(1e-6))).min(Vec3::ONE);
+        spread(values, |i| radials[i] * cap, azimuths(wi.x, wi.y));
+    }
+
+    /// What `brdf` reflects of the light from directions at this cosine, the cap left out.
+    pub fn albedo(&self, brdf: &Brdf, cosine: f32) -> Vec3 {
+        self.radials(brdf, cosine, 1)[0] * PI.sqrt() as f32
+    }
+
+    /// The mean of [`Self::albedo`] under even light from everywhere, capped or not.
+    pub fn hemispherical_albedo(&self, brdf: &Brdf, cap: f32) -> Vec3 {
+        let steps = 256;
+        let cosine = |i: usize| (i as f32 + 0.5) / steps as f32;
+        let at = |i: usize| self.albedo(brdf, cosine(i)).min(Vec3::splat(cap)) * (2.0 * cosine(i) / steps as f32);
+        (0..steps).map(at).sum()
+    }
+
+    /// Sum of the squares of k_i over the functions of each degree, under even light from everywhere, mean of RGB.
+    pub fn energy_by_degree(&self, brdf: &Brdf) -> [f32; 4] {
+        let steps = 256;
+        let mut energy = [0.0; 4];
+        let mut values = [Vec3::ZERO; MAX_FUNCTIONS];
+        for i in 0..steps {
+            let z = (i as f32 + 0.5) / steps as f32;
+            self.project(brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), &mut values);
+            for (degree, sum) in energy.iter_mut().enumerate() {
+                let of_degree = &values[degree * degree..(degree + 1) * (degree + 1)];
+                *sum += of_degree.iter().map(|k| k.dot(*k)).sum::<f32>() / 3.0 * 2.0 * z / steps as f32;
+            }
+        }
+        energy
+    }
+
+    fn radials(&self, brdf: &Brdf, cosine: f32, count: usize) -> [Vec3; RADIAL_COUNT] {
+        let (column, along) = place(cosine.clamp(0.0, 1.0).sqrt(), COSINES);
+        let weights = [1.0 - along, along];
+        let mut radials = [Vec3::ZERO; RADIAL_COUNT];
+        if brdf.diffuse != Vec3::ZERO {
+            let fall = brdf.dielectric_f90 - brdf.dielectric_f0;
+            for (radial, c) in radials.iter_mut().zip(0..count) {
+                let schlick = weights[0] * self.schlick[column][c] + weights[1] * self.schlick[column + 1][c];
+                *radial = -fall * schlick * brdf.diffuse;
+            }
+            // Even light lies along the first function alone.
+            radials[0] += (1.0 - brdf.dielectric_f0) / PI.sqrt() as f32 * brdf.diffuse;
+        }
+        if brdf.has_lobe() {
+            let narrowest = NEAR_MIRROR_ALPHA.sqrt();
+            let (row, across) =
+                place(((brdf.alpha.sqrt() - narrowest) / (1.0 - narrowest)).clamp(0.0, 1.0), ROUGHNESSES);
+            let mut sums = [[0.0; 2]; RADIAL_COUNT];
+            for (row, share) in [(row, 1.0 - across), (row + 1, across)] {
+                for (column, weight) in [(column, weights[0]), (column + 1, weights[1])] {
+                    let entry = &self.specular[row * COSINES + column];
+                    for (sum, k) in sums.iter_mut().zip(&entry[..count]) {
+                        sum[0] += share * weight * k[0];
+                        sum[1] += share * weight * k[1];
+                    }
+                }
+            }
+            for (radial, [all, schlick]) in radials.iter_mut().zip(sums) {
+                *radial += brdf.f0 * (all - schlick) + Vec3::splat(brdf.f90 * schlick);
+            }
+        }
+        radials
+    }
+}
+
+/// Which two of `count` entries a number in [0, 1] lies between, and how far along.
+fn place(x: f32, count: usize) -> (usize, f32) {
+    let x = x * (count - 1) as f32;
+    let index = (x as usize).min(count - 2);
+    (index, x - index as f32)
+}
+
+/// Entries over all cosines of what `integrate` makes of a direction of light.
+fn column(integrate: impl Fn(DVec3) -> [[f64; 2]; RADIAL_COUNT]) -> Vec<[[f64; 2]; RADIAL_COUNT]> {
+    let entry = |i: usize| {
+        // Never exactly along the horizon, where nothing is reflected.
+        let z = ((i as f64 / (COSINES - 1) as f64).powi(2)).clamp(1e-6, 1.0);
+        integrate(DVec3::new((1.0 - z * z).sqrt(), 0.0, z))
+    };
+    let mut entries: Vec<_> = (0..COSINES).map(entry).collect();
+    // Straight from above radial parts of higher orders are 0/0: they go on as they come.
+    let [.., before, last, top] = &mut entries[..] else { unreachable!("there are {COSINES}") };
+    for (i, &(_, order)) in RADIALS.iter().enumerate() {
+        if order > 0 {
+            top[i] = std::array::from_fn(|part| 2.0 * last[i][part] - before[i][part]);
+        }
+    }
+    entries
+}
+
+/// Radial parts of ∫ B_i(ωo) f cosθo dωo for light from `wi`, by facets: two `parts` of BRDF times cosine at once.
+fn integrate(brdf: &Brdf, wi: DVec3, parts: impl Fn(&crate::brdf::Reflected) -> [f64; 2]) -> [[f64; 2]; RADIAL_COUNT] {
+    let mut sums = [[0.0; 2]; RADIAL_COUNT];
+    let Some(lobes) = Lobes::new(brdf, DVec3::Z, wi) else { return sums };
+    for facet in 0..FACETS[0] * FACETS[1] {
+        let around = 0.5 * ((facet / FACETS[1]) as f64 + 0.5) / FACETS[0] as f64;
+        let along = ((facet % FACETS[1]) as f64 + 0.5) / FACETS[1] as f64;
+        let Some(wo) = lobes.sample([around, along, 0.5]) else { continue };
+        let reflected = lobes.at(wo);
+        let values = Harmonics::get().evaluate_exactly(wo);
+        let mut next = 0;
+        for (sum, &(_, order)) in sums.iter_mut().zip(&RADIALS) {
+            // The other half of an order's pair is odd in the azimuth: its integral is zero.
+            for (sum, part) in sum.iter_mut().zip(parts(&reflected)) {
+                *sum += values[next] * part / reflected.density / (FACETS[0] * FACETS[1]) as f64;
+            }
+            next += if order > 0 { 2 } else { 1 };
+        }
+    }
+    let sine = wi.x.max(1e-9);
+    for (sum, &(_, order)) in sums.iter_mut().zip(&RADIALS) {
+        *sum = sum.map(|s| s / sine.powi(order as i32));
+    }
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::Points;
+
+    fn brdf(diffuse: f32, roughness: f32, f0: f32, metal: bool) -> Brdf {
+        let (dielectric_f0, dielectric_f90) = if metal { (0.0, 0.0) } else { (f0, 1.0) };
+        Brdf {
+            diffuse: Vec3::new(diffuse, 0.5 * diffuse, 0.0),
+            alpha: roughness * roughness,
+            f0: Vec3::new(f0, f0, 0.5 * f0),
+            f90: 1.0,
+            dielectric_f0,
+            dielectric_f90,
+        }
+    }
+
+    /// k against drawing directions from the BRDF, with another rule and at angles and roughnesses between the table's.
+    #[test]
+    fn tabulated_factors_are_the_integrals() {
+        for brdf in [brdf(0.73, 1.0, 0.04, false), brdf(0.5, 0.31, 0.04, false), brdf(0.0, 0.417, 0.5, true)] {
+            for cosine in [1.0, 0.93, 0.61, 0.2, 0.05f64] {
+                let (sine, turn) = ((1.0 - cosine * cosine).sqrt(), 0.7f64);
+                let wi = DVec3::new(sine * turn.cos(), sine * turn.sin(), cosine);
+                let lobes = Lobes::new(&brdf, DVec3::Z, wi).unwrap();
+                let points = Points::new(1, 0);
+                let mut want = [DVec3::ZERO; MAX_FUNCTIONS];
+                let count = 1 << 15;
+                for i in 0..count {
+                    let [u, v, w, _] = points.at(i, 0);
+                    let Some(wo) = lobes.sample([u, v, w]) else { continue };
+                    let at = lobes.at(wo);
+                    for (want, value) in want.iter_mut().zip(Harmonics::get().evaluate_exactly(wo)) {
+                        *want += at.sum() * value / at.density / f64::from(count);
+                    }
+                }
+                let cap = (f64::from(ALBEDO_CAP) / (want[0] * PI.sqrt())).min(DVec3::ONE);
+                let mut got = [Vec3::ZERO; MAX_FUNCTIONS];
+                Projection::get().project(&brdf, wi.as_vec3(), &mut got);
+                for (i, (got, want)) in got.iter().zip(want).enumerate() {
+                    // Light at grazing angles counts for its cosine. White reflects 0.56 in k_0: 0.4 % of that is what linear
+                    // interpolation leaves.
+                    let error = (got.as_dvec3() - want * cap).abs().max_element() * cosine;
+                    assert!(error < 2e-3, "k_{i} of {brdf:?} at {cosine}: {got}, want {want}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_more_light_leaves_than_the_cap_allows() {
+        let brdf = brdf(1.0, 0.3, 0.04, false);
+        assert!(Projection::get().albedo(&brdf, 0.087).x > 1.2, "glTF's BRDF exceeds 1 at 85 degrees");
+        let mut values = [Vec3::ZERO; 1];
+        for i in 1..=1000 {
+            let z = i as f32 / 1000.0;
+            Projection::get().project(&brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), &mut values);
+            assert!(values[0].max_element() * PI.sqrt() as f32 <= ALBEDO_CAP + 1e-6);
+        }
+    }
+}
