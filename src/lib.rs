@@ -77,6 +77,7 @@
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
 //! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.
+//! - [Wilson 1931] Wilson, Hilferty, The distribution of chi-square, PNAS 17(12).
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.
 
 pub mod bake;
