@@ -159,7 +159,9 @@ fn outputs_that_cannot_be_written() {
     run!("rig", &scene, "-o", folder.path()).failed(&["is a directory"]);
     assert_eq!(names_in(folder.path()), ["file", "folder.png"]);
     render!(&scene, path("a.exr")).silent();
-    run!("compare", path("a.exr"), path("a.exr"), "--diff", path("file/d.png")).failed(&["file"]);
+    for map in ["--diff", "--false-color"] {
+        run!("compare", path("a.exr"), path("a.exr"), map, path("file/d.png")).failed(&["file"]);
+    }
     assert_eq!(fs::read(path("file")).unwrap(), b"kept");
     assert_eq!(names_in(folder.path()), ["a.exr", "file", "folder.png"]);
 }

@@ -16,10 +16,10 @@ pub const GROUND: [u8; 3] = [56; 3];
 pub const DECADES: i32 = 3;
 
 // In pixels of the legend, which is enlarged by whole numbers for wide pictures.
-const LEAST_WIDTH: usize = 352;
+const LEAST_WIDTH: usize = 388;
 const ENLARGED_EVERY: usize = 900;
 /// Left and right: half of the widest label.
-const MARGIN: usize = 28;
+const MARGIN: usize = 32;
 const BAR_TOP: usize = 8;
 const BAR_HEIGHT: usize = 14;
 const TICK: usize = 4;
@@ -32,14 +32,21 @@ pub struct Legend {
 }
 
 /// A bar of `colors` with what its decades up to `most` mean, in radiance and in % of the reference's mean, if that is
-/// known; as wide as the picture or as it must be to be read.
-pub fn draw(picture_width: usize, most: f64, mean_reference: Option<f64>, colors: &[[u8; 3]]) -> Legend {
+/// known, and a line for `note`; as wide as the picture, nearly, or as it must be to be read.
+pub fn draw(
+    picture_width: usize,
+    most: f64,
+    mean_reference: Option<f64>,
+    note: Option<&str>,
+    colors: &[[u8; 3]],
+) -> Legend {
     let enlarged = 1 + picture_width / ENLARGED_EVERY;
-    let width = picture_width.div_ceil(enlarged).max(LEAST_WIDTH);
+    let width = (picture_width / enlarged).max(LEAST_WIDTH);
     let mean = mean_reference.filter(|&mean| mean > 0.0);
     let labels_top = BAR_TOP + BAR_HEIGHT + TICK + 1;
     let caption_top = labels_top + LINE * if mean.is_some() { 2 } else { 1 } + 3;
-    let mut canvas = Canvas { width, pixels: vec![GROUND; width * (caption_top + LINE + 4)] };
+    let lines = 1 + usize::from(note.is_some());
+    let mut canvas = Canvas { width, pixels: vec![GROUND; width * (caption_top + lines * LINE + 4)] };
 
     let bar_end = width - 2 * MARGIN - 1;
     for x in 0..=bar_end {
@@ -57,6 +64,7 @@ pub fn draw(picture_width: usize, most: f64, mean_reference: Option<f64>, colors
     }
     let caption = if mean.is_some() { "|image - reference|, % of the reference's mean" } else { "|image - reference|" };
     canvas.write(caption, MARGIN, caption_top, Alignment::Left);
+    canvas.write(note.unwrap_or_default(), MARGIN, caption_top + LINE, Alignment::Left);
     canvas.enlarged(enlarged)
 }
 

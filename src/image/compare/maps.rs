@@ -35,7 +35,8 @@ impl Pictures {
             magma[(place.clamp(0.0, 1.0) * 255.0).round() as usize]
         };
         let map = self.map(&blocks, color, GROUND, CYAN);
-        let legend = legend::draw(self.width, 1.0 / f64::from(scale), blocks.mean_reference(), &magma);
+        let note = (blocks.non_finite + blocks.reference_non_finite > 0).then_some("cyan: not finite");
+        let legend = legend::draw(self.width, 1.0 / f64::from(scale), blocks.mean_reference(), note, &magma);
 
         let width = self.width.max(legend.width);
         let rows = map.chunks(self.width).chain(legend.pixels.chunks(legend.width));
