@@ -76,6 +76,7 @@
 //! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
+//! - [Veach 1995] Veach, Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH.
 //! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.
 //! - [Wilson 1931] Wilson, Hilferty, The distribution of chi-square, PNAS 17(12).
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.

@@ -65,6 +65,18 @@ impl SurfacePoint {
         let position = p0 * weights[0] + p1 * weights[1] + p2 * weights[2];
         Self { position, normal, geometric_normal, brdf: brdf(&surface), emission, material, uniform }
     }
+
+    /// Unit direction in which a perfect mirror sends what is seen along `wo`; `None` where the interpolated normal bends
+    /// it into the surface.
+    pub fn mirrored(&self, wo: Vec3) -> Option<Vec3> {
+        let direction = (2.0 * self.normal.dot(wo) * self.normal - wo).normalize();
+        (self.geometric_normal.dot(wo) * self.geometric_normal.dot(direction) > 0.0).then_some(direction)
+    }
+
+    /// Where a ray in `direction` starts: off the surface, on that side of it.
+    pub fn leave(&self, direction: Vec3, offset: f32) -> Vec3 {
+        self.position + self.geometric_normal * offset.copysign(self.geometric_normal.dot(direction))
+    }
 }
 
 /// Width of a pixel in texture coordinates: its width on the surface times the square root of the ratio of areas.

@@ -18,10 +18,11 @@ use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSampl
 /// A path from the eye is not followed below this share of a pixel: half of an 8-bit step a thousand times brighter.
 const MIN_WEIGHT: f32 = 1e-6;
 
-/// One surface along a path from the eye through mirrors.
+/// One surface along a path from the eye through mirrors; mesh space.
 #[derive(Clone, Copy)]
-pub(super) struct PathVertex {
+pub struct PathVertex {
     pub point: SurfacePoint,
+    /// Unit, towards the eye or the mirror that sees it.
     pub wo: Vec3,
     /// Product of BRDF and cosine along the path up to here.
     pub weight: Vec3,
@@ -68,11 +69,12 @@ impl Tiling {
 }
 
 /// Casts rays from one camera into one scene.
-pub(super) struct EyeRays<'a> {
+pub struct EyeRays<'a> {
     pub scene: &'a Scene,
     pub bvh: &'a Bvh,
     pub camera: &'a Camera,
     pub tiling: Tiling,
+    /// Surfaces that a ray meets at most, mirrors included.
     pub layers: u32,
 }
 
@@ -107,12 +109,9 @@ impl EyeRays<'_> {
             if weight.max_element() < MIN_WEIGHT {
                 return;
             }
-            direction = (2.0 * cosine * point.normal - wo).normalize();
-            let outside = point.geometric_normal.dot(wo).signum() * point.geometric_normal;
-            if direction.dot(outside) <= 0.0 {
-                return; // bent into the surface by the interpolated normal
-            }
-            origin = point.position + outside * self.bvh.shadow_offset(hit.distance);
+            let Some(mirrored) = point.mirrored(wo) else { return };
+            direction = mirrored;
+            origin = point.leave(direction, self.bvh.shadow_offset(hit.distance));
         }
     }
 }

@@ -87,7 +87,7 @@ impl<'a> Lobes<'a> {
 }
 
 /// A frame whose third column is the unit vector `n` [Duff 2017, Listing 3].
-fn basis(n: DVec3) -> DMat3 {
+pub fn basis(n: DVec3) -> DMat3 {
     let sign = 1f64.copysign(n.z);
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;

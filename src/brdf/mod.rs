@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-pub use self::lobes::{Lobes, Reflected, cosine_direction};
+pub use self::lobes::{Lobes, Reflected, basis, cosine_direction};
 
 use crate::shared::Brdf;
 

@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<()> {
             "lights", "edit", "of", "best", "median", "p95"
         ))?;
         for &count in &counts {
-            let rig = light_like_scene(&session, count, args.scene_options.seed);
+            let rig = light_like_scene(&session, count, args.scene_options.view.seed);
             let mut relighter = session.relighter(&context, &rig, &args.light_options)?;
             relighter.display(Picture::Whole, 0.0)?;
             for edited in first_of_each_kind(&rig) {

@@ -10,6 +10,7 @@ mod options;
 mod output;
 mod plan;
 mod progress;
+mod reference;
 mod render;
 mod rig;
 mod session;
@@ -49,6 +50,9 @@ enum Command {
     Plan(plan::Args),
     /// Writes a scene's lights and camera as a rig, or the scene with a rig's lights.
     Rig(rig::Args),
+    /// Traces the truth: an unbiased image in two independent halves.
+    #[command(after_long_help = reference::AFTER_HELP)]
+    Reference(reference::Args),
     /// Measures how an image differs from a reference; prints JSON.
     Compare(compare::Args),
     /// Lists Vulkan devices, their drivers, and what each lacks.
@@ -66,6 +70,7 @@ pub fn main() -> ExitCode {
         Command::Bench(args) => bench::run(args),
         Command::Plan(args) => plan::run(args),
         Command::Rig(args) => rig::run(args),
+        Command::Reference(args) => reference::run(args, cli.quiet),
         Command::Compare(args) => compare::run(args),
         Command::Devices(args) => devices::run(args),
     };

@@ -6,37 +6,45 @@ use clap::ValueEnum;
 use relume::relight::{ToneMap, VisibilityMethod};
 use relume::{Error, Result};
 
-/// Which scene, and how it is baked.
+/// Which scene, and how it is seen.
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Scene and bake")]
-pub struct SceneOptions {
+pub struct ViewOptions {
     /// Image size in pixels [default: the scene's own, else 720x480].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
     /// Camera node to look from, by name [default: the rig's camera, else the first].
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
-    /// Indirect light. This version has none: only `off`.
-    #[arg(long, value_enum, default_value = "off")]
-    pub gi: Gi,
     /// Mirror layers; 1 has no reflections.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
     pub layers: u32,
-    /// View samples a pixel; more than one only where edges lie.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub samples: u32,
     /// Removes the diffuse lobe of every material.
     #[arg(long)]
     pub strip_diffuse: bool,
-    /// Leaves nothing out, not even what the scene does not need; the picture is the same.
-    #[arg(long)]
-    pub force_all: bool,
     /// Seed of everything random.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// CPU threads [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub threads: Option<u32>,
+}
+
+/// Which scene, and how it is baked.
+#[derive(clap::Args, Clone)]
+#[command(next_help_heading = "Scene and bake")]
+pub struct SceneOptions {
+    #[command(flatten)]
+    pub view: ViewOptions,
+    /// Indirect light. This version has none: only `off`.
+    #[arg(long, value_enum, default_value = "off")]
+    pub gi: Gi,
+    /// View samples a pixel; more than one only where edges lie.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub samples: u32,
+    /// Leaves nothing out, not even what the scene does not need; the picture is the same.
+    #[arg(long)]
+    pub force_all: bool,
     /// Where baked data lives [default: relume in the user's cache directory, ~/.cache as a rule].
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,

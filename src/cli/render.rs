@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<()> {
         _ => args.rig.iter().map(name).zip(&rigs).collect(),
     };
     let differs = |rig: &Rig| rig.camera.is_some() && rig.camera != session.rig.camera;
-    let by_name = args.scene_options.camera.is_some();
+    let by_name = args.scene_options.view.camera.is_some();
     if let Some((name, _)) = rigs.iter().find(|(_, rig)| !by_name && differs(rig)) {
         let reason = "its camera differs from the first rig's; render it on its own";
         return Err(Error::invalid(format!("rig {name}"), reason));

@@ -12,7 +12,7 @@ use relume::relight::{RelightSettings, Relighter};
 use relume::scene::{Camera, Rig, Scene};
 use relume::{Error, Result};
 
-use super::options::{LightOptions, SceneOptions, check_size};
+use super::options::{LightOptions, SceneOptions, ViewOptions, check_size};
 use super::progress;
 
 /// A scene with its BVH, baked for one camera.
@@ -56,16 +56,22 @@ impl BakeReport {
     }
 }
 
-impl Session {
-    /// Loads and bakes `path` with the lights of `rig_path`, or its own.
-    pub fn open(path: &Path, rig_path: Option<&Path>, options: &SceneOptions) -> Result<Self> {
+/// A scene as it is lit and seen, before any of it is computed.
+pub struct Opened {
+    pub scene: Scene,
+    pub rig: Rig,
+    pub camera: Camera,
+    pub size: [u32; 2],
+}
+
+impl Opened {
+    /// Loads `path` with the lights of `rig_path`, or its own.
+    pub fn new(path: &Path, rig_path: Option<&Path>, options: &ViewOptions) -> Result<Self> {
         use_threads(options.threads);
-        let mut report = BakeReport::default();
-        let start = Instant::now();
-        let cpu_start = cpu_seconds();
         let spinner = progress::spinner("loading");
-        let mut scene = report.stage("load", || Scene::load(path))?;
+        let scene = Scene::load(path);
         spinner.finish_and_clear();
+        let mut scene = scene?;
         if options.strip_diffuse {
             scene.materials.iter_mut().for_each(|m| m.strip_diffuse = true);
         }
@@ -77,14 +83,30 @@ impl Session {
             tracing::warn!("{}: no lights, so the picture is black", rig_path.unwrap_or(path).display());
         }
         let camera = choose_camera(&scene, &rig, options)?;
-        let [width, height] = options.size.or(scene.image_size).unwrap_or([720, 480]);
-        check_size([width, height]).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
-        check_memory([width, height], options.samples, rig.lights.len(), path)?;
-        let settings = BakeSettings { width, height, layers: options.layers, samples: options.samples };
+        let size = options.size.or(scene.image_size).unwrap_or([720, 480]);
+        check_size(size).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
+        Ok(Self { scene, rig, camera, size })
+    }
 
+    pub fn build_bvh(&self) -> Bvh {
         let spinner = progress::spinner("building the BVH");
-        let bvh = report.stage("build BVH", || Bvh::build(&scene));
+        let bvh = Bvh::build(&self.scene);
         spinner.finish_and_clear();
+        bvh
+    }
+}
+
+impl Session {
+    /// Loads and bakes `path` with the lights of `rig_path`, or its own.
+    pub fn open(path: &Path, rig_path: Option<&Path>, options: &SceneOptions) -> Result<Self> {
+        let mut report = BakeReport::default();
+        let start = Instant::now();
+        let cpu_start = cpu_seconds();
+        let opened = report.stage("load", || Opened::new(path, rig_path, &options.view))?;
+        check_memory(opened.size, options.samples, opened.rig.lights.len(), path)?;
+        let bvh = report.stage("build BVH", || opened.build_bvh());
+        let Opened { scene, rig, camera, size: [width, height] } = opened;
+        let settings = BakeSettings { width, height, layers: options.view.layers, samples: options.samples };
         let cache_dir = options.cache_dir();
         let key = cache::key(&scene, &camera, &rig, &settings);
         let stored =
@@ -143,7 +165,7 @@ impl Session {
 }
 
 /// The rig's camera, the one asked for by name, the first, or one that frames the scene.
-fn choose_camera(scene: &Scene, rig: &Rig, options: &SceneOptions) -> Result<Camera> {
+fn choose_camera(scene: &Scene, rig: &Rig, options: &ViewOptions) -> Result<Camera> {
     if let Some(name) = &options.camera {
         let found = scene.cameras.iter().find(|camera| camera.name == *name);
         return found.cloned().ok_or_else(|| {
@@ -170,25 +192,26 @@ const SHARE_OF_EDGES: f64 = 0.04;
 
 /// Refuses a picture that cannot fit this machine, before the system does so less kindly.
 fn check_memory(size: [u32; 2], samples: u32, light_count: usize, path: &Path) -> Result<()> {
-    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()) else { return Ok(()) };
     let samples_a_pixel = 1.0 + SHARE_OF_EDGES * f64::from(samples - 1);
     // The fewest light images that work and their rest; each light's visibility while its shadow edges are looked for.
     let images = LightCache::slot_range(light_count).0 + 1;
     let edges = if samples > 1 { light_count } else { 0 };
     let bytes = BYTES_A_SAMPLE as f64 * samples_a_pixel + (12 * images + edges) as f64;
-    let needed = f64::from(size[0]) * f64::from(size[1]) * bytes * 1e-9;
-    let free = kib as f64 * 1024e-9;
+    let remedy = if samples > 1 { "choose a smaller --size or fewer --samples" } else { "choose a smaller --size" };
+    check_fits(size, f64::from(size[0]) * f64::from(size[1]) * bytes, remedy, path)
+}
+
+/// Refuses a picture that takes more bytes than are free.
+pub fn check_fits(size: [u32; 2], bytes: f64, remedy: &str, path: &Path) -> Result<()> {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()) else { return Ok(()) };
+    let (needed, free) = (bytes * 1e-9, kib as f64 * 1024e-9);
     if needed <= free {
         return Ok(());
     }
-    let reason = format!(
-        "{}x{} pixels take {needed:.1} GB of memory, {free:.1} GB are free; choose a smaller --size{}",
-        size[0],
-        size[1],
-        if samples > 1 { " or fewer --samples" } else { "" }
-    );
+    let [width, height] = size;
+    let reason = format!("{width}x{height} pixels take {needed:.1} GB of memory, {free:.1} GB are free; {remedy}");
     Err(Error::invalid(path.display().to_string(), reason))
 }
 

@@ -12,7 +12,7 @@ use exr::compression::Compression;
 use exr::error::{Error as ExrError, Result as ExrResult};
 use exr::math::Vec2;
 use exr::meta::BlockDescription;
-use exr::meta::attribute::{ChannelDescription, Chromaticities, LineOrder, SampleType, Text};
+use exr::meta::attribute::{AttributeValue, ChannelDescription, Chromaticities, LineOrder, SampleType, Text};
 use exr::meta::header::Header;
 use rayon::prelude::*;
 
@@ -20,16 +20,31 @@ pub use super::exr_read::read;
 use super::{Image, file};
 use crate::error::{Error, Result};
 
+/// What a file says of its pixels beside them.
+#[derive(Clone, Debug)]
+pub struct Label {
+    /// The attribute `comments` of OpenEXR.
+    pub comments: String,
+    /// An attribute of that name: samples a pixel.
+    pub samples_per_pixel: u32,
+}
+
 /// Writes float32 layers, beside and renamed.
 pub fn write(path: &Path, image: &Image) -> Result<()> {
-    let bytes = encode(image).map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
+    write_labelled(path, image, None)
+}
+
+/// [`write`], with a label or without.
+pub fn write_labelled(path: &Path, image: &Image, label: Option<&Label>) -> Result<()> {
+    let bytes =
+        encode(image, label).map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
     file::write_bytes(path, &bytes)
 }
 
 /// The bytes of an EXR file: one part of scan lines, ZIP-compressed by sixteen, the same whatever the threads.
-fn encode(image: &Image) -> ExrResult<Vec<u8>> {
+fn encode(image: &Image, label: Option<&Label>) -> ExrResult<Vec<u8>> {
     let channels = sorted_channels(image)?;
-    let headers = [header(image, &channels)?];
+    let headers = [header(image, &channels, label)?];
     let mut bytes = Vec::new();
     exr::block::write(Cursor::new(&mut bytes), headers.into_iter().collect(), true, |meta, file| {
         let header = &meta.headers[0];
@@ -88,7 +103,7 @@ fn sorted_channels(image: &Image) -> ExrResult<Vec<Channel<'_>>> {
     Ok(channels)
 }
 
-fn header(image: &Image, channels: &[Channel]) -> ExrResult<Header> {
+fn header(image: &Image, channels: &[Channel], label: Option<&Label>) -> ExrResult<Header> {
     let described = channels.iter().map(|channel| ChannelDescription {
         // Names are UTF-8, as OpenEXR has it; the crate's own conversion knows Latin-1 only.
         name: Text::from_slice_unchecked(channel.name.as_bytes()),
@@ -109,6 +124,12 @@ fn header(image: &Image, channels: &[Channel]) -> ExrResult<Header> {
     header.own_attributes.layer_name = None;
     header.own_attributes.software_name = Some(Text::from(concat!("relume ", env!("CARGO_PKG_VERSION"))));
     header.shared_attributes.chromaticities = Some(REC_709);
+    if let Some(label) = label {
+        header.own_attributes.comments = Some(Text::new_or_panic(&label.comments));
+        let samples = AttributeValue::I32(label.samples_per_pixel.try_into().unwrap_or(i32::MAX));
+        // One alone: the crate writes these in no particular order.
+        header.own_attributes.other.insert(Text::from("samplesPerPixel"), samples);
+    }
     Ok(header)
 }
 

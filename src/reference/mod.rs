@@ -4,6 +4,7 @@
 
 pub mod composite;
 pub mod light;
+pub mod path_tracer;
 
 use glam::{DVec3, Vec2, Vec3};
 

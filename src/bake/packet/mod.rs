@@ -130,42 +130,68 @@ pub struct ShadowRay {
     pub length: f32,
 }
 
+/// The ray that tells whether a surface point sees `light`; `None` if it faces away or lies outside of the light's cone
+/// or range. Normals are unit; all in mesh space.
+pub fn shadow_ray(
+    bvh: &Bvh,
+    light: &PackedLight,
+    position: Vec3,
+    normal: Vec3,
+    geometric_normal: Vec3,
+) -> Option<ShadowRay> {
+    let [p, n, g] = [position, normal, geometric_normal].map(|v| v.to_array());
+    if light.kind == LIGHT_DIRECTIONAL {
+        let (needed, origin) = target::<true>(bvh, light, p, n, g);
+        needed.then_some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
+    } else {
+        let (needed, target) = target::<false>(bvh, light, p, n, g);
+        let (origin, end) = match is_far(bvh, light) {
+            true => (Vec3::from(target), light.position),
+            false => (light.position, Vec3::from(target)),
+        };
+        needed.then_some(ShadowRay { origin, direction: end - origin, length: 1.0 })
+    }
+}
+
 impl SamplePacket {
     /// The ray that [`trace_packets`] traces for one lane; `None` if it faces away from the light or lies outside of
     /// its cone or range.
     pub fn shadow_ray(&self, bvh: &Bvh, light: &PackedLight, lane: usize) -> Option<ShadowRay> {
-        if light.kind == LIGHT_DIRECTIONAL {
-            let (needed, origin) = self.target::<true>(bvh, light, lane);
-            needed.then_some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
-        } else {
-            let (needed, target) = self.target::<false>(bvh, light, lane);
-            let (origin, end) = match is_far(bvh, light) {
-                true => (Vec3::from(target), light.position),
-                false => (light.position, Vec3::from(target)),
-            };
-            needed.then_some(ShadowRay { origin, direction: end - origin, length: 1.0 })
-        }
+        let [position, normal, geometric_normal] = [&self.position, &self.normal, &self.geometric_normal]
+            .map(|v| Vec3::new(v[0][lane], v[1][lane], v[2][lane]));
+        shadow_ray(bvh, light, position, normal, geometric_normal)
     }
 
-    /// Whether the ray of a lane needs to be traced, and where it ends: off the surface, on the light's side.
+    /// [`target`] of one lane.
     #[inline(always)]
     fn target<const DIRECTIONAL: bool>(&self, bvh: &Bvh, light: &PackedLight, i: usize) -> (bool, [f32; 3]) {
-        let [px, py, pz] = [self.position[0][i], self.position[1][i], self.position[2][i]];
-        let [nx, ny, nz] = [self.normal[0][i], self.normal[1][i], self.normal[2][i]];
-        let [gx, gy, gz] = [self.geometric_normal[0][i], self.geometric_normal[1][i], self.geometric_normal[2][i]];
-        let (l, d) = (light.position, light.direction);
-        let (tx, ty, tz) = if DIRECTIONAL { (-d.x, -d.y, -d.z) } else { (l.x - px, l.y - py, l.z - pz) };
-        let distance2 = tx * tx + ty * ty + tz * tz;
-        let distance = distance2.sqrt();
-        let facing = nx * tx + ny * ty + nz * tz > 0.0;
-        // A little wider than the cone, whose edge is black.
-        let cone = if light.kind == LIGHT_SPOT { 1.0 - light.cone_versine - 1e-5 } else { -2.0 };
-        let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
-        let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
-        let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance.min(FAR_RADII * bvh.radius) });
-        let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
-        (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
+        let [position, normal, geometric_normal] =
+            [&self.position, &self.normal, &self.geometric_normal].map(|v| [v[0][i], v[1][i], v[2][i]]);
+        target::<DIRECTIONAL>(bvh, light, position, normal, geometric_normal)
     }
+}
+
+/// Whether a shadow ray needs to be traced, and where it ends: off the surface, on the light's side.
+#[inline(always)]
+fn target<const DIRECTIONAL: bool>(
+    bvh: &Bvh,
+    light: &PackedLight,
+    [px, py, pz]: [f32; 3],
+    [nx, ny, nz]: [f32; 3],
+    [gx, gy, gz]: [f32; 3],
+) -> (bool, [f32; 3]) {
+    let (l, d) = (light.position, light.direction);
+    let (tx, ty, tz) = if DIRECTIONAL { (-d.x, -d.y, -d.z) } else { (l.x - px, l.y - py, l.z - pz) };
+    let distance2 = tx * tx + ty * ty + tz * tz;
+    let distance = distance2.sqrt();
+    let facing = nx * tx + ny * ty + nz * tz > 0.0;
+    // A little wider than the cone, whose edge is black.
+    let cone = if light.kind == LIGHT_SPOT { 1.0 - light.cone_versine - 1e-5 } else { -2.0 };
+    let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
+    let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
+    let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance.min(FAR_RADII * bvh.radius) });
+    let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
+    (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
 }
 
 #[inline(always)]

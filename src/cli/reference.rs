@@ -1,0 +1,210 @@
+//! `relume reference`
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use relume::image::exr::{self, Label};
+use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
+use relume::{Error, Result};
+
+use super::options::{ViewOptions, check_extension};
+use super::output::make_parent;
+use super::progress;
+use super::session::{Opened, check_fits, cpu_seconds};
+
+pub const AFTER_HELP: &str = "\
+Writes OUT.a.exr and OUT.b.exr, two halves with independent noise, and their mean OUT.exr: `relume compare IMAGE \
+OUT.a.exr OUT.b.exr` gives figures free of that noise. What it cannot find: light that reaches a surface off a perfect \
+mirror from a point, spot or directional light, since no ray from a surface meets a light without size; and \
+reflections deeper than --layers. Past three bounces paths end by Russian roulette, which leaves the mean as it is. \
+Ctrl-C writes what there is; the attributes `samplesPerPixel` and `comments` tell how much that was.";
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scene: .glb, .gltf or .obj.
+    scene: PathBuf,
+    /// Image to write, the mean of both halves: .exr. The halves go beside it as .a.exr and .b.exr.
+    #[arg(short, long, value_name = "OUT.exr")]
+    output: PathBuf,
+    /// Rig file that replaces the scene's lights.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Samples a pixel, both halves together; odd numbers are rounded up.
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 30))]
+    spp: u32,
+    /// Instead of --spp: takes as many samples as so many seconds allow.
+    #[arg(long, value_name = "S", conflicts_with = "spp", value_parser = parse_seconds)]
+    seconds: Option<f64>,
+    /// Indirect bounces counted at the pixel, mirror reflections not counted: 0 is direct light alone, 1 light, surface,
+    /// pixel; or inf.
+    #[arg(long, value_name = "N|inf", default_value = "inf", value_parser = parse_bounces)]
+    max_bounces: Bounces,
+    /// Where rays go through a pixel: its centre, as in the deep framebuffer, or all of it.
+    #[arg(long, value_enum, default_value = "centre")]
+    filter: FilterName,
+    /// Layers to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission, variance,
+    /// bounce:N; or all, with the first eight bounces.
+    #[arg(long, value_name = "LIST", value_parser = parse_passes,
+          default_value = "beauty,direct,reflection,indirect,emission,variance")]
+    passes: Passes,
+    #[command(flatten)]
+    view: ViewOptions,
+}
+
+#[derive(Clone, Copy)]
+struct Bounces(Option<u32>);
+
+#[derive(Clone)]
+struct Passes(Vec<Layer>);
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum FilterName {
+    Centre,
+    Box,
+}
+
+/// More than anybody looks at one by one, few enough for their sums to fit.
+const MAX_BOUNCE_LAYERS: u32 = 64;
+
+pub fn run(args: &Args, quiet: bool) -> Result<()> {
+    check_extension(&args.output, &["exr"])?;
+    let paths = ["exr", "a.exr", "b.exr"].map(|extension| args.output.with_extension(extension));
+    paths.iter().try_for_each(|path| make_parent(path))?;
+    let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view)?;
+    let Passes(layers) = &args.passes;
+    let settings = Settings {
+        width: opened.size[0],
+        height: opened.size[1],
+        layers: args.view.layers,
+        max_bounces: args.max_bounces.0,
+        filter: match args.filter {
+            FilterName::Centre => Filter::Centre,
+            FilterName::Box => Filter::Box,
+        },
+        bounce_layers: layers.iter().map(|layer| if let Layer::Bounce(n) = layer { *n } else { 0 }).max().unwrap_or(0),
+        seed: args.view.seed,
+    };
+    let film_bytes = Film::bytes(settings.width, settings.height, settings.bounce_layers);
+    let image_bytes = 2 * 12 * layers.len() as u64 * u64::from(settings.width) * u64::from(settings.height);
+    check_fits(
+        opened.size,
+        (film_bytes + image_bytes) as f64,
+        "choose a smaller --size or fewer --passes",
+        &args.scene,
+    )?;
+    let bvh = opened.build_bvh();
+    let tracer = PathTracer::new(&opened.scene, &bvh, &opened.camera, &opened.rig, &settings);
+
+    let (start, cpu_start) = (Instant::now(), cpu_seconds());
+    let film = trace(&tracer, args)?;
+    let (seconds, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu_start);
+    let label = label(&film, args);
+    for (path, half) in paths.iter().zip([Half::Both, Half::A, Half::B]) {
+        let [samples, _] = film.samples();
+        let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
+        let label = Label { comments: label.clone(), samples_per_pixel };
+        write(path, &film, half, layers, &label)?;
+    }
+    tracing::info!("{:.2} million path segments a CPU second", tracer.segments() as f64 / cpu.max(0.01) * 1e-6);
+    if !quiet {
+        // Where stderr is full or closed, the files still tell.
+        let _ = writeln!(std::io::stderr(), "{label}; {seconds:.1} s, {cpu:.1} CPU seconds");
+    }
+    Ok(())
+}
+
+/// Traces until there are enough samples, time is up, or Ctrl-C.
+fn trace(tracer: &PathTracer, args: &Args) -> Result<Film> {
+    static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+    // The second time it means it.
+    let interrupt = || {
+        if INTERRUPTED.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(interrupt).map_err(|error| Error::invalid("Ctrl-C", format!("cannot be caught: {error}")))?;
+    let start = Instant::now();
+    let interrupted = || INTERRUPTED.load(Ordering::Relaxed);
+    let film = match args.seconds {
+        None => {
+            let samples = args.spp.div_ceil(2);
+            let bar = progress::bar("path tracing", samples as usize * tracer.tile_count());
+            let film = tracer.trace(samples, &interrupted, &|count| bar.inc(count));
+            bar.finish_and_clear();
+            film
+        }
+        Some(seconds) => {
+            let bar = progress::bar("path tracing", (seconds * 1e3) as usize);
+            let deadline = Duration::from_secs_f64(seconds);
+            let stop = || interrupted() || start.elapsed() >= deadline;
+            let film = tracer.trace(u32::MAX, &stop, &|_| bar.set_position(start.elapsed().as_millis() as u64));
+            bar.finish_and_clear();
+            film
+        }
+    };
+    if interrupted() {
+        tracing::warn!("interrupted: writing the samples that there are");
+    }
+    Ok(film)
+}
+
+fn write(path: &Path, film: &Film, half: Half, layers: &[Layer], label: &Label) -> Result<()> {
+    exr::write_labelled(path, &film.image(half, layers), Some(label))
+}
+
+/// What a picture is, in words.
+fn label(film: &Film, args: &Args) -> String {
+    let [least, most] = film.samples();
+    let samples = if least == most { format!("{least}") } else { format!("{least} to {most}") };
+    let bounces = args.max_bounces.0.map_or("inf".into(), |bounces| bounces.to_string());
+    let filter = if matches!(args.filter, FilterName::Box) { "box" } else { "centre" };
+    let errors = film.standard_errors();
+    format!(
+        "{samples} samples a pixel in two halves, seed {}, --max-bounces {bounces}, --filter {filter}; standard error of \
+         the mean luminance {:.2e} of it, of a pixel {:.2e}",
+        args.view.seed, errors.of_mean, errors.of_pixel
+    )
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e8);
+    seconds.ok_or("expected seconds, more than 0 and at most 1e8".into())
+}
+
+fn parse_bounces(text: &str) -> Result<Bounces, String> {
+    match text {
+        "inf" => Ok(Bounces(None)),
+        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a number, or inf".into()),
+    }
+}
+
+fn parse_passes(text: &str) -> Result<Passes, String> {
+    use Layer::*;
+    let named = [Beauty, Direct, Reflection, Indirect, IndirectGlossy, Emission, Variance];
+    if text == "all" {
+        return Ok(Passes(named.into_iter().chain((1..=8).map(Bounce)).collect()));
+    }
+    let parse = |name: &str| {
+        match name.strip_prefix("bounce:") {
+        Some(number) => {
+            let bounce = number.parse().ok().filter(|bounce| (1..=MAX_BOUNCE_LAYERS).contains(bounce));
+            bounce.map(Bounce).ok_or(format!("{name}: expected bounce:1 to bounce:{MAX_BOUNCE_LAYERS}"))
+        }
+        None => named
+            .into_iter()
+            .find(|layer| if *layer == Beauty { name == "beauty" } else { layer.name() == name })
+            .ok_or(format!(
+                "{name}: expected beauty, direct, reflection, indirect, indirect_glossy, emission, variance, bounce:N or \
+                 all"
+            )),
+    }
+    };
+    let layers = text.split(',').map(|name| parse(name.trim())).collect::<Result<Vec<_>, _>>()?;
+    match layers.iter().enumerate().find(|(i, layer)| layers[..*i].contains(layer)) {
+        Some((_, Beauty)) => Err("beauty is there twice".into()),
+        Some((_, twice)) => Err(format!("{} is there twice", twice.name())),
+        None => Ok(Passes(layers)),
+    }
+}

@@ -1,0 +1,254 @@
+//! Directions towards lights mirrored in planar glossy faces.
+//!
+//! A point or spot light in front of a glossy face throws a caustic that next-event estimation cannot see and BRDF
+//! sampling seldom meets: from a matt surface, all of it comes from the few directions in which the face mirrors the
+//! light. Those are known: towards the light's mirror image. Drawing a share of the directions around it, as widely as
+//! the face's lobe scatters them, and weighing by the density of the whole mixture leaves the mean as it is.
+
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec2, DVec3, Vec4};
+
+use super::lights::{Lamp, Lamps};
+use crate::bake::surface::{SurfacePoint, brdf};
+use crate::brdf::basis;
+use crate::reference::light::incident;
+use crate::scene::Scene;
+use crate::shared::LIGHT_DIRECTIONAL;
+
+/// Rougher lobes than glTF roughness 0.5 throw no caustic worth aiming at.
+const MAX_ALPHA: f32 = 0.25;
+/// Pairs of a light and a face that are aimed at, largest faces first: each costs time at every bounce.
+const MAX_PAIRS: usize = 24;
+/// Aims of one point.
+const MAX_AIMS: usize = 8;
+/// Most of the directions that are drawn from aims; the rest looks for everything else.
+const MAX_SHARE: f64 = 0.5;
+
+/// Planar glossy faces, each with the lights before it.
+pub(super) struct Faces {
+    pairs: Vec<Pair>,
+    /// Typical irradiance in the scene: what an aim must stand out from.
+    typical: f64,
+}
+
+/// A light and a face that mirrors it.
+struct Pair {
+    lamp: usize,
+    face: Face,
+    /// Mirror image of a light that has a place, or direction towards that of one that has none.
+    image: DVec3,
+    /// Above the face, metres.
+    height: f64,
+}
+
+/// Triangles of one plane and one material, as the rectangle around them.
+#[derive(Clone)]
+struct Face {
+    normal: DVec3,
+    centre: DVec3,
+    tangents: [DVec3; 2],
+    half_size: DVec2,
+    alpha: f64,
+    reflectance: f64,
+}
+
+/// What one point aims at.
+pub(super) struct Aims {
+    aims: [Aim; MAX_AIMS],
+    count: usize,
+    /// Share of the directions that are drawn from them.
+    pub share: f64,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Aim {
+    axis: DVec3,
+    /// Tangent of the angle around it that holds half of the directions.
+    width: f64,
+    weight: f64,
+}
+
+impl Faces {
+    pub fn new(scene: &Scene, lamps: &Lamps) -> Self {
+        let (low, high) = scene.mesh.bounds();
+        let radius = f64::from((high - low).length()) / 2.0;
+        let mut faces = find_faces(scene, radius);
+        faces.sort_by(|a, b| b.area().total_cmp(&a.area()));
+        let mut pairs = Vec::new();
+        for face in &faces {
+            for (lamp, light) in lamps.lamps.iter().enumerate() {
+                let Some((image, height)) = face.mirrored(light) else { continue };
+                pairs.push(Pair { lamp, face: face.clone(), image, height });
+            }
+        }
+        pairs.truncate(MAX_PAIRS);
+        let arriving = |lamp: &Lamp| {
+            let area = if lamp.packed.kind == LIGHT_DIRECTIONAL { 1.0 } else { radius * radius };
+            lamp.scale.max_element() / area
+        };
+        Self { pairs, typical: lamps.lamps.iter().map(arriving).sum() }
+    }
+
+    /// What to aim at from a surface point.
+    pub fn aims(&self, lamps: &Lamps, point: &SurfacePoint) -> Aims {
+        let mut aims = Aims { aims: Default::default(), count: 0, share: 0.0 };
+        let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
+        let mut total = 0.0;
+        for pair in &self.pairs {
+            if let Some(aim) = pair.aim(&lamps.lamps[pair.lamp], position, normal)
+                && aims.count < MAX_AIMS
+            {
+                aims.aims[aims.count] = aim;
+                aims.count += 1;
+                total += aim.weight;
+            }
+        }
+        // As much as the caustic may outshine the rest, at a tenth of the light's own strength.
+        aims.share = MAX_SHARE * total / (total + 0.1 * self.typical).max(f64::MIN_POSITIVE);
+        aims.aims[..aims.count].iter_mut().for_each(|aim| aim.weight /= total);
+        aims
+    }
+}
+
+impl Pair {
+    fn aim(&self, lamp: &Lamp, position: DVec3, normal: DVec3) -> Option<Aim> {
+        let Face { normal: face_normal, centre, alpha, reflectance, .. } = self.face;
+        let height = face_normal.dot(position - centre);
+        if height <= 1e-6 * self.face.half_size.max_element() {
+            return None;
+        }
+        let directional = lamp.packed.kind == LIGHT_DIRECTIONAL;
+        let to_image = if directional { self.image } else { self.image - position };
+        let axis = to_image.normalize_or_zero();
+        let cosine = normal.dot(axis);
+        let fall = -face_normal.dot(axis);
+        if cosine <= 0.0 || fall <= 0.0 {
+            return None;
+        }
+        let to_face = height / fall;
+        let mirror_point = position + axis * to_face;
+        // A bend of the path at the face is twice the tilt of its facet; seen from here it is smaller by the share of
+        // the way that lies behind the face.
+        let behind = if directional { 1.0 } else { self.height / (self.height + height) };
+        let width = 2.0 * alpha * behind;
+        let outside = self.face.distance(mirror_point) / (width * to_face).max(f64::MIN_POSITIVE);
+        // From the face on it spreads as it did up to there.
+        let arriving = incident(&lamp.packed, mirror_point)?.irradiance * behind * behind * lamp.scale.max_element();
+        let weight = arriving * cosine * reflectance / (1.0 + outside * outside).powi(2);
+        (weight > 0.0).then_some(Aim { axis, width, weight })
+    }
+}
+
+impl Face {
+    fn area(&self) -> f64 {
+        4.0 * self.half_size.x * self.half_size.y
+    }
+
+    /// A light's mirror image and its height, if it lies before the face.
+    fn mirrored(&self, light: &Lamp) -> Option<(DVec3, f64)> {
+        if light.packed.kind == LIGHT_DIRECTIONAL {
+            let direction = -light.packed.direction.as_dvec3();
+            let height = self.normal.dot(direction);
+            return (height > 0.0).then_some((direction - 2.0 * height * self.normal, height));
+        }
+        let position = light.packed.position.as_dvec3();
+        let height = self.normal.dot(position - self.centre);
+        (height > 0.0).then_some((position - 2.0 * height * self.normal, height))
+    }
+
+    /// From a point of the plane to the rectangle; 0 within.
+    fn distance(&self, point: DVec3) -> f64 {
+        let across = DVec2::from_array(self.tangents.map(|t| t.dot(point - self.centre)));
+        (across.abs() - self.half_size).max(DVec2::ZERO).length()
+    }
+}
+
+impl Aims {
+    pub fn draw(&self, choice: f64, u: f64, v: f64) -> DVec3 {
+        let mut left = choice;
+        let aims = &self.aims[..self.count];
+        let picked = aims.iter().find(|aim| {
+            left -= aim.weight;
+            left < 0.0
+        });
+        picked.or(aims.last()).expect("a share above 0 has an aim").draw(u, v)
+    }
+
+    /// Density of [`Self::draw`], 1/sr.
+    pub fn density(&self, direction: DVec3) -> f64 {
+        self.aims[..self.count].iter().map(|aim| aim.weight * aim.density(direction)).sum()
+    }
+}
+
+impl Aim {
+    /// Tangents as those of GGX's half vectors, whose tails the caustic has.
+    fn draw(&self, u: f64, v: f64) -> DVec3 {
+        let tangent = self.width * (u / (1.0 - u)).sqrt();
+        let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
+        let (y, x) = (TAU * v).sin_cos();
+        (basis(self.axis) * (cosine * DVec3::new(tangent * x, tangent * y, 1.0))).normalize()
+    }
+
+    fn density(&self, direction: DVec3) -> f64 {
+        let cosine = self.axis.dot(direction);
+        if cosine <= 0.0 {
+            return 0.0;
+        }
+        let sine2 = self.axis.cross(direction).length_squared();
+        // width² / (pi cos³ (width² + tan²)²)
+        let spread = self.width * self.width * cosine * cosine + sine2;
+        self.width * self.width * cosine / (PI * spread * spread)
+    }
+}
+
+/// Flat faces of glossy materials, coplanar triangles together; those smaller than a thousandth of the scene left out.
+fn find_faces(scene: &Scene, radius: f64) -> Vec<Face> {
+    let mesh = &scene.mesh;
+    let mut found: BTreeMap<(u32, [i64; 4]), Vec<usize>> = BTreeMap::new();
+    for (i, corners) in mesh.triangles.iter().enumerate() {
+        let material = mesh.triangle_materials[i];
+        let m = &scene.materials[material as usize];
+        let alpha = m.roughness * m.roughness;
+        if alpha == 0.0 || alpha > MAX_ALPHA || m.textures().next().is_some() {
+            continue;
+        }
+        let [a, b, c] = corners.map(|v| mesh.positions[v as usize].as_dvec3());
+        let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
+        // A curved face mirrors the light elsewhere.
+        if corners.iter().any(|&v| mesh.normals[v as usize].as_dvec3().dot(normal) < 1.0 - 1e-6) {
+            continue;
+        }
+        let rounded = (normal * 1e3).round();
+        let offset = (normal.dot(a) / radius * 1e4).round();
+        let plane = [rounded.x, rounded.y, rounded.z, offset].map(|x| x as i64);
+        found.entry((material, plane)).or_default().push(i);
+    }
+    let faces = found.into_iter().map(|((material, _), triangles)| face(scene, material, &triangles));
+    faces.filter(|face| face.area() > 1e-3 * radius * radius).collect()
+}
+
+/// The rectangle around coplanar triangles, its first side along an edge.
+fn face(scene: &Scene, material: u32, triangles: &[usize]) -> Face {
+    let corner = |&i: &usize| scene.mesh.triangles[i].map(|v| scene.mesh.positions[v as usize].as_dvec3());
+    let [a, b, c] = corner(&triangles[0]);
+    let normal = (b - a).cross(c - a).normalize();
+    let along = (b - a).normalize();
+    let tangents = [along, normal.cross(along)];
+    let place = |p: DVec3| DVec2::from_array(tangents.map(|t| t.dot(p - a)));
+    let places = || triangles.iter().flat_map(corner).map(place);
+    let low = places().fold(DVec2::INFINITY, DVec2::min);
+    let high = places().fold(DVec2::NEG_INFINITY, DVec2::max);
+    let middle = (low + high) / 2.0;
+    let m = &scene.materials[material as usize];
+    let brdf = brdf(&m.evaluate(&scene.textures, Default::default(), [0.0; 2], Vec4::ONE));
+    Face {
+        normal,
+        centre: a + tangents[0] * middle.x + tangents[1] * middle.y,
+        tangents,
+        half_size: (high - low) / 2.0,
+        alpha: brdf.alpha.into(),
+        reflectance: brdf.f0.max_element().into(),
+    }
+}

@@ -1,0 +1,185 @@
+//! Sums of samples: two independent halves of an image, a tile of pixels at a time.
+
+use glam::DVec3;
+
+use crate::bake::view_samples::Tiling;
+use crate::image::{Image, luminance};
+use crate::shared::TILE_SIZE;
+
+/// Pixels of a tile, padding included.
+pub(super) const TILE_PIXELS: usize = (TILE_SIZE * TILE_SIZE) as usize;
+
+// What is summed up for each pixel.
+pub(super) const DIRECT: usize = 0;
+pub(super) const REFLECTION: usize = 1;
+pub(super) const INDIRECT: usize = 2;
+pub(super) const INDIRECT_GLOSSY: usize = 3;
+pub(super) const EMISSION: usize = 4;
+/// Squares of the beauty.
+const SQUARES: usize = 5;
+/// From here on a sum a bounce.
+pub(super) const BOUNCES: usize = 6;
+
+/// A picture of what was summed up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layer {
+    /// Sum of direct, reflection, indirect and emission.
+    Beauty,
+    Direct,
+    Reflection,
+    Indirect,
+    /// What the pixel's specular lobe makes of `Indirect`.
+    IndirectGlossy,
+    Emission,
+    /// Variance of the beauty's mean, by channel, as if samples were independent: an upper bound, for points that are
+    /// stratified do better.
+    Variance,
+    /// What came by so many bounces, from 1 on.
+    Bounce(u32),
+}
+
+/// Which samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    A,
+    B,
+    /// The mean of both.
+    Both,
+}
+
+/// Sums of one tile.
+pub(super) struct Tile {
+    /// By half, pixel, sum.
+    sums: Vec<DVec3>,
+    /// Samples a pixel of each half.
+    pub counts: [u32; 2],
+}
+
+/// All tiles, in the order of `tiling`.
+pub struct Film {
+    pub(super) tiling: Tiling,
+    pub(super) tiles: Vec<Tile>,
+    /// Sums a pixel.
+    width: usize,
+}
+
+/// How far the picture is from where more samples would take it, from the difference of its halves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StandardErrors {
+    /// Mean luminance.
+    pub mean: f64,
+    /// Of the mean luminance, relative to it.
+    pub of_mean: f64,
+    /// Of a pixel's luminance, root mean square, relative to the mean luminance.
+    pub of_pixel: f64,
+}
+
+impl Tile {
+    pub fn pixel(&mut self, half: usize, pixel: usize) -> &mut [DVec3] {
+        let width = self.sums.len() / (2 * TILE_PIXELS);
+        &mut self.sums[(half * TILE_PIXELS + pixel) * width..][..width]
+    }
+}
+
+/// Adds a sample to the sums of its pixel.
+pub(super) fn add(sums: &mut [DVec3], sample: &mut [DVec3]) {
+    let beauty = sample[DIRECT] + sample[REFLECTION] + sample[INDIRECT] + sample[EMISSION];
+    sample[SQUARES] = beauty * beauty;
+    sums.iter_mut().zip(sample).for_each(|(sum, value)| *sum += *value);
+}
+
+impl Film {
+    /// Bytes that a film takes.
+    pub fn bytes(width: u32, height: u32, bounce_layers: u32) -> u64 {
+        let sums = 2 * (BOUNCES as u64 + u64::from(bounce_layers));
+        Tiling { width, height }.len() as u64 * sums * size_of::<DVec3>() as u64
+    }
+
+    pub(super) fn new(tiling: Tiling, bounce_layers: u32) -> Self {
+        let width = BOUNCES + bounce_layers as usize;
+        let tile = || Tile { sums: vec![DVec3::ZERO; 2 * TILE_PIXELS * width], counts: [0; 2] };
+        Self { tiling, tiles: (0..tiling.len() / TILE_PIXELS).map(|_| tile()).collect(), width }
+    }
+
+    /// Fewest and most samples that a pixel has, both halves together. They differ where time ran out.
+    pub fn samples(&self) -> [u32; 2] {
+        let counts = || self.tiles.iter().map(|tile| tile.counts[0] + tile.counts[1]);
+        [counts().min().unwrap_or(0), counts().max().unwrap_or(0)]
+    }
+
+    /// A layer, row by row.
+    pub fn layer(&self, half: Half, layer: Layer) -> Vec<[f32; 3]> {
+        let (width, height) = (self.tiling.width, self.tiling.height);
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let value = |(x, y)| {
+            let [a, b] = [0, 1].map(|half| self.value(half, self.tiling.index(x, y), layer));
+            let value = match (half, layer) {
+                (Half::A, _) => a,
+                (Half::B, _) => b,
+                (Half::Both, Layer::Variance) => (a + b) / 4.0,
+                (Half::Both, _) => (a + b) / 2.0,
+            };
+            value.as_vec3().to_array()
+        };
+        pixels.map(value).collect()
+    }
+
+    /// Some layers as one image; the beauty is the unnamed one.
+    pub fn image(&self, half: Half, layers: &[Layer]) -> Image {
+        let (width, height) = (self.tiling.width as usize, self.tiling.height as usize);
+        let empty = Image { width, height, layers: Vec::new() };
+        layers.iter().fold(empty, |image, layer| image.with_layer(layer.name(), self.layer(half, *layer)))
+    }
+
+    fn value(&self, half: usize, index: usize, layer: Layer) -> DVec3 {
+        let tile = &self.tiles[index / TILE_PIXELS];
+        let sums = &tile.sums[(half * TILE_PIXELS + index % TILE_PIXELS) * self.width..][..self.width];
+        let count = f64::from(tile.counts[half].max(1));
+        let mean = |sum: usize| sums[sum] / count;
+        let beauty = || mean(DIRECT) + mean(REFLECTION) + mean(INDIRECT) + mean(EMISSION);
+        match layer {
+            Layer::Beauty => beauty(),
+            Layer::Direct => mean(DIRECT),
+            Layer::Reflection => mean(REFLECTION),
+            Layer::Indirect => mean(INDIRECT),
+            Layer::IndirectGlossy => mean(INDIRECT_GLOSSY),
+            Layer::Emission => mean(EMISSION),
+            Layer::Variance if tile.counts[half] < 2 => DVec3::ZERO, // nothing is known
+            Layer::Variance => (mean(SQUARES) - beauty() * beauty()).max(DVec3::ZERO) / (count - 1.0),
+            Layer::Bounce(bounce) => sums.get(BOUNCES + bounce as usize - 1).map_or(DVec3::ZERO, |&sum| sum / count),
+        }
+    }
+
+    /// Zeros for a black picture.
+    pub fn standard_errors(&self) -> StandardErrors {
+        let [a, b] = [Half::A, Half::B].map(|half| self.layer(half, Layer::Beauty));
+        let count = a.len() as f64;
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for (a, b) in a.into_iter().zip(b) {
+            let [a, b] = [a, b].map(|pixel| f64::from(luminance(pixel)));
+            sum += (a + b) / 2.0;
+            squares += (a - b).powi(2) / 4.0;
+        }
+        let mean = sum / count;
+        if mean <= 0.0 {
+            return StandardErrors { mean, of_mean: 0.0, of_pixel: 0.0 };
+        }
+        StandardErrors { mean, of_mean: squares.sqrt() / count / mean, of_pixel: (squares / count).sqrt() / mean }
+    }
+}
+
+impl Layer {
+    /// What EXR calls it.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Beauty => String::new(),
+            Self::Direct => "direct".into(),
+            Self::Reflection => "reflection".into(),
+            Self::Indirect => "indirect".into(),
+            Self::IndirectGlossy => "indirect_glossy".into(),
+            Self::Emission => "emission".into(),
+            Self::Variance => "variance".into(),
+            Self::Bounce(bounce) => format!("bounce.{bounce}"),
+        }
+    }
+}

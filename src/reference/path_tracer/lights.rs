@@ -1,0 +1,160 @@
+//! Lights as a path tracer looks for them: all of a rig's, or one by chance; and emitting triangles.
+
+use glam::{DVec3, Vec3};
+
+use crate::bake::bvh::{Bvh, Hit};
+use crate::bake::packet::shadow_ray;
+use crate::bake::surface::SurfacePoint;
+use crate::brdf::reflected;
+use crate::reference::light::{Incident, incident};
+use crate::scene::{Rig, Scene};
+use crate::shared::PackedLight;
+
+/// Lights that are on.
+pub(super) struct Lamps {
+    pub lamps: Vec<Lamp>,
+}
+
+pub(super) struct Lamp {
+    pub packed: PackedLight,
+    /// Colour and intensity, its group counted.
+    pub scale: DVec3,
+    has_shadows: bool,
+}
+
+impl Lamps {
+    pub fn new(scene: &Scene, rig: &Rig) -> Self {
+        let lamp = |i: usize| Lamp {
+            packed: rig.lights[i].pack(scene.origin),
+            scale: rig.scale(i).as_dvec3(),
+            has_shadows: rig.lights[i].shadows,
+        };
+        Self { lamps: (0..rig.lights.len()).map(lamp).filter(|lamp| lamp.scale != DVec3::ZERO).collect() }
+    }
+
+    /// Radiance that `point` reflects to `wo`, straight from all lights.
+    pub fn reflect_all(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, wo: DVec3) -> DVec3 {
+        self.lamps
+            .iter()
+            .filter_map(|lamp| {
+                let arriving = incident(&lamp.packed, point.position.as_dvec3())?;
+                Some(lamp.reflect(scene, bvh, point, wo, &arriving))
+            })
+            .sum()
+    }
+
+    /// The same in the mean over `choice` in [0, 1), from one light: each as likely as what would arrive unblocked.
+    pub fn reflect_one(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, wo: DVec3, choice: f64) -> DVec3 {
+        if self.lamps.len() <= 1 {
+            return self.reflect_all(scene, bvh, point, wo);
+        }
+        let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
+        let arriving = |lamp: &Lamp| {
+            let arriving = incident(&lamp.packed, position)?;
+            let power = lamp.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
+            (power > 0.0).then_some((power, arriving))
+        };
+        let total: f64 = self.lamps.iter().filter_map(arriving).map(|(power, _)| power).sum();
+        let mut left = choice * total;
+        let mut last = None;
+        for lamp in &self.lamps {
+            let Some((power, arriving)) = arriving(lamp) else { continue };
+            last = Some((lamp, power, arriving));
+            left -= power;
+            if left < 0.0 {
+                break;
+            }
+        }
+        let Some((lamp, power, arriving)) = last else { return DVec3::ZERO };
+        lamp.reflect(scene, bvh, point, wo, &arriving) * (total / power)
+    }
+}
+
+impl Lamp {
+    fn reflect(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, wo: DVec3, arriving: &Incident) -> DVec3 {
+        let radiance =
+            self.scale * arriving.irradiance * reflected(&point.brdf, point.normal.as_dvec3(), arriving.wi, wo);
+        if radiance == DVec3::ZERO || (self.has_shadows && !self.is_seen(scene, bvh, point)) {
+            return DVec3::ZERO;
+        }
+        radiance
+    }
+
+    fn is_seen(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint) -> bool {
+        let ray = shadow_ray(bvh, &self.packed, point.position, point.normal, point.geometric_normal);
+        ray.is_some_and(|ray| !bvh.occluded(scene, ray.origin, ray.direction, ray.length))
+    }
+}
+
+/// Emitting triangles, each drawn as often as it has area and radiance.
+pub(super) struct Emitters {
+    /// Triangles and the running sum of their power.
+    running: Vec<(u32, f64)>,
+    /// Of each triangle of the mesh, density of its points when drawn, 1/m²; empty if none emits.
+    density: Vec<f32>,
+}
+
+/// A point on an emitter, drawn from a surface point.
+pub(super) struct Drawn {
+    /// Unit, towards the emitter.
+    pub wi: DVec3,
+    pub emission: DVec3,
+    /// 1/sr.
+    pub density: f64,
+}
+
+impl Emitters {
+    pub fn new(scene: &Scene) -> Self {
+        let mesh = &scene.mesh;
+        let mut running = Vec::new();
+        let mut total = 0.0;
+        for (i, corners) in mesh.triangles.iter().enumerate() {
+            let material = &scene.materials[mesh.triangle_materials[i] as usize];
+            let [a, b, c] = corners.map(|v| mesh.positions[v as usize]);
+            let power = f64::from(material.emissive.max_element() * (b - a).cross(c - a).length());
+            if power > 0.0 {
+                total += power;
+                running.push((i as u32, total));
+            }
+        }
+        let mut density = vec![0.0; if running.is_empty() { 0 } else { mesh.triangles.len() }];
+        for &(i, _) in &running {
+            // Power over area is radiance.
+            let radiance = scene.materials[mesh.triangle_materials[i as usize] as usize].emissive.max_element();
+            density[i as usize] = (2.0 * f64::from(radiance) / total) as f32;
+        }
+        Self { running, density }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.running.is_empty()
+    }
+
+    /// Draws a point and looks whether `point` sees it.
+    pub fn draw(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, u: [f64; 3]) -> Option<Drawn> {
+        let (_, total) = self.running.last()?;
+        let at = self.running.partition_point(|&(_, sum)| sum <= u[0] * total).min(self.running.len() - 1);
+        let triangle = self.running[at].0;
+        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
+        // Uniform over the triangle.
+        let root = u[1].sqrt();
+        let target = a + (b - a) * (root * (1.0 - u[2])) as f32 + (c - a) * (root * u[2]) as f32;
+        let direction = (target - point.position).try_normalize()?;
+        if point.normal.dot(direction) <= 0.0 {
+            return None;
+        }
+        let distance = point.position.distance(target);
+        let origin = point.leave(direction, bvh.shadow_offset(distance));
+        let hit = bvh.closest_hit(scene, origin, direction, f32::INFINITY).filter(|hit| hit.triangle == triangle)?;
+        let seen = SurfacePoint::new(scene, &hit, direction, 0.0);
+        let density = self.density(&hit, &seen, direction);
+        Some(Drawn { wi: direction.as_dvec3(), emission: seen.emission.as_dvec3(), density })
+    }
+
+    /// Density per solid angle with which [`Self::draw`] finds what a ray in unit `direction` has hit; 0 if it cannot.
+    pub fn density(&self, hit: &Hit, seen: &SurfacePoint, direction: Vec3) -> f64 {
+        let Some(&density) = self.density.get(hit.triangle as usize) else { return 0.0 };
+        let cosine = f64::from(seen.geometric_normal.dot(direction).abs());
+        f64::from(density) * f64::from(hit.distance).powi(2) / cosine.max(f64::MIN_POSITIVE)
+    }
+}

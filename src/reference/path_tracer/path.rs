@@ -1,0 +1,178 @@
+//! One path: from a surface that the eye sees, by BRDF sampling with a look at the lights at each surface.
+
+use glam::DVec3;
+
+use super::PathTracer;
+use super::aims::Aims;
+use super::film::{BOUNCES, EMISSION, INDIRECT, INDIRECT_GLOSSY};
+use crate::bake::surface::SurfacePoint;
+use crate::brdf::{Lobes, mirror};
+use crate::sequence::Points;
+
+/// Bounces that are always followed; past them, Russian roulette.
+const SURE_BOUNCES: u32 = 3;
+/// A path in a white room must end some day.
+const MAX_SURVIVAL: f64 = 0.95;
+
+/// Where a path's random numbers come from.
+#[derive(Clone, Copy)]
+pub(super) struct Numbers {
+    pub points: Points,
+    /// Which of the pixel's paths.
+    pub index: u32,
+}
+
+impl Numbers {
+    /// Four numbers for decision `which` at the `surface`th surface along a ray after `bounce` bounces.
+    fn at(&self, which: u32, bounce: u32, surface: u32) -> [f64; 4] {
+        self.points.at(self.index, bounce << 8 | surface << 2 | which)
+    }
+}
+
+const DIRECTION: u32 = 0;
+const SURFACE: u32 = 1;
+const EMITTER: u32 = 2;
+
+/// Light found on the way, already times everything that it met on its way to the eye.
+struct Ledger<'a> {
+    sums: &'a mut [DVec3],
+    /// Share of the pixel's specular lobe in what comes through the first bounce.
+    glossy: DVec3,
+}
+
+impl Ledger<'_> {
+    fn add(&mut self, bounce: u32, light: DVec3) {
+        self.sums[INDIRECT] += light;
+        self.sums[INDIRECT_GLOSSY] += light * self.glossy;
+        if let Some(sum) = self.sums.get_mut(BOUNCES + bounce as usize - 1) {
+            *sum += light;
+        }
+    }
+}
+
+impl PathTracer<'_> {
+    /// Adds what reaches `start` by bounces and leaves towards `wo` to `sums`, times `weight`; returns how many rays that
+    /// took, shadow rays not counted.
+    pub(super) fn follow(
+        &self,
+        start: &SurfacePoint,
+        wo: DVec3,
+        weight: DVec3,
+        numbers: Numbers,
+        sums: &mut [DVec3],
+    ) -> u64 {
+        let mut ledger = Ledger { sums, glossy: DVec3::ZERO };
+        let (mut point, mut wo, mut throughput) = (*start, wo, weight);
+        let mut segments = 0;
+        let mut last_distance = 0.0;
+        for bounce in 1..=self.settings.max_bounces.unwrap_or(u32::MAX) {
+            let Some(lobes) = Lobes::new(&point.brdf, point.normal.as_dvec3(), wo) else { break };
+            let [u, v, choice, survival] = numbers.at(DIRECTION, bounce, 0);
+            if bounce > SURE_BOUNCES {
+                let survives = (throughput / weight.max_element()).max_element().min(MAX_SURVIVAL);
+                if survival >= survives {
+                    break;
+                }
+                throughput /= survives;
+            }
+            let aims = self.faces.aims(&self.lamps, &point);
+            if !self.emitters.is_empty() {
+                let [a, b, c, _] = numbers.at(EMITTER, bounce, 0);
+                ledger.sums[EMISSION] += throughput * self.from_emitter(&point, &lobes, &aims, [a, b, c]);
+            }
+            let drawn = match choice < aims.share {
+                true => Some(aims.draw(choice / aims.share, u, v)),
+                false => lobes.sample([u, v, (choice - aims.share) / (1.0 - aims.share)]),
+            };
+            let Some(wi) = drawn else { break };
+            let (reflected, density) = mixture(&lobes, &aims, wi);
+            if reflected.sum() == DVec3::ZERO {
+                break;
+            }
+            if bounce == 1 {
+                ledger.glossy = share(reflected.specular, reflected.sum());
+            }
+            throughput *= reflected.sum() / density;
+
+            let mut direction = wi.as_vec3();
+            let mut origin = point.leave(direction, self.bvh.shadow_offset(last_distance));
+            let mut density = Some(density);
+            let mut surface = 0;
+            // Through perfect mirrors, up to a surface that reflects otherwise.
+            loop {
+                segments += 1;
+                let Some(hit) = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY) else {
+                    return segments;
+                };
+                last_distance = hit.distance;
+                point = SurfacePoint::new(self.scene, &hit, direction, 0.0);
+                if point.emission.max_element() > 0.0 {
+                    let looked_for = self.emitters.density(&hit, &point, direction);
+                    let share = density.map_or(1.0, |density| density / (density + looked_for));
+                    ledger.sums[EMISSION] += throughput * share * point.emission.as_dvec3();
+                }
+                wo = -direction.as_dvec3();
+                let cosine = point.normal.as_dvec3().dot(wo);
+                if cosine <= 0.0 {
+                    return segments; // single-sided, seen from behind
+                }
+                surface += 1;
+                let [light, branch, _, _] = match self.is_plain(&point) {
+                    true => [0.0; 4],
+                    false => numbers.at(SURFACE, bounce, surface),
+                };
+                let lit = self.lamps.reflect_one(self.scene, self.bvh, &point, wo, light);
+                ledger.add(bounce, throughput * lit);
+
+                let mirrored = mirror(&point.brdf, cosine);
+                let through = if surface < self.settings.layers { mirrored.max_element() } else { 0.0 };
+                let scattered = match self.settings.max_bounces {
+                    Some(max) if bounce == max => 0.0,
+                    _ if point.brdf.has_lobe() => 1.0,
+                    _ => f64::from(point.brdf.diffuse.max_element()),
+                };
+                if through + scattered <= 0.0 {
+                    return segments;
+                }
+                let share = through / (through + scattered);
+                if branch >= share {
+                    throughput /= 1.0 - share;
+                    break;
+                }
+                throughput *= mirrored / share;
+                let Some(next) = point.mirrored(-direction) else { return segments };
+                origin = point.leave(next, self.bvh.shadow_offset(hit.distance));
+                direction = next;
+                density = None; // looking for emitters finds none in a mirror
+            }
+        }
+        segments
+    }
+
+    /// Whether nothing is left to chance where a path meets `point`: one light, no mirror.
+    fn is_plain(&self, point: &SurfacePoint) -> bool {
+        self.lamps.lamps.len() <= 1 && point.brdf.has_lobe()
+    }
+
+    /// What an emitter looked for sends, weighed by the balance heuristic against finding it by chance.
+    fn from_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &Aims, u: [f64; 3]) -> DVec3 {
+        let Some(drawn) = self.emitters.draw(self.scene, self.bvh, point, u) else { return DVec3::ZERO };
+        let (reflected, density) = mixture(lobes, aims, drawn.wi);
+        reflected.sum() * drawn.emission / (drawn.density + density)
+    }
+}
+
+/// What is reflected from `wi`, and the density with which it is drawn, from lobes and aims together.
+fn mixture(lobes: &Lobes, aims: &Aims, wi: DVec3) -> (crate::brdf::Reflected, f64) {
+    let reflected = lobes.at(wi);
+    let mut density = reflected.density;
+    if aims.share > 0.0 {
+        density += aims.share * (aims.density(wi) - density);
+    }
+    (reflected, density)
+}
+
+/// `part / whole` by channel; 0 where there is nothing.
+fn share(part: DVec3, whole: DVec3) -> DVec3 {
+    DVec3::select(whole.cmpgt(DVec3::ZERO), part / whole, DVec3::ZERO)
+}
