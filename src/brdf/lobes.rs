@@ -33,6 +33,7 @@ pub struct Reflected {
 
 impl Reflected {
     /// BRDF times cosine, 1/sr.
+    #[inline]
     pub fn sum(&self) -> DVec3 {
         self.diffuse + self.specular
     }
@@ -40,6 +41,7 @@ impl Reflected {
 
 impl<'a> Lobes<'a> {
     /// `normal` and `wo` are unit. `None` where nothing is reflected: seen from below, black, or a perfect mirror.
+    #[inline]
     pub fn new(brdf: &'a Brdf, normal: DVec3, wo: DVec3) -> Option<Self> {
         let no = normal.dot(wo);
         if no <= 0.0 || !brdf.reflects_directly() {
@@ -59,6 +61,7 @@ impl<'a> Lobes<'a> {
 
     /// Draws a unit direction from three numbers in [0, 1); `None` if it lies below the horizon, where the specular
     /// lobe reaches: such a draw counts as one that found nothing.
+    #[inline]
     pub fn sample(&self, u: [f64; 3]) -> Option<DVec3> {
         let normal = self.world_from_local.z_axis;
         let wi = if u[2] < self.specular {
@@ -72,6 +75,7 @@ impl<'a> Lobes<'a> {
     }
 
     /// BRDF times cosine, and the density of [`Self::sample`], at a unit direction; zeros below the horizon.
+    #[inline]
     pub fn at(&self, wi: DVec3) -> Reflected {
         let a = Angles::new(self.world_from_local.z_axis, wi, self.wo);
         if a.ni <= 0.0 {
@@ -87,6 +91,7 @@ impl<'a> Lobes<'a> {
 }
 
 /// A frame whose third column is the unit vector `n` [Duff 2017, Listing 3].
+#[inline]
 pub fn basis(n: DVec3) -> DMat3 {
     let sign = 1f64.copysign(n.z);
     let a = -1.0 / (sign + n.z);
@@ -96,6 +101,7 @@ pub fn basis(n: DVec3) -> DMat3 {
 }
 
 /// Direction in the local frame whose density is the cosine over pi.
+#[inline]
 pub fn cosine_direction(u: f64, v: f64) -> DVec3 {
     let (sine, cosine) = (TAU * u).sin_cos();
     let r = v.sqrt();
@@ -104,6 +110,7 @@ pub fn cosine_direction(u: f64, v: f64) -> DVec3 {
 
 /// Facet normal in the local frame, with the density of those that `wo` sees [Heitz 2018], by reflecting a point of a
 /// spherical cap [Dupuy 2023, Listing 3].
+#[inline]
 fn visible_normal(wo: DVec3, alpha: f64, u: f64, v: f64) -> DVec3 {
     let stretched = DVec3::new(alpha * wo.x, alpha * wo.y, wo.z).normalize();
     let z = (1.0 - v) * (1.0 + stretched.z) - stretched.z;
@@ -115,6 +122,7 @@ fn visible_normal(wo: DVec3, alpha: f64, u: f64, v: f64) -> DVec3 {
 
 /// Density of directions mirrored at visible normals, G1 D / (4 n.wo) [Heitz 2018, Eq. 17], G1 multiplied out so that
 /// it stays finite at the horizon.
+#[inline]
 fn visible_normal_density(a: &Angles, alpha: f64) -> f64 {
     let root = (alpha * alpha + (1.0 - alpha * alpha) * a.no * a.no).sqrt();
     ggx(a.nh, a.sine_nh, alpha) / (2.0 * (a.no + root))

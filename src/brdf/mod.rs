@@ -31,6 +31,7 @@ pub struct Angles {
 
 impl Angles {
     /// All vectors are unit; `wi` and `wo` point away from the surface.
+    #[inline]
     pub fn new(n: DVec3, wi: DVec3, wo: DVec3) -> Self {
         let h = (wi + wo).normalize_or(n);
         Self { ni: n.dot(wi), no: n.dot(wo), nh: n.dot(h), sine_nh: n.cross(h).length(), oh: wo.dot(h).clamp(0.0, 1.0) }
@@ -38,22 +39,26 @@ impl Angles {
 }
 
 /// The BRDF, in 1/sr; zero below either horizon. A perfect mirror's specular part is [`mirror`].
+#[inline]
 pub fn f(brdf: &Brdf, n: DVec3, wi: DVec3, wo: DVec3) -> DVec3 {
     f_of_angles(brdf, &Angles::new(n, wi, wo))
 }
 
 /// The BRDF times the cosine at `wi`.
+#[inline]
 pub fn reflected(brdf: &Brdf, n: DVec3, wi: DVec3, wo: DVec3) -> DVec3 {
     f(brdf, n, wi, wo) * n.dot(wi).max(0.0)
 }
 
 /// [`f`] for angles already known.
+#[inline]
 pub fn f_of_angles(brdf: &Brdf, a: &Angles) -> DVec3 {
     let [diffuse, specular] = parts(brdf, a);
     diffuse + specular
 }
 
 /// Diffuse and specular part of [`f_of_angles`].
+#[inline]
 fn parts(brdf: &Brdf, a: &Angles) -> [DVec3; 2] {
     if a.ni <= 0.0 || a.no <= 0.0 {
         return [DVec3::ZERO; 2];
@@ -69,11 +74,13 @@ fn parts(brdf: &Brdf, a: &Angles) -> [DVec3; 2] {
 }
 
 /// Weight of the grazing reflectance [Schlick 1994, Eq. 24].
+#[inline]
 fn schlick(cosine: f64) -> f64 {
     (1.0 - cosine).powi(5)
 }
 
 /// Fresnel term of the specular part, dielectric and metal mixed, at [`schlick`]'s weight `s`.
+#[inline]
 fn fresnel(brdf: &Brdf, s: f64) -> DVec3 {
     brdf.f0.as_dvec3().lerp(DVec3::splat(brdf.f90.into()), s)
 }
@@ -84,12 +91,14 @@ pub fn mirror(brdf: &Brdf, cosine: f64) -> DVec3 {
 }
 
 /// Density of half vectors, normalized over projected area [Walter 2007, Eq. 33]: alpha² / (pi cos⁴ (alpha² + tan²)²).
+#[inline]
 pub fn ggx(nh: f64, sine_nh: f64, alpha: f64) -> f64 {
     let x = alpha / (alpha * alpha * nh * nh + sine_nh * sine_nh);
     x * x / PI
 }
 
 /// Height-correlated masking over 4 n.wi n.wo [Heitz 2014, Eq. 99].
+#[inline]
 pub fn smith(ni: f64, no: f64, alpha: f64) -> f64 {
     let (ni, no) = (ni.max(MIN_COSINE), no.max(MIN_COSINE));
     // 1 + lambda as (1 + sqrt(1 + alpha² tan²)) / 2 [Heitz 2014, Eq. 72].
@@ -99,11 +108,13 @@ pub fn smith(ni: f64, no: f64, alpha: f64) -> f64 {
 
 impl Brdf {
     /// Whether light from a point or a direction is reflected at all.
+    #[inline]
     pub fn reflects_directly(&self) -> bool {
         self.diffuse != Vec3::ZERO || (self.has_lobe() && (self.f0 != Vec3::ZERO || self.f90 != 0.0))
     }
 
     /// Whether there is a specular lobe of some width.
+    #[inline]
     pub fn has_lobe(&self) -> bool {
         self.alpha > 0.0
     }

@@ -94,6 +94,9 @@ impl Faces {
     /// What to aim at from a surface point.
     pub fn aims(&self, lamps: &Lamps, point: &SurfacePoint) -> Aims {
         let mut aims = Aims { aims: Default::default(), count: 0, share: 0.0 };
+        if self.pairs.is_empty() {
+            return aims;
+        }
         let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
         let mut total = 0.0;
         for pair in &self.pairs {

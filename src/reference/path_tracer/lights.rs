@@ -72,12 +72,14 @@ impl Lamps {
 
 impl Lamp {
     fn reflect(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, wo: DVec3, arriving: &Incident) -> DVec3 {
-        let radiance =
-            self.scale * arriving.irradiance * reflected(&point.brdf, point.normal.as_dvec3(), arriving.wi, wo);
-        if radiance == DVec3::ZERO || (self.has_shadows && !self.is_seen(scene, bvh, point)) {
+        let normal = point.normal.as_dvec3();
+        if arriving.irradiance <= 0.0 || normal.dot(arriving.wi) <= 0.0 {
             return DVec3::ZERO;
         }
-        radiance
+        if self.has_shadows && !self.is_seen(scene, bvh, point) {
+            return DVec3::ZERO;
+        }
+        self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
     }
 
     fn is_seen(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint) -> bool {
