@@ -19,7 +19,7 @@
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
 //! - [`brdf`]: glTF's BRDF on the CPU, and directions drawn from it; [`sequence`]: the points that draw them.
 //! - [`image`]: EXR and PNG, and how pictures differ.
-//! - [`reference`]: the kernels again in double precision on the CPU, to test them against.
+//! - [`reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the truth.
 //!
 //! ```no_run
 //! use std::{path::Path, sync::Arc};

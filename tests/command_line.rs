@@ -11,7 +11,7 @@ use relume::image::png::srgb8_from_linear;
 use serde_json::{Value, json};
 use support::Gltf;
 
-const COMMANDS: [&str; 7] = ["render", "bake", "bench", "plan", "rig", "compare", "devices"];
+const COMMANDS: [&str; 8] = ["render", "bake", "bench", "plan", "rig", "reference", "compare", "devices"];
 
 /// A square before a camera and a lamp, or without them; 40x30 pixels.
 fn small_scene(camera: bool, light: bool) -> Gltf {
