@@ -1,13 +1,14 @@
-//! Shadow rays of a scene's lights: in packets, and the same rays singly.
+//! Rays on the CPU: a scene's shadow rays, in packets and the same singly; the path tracer's segments.
 
 use std::time::Instant;
 
 use rayon::prelude::*;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
+use relume::reference::path_tracer::{Filter, PathTracer, Settings};
 use relume::shared::PackedLight;
 
 use super::bench::percentile;
-use super::session::Session;
+use super::session::{Session, cpu_seconds};
 
 /// Best times of tracing all lights' shadow rays, on all cores.
 #[derive(serde::Serialize)]
@@ -69,6 +70,32 @@ pub fn measure(session: &Session) -> RayTimes {
         singly_ms: percentile(&mut singly_ms, 0.0),
         disagreements: visibility.iter().zip(&singly).map(differ).sum(),
     }
+}
+
+/// Path segments a CPU second, one being a closest-hit ray with its shading and shadow rays: best of a few runs on all
+/// cores.
+pub fn segments_per_s_core(session: &Session) -> f64 {
+    let (width, height) = session.size();
+    // A quarter of the picture's sides, and paths for about a second of one core.
+    let (width, height) = (width.div_ceil(4), height.div_ceil(4));
+    let samples_a_half = (150_000 / (width * height)).max(1) as u32;
+    let settings = Settings {
+        width: width as u32,
+        height: height as u32,
+        layers: session.baked.asked_layers,
+        max_bounces: None,
+        filter: Filter::Centre,
+        bounce_layers: 0,
+        seed: 1,
+    };
+    let rate = |_| {
+        let tracer = PathTracer::new(&session.scene, &session.bvh, &session.camera, &session.rig, &settings);
+        let start = cpu_seconds();
+        tracer.trace(samples_a_half, &|| false, &|_| ());
+        // 0.01: the clock's tick, for scenes of nothing.
+        tracer.segments() as f64 / (cpu_seconds() - start).max(0.01)
+    };
+    (0..3).map(rate).fold(0.0, f64::max)
 }
 
 impl std::fmt::Display for RayTimes {

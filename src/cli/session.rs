@@ -20,6 +20,7 @@ pub struct Session {
     pub scene: Arc<Scene>,
     pub bvh: Arc<Bvh>,
     pub baked: Arc<Baked>,
+    pub camera: Camera,
     /// The lights that the first picture shows.
     pub rig: Rig,
     pub bake: BakeReport,
@@ -134,7 +135,7 @@ impl Session {
         report.seconds = start.elapsed().as_secs_f64();
         report.cpu_seconds = cpu_seconds() - cpu_start;
         let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
-        Ok(Self { scene, bvh, baked, rig, bake: report, cache_dir, not_stored })
+        Ok(Self { scene, bvh, baked, camera, rig, bake: report, cache_dir, not_stored })
     }
 
     pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {
