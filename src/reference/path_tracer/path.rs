@@ -78,7 +78,7 @@ impl PathTracer<'_> {
             let aims = self.faces.aims(&self.lamps, &point);
             if !self.emitters.is_empty() {
                 let [a, b, c, _] = numbers.at(EMITTER, bounce, 0);
-                ledger.sums[EMISSION] += throughput * self.from_emitter(&point, &lobes, &aims, [a, b, c]);
+                ledger.sums[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, &aims, [a, b, c]);
             }
             let drawn = match choice < aims.share {
                 true => Some(aims.draw(choice / aims.share, u, v)),
@@ -155,7 +155,7 @@ impl PathTracer<'_> {
     }
 
     /// What an emitter looked for sends, weighed by the balance heuristic against finding it by chance.
-    fn from_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &Aims, u: [f64; 3]) -> DVec3 {
+    fn reflect_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &Aims, u: [f64; 3]) -> DVec3 {
         let Some(drawn) = self.emitters.draw(self.scene, self.bvh, point, u) else { return DVec3::ZERO };
         let (reflected, density) = mixture(lobes, aims, drawn.wi);
         reflected.sum() * drawn.emission / (drawn.density + density)
