@@ -9,6 +9,7 @@ pub mod octahedral;
 pub mod packet;
 pub mod point_tree;
 pub mod surface;
+pub mod transfer;
 pub mod view_samples;
 
 use glam::Vec3;

@@ -3,6 +3,7 @@
 //! They take the packed inputs of [`crate::shared`], so that both sides start from the same numbers.
 
 pub mod composite;
+pub mod gather;
 pub mod light;
 pub mod path_tracer;
 

@@ -1,32 +1,35 @@
 //! Spherical harmonics made orthonormal over one hemisphere under projected solid angle: ∫ B_i B_j cosθ dω = δ_ij.
 //!
 //! A function of degree l and order m is `R_lm(z) Re (x + iy)^m` or `R_lm(z) Im (x + iy)^m`: its radial part R_lm is a
-//! polynomial in z of degree l - m. The first 1, 4, 9, 16 functions span all polynomials of degree 0, 1, 2, 3 on the
-//! sphere, so a smaller basis is the beginning of a larger one.
+//! polynomial in z of degree l - m. The first n² functions span all polynomials of degree below n on the sphere, so a
+//! smaller basis is the beginning of a larger one.
 
 use std::sync::OnceLock;
 
 use glam::{DVec3, Vec3};
 
+/// Degrees: the largest basis has all below.
+pub const DEGREES: usize = 6;
 /// Functions at most.
-pub const MAX_FUNCTIONS: usize = 16;
-/// Radial parts: one for each degree up to 3 and order up to the degree.
-pub const RADIAL_COUNT: usize = 10;
-/// Degrees: the largest basis has all up to 3.
-const DEGREES: usize = 4;
+pub const MAX_FUNCTIONS: usize = DEGREES * DEGREES;
+/// Radial parts: one for each degree, and order up to the degree.
+pub const RADIAL_COUNT: usize = radials_of(MAX_FUNCTIONS);
 
 /// Degree and order of each radial part; those of one degree are neighbours.
-pub const RADIALS: [(usize, usize); RADIAL_COUNT] =
-    [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2), (3, 3)];
-
-/// Radial parts that the first `functions` functions need.
-pub const fn radials_of(functions: usize) -> usize {
-    match functions {
-        0..=1 => 1,
-        2..=4 => 3,
-        5..=9 => 6,
-        _ => RADIAL_COUNT,
+pub const RADIALS: [(usize, usize); RADIAL_COUNT] = {
+    let mut radials = [(0, 0); RADIAL_COUNT];
+    let mut i = 1;
+    while i < RADIAL_COUNT {
+        let (degree, order) = radials[i - 1];
+        radials[i] = if order < degree { (degree, order + 1) } else { (degree + 1, 0) };
+        i += 1;
     }
+    radials
+};
+
+/// Radial parts that the first `functions` functions need, of all below some degree.
+pub const fn radials_of(functions: usize) -> usize {
+    (functions + functions.isqrt()) / 2
 }
 
 /// The basis.
@@ -70,8 +73,8 @@ impl Harmonics {
             d = d.with_z(0.0).try_normalize().unwrap_or(Vec3::X);
         }
         let radial = |i: usize| {
-            let [a, b, c, e] = self.single[i];
-            ((e * d.z + c) * d.z + b) * d.z + a
+            let (degree, order) = RADIALS[i];
+            self.single[i][..=degree - order].iter().rev().fold(0.0, |sum, c| sum * d.z + c)
         };
         spread(values, radial, azimuths(d.x, d.y));
     }
@@ -90,15 +93,17 @@ impl Harmonics {
     }
 }
 
-/// Re and Im of (x + iy)^m for m = 0 to 3.
+/// Re and Im of (x + iy)^m for every order m.
 pub fn azimuths<T>(x: T, y: T) -> [(T, T); DEGREES]
 where
     T: Copy + std::ops::Mul<Output = T> + std::ops::Sub<Output = T> + std::ops::Add<Output = T> + From<u8>,
 {
     let times = |(a, b): (T, T)| (a * x - b * y, a * y + b * x);
-    let one = (T::from(1), T::from(0));
-    let second = times((x, y));
-    [one, (x, y), second, times(second)]
+    let mut powers = [(T::from(1), T::from(0)); DEGREES];
+    for m in 1..DEGREES {
+        powers[m] = times(powers[m - 1]);
+    }
+    powers
 }
 
 /// Functions from their radial and azimuthal parts: by degree, then order; of an order above 0 the real part first.

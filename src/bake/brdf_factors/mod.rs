@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use self::harmonics::{Harmonics, MAX_FUNCTIONS, RADIAL_COUNT, RADIALS, azimuths, radials_of, spread};
+use self::harmonics::{DEGREES, Harmonics, MAX_FUNCTIONS, RADIAL_COUNT, RADIALS, azimuths, radials_of, spread};
 use crate::brdf::Lobes;
 use crate::shared::Brdf;
 
@@ -91,9 +91,9 @@ impl Projection {
     }
 
     /// Sum of the squares of k_i over the functions of each degree, under even light from everywhere, mean of RGB.
-    pub fn energy_by_degree(&self, brdf: &Brdf) -> [f32; 4] {
+    pub fn energy_by_degree(&self, brdf: &Brdf) -> [f32; DEGREES] {
         let steps = 256;
-        let mut energy = [0.0; 4];
+        let mut energy = [0.0; DEGREES];
         let mut values = [Vec3::ZERO; MAX_FUNCTIONS];
         for i in 0..steps {
             let z = (i as f32 + 0.5) / steps as f32;

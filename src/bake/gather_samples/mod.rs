@@ -203,7 +203,7 @@ fn clustered(
 }
 
 /// Whether a sample has anything to carry there.
-fn carries_light(surface: &SurfacePoint) -> bool {
+pub fn carries_light(surface: &SurfacePoint) -> bool {
     surface.emission != Vec3::ZERO || held(&surface.brdf).reflects_directly()
 }
 

@@ -1,0 +1,190 @@
+//! Which gather samples a point of a surface reads, looked up rather than searched for: every side of every triangle is
+//! cut into cells, narrow against the distance of samples, and each cell knows its samples and their weights.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::bake::gather_samples::{GatherSamples, Place, carries_light};
+use crate::bake::point_tree::{PointTree, point};
+use crate::scene::Scene;
+
+/// Samples that a cell reads.
+pub const NEIGHBOURS: usize = 4;
+/// Cells along the width of a gather sample.
+const CELLS_A_SAMPLE: f32 = 4.0;
+/// Cells along an edge at most.
+const MOST_ALONG: f32 = 4096.0;
+/// Samples whose normals differ more are not read: the cosine of 45 degrees.
+const LEAST_COSINE: f32 = 0.7;
+
+/// What a piece of surface reads. Weights add up to 1; where nothing reflects light they are all 0.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cell {
+    /// Indices of gather samples; some may be listed with weight 0.
+    pub samples: [u32; NEIGHBOURS],
+    pub weights: [f32; NEIGHBOURS],
+}
+
+/// The cells of one side of a triangle: a parallelogram of which the triangle covers one half.
+#[derive(Clone, Copy, Debug, Default)]
+struct Grid {
+    first: u32,
+    /// 0 where the side is black: the back of a single-sided face.
+    columns: u16,
+    rows: u16,
+    /// The corner that the parallelogram starts from: that opposite to the longest edge.
+    corner: u8,
+}
+
+pub struct Cells {
+    /// Front and back of each triangle.
+    grids: Vec<Grid>,
+    cells: Vec<Cell>,
+}
+
+impl Cells {
+    pub fn new(scene: &Scene, samples: &GatherSamples) -> Self {
+        let width = (samples.area() / samples.len().max(1) as f64).sqrt() as f32 / CELLS_A_SAMPLE;
+        let mut first = 0;
+        let grids: Vec<Grid> = (0..2 * scene.mesh.triangles.len() as u32)
+            .map(|side| {
+                let material = scene.mesh.triangle_materials[side as usize / 2] as usize;
+                if samples.is_empty() || (side % 2 == 1 && !scene.materials[material].double_sided) {
+                    return Grid::default();
+                }
+                let grid = Grid { first, ..Grid::new(scene, side / 2, width) };
+                first += u32::from(grid.columns) * u32::from(grid.rows);
+                grid
+            })
+            .collect();
+        let neighbours = Neighbours::new(samples);
+        let cells_of = |(side, grid): (usize, &Grid)| {
+            let (grid, neighbours) = (*grid, &neighbours);
+            (0..grid.rows).flat_map(move |row| (0..grid.columns).map(move |column| (column, row))).map(
+                move |(column, row)| {
+                    let place = Place {
+                        triangle: side as u32 / 2,
+                        barycentric: grid.centre(column, row)?,
+                        back: side % 2 == 1,
+                    };
+                    let surface = place.surface(scene, width);
+                    carries_light(&surface).then(|| neighbours.cell(surface.position, surface.normal))
+                },
+            )
+        };
+        let cells = grids.par_iter().enumerate().flat_map_iter(cells_of).map(Option::unwrap_or_default).collect();
+        Self { grids, cells }
+    }
+
+    /// Index of the cell at a place; `None` on the back of a single-sided face.
+    pub fn index(&self, place: &Place) -> Option<u32> {
+        let grid = &self.grids[2 * place.triangle as usize + usize::from(place.back)];
+        grid.cell(place.barycentric)
+    }
+
+    pub fn get(&self, index: u32) -> &Cell {
+        &self.cells[index as usize]
+    }
+}
+
+/// Finds the samples around a point.
+pub struct Neighbours<'a> {
+    samples: &'a GatherSamples,
+    /// By position alone; normals are compared apart.
+    tree: PointTree,
+}
+
+impl<'a> Neighbours<'a> {
+    pub fn new(samples: &'a GatherSamples) -> Self {
+        let positions: Vec<_> = samples.samples.iter().map(|s| point(s.position, Vec3::ZERO, 0.0)).collect();
+        Self { samples, tree: PointTree::new(&positions) }
+    }
+
+    /// The nearest samples of like orientation, falling to nothing at the next further one. There must be a sample.
+    pub fn cell(&self, position: Vec3, normal: Vec3) -> Cell {
+        let from = point(position, Vec3::ZERO, 0.0);
+        let alike = |i: u32| self.samples.samples[i as usize].normal.dot(normal) > LEAST_COSINE;
+        let found = self.tree.nearest::<{ NEIGHBOURS + 1 }>(&from, alike);
+        let mut cell = Cell::default();
+        match found.items() {
+            [] => {
+                cell.samples[0] = self.tree.nearest::<1>(&from, |_| true).items()[0].1;
+                cell.weights[0] = 1.0;
+            }
+            found => {
+                // With as many as asked for the last one gets nothing, and the sum is continuous where others come near.
+                let reach = found[found.len() - 1].0.sqrt() * if found.len() > NEIGHBOURS { 1.0 } else { 2.0 };
+                for (i, &(distance2, sample)) in found.iter().take(NEIGHBOURS).enumerate() {
+                    cell.samples[i] = sample;
+                    cell.weights[i] = if reach > 0.0 { (1.0 - distance2.sqrt() / reach).powi(2) } else { 1.0 };
+                }
+                let sum: f32 = cell.weights.iter().sum();
+                if sum > 0.0 {
+                    cell.weights.iter_mut().for_each(|w| *w /= sum);
+                } else {
+                    cell.weights[0] = 1.0; // all equally far
+                }
+            }
+        }
+        cell
+    }
+}
+
+impl Cell {
+    pub fn is_black(&self) -> bool {
+        self.weights[0] == 0.0
+    }
+
+    /// Samples and weights.
+    pub fn read(&self) -> impl Iterator<Item = (usize, f32)> {
+        self.samples.iter().map(|&s| s as usize).zip(self.weights).filter(|&(_, weight)| weight > 0.0)
+    }
+}
+
+impl Grid {
+    fn new(scene: &Scene, triangle: u32, width: f32) -> Self {
+        let corners = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
+        let edge = |a: usize, b: usize| corners[a % 3].distance(corners[b % 3]);
+        let opposite = |c: &usize| edge(c + 1, c + 2);
+        let corner = (0..3).max_by(|a, b| opposite(a).total_cmp(&opposite(b))).expect("there are three");
+        let count = |length: f32| (length / width).ceil().clamp(1.0, MOST_ALONG) as u16;
+        let (columns, rows) = (count(edge(corner, corner + 1)), count(edge(corner, corner + 2)));
+        Self { first: 0, columns, rows, corner: corner as u8 }
+    }
+
+    /// Barycentric coordinates of the middle of a cell, moved onto the triangle; `None` if it lies wholly outside.
+    fn centre(&self, column: u16, row: u16) -> Option<Vec2> {
+        let (columns, rows) = (f32::from(self.columns), f32::from(self.rows));
+        if f32::from(column) / columns + f32::from(row) / rows >= 1.0 {
+            return None;
+        }
+        let mut middle = Vec2::new((f32::from(column) + 0.5) / columns, (f32::from(row) + 0.5) / rows);
+        let outside = middle.element_sum() - 1.0;
+        if outside > 0.0 {
+            middle = (middle - 0.5 * outside).max(Vec2::ZERO);
+            middle /= middle.element_sum().max(1.0);
+        }
+        // From weights of the two corners that follow `corner` to those of the second and third.
+        let mut weights = [0.0; 3];
+        weights[self.corner as usize] = 1.0 - middle.element_sum();
+        weights[(self.corner as usize + 1) % 3] = middle.x;
+        weights[(self.corner as usize + 2) % 3] = middle.y;
+        Some(Vec2::new(weights[1], weights[2]))
+    }
+
+    fn cell(&self, barycentric: Vec2) -> Option<u32> {
+        if self.columns == 0 {
+            return None;
+        }
+        let weights = [1.0 - barycentric.element_sum(), barycentric.x, barycentric.y];
+        let (u, v) = (weights[(self.corner as usize + 1) % 3], weights[(self.corner as usize + 2) % 3]);
+        let (columns, rows) = (u32::from(self.columns), u32::from(self.rows));
+        let column = ((u.max(0.0) * columns as f32) as u32).min(columns - 1);
+        let mut row = ((v.max(0.0) * rows as f32) as u32).min(rows - 1);
+        // Rounding may lead a hit on the longest edge to a cell that lies wholly outside.
+        if column * rows + row * columns >= columns * rows {
+            row = row.saturating_sub(1);
+        }
+        Some(self.first + row * columns + column)
+    }
+}

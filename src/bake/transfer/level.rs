@@ -1,0 +1,73 @@
+//! A level of detail: gather samples, what they keep of light, and who reads them.
+
+use glam::Vec3;
+
+use super::cells::Cells;
+use crate::bake::brdf_factors::harmonics::{Harmonics, MAX_FUNCTIONS};
+use crate::bake::gather_samples::{GatherSamples, Place};
+use crate::scene::Scene;
+
+/// Gather samples with their coefficients. Those of sample i are `first[i]..first[i + 1]` of a vector of coefficients.
+pub struct Level {
+    pub samples: GatherSamples,
+    pub first: Vec<u32>,
+    pub cells: Cells,
+    /// Two tangents and the normal of each sample.
+    pub frames: Vec<[Vec3; 3]>,
+}
+
+impl Level {
+    /// `functions` tells how many of the harmonics a sample keeps: 1, 4, 9 or 16.
+    pub fn new(scene: &Scene, samples: GatherSamples, functions: &[u8]) -> Self {
+        let mut first = vec![0];
+        first.extend(functions.iter().scan(0, |sum, &count| {
+            *sum += u32::from(count);
+            Some(*sum)
+        }));
+        Self {
+            cells: Cells::new(scene, &samples),
+            frames: samples.samples.iter().map(|s| s.frame()).collect(),
+            samples,
+            first,
+        }
+    }
+
+    pub fn coefficient_count(&self) -> usize {
+        self.first[self.samples.len()] as usize
+    }
+
+    pub fn coefficients(&self, sample: usize) -> std::ops::Range<usize> {
+        self.first[sample] as usize..self.first[sample + 1] as usize
+    }
+
+    /// What radiance leaves `place` towards `wo`: calls `read` with each sample that tells of it, its weight, the first
+    /// of its coefficients and the values of its functions.
+    pub fn read(&self, place: &Place, wo: Vec3, mut read: impl FnMut(usize, f32, u32, &[f32])) {
+        let Some(cell) = self.cells.index(place) else { return };
+        let mut values = [0.0; MAX_FUNCTIONS];
+        // On flat surfaces neighbours have one frame.
+        let mut known: Option<(Vec3, usize)> = None;
+        for (sample, weight) in self.cells.get(cell).read() {
+            let range = self.coefficients(sample);
+            let count = range.len();
+            if count == 1 {
+                read(sample, weight, range.start as u32, &[CONSTANT]);
+                continue;
+            }
+            let frame = &self.frames[sample];
+            if known != Some((frame[2], count)) {
+                Harmonics::get().evaluate(local(frame, wo), &mut values[..count]);
+                known = Some((frame[2], count));
+            }
+            read(sample, weight, range.start as u32, &values[..count]);
+        }
+    }
+}
+
+/// The first function: the square root of 1/pi.
+const CONSTANT: f32 = 0.564_189_6;
+
+/// A direction in a frame of two tangents and a normal.
+pub fn local(frame: &[Vec3; 3], direction: Vec3) -> Vec3 {
+    Vec3::from(frame.map(|axis| axis.dot(direction)))
+}

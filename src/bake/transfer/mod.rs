@@ -1,0 +1,260 @@
+//! Indirect light as a linear map of direct light at gather samples [Yang 2007, Chapter 4; Hasan 2006].
+//!
+//! λ0 are the coefficients that the gather samples have from a light directly. G is one bounce among them, Φ what view
+//! samples make of them:
+//!
+//! ```text
+//! indirect = Φ (I + G + G² + ...) λ0 = Φ_f λ0 + Φ_c S λ0,    S = (I - G_cc)⁻¹ G_cf
+//! ```
+//!
+//! with direct light at a fine level of samples (f) and further bounces among coarse ones (c). With one level they are
+//! the same samples, and Φ (I - G)⁻¹ λ0 is left. Rows of G and Φ are final gathers: nothing here divides by a squared
+//! distance, and no row sum exceeds the albedo.
+
+pub mod cells;
+pub mod level;
+pub mod paths;
+pub mod rows;
+pub mod solve;
+pub mod transport;
+
+use glam::{DVec3, Vec3};
+
+use self::level::Level;
+use self::paths::Paths;
+use self::rows::{Lobe, RowGatherer, Rows};
+use self::transport::{Bounce, BounceGatherer};
+use super::Baked;
+use super::brdf_factors::harmonics::MAX_FUNCTIONS;
+use super::brdf_factors::{ALBEDO_CAP, Projection};
+use super::bvh::Bvh;
+use super::gather_samples::{GatherSamples, Placement};
+use crate::scene::Scene;
+use crate::shared::Brdf;
+
+/// How light leaves gather samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outgoing {
+    /// Equally in all directions, with the BRDF's hemispherical albedo [Yang 2007, Section 4.2].
+    Diffuse,
+    /// In as many harmonics as a material needs, or a square number up to 36 for all [Yang 2007, Section 4.3].
+    Glossy { functions: Option<u8> },
+}
+
+/// How transfer is computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransferSettings {
+    pub outgoing: Outgoing,
+    /// Gather samples.
+    pub samples: usize,
+    /// Gather samples among which light bounces on; as many as `samples` or more: those themselves.
+    pub coarse_samples: usize,
+    /// Points of each sample at which direct light is looked at, 1 to 16.
+    pub points: usize,
+    /// Rays a row, of Φ and of G.
+    pub rays: u32,
+    /// Mirrors that a ray goes on through at most.
+    pub layers: u32,
+    /// Indirect bounces counted at the pixel; without, all of them.
+    pub bounces: Option<u32>,
+    pub seed: u64,
+}
+
+/// How far the solution can be trusted.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Certificate {
+    /// Largest absolute eigenvalue of G, by power iteration.
+    pub spectral_radius: f64,
+    /// Largest relative error of a column of geometric factors after balancing.
+    pub imbalance: f64,
+    /// Share of all reflected light, under even light from everywhere, that [`ALBEDO_CAP`] took away.
+    pub capped: f64,
+    /// Mean share of a sample's rays that met nothing that reflects.
+    pub escaped: f64,
+}
+
+/// Transfer of one scene and camera.
+pub struct Transfer<'a> {
+    scene: &'a Scene,
+    bvh: &'a Bvh,
+    baked: &'a Baked,
+    settings: TransferSettings,
+    pub fine: Level,
+    /// Absent with one level.
+    pub coarse: Option<Level>,
+    /// G_cc; with one level G.
+    pub among: Rows,
+    /// G_cf; absent with one level.
+    pub from_fine: Option<Rows>,
+    pub certificate: Certificate,
+}
+
+/// Relative residual of the solution, in every channel.
+const TOLERANCE: f64 = 1e-7;
+
+impl<'a> Transfer<'a> {
+    /// Places gather samples and gathers G; `progress` counts samples of the coarse level, or of the only one.
+    pub fn new(
+        scene: &'a Scene,
+        bvh: &'a Bvh,
+        baked: &'a Baked,
+        settings: &TransferSettings,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Self {
+        let level = |count: usize, points: usize, seed: u64, most: u8| {
+            let placement = Placement::Clustered { points };
+            let mut samples = GatherSamples::place(scene, bvh, placement, count, seed);
+            if settings.outgoing == Outgoing::Diffuse {
+                samples.samples.iter_mut().for_each(|s| s.brdf = lambert(&s.brdf));
+            }
+            let functions: Vec<u8> =
+                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most)).collect();
+            Level::new(scene, samples, &functions)
+        };
+        let fine = level(settings.samples, settings.points, settings.seed, MOST_FUNCTIONS);
+        let coarse = (settings.coarse_samples < settings.samples)
+            .then(|| level(settings.coarse_samples, RAY_POINTS, settings.seed ^ 1 << 32, MOST_COARSE_FUNCTIONS));
+        let receivers = coarse.as_ref().unwrap_or(&fine);
+        let gatherer = BounceGatherer {
+            paths: Paths::new(scene, bvh, settings.layers),
+            receivers,
+            rays: settings.rays,
+            seed: settings.seed ^ 2 << 32,
+        };
+        let (bounces, escaped) = match &coarse {
+            Some(coarse) => gatherer.gather(&[coarse, &fine], progress),
+            None => gatherer.gather(&[&fine], progress),
+        };
+        let imbalance = bounces.iter().map(|b| b.imbalance).fold(0.0, f64::max);
+        let mut bounces = bounces.into_iter().map(|Bounce { rows, .. }| rows);
+        let among = bounces.next().expect("one a sender");
+        let certificate = Certificate {
+            spectral_radius: solve::spectral_radius(&among),
+            imbalance,
+            capped: capped(&receivers.samples),
+            escaped: escaped.iter().sum::<f64>() / escaped.len().max(1) as f64,
+        };
+        let from_fine = bounces.next();
+        Self { scene, bvh, baked, settings: settings.clone(), fine, coarse, among, from_fine, certificate }
+    }
+
+    /// Columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
+    pub fn column_count(&self) -> usize {
+        self.fine.coefficient_count() + self.coarse.as_ref().map_or(0, Level::coefficient_count)
+    }
+
+    /// Rows of Φ for view samples, by index into [`Baked::samples`]: gathered anew in every call, always the same.
+    pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> Rows {
+        let levels = [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect();
+        let gatherer = RowGatherer {
+            paths: Paths::new(self.scene, self.bvh, self.settings.layers),
+            baked: self.baked,
+            levels,
+            rays: self.settings.rays,
+            lobe,
+            seed: self.settings.seed ^ 3 << 32,
+        };
+        gatherer.gather(view_samples)
+    }
+
+    /// What rows of Φ multiply, from direct light at the fine level: λ0 and, with two levels, S λ0; with one, the sum
+    /// of all bounces. Comes with the residual of the solution, 0 for a given number of bounces.
+    pub fn bounce(&self, direct: &[DVec3]) -> (Vec<DVec3>, f64) {
+        let first = self.from_fine.as_ref().map_or_else(|| direct.to_vec(), |g| g.multiply(direct));
+        // With one level λ0 itself is the first term, with two G_cf λ0, which the pixel sees after a second bounce.
+        let terms = |bounces: u32| if self.coarse.is_some() { bounces.saturating_sub(1) } else { bounces };
+        let (bounced, residual) = match self.settings.bounces.map(terms) {
+            Some(terms) => (solve::sum_of_powers(&self.among, &first, terms), 0.0),
+            None => {
+                let solution = solve::solve(&self.among, &first, TOLERANCE);
+                (solution.coefficients, solution.residual)
+            }
+        };
+        let mut all = if self.coarse.is_some() { direct.to_vec() } else { Vec::new() };
+        if self.settings.bounces == Some(0) {
+            all.fill(DVec3::ZERO);
+        }
+        all.extend(bounced);
+        (all, residual)
+    }
+
+    /// Indirect radiance of view samples under several lights, from the lights' direct light at the fine level; Φ is
+    /// gathered once, in pieces that are multiplied and dropped. `progress` counts view samples.
+    pub fn apply(
+        &self,
+        direct: &[Vec<DVec3>],
+        view_samples: &[u32],
+        lobe: Lobe,
+        progress: &dyn Fn(usize),
+    ) -> Vec<Vec<DVec3>> {
+        let coefficients: Vec<Vec<DVec3>> = direct.iter().map(|light| self.bounce(light).0).collect();
+        let mut images = vec![Vec::with_capacity(view_samples.len()); direct.len()];
+        for piece in view_samples.chunks(PIECE) {
+            let rows = self.rows(piece, lobe);
+            images.iter_mut().zip(&coefficients).for_each(|(image, c)| image.extend(rows.multiply(c)));
+            progress(piece.len());
+        }
+        images
+    }
+
+    /// λ0 of everything that emits: one more light.
+    pub fn emission(&self) -> Vec<DVec3> {
+        let mut emission = vec![DVec3::ZERO; self.fine.coefficient_count()];
+        for (i, sample) in self.fine.samples.samples.iter().enumerate() {
+            // Even radiance L lies along the first function, 1/sqrt(pi).
+            emission[self.fine.coefficients(i).start] = sample.emission.as_dvec3() * std::f64::consts::PI.sqrt();
+        }
+        emission
+    }
+}
+
+/// Points of a coarse sample that its rays start from.
+const RAY_POINTS: usize = 16;
+/// View samples whose rows are held at once: some 100 MB.
+const PIECE: usize = 4096;
+
+/// The Lambertian BRDF that reflects as much of even light.
+fn lambert(brdf: &Brdf) -> Brdf {
+    Brdf {
+        diffuse: Projection::get().hemispherical_albedo(brdf, ALBEDO_CAP),
+        alpha: 0.0,
+        f0: Vec3::ZERO,
+        f90: 0.0,
+        dielectric_f0: 0.0,
+        dielectric_f90: 0.0,
+    }
+}
+
+/// How many functions a material gets, of at most `most`.
+fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
+    match *outgoing {
+        Outgoing::Diffuse => 1,
+        Outgoing::Glossy { functions: Some(count) } => count.min(most),
+        Outgoing::Glossy { functions: None } => {
+            let energy = Projection::get().energy_by_degree(brdf);
+            let all: f32 = energy.iter().sum();
+            let enough = |functions: &u8| {
+                let degrees = functions.isqrt() as usize;
+                energy[degrees..].iter().sum::<f32>() <= DROPPED * all
+            };
+            [1, 4, 9, 16, 25].into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
+        }
+    }
+}
+
+/// Share of a material's energy beyond its functions, at most.
+const DROPPED: f32 = 0.01;
+/// Functions of a fine sample at most, for direct light: highlights that it casts.
+const MOST_FUNCTIONS: u8 = MAX_FUNCTIONS as u8;
+/// Functions of a coarse sample at most: light that has bounced is smoother.
+const MOST_COARSE_FUNCTIONS: u8 = 16;
+
+fn capped(samples: &GatherSamples) -> f64 {
+    let (mut kept, mut all) = (0.0, 0.0);
+    for sample in &samples.samples {
+        let reflected = |cap: f32| f64::from(Projection::get().hemispherical_albedo(&sample.brdf, cap).element_sum());
+        kept += f64::from(sample.area) * reflected(ALBEDO_CAP);
+        all += f64::from(sample.area) * reflected(f32::INFINITY);
+    }
+    if all > 0.0 { 1.0 - kept / all } else { 0.0 }
+}

@@ -1,0 +1,177 @@
+//! Light after all bounces: x = b + G x, the three channels side by side.
+
+use glam::DVec3;
+
+use super::rows::Rows;
+
+/// Steps before GMRES starts anew.
+const STEPS: usize = 40;
+/// Starts at most.
+const RESTARTS: usize = 25;
+/// Of the power iteration.
+const ITERATIONS: usize = 100;
+
+/// A solution, and how far it is from one.
+pub struct Solution {
+    pub coefficients: Vec<DVec3>,
+    /// |b - (I - G) x| / |b|, the worst of the channels.
+    pub residual: f64,
+    /// Applications of G.
+    pub steps: usize,
+}
+
+/// GMRES with restarts [Saad 1986], to a relative residual of `tolerance` in every channel.
+///
+/// Each channel is a system of its own; their vectors run side by side, so that G is read once for all three.
+pub fn solve(g: &Rows, b: &[DVec3], tolerance: f64) -> Solution {
+    let scale = norm(b);
+    let inverse = reciprocal(scale);
+    let mut x = b.to_vec();
+    let mut steps = 0;
+    for _ in 0..RESTARTS {
+        let r = residual(g, b, &x);
+        steps += 1;
+        let size = norm(&r);
+        if (size * inverse).max_element() <= tolerance {
+            break;
+        }
+        steps += correct(g, &r, size, tolerance * scale, &mut x);
+    }
+    let residual = (norm(&residual(g, b, &x)) * inverse).max_element();
+    Solution { coefficients: x, residual, steps }
+}
+
+/// One run of up to [`STEPS`] steps: adds to `x` what minimizes the residual `r`, whose norm is `size`.
+fn correct(g: &Rows, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]) -> usize {
+    let mut basis: Vec<Vec<DVec3>> = vec![r.iter().map(|r| *r * reciprocal(size)).collect()];
+    let mut triangle: Vec<Vec<DVec3>> = Vec::new(); // columns of R
+    let mut rotations: Vec<(DVec3, DVec3)> = Vec::new();
+    let mut right = vec![size];
+    for step in 0..STEPS {
+        let last = &basis[step];
+        let mut w: Vec<DVec3> = last.iter().zip(g.multiply(last)).map(|(v, gv)| v - gv).collect();
+        let mut column = Vec::new();
+        for v in &basis {
+            let share = dot(v, &w);
+            w.iter_mut().zip(v).for_each(|(w, v)| *w -= share * v);
+            column.push(share);
+        }
+        let length = norm(&w);
+        // Turn the column by all rotations so far, then by the one that makes it end in zero.
+        for (i, (c, s)) in rotations.iter().enumerate() {
+            (column[i], column[i + 1]) = (c * column[i] + s * column[i + 1], c * column[i + 1] - s * column[i]);
+        }
+        let diagonal = column[step];
+        let radius = (diagonal * diagonal + length * length).map(f64::sqrt);
+        let (c, s) = (diagonal * reciprocal(radius), length * reciprocal(radius));
+        column[step] = radius;
+        rotations.push((c, s));
+        triangle.push(column);
+        right.push(-s * right[step]);
+        right[step] *= c;
+        basis.push(w.into_iter().map(|w| w * reciprocal(length)).collect());
+        if right[step + 1].abs().cmple(goal).all() {
+            break;
+        }
+    }
+    let count = triangle.len();
+    let mut shares = vec![DVec3::ZERO; count];
+    for i in (0..count).rev() {
+        let known: DVec3 = (i + 1..count).map(|j| triangle[j][i] * shares[j]).sum();
+        shares[i] = (right[i] - known) * reciprocal(triangle[i][i]);
+    }
+    for (share, v) in shares.iter().zip(&basis) {
+        x.iter_mut().zip(v).for_each(|(x, v)| *x += share * v);
+    }
+    count
+}
+
+/// b + G b + ... + G^(terms - 1) b.
+pub fn sum_of_powers(g: &Rows, b: &[DVec3], terms: u32) -> Vec<DVec3> {
+    let mut x = vec![DVec3::ZERO; b.len()];
+    for _ in 0..terms {
+        x = g.multiply(&x).iter().zip(b).map(|(gx, b)| gx + b).collect();
+    }
+    x
+}
+
+/// The largest absolute eigenvalue of G, by power iteration from even light: the worst of the channels.
+pub fn spectral_radius(g: &Rows) -> f64 {
+    let mut x = vec![DVec3::ONE; g.len()];
+    let mut radius = 0.0;
+    for _ in 0..ITERATIONS {
+        let scale = reciprocal(norm(&x));
+        x.iter_mut().for_each(|x| *x *= scale);
+        x = g.multiply(&x);
+        let before = std::mem::replace(&mut radius, norm(&x).max_element());
+        if (radius - before).abs() <= 1e-6 * radius {
+            break;
+        }
+    }
+    radius
+}
+
+fn residual(g: &Rows, b: &[DVec3], x: &[DVec3]) -> Vec<DVec3> {
+    g.multiply(x).iter().zip(x).zip(b).map(|((gx, x), b)| b - x + gx).collect()
+}
+
+/// 1/v, and 0 for a channel that is black.
+fn reciprocal(v: DVec3) -> DVec3 {
+    DVec3::select(v.cmpgt(DVec3::ZERO), v.recip(), DVec3::ZERO)
+}
+
+fn dot(a: &[DVec3], b: &[DVec3]) -> DVec3 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn norm(a: &[DVec3]) -> DVec3 {
+    dot(a, a).map(f64::sqrt)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::Points;
+
+    /// Rows with random entries; those of channel c add up to `sums[c]`.
+    fn random(size: usize, sums: [f32; 3]) -> Rows {
+        let points = Points::new(1, 0);
+        let mut g = Rows { first: vec![0], ..Default::default() };
+        for i in 0..size as u32 {
+            let entries: Vec<[f64; 4]> = (0..size as u32).map(|j| points.at(j, i)).collect();
+            let total: f64 = entries.iter().map(|e| e[0]).sum();
+            g.columns.extend(0..size as u32);
+            g.values.extend(entries.iter().map(|e| sums.map(|sum| sum * (e[0] / total) as f32)));
+            g.first.push(g.columns.len());
+        }
+        g
+    }
+
+    #[test]
+    fn solutions_solve_and_powers_add_up_to_them() {
+        let g = random(60, [0.999, 0.5, 0.0]);
+        let b: Vec<DVec3> = (0..60).map(|i| DVec3::new((i % 7) as f64, 1.0, f64::from(i == 3))).collect();
+        let solution = solve(&g, &b, 1e-9);
+        assert!(solution.residual <= 1e-9, "residual {} after {} steps", solution.residual, solution.steps);
+        assert!(residual(&g, &b, &solution.coefficients).iter().all(|r| r.abs().max_element() < 1e-6));
+        let sum = sum_of_powers(&g, &b, 40);
+        // Of green 2^-40 is left; blue has no second term.
+        let errors = sum.iter().zip(&solution.coefficients).map(|(s, x)| (s - x).abs());
+        errors.for_each(|e| assert!(e.y < 1e-7 && e.z < 1e-9, "{e}"));
+        assert!(sum_of_powers(&g, &b, 0).iter().all(|x| *x == DVec3::ZERO));
+        assert_eq!(sum_of_powers(&g, &b, 1), b);
+    }
+
+    #[test]
+    fn darkness_stays_dark() {
+        let g = random(10, [0.5; 3]);
+        let solution = solve(&g, &[DVec3::ZERO; 10], 1e-9);
+        assert!(solution.residual == 0.0 && solution.coefficients.iter().all(|x| *x == DVec3::ZERO));
+    }
+
+    #[test]
+    fn the_spectral_radius_is_that_of_the_brightest_channel() {
+        let radius = spectral_radius(&random(40, [0.2, 0.9, 0.1]));
+        assert!((radius - 0.9).abs() < 1e-5, "{radius}");
+    }
+}

@@ -1,0 +1,230 @@
+//! G: what the coefficients of gather samples add to those of a level's samples in one bounce, by final gathering with
+//! the projection onto the basis in place of the BRDF.
+//!
+//! Gathered rows keep energy as seen by who receives it, not by who sends it: columns are off by some 10 % and so is
+//! the light of a bright closed room. So the geometric factors F, the shares of a sample's rays that other samples
+//! get, are balanced: rows and columns are scaled until each sample receives the share of its rays that met a surface,
+//! and sends, by reciprocity, as much [Sinkhorn 1967].
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::cells::Cells;
+use super::level::Level;
+use super::paths::Paths;
+use super::rows::{Row, Rows};
+use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
+use crate::brdf::cosine_direction;
+use crate::sequence::Points;
+
+/// Rounds of balancing at most. Where samples see each other at all it converges within some twenty.
+const ROUNDS: usize = 200;
+/// Balanced when no column is off by more.
+const BALANCED: f64 = 1e-9;
+/// No row or column is scaled by more than this or less than its inverse: columns that hardly any ray found stay small.
+const MOST_SCALE: f64 = 8.0;
+
+/// One bounce from a level's coefficients to those of the receiving level.
+pub struct Bounce {
+    /// A row for each coefficient that receives, a column for each that sends.
+    pub rows: Rows,
+    /// Largest relative error of a column of geometric factors after balancing.
+    pub imbalance: f64,
+}
+
+/// Gathers G.
+pub struct BounceGatherer<'a> {
+    pub paths: Paths<'a>,
+    pub receivers: &'a Level,
+    /// Rays a receiving sample.
+    pub rays: u32,
+    pub seed: u64,
+}
+
+/// What the rays of one receiving sample found of one sending level.
+#[derive(Default)]
+struct Found {
+    /// Rows of G, one a coefficient of the receiver.
+    rows: Rows,
+    /// Row of F: the share of rays that each sending sample got straight.
+    factors: Vec<(u32, f32)>,
+}
+
+impl BounceGatherer<'_> {
+    /// G from each of `senders` and, for each receiving sample, the share of its rays that met nothing that reflects:
+    /// 1 - row sum, counted, not subtracted [Grassmann 1985].
+    pub fn gather(&self, senders: &[&Level], progress: &(dyn Fn(usize) + Sync)) -> (Vec<Bounce>, Vec<f64>) {
+        let per_sample: Vec<(Vec<Found>, u32)> = (0..self.receivers.samples.len())
+            .into_par_iter()
+            .map_init(
+                || Scratch::new(senders),
+                |scratch, sample| {
+                    let found = self.gather_sample(sample, senders, scratch);
+                    progress(1);
+                    found
+                },
+            )
+            .collect();
+        let escaped: Vec<f64> = per_sample.iter().map(|(_, lost)| f64::from(*lost) / f64::from(self.rays)).collect();
+        let mut by_sender: Vec<Vec<Found>> = senders.iter().map(|_| Vec::new()).collect();
+        for (found, _) in per_sample {
+            by_sender.iter_mut().zip(found).for_each(|(list, found)| list.push(found));
+        }
+        let bounces = by_sender.into_iter().zip(senders).map(|(found, sender)| self.join(found, sender, &escaped));
+        (bounces.collect(), escaped)
+    }
+
+    fn gather_sample(&self, sample: usize, senders: &[&Level], scratch: &mut Scratch) -> (Vec<Found>, u32) {
+        let samples = &self.receivers.samples;
+        let gather_sample = &samples.samples[sample];
+        let count = self.receivers.coefficients(sample).len();
+        let frames: Vec<[Vec3; 3]> = samples.points_of(sample).iter().map(|p| p.frame(gather_sample)).collect();
+        let points = Points::new(self.seed, sample as u64);
+        let share = 1.0 / self.rays as f32;
+        let mut lost = self.rays;
+        let mut k = [Vec3::ZERO; MAX_FUNCTIONS];
+        let k = &mut k[..count];
+        for ray in 0..self.rays {
+            let which = ray as usize % frames.len();
+            let (point, frame) = (&samples.points_of(sample)[which], &frames[which]);
+            let [u, v, ..] = points.at(ray, 0);
+            let wi = cosine_direction(u, v).as_vec3().max(Vec3::new(-1.0, -1.0, 1e-6));
+            let direction = (frame[0] * wi.x + frame[1] * wi.y + frame[2] * wi.z).normalize();
+            Projection::get().project(&gather_sample.brdf, wi, k);
+            let random = |layer: u32| {
+                let [u, v, w, _] = points.at(ray, 1 + layer);
+                [u, v, w]
+            };
+            let mut straight = true;
+            self.paths.follow(point.position, point.geometric_normal, direction, random, |arrival| {
+                for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
+                    level.read(&arrival.place, arrival.wo, |sender, weight, first, values| {
+                        if straight {
+                            factors.add(sender as u32, &[weight], Vec3::splat(share));
+                        }
+                        let light = arrival.tint * (weight * share * PI);
+                        rows.iter_mut().zip(&*k).for_each(|(row, k)| row.add(first, values, *k * light));
+                    });
+                }
+                let met = senders.iter().any(|level| !is_black(&level.cells, &arrival.place));
+                lost -= u32::from(straight && met);
+                straight = false;
+            });
+        }
+        (scratch.take(count), lost)
+    }
+
+    /// Balances what all samples found of one level, and makes one matrix of it.
+    fn join(&self, found: Vec<Found>, sender: &Level, escaped: &[f64]) -> Bounce {
+        let area = |level: &Level, sample: usize| f64::from(level.samples.samples[sample].area);
+        // By reciprocity a sample sends to others the share of its own rays that meets them.
+        let received: Vec<f64> =
+            escaped.iter().enumerate().map(|(i, lost)| area(self.receivers, i) * (1.0 - lost)).collect();
+        let mut sent: Vec<f64> = if std::ptr::eq(sender, self.receivers) {
+            received.clone()
+        } else {
+            let shares = met_shares(self.receivers, escaped, sender);
+            (0..sender.samples.len()).map(|i| area(sender, i) * shares[i]).collect()
+        };
+        let factors: Vec<Vec<(u32, f64)>> = found
+            .par_iter()
+            .enumerate()
+            .map(|(i, found)| found.factors.iter().map(|&(j, f)| (j, f64::from(f) * area(self.receivers, i))).collect())
+            .collect();
+        let ratio = received.iter().sum::<f64>() / sent.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        sent.iter_mut().for_each(|s| *s *= ratio);
+        let (row_scales, column_scales, imbalance) = balance(&factors, &received, &sent);
+
+        let mut rows = Rows { first: vec![0], ..Default::default() };
+        let mut scale_of_column = vec![0.0; sender.coefficient_count()];
+        for (i, &scale) in column_scales.iter().enumerate() {
+            scale_of_column[sender.coefficients(i)].fill(scale);
+        }
+        for (found, row_scale) in found.into_iter().zip(row_scales) {
+            let start = rows.columns.len();
+            rows.first.extend(found.rows.first[1..].iter().map(|end| start + end));
+            rows.values.extend(found.rows.columns.iter().zip(&found.rows.values).map(|(&column, value)| {
+                let scale = (row_scale * scale_of_column[column as usize]) as f32;
+                value.map(|v| v * scale)
+            }));
+            rows.columns.extend(found.rows.columns);
+        }
+        Bounce { rows, imbalance }
+    }
+}
+
+/// Accumulators of one thread: for each sending level, rows of G and the row of F.
+struct Scratch {
+    levels: Vec<(Vec<Row>, Row)>,
+}
+
+impl Scratch {
+    fn new(senders: &[&Level]) -> Self {
+        let of = |level: &&Level| {
+            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(level.coefficient_count())).collect();
+            (rows, Row::new(level.samples.len()))
+        };
+        Self { levels: senders.iter().map(of).collect() }
+    }
+
+    /// What was found, for a receiver of `count` coefficients.
+    fn take(&mut self, count: usize) -> Vec<Found> {
+        let take = |(rows, factors): &mut (Vec<Row>, Row)| {
+            let mut found = Found { rows: Rows { first: vec![0], ..Default::default() }, ..Default::default() };
+            rows[..count].iter_mut().for_each(|row| row.take(&mut found.rows));
+            let mut row = Rows { first: vec![0], ..Default::default() };
+            factors.take(&mut row);
+            found.factors = row.columns.iter().copied().zip(row.values.iter().map(|v| v[0])).collect();
+            found
+        };
+        self.levels.iter_mut().map(take).collect()
+    }
+}
+
+fn is_black(cells: &Cells, place: &crate::bake::gather_samples::Place) -> bool {
+    cells.index(place).is_none_or(|cell| cells.get(cell).is_black())
+}
+
+/// 1 - `escaped` of the receiving level, interpolated at the samples of another.
+fn met_shares(receivers: &Level, escaped: &[f64], level: &Level) -> Vec<f64> {
+    let nearest = super::cells::Neighbours::new(&receivers.samples);
+    let share = |s: &crate::bake::gather_samples::GatherSample| {
+        nearest.cell(s.position, s.normal).read().map(|(i, weight)| f64::from(weight) * (1.0 - escaped[i])).sum()
+    };
+    level.samples.samples.par_iter().map(share).collect()
+}
+
+/// Scales of the rows and columns of a matrix with which they add up to `row_sums` and `column_sums`, and what is left
+/// of the error of columns; rows are exact.
+fn balance(rows: &[Vec<(u32, f64)>], row_sums: &[f64], column_sums: &[f64]) -> (Vec<f64>, Vec<f64>, f64) {
+    let mut by_row = vec![1.0; rows.len()];
+    let mut by_column = vec![1.0; column_sums.len()];
+    let limited = |scale: f64| if scale.is_finite() { scale.clamp(1.0 / MOST_SCALE, MOST_SCALE) } else { 1.0 };
+    let mut imbalance = 0.0;
+    for _ in 0..ROUNDS {
+        let mut sums = vec![0.0; column_sums.len()];
+        for (row, scale) in rows.iter().zip(&by_row) {
+            row.iter().for_each(|&(j, value)| sums[j as usize] += scale * value);
+        }
+        imbalance = 0.0;
+        for ((scale, sum), want) in by_column.iter_mut().zip(&sums).zip(column_sums) {
+            if *sum > 0.0 {
+                imbalance = f64::max(imbalance, (*scale * sum / want - 1.0).abs());
+                *scale = limited(want / sum);
+            }
+        }
+        by_row = rows
+            .par_iter()
+            .zip(row_sums)
+            .map(|(row, want)| want / row.iter().map(|&(j, value)| by_column[j as usize] * value).sum::<f64>())
+            .map(|scale| if scale.is_finite() { scale } else { 1.0 })
+            .collect();
+        if imbalance < BALANCED {
+            break;
+        }
+    }
+    (by_row, by_column, imbalance)
+}
