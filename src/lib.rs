@@ -67,6 +67,7 @@
 //! - [Heitz 2018] Heitz, Sampling the GGX distribution of visible normals, JCGT 7(4).
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
+//! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.

@@ -5,59 +5,55 @@ use rayon::prelude::*;
 
 use super::light;
 use crate::bake::brdf_factors::Projection;
-use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::bake::bvh::Bvh;
-use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_all};
+use crate::bake::gather_samples::GatherSamples;
+use crate::bake::packet::{PACKET_SIZE, trace_all};
 use crate::bake::transfer::level::{Level, local};
+use crate::bake::transfer::thesis::Thesis;
 use crate::scene::Scene;
 use crate::shared::PackedLight;
 
 /// Coefficients that a light at unit intensity leaves in a level's samples: the mean over each sample's points.
 pub fn shade(scene: &Scene, bvh: &Bvh, level: &Level, light: &PackedLight) -> Vec<DVec3> {
-    let samples = &level.samples;
-    let visibility = trace(scene, bvh, level, light);
-    let coefficients = |i: usize| {
-        let sample = &samples.samples[i];
-        let count = level.coefficients(i).len();
-        let mut sum = [DVec3::ZERO; MAX_FUNCTIONS];
-        let mut k = [Vec3::ZERO; MAX_FUNCTIONS];
-        for (p, point) in samples.points_of(i).iter().enumerate() {
-            let Some(arriving) = light::incident(light, point.position.as_dvec3()) else { continue };
-            if visibility[i * samples.points_per_sample + p] == 0 {
-                continue;
-            }
-            let wi = local(&point.frame(sample), arriving.wi.as_vec3());
-            if wi.z <= 0.0 {
-                continue;
-            }
-            Projection::get().project(&sample.brdf, wi, &mut k[..count]);
-            let irradiance = arriving.irradiance * f64::from(wi.z) / samples.points_per_sample as f64;
-            sum.iter_mut().zip(&k[..count]).for_each(|(sum, k)| *sum += irradiance * k.as_dvec3());
-        }
-        sum.into_iter().take(count)
+    let project = |sample: usize, wi: Vec3, values: &mut [Vec3]| {
+        Projection::get().project(&level.samples.samples[sample].brdf, wi, values);
     };
-    (0..samples.len()).into_par_iter().flat_map_iter(coefficients).collect()
+    shade_with(scene, bvh, &level.samples, &level.first, project, light)
 }
 
-/// 255 for every point of every sample that sees the light and faces it.
-fn trace(scene: &Scene, bvh: &Bvh, level: &Level, light: &PackedLight) -> Vec<u8> {
-    let packets: Vec<SamplePacket> = level
-        .samples
-        .points
-        .chunks(PACKET_SIZE)
-        .map(|points| {
-            let mut packet = SamplePacket::default();
-            for (lane, point) in points.iter().enumerate() {
-                for axis in 0..3 {
-                    packet.position[axis][lane] = point.position[axis];
-                    packet.normal[axis][lane] = point.normal[axis];
-                    packet.geometric_normal[axis][lane] = point.geometric_normal[axis];
-                }
-            }
-            packet
-        })
-        .collect();
+/// [`shade`] with the thesis's factors.
+pub fn shade_thesis(scene: &Scene, bvh: &Bvh, thesis: &Thesis, light: &PackedLight) -> Vec<DVec3> {
+    let project = |sample: usize, wi: Vec3, values: &mut [Vec3]| thesis.project(sample, wi, values);
+    shade_with(scene, bvh, &thesis.samples, &thesis.first, project, light)
+}
+
+/// `project` gives k of a sample for a direction in its frame; its coefficients are `first[i]..first[i + 1]`.
+fn shade_with(
+    scene: &Scene,
+    bvh: &Bvh,
+    samples: &GatherSamples,
+    first: &[u32],
+    project: impl Fn(usize, Vec3, &mut [Vec3]) + Sync,
+    light: &PackedLight,
+) -> Vec<DVec3> {
+    let packets = samples.packets();
     let mut visibility = vec![0; packets.len() * PACKET_SIZE];
     trace_all(bvh, scene, light, &packets, &mut visibility);
-    visibility
+    let coefficients = |i: usize| {
+        let sample = &samples.samples[i];
+        let mut k = vec![Vec3::ZERO; (first[i + 1] - first[i]) as usize];
+        let mut sum = vec![DVec3::ZERO; k.len()];
+        for (p, point) in samples.points_of(i).iter().enumerate() {
+            let Some(arriving) = light::incident(light, point.position.as_dvec3()) else { continue };
+            let wi = local(&point.frame(sample), arriving.wi.as_vec3());
+            if visibility[i * samples.points_per_sample + p] == 0 || wi.z <= 0.0 {
+                continue;
+            }
+            project(i, wi, &mut k);
+            let irradiance = arriving.irradiance * f64::from(wi.z) / samples.points_per_sample as f64;
+            sum.iter_mut().zip(&k).for_each(|(sum, k)| *sum += irradiance * k.as_dvec3());
+        }
+        sum
+    };
+    (0..samples.len()).into_par_iter().flat_map_iter(coefficients).collect()
 }

@@ -2,9 +2,10 @@
 //! reaches it, and what it sends on.
 //!
 //! [`harmonics`] and [`Projection`] are ours: one basis h = B for all materials, the hemisphere's own harmonics, and
-//! k_i(ωi) = ∫ B_i f cosθ dω tabulated once for every roughness.
+//! k_i(ωi) = ∫ B_i f cosθ dω tabulated once for every roughness. [`svd`] is that of [Yang 2007, Section 4.4].
 
 pub mod harmonics;
+pub mod svd;
 
 use std::f64::consts::PI;
 use std::sync::OnceLock;
@@ -26,7 +27,7 @@ const ROUGHNESSES: usize = 25;
 /// Columns of the table, over the square root of the cosine from 0 to 1: k is steep near grazing.
 const COSINES: usize = 81;
 /// Facets that an entry is summed over, around and along: half of those around, since the other half is their image.
-const FACETS: [usize; 2] = [12, 144];
+const FACETS: [usize; 2] = [12, 288];
 
 /// k_i over roughness and angle, divided by what glTF multiplies in: it is linear in all reflectances.
 pub struct Projection {

@@ -12,6 +12,7 @@ use self::clusters::Clusters;
 use self::surface_points::{Sides, is_enclosed};
 use super::brdf_factors::NEAR_MIRROR_ALPHA;
 use super::bvh::Bvh;
+use super::packet::{PACKET_SIZE, SamplePacket};
 use super::point_tree::{PointTree, point};
 use super::surface::SurfacePoint;
 use crate::scene::Scene;
@@ -40,7 +41,9 @@ pub struct GatherSample {
     pub normal: Vec3,
     /// Radiance that it emits, the same in all directions.
     pub emission: Vec3,
-    /// Its material, averaged over its area. Lobes narrower than [`NEAR_MIRROR_ALPHA`] are no part of it: rays go on
+    /// Index into the scene's materials; of the middle, if there are several.
+    pub material: u32,
+    /// Its reflection, averaged over its area. Lobes narrower than [`NEAR_MIRROR_ALPHA`] are no part of it: rays go on
     /// through them.
     pub brdf: Brdf,
 }
@@ -96,6 +99,22 @@ impl GatherSamples {
         normal_length(self.area(), self.len())
     }
 
+    /// All points, as shadow rays want them.
+    pub fn packets(&self) -> Vec<SamplePacket> {
+        let packet = |points: &[GatherPoint]| {
+            let mut packet = SamplePacket::default();
+            for (lane, point) in points.iter().enumerate() {
+                for axis in 0..3 {
+                    packet.position[axis][lane] = point.position[axis];
+                    packet.normal[axis][lane] = point.normal[axis];
+                    packet.geometric_normal[axis][lane] = point.geometric_normal[axis];
+                }
+            }
+            packet
+        };
+        self.points.chunks(PACKET_SIZE).map(packet).collect()
+    }
+
     /// A sample's points.
     pub fn points_of(&self, sample: usize) -> &[GatherPoint] {
         &self.points[sample * self.points_per_sample..][..self.points_per_sample]
@@ -146,8 +165,8 @@ fn random(scene: &Scene, sides: &Sides, count: usize, seed: u64) -> GatherSample
     let area = (sides.area() / count as f64) as f32;
     let sample = |place: &Place| {
         let surface = place.surface(scene, area.sqrt());
-        let SurfacePoint { position, normal, emission, brdf, .. } = surface;
-        (GatherSample { position, area, normal, emission, brdf }, vec![GatherPoint::new(&surface)])
+        let SurfacePoint { position, normal, emission, brdf, material, .. } = surface;
+        (GatherSample { position, area, normal, emission, material, brdf }, vec![GatherPoint::new(&surface)])
     };
     let places = sides.random(Points::new(seed, 0), count);
     let samples = places.par_iter().filter(|place| !place.is_hole(scene)).map(sample).collect();
@@ -191,6 +210,7 @@ fn clustered(
             position: centre.position,
             area: (members.len() as f64 * area_each) as f32,
             normal: of_members().map(|c| c.normal).sum::<Vec3>().try_normalize().unwrap_or(centre.normal),
+            material: centre.material,
             emission: of_members().map(|c| c.emission).sum::<Vec3>() / members.len() as f32,
             brdf: average(of_members().map(|c| &c.brdf), members.len()),
         };
@@ -213,7 +233,7 @@ pub fn held(brdf: &Brdf) -> Brdf {
 }
 
 /// The mean of BRDFs: of every reflectance, and of roughness over those that have a lobe.
-fn average<'a>(brdfs: impl Iterator<Item = &'a Brdf>, count: usize) -> Brdf {
+pub fn average<'a>(brdfs: impl Iterator<Item = &'a Brdf>, count: usize) -> Brdf {
     let mut sum =
         Brdf { diffuse: Vec3::ZERO, alpha: 0.0, f0: Vec3::ZERO, f90: 0.0, dielectric_f0: 0.0, dielectric_f90: 0.0 };
     let (mut roughness, mut lobes) = (0.0, 0);

@@ -16,6 +16,7 @@ pub mod level;
 pub mod paths;
 pub mod rows;
 pub mod solve;
+pub mod thesis;
 pub mod transport;
 
 use glam::{DVec3, Vec3};

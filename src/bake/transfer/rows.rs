@@ -57,28 +57,16 @@ impl RowGatherer<'_> {
     /// Rows of the view samples `samples`; empty where nothing is reflected. The same whatever the threads, and however
     /// the rows are cut into calls.
     pub fn gather(&self, samples: &[u32]) -> Rows {
-        let chunks: Vec<Rows> = samples
-            .par_chunks(16) // one tile's two rows of pixels: some milliseconds of work
-            .map_init(
-                || Row::new(self.column_count()),
-                |row, samples| {
-                    let mut rows = Rows { first: vec![0], ..Default::default() };
-                    for &sample in samples {
-                        self.gather_row(sample, row);
-                        row.take(&mut rows);
-                    }
-                    rows
-                },
-            )
-            .collect();
-        let mut rows = Rows { first: vec![0], ..Default::default() };
-        for chunk in chunks {
-            let start = rows.columns.len();
-            rows.first.extend(chunk.first[1..].iter().map(|end| start + end));
-            rows.columns.extend(chunk.columns);
-            rows.values.extend(chunk.values);
-        }
-        rows
+        let chunk = |row: &mut Row, samples: &[u32]| {
+            let mut rows = Rows { first: vec![0], ..Default::default() };
+            for &sample in samples {
+                self.gather_row(sample, row);
+                row.take(&mut rows);
+            }
+            rows
+        };
+        // 16: some milliseconds of work.
+        Rows::concatenated(samples.par_chunks(16).map_init(|| Row::new(self.column_count()), chunk).collect())
     }
 
     fn gather_row(&self, sample: u32, row: &mut Row) {
@@ -133,6 +121,15 @@ impl Row {
         sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += light * *value);
     }
 
+    /// [`Self::add`] for values of RGB; what adds nothing to the first leaves no mark, so all are looked at.
+    pub fn add_colored(&mut self, first: u32, values: &[Vec3], light: Vec3) {
+        let sums = &mut self.sums[first as usize..][..values.len()];
+        if sums.iter().all(|sum| *sum == Vec3::ZERO) {
+            self.touched.push((first, values.len() as u32));
+        }
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += light * *value);
+    }
+
     /// Moves the row to the end of `rows`.
     pub fn take(&mut self, rows: &mut Rows) {
         self.touched.sort_unstable();
@@ -149,6 +146,18 @@ impl Row {
 }
 
 impl Rows {
+    /// All rows of `parts` in turn.
+    pub fn concatenated(parts: Vec<Rows>) -> Self {
+        let mut rows = Rows { first: vec![0], ..Default::default() };
+        for part in parts {
+            let start = rows.columns.len();
+            rows.first.extend(part.first[1..].iter().map(|end| start + end));
+            rows.columns.extend(part.columns);
+            rows.values.extend(part.values);
+        }
+        rows
+    }
+
     pub fn len(&self) -> usize {
         self.first.len().saturating_sub(1)
     }

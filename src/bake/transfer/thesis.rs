@@ -1,0 +1,274 @@
+//! Transfer as printed [Yang 2007, Chapter 4]: random samples, form factors over squared distances, a truncated sum and
+//! BRDFs factored by singular values.
+//!
+//! Printed slips that are mended: λ0 has the cosine that it lacks there. Every pair of samples has an entry, so δ
+//! terms for a material are what it needs, not the same for all: with δ = 8 everywhere Φ of a picture of 512x512 and
+//! 2,304 samples would take 19 GB. A texture's material is factored at its mean.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::Outgoing;
+use super::level::local;
+use super::rows::{Lobe, Row, Rows};
+use super::solve;
+use crate::bake::Baked;
+use crate::bake::brdf_factors::svd::{Factors, Terms};
+use crate::bake::brdf_factors::{ALBEDO_CAP, Projection};
+use crate::bake::bvh::Bvh;
+use crate::bake::gather_samples::{GatherSample, GatherSamples, Placement, average};
+use crate::bake::octahedral;
+use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_packets};
+use crate::brdf::Lobes;
+use crate::scene::Scene;
+use crate::shared::{LIGHT_POINT, NO_BRDF, PackedLight};
+
+/// What is computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ThesisSettings {
+    /// `Diffuse` is Section 4.2, `Glossy` Section 4.3; how many terms is said by `terms`.
+    pub outgoing: Outgoing,
+    /// N; 2,304 there.
+    pub samples: usize,
+    /// δ of a material.
+    pub terms: Terms,
+    /// Indirect bounces counted at the pixel: 5 is the I + G + ... + G⁴ printed there.
+    pub bounces: u32,
+    pub seed: u64,
+}
+
+/// The thesis's transfer of one scene and camera.
+pub struct Thesis<'a> {
+    scene: &'a Scene,
+    bvh: &'a Bvh,
+    baked: &'a Baked,
+    bounces: u32,
+    pub samples: GatherSamples,
+    packets: Vec<SamplePacket>,
+    /// By material; absent where no sample has it.
+    reflections: Vec<Option<Reflection>>,
+    /// Coefficients of sample i: `first[i]..first[i + 1]`.
+    pub first: Vec<u32>,
+    frames: Vec<[Vec3; 3]>,
+    /// G.
+    pub g: Rows,
+    /// Largest absolute eigenvalue of G: from 1 on the series that is truncated has no sum.
+    pub spectral_radius: f64,
+}
+
+/// f(ωo, ωi) as h(ωo) · k(ωi).
+enum Reflection {
+    /// Hemispherical albedo over pi [Yang 2007, Section 4.2].
+    Even(Vec3),
+    Factors(Factors),
+}
+
+impl Reflection {
+    fn terms(&self) -> usize {
+        match self {
+            Self::Even(_) => 1,
+            Self::Factors(factors) => factors.terms,
+        }
+    }
+
+    fn h(&self, wo: Vec3, values: &mut [Vec3]) {
+        match self {
+            Self::Even(_) => values[0] = Vec3::ONE,
+            Self::Factors(factors) => factors.h(wo, values),
+        }
+    }
+
+    fn k(&self, wi: Vec3, values: &mut [Vec3]) {
+        match self {
+            Self::Even(reflectance) => values[0] = *reflectance,
+            Self::Factors(factors) => factors.k(wi, values),
+        }
+    }
+}
+
+impl<'a> Thesis<'a> {
+    /// `progress` counts samples whose row of G is done.
+    pub fn new(
+        scene: &'a Scene,
+        bvh: &'a Bvh,
+        baked: &'a Baked,
+        settings: &ThesisSettings,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Self {
+        let samples = GatherSamples::place(scene, bvh, Placement::Random, settings.samples, settings.seed);
+        let reflections: Vec<Option<Reflection>> =
+            (0..scene.materials.len()).map(|material| reflection(&samples, material as u32, settings)).collect();
+        let mut first = vec![0];
+        for sample in &samples.samples {
+            let terms = reflections[sample.material as usize].as_ref().map_or(0, Reflection::terms);
+            first.push(first[first.len() - 1] + terms as u32);
+        }
+        let mut thesis = Self {
+            scene,
+            bvh,
+            baked,
+            bounces: settings.bounces,
+            packets: samples.packets(),
+            frames: samples.samples.iter().map(GatherSample::frame).collect(),
+            samples,
+            reflections,
+            first,
+            g: Rows::default(),
+            spectral_radius: 0.0,
+        };
+        let blocks: Vec<Rows> = (0..thesis.samples.len())
+            .into_par_iter()
+            .map_init(
+                || thesis.scratch(),
+                |scratch, sample| {
+                    let block = thesis.block_row(sample, scratch);
+                    progress(1);
+                    block
+                },
+            )
+            .collect();
+        thesis.g = Rows::concatenated(blocks);
+        thesis.spectral_radius = solve::spectral_radius(&thesis.g);
+        thesis
+    }
+
+    pub fn column_count(&self) -> usize {
+        self.first[self.samples.len()] as usize
+    }
+
+    /// k of a sample for light from a unit direction of its frame, one for each of its coefficients.
+    pub fn project(&self, sample: usize, wi: Vec3, values: &mut [Vec3]) {
+        self.reflection(sample).k(wi, values);
+    }
+
+    /// Λ* from Λ0: the truncated sum over bounces.
+    pub fn bounce(&self, direct: &[DVec3]) -> Vec<DVec3> {
+        solve::sum_of_powers(&self.g, direct, self.bounces)
+    }
+
+    /// Rows of Φ for view samples, by index into [`Baked::samples`].
+    pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> Rows {
+        let row = |scratch: &mut Scratch, sample: &u32| {
+            let mut rows = Rows { first: vec![0], ..Default::default() };
+            self.view_row(*sample, lobe, scratch);
+            scratch.rows[0].take(&mut rows);
+            rows
+        };
+        Rows::concatenated(view_samples.par_iter().map_init(|| self.scratch(), row).collect())
+    }
+
+    fn reflection(&self, sample: usize) -> &Reflection {
+        let material = self.samples.samples[sample].material;
+        self.reflections[material as usize].as_ref().expect("its material has a sample")
+    }
+
+    fn scratch(&self) -> Scratch {
+        let terms = self.reflections.iter().flatten().map(Reflection::terms).max().unwrap_or(1);
+        Scratch {
+            visibility: vec![0; self.packets.len() * PACKET_SIZE],
+            rows: (0..terms).map(|_| Row::new(self.column_count())).collect(),
+            h: vec![Vec3::ZERO; terms],
+            k: vec![Vec3::ZERO; terms],
+        }
+    }
+
+    /// Block row of a receiving sample: T(gj, gi) k(gj, ωi) ⊗ h(gi, -ωi) [Yang 2007, Eq. 4.8].
+    fn block_row(&self, receiver: usize, scratch: &mut Scratch) -> Rows {
+        let GatherSample { position, normal, .. } = self.samples.samples[receiver];
+        let point = &self.samples.points_of(receiver)[0];
+        let terms = self.reflection(receiver).terms();
+        let mut k = std::mem::take(&mut scratch.k);
+        self.each_visible(position, normal, point.geometric_normal, scratch, |scratch, sender, wi, transfer| {
+            self.reflection(receiver).k(local(&self.frames[receiver], wi), &mut k[..terms]);
+            let Scratch { rows, h, .. } = scratch;
+            rows.iter_mut().zip(&k[..terms]).for_each(|(row, k)| row.add_colored(self.first[sender], h, *k * transfer));
+        });
+        scratch.k = k;
+        let mut block = Rows { first: vec![0], ..Default::default() };
+        scratch.rows[..terms].iter_mut().for_each(|row| row.take(&mut block));
+        block
+    }
+
+    /// Row of a view sample: T(v, gj) f(v, ωo, ωi) h(gj, -ωi).
+    fn view_row(&self, view_sample: u32, lobe: Lobe, scratch: &mut Scratch) {
+        let view = &self.baked.samples[view_sample as usize];
+        if view.brdf == NO_BRDF {
+            return;
+        }
+        let (normal, wo) = (octahedral::decode(view.normal), octahedral::decode(view.wo));
+        let brdf = &self.baked.brdfs[view.brdf as usize];
+        let Some(lobes) = Lobes::new(brdf, normal.as_dvec3().normalize(), wo.as_dvec3().normalize()) else { return };
+        let geometric_normal = self.baked.geometric_normals[view_sample as usize];
+        self.each_visible(view.position, normal, geometric_normal, scratch, |scratch, sender, wi, transfer| {
+            let at = lobes.at(wi.as_dvec3());
+            let reflected = match lobe {
+                Lobe::All => at.sum(),
+                Lobe::Specular => at.specular,
+            };
+            // T holds the cosine that `reflected` has too.
+            let light = reflected.as_vec3() * (transfer / normal.dot(wi));
+            scratch.rows[0].add_colored(self.first[sender], &scratch.h, light);
+        });
+    }
+
+    /// Calls `visit` with every sample that a point sees, the direction to it, and T [Yang 2007, Eq. 4.4]; `scratch.h`
+    /// are its h towards the point.
+    fn each_visible(
+        &self,
+        position: Vec3,
+        normal: Vec3,
+        geometric_normal: Vec3,
+        scratch: &mut Scratch,
+        mut visit: impl FnMut(&mut Scratch, usize, Vec3, f32),
+    ) {
+        // Visibility as of a light at the point: exact, and 64 samples at once.
+        let light = PackedLight {
+            position: position + geometric_normal * self.bvh.shadow_offset(0.0),
+            kind: LIGHT_POINT,
+            direction: Vec3::NEG_Z,
+            inverse_range: 0.0,
+            cone_scale: 1.0,
+            cone_versine: 1.0,
+        };
+        trace_packets(self.bvh, self.scene, &light, &self.packets, &mut scratch.visibility);
+        for sender in 0..self.samples.len() {
+            if scratch.visibility[sender] == 0 {
+                continue;
+            }
+            let sample = &self.samples.samples[sender];
+            let between = sample.position - position;
+            let (wi, r2) = (between.normalize_or_zero(), between.length_squared());
+            let cosines = normal.dot(wi).max(0.0) * (-sample.normal.dot(wi)).max(0.0);
+            if cosines == 0.0 || r2 == 0.0 {
+                continue;
+            }
+            let terms = self.reflection(sender).terms();
+            scratch.h.resize(terms, Vec3::ZERO);
+            self.reflection(sender).h(local(&self.frames[sender], -wi), &mut scratch.h);
+            visit(scratch, sender, wi, sample.area * cosines / r2);
+        }
+    }
+}
+
+/// What a thread keeps between rows.
+struct Scratch {
+    visibility: Vec<u8>,
+    rows: Vec<Row>,
+    h: Vec<Vec3>,
+    k: Vec<Vec3>,
+}
+
+fn reflection(samples: &GatherSamples, material: u32, settings: &ThesisSettings) -> Option<Reflection> {
+    let of_material = || samples.samples.iter().filter(|s| s.material == material).map(|s| &s.brdf);
+    let count = of_material().count();
+    if count == 0 {
+        return None;
+    }
+    let brdf = average(of_material(), count);
+    Some(match settings.outgoing {
+        Outgoing::Diffuse => {
+            Reflection::Even(Projection::get().hemispherical_albedo(&brdf, ALBEDO_CAP) / std::f32::consts::PI)
+        }
+        Outgoing::Glossy { .. } => Reflection::Factors(Factors::new(&brdf, settings.terms)),
+    })
+}
