@@ -382,6 +382,38 @@ fn bounces_are_counted_at_the_pixel() {
     }
 }
 
+/// The matrix of all further bounces does what solving for one light does, on one level and on two.
+#[test]
+fn further_bounces_as_a_matrix() {
+    let stage = Stage::inside(room(lambert(Vec3::new(0.9, 0.5, 0.1)), lambert(Vec3::splat(0.8))));
+    for coarse_samples in [300, 60] {
+        let transfer = stage.transfer(&TransferSettings { coarse_samples, ..settings(300, 128) });
+        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.origin)]);
+        let (all, _) = transfer.bounce(&direct);
+        let [_, green, _] = transfer.further_bounces();
+        let first = if transfer.coarse.is_some() { direct.len() } else { 0 };
+        for (i, x) in all[first..].iter().enumerate() {
+            let further: f64 = (0..direct.len()).map(|j| green[(i, j)] * direct[j].y).sum();
+            let itself = if transfer.coarse.is_some() { 0.0 } else { direct[i].y };
+            assert_near(further + itself, x.y, 1e-5, format!("{coarse_samples} coarse samples, coefficient {i}"));
+        }
+    }
+}
+
+#[test]
+fn black_rooms_stay_black() {
+    let stage = Stage::inside(room(lambert(Vec3::ZERO), lambert(Vec3::ZERO)));
+    for coarse_samples in [100, 0] {
+        let transfer = stage.transfer(&TransferSettings { coarse_samples, ..settings(100, 16) });
+        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.origin)]);
+        let image = transfer.apply(&[direct], &[0, 100], Lobe::All, &|_| ()).remove(0);
+        assert_eq!(image, [DVec3::ZERO; 2]);
+        assert!(transfer.fine.samples.is_empty() && transfer.certificate.spectral_radius == 0.0);
+    }
+    let thesis = Thesis::new(&stage.scene, &stage.bvh, &stage.baked, &thesis_settings(50, 1), &|_| ());
+    assert!(thesis.g.values.iter().flatten().all(|v| *v == 0.0) && thesis.spectral_radius == 0.0);
+}
+
 #[test]
 fn a_seed_gives_the_same_transfer_on_any_number_of_threads() {
     let stage = Stage::inside(room(lambert(Vec3::splat(0.5)), Material { roughness: 0.4, ..Default::default() }));

@@ -114,7 +114,7 @@ impl<'a> Transfer<'a> {
         };
         let fine = level(settings.samples, settings.points, settings.seed, MOST_FUNCTIONS);
         let coarse = (settings.coarse_samples < settings.samples)
-            .then(|| level(settings.coarse_samples, RAY_POINTS, settings.seed ^ 1 << 32, MOST_COARSE_FUNCTIONS));
+            .then(|| level(settings.coarse_samples.max(1), RAY_POINTS, settings.seed ^ 1 << 32, MOST_COARSE_FUNCTIONS));
         let receivers = coarse.as_ref().unwrap_or(&fine);
         let gatherer = BounceGatherer {
             paths: Paths::new(scene, bvh, settings.layers),
@@ -179,6 +179,13 @@ impl<'a> Transfer<'a> {
         (all, residual)
     }
 
+    /// S, or with one level G (I - G)⁻¹, as dense matrices, one a channel: what all further bounces make of direct light.
+    /// For few samples: coarse coefficients times fine ones are doubles in memory, three times over.
+    pub fn further_bounces(&self) -> [faer::Mat<f64>; 3] {
+        let right = self.from_fine.as_ref().unwrap_or(&self.among);
+        solve::explicit(&self.among, right, self.fine.coefficient_count())
+    }
+
     /// Indirect radiance of view samples under several lights, from the lights' direct light at the fine level; Φ is
     /// gathered once, in pieces that are multiplied and dropped. `progress` counts view samples.
     pub fn apply(
@@ -211,7 +218,7 @@ impl<'a> Transfer<'a> {
 
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
-/// View samples whose rows are held at once: some 100 MB.
+/// View samples whose rows are held at once: 16 bytes an entry, hundreds to thousands of entries a row.
 const PIECE: usize = 4096;
 
 /// The Lambertian BRDF that reflects as much of even light.
@@ -230,7 +237,10 @@ fn lambert(brdf: &Brdf) -> Brdf {
 fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
     match *outgoing {
         Outgoing::Diffuse => 1,
-        Outgoing::Glossy { functions: Some(count) } => count.min(most),
+        Outgoing::Glossy { functions: Some(count) } => {
+            assert_eq!(count.isqrt().pow(2), count, "harmonics come by whole degrees");
+            count.clamp(1, most)
+        }
         Outgoing::Glossy { functions: None } => {
             let energy = Projection::get().energy_by_degree(brdf);
             let all: f32 = energy.iter().sum();

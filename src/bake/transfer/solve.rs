@@ -1,6 +1,9 @@
 //! Light after all bounces: x = b + G x, the three channels side by side.
 
+use faer::Mat;
+use faer::linalg::solvers::Solve;
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::rows::Rows;
 
@@ -86,6 +89,24 @@ fn correct(g: &Rows, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]) -> 
     count
 }
 
+/// (I - G)⁻¹ `right` as dense matrices, one a channel, by LU: for so few coefficients that they fit memory, n² doubles a
+/// channel twice over. `right` has `columns` columns.
+pub fn explicit(g: &Rows, right: &Rows, columns: usize) -> [Mat<f64>; 3] {
+    let dense = |rows: &Rows, columns: usize, channel: usize| {
+        let mut matrix = Mat::<f64>::zeros(rows.len(), columns);
+        for r in 0..rows.len() {
+            rows.row(r).for_each(|(column, value)| matrix[(r, column as usize)] += f64::from(value[channel]));
+        }
+        matrix
+    };
+    let solve = |channel: usize| {
+        let system = Mat::<f64>::identity(g.len(), g.len()) - dense(g, g.len(), channel);
+        system.partial_piv_lu().solve(dense(right, columns, channel))
+    };
+    let channels: Vec<_> = (0..3).into_par_iter().map(solve).collect();
+    channels.try_into().expect("there are three")
+}
+
 /// b + G b + ... + G^(terms - 1) b.
 pub fn sum_of_powers(g: &Rows, b: &[DVec3], terms: u32) -> Vec<DVec3> {
     let mut x = vec![DVec3::ZERO; b.len()];
@@ -160,6 +181,20 @@ mod tests {
         errors.for_each(|e| assert!(e.y < 1e-7 && e.z < 1e-9, "{e}"));
         assert!(sum_of_powers(&g, &b, 0).iter().all(|x| *x == DVec3::ZERO));
         assert_eq!(sum_of_powers(&g, &b, 1), b);
+    }
+
+    #[test]
+    fn the_explicit_matrix_is_what_gmres_applies() {
+        let (g, right) = (random(60, [0.999, 0.5, 0.0]), random(60, [0.7, 1.0, 0.2]));
+        let b: Vec<DVec3> = (0..60).map(|i| DVec3::new((i % 7) as f64, 1.0, f64::from(i == 3))).collect();
+        let solution = solve(&g, &right.multiply(&b), 1e-12);
+        let matrices = explicit(&g, &right, 60);
+        for (i, x) in solution.coefficients.iter().enumerate() {
+            for (channel, matrix) in matrices.iter().enumerate() {
+                let got: f64 = (0..60).map(|j| matrix[(i, j)] * b[j][channel]).sum();
+                assert!((got - x[channel]).abs() < 1e-7 * got.abs().max(1.0), "{got} and {}", x[channel]);
+            }
+        }
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! G: what the coefficients of gather samples add to those of a level's samples in one bounce, by final gathering with
 //! the projection onto the basis in place of the BRDF.
 //!
-//! Gathered rows keep energy as seen by who receives it, not by who sends it: columns are off by some 10 % and so is
-//! the light of a bright closed room. So the geometric factors F, the shares of a sample's rays that other samples
+//! Gathered rows keep energy as seen by who receives it, not by who sends it: columns are off, and so is the light of a
+//! bright closed room. So the geometric factors F, the shares of a sample's rays that other samples
 //! get, are balanced: rows and columns are scaled until each sample receives the share of its rays that met a surface,
 //! and sends, by reciprocity, as much [Sinkhorn 1967].
 
@@ -20,7 +20,7 @@ use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::brdf::cosine_direction;
 use crate::sequence::Points;
 
-/// Rounds of balancing at most. Where samples see each other at all it converges within some twenty.
+/// Rounds of balancing at most.
 const ROUNDS: usize = 200;
 /// Balanced when no column is off by more.
 const BALANCED: f64 = 1e-9;
