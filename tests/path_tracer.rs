@@ -134,8 +134,7 @@ fn agrees(scene_name: &str, quick_side: usize) {
     let direct = exr::read(&direct).expect("the reference is readable");
     let (width, height) = (direct.width, direct.height);
     let scene = Scene::load(&path).unwrap();
-    let (samples_a_half, side) = if is_full() { (128, 32) } else { (4, quick_side) };
-    let film = trace(&scene, &settings(width as u32, height as u32), samples_a_half);
+    let film = trace(&scene, &settings(width as u32, height as u32), if is_full() { 128 } else { 4 });
 
     let seams = seams(&scene, width as u32, height as u32);
     println!("{scene_name}: {} pixels on seams", seams.iter().filter(|&&seam| seam).count());
@@ -155,6 +154,10 @@ fn agrees(scene_name: &str, quick_side: usize) {
     ];
     let check = |(image, layers): (&str, &[Layer])| {
         let Some(theirs) = Halves::read(&reference(image)) else { return Ok(()) };
+        // Few bounces leave little but the caustic of the glossy ball, some of whose blocks have too few finds for a
+        // standard error: of the 32-pixel blocks of depth3 1.8 % lie beyond 3 with 256 samples a pixel.
+        let is_caustic = scene_name == "cornell-glossy" && image.starts_with("depth");
+        let side = if is_full() && !is_caustic { 32 } else { quick_side };
         check_agreement(&Halves::of(&film, width, layers), &theirs, side, &seams, &reference(image))
     };
     let wrong: Vec<String> = pictures.into_iter().filter_map(|picture| check(picture).err()).collect();
@@ -169,6 +172,53 @@ fn agrees_with_another_renderer_where_all_is_matt() {
 #[test]
 fn agrees_with_another_renderer_where_it_is_glossy() {
     agrees("cornell-glossy", 128);
+}
+
+/// The truths that ship are what the path tracer gives, with few samples of another seed.
+#[test]
+fn shipped_truths_are_true() {
+    for name in ["cornell-diffuse", "cornell-glossy", "balls-2"] {
+        let scene = Scene::load(&shipped(&format!("{name}.glb"))).unwrap();
+        let film = trace(&scene, &Settings { seed: 7, ..settings(128, 128) }, 16);
+        let read = |half: &str| {
+            let image = exr::read(&shipped(&format!("truth/{name}.{half}.exr"))).expect("the truth is readable");
+            assert_eq!((image.width, image.height), (128, 128), "{name}");
+            image.layer("beauty").expect("it has a beauty").pixels.clone()
+        };
+        let theirs = Halves { width: 128, a: read("a"), b: read("b") };
+        let result = check_agreement(&Halves::of(&film, 128, &[Layer::Beauty]), &theirs, 32, &[false; 128 * 128], name);
+        assert!(result.is_ok(), "{result:?}");
+    }
+}
+
+/// They show what another renderer's picture shows: a pixel of theirs is the mean of so many of its, but for what one ray
+/// through the centre misses.
+#[test]
+fn shipped_truths_are_those_of_another_renderer() {
+    for name in ["cornell-diffuse", "cornell-glossy"] {
+        let Some(theirs) = Halves::read(&format!("{name}.centre.full")) else { return };
+        let ours = ["a", "b"].map(|half| {
+            let image = exr::read(&shipped(&format!("truth/{name}.{half}.exr"))).expect("the truth is readable");
+            image.layer("beauty").expect("it has a beauty").pixels.clone()
+        });
+        // Means over eighths of the sides: 16 pixels of ours, 64 of theirs.
+        let mean = |pixels: &[[f32; 3]], width: usize, x: usize, y: usize, c: usize| {
+            let side = width / 8;
+            let rows = pixels.chunks(width).skip(y * side).take(side);
+            rows.flat_map(|row| &row[x * side..][..side]).map(|p| f64::from(p[c])).sum::<f64>() / (side * side) as f64
+        };
+        let mut off = Vec::new();
+        for (x, y, c) in (0..8 * 8 * 3).map(|i| (i / 3 % 8, i / 24, i % 3)) {
+            let got = ours.iter().map(|half| mean(half, 128, x, y, c)).sum::<f64>() / 2.0;
+            let want = [&theirs.a, &theirs.b].map(|half| mean(half, theirs.width, x, y, c)).iter().sum::<f64>() / 2.0;
+            off.push((got - want).abs() / (0.05 + want));
+        }
+        let worst = off.iter().copied().fold(0.0, f64::max);
+        let mean = off.iter().sum::<f64>() / off.len() as f64;
+        println!("{name}: blocks are off by {mean:.4} in the mean, {worst:.4} at most");
+        // Edges that blocks hold are sampled at other places: measured 0.0065 and 0.040.
+        assert!(mean < 0.01 && worst < 0.06, "{name}: off by {mean} in the mean, {worst} at most");
+    }
 }
 
 /// Direct light and reflections are the relighter's own, pixel by pixel but for shadow edges.

@@ -87,7 +87,13 @@ fn fresnel(brdf: &Brdf, s: f64) -> DVec3 {
 
 /// What a perfect mirror reflects at this cosine, dielectric and metal mixed.
 pub fn mirror(brdf: &Brdf, cosine: f64) -> DVec3 {
-    if brdf.has_lobe() { DVec3::ZERO } else { fresnel(brdf, schlick(cosine.clamp(0.0, 1.0))) }
+    if brdf.has_lobe() { DVec3::ZERO } else { specular_reflectance(brdf, cosine) }
+}
+
+/// Fresnel term of the specular lobe or the perfect mirror, dielectric and metal mixed, at this cosine to the half
+/// vector.
+pub fn specular_reflectance(brdf: &Brdf, cosine: f64) -> DVec3 {
+    fresnel(brdf, schlick(cosine.clamp(0.0, 1.0)))
 }
 
 /// Density of half vectors, normalized over projected area [Walter 2007, Eq. 33]: alpha² / (pi cos⁴ (alpha² + tan²)²).

@@ -1,6 +1,6 @@
-//! Directions towards lights mirrored in planar glossy faces.
+//! Directions towards lights mirrored in glossy surfaces, planar ones here, others in `curves`.
 //!
-//! A point or spot light in front of a glossy face throws a caustic that next-event estimation cannot see and BRDF
+//! A light in front of a glossy face throws a caustic that next-event estimation cannot see and BRDF
 //! sampling seldom meets: from a matt surface, all of it comes from the few directions in which the face mirrors the
 //! light. Those are known: towards the light's mirror image. Drawing a share of the directions around it, as widely as
 //! the face's lobe scatters them, and weighing by the density of the whole mixture leaves the mean as it is.
@@ -10,17 +10,22 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3, Vec4};
 
+use super::curves::Curve;
 use super::lights::{Lamp, Lamps};
 use crate::bake::surface::{SurfacePoint, brdf};
-use crate::brdf::basis;
+use crate::brdf::{basis, specular_reflectance};
 use crate::reference::light::incident;
 use crate::scene::Scene;
-use crate::shared::LIGHT_DIRECTIONAL;
+use crate::shared::{Brdf, LIGHT_DIRECTIONAL};
 
 /// Rougher lobes than glTF roughness 0.5 throw no caustic worth aiming at.
 const MAX_ALPHA: f32 = 0.25;
 /// Pairs of a light and a face that are aimed at, largest faces first: each costs time at every bounce.
 const MAX_PAIRS: usize = 24;
+/// The same for curved surfaces.
+const MAX_CURVES: usize = 8;
+/// Smaller surfaces throw little light, in squares of the scene's radius.
+const MIN_AREA: f64 = 1e-3;
 /// Aims of one point.
 const MAX_AIMS: usize = 8;
 /// Most of the directions that are drawn from aims; the rest looks for everything else.
@@ -29,6 +34,7 @@ const MAX_SHARE: f64 = 0.5;
 /// Planar glossy faces, each with the lights before it.
 pub(super) struct Faces {
     pairs: Vec<Pair>,
+    curves: Vec<Curve>,
     /// Typical irradiance in the scene: what an aim must stand out from.
     typical: f64,
 }
@@ -50,8 +56,7 @@ struct Face {
     centre: DVec3,
     tangents: [DVec3; 2],
     half_size: DVec2,
-    alpha: f64,
-    reflectance: f64,
+    brdf: Brdf,
 }
 
 /// What one point aims at.
@@ -63,11 +68,12 @@ pub(super) struct Aims {
 }
 
 #[derive(Clone, Copy, Default)]
-struct Aim {
-    axis: DVec3,
+pub(super) struct Aim {
+    pub axis: DVec3,
     /// Tangent of the angle around it that holds half of the directions.
-    width: f64,
-    weight: f64,
+    pub width: f64,
+    /// Irradiance that may come from there, and then its share of all.
+    pub weight: f64,
 }
 
 impl Faces {
@@ -84,32 +90,38 @@ impl Faces {
             }
         }
         pairs.truncate(MAX_PAIRS);
+        let glossy = |material: u32| glossy(scene, material);
+        let mut curves = Curve::find(scene, glossy);
+        curves.retain(|curve| curve.area > MIN_AREA * radius * radius);
+        curves.sort_by(|a, b| b.area.total_cmp(&a.area));
+        curves.truncate(MAX_CURVES / lamps.lamps.len().max(1));
         let arriving = |lamp: &Lamp| {
             let area = if lamp.packed.kind == LIGHT_DIRECTIONAL { 1.0 } else { radius * radius };
             lamp.scale.max_element() / area
         };
-        Self { pairs, typical: lamps.lamps.iter().map(arriving).sum() }
+        Self { pairs, curves, typical: lamps.lamps.iter().map(arriving).sum() }
     }
 
-    /// What to aim at from a surface point.
-    pub fn aims(&self, lamps: &Lamps, point: &SurfacePoint) -> Aims {
+    /// What to aim at from a surface point, before a path's so manieth bounce. Curved surfaces cost more to aim at than
+    /// it brings where caustics are blurred by a bounce already.
+    pub fn aims(&self, lamps: &Lamps, point: &SurfacePoint, bounce: u32) -> Aims {
         let mut aims = Aims { aims: Default::default(), count: 0, share: 0.0 };
-        if self.pairs.is_empty() {
+        let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
+        let planar = self.pairs.iter().filter_map(|pair| pair.aim(&lamps.lamps[pair.lamp], position, normal));
+        let curves = if bounce == 1 { self.curves.as_slice() } else { &[] };
+        let curved = curves
+            .iter()
+            .flat_map(|curve| lamps.lamps.iter().filter_map(move |lamp| curve.aim(lamp, position, normal)));
+        for aim in planar.chain(curved).take(MAX_AIMS) {
+            aims.aims[aims.count] = aim;
+            aims.count += 1;
+        }
+        if aims.count == 0 {
             return aims;
         }
-        let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
-        let mut total = 0.0;
-        for pair in &self.pairs {
-            if let Some(aim) = pair.aim(&lamps.lamps[pair.lamp], position, normal)
-                && aims.count < MAX_AIMS
-            {
-                aims.aims[aims.count] = aim;
-                aims.count += 1;
-                total += aim.weight;
-            }
-        }
-        // As much as the caustic may outshine the rest, at a tenth of the light's own strength.
-        aims.share = MAX_SHARE * total / (total + 0.1 * self.typical).max(f64::MIN_POSITIVE);
+        let total: f64 = aims.aims[..aims.count].iter().map(|aim| aim.weight).sum();
+        // As the caustic may outshine the rest: bounced light, of which there is some 3 % of the lights' own.
+        aims.share = MAX_SHARE * total / (total + 0.03 * self.typical);
         aims.aims[..aims.count].iter_mut().for_each(|aim| aim.weight /= total);
         aims
     }
@@ -117,7 +129,7 @@ impl Faces {
 
 impl Pair {
     fn aim(&self, lamp: &Lamp, position: DVec3, normal: DVec3) -> Option<Aim> {
-        let Face { normal: face_normal, centre, alpha, reflectance, .. } = self.face;
+        let Face { normal: face_normal, centre, brdf, .. } = self.face;
         let height = face_normal.dot(position - centre);
         if height <= 1e-6 * self.face.half_size.max_element() {
             return None;
@@ -135,11 +147,12 @@ impl Pair {
         // A bend of the path at the face is twice the tilt of its facet; seen from here it is smaller by the share of
         // the way that lies behind the face.
         let behind = if directional { 1.0 } else { self.height / (self.height + height) };
-        let width = 2.0 * alpha * behind;
+        let width = 2.0 * f64::from(brdf.alpha) * behind;
         let outside = self.face.distance(mirror_point) / (width * to_face).max(f64::MIN_POSITIVE);
         // From the face on it spreads as it did up to there.
         let arriving = incident(&lamp.packed, mirror_point)?.irradiance * behind * behind * lamp.scale.max_element();
-        let weight = arriving * cosine * reflectance / (1.0 + outside * outside).powi(2);
+        let weight =
+            arriving * cosine * specular_reflectance(&brdf, fall).max_element() / (1.0 + outside * outside).powi(2);
         (weight > 0.0).then_some(Aim { axis, width, weight })
     }
 }
@@ -206,15 +219,20 @@ impl Aim {
     }
 }
 
-/// Flat faces of glossy materials, coplanar triangles together; those smaller than a thousandth of the scene left out.
+/// The BRDF of a material that throws caustics; `None` for others, and where textures make it differ.
+fn glossy(scene: &Scene, material: u32) -> Option<Brdf> {
+    let m = &scene.materials[material as usize];
+    let brdf = brdf(&m.evaluate(&scene.textures, Default::default(), [0.0; 2], Vec4::ONE));
+    (brdf.has_lobe() && brdf.alpha <= MAX_ALPHA && m.textures().next().is_none()).then_some(brdf)
+}
+
+/// Flat faces of glossy materials, coplanar triangles together; small ones are left out.
 fn find_faces(scene: &Scene, radius: f64) -> Vec<Face> {
     let mesh = &scene.mesh;
     let mut found: BTreeMap<(u32, [i64; 4]), Vec<usize>> = BTreeMap::new();
     for (i, corners) in mesh.triangles.iter().enumerate() {
         let material = mesh.triangle_materials[i];
-        let m = &scene.materials[material as usize];
-        let alpha = m.roughness * m.roughness;
-        if alpha == 0.0 || alpha > MAX_ALPHA || m.textures().next().is_some() {
+        if glossy(scene, material).is_none() {
             continue;
         }
         let [a, b, c] = corners.map(|v| mesh.positions[v as usize].as_dvec3());
@@ -229,7 +247,7 @@ fn find_faces(scene: &Scene, radius: f64) -> Vec<Face> {
         found.entry((material, plane)).or_default().push(i);
     }
     let faces = found.into_iter().map(|((material, _), triangles)| face(scene, material, &triangles));
-    faces.filter(|face| face.area() > 1e-3 * radius * radius).collect()
+    faces.filter(|face| face.area() > MIN_AREA * radius * radius).collect()
 }
 
 /// The rectangle around coplanar triangles, its first side along an edge.
@@ -244,14 +262,12 @@ fn face(scene: &Scene, material: u32, triangles: &[usize]) -> Face {
     let low = places().fold(DVec2::INFINITY, DVec2::min);
     let high = places().fold(DVec2::NEG_INFINITY, DVec2::max);
     let middle = (low + high) / 2.0;
-    let m = &scene.materials[material as usize];
-    let brdf = brdf(&m.evaluate(&scene.textures, Default::default(), [0.0; 2], Vec4::ONE));
+    let brdf = glossy(scene, material).expect("faces are glossy");
     Face {
         normal,
         centre: a + tangents[0] * middle.x + tangents[1] * middle.y,
         tangents,
         half_size: (high - low) / 2.0,
-        alpha: brdf.alpha.into(),
-        reflectance: brdf.f0.max_element().into(),
+        brdf,
     }
 }

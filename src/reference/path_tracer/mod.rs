@@ -1,6 +1,6 @@
 //! An unbiased path tracer: the truth that everything else is measured against.
 //!
-//! It looks for lights at every surface, draws directions from the BRDF and from aims at mirrored lights (`aims`),
+//! It looks for lights at every surface, draws directions from the BRDF and from aims at mirrored lights (`aims`, `curves`),
 //! and weighs whatever two ways can find by the balance heuristic [Veach 1995, Eq. 14]. What the eye sees, straight and
 //! through perfect mirrors, are the vertices of the deep framebuffer, so that direct light and reflections are
 //! those of [`crate::relight`]; a bounced ray sees as many surfaces through mirrors as one from the eye.
@@ -9,6 +9,7 @@
 //! light without size, and the gather rows do not find it either.
 
 mod aims;
+mod curves;
 mod film;
 mod lights;
 mod path;

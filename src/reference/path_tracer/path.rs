@@ -75,7 +75,7 @@ impl PathTracer<'_> {
                 }
                 throughput /= survives;
             }
-            let aims = self.faces.aims(&self.lamps, &point);
+            let aims = self.faces.aims(&self.lamps, &point, bounce);
             if !self.emitters.is_empty() {
                 let [a, b, c, _] = numbers.at(EMITTER, bounce, 0);
                 ledger.sums[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, &aims, [a, b, c]);

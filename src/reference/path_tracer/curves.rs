@@ -1,0 +1,120 @@
+//! Curved glossy surfaces as mirrors: where on them a light is seen mirrored.
+//!
+//! The mirror point is where the normal halves the angle between light and viewer. A convex surface has one point for
+//! each normal: looking up the point for the half vector, and making the half vector anew from there, converges in a few
+//! steps. On other surfaces that finds some point or none; what is drawn towards it costs samples and no truth.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, Vec3};
+
+use super::aims::Aim;
+use super::lights::Lamp;
+use crate::bake::octahedral;
+use crate::brdf::specular_reflectance;
+use crate::reference::light::incident;
+use crate::scene::Scene;
+use crate::shared::{Brdf, LIGHT_DIRECTIONAL};
+
+/// Normals are looked up in a map of so many cells a side: 3 degrees, less than a lobe is wide.
+const CELLS: usize = 64;
+const STEPS: usize = 4;
+
+/// A connected curved surface of one glossy material.
+pub(super) struct Curve {
+    /// By octahedral cell of the normal.
+    points: Vec<Option<Point>>,
+    centre: DVec3,
+    brdf: Brdf,
+    pub area: f64,
+}
+
+#[derive(Clone, Copy)]
+struct Point {
+    position: DVec3,
+    normal: DVec3,
+    /// How far the normal turns a metre.
+    curvature: f64,
+}
+
+impl Curve {
+    /// Triangles of a glossy material that share vertices, as one surface each.
+    pub fn find(scene: &Scene, is_glossy: impl Fn(u32) -> Option<Brdf>) -> Vec<Self> {
+        let mesh = &scene.mesh;
+        let mut parent: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+        fn root(parent: &mut [u32], mut i: u32) -> u32 {
+            while parent[i as usize] != i {
+                parent[i as usize] = parent[parent[i as usize] as usize];
+                i = parent[i as usize];
+            }
+            i
+        }
+        for [a, b, c] in &mesh.triangles {
+            let to = root(&mut parent, *a);
+            for other in [*b, *c] {
+                let from = root(&mut parent, other);
+                parent[from as usize] = to;
+            }
+        }
+        let mut found: BTreeMap<(u32, u32), Self> = BTreeMap::new();
+        for (corners, &material) in mesh.triangles.iter().zip(&mesh.triangle_materials) {
+            let Some(brdf) = is_glossy(material) else { continue };
+            let positions = corners.map(|v| mesh.positions[v as usize].as_dvec3());
+            let normals = corners.map(|v| mesh.normals[v as usize].as_dvec3());
+            let bend = (0..3).map(|i| normals[i].distance(normals[(i + 1) % 3])).sum::<f64>();
+            let length = (0..3).map(|i| positions[i].distance(positions[(i + 1) % 3])).sum::<f64>();
+            if bend < 1e-3 {
+                continue; // flat
+            }
+            let empty = || Self { points: vec![None; CELLS * CELLS], centre: DVec3::ZERO, brdf, area: 0.0 };
+            let curve = found.entry((root(&mut parent, corners[0]), material)).or_insert_with(empty);
+            let area = (positions[1] - positions[0]).cross(positions[2] - positions[0]).length() / 2.0;
+            curve.area += area;
+            curve.centre += area * positions.iter().sum::<DVec3>() / 3.0;
+            for (position, normal) in positions.into_iter().zip(normals) {
+                curve.points[cell(normal)] = Some(Point { position, normal, curvature: bend / length });
+            }
+        }
+        found.into_values().map(|curve| Self { centre: curve.centre / curve.area, ..curve }).collect()
+    }
+
+    /// What to aim at to see `lamp` mirrored from a surface point.
+    pub fn aim(&self, lamp: &Lamp, position: DVec3, normal: DVec3) -> Option<Aim> {
+        let directional = lamp.packed.kind == LIGHT_DIRECTIONAL;
+        let to_lamp = |from: DVec3| match directional {
+            true => -lamp.packed.direction.as_dvec3(),
+            false => (lamp.packed.position.as_dvec3() - from).normalize_or_zero(),
+        };
+        let mut at = Point { position: self.centre, normal: DVec3::ZERO, curvature: 0.0 };
+        for _ in 0..STEPS {
+            let half = (to_lamp(at.position) + (position - at.position).normalize_or_zero()).try_normalize()?;
+            at = self.points[cell(half)]?;
+            // On from the vertex as if the surface were a ball.
+            at.position += (half - at.normal) / at.curvature;
+            at.normal = half;
+        }
+        let to_point = at.position - position;
+        let near = to_point.length();
+        let axis = to_point.try_normalize()?;
+        let (cosine_here, cosine) = (normal.dot(axis), -at.normal.dot(axis));
+        if cosine_here <= 0.0 || cosine <= 0.0 || at.normal.dot(to_lamp(at.position)) <= 0.0 {
+            return None;
+        }
+        let far = if directional { f64::INFINITY } else { lamp.packed.position.as_dvec3().distance(at.position) };
+        // How the half vector turns with the direction from here, across the plane of reflection and in it.
+        let turns = [1.0, 1.0 / cosine].map(|slant| 0.5 * (1.0 + near / far) + near * at.curvature * slant);
+        let width = f64::from(self.brdf.alpha) / (turns[0] * turns[1]).sqrt();
+        // The mirrored beam spreads as it came, and by twice the surface's bend.
+        let spread = [cosine, 1.0 / cosine].map(|slant| 1.0 + near / far + 2.0 * near * at.curvature * slant);
+        let arriving = incident(&lamp.packed, at.position)?.irradiance * lamp.scale.max_element();
+        let fresnel = specular_reflectance(&self.brdf, cosine).max_element();
+        let weight = arriving * cosine_here * fresnel / (spread[0] * spread[1]);
+        (weight > 0.0).then_some(Aim { axis, width, weight })
+    }
+}
+
+fn cell(normal: DVec3) -> usize {
+    let place = |x: f32| (((x + 1.0) * 0.5 * CELLS as f32) as usize).min(CELLS - 1);
+    let e = octahedral::encode(normal.as_vec3().normalize_or(Vec3::Z));
+    place(e.y) * CELLS + place(e.x)
+}
