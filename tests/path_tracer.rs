@@ -99,7 +99,9 @@ fn check_agreement(ours: &Halves, theirs: &Halves, side: usize, left_out: &[bool
     println!("{line}");
     // Three standard errors of the mean, a pixel's three channels being nearly one; no more than that can few blocks tell.
     let most = if is_full() { 0.2 } else { 3.0 / (count / 3.0).sqrt() };
-    let fine = mean.abs() < most && (0.8..=1.3).contains(&deviation) && beyond(3.0) <= 0.01 && largest <= 5.0;
+    // 1 %, but one of them however few they are.
+    let most_beyond = f64::max(0.01, 1.0 / count);
+    let fine = mean.abs() < most && (0.8..=1.3).contains(&deviation) && beyond(3.0) <= most_beyond && largest <= 5.0;
     if fine { Ok(()) } else { Err(line) }
 }
 
