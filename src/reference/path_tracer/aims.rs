@@ -102,7 +102,7 @@ impl Faces {
         Self { pairs, curves, typical: lamps.lamps.iter().map(arriving).sum() }
     }
 
-    /// What to aim at from a surface point, before a path's so manieth bounce. Curved surfaces cost more to aim at than
+    /// What to aim at from a surface point, before bounce number `bounce`. Curved surfaces cost more to aim at than
     /// it brings where caustics are blurred by a bounce already.
     pub fn aims(&self, lamps: &Lamps, point: &SurfacePoint, bounce: u32) -> Aims {
         let mut aims = Aims { aims: Default::default(), count: 0, share: 0.0 };
