@@ -46,5 +46,5 @@ void main() {
     } else {
         c = srgb_from_linear(clamp(c, 0.0, 1.0));
     }
-    push.target.at[index] = packUnorm4x8(vec4(c, 1.0));
+    push.target.at[index] = packUnorm4x8(vec4(push.blue_first != 0 ? c.bgr : c, 1.0));
 }

@@ -28,6 +28,10 @@ pub enum Error {
     #[error("no Vulkan device: {reason}")]
     NoDevice { reason: String, source: Option<Cause> },
 
+    /// There is no display, or it opens no window.
+    #[error("cannot open a window; `relume render` makes pictures without one")]
+    NoWindow { source: Cause },
+
     /// A Vulkan call failed.
     #[error("Vulkan could not {action}")]
     Vulkan { action: String, source: Cause },

@@ -7,7 +7,7 @@
 //! Data flows one way, and no arrow points back:
 //!
 //! ```text
-//! scene -> bake -> relight
+//! scene -> bake -> relight -> view
 //!                     |
 //!                    gpu        all Vulkan, all unsafe
 //! ```
@@ -15,6 +15,7 @@
 //! - [`scene`]: files in, plain data out. World space is in double precision.
 //! - [`bake`]: [`scene::Scene`] -> [`bake::Baked`], what does not depend on the lights: BVH, view samples.
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
+//! - [`view`]: the window, its keys, and the lighting desk behind them.
 //! - [`gpu`]: device, memory, kernels, frames. Knows no lights.
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
 //! - [`brdf`]: glTF's BRDF on the CPU, and directions drawn from it; [`sequence`]: the points that draw them.
@@ -98,5 +99,6 @@ pub mod relight;
 pub mod scene;
 pub mod sequence;
 pub mod shared;
+pub mod view;
 
 pub use error::{Error, Result};

@@ -1,6 +1,6 @@
 //! What Rust and GLSL share: view samples, BRDFs, lights, push constants. The bake fills them, kernels read them.
 
-use glam::{Mat4, Vec2, Vec3, Vec4};
+use glam::{Mat4, UVec2, Vec2, Vec3, Vec4};
 
 use crate::gpu::gpu_struct::{Read, Write, gpu_shared};
 
@@ -34,6 +34,8 @@ gpu_shared! {
         pub const OUTPUT_AGX: u32 = 2;
         /// Composite writes 8-bit sRGB through Khronos PBR Neutral.
         pub const OUTPUT_PBR_NEUTRAL: u32 = 3;
+        /// How many kinds of output there are.
+        pub const OUTPUT_COUNT: u32 = 4;
     }
 
     structs {
@@ -228,8 +230,20 @@ gpu_shared! {
             pub height: u32,
             /// Linear factor, 2^stops.
             pub exposure: f32,
-            /// Keeps the size a multiple of eight.
-            pub unused: u32,
+            /// 1: blue in the lowest byte, as the window wants it.
+            pub blue_first: u32,
+        }
+
+        /// fit.comp
+        pub push FitPush {
+            /// Four bytes a pixel, row by row.
+            pub source: Read<u32>,
+            /// The same.
+            pub target: Write<u32>,
+            /// Width and height.
+            pub source_size: UVec2,
+            /// Width and height.
+            pub target_size: UVec2,
         }
 
         /// yardstick.comp

@@ -189,7 +189,7 @@ fn edits_leave_no_trace(budget_bytes: Option<u64>, edits: usize, seed: u64) {
         // Several edits a picture, as a busy machine sees them; lights alone and other layers in between.
         match random.below(4) {
             0 => continue,
-            1 if !rig.lights.is_empty() => relighter.select(random.below(rig.lights.len())),
+            1 if !rig.lights.is_empty() => relighter.select(Some(random.below(rig.lights.len()))),
             2 if !rig.lights.is_empty() => {
                 let light = random.below(rig.lights.len());
                 relighter.linear(Picture::Light(light)).expect("frames run");

@@ -16,6 +16,7 @@ mod rig;
 mod session;
 mod stats;
 mod stdout;
+mod view;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -42,6 +43,8 @@ struct Cli {
 enum Command {
     /// Bakes what is missing and writes the relit image.
     Render(render::Args),
+    /// Opens the lighting desk: a window in which lights follow keyboard and mouse.
+    View(view::Args),
     /// Precomputes a scene and stores it in the cache.
     Bake(bake::Args),
     /// Times edits of lights.
@@ -66,6 +69,7 @@ pub fn main() -> ExitCode {
     progress::set_quiet(cli.quiet);
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
+        Command::View(args) => view::run(args),
         Command::Bake(args) => bake::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Plan(args) => plan::run(args),
@@ -93,19 +97,22 @@ fn chain(error: &Error) -> String {
 }
 
 fn log_to_stderr(quiet: bool, verbose: u8) {
-    use tracing_subscriber::filter::LevelFilter;
+    use tracing_subscriber::filter::{LevelFilter, Targets};
+    use tracing_subscriber::layer::SubscriberExt;
+    use tracing_subscriber::util::SubscriberInitExt;
     let level = match (quiet, verbose) {
         (true, _) => LevelFilter::ERROR,
         (false, 0) => LevelFilter::WARN,
         (false, 1) => LevelFilter::INFO,
         (false, _) => LevelFilter::DEBUG,
     };
-    tracing_subscriber::fmt()
-        .with_max_level(level)
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .log_internal_errors(false) // it would report a full stderr on stderr, and panic
         .with_target(false)
         .without_time()
-        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
-        .init();
+        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()));
+    // Libraries have their own idea of what deserves a warning.
+    let ours = Targets::new().with_target("relume", level).with_default(LevelFilter::ERROR);
+    tracing_subscriber::registry().with(lines).with(ours).init();
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use relume::relight::{ToneMap, VisibilityMethod};
+use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
 use relume::{Error, Result};
 
 /// Which scene, and how it is seen.
@@ -118,6 +118,17 @@ impl From<Tonemap> for ToneMap {
             Tonemap::None => Self::None,
             Tonemap::Agx => Self::Agx,
             Tonemap::PbrNeutral => Self::PbrNeutral,
+        }
+    }
+}
+
+impl LightOptions {
+    pub fn relight_settings(&self) -> RelightSettings {
+        RelightSettings {
+            visibility: self.visibility.into(),
+            shadow_size: self.shadow_size,
+            tone_map: self.tonemap.into(),
+            budget_bytes: self.budget,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Progress bars on stderr, and only on a terminal.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -8,6 +9,52 @@ static QUIET: AtomicBool = AtomicBool::new(false);
 
 pub fn set_quiet(quiet: bool) {
     QUIET.store(quiet, Ordering::Relaxed);
+}
+
+/// Where long work tells how far it is; one thing at a time.
+pub trait Progress: Sync {
+    /// Work of `total` steps begins; 0 if nobody knows how long it takes.
+    fn begin(&self, what: &'static str, total: usize);
+    fn advance(&self, steps: usize);
+    fn end(&self);
+}
+
+/// A bar on stderr, while work goes on.
+#[derive(Default)]
+pub struct Terminal(Mutex<Option<ProgressBar>>);
+
+const UNPOISONED: &str = "no thread panics while it holds this lock";
+
+impl Progress for Terminal {
+    fn begin(&self, what: &'static str, total: usize) {
+        let shown = if total == 0 { spinner(what) } else { bar(what, total) };
+        *self.0.lock().expect(UNPOISONED) = Some(shown);
+    }
+
+    fn advance(&self, steps: usize) {
+        if let Some(bar) = &*self.0.lock().expect(UNPOISONED) {
+            bar.inc(steps as u64);
+        }
+    }
+
+    fn end(&self) {
+        if let Some(bar) = self.0.lock().expect(UNPOISONED).take() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// The window's bar, which goes with the loading.
+impl Progress for relume::view::LoadProgress {
+    fn begin(&self, what: &'static str, total: usize) {
+        self.begin(what, total);
+    }
+
+    fn advance(&self, steps: usize) {
+        self.advance(steps);
+    }
+
+    fn end(&self) {}
 }
 
 /// A bar for work of `total` steps; it goes when it is done.

@@ -11,7 +11,7 @@ use relume::{Error, Result};
 
 use super::options::{ViewOptions, check_extension};
 use super::output::make_parent;
-use super::progress;
+use super::progress::{self, Terminal};
 use super::session::{Opened, check_fits, cpu_seconds};
 
 pub const AFTER_HELP: &str = "\
@@ -72,7 +72,7 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
     check_extension(&args.output, &["exr"])?;
     let paths = ["exr", "a.exr", "b.exr"].map(|extension| args.output.with_extension(extension));
     paths.iter().try_for_each(|path| make_parent(path))?;
-    let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view)?;
+    let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view, &Terminal::default())?;
     let Passes(layers) = &args.passes;
     let settings = Settings {
         width: opened.size[0],
@@ -94,7 +94,7 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         "choose a smaller --size or fewer --passes",
         &args.scene,
     )?;
-    let bvh = opened.build_bvh();
+    let bvh = opened.build_bvh(&Terminal::default());
     let tracer = PathTracer::new(&opened.scene, &bvh, &opened.camera, &opened.rig, &settings);
 
     let (start, cpu_start) = (Instant::now(), cpu_seconds());

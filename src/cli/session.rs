@@ -7,13 +7,13 @@ use std::time::Instant;
 use relume::bake::bvh::Bvh;
 use relume::bake::{BakeSettings, Baked, bake, cache};
 use relume::gpu::{Context, Validation};
+use relume::relight::Relighter;
 use relume::relight::light_cache::LightCache;
-use relume::relight::{RelightSettings, Relighter};
 use relume::scene::{Camera, Rig, Scene};
 use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions, ViewOptions, check_size};
-use super::progress;
+use super::progress::{Progress, Terminal};
 
 /// A scene with its BVH, baked for one camera.
 pub struct Session {
@@ -67,11 +67,16 @@ pub struct Opened {
 
 impl Opened {
     /// Loads `path` with the lights of `rig_path`, or its own.
-    pub fn new(path: &Path, rig_path: Option<&Path>, options: &ViewOptions) -> Result<Self> {
+    pub fn new(
+        path: &Path,
+        rig_path: Option<&Path>,
+        options: &ViewOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         use_threads(options.threads);
-        let spinner = progress::spinner("loading");
+        progress.begin("loading", 0);
         let scene = Scene::load(path);
-        spinner.finish_and_clear();
+        progress.end();
         let mut scene = scene?;
         if options.strip_diffuse {
             scene.materials.iter_mut().for_each(|m| m.strip_diffuse = true);
@@ -89,10 +94,10 @@ impl Opened {
         Ok(Self { scene, rig, camera, size })
     }
 
-    pub fn build_bvh(&self) -> Bvh {
-        let spinner = progress::spinner("building the BVH");
+    pub fn build_bvh(&self, progress: &dyn Progress) -> Bvh {
+        progress.begin("building the BVH", 0);
         let bvh = Bvh::build(&self.scene);
-        spinner.finish_and_clear();
+        progress.end();
         bvh
     }
 }
@@ -100,12 +105,22 @@ impl Opened {
 impl Session {
     /// Loads and bakes `path` with the lights of `rig_path`, or its own.
     pub fn open(path: &Path, rig_path: Option<&Path>, options: &SceneOptions) -> Result<Self> {
+        Self::open_with(path, rig_path, options, &Terminal::default())
+    }
+
+    /// The same as [`Session::open`], with progress told elsewhere.
+    pub fn open_with(
+        path: &Path,
+        rig_path: Option<&Path>,
+        options: &SceneOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         let mut report = BakeReport::default();
         let start = Instant::now();
         let cpu_start = cpu_seconds();
-        let opened = report.stage("load", || Opened::new(path, rig_path, &options.view))?;
+        let opened = report.stage("load", || Opened::new(path, rig_path, &options.view, progress))?;
         check_memory(opened.size, options.samples, opened.rig.lights.len(), path)?;
-        let bvh = report.stage("build BVH", || opened.build_bvh());
+        let bvh = report.stage("build BVH", || opened.build_bvh(progress));
         let Opened { scene, rig, camera, size: [width, height] } = opened;
         let settings = BakeSettings { width, height, layers: options.view.layers, samples: options.samples };
         let cache_dir = options.cache_dir();
@@ -118,10 +133,10 @@ impl Session {
             Some(baked) => baked,
             None => {
                 let passes = if settings.samples > 1 { 2 } else { 1 };
-                let bar = progress::bar("deep framebuffer", passes * settings.tile_count());
-                let baked = report
-                    .stage("deep framebuffer", || bake(&scene, &bvh, &camera, &rig, &settings, &|n| bar.inc(n as u64)));
-                bar.finish_and_clear();
+                progress.begin("deep framebuffer", passes * settings.tile_count());
+                let advance = |tiles| progress.advance(tiles);
+                let baked = report.stage("deep framebuffer", || bake(&scene, &bvh, &camera, &rig, &settings, &advance));
+                progress.end();
                 if let Some(dir) = &cache_dir
                     && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
                 {
@@ -144,13 +159,7 @@ impl Session {
     }
 
     pub fn relighter(&self, context: &Arc<Context>, rig: &Rig, options: &LightOptions) -> Result<Relighter> {
-        let settings = RelightSettings {
-            visibility: options.visibility.into(),
-            shadow_size: options.shadow_size,
-            tone_map: options.tonemap.into(),
-            budget_bytes: options.budget,
-        };
-        Relighter::new(context, &self.scene, &self.bvh, &self.baked, rig, &settings)
+        Relighter::new(context, &self.scene, &self.bvh, &self.baked, rig, &options.relight_settings())
     }
 
     /// View samples in each layer that was asked for, seen or not.

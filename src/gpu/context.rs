@@ -6,8 +6,9 @@ use std::ffi::{CStr, c_char, c_void};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+use raw_window_handle::HasDisplayHandle;
 
 use super::device::{self, DeviceInfo};
 use crate::error::{Error, Result};
@@ -39,8 +40,8 @@ pub struct Context {
     pipeline_cache_file: Option<PathBuf>,
     messages: Box<Messages>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    instance: ash::Instance,
-    _entry: ash::Entry,
+    pub(super) instance: ash::Instance,
+    pub(super) entry: ash::Entry,
 }
 
 /// Why a lock cannot fail: no holder of one of our locks panics.
@@ -59,7 +60,10 @@ where
     move |source| Error::Vulkan { action, source: Box::new(source) }
 }
 
-pub(super) fn create_instance(validation: Validation) -> Result<(ash::Entry, ash::Instance, bool)> {
+/// Where windows are to be opened, if any.
+type Display<'a> = Option<&'a dyn HasDisplayHandle>;
+
+pub(super) fn create_instance(validation: Validation, display: Display) -> Result<(ash::Entry, ash::Instance, bool)> {
     let no_device = |reason: &str| {
         let reason = reason.to_owned();
         |source: Box<dyn std::error::Error + Send + Sync>| Error::NoDevice { reason, source: Some(source) }
@@ -76,13 +80,16 @@ pub(super) fn create_instance(validation: Validation) -> Result<(ash::Entry, ash
     }
     let application = vk::ApplicationInfo::default().application_name(c"relume").api_version(vk::API_VERSION_1_3);
     let layer_names = [layer.as_ptr()];
-    let extension_names = [ext::debug_utils::NAME.as_ptr()];
+    let mut extension_names = surface_extensions(display)?;
+    if validate {
+        extension_names.push(ext::debug_utils::NAME.as_ptr());
+    }
     let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
     let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
-    let mut create = vk::InstanceCreateInfo::default().application_info(&application);
+    let mut create =
+        vk::InstanceCreateInfo::default().application_info(&application).enabled_extension_names(&extension_names);
     if validate {
-        create =
-            create.enabled_layer_names(&layer_names).enabled_extension_names(&extension_names).push_next(&mut features);
+        create = create.enabled_layer_names(&layer_names).push_next(&mut features);
     }
     // SAFETY: all pointers outlive the call.
     let instance = unsafe { entry.create_instance(&create, None) }
@@ -95,7 +102,26 @@ impl Context {
     ///
     /// Compiled pipelines are kept in `cache_dir` from run to run.
     pub fn new(wanted: Option<&str>, validation: Validation, cache_dir: Option<&Path>) -> Result<Arc<Self>> {
-        let (entry, instance, validate) = create_instance(validation)?;
+        Self::create(wanted, validation, cache_dir, None)
+    }
+
+    /// The same as [`Context::new`], and able to draw into windows on `display`.
+    pub fn for_display(
+        wanted: Option<&str>,
+        validation: Validation,
+        cache_dir: Option<&Path>,
+        display: &dyn HasDisplayHandle,
+    ) -> Result<Arc<Self>> {
+        Self::create(wanted, validation, cache_dir, Some(display))
+    }
+
+    fn create(
+        wanted: Option<&str>,
+        validation: Validation,
+        cache_dir: Option<&Path>,
+        display: Display,
+    ) -> Result<Arc<Self>> {
+        let (entry, instance, validate) = create_instance(validation, display)?;
         let info = match device::choose(&instance, wanted) {
             Ok(info) => info,
             Err(error) => {
@@ -129,8 +155,10 @@ impl Context {
             .host_query_reset(true);
         let mut features13 =
             vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true);
+        let extension_names: Vec<_> = display.iter().map(|_| khr::swapchain::NAME.as_ptr()).collect();
         let create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
+            .enabled_extension_names(&extension_names)
             .enabled_features(&core)
             .push_next(&mut features12)
             .push_next(&mut features13);
@@ -167,7 +195,7 @@ impl Context {
             messages,
             messenger,
             instance,
-            _entry: entry,
+            entry,
             info,
         }))
     }
@@ -246,6 +274,18 @@ impl Drop for Context {
             self.instance.destroy_instance(None);
         }
     }
+}
+
+/// The instance's extensions for windows on `display`.
+fn surface_extensions(display: Display) -> Result<Vec<*const c_char>> {
+    let Some(display) = display else { return Ok(Vec::new()) };
+    let no_window = |source: crate::error::Cause| Error::NoDevice {
+        reason: "this display has no windows for Vulkan".into(),
+        source: Some(source),
+    };
+    let handle = display.display_handle().map_err(|e| no_window(e.into()))?;
+    let names = ash_window::enumerate_required_extensions(handle.as_raw()).map_err(|e| no_window(e.into()))?;
+    Ok(names.to_vec())
 }
 
 fn warn_of_slow_lavapipe(info: &DeviceInfo) {

@@ -27,7 +27,7 @@ pub struct DeviceInfo {
 
 /// All devices, in Vulkan's order.
 pub fn list_devices() -> Result<Vec<DeviceInfo>> {
-    let (_entry, instance, _) = create_instance(Validation::Off)?;
+    let (_entry, instance, _) = create_instance(Validation::Off, None)?;
     let devices = enumerate(&instance);
     // SAFETY: nothing was created from the instance.
     unsafe { instance.destroy_instance(None) };

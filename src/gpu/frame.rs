@@ -18,6 +18,7 @@ use super::gpu_struct::{Glsl, Read, Write};
 use super::kernel::Kernel;
 use super::memory::{Access, Buffer, RawBuffer};
 use super::raster::DepthArray;
+use super::surface::Surface;
 use crate::error::Result;
 use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 
@@ -69,6 +70,17 @@ pub struct Frames {
     ticks: Vec<u64>,
     times: Vec<PassTime>,
     began: Instant,
+    presenting: Option<Presenting>,
+}
+
+/// A window's image that the frame draws into.
+#[derive(Clone, Copy)]
+pub(super) struct Presenting {
+    pub index: u32,
+    /// Signalled when the image can be drawn into; the frame waits for it before its first transfer.
+    pub acquired: vk::Semaphore,
+    /// The frame signals it.
+    pub rendered: vk::Semaphore,
 }
 
 /// The last passes of this frame that touched a buffer.
@@ -127,6 +139,7 @@ impl Frames {
             ticks: vec![0; 2 * MAX_PASSES],
             times: Vec::with_capacity(MAX_PASSES),
             began: Instant::now(),
+            presenting: None,
         };
         // SAFETY: all infos are valid. `drop` destroys what was made if a step fails, and ignores null handles.
         unsafe {
@@ -348,21 +361,54 @@ impl Frame<'_> {
 
     /// Submits the frame and waits for it, the only wait there is.
     pub fn finish(self) -> Result<()> {
+        self.submit(None)
+    }
+
+    /// The same as [`Frame::finish`]; what [`Frame::draw`] made is shown by `surface` as soon as it is done.
+    pub fn finish_on(self, surface: &mut Surface) -> Result<()> {
+        self.submit(Some(surface))
+    }
+
+    fn submit(self, surface: Option<&mut Surface>) -> Result<()> {
         let frames = self.frames;
         let host = (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ);
         frames.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, host.0, host.1);
         let submitted_ms = frames.began.elapsed().as_secs_f64() * 1e3;
         let device = &frames.context.device;
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(frames.commands)];
-        let submit = [vk::SubmitInfo2::default().command_buffer_infos(&commands)];
+        let presenting = frames.presenting.take();
+        let semaphore = |semaphore, stage| vk::SemaphoreSubmitInfo::default().semaphore(semaphore).stage_mask(stage);
+        let acquired = presenting.map(|p| semaphore(p.acquired, vk::PipelineStageFlags2::ALL_TRANSFER));
+        let rendered = presenting.map(|p| semaphore(p.rendered, vk::PipelineStageFlags2::ALL_COMMANDS));
+        let submit = [vk::SubmitInfo2::default()
+            .command_buffer_infos(&commands)
+            .wait_semaphore_infos(acquired.as_slice())
+            .signal_semaphore_infos(rendered.as_slice())];
         // SAFETY: the commands were recorded from live objects, whose owners outlive this wait.
         unsafe {
             device.end_command_buffer(frames.commands).map_err(vulkan("end a frame"))?;
             device.queue_submit2(frames.context.queue, &submit, frames.fence).map_err(vulkan("submit a frame"))?;
+        }
+        let shown = match (surface, presenting) {
+            (Some(surface), Some(presenting)) => surface.present(&presenting),
+            _ => Ok(()),
+        };
+        // SAFETY: as above; the fence was handed to the submission.
+        unsafe {
             device.wait_for_fences(&[frames.fence], true, u64::MAX).map_err(vulkan("wait for a frame"))?;
             device.reset_fences(&[frames.fence]).map_err(vulkan("reset a fence"))?;
         }
-        frames.collect_times(submitted_ms)
+        frames.collect_times(submitted_ms)?;
+        shown
+    }
+
+    pub(super) fn context(&self) -> &Arc<Context> {
+        &self.frames.context
+    }
+
+    /// The frame draws into a window's image.
+    pub(super) fn will_present(&mut self, presenting: Presenting) {
+        self.frames.presenting = Some(presenting);
     }
 }
 
@@ -416,10 +462,14 @@ impl Pass<'_> {
         frames.end_pass(name);
     }
 
-    /// Draws triangles into layers of `target`; see [`super::raster`].
-    pub(super) fn record(self, target: &DepthArray, record: impl FnOnce(&Context, vk::CommandBuffer)) {
+    /// Declares that the pass draws into `depth`.
+    pub(super) fn write_depth(&mut self, depth: &DepthArray) {
+        self.frames.touch_id(self.name, depth.id, &depth.name, Touch::Write);
+    }
+
+    /// Records what is no dispatch; see [`super::raster`] and [`super::present`].
+    pub(super) fn record(self, record: impl FnOnce(&Context, vk::CommandBuffer)) {
         let Self { frames, name, .. } = self;
-        frames.touch_id(name, target.id, &target.name, Touch::Write);
         frames.begin_pass(name);
         record(&frames.context, frames.commands);
         frames.end_pass(name);

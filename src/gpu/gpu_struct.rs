@@ -6,7 +6,7 @@
 use std::marker::PhantomData;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec2, Vec3, Vec4};
+use glam::{Mat4, UVec2, Vec2, Vec3, Vec4};
 
 /// A type that has the same bytes in GLSL.
 pub trait Glsl: Pod {
@@ -32,6 +32,7 @@ macro_rules! primitive {
 primitive! {
     f32 => "float",
     u32 => "uint",
+    UVec2 => "uvec2",
     Vec2 => "vec2",
     Vec3 => "vec3",
     Vec4 => "vec4",

@@ -27,6 +27,7 @@ embedded![
     "resolve.comp",
     "sum_images.comp",
     "composite.comp",
+    "fit.comp",
     "yardstick.comp",
     "shadow.vert",
     "shadow_pcf.comp"

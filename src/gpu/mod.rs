@@ -9,11 +9,17 @@ pub mod frame;
 pub mod gpu_struct;
 pub mod kernel;
 pub mod memory;
+pub mod present;
 pub mod raster;
+pub mod surface;
+pub mod ui;
 
 pub use context::{Context, Validation};
 pub use device::{DeviceInfo, list_devices};
 pub use frame::{Frame, Frames, Pass, PassTime, Site};
 pub use kernel::{Kernel, Specialization};
 pub use memory::{Access, Buffer};
+pub use present::{Pixels, Placement, Screen};
 pub use raster::{DepthArray, DepthKernel};
+pub use surface::{Surface, Vsync, Window};
+pub use ui::{UiFrame, UiRenderer};

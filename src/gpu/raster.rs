@@ -260,7 +260,8 @@ impl Pass<'_> {
             Stage::EARLY_FRAGMENT_TESTS | Stage::LATE_FRAGMENT_TESTS,
             Rights::DEPTH_STENCIL_ATTACHMENT_READ | Rights::DEPTH_STENCIL_ATTACHMENT_WRITE,
         );
-        self.record(target, |context, commands| {
+        self.write_depth(target);
+        self.record(|context, commands| {
             let sampled = (Layout::DEPTH_READ_ONLY_OPTIMAL, Stage::COMPUTE_SHADER, Rights::SHADER_SAMPLED_READ);
             target.transition(commands, count, (Layout::UNDEFINED, sampled.1, sampled.2), attachment);
             for (layer, draw) in draws.iter().enumerate() {

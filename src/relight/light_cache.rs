@@ -66,6 +66,8 @@ pub struct LightCache {
     rest: Option<Vec<Term>>,
     /// Nodes edited since the last plan.
     edited: Vec<usize>,
+    /// What is to be in focus, whatever is edited: a node or nothing.
+    selected: Option<Option<usize>>,
     /// What the last plan that followed an edit took as edited.
     edited_before: Vec<usize>,
     has_emission: bool,
@@ -111,6 +113,7 @@ impl LightCache {
             focus: Vec::new(),
             rest: None,
             edited: Vec::new(),
+            selected: None,
             edited_before: Vec::new(),
             has_emission,
             clock: 0,
@@ -151,9 +154,12 @@ impl LightCache {
         }
     }
 
-    /// Makes `light` the one that is about to be edited.
-    pub fn select(&mut self, light: usize) {
-        self.edited.push(self.leaf_of[light]);
+    /// Makes `light` the one that is about to be edited: the focus of the next plan, whatever else was edited. `None`
+    /// sums all lights.
+    ///
+    /// The picture is a function of rig and focus, to the last bit: sums have an order.
+    pub fn select(&mut self, light: Option<usize>) {
+        self.selected = Some(light.map(|light| self.leaf_of[light]));
     }
 
     /// All images are out of date, since other layers are shown.
@@ -172,18 +178,15 @@ impl LightCache {
         let mut edited = std::mem::take(&mut self.edited);
         edited.sort_unstable();
         edited.dedup();
-        // A group's node stands for all that is edited below it.
-        let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
-        edited.retain(|n| !below.contains(n));
-        // A part of the focus that is edited twice becomes the focus: fewer images a frame from then on.
-        let narrower = edited == self.edited_before && edited.len() < self.focus.len();
-        if !edited.is_empty() {
-            self.edited_before.clone_from(&edited);
-        }
-        let outside = !edited.iter().all(|n| self.focus.contains(n)) || !below.is_empty();
-        if outside || (narrower && !edited.is_empty()) {
-            self.focus = if edited.len() <= MAX_FOCUS { edited } else { Vec::new() };
-            self.rest = None;
+        match self.selected.take() {
+            Some(selected) => {
+                if self.focus != selected.as_slice() || edited.iter().any(|&n| Some(n) != selected) {
+                    self.rest = None;
+                }
+                self.focus = selected.into_iter().collect();
+                self.edited_before.clone_from(&self.focus);
+            }
+            None => self.follow(edited),
         }
         let mut focus_terms = Vec::new();
         let mut rest_nodes = Vec::new();
@@ -207,6 +210,23 @@ impl LightCache {
             self.slots[slot].pins -= 1;
         }
         plan
+    }
+
+    /// Moves the focus to what is edited.
+    fn follow(&mut self, mut edited: Vec<usize>) {
+        // A group's node stands for all that is edited below it.
+        let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
+        edited.retain(|n| !below.contains(n));
+        // A part of the focus that is edited twice becomes the focus: fewer images a frame from then on.
+        let narrower = edited == self.edited_before && edited.len() < self.focus.len();
+        if !edited.is_empty() {
+            self.edited_before.clone_from(&edited);
+        }
+        let outside = !edited.iter().all(|n| self.focus.contains(n)) || !below.is_empty();
+        if outside || (narrower && !edited.is_empty()) {
+            self.focus = if edited.len() <= MAX_FOCUS { edited } else { Vec::new() };
+            self.rest = None;
+        }
     }
 
     /// The work that makes the picture of one light alone.
@@ -406,6 +426,7 @@ impl LightCache {
         self.slots = slots;
         self.focus.clear();
         self.edited.clear();
+        self.selected = None;
         self.edited_before.clear();
         self.rest = None;
     }

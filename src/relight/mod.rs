@@ -3,6 +3,7 @@
 pub mod exposure;
 pub mod light_cache;
 pub mod limits;
+mod output;
 mod shadow_map;
 mod visibility;
 
@@ -12,13 +13,14 @@ use std::time::Instant;
 use glam::{Vec3, Vec4};
 
 use self::light_cache::{LightCache, Plan, Source, Step, Term};
+use self::output::{Output, Outputs};
 use self::shadow_map::ShadowMaps;
 use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, Pass, PassTime};
+use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, Pass, PassTime, Pixels, Screen};
 use crate::scene::{Rig, Scene};
 use crate::shared::*;
 
@@ -90,9 +92,8 @@ pub struct Relighter {
     visibility: VisibilityBuffers,
     shadow_maps: Option<ShadowMaps>,
     kernels: Kernels,
-    display: Buffer<u32>,
-    /// Only made when linear pixels are asked for.
-    linear: Option<Buffer<u32>>,
+    outputs: Outputs,
+    tone_map: ToneMap,
     layers: Layers,
     /// What the last frame showed, and how.
     shown: Option<(Output, Vec<Term>)>,
@@ -114,8 +115,6 @@ struct Kernels {
     shade_light: Kernel,
     resolve: Kernel,
     sum_images: Kernel,
-    display: Kernel,
-    linear: Kernel,
 }
 
 impl Relighter {
@@ -140,11 +139,6 @@ impl Relighter {
         }
         let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
         let traced = settings.visibility.traces(context, bvh);
-        let output = match settings.tone_map {
-            ToneMap::None => OUTPUT_CLAMPED,
-            ToneMap::Agx => OUTPUT_AGX,
-            ToneMap::PbrNeutral => OUTPUT_PBR_NEUTRAL,
-        };
         Ok(Self {
             frames: Frames::new(context)?,
             gpu: GpuBaked::new(context, baked)?,
@@ -159,16 +153,9 @@ impl Relighter {
                 shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(baked.has_specular))])?,
                 resolve: Kernel::new(context, "resolve", &[])?,
                 sum_images: Kernel::new(context, "sum_images", &[])?,
-                display: Kernel::new(context, "composite", &[(0, output)])?,
-                linear: Kernel::new(context, "composite", &[(0, OUTPUT_LINEAR)])?,
             },
-            display: Buffer::new(
-                context,
-                "pictures",
-                Access::HostReads,
-                baked.tiling.width as usize * baked.tiling.height as usize,
-            )?,
-            linear: None,
+            outputs: Outputs::new(context, baked.tiling.width as usize * baked.tiling.height as usize),
+            tone_map: settings.tone_map,
             layers: Layers::All,
             shown: None,
             times: Vec::new(),
@@ -207,8 +194,8 @@ impl Relighter {
         Ok(())
     }
 
-    /// Makes `light` the one that is about to be edited.
-    pub fn select(&mut self, light: usize) {
+    /// Makes `light` the one that is about to be edited; see [`LightCache::select`].
+    pub fn select(&mut self, light: Option<usize>) {
         self.cache.select(light);
     }
 
@@ -220,23 +207,28 @@ impl Relighter {
         }
     }
 
+    /// Chooses the curve from scene-linear to display from now on.
+    pub fn set_tone_map(&mut self, tone_map: ToneMap) {
+        self.tone_map = tone_map;
+    }
+
     /// The picture for a display: 8-bit sRGB with alpha, row by row, at 2^`exposure` stops.
     pub fn display(&mut self, picture: Picture, exposure: f32) -> Result<&[[u8; 4]]> {
-        let plan = self.plan(picture);
-        self.run(&plan, Output::Display { exposure })?;
-        Ok(bytemuck::cast_slice(self.display.host()))
+        let output = Output::Display { exposure, tone_map: self.tone_map };
+        self.run(picture, output, None)?;
+        Ok(bytemuck::cast_slice(self.outputs.pixels(output).host()))
+    }
+
+    /// The same picture in a window; an unchanged one is drawn again.
+    pub fn show(&mut self, picture: Picture, exposure: f32, screen: Screen) -> Result<()> {
+        let blue_first = screen.surface.wants_blue_first();
+        self.run(picture, Output::Screen { exposure, tone_map: self.tone_map, blue_first }, Some(screen))
     }
 
     /// The picture in scene-linear Rec. 709 radiance, row by row.
     pub fn linear(&mut self, picture: Picture) -> Result<&[[f32; 3]]> {
-        if self.linear.is_none() {
-            let pixels = self.baked.tiling.width as usize * self.baked.tiling.height as usize;
-            self.linear = Some(Buffer::new(&self.context, "pictures", Access::HostReads, 3 * pixels)?);
-        }
-        let plan = self.plan(picture);
-        self.run(&plan, Output::Linear)?;
-        let linear = self.linear.as_ref().expect("made above");
-        Ok(bytemuck::cast_slice(linear.host()))
+        self.run(picture, Output::Linear, None)?;
+        Ok(bytemuck::cast_slice(self.outputs.pixels(Output::Linear).host()))
     }
 
     fn plan(&mut self, picture: Picture) -> Plan {
@@ -255,9 +247,11 @@ impl Relighter {
         }
     }
 
-    /// Does a plan's steps and makes the picture. After an error no image counts as made.
-    fn run(&mut self, plan: &Plan, output: Output) -> Result<()> {
-        let outcome = self.run_frames(plan, output);
+    /// Makes the picture. After an error no image counts as made.
+    fn run(&mut self, picture: Picture, output: Output, screen: Option<Screen>) -> Result<()> {
+        self.outputs.prepare(output)?;
+        let plan = self.plan(picture);
+        let outcome = self.run_frames(&plan, output, screen);
         if outcome.is_err() {
             self.shown = None;
             self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
@@ -266,15 +260,16 @@ impl Relighter {
     }
 
     /// One frame, or several if many lights are stale at once.
-    fn run_frames(&mut self, plan: &Plan, output: Output) -> Result<()> {
+    fn run_frames(&mut self, plan: &Plan, output: Output, mut screen: Option<Screen>) -> Result<()> {
         self.times.clear();
         let shown = (output, plan.picture.clone());
-        if plan.steps.is_empty() && self.shown.as_ref() == Some(&shown) {
+        let unchanged = plan.steps.is_empty() && self.shown.as_ref() == Some(&shown);
+        if unchanged && screen.is_none() {
             return Ok(()); // it is there already
         }
         self.shown = None;
         let began = Instant::now();
-        let Self { frames, times, visibility, .. } = self;
+        let Self { frames, times, visibility, outputs, .. } = self;
         let parts = Parts {
             scene: &self.scene,
             bvh: &self.bvh,
@@ -294,7 +289,7 @@ impl Relighter {
             let mut frame = frames.begin()?;
             while let Some(step) = steps.peek() {
                 match step {
-                    _ if frame.passes_left() < PASSES_A_STEP + 1 => break,
+                    _ if frame.passes_left() < PASSES_A_STEP + LAST_PASSES => break,
                     Step::Shade { .. } if visibility.is_used_up() => break,
                     Step::Shade { light, slot } => {
                         parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), *light, *slot)
@@ -304,14 +299,17 @@ impl Relighter {
                 steps.next();
             }
             let done = steps.peek().is_none();
-            if done {
-                let target = match output {
-                    Output::Display { exposure } => (&self.kernels.display, &self.display, exposure),
-                    Output::Linear => (&self.kernels.linear, self.linear.as_ref().expect("made before"), 0.0),
-                };
-                parts.composite(&mut frame, &plan.picture, target);
+            if done && !unchanged {
+                parts.composite(&mut frame, &plan.picture, outputs, output);
             }
-            frame.finish()?;
+            match &mut screen {
+                Some(screen) if done => {
+                    let [width, height] = [self.baked.tiling.width, self.baked.tiling.height];
+                    frame.draw(screen, Some(Pixels { buffer: outputs.pixels(output), width, height }))?;
+                    frame.finish_on(screen.surface)?;
+                }
+                _ => frame.finish()?,
+            }
             times.extend(frames.times().iter().map(|time| PassTime { start_ms: begin_ms + time.start_ms, ..*time }));
             if done {
                 self.shown = Some(shown);
@@ -323,9 +321,9 @@ impl Relighter {
     /// Compute kernels of the frame whose source changed are compiled anew, and the picture with them.
     #[cfg(feature = "hot-reload")]
     fn reload_changed_kernels(&mut self) -> bool {
-        let Kernels { shade_light, resolve, sum_images, display, linear } = &mut self.kernels;
-        let kernels = [shade_light, resolve, sum_images, display, linear];
-        kernels.into_iter().fold(false, |changed, kernel| kernel.reload_if_changed() | changed)
+        let Kernels { shade_light, resolve, sum_images } = &mut self.kernels;
+        let kernels = [shade_light, resolve, sum_images].into_iter().chain(self.outputs.kernels());
+        kernels.fold(false, |changed, kernel| kernel.reload_if_changed() | changed)
     }
 }
 
@@ -337,12 +335,8 @@ fn slot_count(rig: &Rig, image_budget: usize) -> usize {
 
 /// Draw and look up a shadow map, shade, resolve.
 const PASSES_A_STEP: usize = 4;
-
-#[derive(Clone, Copy, PartialEq)]
-enum Output {
-    Display { exposure: f32 },
-    Linear,
-}
+/// Composite, fit, present, user interface.
+const LAST_PASSES: usize = 4;
 
 /// What passes touch, borrowed for one frame.
 struct Parts<'a> {
@@ -442,20 +436,19 @@ impl Parts<'_> {
     }
 
     /// Sums images into pixels, exposed and tone-mapped.
-    fn composite(&self, frame: &mut Frame, terms: &[Term], target: (&Kernel, &Buffer<u32>, f32)) {
-        let (kernel, target, exposure) = target;
+    fn composite(&self, frame: &mut Frame, terms: &[Term], outputs: &Outputs, output: Output) {
         let mut pass = frame.pass("composite");
         let push = CompositePush {
             term_count: terms.len() as u32,
             terms: self.read_terms(&mut pass, terms),
-            target: pass.write(target),
+            target: pass.write(outputs.pixels(output)),
             pixel_stride: self.baked.pixel_stride() as u32,
             width: self.baked.tiling.width,
             height: self.baked.tiling.height,
-            exposure: exposure.exp2(),
-            unused: 0,
+            exposure: output.exposure().exp2(),
+            blue_first: u32::from(matches!(output, Output::Screen { blue_first: true, .. })),
         };
-        pass.dispatch(kernel, &push, push.pixel_stride);
+        pass.dispatch(outputs.kernel(output), &push, push.pixel_stride);
     }
 
     fn read_terms(&self, pass: &mut Pass, terms: &[Term]) -> [SumTerm; MAX_TERMS as usize] {

@@ -61,4 +61,36 @@ impl Camera {
             }
         }
     }
+
+    /// The image point, x and y down in units of the image's size, at which a world-space point is seen; `None` behind
+    /// the camera. The inverse of [`Camera::ray`].
+    pub fn project(&self, point: DVec3, aspect: f64) -> Option<[f64; 2]> {
+        let seen = self.world_from_camera.transpose() * (point - self.position);
+        let half_height = match self.projection {
+            Projection::Perspective { yfov } if seen.z < 0.0 => -seen.z * (yfov / 2.0).tan(),
+            Projection::Perspective { .. } => return None,
+            Projection::Orthographic { ymag } => ymag,
+        };
+        Some([0.5 + 0.5 * seen.x / (half_height * aspect), 0.5 - 0.5 * seen.y / half_height])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_ray_meets_projects_back() {
+        let (position, target) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(-1.0, 0.5, 0.0));
+        for projection in [Projection::Perspective { yfov: 0.7 }, Projection::Orthographic { ymag: 2.0 }] {
+            let camera = Camera::look_at(position, target, DVec3::Y, projection).unwrap();
+            for (x, y) in [(0.5, 0.5), (0.0, 0.0), (0.9, 0.2)] {
+                let (origin, direction) = camera.ray(x, y, 1.5);
+                let [u, v] = camera.project(origin + 4.0 * direction, 1.5).unwrap();
+                assert!((u - x).abs() < 1e-12 && (v - y).abs() < 1e-12, "({x}, {y}): ({u}, {v})");
+            }
+        }
+        let camera = Camera::look_at(position, target, DVec3::Y, Projection::Perspective { yfov: 0.7 }).unwrap();
+        assert_eq!(camera.project(position + (position - target), 1.5), None);
+    }
 }

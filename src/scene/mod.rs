@@ -8,7 +8,7 @@ pub mod light;
 pub mod material;
 pub mod texture;
 
-mod files;
+pub(crate) mod files;
 mod gltf;
 mod gltf_export;
 mod mesh_builder;

@@ -122,7 +122,7 @@ fn colour_edits_shade_nothing_and_sum_nothing() {
     let slot_count = LightCache::slot_range(256).1;
     let mut cache = LightCache::new(&rig, slot_count, false);
     cache.plan();
-    cache.select(17);
+    cache.select(Some(17));
     cache.plan();
     rig.lights[17].intensity = 3.0;
     cache.set_rig(&rig, slot_count);

@@ -30,6 +30,29 @@ pub fn kelvin_to_rgb(kelvin: f64, tint: f64) -> Vec3 {
     (rgb / DVec3::new(0.2126729, 0.7151522, 0.0721750).dot(rgb)).as_vec3()
 }
 
+/// The temperature within [`KELVIN`] whose chromaticity is nearest to that of `color`: its correlated colour
+/// temperature. What `kelvin_to_rgb` made without tint comes back to 0.1 %; black counts as white.
+pub fn kelvin_of(color: Vec3) -> f64 {
+    let rgb = if color.max_element() > 0.0 { color.as_dvec3() } else { DVec3::ONE };
+    let xyz = DVec3::new(
+        DVec3::new(0.4124564, 0.3575761, 0.1804375).dot(rgb),
+        DVec3::new(0.2126729, 0.7151522, 0.0721750).dot(rgb),
+        DVec3::new(0.0193339, 0.1191920, 0.9503041).dot(rgb),
+    );
+    let uv = DVec2::new(4.0 * xyz.x, 6.0 * xyz.y) / (xyz.x + 15.0 * xyz.y + 3.0 * xyz.z);
+    let distance = |mired: f64| (planckian_locus(1e6 / mired) - uv).length_squared();
+    // Near the gamut's edge the distance may have several valleys: the lowest of a grid, then its surroundings.
+    let (lo, hi) = (1e6 / KELVIN.end(), 1e6 / KELVIN.start());
+    let step = (hi - lo) / 64.0;
+    let best = (0..=64).map(|i| lo + f64::from(i) * step).min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+    let (mut a, mut b) = best.map_or((lo, hi), |best| ((best - step).max(lo), (best + step).min(hi)));
+    while b - a > 1e-6 {
+        let third = (b - a) / 3.0;
+        if distance(a + third) < distance(b - third) { b -= third } else { a += third }
+    }
+    2e6 / (a + b)
+}
+
 /// (u, v) of CIE 1960 on the Planckian locus, good to 9e-5 [Krystek 1985].
 fn planckian_locus(t: f64) -> DVec2 {
     let u =
@@ -53,6 +76,17 @@ mod tests {
         // CIE standard illuminant A; the tolerance is Krystek's 9e-5 in (u, v), which is up to three times that here.
         assert!((xy(2855.5) - DVec2::new(0.44757, 0.40745)).length() < 5e-4, "{}", xy(2855.5));
         assert!((xy(6500.0) - DVec2::new(0.3135, 0.3237)).length() < 5e-4, "{}", xy(6500.0));
+    }
+
+    #[test]
+    fn the_temperature_of_a_colour_is_the_one_that_made_it() {
+        // Below 2,000 K the colour lies outside Rec. 709 and was clipped.
+        for kelvin in [2_000.0, 2_700.0, 4_300.0, 6_504.0, 10_000.0, 15_000.0] {
+            let back = kelvin_of(kelvin_to_rgb(kelvin, 0.0) * 7.0);
+            assert!((back / kelvin - 1.0).abs() < 1e-3, "{kelvin}: {back}");
+        }
+        assert!((kelvin_of(Vec3::ONE) - 6_504.0).abs() < 30.0, "{}", kelvin_of(Vec3::ONE));
+        assert!(KELVIN.contains(&kelvin_of(Vec3::ZERO)) && KELVIN.contains(&kelvin_of(Vec3::Y)));
     }
 
     #[test]

@@ -11,7 +11,7 @@ mod write;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-pub use blackbody::kelvin_to_rgb;
+pub use blackbody::{KELVIN, kelvin_of, kelvin_to_rgb};
 
 use super::{Camera, Light, LightGroup};
 use crate::error::{Error, Result};

@@ -1,0 +1,78 @@
+//! `relume view`
+
+use std::path::PathBuf;
+
+use relume::Result;
+use relume::gpu::{Validation, Vsync};
+use relume::view::script::Script;
+use relume::view::{Opened, ViewSettings, keys};
+use serde_json::json;
+
+use super::options::{Exposure, LightOptions, SceneOptions};
+use super::output;
+use super::session::Session;
+
+#[derive(clap::Args)]
+#[command(after_help = help_on_keys())]
+pub struct Args {
+    /// Scene: .glb, .gltf or .obj.
+    scene: PathBuf,
+    /// Rig file that replaces the scene's lights; `save` writes it.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Plays key and mouse events with times: lines like `0.5 key Ctrl+Z`, `1 press A`, `2 release A`, `2 mouse 320 240`.
+    #[arg(long, value_name = "FILE")]
+    script: Option<PathBuf>,
+    /// Writes the events that happen, for --script.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Shows pictures at once, whether or not the display tears them.
+    #[arg(long)]
+    no_vsync: bool,
+    /// Writes what frames took as JSON, when the window closes.
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
+    #[command(flatten)]
+    scene_options: SceneOptions,
+    #[command(flatten)]
+    light_options: LightOptions,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    args.stats.iter().chain(&args.record).try_for_each(|path| output::make_parent(path))?;
+    let script = args.script.as_deref().map(Script::load).transpose()?;
+    let settings = ViewSettings {
+        name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        rig_path: args.rig.clone(),
+        exposure: match args.light_options.exposure {
+            Exposure::Auto => None,
+            Exposure::Stops(stops) => Some(stops),
+        },
+        device: args.light_options.device.clone(),
+        validation: if cfg!(debug_assertions) { Validation::On } else { Validation::Off },
+        cache_dir: args.scene_options.cache_dir(),
+        relight: args.light_options.relight_settings(),
+        vsync: if args.no_vsync { Vsync::Off } else { Vsync::On },
+        script,
+        record: args.record.clone(),
+    };
+    let (path, rig, options) = (args.scene.clone(), args.rig.clone(), args.scene_options.clone());
+    let report = relume::view::run(settings, move |progress| {
+        let session = Session::open_with(&path, rig.as_deref(), &options, progress)?;
+        let Session { scene, bvh, baked, camera, rig, .. } = session;
+        Ok(Opened { scene, bvh, baked, camera, rig })
+    })?;
+    if let Some(path) = &args.stats {
+        output::write_json(path, &json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report }))?;
+    }
+    Ok(())
+}
+
+/// Every key, below the options.
+fn help_on_keys() -> String {
+    let mut text = String::from("Keys:\n");
+    for binding in keys::SECTIONS.iter().flat_map(|section| section.bindings) {
+        text += &format!("  {:<24} {}\n", binding.keys_text(), binding.text);
+    }
+    text + "\n" + keys::STEPS_TEXT
+}

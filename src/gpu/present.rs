@@ -1,0 +1,214 @@
+//! The last pass of a frame in a window: picture, user interface, presentation.
+
+use std::sync::Arc;
+
+use ash::vk;
+use glam::UVec2;
+
+use super::context::Context;
+use super::frame::{Frame, Presenting};
+use super::kernel::Kernel;
+use super::memory::{Access, Buffer};
+use super::surface::{COLOR, Surface};
+use super::ui::{UiFrame, UiRenderer};
+use crate::error::Result;
+use crate::shared::FitPush;
+
+/// Where the picture lies in the window, physical pixels; it may reach over the edges.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Placement {
+    pub left: i32,
+    pub top: i32,
+    pub width: u32,
+    pub height: u32,
+}
+
+/// A window to draw into: its surface, where the picture goes, and what lies over it.
+pub struct Screen<'a> {
+    pub surface: &'a mut Surface,
+    pub placement: Placement,
+    pub ui: Option<(&'a mut UiRenderer, &'a UiFrame)>,
+}
+
+/// 8-bit sRGB pixels with alpha, row by row, in the surface's order of channels.
+#[derive(Clone, Copy)]
+pub struct Pixels<'a> {
+    pub buffer: &'a Buffer<u32>,
+    pub width: u32,
+    pub height: u32,
+}
+
+/// Of the window around the picture: dark and neutral, so that eyes judge the picture alone.
+const BACKGROUND: [f32; 4] = [0.055, 0.055, 0.055, 1.0];
+
+impl Surface {
+    /// The kernel that scales, and room for `pixels` of them.
+    fn prepare_fit(&mut self, context: &Arc<Context>, pixels: usize) -> Result<()> {
+        if self.fit.as_ref().is_none_or(|(_, fitted)| fitted.len() < pixels) {
+            let kernel = match self.fit.take() {
+                Some((kernel, _)) => kernel,
+                None => Kernel::new(context, "fit", &[])?,
+            };
+            self.fit = Some((kernel, Buffer::new(context, "pictures (fitted)", Access::Device, pixels)?));
+        }
+        Ok(())
+    }
+}
+
+impl Frame<'_> {
+    /// Draws picture and interface into the window's next image; [`Frame::finish_on`] shows it. While the window has no
+    /// pixels nothing is drawn.
+    pub fn draw(&mut self, screen: &mut Screen, pixels: Option<Pixels>) -> Result<()> {
+        let Screen { surface, placement, ui } = screen;
+        let placement = *placement;
+        let context = self.context().clone();
+        let Some(index) = surface.acquire()? else { return Ok(()) };
+        let target = &surface.targets[index as usize];
+        let (image, view, extent) = (target.image, target.view, surface.extent);
+        self.will_present(Presenting { index, acquired: surface.acquired, rendered: target.rendered });
+
+        let shown = match pixels {
+            Some(pixels) if [pixels.width, pixels.height] != [placement.width, placement.height] => {
+                surface.prepare_fit(&context, placement.width as usize * placement.height as usize)?;
+                let (kernel, fitted) = surface.fit.as_ref().expect("prepared");
+                self.fit(pixels, placement, kernel, fitted);
+                Some(fitted)
+            }
+            Some(pixels) => Some(pixels.buffer),
+            None => None,
+        };
+        let mut pass = self.pass("present");
+        if let Some(pixels) = shown {
+            let _ = pass.read(pixels);
+        }
+        let after = if ui.is_some() { DRAWN } else { SHOWN };
+        pass.record(|context, commands| {
+            let recorder = Recorder { device: &context.device, commands };
+            recorder.transition(image, ACQUIRED, COPIED);
+            let visible = shown.and_then(|_| visible(placement, extent));
+            if visible.is_none_or(|part| part.extent != extent) {
+                recorder.clear(image);
+                recorder.transition(image, COPIED, COPIED);
+            }
+            if let Some((pixels, part)) = shown.zip(visible) {
+                recorder.copy(pixels, placement, part, image);
+            }
+            recorder.transition(image, COPIED, after);
+        });
+        let Some((renderer, ui)) = ui else { return Ok(()) };
+        let mut drawn = Ok(());
+        self.pass("user interface").record(|context, commands| {
+            let recorder = Recorder { device: &context.device, commands };
+            recorder.begin_rendering(view, extent);
+            drawn = renderer.record(commands, extent, ui);
+            recorder.end_rendering();
+            recorder.transition(image, DRAWN, SHOWN);
+        });
+        drawn
+    }
+
+    fn fit(&mut self, pixels: Pixels, placement: Placement, kernel: &Kernel, fitted: &Buffer<u32>) {
+        let mut pass = self.pass("fit");
+        let push = FitPush {
+            source: pass.read(pixels.buffer),
+            target: pass.write(fitted),
+            source_size: UVec2::new(pixels.width, pixels.height),
+            target_size: UVec2::new(placement.width, placement.height),
+        };
+        pass.dispatch(kernel, &push, placement.width * placement.height);
+    }
+}
+
+/// How an image is used at one point of the frame.
+type Usage = (vk::ImageLayout, vk::PipelineStageFlags2, vk::AccessFlags2);
+
+/// Its contents are of no interest. The stage is the one at which the submission waits for the acquisition.
+const ACQUIRED: Usage = (vk::ImageLayout::UNDEFINED, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::NONE);
+const COPIED: Usage =
+    (vk::ImageLayout::TRANSFER_DST_OPTIMAL, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE);
+const DRAWN: Usage = (
+    vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
+    vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT,
+    vk::AccessFlags2::from_raw(
+        vk::AccessFlags2::COLOR_ATTACHMENT_READ.as_raw() | vk::AccessFlags2::COLOR_ATTACHMENT_WRITE.as_raw(),
+    ),
+);
+const SHOWN: Usage = (vk::ImageLayout::PRESENT_SRC_KHR, vk::PipelineStageFlags2::NONE, vk::AccessFlags2::NONE);
+
+const LAYERS: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    mip_level: 0,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
+struct Recorder<'a> {
+    device: &'a ash::Device,
+    commands: vk::CommandBuffer,
+}
+
+impl Recorder<'_> {
+    fn transition(&self, image: vk::Image, from: Usage, to: Usage) {
+        let barriers = [vk::ImageMemoryBarrier2::default()
+            .image(image)
+            .old_layout(from.0)
+            .new_layout(to.0)
+            .src_stage_mask(from.1)
+            .src_access_mask(from.2)
+            .dst_stage_mask(to.1)
+            .dst_access_mask(to.2)
+            .subresource_range(COLOR)];
+        let info = vk::DependencyInfo::default().image_memory_barriers(&barriers);
+        // SAFETY: the command buffer is being recorded, outside of rendering.
+        unsafe { self.device.cmd_pipeline_barrier2(self.commands, &info) };
+    }
+
+    fn clear(&self, image: vk::Image) {
+        let color = vk::ClearColorValue { float32: BACKGROUND };
+        // SAFETY: the image is in this layout.
+        unsafe { self.device.cmd_clear_color_image(self.commands, image, COPIED.0, &color, &[COLOR]) };
+    }
+
+    /// Copies the visible part of the picture, whose size is the placement's.
+    fn copy(&self, pixels: &Buffer<u32>, placement: Placement, part: vk::Rect2D, image: vk::Image) {
+        let inside = [part.offset.x - placement.left, part.offset.y - placement.top].map(|x| x as u64);
+        let region = vk::BufferImageCopy::default()
+            .buffer_offset(4 * (inside[1] * u64::from(placement.width) + inside[0]))
+            .buffer_row_length(placement.width)
+            .image_subresource(LAYERS)
+            .image_offset(vk::Offset3D { x: part.offset.x, y: part.offset.y, z: 0 })
+            .image_extent(vk::Extent3D { width: part.extent.width, height: part.extent.height, depth: 1 });
+        let buffer = pixels.raw().handle;
+        // SAFETY: the part lies within the image, and within the placement, for which the buffer has pixels.
+        unsafe { self.device.cmd_copy_buffer_to_image(self.commands, buffer, image, COPIED.0, &[region]) };
+    }
+
+    fn begin_rendering(&self, view: vk::ImageView, extent: vk::Extent2D) {
+        let attachments = [vk::RenderingAttachmentInfo::default()
+            .image_view(view)
+            .image_layout(DRAWN.0)
+            .load_op(vk::AttachmentLoadOp::LOAD)
+            .store_op(vk::AttachmentStoreOp::STORE)];
+        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent };
+        let info = vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&attachments);
+        // SAFETY: the command buffer is being recorded; the view is of an image in this layout.
+        unsafe { self.device.cmd_begin_rendering(self.commands, &info) };
+    }
+
+    fn end_rendering(&self) {
+        // SAFETY: rendering was begun.
+        unsafe { self.device.cmd_end_rendering(self.commands) };
+    }
+}
+
+/// The part of the window that the picture covers.
+fn visible(placement: Placement, extent: vk::Extent2D) -> Option<vk::Rect2D> {
+    let axis = |start: i32, length: u32, window: u32| {
+        let end = (i64::from(start) + i64::from(length)).min(i64::from(window));
+        let length = u32::try_from(end - i64::from(start.max(0))).ok().filter(|&length| length > 0);
+        Some((start.max(0), length?))
+    };
+    let (x, width) = axis(placement.left, placement.width, extent.width)?;
+    let (y, height) = axis(placement.top, placement.height, extent.height)?;
+    Some(vk::Rect2D { offset: vk::Offset2D { x, y }, extent: vk::Extent2D { width, height } })
+}

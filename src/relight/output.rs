@@ -1,0 +1,99 @@
+//! Ways out of the relighter: the last kernel and the pixels that it writes.
+
+use std::sync::Arc;
+
+use super::ToneMap;
+use crate::error::Result;
+use crate::gpu::{Access, Buffer, Context, Kernel};
+use crate::shared::*;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Output {
+    /// Scene-linear, for the host.
+    Linear,
+    /// 8-bit sRGB, for the host.
+    Display { exposure: f32, tone_map: ToneMap },
+    /// 8-bit sRGB, for a window and in its order.
+    Screen { exposure: f32, tone_map: ToneMap, blue_first: bool },
+}
+
+/// Kernels and buffers, each made when it is first asked for.
+pub struct Outputs {
+    /// By `OUTPUT_` constant.
+    kernels: [Option<Kernel>; OUTPUT_COUNT as usize],
+    linear: Option<Buffer<u32>>,
+    display: Option<Buffer<u32>>,
+    screen: Option<Buffer<u32>>,
+    pixel_count: usize,
+    context: Arc<Context>,
+}
+
+impl Output {
+    pub fn exposure(self) -> f32 {
+        match self {
+            Self::Linear => 0.0,
+            Self::Display { exposure, .. } | Self::Screen { exposure, .. } => exposure,
+        }
+    }
+
+    /// Its `OUTPUT_` constant.
+    fn kind(self) -> u32 {
+        match self {
+            Self::Linear => OUTPUT_LINEAR,
+            Self::Display { tone_map, .. } | Self::Screen { tone_map, .. } => match tone_map {
+                ToneMap::None => OUTPUT_CLAMPED,
+                ToneMap::Agx => OUTPUT_AGX,
+                ToneMap::PbrNeutral => OUTPUT_PBR_NEUTRAL,
+            },
+        }
+    }
+}
+
+impl Outputs {
+    pub fn new(context: &Arc<Context>, pixel_count: usize) -> Self {
+        Self {
+            kernels: Default::default(),
+            linear: None,
+            display: None,
+            screen: None,
+            pixel_count,
+            context: context.clone(),
+        }
+    }
+
+    /// Makes what `output` needs.
+    pub fn prepare(&mut self, output: Output) -> Result<()> {
+        let kind = output.kind();
+        let kernel = &mut self.kernels[kind as usize];
+        if kernel.is_none() {
+            *kernel = Some(Kernel::new(&self.context, "composite", &[(0, kind)])?);
+        }
+        let (buffer, access, words) = match output {
+            Output::Linear => (&mut self.linear, Access::HostReads, 3),
+            Output::Display { .. } => (&mut self.display, Access::HostReads, 1),
+            Output::Screen { .. } => (&mut self.screen, Access::Device, 1),
+        };
+        if buffer.is_none() {
+            *buffer = Some(Buffer::new(&self.context, "pictures", access, words * self.pixel_count)?);
+        }
+        Ok(())
+    }
+
+    pub fn kernel(&self, output: Output) -> &Kernel {
+        self.kernels[output.kind() as usize].as_ref().expect("prepared")
+    }
+
+    pub fn pixels(&self, output: Output) -> &Buffer<u32> {
+        let buffer = match output {
+            Output::Linear => &self.linear,
+            Output::Display { .. } => &self.display,
+            Output::Screen { .. } => &self.screen,
+        };
+        buffer.as_ref().expect("prepared")
+    }
+
+    #[cfg(feature = "hot-reload")]
+    pub fn kernels(&mut self) -> impl Iterator<Item = &mut Kernel> {
+        self.kernels.iter_mut().flatten()
+    }
+}

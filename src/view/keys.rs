@@ -1,0 +1,281 @@
+//! The one table of keys: what binds them, what `?` shows, and what the README lists.
+
+use egui::{Key, Modifiers};
+use glam::DVec3;
+
+use super::desk::{Frame, LightEdit};
+use crate::scene::LightKind;
+
+/// What a key does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    NextLight,
+    PreviousLight,
+    Edit(LightEdit),
+    /// At the point under the mouse, and along with it while the key is held.
+    Place,
+    Aim,
+    Solo,
+    New(LightKind),
+    Duplicate,
+    Delete,
+    Undo,
+    Redo,
+    Exposure(f32),
+    AutoExposure,
+    ToneMap,
+    Save,
+    SaveAs,
+    Quit,
+    /// One pixel of the picture is one of the screen; else it is fitted.
+    OneToOne,
+    Panel,
+    Overlay,
+    FullScreen,
+    Help,
+    Close,
+}
+
+pub struct Binding {
+    /// Any of them.
+    pub keys: &'static [(Modifiers, Key)],
+    pub command: Command,
+    pub text: &'static str,
+    /// What the command's number is multiplied by with Alt held, without, and with Shift held.
+    pub steps: Option<[f64; 3]>,
+}
+
+pub struct Section {
+    pub title: &'static str,
+    pub bindings: &'static [Binding],
+}
+
+const NONE: Modifiers = Modifiers::NONE;
+const CTRL: Modifiers = Modifiers::COMMAND;
+const CTRL_SHIFT: Modifiers = Modifiers { shift: true, ..Modifiers::COMMAND };
+
+const fn once(keys: &'static [(Modifiers, Key)], command: Command, text: &'static str) -> Binding {
+    Binding { keys, command, text, steps: None }
+}
+
+const fn steps(keys: &'static [(Modifiers, Key)], edit: LightEdit, text: &'static str, steps: [f64; 3]) -> Binding {
+    Binding { keys, command: Command::Edit(edit), text, steps: Some(steps) }
+}
+
+const fn moves(keys: &'static [(Modifiers, Key)], frame: Frame, axis: DVec3, text: &'static str) -> Binding {
+    steps(keys, LightEdit::Move { frame, axis }, text, [0.1, 1.0, 10.0])
+}
+
+const TURN: [f64; 3] = [0.2, 2.0, 15.0];
+const STOPS: [f64; 3] = [0.1, 0.5, 1.0];
+const MIRED: [f64; 3] = [2.0, 10.0, 50.0];
+const CHANNEL: [f64; 3] = [0.01, 0.05, 0.2];
+const CONE: [f64; 3] = [0.1, 1.0, 5.0];
+
+/// Every key there is.
+pub const SECTIONS: &[Section] = &[
+    Section {
+        title: "Lights",
+        bindings: &[
+            once(&[(NONE, Key::Tab)], Command::NextLight, "next light"),
+            once(&[(Modifiers::SHIFT, Key::Tab)], Command::PreviousLight, "previous light"),
+            once(&[(NONE, Key::M)], Command::Edit(LightEdit::Toggle), "on, off"),
+            once(&[(NONE, Key::N)], Command::Solo, "solo: this light alone"),
+            once(&[(NONE, Key::X)], Command::Edit(LightEdit::Shadows), "with shadows, without"),
+            once(&[(CTRL, Key::Num1)], Command::New(LightKind::Point), "new point light"),
+            once(&[(CTRL, Key::Num2)], Command::New(LightKind::Spot), "new spot light"),
+            once(&[(CTRL, Key::Num3)], Command::New(LightKind::Directional), "new directional light"),
+            once(&[(CTRL, Key::D)], Command::Duplicate, "duplicate"),
+            once(&[(NONE, Key::Delete)], Command::Delete, "delete"),
+        ],
+    },
+    Section {
+        title: "Move and aim",
+        bindings: &[
+            moves(&[(NONE, Key::A)], Frame::Camera, DVec3::NEG_X, "move left, as the camera sees it"),
+            moves(&[(NONE, Key::D)], Frame::Camera, DVec3::X, "move right"),
+            moves(&[(NONE, Key::E)], Frame::Camera, DVec3::Y, "move up"),
+            moves(&[(NONE, Key::Q)], Frame::Camera, DVec3::NEG_Y, "move down"),
+            moves(&[(NONE, Key::W)], Frame::Camera, DVec3::NEG_Z, "move away"),
+            moves(&[(NONE, Key::S)], Frame::Camera, DVec3::Z, "move nearer"),
+            moves(&[(NONE, Key::ArrowLeft)], Frame::World, DVec3::NEG_X, "move along the world's -x"),
+            moves(&[(NONE, Key::ArrowRight)], Frame::World, DVec3::X, "move along +x"),
+            moves(&[(NONE, Key::PageUp)], Frame::World, DVec3::Y, "move along +y"),
+            moves(&[(NONE, Key::PageDown)], Frame::World, DVec3::NEG_Y, "move along -y"),
+            moves(&[(NONE, Key::ArrowUp)], Frame::World, DVec3::NEG_Z, "move along -z"),
+            moves(&[(NONE, Key::ArrowDown)], Frame::World, DVec3::Z, "move along +z"),
+            once(&[(NONE, Key::P)], Command::Place, "put the light at the point under the mouse; hold to drag"),
+            once(&[(NONE, Key::O)], Command::Aim, "aim it at the point under the mouse; hold to drag"),
+            steps(&[(NONE, Key::J)], LightEdit::Turn { right: -1.0, up: 0.0 }, "turn left", TURN),
+            steps(&[(NONE, Key::L)], LightEdit::Turn { right: 1.0, up: 0.0 }, "turn right", TURN),
+            steps(&[(NONE, Key::I)], LightEdit::Turn { right: 0.0, up: 1.0 }, "turn up", TURN),
+            steps(&[(NONE, Key::K)], LightEdit::Turn { right: 0.0, up: -1.0 }, "turn down", TURN),
+        ],
+    },
+    Section {
+        title: "Intensity, colour, cone",
+        bindings: &[
+            steps(&[(NONE, Key::Equals), (NONE, Key::Plus)], LightEdit::Stops(1.0), "brighter by half a stop", STOPS),
+            steps(&[(NONE, Key::Minus)], LightEdit::Stops(-1.0), "darker by half a stop", STOPS),
+            steps(&[(NONE, Key::Comma)], LightEdit::Mired(-1.0), "warmer", MIRED),
+            steps(&[(NONE, Key::Period)], LightEdit::Mired(1.0), "cooler", MIRED),
+            steps(&[(NONE, Key::R)], LightEdit::Channel(0, 1.0), "more red", CHANNEL),
+            steps(&[(NONE, Key::F)], LightEdit::Channel(0, -1.0), "less red", CHANNEL),
+            steps(&[(NONE, Key::T)], LightEdit::Channel(1, 1.0), "more green", CHANNEL),
+            steps(&[(NONE, Key::G)], LightEdit::Channel(1, -1.0), "less green", CHANNEL),
+            steps(&[(NONE, Key::Y)], LightEdit::Channel(2, 1.0), "more blue", CHANNEL),
+            steps(&[(NONE, Key::H)], LightEdit::Channel(2, -1.0), "less blue", CHANNEL),
+            steps(&[(NONE, Key::CloseBracket)], LightEdit::Outer(1.0), "wider cone", CONE),
+            steps(&[(NONE, Key::OpenBracket)], LightEdit::Outer(-1.0), "narrower cone", CONE),
+            steps(&[(NONE, Key::Quote)], LightEdit::Inner(1.0), "wider inner cone: a harder edge", CONE),
+            steps(&[(NONE, Key::Semicolon)], LightEdit::Inner(-1.0), "narrower inner cone: a softer edge", CONE),
+        ],
+    },
+    Section {
+        title: "Picture",
+        bindings: &[
+            once(&[(NONE, Key::Num9)], Command::Exposure(0.5), "exposure up half a stop"),
+            once(&[(NONE, Key::Num8)], Command::Exposure(-0.5), "exposure down half a stop"),
+            once(&[(NONE, Key::Num0)], Command::AutoExposure, "exposure from the picture"),
+            once(&[(NONE, Key::Num7)], Command::ToneMap, "next tone curve: AgX, PBR Neutral, none"),
+            once(&[(NONE, Key::Num1)], Command::OneToOne, "picture 1:1, or fitted to the window"),
+        ],
+    },
+    Section {
+        title: "Desk",
+        bindings: &[
+            once(&[(CTRL, Key::Z)], Command::Undo, "undo"),
+            once(&[(CTRL_SHIFT, Key::Z), (CTRL, Key::Y)], Command::Redo, "redo"),
+            once(&[(CTRL, Key::S)], Command::Save, "save the rig"),
+            once(&[(CTRL_SHIFT, Key::S)], Command::SaveAs, "save the rig as"),
+            once(&[(CTRL, Key::Q)], Command::Quit, "quit"),
+            once(&[(NONE, Key::F2)], Command::Panel, "panel"),
+            once(&[(NONE, Key::F3)], Command::Overlay, "times"),
+            once(&[(NONE, Key::F11)], Command::FullScreen, "full screen"),
+            once(&[(NONE, Key::F1), (NONE, Key::Questionmark)], Command::Help, "these keys"),
+            once(&[(NONE, Key::Escape)], Command::Close, "close what is open"),
+        ],
+    },
+];
+
+/// What holds for all keys with steps.
+pub const STEPS_TEXT: &str = "With Alt held steps are fine, with Shift held coarse.";
+
+/// The command of a key; with steps its number is final.
+pub fn command(modifiers: Modifiers, key: Key) -> Option<Command> {
+    let all = || SECTIONS.iter().flat_map(|section| section.bindings);
+    let is = |binding: &&Binding, held: Modifiers| {
+        // The key that `?`, `+` and the like come from may need Shift.
+        let symbol = matches!(key, Key::Questionmark | Key::Plus);
+        let held = if symbol { Modifiers { shift: false, ..held } } else { held };
+        binding.keys.iter().any(|&(wanted, k)| k == key && held.matches_exact(wanted))
+    };
+    if let Some(binding) = all().find(|binding| is(binding, modifiers)) {
+        return Some(binding.scaled(1));
+    }
+    let (bare, index) = match modifiers {
+        Modifiers { alt: true, shift: false, .. } => (Modifiers { alt: false, ..modifiers }, 0),
+        Modifiers { alt: false, shift: true, .. } => (Modifiers { shift: false, ..modifiers }, 2),
+        _ => return None,
+    };
+    all().filter(|binding| binding.steps.is_some()).find(|binding| is(binding, bare)).map(|b| b.scaled(index))
+}
+
+impl Binding {
+    fn scaled(&self, index: usize) -> Command {
+        let Some(step) = self.steps.map(|steps| steps[index]) else { return self.command };
+        match self.command {
+            Command::Edit(edit) => Command::Edit(match edit {
+                LightEdit::Move { frame, axis } => LightEdit::Move { frame, axis: axis * step },
+                LightEdit::Turn { right, up } => LightEdit::Turn { right: right * step, up: up * step },
+                LightEdit::Stops(by) => LightEdit::Stops(by * step),
+                LightEdit::Mired(by) => LightEdit::Mired(by * step),
+                LightEdit::Channel(channel, by) => LightEdit::Channel(channel, by * step),
+                LightEdit::Outer(by) => LightEdit::Outer(by * step),
+                LightEdit::Inner(by) => LightEdit::Inner(by * step),
+                LightEdit::Toggle | LightEdit::Shadows => edit,
+            }),
+            other => other,
+        }
+    }
+
+    /// "Ctrl+Shift+Z, Ctrl+Y"
+    pub fn keys_text(&self) -> String {
+        let texts: Vec<_> = self.keys.iter().map(|&(modifiers, key)| chord_text(modifiers, key)).collect();
+        texts.join(", ")
+    }
+}
+
+/// "Ctrl+Shift+Z", as scripts write it too.
+pub fn chord_text(modifiers: Modifiers, key: Key) -> String {
+    let held = [(modifiers.command || modifiers.ctrl, "Ctrl+"), (modifiers.alt, "Alt+"), (modifiers.shift, "Shift+")];
+    let held: String = held.iter().filter(|(on, _)| *on).map(|(_, text)| *text).collect();
+    held + key_text(key)
+}
+
+/// A symbol where keyboards have one, else the key's name; no arrows, which not all fonts have.
+fn key_text(key: Key) -> &'static str {
+    let symbol = key.symbol_or_name();
+    if symbol.is_ascii() { symbol } else { key.name() }
+}
+
+/// The reverse of [`chord_text`].
+pub fn parse_chord(text: &str) -> Option<(Modifiers, Key)> {
+    let mut modifiers = Modifiers::NONE;
+    let mut rest = text;
+    let held =
+        [("Ctrl+", Modifiers::CTRL | Modifiers::COMMAND), ("Alt+", Modifiers::ALT), ("Shift+", Modifiers::SHIFT)];
+    while let Some((after, modifier)) = held.iter().find_map(|(name, m)| Some((rest.strip_prefix(name)?, *m))) {
+        modifiers |= modifier;
+        rest = after;
+    }
+    let key = Key::ALL.iter().copied().find(|&key| key_text(key) == rest).or_else(|| Key::from_name(rest))?;
+    Some((modifiers, key))
+}
+
+/// The table as the README shows it.
+pub fn as_markdown() -> String {
+    let mut text = String::from("| | key | |\n|---|---|---|\n");
+    for section in SECTIONS {
+        for (i, binding) in section.bindings.iter().enumerate() {
+            let title = if i == 0 { section.title } else { "" };
+            text += &format!("| {title} | `{}` | {} |\n", binding.keys_text(), binding.text);
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn all() -> impl Iterator<Item = &'static Binding> {
+        SECTIONS.iter().flat_map(|section| section.bindings)
+    }
+
+    #[test]
+    fn every_key_finds_its_own_command_and_no_other() {
+        for binding in all() {
+            for &(modifiers, key) in binding.keys {
+                assert_eq!(command(modifiers, key), Some(binding.scaled(1)), "{}", chord_text(modifiers, key));
+                assert_eq!(parse_chord(&chord_text(modifiers, key)).map(|(_, key)| key), Some(key));
+            }
+        }
+    }
+
+    #[test]
+    fn alt_is_fine_and_shift_is_coarse() {
+        let stops = |modifiers, key| match command(modifiers, key) {
+            Some(Command::Edit(LightEdit::Stops(by))) => by,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(stops(NONE, Key::Minus), -0.5);
+        assert_eq!(stops(Modifiers::ALT, Key::Minus), -0.1);
+        assert_eq!(stops(Modifiers::SHIFT, Key::Minus), -1.0);
+        assert_eq!(stops(Modifiers::SHIFT, Key::Plus), 0.5); // where + needs Shift
+        assert_eq!(command(Modifiers::SHIFT, Key::M), None);
+        assert_eq!(command(Modifiers::SHIFT, Key::Questionmark), Some(Command::Help));
+        let ctrl = parse_chord("Ctrl+Shift+Z").unwrap();
+        assert_eq!(command(ctrl.0, ctrl.1), Some(Command::Redo));
+    }
+}

@@ -1,0 +1,85 @@
+//! The window: lights follow keyboard and mouse, and the picture follows the lights.
+//!
+//! One thread waits at one place, winit's event loop. Whatever happened by then is taken in as one edit, one frame is
+//! made of it, and at rest nothing is drawn. Scenes load and bake on another thread, behind a progress bar.
+
+mod controls;
+pub mod desk;
+pub mod history;
+pub mod keys;
+mod load;
+mod overlay;
+mod pick;
+pub mod script;
+mod stage;
+mod timings;
+mod window;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+pub use self::load::LoadProgress;
+pub use self::window::run;
+use crate::bake::Baked;
+use crate::bake::bvh::Bvh;
+use crate::gpu::{Site, Validation, Vsync};
+use crate::relight::RelightSettings;
+use crate::scene::{Camera, Rig, Scene};
+
+/// What a window needs to know before its scene is loaded.
+pub struct ViewSettings {
+    /// Of the scene, for the title.
+    pub name: String,
+    /// Where `save` writes; without it, it asks.
+    pub rig_path: Option<PathBuf>,
+    /// Stops; `None` takes them from the first picture.
+    pub exposure: Option<f32>,
+    pub device: Option<String>,
+    pub validation: Validation,
+    pub cache_dir: Option<PathBuf>,
+    pub relight: RelightSettings,
+    pub vsync: Vsync,
+    /// Events to play, and where to write those that happen.
+    pub script: Option<script::Script>,
+    pub record: Option<PathBuf>,
+}
+
+/// A loaded and baked scene.
+pub struct Opened {
+    pub scene: Arc<Scene>,
+    pub bvh: Arc<Bvh>,
+    pub baked: Arc<Baked>,
+    pub camera: Camera,
+    pub rig: Rig,
+}
+
+/// What a window did, for `--stats`.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct ViewReport {
+    pub device: String,
+    pub driver: String,
+    /// From the start to the first picture, and the part of it that device and pipelines took.
+    pub first_picture_ms: Option<f64>,
+    pub device_ms: f64,
+    /// Frames drawn, and those among them that relit the picture.
+    pub frames: usize,
+    pub relit_frames: usize,
+    /// From a frame's first event to the return of its presentation, of frames that relit the picture.
+    pub latency_ms: Option<Latency>,
+    /// Median milliseconds of each pass of those frames.
+    pub passes: Vec<PassReport>,
+}
+
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct PassReport {
+    pub name: &'static str,
+    pub on: Site,
+    pub median_ms: f64,
+}
+
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct Latency {
+    pub best: f64,
+    pub median: f64,
+    pub p95: f64,
+}

@@ -1,0 +1,90 @@
+//! Where the picture lies in the window, and which surface point lies under the mouse.
+
+use egui::Pos2;
+use glam::{DVec3, Vec3};
+
+use super::Opened;
+use super::desk::Pick;
+use crate::gpu::Placement;
+
+/// The picture in the window: `area` physical pixels from the top left are free for it.
+///
+/// Fitted it is as large as fits; 1:1 it is centred and moved by `pan`, and never leaves the area altogether.
+pub fn placement(picture: [u32; 2], area: [u32; 2], one_to_one: bool, pan: [i32; 2]) -> Placement {
+    if area[0] == 0 || area[1] == 0 {
+        return Placement::default();
+    }
+    let size = match one_to_one {
+        true => picture,
+        false => {
+            let scale = (f64::from(area[0]) / f64::from(picture[0])).min(f64::from(area[1]) / f64::from(picture[1]));
+            picture.map(|side| ((f64::from(side) * scale).round() as u32).max(1))
+        }
+    };
+    let start = |axis: usize| {
+        let room = area[axis] as i32 - size[axis] as i32;
+        let most = (-room / 2).max(0);
+        room.div_euclid(2) + if one_to_one { pan[axis].clamp(-most, most) } else { 0 }
+    };
+    Placement { left: start(0), top: start(1), width: size[0], height: size[1] }
+}
+
+/// A window's point in physical pixels as a share of the picture, if it lies on it.
+fn share(placement: Placement, at: [f32; 2]) -> Option<[f64; 2]> {
+    let x = (f64::from(at[0]) - f64::from(placement.left)) / f64::from(placement.width);
+    let y = (f64::from(at[1]) - f64::from(placement.top)) / f64::from(placement.height);
+    ((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y)).then_some([x, y])
+}
+
+impl Opened {
+    fn aspect(&self) -> f64 {
+        f64::from(self.baked.tiling.width) / f64::from(self.baked.tiling.height)
+    }
+
+    /// The surface point that the picture shows at `at`, physical pixels.
+    pub fn pick(&self, placement: Placement, at: [f32; 2]) -> Option<Pick> {
+        let [x, y] = share(placement, at)?;
+        self.pick_share(x, y)
+    }
+
+    /// The surface point at a share of the picture, y down.
+    pub fn pick_share(&self, x: f64, y: f64) -> Option<Pick> {
+        let (origin, direction) = self.camera.ray(x, y, self.aspect());
+        let from = (origin - self.scene.origin).as_vec3();
+        let hit = self.bvh.closest_hit(&self.scene, from, direction.as_vec3(), f32::INFINITY)?;
+        let mesh = &self.scene.mesh;
+        let [a, b, c]: [Vec3; 3] = mesh.triangles[hit.triangle as usize].map(|v| mesh.positions[v as usize]);
+        let normal = (b - a).cross(c - a).as_dvec3().try_normalize().unwrap_or(-direction);
+        let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+        Some(Pick { position: origin + direction * f64::from(hit.distance), normal })
+    }
+
+    /// Where the picture has a world-space point, in physical pixels of the window.
+    pub fn project(&self, placement: Placement, point: DVec3) -> Option<Pos2> {
+        let [x, y] = self.camera.project(point, self.aspect())?;
+        let at = Pos2::new(
+            (f64::from(placement.left) + x * f64::from(placement.width)) as f32,
+            (f64::from(placement.top) + y * f64::from(placement.height)) as f32,
+        );
+        share(placement, [at.x, at.y]).map(|_| at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_fitted_centred_and_panned_within_bounds() {
+        let fitted = placement([720, 480], [1000, 480], false, [9, 9]);
+        assert_eq!(fitted, Placement { left: 140, top: 0, width: 720, height: 480 });
+        assert_eq!(placement([720, 480], [360, 480], false, [0; 2]).height, 240);
+        let exact = placement([720, 480], [800, 500], true, [50, 50]);
+        assert_eq!(exact, Placement { left: 40, top: 10, width: 720, height: 480 });
+        let panned = placement([720, 480], [700, 480], true, [-50, 0]);
+        assert_eq!(panned, Placement { left: -20, top: 0, width: 720, height: 480 });
+        assert_eq!(placement([720, 480], [0, 480], false, [0; 2]), Placement::default());
+        assert_eq!(share(exact, [40.0, 10.0]), Some([0.0, 0.0]));
+        assert_eq!(share(exact, [39.9, 10.0]), None);
+    }
+}

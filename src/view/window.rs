@@ -1,0 +1,524 @@
+//! The event loop: what happened becomes one edit, one edit one frame.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use egui::{Event, PointerButton, ViewportId};
+use winit::application::ApplicationHandler;
+use winit::dpi::{LogicalSize, PhysicalSize};
+use winit::event::WindowEvent;
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
+use winit::window::{Fullscreen, Window, WindowId};
+
+use super::controls::{self, Action, PANEL_WIDTH, ViewState};
+use super::keys::{self, Command};
+use super::load::{LoadEvent, LoadProgress};
+use super::pick::placement;
+use super::script::Script;
+use super::stage::{Pointer, Stage, Then};
+use super::timings::Timings;
+use super::{Latency, Opened, ViewReport, ViewSettings, overlay};
+use crate::error::{Cause, Error, Result};
+use crate::gpu::{Context, Frames, Placement, Screen, Surface, UiFrame, UiRenderer};
+
+/// Opens a window and runs it until it is closed. `load` runs on a thread of its own.
+pub fn run(
+    settings: ViewSettings,
+    load: impl FnOnce(&LoadProgress) -> Result<Opened> + Send + 'static,
+) -> Result<ViewReport> {
+    let no_window = |source: Cause| Error::NoWindow { source };
+    let event_loop = EventLoop::<LoadEvent>::with_user_event().build().map_err(|e| no_window(e.into()))?;
+    let proxy = event_loop.create_proxy();
+    let progress = LoadProgress::new(proxy.clone());
+    let mut app = App::new(settings);
+    // Not joined: who closes the window during a long bake does not wait for it.
+    std::thread::spawn(move || {
+        let opened = load(&progress);
+        let _ = proxy.send_event(LoadEvent::Opened(Box::new(opened)));
+    });
+    event_loop.run_app(&mut app).map_err(|e| no_window(e.into()))?;
+    app.finish()
+}
+
+struct App {
+    settings: ViewSettings,
+    began: Instant,
+    device_time: Duration,
+    view: ViewState,
+    /// Dropped before the window's graphics.
+    stage: Option<Stage>,
+    graphics: Option<Graphics>,
+    /// What the loading thread does, and how far it is.
+    loading: (&'static str, f32),
+    pointer: Option<egui::Pos2>,
+    panning: bool,
+    pan: [f32; 2],
+    /// A key that is held and follows the mouse.
+    dragging: Option<(egui::Key, Command)>,
+    /// When the first event came that no frame has shown yet.
+    pending: Option<Instant>,
+    /// Something changed that a frame has to show.
+    stale: bool,
+    /// We asked for the next redraw; else the system did, because it lost the picture.
+    asked: bool,
+    /// When the interface wants to be drawn again.
+    wake: Option<Instant>,
+    first_picture: Option<Instant>,
+    played: usize,
+    recorded: Script,
+    timings: Timings,
+    frames: usize,
+    outcome: Result<()>,
+}
+
+/// The interface wants a second look after most events; while they keep coming, the next one is that look.
+const SECOND_LOOK: Duration = Duration::from_millis(40);
+
+/// The window and what draws into it.
+struct Graphics {
+    ui: UiRenderer,
+    egui: egui_winit::State,
+    frames: Frames,
+    surface: Surface,
+    context: Arc<Context>,
+    window: Arc<Window>,
+    title: String,
+}
+
+impl Graphics {
+    fn new(event_loop: &ActiveEventLoop, settings: &ViewSettings, size: LogicalSize<f64>) -> Result<Self> {
+        let no_window = |source: Cause| Error::NoWindow { source };
+        let title = format!("{} - relume", settings.name);
+        let attributes = Window::default_attributes().with_title(&title).with_inner_size(size);
+        let window = Arc::new(event_loop.create_window(attributes).map_err(|e| no_window(e.into()))?);
+        let (device, cache_dir) = (settings.device.as_deref(), settings.cache_dir.as_deref());
+        let context = Context::for_display(device, settings.validation, cache_dir, &*window)?;
+        let PhysicalSize { width, height } = window.inner_size();
+        let surface = Surface::new(&context, window.clone(), [width, height], settings.vsync)?;
+        let egui_context = egui::Context::default();
+        egui_context.set_visuals(egui::Visuals::dark());
+        egui_context.options_mut(|options| options.zoom_with_keyboard = false);
+        egui_context.all_styles_mut(|style| {
+            style.animation_time = 0.0;
+            style.visuals.text_cursor.blink = false; // at rest nothing is drawn
+        });
+        let id = ViewportId::ROOT;
+        let egui = egui_winit::State::new(egui_context, id, &window, Some(window.scale_factor() as f32), None, None);
+        let ui = UiRenderer::new(&context, &surface)?;
+        Ok(Self { ui, egui, frames: Frames::new(&context)?, surface, context, window, title })
+    }
+
+    fn pixels_per_point(&self) -> f32 {
+        egui_winit::pixels_per_point(self.egui.egui_ctx(), &self.window)
+    }
+
+    fn set_title(&mut self, title: String) {
+        if self.title != title {
+            self.window.set_title(&title);
+            self.title = title;
+        }
+    }
+}
+
+impl App {
+    fn new(settings: ViewSettings) -> Self {
+        let view = ViewState {
+            exposure: settings.exposure.unwrap_or(0.0),
+            tone_map: settings.relight.tone_map,
+            one_to_one: false,
+            panel: true,
+            overlay: false,
+            help: false,
+            dialog: None,
+        };
+        Self {
+            settings,
+            began: Instant::now(),
+            device_time: Duration::ZERO,
+            view,
+            stage: None,
+            graphics: None,
+            loading: ("loading", 0.0),
+            pointer: None,
+            panning: false,
+            pan: [0.0; 2],
+            dragging: None,
+            pending: None,
+            stale: true,
+            asked: false,
+            wake: None,
+            first_picture: None,
+            played: 0,
+            recorded: Script::default(),
+            timings: Timings::default(),
+            frames: 0,
+            outcome: Ok(()),
+        }
+    }
+
+    fn finish(mut self) -> Result<ViewReport> {
+        let (relit_frames, latency) = self.timings.relit();
+        let info = self.graphics.as_ref().map(|graphics| graphics.context.info.clone());
+        // Before the graphics, whose device it uses.
+        drop(self.stage.take());
+        self.outcome?;
+        if let Some(path) = &self.settings.record {
+            self.recorded.save(path)?;
+        }
+        let ms = |duration: Duration| duration.as_secs_f64() * 1e3;
+        Ok(ViewReport {
+            device: info.as_ref().map(|info| info.name.clone()).unwrap_or_default(),
+            driver: info.map(|info| info.driver).unwrap_or_default(),
+            first_picture_ms: self.first_picture.map(|at| ms(at - self.began)),
+            device_ms: ms(self.device_time),
+            frames: self.frames,
+            relit_frames,
+            latency_ms: latency.map(|[best, median, p95]| Latency { best, median, p95 }),
+            passes: self.timings.median_passes(),
+        })
+    }
+
+    fn ask_for_frame(&mut self) {
+        if let Some(graphics) = &self.graphics {
+            self.asked = true;
+            graphics.window.request_redraw();
+        }
+    }
+
+    /// Something happened now that the next frame shows.
+    fn note_event(&mut self, at: Instant) {
+        self.pending.get_or_insert(at);
+        self.ask_for_frame();
+    }
+
+    fn open(&mut self, opened: Opened) -> Result<()> {
+        let Some(graphics) = &self.graphics else { return Ok(()) };
+        let start = Instant::now();
+        let mut stage = Stage::new(&graphics.context, opened, self.settings.rig_path.clone(), &self.settings.relight)?;
+        self.device_time += start.elapsed();
+        if self.settings.exposure.is_none() {
+            self.view.exposure = stage.automatic_exposure()?;
+        }
+        // Room for the picture at 1:1 and the panel, if the monitor has it.
+        let scale = graphics.window.scale_factor();
+        let [width, height] = stage.picture_size().map(f64::from);
+        let wanted = PhysicalSize::new(width + f64::from(PANEL_WIDTH) * scale, height);
+        let room = graphics.window.current_monitor().map_or(wanted, |monitor| monitor.size().cast());
+        let _ = graphics.window.request_inner_size(PhysicalSize::new(
+            wanted.width.min(0.95 * room.width),
+            wanted.height.max(480.0 * scale).min(0.9 * room.height),
+        ));
+        self.stage = Some(stage);
+        self.stale = true;
+        Ok(())
+    }
+
+    /// Where the picture lies now.
+    fn placement(&self) -> Placement {
+        let (Some(graphics), Some(stage)) = (&self.graphics, &self.stage) else { return Placement::default() };
+        let PhysicalSize { width, height } = graphics.window.inner_size();
+        let panel = if self.view.panel { (PANEL_WIDTH * graphics.pixels_per_point()).ceil() as u32 } else { 0 };
+        let area = [width.saturating_sub(panel), height];
+        placement(stage.picture_size(), area, self.view.one_to_one, self.pan.map(|x| x as i32))
+    }
+
+    fn pointer(&self) -> Pointer {
+        let scale = self.graphics.as_ref().map_or(1.0, Graphics::pixels_per_point);
+        Pointer { placement: self.placement(), at: self.pointer.map(|at| [at.x * scale, at.y * scale]) }
+    }
+
+    /// Events that the script has for now.
+    fn play(&mut self, events: &mut Vec<Event>) {
+        let (Some(script), Some(start)) = (&self.settings.script, self.first_picture) else { return };
+        while let Some((time, event)) = script.events.get(self.played)
+            && start + *time <= Instant::now()
+        {
+            self.pending.get_or_insert_with(Instant::now);
+            events.push(event.clone());
+            self.played += 1;
+        }
+    }
+
+    fn next_scripted(&self) -> Option<Instant> {
+        let script = self.settings.script.as_ref()?;
+        Some(self.first_picture? + script.events.get(self.played)?.0)
+    }
+
+    /// Takes in what happened: edits, one frame.
+    fn frame(&mut self) -> Result<Then> {
+        let Some(graphics) = &mut self.graphics else { return Ok(Then::Continue) };
+        let mut input = graphics.egui.take_egui_input(&graphics.window);
+        self.play(&mut input.events);
+        if let (Some(start), Some(_)) = (self.first_picture, &self.settings.record) {
+            input.events.iter().for_each(|event| self.recorded.record(start.elapsed(), event));
+        }
+        let actions = self.take_events(&mut input.events);
+        let had_events = !input.events.is_empty();
+        let mut then = self.act(&actions)?;
+        let has_ui = self.view.has_ui() || self.stage.is_none();
+        let drawn = if has_ui {
+            let (ui, actions) = self.run_ui(input)?;
+            if !had_events {
+                self.wake = None; // it would ask for ever
+            }
+            if !actions.is_empty() {
+                if self.act(&actions)? == Then::Quit {
+                    then = Then::Quit;
+                }
+                self.ask_for_frame(); // the interface shows what became of them
+            }
+            Some(ui)
+        } else {
+            None
+        };
+        if then == Then::Quit || !(self.stale || has_ui) {
+            self.pending = None;
+            return Ok(then);
+        }
+        self.draw(drawn.as_ref())?;
+        Ok(then)
+    }
+
+    /// What the events mean; those that mean something to us are taken out.
+    fn take_events(&mut self, events: &mut Vec<Event>) -> Vec<Action> {
+        let ui_wants_keys = self.graphics.as_ref().is_some_and(|graphics| {
+            self.view.dialog.is_some() || graphics.egui.egui_ctx().egui_wants_keyboard_input() && self.view.has_ui()
+        });
+        let mut actions = Vec::new();
+        events.retain(|event| match event {
+            Event::PointerMoved(at) => {
+                let before = self.pointer.replace(*at);
+                if let (true, Some(before), Some(graphics)) = (self.panning, before, &self.graphics) {
+                    let moved = (*at - before) * graphics.pixels_per_point();
+                    self.pan = [self.pan[0] + moved.x, self.pan[1] + moved.y];
+                    self.stale = true;
+                }
+                // One edit for all moves of a frame: the last one counts.
+                if let Some((_, command)) = self.dragging {
+                    actions.retain(|action| *action != Action::Do(command));
+                    actions.push(Action::Do(command));
+                }
+                true
+            }
+            Event::PointerGone => {
+                self.pointer = None;
+                true
+            }
+            Event::PointerButton { button, pressed, .. } => {
+                self.panning = *button == PointerButton::Middle && *pressed && self.view.one_to_one;
+                if let Some(stage) = &mut self.stage {
+                    stage.desk.end_gesture();
+                }
+                true
+            }
+            Event::Key { key, pressed: false, .. } => {
+                if self.dragging.is_some_and(|(held, _)| held == *key) {
+                    self.dragging = None;
+                }
+                true
+            }
+            Event::Key { key, pressed: true, repeat, modifiers, .. } => {
+                let Some(command) = keys::command(*modifiers, *key) else { return true };
+                if ui_wants_keys && !controls::works_always(command) {
+                    return true;
+                }
+                if *repeat && !controls::repeats(command) {
+                    return false;
+                }
+                if !repeat && let Some(stage) = &mut self.stage {
+                    stage.desk.end_gesture();
+                }
+                if matches!(command, Command::Place | Command::Aim) {
+                    self.dragging = Some((*key, command));
+                }
+                actions.push(Action::Do(command));
+                false
+            }
+            _ => true,
+        });
+        actions
+    }
+
+    fn act(&mut self, actions: &[Action]) -> Result<Then> {
+        for action in actions {
+            self.stale = true;
+            if let (Action::Do(Command::FullScreen), Some(graphics)) = (action, &self.graphics) {
+                let window = &graphics.window;
+                window.set_fullscreen(window.fullscreen().is_none().then_some(Fullscreen::Borderless(None)));
+            }
+            let pointer = self.pointer();
+            let then = match &mut self.stage {
+                Some(stage) => stage.act(action, &mut self.view, pointer)?,
+                None if *action == Action::Do(Command::Quit) => Then::Quit,
+                None => Then::Continue,
+            };
+            if then == Then::Quit {
+                return Ok(then);
+            }
+        }
+        Ok(Then::Continue)
+    }
+
+    /// One state of the interface, and what hands asked of it.
+    fn run_ui(&mut self, input: egui::RawInput) -> Result<(UiFrame, Vec<Action>)> {
+        let placement = self.placement();
+        let graphics = self.graphics.as_mut().expect("frames begin with graphics");
+        let (view, stage, timings) = (&mut self.view, &mut self.stage, &self.timings);
+        let (name, loading) = (&self.settings.name, self.loading);
+        let context = graphics.egui.egui_ctx().clone();
+        let scale = graphics.pixels_per_point();
+        let mut actions = Vec::new();
+        let output = context.run_ui(input, |ui| match stage {
+            None => loading_bar(ui, name, loading),
+            Some(stage) => {
+                let rig_path = stage.rig_path().map(ToOwned::to_owned);
+                if view.panel {
+                    let side = egui::Panel::right("panel").exact_size(PANEL_WIDTH).resizable(false);
+                    side.show(ui, |ui| controls::panel(ui, &mut stage.desk, view, name, &mut actions));
+                    let project = |point| Some(stage.opened.project(placement, point)? / scale);
+                    overlay::marks(ui, &stage.desk, project);
+                }
+                if view.overlay {
+                    overlay::times(ui, timings, &stage.desk, egui::Pos2::ZERO);
+                }
+                if view.help {
+                    controls::help(ui, view);
+                }
+                controls::dialog(ui, view, rig_path.as_deref(), &mut actions);
+            }
+        });
+        graphics.egui.handle_platform_output(&graphics.window, output.platform_output);
+        graphics.ui.update_textures(&output.textures_delta)?;
+        let delay = output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |v| v.repaint_delay);
+        self.wake = Instant::now().checked_add(delay.max(SECOND_LOOK)).filter(|_| delay < Duration::from_secs(3600));
+        let primitives = context.tessellate(output.shapes, output.pixels_per_point);
+        Ok((UiFrame { primitives, pixels_per_point: output.pixels_per_point }, actions))
+    }
+
+    fn draw(&mut self, ui: Option<&UiFrame>) -> Result<()> {
+        let placement = self.placement();
+        let graphics = self.graphics.as_mut().expect("frames begin with graphics");
+        let PhysicalSize { width, height } = graphics.window.inner_size();
+        if width == 0 || height == 0 {
+            return Ok(()); // minimised: `stale` stays
+        }
+        graphics.surface.resize([width, height]);
+        let mut screen =
+            Screen { surface: &mut graphics.surface, placement, ui: ui.map(|frame| (&mut graphics.ui, frame)) };
+        let mut passes = None;
+        match &mut self.stage {
+            Some(stage) => {
+                stage.draw(&self.view, screen)?;
+                passes = Some(stage.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
+                let star = if stage.desk.history().is_unsaved() { "*" } else { "" };
+                let message = &stage.desk.message;
+                graphics.set_title(format!("{}{star} - {message} - relume", self.settings.name));
+                self.first_picture.get_or_insert_with(Instant::now);
+            }
+            None => {
+                let mut frame = graphics.frames.begin()?;
+                frame.draw(&mut screen, None)?;
+                frame.finish_on(screen.surface)?;
+            }
+        }
+        self.frames += 1;
+        self.stale = graphics.surface.lost_picture();
+        if let Some(event) = self.pending.take() {
+            self.timings.frame(event, passes);
+        }
+        if self.stale {
+            self.ask_for_frame();
+        }
+        Ok(())
+    }
+
+    /// Ends the loop after an error.
+    fn check(&mut self, outcome: Result<Then>, event_loop: &ActiveEventLoop) {
+        match outcome {
+            Ok(Then::Continue) => {}
+            Ok(Then::Quit) => event_loop.exit(),
+            Err(error) => {
+                self.outcome = Err(error);
+                event_loop.exit();
+            }
+        }
+    }
+}
+
+impl ApplicationHandler<LoadEvent> for App {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.graphics.is_some() {
+            return;
+        }
+        let start = Instant::now();
+        let size = LogicalSize::new(720.0 + f64::from(PANEL_WIDTH), 480.0);
+        match Graphics::new(event_loop, &self.settings, size) {
+            Ok(graphics) => {
+                self.graphics = Some(graphics);
+                self.device_time += start.elapsed();
+                self.ask_for_frame();
+            }
+            Err(error) => self.check(Err(error), event_loop),
+        }
+    }
+
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, event: LoadEvent) {
+        match event {
+            LoadEvent::Progress { what, share } => self.loading = (what, share),
+            LoadEvent::Opened(opened) => {
+                let outcome = opened.and_then(|opened| self.open(opened)).map(|()| Then::Continue);
+                self.check(outcome, event_loop);
+            }
+        }
+        self.ask_for_frame();
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        match &event {
+            WindowEvent::RedrawRequested => {
+                self.stale |= !std::mem::take(&mut self.asked);
+                let outcome = self.frame();
+                return self.check(outcome, event_loop);
+            }
+            WindowEvent::CloseRequested => {
+                let outcome = self.act(&[Action::Do(Command::Quit)]);
+                self.check(outcome, event_loop);
+            }
+            WindowEvent::CursorMoved { .. }
+            | WindowEvent::CursorEntered { .. }
+            | WindowEvent::CursorLeft { .. }
+            | WindowEvent::MouseInput { .. }
+            | WindowEvent::MouseWheel { .. }
+            | WindowEvent::KeyboardInput { .. }
+            | WindowEvent::ModifiersChanged(_)
+            | WindowEvent::Ime(_) => {} // what they do to the picture is known when they are taken in
+            // Sizes, focus, visibility: the system may have lost the picture.
+            _ => self.stale = true,
+        }
+        let Some(graphics) = &mut self.graphics else { return };
+        if graphics.egui.on_window_event(&graphics.window, &event).repaint || self.stale {
+            self.note_event(Instant::now());
+        }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        let now = Instant::now();
+        let due = |at: &Instant| *at <= now;
+        if self.wake.as_ref().is_some_and(due) || self.next_scripted().as_ref().is_some_and(due) {
+            self.wake = None;
+            self.ask_for_frame();
+        }
+        let next = [self.wake, self.next_scripted()].into_iter().flatten().filter(|at| !due(at)).min();
+        event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
+    }
+}
+
+fn loading_bar(ui: &mut egui::Ui, name: &str, (what, share): (&str, f32)) {
+    ui.vertical_centered(|ui| {
+        ui.add_space(ui.available_height() * 0.4);
+        ui.heading(name);
+        ui.add_space(8.0);
+        ui.label(what);
+        ui.add(egui::ProgressBar::new(share).desired_width(320.0).show_percentage());
+    });
+}

@@ -1,0 +1,218 @@
+//! A display without a screen, a small window manager, and a person's hands: Xvfb, openbox, xdotool.
+
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use x11rb::connection::Connection;
+use x11rb::protocol::xproto::{ConnectionExt, ImageFormat};
+use x11rb::rust_connection::RustConnection;
+
+pub struct Desktop {
+    display: String,
+    manager: Child,
+    server: Child,
+}
+
+/// Longest that a window may take to do anything; machines are shared.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+impl Desktop {
+    /// `None`, and a line that says so, where the programs are missing.
+    pub fn start() -> Option<Self> {
+        let mut server = match Command::new("Xvfb")
+            .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+        {
+            Ok(server) => server,
+            Err(error) => {
+                println!("not run: the window, since Xvfb does not start: {error}");
+                return None;
+            }
+        };
+        let mut number = String::new();
+        BufReader::new(server.stdout.as_mut().unwrap()).read_line(&mut number).unwrap();
+        let display = format!(":{}", number.trim());
+        let manager = Command::new("openbox")
+            .env("DISPLAY", &display)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("tools/setup installs openbox beside Xvfb");
+        Some(Self { display, manager, server })
+    }
+
+    /// Runs relume here, watched by the validation layer.
+    pub fn relume(&self, arguments: &[&str]) -> App<'_> {
+        let child = self.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        App { child: child.unwrap(), desktop: self, window: String::new() }
+    }
+
+    /// Runs relume here to its end.
+    pub fn output(&self, arguments: &[&str]) -> std::process::Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_relume"));
+        command
+            .args(arguments)
+            .env("DISPLAY", &self.display)
+            .env_remove("WAYLAND_DISPLAY")
+            .env("XDG_CACHE_HOME", Path::new(env!("CARGO_TARGET_TMPDIR")).join("cache"))
+            .env("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation")
+            .env("VK_LAYER_ENABLES", "VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT");
+        command
+    }
+
+    fn xdotool(&self, arguments: &[&str]) -> String {
+        let output = Command::new("xdotool")
+            .args(arguments)
+            .env("DISPLAY", &self.display)
+            .output()
+            .expect("tools/setup installs xdotool beside Xvfb");
+        String::from_utf8_lossy(&output.stdout).trim().to_owned()
+    }
+}
+
+impl Drop for Desktop {
+    fn drop(&mut self) {
+        for child in [&mut self.manager, &mut self.server] {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// A running relume and its window.
+pub struct App<'a> {
+    child: Child,
+    desktop: &'a Desktop,
+    window: String,
+}
+
+/// Pixels of a window, RGB, row by row.
+#[derive(Clone, PartialEq)]
+pub struct Shot {
+    pub width: usize,
+    pub height: usize,
+    pub rgb: Vec<[u8; 3]>,
+}
+
+impl App<'_> {
+    /// Waits for the window, activates it, and waits for its first picture.
+    pub fn wait_for_window(&mut self) {
+        let start = Instant::now();
+        while self.window.is_empty() {
+            assert!(start.elapsed() < PATIENCE, "no window came");
+            let found = self.desktop.xdotool(&["search", "--onlyvisible", "--name", "relume$"]);
+            self.window = found.lines().next().unwrap_or_default().to_owned();
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        self.desktop.xdotool(&["windowactivate", "--sync", &self.window]);
+        self.wait_for_title("stops");
+    }
+
+    /// The title tells what was done last.
+    #[track_caller]
+    pub fn wait_for_title(&self, part: &str) {
+        let start = Instant::now();
+        loop {
+            let title = self.desktop.xdotool(&["getwindowname", &self.window]);
+            if title.contains(part) {
+                return;
+            }
+            assert!(start.elapsed() < PATIENCE, "{title:?} never became {part:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Presses a key as xdotool calls it; afterwards the title holds `says`.
+    #[track_caller]
+    pub fn key(&self, key: &str, says: &str) {
+        self.desktop.xdotool(&["key", key]);
+        self.wait_for_title(says);
+    }
+
+    pub fn keys(&self, keys: &[&str]) {
+        self.desktop.xdotool(&[&["key", "--delay", "40"], keys].concat());
+    }
+
+    pub fn text(&self, text: &str) {
+        self.desktop.xdotool(&["type", "--delay", "20", text]);
+    }
+
+    pub fn mouse_to(&self, x: i32, y: i32) {
+        self.desktop.xdotool(&["mousemove", "--window", &self.window, &x.to_string(), &y.to_string()]);
+    }
+
+    pub fn do_with_window(&self, verb: &str, arguments: &[&str]) {
+        self.desktop.xdotool(&[&[verb, &self.window], arguments].concat());
+    }
+
+    pub fn wait_for_size(&self, width: usize, height: usize) {
+        let start = Instant::now();
+        loop {
+            let shot = self.screenshot();
+            if (shot.width, shot.height) == (width, height) {
+                return;
+            }
+            assert!(start.elapsed() < PATIENCE, "{}x{} is not {width}x{height}", shot.width, shot.height);
+        }
+    }
+
+    /// What the window shows, once two looks at it agree.
+    pub fn screenshot(&self) -> Shot {
+        let (connection, _) = RustConnection::connect(Some(&self.desktop.display)).unwrap();
+        let start = Instant::now();
+        let mut last = None;
+        loop {
+            std::thread::sleep(Duration::from_millis(300));
+            let shot = self.look(&connection);
+            if last.as_ref() == Some(&shot) {
+                return shot;
+            }
+            assert!(start.elapsed() < PATIENCE, "the window never rests");
+            last = Some(shot);
+        }
+    }
+
+    fn look(&self, connection: &RustConnection) -> Shot {
+        let window: u32 = self.window.parse().unwrap();
+        let geometry = connection.get_geometry(window).unwrap().reply().unwrap();
+        let (width, height) = (geometry.width, geometry.height);
+        let image = connection.get_image(ImageFormat::Z_PIXMAP, window, 0, 0, width, height, u32::MAX);
+        let image = image.unwrap().reply().unwrap();
+        assert_eq!(connection.setup().image_byte_order, x11rb::protocol::xproto::ImageOrder::LSB_FIRST);
+        let rgb = image.data.chunks_exact(4).map(|bgrx| [bgrx[2], bgrx[1], bgrx[0]]).collect();
+        Shot { width: usize::from(width), height: usize::from(height), rgb }
+    }
+
+    /// Waits for the end: a clean one, without a word from anybody.
+    #[track_caller]
+    pub fn ends_silently(mut self) {
+        let start = Instant::now();
+        let status = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(start.elapsed() < PATIENCE, "the window stays");
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        let (mut stdout, mut stderr) = (String::new(), String::new());
+        self.child.stdout.take().unwrap().read_to_string(&mut stdout).unwrap();
+        self.child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
+        assert!(status.success(), "{status}: {stderr}");
+        assert_eq!((stdout.as_str(), stderr.as_str()), ("", ""));
+    }
+}
+
+impl Drop for App<'_> {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

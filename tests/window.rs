@@ -1,0 +1,204 @@
+//! The real window, as a person uses it.
+
+mod command;
+mod desktop;
+
+use std::path::{Path, PathBuf};
+
+use desktop::{Desktop, Shot};
+use relume::scene::Rig;
+
+fn scene(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
+}
+
+/// The picture where it is shown 1:1 and centred.
+fn cut(shot: &Shot, [width, height]: [usize; 2]) -> Vec<[u8; 3]> {
+    let (left, top) = ((shot.width - width) / 2, (shot.height - height) / 2);
+    let row = |y: usize| &shot.rgb[(top + y) * shot.width + left..][..width];
+    (0..height).flat_map(row).copied().collect()
+}
+
+/// Mean difference of two pictures in units of 1/255.
+fn difference(a: &[[u8; 3]], b: &[[u8; 3]]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let all = a.iter().flatten().zip(b.iter().flatten());
+    all.map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / (3 * a.len()) as f64
+}
+
+fn render(scene: &Path, rig: Option<&Path>, output: &Path) -> Vec<[u8; 3]> {
+    let mut command = command::relume();
+    command.arg("render").arg(scene).arg("-o").arg(output).args(["--exposure", "0.5", "--size", "360x240"]);
+    if let Some(rig) = rig {
+        command.arg("--rig").arg(rig);
+    }
+    command::Run::of(&mut command).silent();
+    let mut reader =
+        png::Decoder::new(std::io::BufReader::new(std::fs::File::open(output).unwrap())).read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut bytes).unwrap();
+    let channels = info.color_type.samples();
+    bytes[..info.buffer_size()].chunks_exact(channels).map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()
+}
+
+#[test]
+fn a_person_sets_up_lights() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, rig) = (scene("balls-2.glb"), folder.path().join("balls.toml"));
+    let (rig_text, scene_text) = (rig.to_str().unwrap(), scene.to_str().unwrap());
+    command::Run::of(command::relume().args(["rig", scene_text, "-o", rig_text])).done();
+    let size = [360, 240];
+    let arguments = ["view", scene_text, "--rig", rig_text, "--exposure", "0.5", "--size", "360x240"];
+    let mut window = desktop.relume(&arguments);
+    window.wait_for_window();
+    window.key("F2", "stops"); // without the panel the picture is in the middle
+    window.key("1", "picture 1:1");
+    let first = cut(&window.screenshot(), size);
+    let headless = render(&scene, Some(&rig), &folder.path().join("first.png"));
+    assert_eq!(difference(&first, &headless), 0.0, "both sum all lights in the same order");
+
+    window.key("Tab", "2 of 2");
+    let before = Rig::load(&rig).unwrap();
+    let name = &before.lights[1].name;
+    window.key("d", &format!("{name}: moved"));
+    window.key("Right", &format!("{name}: moved"));
+    window.key("plus", &format!("{name}: +0.5 stop"));
+    window.key("comma", &format!("{name}: colour"));
+    window.key("r", &format!("{name}: colour"));
+    window.mouse_to(380, 330);
+    window.key("o", &format!("{name}: turned"));
+    window.key("p", &format!("{name}: moved"));
+    window.key("ctrl+z", "undone");
+    window.key("ctrl+y", &format!("{name}: moved"));
+    window.key("ctrl+d", "new");
+    window.key("m", "off");
+    let edited = cut(&window.screenshot(), size);
+    window.key("ctrl+s", "saved");
+    let saved = cut(&window.screenshot(), size);
+    let headless = render(&scene, Some(&rig), &folder.path().join("saved.png"));
+    assert!(difference(&edited, &headless) < 1e-3, "{}", difference(&edited, &headless));
+    assert_eq!(difference(&saved, &headless), 0.0, "what is saved and opened again is the same, bit for bit");
+    assert!(difference(&first, &saved) > 2.0, "the edits show");
+    let after = Rig::load(&rig).unwrap();
+    assert_eq!((after.lights.len(), after.lights[1].stops), (3, before.lights[1].stops + 0.5));
+
+    // A storm of sizes, away and back.
+    for i in 0..30 {
+        let (width, height) = ((300 + 37 * i % 700).to_string(), (200 + 53 * i % 500).to_string());
+        window.do_with_window("windowsize", &[&width, &height]);
+    }
+    window.do_with_window("windowminimize", &[]);
+    window.do_with_window("windowmap", &[]);
+    window.do_with_window("windowactivate", &[]);
+    window.do_with_window("windowsize", &["500", "400"]);
+    window.wait_for_size(500, 400);
+    assert_eq!(difference(&cut(&window.screenshot(), size), &saved), 0.0);
+
+    for _ in 0..12 {
+        window.keys(&["ctrl+z"]);
+    }
+    window.wait_for_title("nothing to undo");
+    assert_eq!(difference(&cut(&window.screenshot(), size), &first), 0.0, "undone all the way, bit for bit");
+    // Unsaved now: quitting asks.
+    window.keys(&["ctrl+q"]);
+    window.keys(&["Escape"]);
+    window.key("Tab", "of 2");
+    window.keys(&["ctrl+q"]);
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    window.keys(&["q"]);
+    window.ends_silently();
+    assert_eq!(Rig::load(&rig).unwrap(), after);
+}
+
+#[test]
+fn dialogs_and_the_panel_take_what_is_typed() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene("cornell-diffuse.glb");
+    let saved = folder.path().join("typed.toml");
+    let mut window = desktop.relume(&["view", scene.to_str().unwrap(), "--size", "240x240", "--exposure", "0"]);
+    window.wait_for_window();
+    window.key("ctrl+1", "new");
+    window.key("question", "new");
+    window.key("Escape", "new");
+    window.keys(&["ctrl+s"]);
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    window.keys(&["ctrl+a", "BackSpace"]);
+    // Letters that are keys of the desk go into the field.
+    window.text(saved.to_str().unwrap());
+    window.key("Return", "saved");
+    assert_eq!(Rig::load(&saved).unwrap().lights.last().unwrap().name, "point");
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+}
+
+#[test]
+fn a_script_plays_the_same_every_time_and_rest_costs_nothing() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let scene = scene("balls-2.glb");
+    let (script, again, rig, stats) = (path("a.script"), path("b.script"), path("rig.toml"), path("stats.json"));
+    let text = "0.1 key F2\n0.2 press D\n0.3 repeat D\n0.4 release D\n0.5 mouse 300 300\n0.6 press P\n\
+                0.7 mouse 320 310\n0.8 release P\n2.5 key Ctrl+S\n2.6 text \"X\"\n3.0 key Ctrl+Q\n";
+    std::fs::write(&script, text).unwrap();
+    let mut poses = Vec::new();
+    for (played, recorded) in [(&script, &again), (&again, &path("c.script"))] {
+        command::Run::of(command::relume().args(["rig", scene.to_str().unwrap(), "-o", &rig])).done();
+        let window = desktop.relume(&[
+            "view",
+            scene.to_str().unwrap(),
+            "--rig",
+            &rig,
+            "--size",
+            "720x480",
+            "--script",
+            played,
+            "--record",
+            recorded,
+            "--stats",
+            &stats,
+        ]);
+        window.ends_silently();
+        poses.push(Rig::load(Path::new(&rig)).unwrap());
+        let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(&stats).unwrap()).unwrap();
+        // The first picture, four edits, saving, and some for the panel's going: not one a sixtieth of a second.
+        let frames = stats["view"]["frames"].as_u64().unwrap();
+        assert!(frames < 40, "{frames} frames in three seconds of rest");
+        assert!(stats["view"]["relit_frames"].as_u64().unwrap() >= 4, "{stats}");
+    }
+    let own = command::Run::of(command::relume().args(["rig", scene.to_str().unwrap(), "-o", &rig])).done();
+    drop(own);
+    assert_eq!(poses[0], poses[1]);
+    assert_ne!(poses[0].lights[0].position, Rig::load(Path::new(&rig)).unwrap().lights[0].position);
+}
+
+#[test]
+fn without_a_display_one_line_tells_what_to_do_instead() {
+    let mut command = command::relume();
+    command.args(["view", scene("balls-2.glb").to_str().unwrap()]);
+    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+    command::Run::of(&mut command).failed(&["cannot open a window", "relume render"]);
+    let mut command = command::relume();
+    command
+        .args(["view", scene("balls-2.glb").to_str().unwrap()])
+        .env("DISPLAY", ":7777")
+        .env_remove("WAYLAND_DISPLAY");
+    command::Run::of(&mut command).failed(&["cannot open a window"]);
+}
+
+#[test]
+fn a_scene_that_does_not_load_ends_the_window_with_its_error() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let broken = folder.path().join("broken.glb");
+    std::fs::write(&broken, b"glTF").unwrap();
+    let output = desktop.output(&["view", broken.to_str().unwrap()]);
+    command::Run::from(output).failed(&["broken.glb"]);
+    let script = folder.path().join("wrong.script");
+    std::fs::write(&script, "0.1 dance\n").unwrap();
+    let output =
+        desktop.output(&["view", scene("balls-2.glb").to_str().unwrap(), "--script", script.to_str().unwrap()]);
+    command::Run::from(output).failed(&["wrong.script", "line 1", "dance"]);
+}
