@@ -60,3 +60,19 @@ fn every_citation_is_in_the_bibliography() {
         }
     }
 }
+
+/// The README's table of keys is the one that binds them; `BLESS=1` writes it anew.
+#[test]
+fn the_readme_lists_every_key() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (begin, end) = ("<!-- keys: written by BLESS=1 cargo test --test docs -->\n", "<!-- end of keys -->");
+    let (before, rest) = text.split_once(begin).unwrap();
+    let (table, after) = rest.split_once(end).unwrap();
+    let wanted = format!("\n{}\n", relume::view::keys::as_markdown());
+    if std::env::var_os("BLESS").is_some() {
+        std::fs::write(&path, format!("{before}{begin}{wanted}{end}{after}")).unwrap();
+    } else {
+        assert_eq!(table, wanted, "BLESS=1 writes it");
+    }
+}

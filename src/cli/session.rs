@@ -67,12 +67,7 @@ pub struct Opened {
 
 impl Opened {
     /// Loads `path` with the lights of `rig_path`, or its own.
-    pub fn new(
-        path: &Path,
-        rig_path: Option<&Path>,
-        options: &ViewOptions,
-        progress: &dyn Progress,
-    ) -> Result<Self> {
+    pub fn new(path: &Path, rig_path: Option<&Path>, options: &ViewOptions, progress: &dyn Progress) -> Result<Self> {
         use_threads(options.threads);
         progress.begin("loading", 0);
         let scene = Scene::load(path);

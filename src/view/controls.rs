@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 
 use super::desk::{Desk, LightEdit, luminance};
 use super::history::{intensity_unit, kind_name};
-use super::keys::{Command, SECTIONS, STEPS_TEXT};
+use super::keys::{Command, SECTIONS, STEPS_TEXT, Section};
 use crate::relight::ToneMap;
 use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
 use crate::scene::{Light, LightKind};
@@ -274,24 +274,34 @@ fn picture_values(ui: &mut Ui, view: &mut ViewState, actions: &mut Vec<Action>) 
 /// Every key, from the table that binds them.
 pub fn help(ui: &mut Ui, view: &mut ViewState) {
     let mut open = true;
+    let room = ui.ctx().content_rect().size() - egui::vec2(48.0, 80.0);
     let window = egui::Window::new("Keys").open(&mut open).collapsible(false).resizable(false);
-    window.default_pos([24.0, 24.0]).show(ui.ctx(), |ui| {
-        ScrollArea::vertical().max_height(ui.ctx().content_rect().height() - 90.0).show(ui, |ui| {
-            for section in SECTIONS {
-                ui.label(RichText::new(section.title).strong());
-                Grid::new(section.title).num_columns(2).spacing([16.0, 1.0]).show(ui, |ui| {
-                    for binding in section.bindings {
-                        ui.monospace(binding.keys_text());
-                        ui.label(binding.text);
-                        ui.end_row();
-                    }
-                });
-                ui.add_space(4.0);
-            }
+    window.fixed_pos([12.0, 12.0]).fixed_size(room).show(ui.ctx(), |ui| {
+        ScrollArea::both().auto_shrink([true, true]).show(ui, |ui| {
+            ui.spacing_mut().interact_size.y = 14.0;
+            ui.horizontal_top(|ui| {
+                // As many in each column as look even.
+                for sections in [&SECTIONS[..2], &SECTIONS[2..3], &SECTIONS[3..]] {
+                    ui.vertical(|ui| sections.iter().for_each(|section| help_section(ui, section)));
+                    ui.add_space(12.0);
+                }
+            });
             ui.label(STEPS_TEXT);
         });
     });
     view.help &= open;
+}
+
+fn help_section(ui: &mut Ui, section: &Section) {
+    ui.label(RichText::new(section.title).strong());
+    Grid::new(section.title).num_columns(2).spacing([10.0, 1.0]).show(ui, |ui| {
+        for binding in section.bindings {
+            ui.label(RichText::new(binding.keys_text()).monospace().color(Color32::WHITE));
+            ui.add(egui::Label::new(binding.text).extend());
+            ui.end_row();
+        }
+    });
+    ui.add_space(6.0);
 }
 
 /// Asks for a path, or whether edits may be lost.

@@ -90,6 +90,16 @@ pub const SECTIONS: &[Section] = &[
         ],
     },
     Section {
+        title: "Picture",
+        bindings: &[
+            once(&[(NONE, Key::Num9)], Command::Exposure(0.5), "exposure up half a stop"),
+            once(&[(NONE, Key::Num8)], Command::Exposure(-0.5), "exposure down half a stop"),
+            once(&[(NONE, Key::Num0)], Command::AutoExposure, "exposure from the picture"),
+            once(&[(NONE, Key::Num7)], Command::ToneMap, "next tone curve: AgX, PBR Neutral, none"),
+            once(&[(NONE, Key::Num1)], Command::OneToOne, "picture 1:1, or fitted to the window"),
+        ],
+    },
+    Section {
         title: "Move and aim",
         bindings: &[
             moves(&[(NONE, Key::A)], Frame::Camera, DVec3::NEG_X, "move left, as the camera sees it"),
@@ -104,8 +114,8 @@ pub const SECTIONS: &[Section] = &[
             moves(&[(NONE, Key::PageDown)], Frame::World, DVec3::NEG_Y, "move along -y"),
             moves(&[(NONE, Key::ArrowUp)], Frame::World, DVec3::NEG_Z, "move along -z"),
             moves(&[(NONE, Key::ArrowDown)], Frame::World, DVec3::Z, "move along +z"),
-            once(&[(NONE, Key::P)], Command::Place, "put the light at the point under the mouse; hold to drag"),
-            once(&[(NONE, Key::O)], Command::Aim, "aim it at the point under the mouse; hold to drag"),
+            once(&[(NONE, Key::P)], Command::Place, "to the point under the mouse; hold to drag"),
+            once(&[(NONE, Key::O)], Command::Aim, "aim at the point under the mouse; hold to drag"),
             steps(&[(NONE, Key::J)], LightEdit::Turn { right: -1.0, up: 0.0 }, "turn left", TURN),
             steps(&[(NONE, Key::L)], LightEdit::Turn { right: 1.0, up: 0.0 }, "turn right", TURN),
             steps(&[(NONE, Key::I)], LightEdit::Turn { right: 0.0, up: 1.0 }, "turn up", TURN),
@@ -129,16 +139,6 @@ pub const SECTIONS: &[Section] = &[
             steps(&[(NONE, Key::OpenBracket)], LightEdit::Outer(-1.0), "narrower cone", CONE),
             steps(&[(NONE, Key::Quote)], LightEdit::Inner(1.0), "wider inner cone: a harder edge", CONE),
             steps(&[(NONE, Key::Semicolon)], LightEdit::Inner(-1.0), "narrower inner cone: a softer edge", CONE),
-        ],
-    },
-    Section {
-        title: "Picture",
-        bindings: &[
-            once(&[(NONE, Key::Num9)], Command::Exposure(0.5), "exposure up half a stop"),
-            once(&[(NONE, Key::Num8)], Command::Exposure(-0.5), "exposure down half a stop"),
-            once(&[(NONE, Key::Num0)], Command::AutoExposure, "exposure from the picture"),
-            once(&[(NONE, Key::Num7)], Command::ToneMap, "next tone curve: AgX, PBR Neutral, none"),
-            once(&[(NONE, Key::Num1)], Command::OneToOne, "picture 1:1, or fitted to the window"),
         ],
     },
     Section {
@@ -213,10 +213,14 @@ pub fn chord_text(modifiers: Modifiers, key: Key) -> String {
     held + key_text(key)
 }
 
-/// A symbol where keyboards have one, else the key's name; no arrows, which not all fonts have.
+/// What keyboards have on it; arrows by name, which not all fonts have.
 fn key_text(key: Key) -> &'static str {
-    let symbol = key.symbol_or_name();
-    if symbol.is_ascii() { symbol } else { key.name() }
+    match key {
+        Key::Minus => "-",
+        Key::Quote => "'",
+        _ if key.symbol_or_name().is_ascii() => key.symbol_or_name(),
+        _ => key.name(),
+    }
 }
 
 /// The reverse of [`chord_text`].
@@ -233,14 +237,13 @@ pub fn parse_chord(text: &str) -> Option<(Modifiers, Key)> {
     Some((modifiers, key))
 }
 
-/// The table as the README shows it.
+/// The table as the README shows it: a row for each section, keys in bold.
 pub fn as_markdown() -> String {
-    let mut text = String::from("| | key | |\n|---|---|---|\n");
+    let mut text = String::from("| | |\n|---|---|\n");
     for section in SECTIONS {
-        for (i, binding) in section.bindings.iter().enumerate() {
-            let title = if i == 0 { section.title } else { "" };
-            text += &format!("| {title} | `{}` | {} |\n", binding.keys_text(), binding.text);
-        }
+        let binding = |b: &Binding| format!("**{}** {}", b.keys_text(), b.text);
+        let bindings: Vec<_> = section.bindings.iter().map(binding).collect();
+        text += &format!("| {} | {} |\n", section.title, bindings.join("; "));
     }
     text
 }

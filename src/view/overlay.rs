@@ -14,7 +14,7 @@ pub fn times(ui: &Ui, timings: &Timings, desk: &Desk, corner: Pos2) {
     let area = egui::Area::new("times".into()).fixed_pos(corner + egui::vec2(8.0, 8.0)).interactable(false);
     area.show(ui.ctx(), |ui| {
         frame.show(ui, |ui| {
-            ui.set_max_width(260.0);
+            ui.set_max_width(320.0);
             let line = |ui: &mut Ui, text: String| ui.label(RichText::new(text).monospace().color(Color32::WHITE));
             for (name, site, ms) in timings.passes() {
                 let site = if site == Site::Gpu { "GPU" } else { "CPU" };

@@ -25,6 +25,8 @@ struct Pass {
     site: Site,
     /// Of the frame it was last in.
     frame: usize,
+    /// When it began there.
+    start_ms: f64,
     ms: Vec<f64>,
 }
 
@@ -35,7 +37,9 @@ impl Timings {
         let latency = (now - event).as_secs_f64() * 1e3;
         if let Some(passes) = passes {
             self.relit.push(latency);
-            passes.iter().for_each(|pass| self.pass(pass));
+            for pass in passes {
+                self.pass(pass);
+            }
         }
         self.recent.push_back((now, latency));
         while self.recent.front().is_some_and(|(at, _)| now - *at > WINDOW) {
@@ -48,17 +52,21 @@ impl Timings {
         match self.passes.iter_mut().find(|pass| (pass.name, pass.site) == (time.name, time.site)) {
             Some(pass) if pass.frame == frame => *pass.ms.last_mut().expect("it was in this frame") += time.ms,
             Some(pass) => {
-                pass.frame = frame;
+                (pass.frame, pass.start_ms) = (frame, time.start_ms);
                 pass.ms.push(time.ms);
             }
-            None => self.passes.push(Pass { name: time.name, site: time.site, frame, ms: vec![time.ms] }),
+            None => {
+                let PassTime { name, site, start_ms, ms } = *time;
+                self.passes.push(Pass { name, site, frame, start_ms, ms: vec![ms] });
+            }
         }
     }
 
-    /// Passes of the last relit frame, several of one name added.
+    /// Passes of the last relit frame in their order, several of one name added.
     pub fn passes(&self) -> impl Iterator<Item = (&'static str, Site, f64)> {
-        let last = self.passes.iter().filter(|pass| pass.frame == self.relit.len());
-        last.map(|pass| (pass.name, pass.site, *pass.ms.last().expect("none is empty")))
+        let mut last: Vec<&Pass> = self.passes.iter().filter(|pass| pass.frame == self.relit.len()).collect();
+        last.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+        last.into_iter().map(|pass| (pass.name, pass.site, *pass.ms.last().expect("none is empty")))
     }
 
     /// What passes took in the frames that had them.

@@ -74,6 +74,9 @@ struct App {
 /// The interface wants a second look after most events; while they keep coming, the next one is that look.
 const SECOND_LOOK: Duration = Duration::from_millis(40);
 
+/// Points; less, and the panel scrolls.
+const MIN_HEIGHT: f64 = 600.0;
+
 /// The window and what draws into it.
 struct Graphics {
     ui: UiRenderer,
@@ -206,7 +209,7 @@ impl App {
         let room = graphics.window.current_monitor().map_or(wanted, |monitor| monitor.size().cast());
         let _ = graphics.window.request_inner_size(PhysicalSize::new(
             wanted.width.min(0.95 * room.width),
-            wanted.height.max(480.0 * scale).min(0.9 * room.height),
+            wanted.height.max(MIN_HEIGHT * scale).min(0.9 * room.height),
         ));
         self.stage = Some(stage);
         self.stale = true;
@@ -413,7 +416,10 @@ impl App {
                 let star = if stage.desk.history().is_unsaved() { "*" } else { "" };
                 let message = &stage.desk.message;
                 graphics.set_title(format!("{}{star} - {message} - relume", self.settings.name));
-                self.first_picture.get_or_insert_with(Instant::now);
+                if self.first_picture.is_none() {
+                    self.first_picture = Some(Instant::now());
+                    self.pending = None; // nobody has edited anything yet
+                }
             }
             None => {
                 let mut frame = graphics.frames.begin()?;
@@ -451,7 +457,7 @@ impl ApplicationHandler<LoadEvent> for App {
             return;
         }
         let start = Instant::now();
-        let size = LogicalSize::new(720.0 + f64::from(PANEL_WIDTH), 480.0);
+        let size = LogicalSize::new(720.0 + f64::from(PANEL_WIDTH), MIN_HEIGHT);
         match Graphics::new(event_loop, &self.settings, size) {
             Ok(graphics) => {
                 self.graphics = Some(graphics);
