@@ -1,4 +1,4 @@
-// A picture -> the same at another size: a tent filter as wide as the larger of both pixels.
+// A picture -> the same at another size: bilinear where it grows; where it shrinks, a tent as wide as two new pixels.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
@@ -8,6 +8,37 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { FitPush push; };
+// Whether the picture shrinks along any axis.
+layout(constant_id = 0) const bool SHRINKS = false;
+
+vec4 source(ivec2 at) {
+    uvec2 inside = uvec2(clamp(at, ivec2(0), ivec2(push.source_size) - 1));
+    return unpackUnorm4x8(push.source.at[inside.y * push.source_size.x + inside.x]);
+}
+
+vec4 bilinear(vec2 center) {
+    vec2 corner = floor(center);
+    vec2 weight = center - corner;
+    ivec2 at = ivec2(corner);
+    vec4 upper = mix(source(at), source(at + ivec2(1, 0)), weight.x);
+    vec4 lower = mix(source(at + ivec2(0, 1)), source(at + ivec2(1, 1)), weight.x);
+    return mix(upper, lower, weight.y);
+}
+
+vec4 tent(vec2 center, vec2 support) {
+    ivec2 first = ivec2(ceil(center - support));
+    ivec2 last = ivec2(floor(center + support));
+    vec4 sum = vec4(0.0);
+    float weights = 0.0;
+    for (int y = first.y; y <= last.y; ++y) {
+        for (int x = first.x; x <= last.x; ++x) {
+            vec2 weight = max(1.0 - abs(vec2(x, y) - center) / support, 0.0);
+            sum += weight.x * weight.y * source(ivec2(x, y));
+            weights += weight.x * weight.y;
+        }
+    }
+    return sum / weights;
+}
 
 void main() {
     uint index = thread_index();
@@ -15,23 +46,8 @@ void main() {
         return;
     }
     vec2 ratio = vec2(push.source_size) / vec2(push.target_size);
-    vec2 support = max(ratio, 1.0);
     // In units of source pixels, whose centres lie at whole numbers.
     vec2 center = (vec2(index % push.target_size.x, index / push.target_size.x) + 0.5) * ratio - 0.5;
-    ivec2 first = ivec2(ceil(center - support));
-    ivec2 last = ivec2(floor(center + support));
-    ivec2 edge = ivec2(push.source_size) - 1;
-
-    vec4 sum = vec4(0.0);
-    float weights = 0.0;
-    for (int y = first.y; y <= last.y; ++y) {
-        float weight_y = max(0.0, 1.0 - abs(float(y) - center.y) / support.y);
-        uint row = uint(clamp(y, 0, edge.y)) * push.source_size.x;
-        for (int x = first.x; x <= last.x; ++x) {
-            float weight = weight_y * max(0.0, 1.0 - abs(float(x) - center.x) / support.x);
-            sum += weight * unpackUnorm4x8(push.source.at[row + uint(clamp(x, 0, edge.x))]);
-            weights += weight;
-        }
-    }
-    push.target.at[index] = packUnorm4x8(sum / weights);
+    vec4 pixel = SHRINKS ? tent(center, max(ratio, 1.0)) : bilinear(center);
+    push.target.at[index] = packUnorm4x8(pixel);
 }

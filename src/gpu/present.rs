@@ -42,16 +42,16 @@ pub struct Pixels<'a> {
 const BACKGROUND: [f32; 4] = [0.055, 0.055, 0.055, 1.0];
 
 impl Surface {
-    /// The kernel that scales, and room for `pixels` of them.
-    fn prepare_fit(&mut self, context: &Arc<Context>, pixels: usize) -> Result<()> {
-        if self.fit.as_ref().is_none_or(|(_, fitted)| fitted.len() < pixels) {
-            let kernel = match self.fit.take() {
-                Some((kernel, _)) => kernel,
-                None => Kernel::new(context, "fit", &[])?,
-            };
-            self.fit = Some((kernel, Buffer::new(context, "pictures (fitted)", Access::Device, pixels)?));
+    /// The kernel that scales and where to, made if they are not there.
+    fn fit(&mut self, context: &Arc<Context>, shrinks: bool, pixels: usize) -> Result<(&Kernel, &Buffer<u32>)> {
+        let kernel = &mut self.fit[usize::from(shrinks)];
+        if kernel.is_none() {
+            *kernel = Some(Kernel::new(context, "fit", &[(0, u32::from(shrinks))])?);
         }
-        Ok(())
+        if self.fitted.as_ref().is_none_or(|fitted| fitted.len() < pixels) {
+            self.fitted = Some(Buffer::new(context, "pictures (fitted)", Access::Device, pixels)?);
+        }
+        Ok((kernel.as_ref().expect("made above"), self.fitted.as_ref().expect("made above")))
     }
 }
 
@@ -69,8 +69,9 @@ impl Frame<'_> {
 
         let shown = match pixels {
             Some(pixels) if [pixels.width, pixels.height] != [placement.width, placement.height] => {
-                surface.prepare_fit(&context, placement.width as usize * placement.height as usize)?;
-                let (kernel, fitted) = surface.fit.as_ref().expect("prepared");
+                let shrinks = pixels.width > placement.width || pixels.height > placement.height;
+                let room = placement.width as usize * placement.height as usize;
+                let (kernel, fitted) = surface.fit(&context, shrinks, room)?;
                 self.fit(pixels, placement, kernel, fitted);
                 Some(fitted)
             }

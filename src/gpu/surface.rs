@@ -36,8 +36,9 @@ pub struct Surface {
     pub(super) extent: vk::Extent2D,
     pub(super) targets: Vec<Target>,
     pub(super) acquired: vk::Semaphore,
-    /// Scales the picture, and where to; made when it is first needed.
-    pub(super) fit: Option<(Kernel, Buffer<u32>)>,
+    /// Kernels that let the picture grow and shrink, and where to; made when they are first needed.
+    pub(super) fit: [Option<Kernel>; 2],
+    pub(super) fitted: Option<Buffer<u32>>,
     surfaces: khr::surface::Instance,
     swapchains: khr::swapchain::Device,
     context: Arc<Context>,
@@ -72,7 +73,8 @@ impl Surface {
             extent: vk::Extent2D::default(),
             targets: Vec::new(),
             acquired: vk::Semaphore::null(),
-            fit: None,
+            fit: [None, None],
+            fitted: None,
             surfaces,
             swapchains: khr::swapchain::Device::new(&context.instance, &context.device),
             context: context.clone(),

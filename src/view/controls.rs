@@ -110,7 +110,8 @@ fn light_list(ui: &mut Ui, desk: &mut Desk) {
     if count == 0 {
         ui.label("no lights; add one:");
     }
-    let list = ScrollArea::vertical().id_salt("lights").max_height(150.0).auto_shrink([false, true]);
+    let list = ScrollArea::vertical().id_salt("lights").max_height(0.22 * ui.available_height());
+    let list = list.auto_shrink([false, true]);
     list.show_rows(ui, row_height, count, |ui, rows| {
         for index in rows {
             let light = &desk.rig().lights[index];

@@ -74,8 +74,8 @@ struct App {
 /// The interface wants a second look after most events; while they keep coming, the next one is that look.
 const SECOND_LOOK: Duration = Duration::from_millis(40);
 
-/// Points; less, and the panel scrolls.
-const MIN_HEIGHT: f64 = 600.0;
+/// Points; less, and the panel is all scroll bars.
+const MIN_HEIGHT: f64 = 480.0;
 
 /// The window and what draws into it.
 struct Graphics {
