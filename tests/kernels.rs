@@ -169,7 +169,7 @@ fn composite_sums_exposes_and_maps_tones() {
                     width,
                     height,
                     exposure,
-                    unused: 0,
+                    blue_first: 0,
                 };
                 pass.dispatch(&kernel, &push, push.pixel_stride);
             });
