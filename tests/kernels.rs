@@ -197,6 +197,64 @@ fn composite_sums_exposes_and_maps_tones() {
     }
 }
 
+/// The twin of fit.comp, both ways: a tent of half-width max(ratio, 1), which for growing pictures is bilinear.
+fn fitted(source: &[u32], [width, height]: [u32; 2], size: [u32; 2], at: u32) -> [f64; 4] {
+    let axis = |place: u32, pixels: u32, target: u32| {
+        let ratio = f64::from(pixels) / f64::from(target);
+        let (center, support) = ((f64::from(place) + 0.5) * ratio - 0.5, ratio.max(1.0));
+        let taps = ((center - support).ceil() as i64)..=((center + support).floor() as i64);
+        let tap = move |i: i64| (i.clamp(0, i64::from(pixels) - 1) as usize, 1.0 - (i as f64 - center).abs() / support);
+        taps.map(tap).collect::<Vec<_>>()
+    };
+    let (columns, rows) = (axis(at % size[0], width, size[0]), axis(at / size[0], height, size[1]));
+    let (mut sum, mut weights) = ([0.0; 4], 0.0);
+    for (y, weight_y) in &rows {
+        for (x, weight_x) in &columns {
+            let pixel = source[y * width as usize + x].to_le_bytes();
+            (0..4).for_each(|c| sum[c] += weight_x * weight_y * f64::from(pixel[c]));
+            weights += weight_x * weight_y;
+        }
+    }
+    sum.map(|x| x / weights)
+}
+
+#[test]
+fn fit() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(11);
+    for (from, to) in [([7, 5], [7, 5]), ([7, 5], [20, 13]), ([64, 48], [33, 25]), ([1, 1], [9, 3]), ([50, 3], [7, 9])]
+    {
+        let shrinks = u32::from(from[0] > to[0] || from[1] > to[1]);
+        let kernel = Kernel::new(&gpu, "fit", &[(0, shrinks)]).unwrap();
+        let pixels: Vec<u32> = (0..from[0] * from[1]).map(|_| random.below(1 << 32) as u32).collect();
+        let source = Buffer::from_slice(&gpu, "test picture", &pixels).unwrap();
+        let count = (to[0] * to[1]) as usize;
+        let mut target: Buffer<u32> = Buffer::new(&gpu, "test picture", Access::HostReads, count + 64).unwrap();
+        target.host_mut().fill(0x1234_5678);
+        run(&mut frames, |frame| {
+            let mut pass = frame.pass("fit");
+            let push = FitPush {
+                source: pass.read(&source),
+                target: pass.write(&target),
+                source_size: from.into(),
+                target_size: to.into(),
+            };
+            pass.dispatch(&kernel, &push, count as u32);
+        });
+        assert!(target.host()[count..].iter().all(|&x| x == 0x1234_5678), "wrote past {to:?}");
+        for at in 0..count {
+            let want = fitted(&pixels, from, to, at as u32);
+            let got = target.host()[at].to_le_bytes();
+            for c in 0..4 {
+                // Rounding to 8 bits, and of weights in single precision.
+                let error = (f64::from(got[c]) - want[c]).abs();
+                assert!(error < 0.51, "{from:?} to {to:?}, pixel {at}: {got:?}, not {want:?}");
+            }
+        }
+    }
+}
+
 #[test]
 fn yardstick() {
     let gpu = gpu();
