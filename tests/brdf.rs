@@ -17,18 +17,7 @@ use relume::sequence::Points;
 use relume::shared::Brdf;
 
 fn surface(base_color: f32, metallic: f32, roughness: f32) -> Surface {
-    Surface {
-        base_color: Vec3::splat(base_color),
-        alpha: 1.0,
-        metallic,
-        roughness,
-        specular: 1.0,
-        specular_color: Vec3::ONE,
-        ior: 1.5,
-        emissive: Vec3::ZERO,
-        diffuse_weight: 1.0,
-        normal_t: Vec3::Z,
-    }
+    common::plain_surface(Vec3::splat(base_color), metallic, roughness)
 }
 
 /// A frame around a normal that lies along no axis.

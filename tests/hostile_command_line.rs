@@ -41,27 +41,23 @@ fn scenes_that_are_none() {
     assert_refused(&write(path, "malformed.obj", b"v 0 0\nf 1 2 3\n"), &[]);
 }
 
-/// A lit square before a camera, changed.
-fn changed(change: impl FnOnce(&mut Gltf)) -> Gltf {
-    let mut gltf = Gltf::square();
-    gltf.json["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]);
-    gltf.root(json!({"name": "eye", "camera": 0, "translation": [0.5, 0.5, 2.0]}));
-    let lamp = gltf.light(json!({"type": "point", "intensity": 3.0}));
-    let lamp = json!({ "KHR_lights_punctual": { "light": lamp } });
-    gltf.root(json!({"name": "lamp", "translation": [0.3, 0.7, 1.0], "extensions": lamp}));
-    change(&mut gltf);
-    gltf
-}
-
 #[test]
 fn scenes_that_mean_nothing() {
     let folder = folder();
     let refused = |name: &str, says: &[&str], change: &dyn Fn(&mut Gltf)| {
-        assert_refused(&changed(change).write(folder.path(), name), says);
+        assert_refused(&Gltf::lit_square(change).write(folder.path(), name), says);
     };
     let out = folder.path().join("good.png");
-    run!("render", changed(|_| {}).write(folder.path(), "good.glb"), "-o", &out, "--no-cache", "--size", "8x8")
-        .silent();
+    run!(
+        "render",
+        Gltf::lit_square(|_| {}).write(folder.path(), "good.glb"),
+        "-o",
+        &out,
+        "--no-cache",
+        "--size",
+        "8x8"
+    )
+    .silent();
     refused("index.glb", &[], &|gltf| {
         gltf.json["meshes"][0]["primitives"][0]["indices"] = 99.into();
     });
@@ -77,7 +73,7 @@ fn scenes_that_mean_nothing() {
     refused("empty.glb", &["triangle"], &|gltf| gltf.json["scenes"][0]["nodes"] = json!([1, 2]));
     refused("singular.glb", &[], &|gltf| gltf.json["nodes"][0]["scale"] = json!([0, 1, 1]));
     for odd in [json!(0), json!(-1), json!(1.5), json!("wide"), json!(null), json!(1e300), json!(1_000_000_000)] {
-        let scene = changed(|gltf| gltf.json["scenes"][0]["extras"] = json!({ "width": odd, "height": 9 }));
+        let scene = Gltf::lit_square(|gltf| gltf.json["scenes"][0]["extras"] = json!({ "width": odd, "height": 9 }));
         let scene = scene.write(folder.path(), "odd.glb");
         let run = run!("plan", &scene, "--no-cache").done();
         assert!(run.stdout.contains("720x480 pixels"), "{odd}: {}", run.stdout);
@@ -96,12 +92,13 @@ fn extreme_scenes_render() {
         assert_eq!(json(&stats)["non_finite"], 0);
         read_exr(&out)
     };
-    let light_name =
-        |name: &str| changed(|g| g.json["extensions"]["KHR_lights_punctual"]["lights"][0]["name"] = name.into());
-    render(changed(|gltf| gltf.json["nodes"][0]["translation"] = json!([1e6, 1e6, 1e6])));
-    render(changed(|gltf| gltf.json["nodes"][0]["scale"] = json!([1e-6, 1e-6, 1e-6])));
-    render(changed(|gltf| gltf.json["nodes"][2]["translation"] = json!([0.5, 0.5, 0.0]))); // on the surface
-    render(changed(|gltf| gltf.json["nodes"][1]["translation"] = json!([0.5, 0.5, 0.0])));
+    let light_name = |name: &str| {
+        Gltf::lit_square(|g| g.json["extensions"]["KHR_lights_punctual"]["lights"][0]["name"] = name.into())
+    };
+    render(Gltf::lit_square(|gltf| gltf.json["nodes"][0]["translation"] = json!([1e6, 1e6, 1e6])));
+    render(Gltf::lit_square(|gltf| gltf.json["nodes"][0]["scale"] = json!([1e-6, 1e-6, 1e-6])));
+    render(Gltf::lit_square(|gltf| gltf.json["nodes"][2]["translation"] = json!([0.5, 0.5, 0.0]))); // on the surface
+    render(Gltf::lit_square(|gltf| gltf.json["nodes"][1]["translation"] = json!([0.5, 0.5, 0.0])));
     for name in ["", " ", "a/b", "../../up", "a,b", "a\nb", "light:x", "ä", &"long".repeat(50)] {
         let mut scene = light_name(name);
         scene.json["nodes"][2]["name"] = name.into();

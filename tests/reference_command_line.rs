@@ -140,18 +140,6 @@ fn hostile_arguments() {
     assert_eq!(names_in(folder.path()), ["a.b.exr"], "refused before anything is written");
 }
 
-/// A lit square before a camera, changed.
-fn changed(change: impl FnOnce(&mut Gltf)) -> Gltf {
-    let mut gltf = Gltf::square();
-    gltf.json["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]);
-    gltf.root(json!({"name": "eye", "camera": 0, "translation": [0.5, 0.5, 2.0]}));
-    let lamp = gltf.light(json!({"type": "point", "intensity": 3.0}));
-    let lamp = json!({ "KHR_lights_punctual": { "light": lamp } });
-    gltf.root(json!({"name": "lamp", "translation": [0.3, 0.7, 1.0], "extensions": lamp}));
-    change(&mut gltf);
-    gltf
-}
-
 #[test]
 fn extreme_scenes_are_finite() {
     let folder = folder();
@@ -163,13 +151,13 @@ fn extreme_scenes_are_finite() {
             assert!(layer.pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "layer {}", layer.name);
         }
     };
-    trace(changed(|_| ()));
-    trace(changed(|gltf| gltf.json["nodes"][0]["translation"] = json!([1e6, 1e6, 1e6])));
-    trace(changed(|gltf| gltf.json["nodes"][0]["scale"] = json!([1e-6, 1e-6, 1e-6])));
-    trace(changed(|gltf| gltf.json["nodes"][2]["translation"] = json!([0.5, 0.5, 0.0]))); // on the surface
-    trace(changed(|gltf| gltf.json["nodes"][1]["translation"] = json!([0.5, 0.5, 0.0])));
+    trace(Gltf::lit_square(|_| ()));
+    trace(Gltf::lit_square(|gltf| gltf.json["nodes"][0]["translation"] = json!([1e6, 1e6, 1e6])));
+    trace(Gltf::lit_square(|gltf| gltf.json["nodes"][0]["scale"] = json!([1e-6, 1e-6, 1e-6])));
+    trace(Gltf::lit_square(|gltf| gltf.json["nodes"][2]["translation"] = json!([0.5, 0.5, 0.0]))); // on the surface
+    trace(Gltf::lit_square(|gltf| gltf.json["nodes"][1]["translation"] = json!([0.5, 0.5, 0.0])));
     let material = |value: serde_json::Value| {
-        changed(move |gltf| {
+        Gltf::lit_square(move |gltf| {
             gltf.json["materials"] = json!([value]);
             gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
         })

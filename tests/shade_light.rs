@@ -6,9 +6,9 @@
 
 mod common;
 
-use common::gpu;
 use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
+use common::{gpu, plain_surface};
 use glam::{DVec3, Vec3};
 use relume::bake::octahedral;
 use relume::bake::surface::brdf;
@@ -311,18 +311,7 @@ fn direction(degrees: f64, azimuth: f64) -> DVec3 {
 #[test]
 fn shade_light_over_a_grid_of_angles_and_roughness() {
     let gpu = gpu();
-    let plain = Surface {
-        base_color: Vec3::new(0.9, 0.5, 0.1),
-        alpha: 1.0,
-        metallic: 0.0,
-        roughness: 0.0,
-        specular: 1.0,
-        specular_color: Vec3::ONE,
-        ior: 1.5,
-        emissive: Vec3::ZERO,
-        diffuse_weight: 1.0,
-        normal_t: Vec3::Z,
-    };
+    let plain = plain_surface(Vec3::new(0.9, 0.5, 0.1), 0.0, 0.0);
     let mut brdfs = Vec::new();
     for roughness in [0.0, 1e-6, 1e-4, 1e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0] {
         brdfs.extend([0.0, 0.4, 1.0].map(|metallic| brdf(&Surface { metallic, roughness, ..plain })));

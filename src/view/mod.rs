@@ -5,6 +5,7 @@
 
 mod controls;
 pub mod desk;
+mod graphics;
 pub mod history;
 pub mod keys;
 mod load;

@@ -1,16 +1,16 @@
 //! The event loop: what happened becomes one edit, one edit one frame.
 
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use egui::{Event, PointerButton, ViewportId};
 use winit::application::ApplicationHandler;
-use winit::dpi::{LogicalSize, PhysicalSize};
+use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
-use winit::window::{Fullscreen, Window, WindowId};
+use winit::window::{Fullscreen, WindowId};
 
 use super::controls::{self, Action, PANEL_WIDTH, ViewState};
+use super::graphics::Graphics;
 use super::keys::{self, Command};
 use super::load::{LoadEvent, LoadProgress};
 use super::pick::placement;
@@ -19,7 +19,7 @@ use super::stage::{Pointer, Stage, Then};
 use super::timings::Timings;
 use super::{Latency, Opened, ViewReport, ViewSettings, overlay};
 use crate::error::{Cause, Error, Result};
-use crate::gpu::{Context, Frames, Placement, Screen, Surface, UiFrame, UiRenderer};
+use crate::gpu::{Placement, Screen, UiFrame};
 
 /// Opens a window and runs it until it is closed. `load` runs on a thread of its own.
 pub fn run(
@@ -73,55 +73,6 @@ struct App {
 
 /// The interface wants a second look after most events; while they keep coming, the next one is that look.
 const SECOND_LOOK: Duration = Duration::from_millis(40);
-
-/// Points; less, and the panel is all scroll bars.
-const MIN_HEIGHT: f64 = 480.0;
-
-/// The window and what draws into it.
-struct Graphics {
-    ui: UiRenderer,
-    egui: egui_winit::State,
-    frames: Frames,
-    surface: Surface,
-    context: Arc<Context>,
-    window: Arc<Window>,
-    title: String,
-}
-
-impl Graphics {
-    fn new(event_loop: &ActiveEventLoop, settings: &ViewSettings, size: LogicalSize<f64>) -> Result<Self> {
-        let no_window = |source: Cause| Error::NoWindow { source };
-        let title = format!("{} - relume", settings.name);
-        let attributes = Window::default_attributes().with_title(&title).with_inner_size(size);
-        let window = Arc::new(event_loop.create_window(attributes).map_err(|e| no_window(e.into()))?);
-        let (device, cache_dir) = (settings.device.as_deref(), settings.cache_dir.as_deref());
-        let context = Context::for_display(device, settings.validation, cache_dir, &*window)?;
-        let PhysicalSize { width, height } = window.inner_size();
-        let surface = Surface::new(&context, window.clone(), [width, height], settings.vsync)?;
-        let egui_context = egui::Context::default();
-        egui_context.set_visuals(egui::Visuals::dark());
-        egui_context.options_mut(|options| options.zoom_with_keyboard = false);
-        egui_context.all_styles_mut(|style| {
-            style.animation_time = 0.0;
-            style.visuals.text_cursor.blink = false; // at rest nothing is drawn
-        });
-        let id = ViewportId::ROOT;
-        let egui = egui_winit::State::new(egui_context, id, &window, Some(window.scale_factor() as f32), None, None);
-        let ui = UiRenderer::new(&context, &surface)?;
-        Ok(Self { ui, egui, frames: Frames::new(&context)?, surface, context, window, title })
-    }
-
-    fn pixels_per_point(&self) -> f32 {
-        egui_winit::pixels_per_point(self.egui.egui_ctx(), &self.window)
-    }
-
-    fn set_title(&mut self, title: String) {
-        if self.title != title {
-            self.window.set_title(&title);
-            self.title = title;
-        }
-    }
-}
 
 impl App {
     fn new(settings: ViewSettings) -> Self {
@@ -202,15 +153,7 @@ impl App {
         if self.settings.exposure.is_none() {
             self.view.exposure = stage.automatic_exposure()?;
         }
-        // Room for the picture at 1:1 and the panel, if the monitor has it.
-        let scale = graphics.window.scale_factor();
-        let [width, height] = stage.picture_size().map(f64::from);
-        let wanted = PhysicalSize::new(width + f64::from(PANEL_WIDTH) * scale, height);
-        let room = graphics.window.current_monitor().map_or(wanted, |monitor| monitor.size().cast());
-        let _ = graphics.window.request_inner_size(PhysicalSize::new(
-            wanted.width.min(0.95 * room.width),
-            wanted.height.max(MIN_HEIGHT * scale).min(0.9 * room.height),
-        ));
+        graphics.make_room(stage.picture_size());
         self.stage = Some(stage);
         self.stale = true;
         Ok(())
@@ -457,8 +400,7 @@ impl ApplicationHandler<LoadEvent> for App {
             return;
         }
         let start = Instant::now();
-        let size = LogicalSize::new(720.0 + f64::from(PANEL_WIDTH), MIN_HEIGHT);
-        match Graphics::new(event_loop, &self.settings, size) {
+        match Graphics::new(event_loop, &self.settings) {
             Ok(graphics) => {
                 self.graphics = Some(graphics);
                 self.device_time += start.elapsed();

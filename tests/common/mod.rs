@@ -11,7 +11,25 @@ use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use glam::Vec3;
 use relume::gpu::{Context, Validation};
+use relume::scene::Surface;
+
+/// glTF's default dielectric or a metal, or a mixture, with a flat normal and no textures.
+pub fn plain_surface(base_color: Vec3, metallic: f32, roughness: f32) -> Surface {
+    Surface {
+        base_color,
+        alpha: 1.0,
+        metallic,
+        roughness,
+        specular: 1.0,
+        specular_color: Vec3::ONE,
+        ior: 1.5,
+        emissive: Vec3::ZERO,
+        diffuse_weight: 1.0,
+        normal_t: Vec3::Z,
+    }
+}
 
 /// The one device of a test program, for one test at a time: its queue belongs to one thread.
 ///

@@ -43,6 +43,18 @@ impl Gltf {
         gltf
     }
 
+    /// That square, lit by a point and seen by a camera; changed.
+    pub fn lit_square(change: impl FnOnce(&mut Self)) -> Self {
+        let mut gltf = Self::square();
+        gltf.json["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]);
+        gltf.root(json!({"name": "eye", "camera": 0, "translation": [0.5, 0.5, 2.0]}));
+        let lamp = gltf.light(json!({"type": "point", "intensity": 3.0}));
+        let lamp = json!({ "KHR_lights_punctual": { "light": lamp } });
+        gltf.root(json!({"name": "lamp", "translation": [0.3, 0.7, 1.0], "extensions": lamp}));
+        change(&mut gltf);
+        gltf
+    }
+
     /// Adds bytes as a buffer view.
     pub fn view(&mut self, bytes: &[u8]) -> usize {
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
