@@ -17,7 +17,7 @@ vec3 shade(uint index) {
     ViewSample s = push.samples.at[index];
     uint word = push.visibility.at[index / 4];
     float visibility = float((word >> (8 * (index & 3))) & 255) * (1.0 / 255.0);
-    bool counts = index >= push.pixel_stride || (push.layers & 1) != 0;
+    bool counts = index < push.pixel_stride ? (push.layers & 1) != 0 : push.layers != 0;
     if (s.brdf == NO_BRDF || visibility == 0.0 || !counts) {
         return vec3(0.0);
     }

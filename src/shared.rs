@@ -1,6 +1,6 @@
 //! What Rust and GLSL share: view samples, BRDFs, lights, push constants. The bake fills them, kernels read them.
 
-use glam::{Mat4, UVec2, Vec2, Vec3, Vec4};
+use glam::{Mat4, UVec2, UVec4, Vec2, Vec3, Vec4};
 
 use crate::gpu::gpu_struct::{Read, Write, gpu_shared};
 
@@ -26,6 +26,22 @@ gpu_shared! {
         /// Images that a pass sums at most: so many terms fit its push constants.
         pub const MAX_TERMS: u32 = 4;
 
+        /// Rows of a [`Panel`] at most.
+        pub const PANEL_ROWS: u32 = 256;
+        /// Factors of a panel are stored for a multiple of so many rows: what a thread takes at most.
+        pub const ROW_ALIGNMENT: u32 = 4;
+        /// Columns that are read at once: 16 bytes of float16.
+        pub const PANEL_COLUMNS: u32 = 8;
+
+        /// Degrees of the harmonics that gather samples keep of light.
+        pub const HARMONIC_DEGREES: u32 = 6;
+        /// Texels along each side of the map of directions to a disc [Yang 2007, Figure 4.2 b].
+        pub const DISC_SIDE: u32 = 32;
+        /// Rows of the tables of k, over roughness.
+        pub const TABLE_ROUGHNESSES: u32 = 25;
+        /// Columns of the tables of k, over the square root of the cosine.
+        pub const TABLE_COSINES: u32 = 81;
+
         /// Composite writes scene-linear float RGB.
         pub const OUTPUT_LINEAR: u32 = 0;
         /// Composite writes 8-bit sRGB, clamped.
@@ -36,6 +52,11 @@ gpu_shared! {
         pub const OUTPUT_PBR_NEUTRAL: u32 = 3;
         /// How many kinds of output there are.
         pub const OUTPUT_COUNT: u32 = 4;
+    }
+
+    floats {
+        /// What of the light from any direction a gather sample reflects at most: glTF's BRDF exceeds 1 near grazing.
+        pub const ALBEDO_CAP: f32 = 0.999;
     }
 
     structs {
@@ -142,8 +163,120 @@ gpu_shared! {
             pub pixel_stride: u32,
             /// Extra samples, padded to a multiple of 4.
             pub extra_stride: u32,
-            /// Bit l: layer l counts. Only bit 0 matters here; deeper layers are weighed by resolve.comp.
+            /// Bit l: layer l counts. Bit 0 matters here, and whether any does; deeper layers are weighed by resolve.comp.
             pub layers: u32,
+        }
+
+        /// Rows of a block matrix that share their columns.
+        pub struct Panel {
+            /// Where its factors begin, in units of eight: octet by octet of columns, channel by channel, row by row.
+            pub first_value: u32,
+            /// Where its list of inputs begins, one a column.
+            pub first_input: u32,
+            /// Where its list of outputs begins, one a row.
+            pub first_output: u32,
+            /// At most [`PANEL_ROWS`].
+            pub row_count: u32,
+            /// Columns over [`PANEL_COLUMNS`].
+            pub octet_count: u32,
+            /// What stored factors are multiplied by.
+            pub scale: f32,
+        }
+
+        /// What direct light leaves in a gather sample; mesh space.
+        pub struct LightSample {
+            /// Its reflection, averaged.
+            pub brdf: Brdf,
+            /// Unit; with `tangent` and their cross product the frame that its functions are counted in.
+            pub normal: Vec3,
+            /// Unit.
+            pub tangent: Vec3,
+            /// Where in the tables of k its roughness lies, 0 to 1.
+            pub roughness: f32,
+            /// Index of its first coefficient.
+            pub first: u32,
+            /// It has as many coefficients as this squared.
+            pub degrees: u32,
+        }
+
+        /// shade_gather.comp
+        pub push ShadeGatherPush {
+            /// Gather samples.
+            pub samples: Read<LightSample>,
+            /// Position and normal of `points_per_sample` points of each sample in turn.
+            pub points: Read<ViewSample>,
+            /// How much of the light each point sees, 8 bits each, four a word.
+            pub visibility: Read<u32>,
+            /// Tables of k: `Projection::tables`.
+            pub tables: Read<f32>,
+            /// Coefficients of all samples, RGB and nothing.
+            pub coefficients: Write<Vec4>,
+            /// At unit intensity.
+            pub light: PackedLight,
+            /// How many samples.
+            pub sample_count: u32,
+            /// How many of each.
+            pub points_per_sample: u32,
+        }
+
+        /// A gather sample of the thesis; mesh space.
+        pub struct FactoredSample {
+            /// Unit; with `tangent` and their cross product the frame that its directions are counted in.
+            pub normal: Vec3,
+            /// Unit.
+            pub tangent: Vec3,
+            /// Where the table of its BRDF's k begins: `[texel][term]` over a square around the disc, nothing beyond it.
+            pub table: u32,
+            /// Its coefficients, as many as the BRDF has terms.
+            pub terms: u32,
+            /// Index of the first.
+            pub first: u32,
+        }
+
+        /// shade_factored.comp
+        pub push ShadeFactoredPush {
+            /// Gather samples.
+            pub samples: Read<FactoredSample>,
+            /// Position of each.
+            pub points: Read<ViewSample>,
+            /// How much of the light each sees, 8 bits each, four a word.
+            pub visibility: Read<u32>,
+            /// RGB of k, and 1 where the texel lies on the disc.
+            pub tables: Read<Vec4>,
+            /// Coefficients of all samples, RGB and nothing.
+            pub coefficients: Write<Vec4>,
+            /// At unit intensity.
+            pub light: PackedLight,
+            /// How many samples.
+            pub sample_count: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
+        }
+
+        /// multiply_blocks.comp
+        pub push MultiplyBlocksPush {
+            /// One a workgroup.
+            pub panels: Read<Panel>,
+            /// Eight float16 each.
+            pub values: Read<UVec4>,
+            /// Indices into `vector`.
+            pub inputs: Read<u32>,
+            /// Indices into `vector`, or of view samples.
+            pub outputs: Read<u32>,
+            /// RGB and nothing: what is multiplied, and what results if no view samples do.
+            pub vector: Write<Vec4>,
+            /// Planes R, G, B of `pixel_stride` floats, added to.
+            pub image: Write<f32>,
+            /// Planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
+            pub extras: Write<f32>,
+            /// How many panels.
+            pub panel_count: u32,
+            /// Samples of layer 1.
+            pub pixel_stride: u32,
+            /// Extra samples, padded.
+            pub extra_stride: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
         }
 
         /// shadow_pcf.comp

@@ -16,6 +16,7 @@ use glam::Vec3;
 
 use self::bvh::Bvh;
 use self::packet::SamplePacket;
+use self::transfer::baked::BakedTransfer;
 use self::view_samples::{EyeRays, Tiling};
 use crate::scene::{Camera, Rig, Scene};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, ViewSample};
@@ -39,6 +40,7 @@ impl BakeSettings {
 }
 
 /// The layered deep framebuffer of one camera.
+#[derive(Clone)]
 pub struct Baked {
     pub tiling: Tiling,
     /// Layer 1, a sample a pixel, tile by tile, padded to whole tiles; then the extra samples.
@@ -63,6 +65,8 @@ pub struct Baked {
     pub asked_layers: u32,
     /// Whether any sample has a specular lobe.
     pub has_specular: bool,
+    /// Indirect light; absent where none is wanted.
+    pub transfer: Option<BakedTransfer>,
 }
 
 impl Baked {

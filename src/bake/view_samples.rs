@@ -329,6 +329,7 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         emission,
         layers,
         asked_layers: eye.layers,
+        transfer: None,
     }
 }
 

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use relume::bake::cache;
+use relume::bake::transfer::baked::TransferReport;
 use relume::{Error, Result};
 
 use super::options::SceneOptions;
@@ -32,9 +33,8 @@ pub fn run(args: &Args) -> Result<()> {
     let no_cache = || Error::invalid("--no-cache", "there is no cache to list or to prune");
     if args.list {
         let dir = dir.ok_or_else(no_cache)?;
-        for entry in cache::list(&dir)? {
-            let mb = entry.bytes as f64 * 1e-6;
-            out!("{mb:9.1} MB  {:>11}  {}  {}", entry.size, entry.scene, entry.path.display())?;
+        for cache::Entry { path, scene, what, size, bytes } in cache::list(&dir)? {
+            out!("{:9.1} MB  {what:<16}  {size:>11}  {scene}  {}", bytes as f64 * 1e-6, path.display())?;
         }
         return Ok(());
     }
@@ -57,5 +57,11 @@ pub fn run(args: &Args) -> Result<()> {
     let cached = if report.cached { " (deep framebuffer from the cache)" } else { "" };
     out!("{:<20} {:9.1} ms, {:.2} CPU seconds{cached}", "all", 1e3 * report.seconds, report.cpu_seconds)?;
     out!("view samples by layer: {:?}", session.layers())?;
+    if let Some(transfer) = &session.baked.transfer {
+        let (bytes, _) = transfer.cost();
+        let TransferReport { method, form, spectral_radius, .. } = &transfer.report;
+        out!("transfer: {} gather samples, {method}, {form}, {:.1} MB", transfer.sample_count(), bytes as f64 * 1e-6)?;
+        out!("spectral radius: {spectral_radius:.4}")?;
+    }
     Ok(())
 }

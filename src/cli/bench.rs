@@ -6,14 +6,14 @@ use std::time::Instant;
 use relume::Result;
 use relume::gpu::Site;
 use relume::relight::limits::Limits;
-use relume::relight::{Picture, Relighter};
+use relume::relight::{Layers, Picture, Relighter};
 use relume::scene::{LightGroup, LightKind, Rig};
 use serde_json::json;
 
 use super::bench_rig::{light_like_scene, nudge};
 use super::options::{LightOptions, SceneOptions};
 use super::output::{make_parent, write_json};
-use super::session::Session;
+use super::session::{Session, Transfers};
 use super::stats::sum_by_name;
 use super::{bench_rays, progress, stdout};
 
@@ -46,7 +46,7 @@ enum Edit {
     Color,
     Toggle,
     Move,
-    /// The same as `Move` while there is no indirect light.
+    /// Without indirect light.
     MoveDirect,
     Select,
     Group,
@@ -73,7 +73,7 @@ struct Record {
     edit: &'static str,
     edited_kind: LightKind,
     gi: &'static str,
-    method: Option<&'static str>,
+    method: Option<String>,
     size: [u32; 2],
     visibility: &'static str,
     median_ms: f64,
@@ -191,8 +191,10 @@ fn measure(
         let half = rig.lights.len() / 2;
         rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
     }
+    relighter.set_layers(if edit == Edit::MoveDirect { Layers::FirstHand } else { Layers::All });
     relighter.set_rig(&rig)?;
     relighter.display(Picture::Whole, 0.0)?;
+    let transfer = session.baked.transfer.as_ref();
     let original = rig.clone();
     let count = rig.lights.len();
     // Coprime to any even count: `select` meets every light, each far from the one before.
@@ -237,8 +239,12 @@ fn measure(
         lights: count,
         edit: name,
         edited_kind: rig.lights.get(edited).map_or(LightKind::Point, |light| light.kind),
-        gi: "off",
-        method: None,
+        gi: if transfer.is_none() || edit == Edit::MoveDirect {
+            "off"
+        } else {
+            session.transfers.as_ref().map_or("off", Transfers::gi)
+        },
+        method: transfer.map(|transfer| transfer.report.method.clone()),
         size: [session.baked.tiling.width, session.baked.tiling.height],
         visibility: if relighter.traces() { "traced" } else { "map" },
         median_ms: median(&mut all_ms),

@@ -16,6 +16,7 @@ mod rig;
 mod session;
 mod stats;
 mod stdout;
+mod transfer;
 mod view;
 
 use std::io::Write;

@@ -6,6 +6,8 @@ use clap::ValueEnum;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
 use relume::{Error, Result};
 
+use super::transfer::TransferOptions;
+
 /// Which scene, and how it is seen.
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Scene and bake")]
@@ -36,9 +38,6 @@ pub struct ViewOptions {
 pub struct SceneOptions {
     #[command(flatten)]
     pub view: ViewOptions,
-    /// Indirect light. This version has none: only `off`.
-    #[arg(long, value_enum, default_value = "off")]
-    pub gi: Gi,
     /// View samples a pixel; more than one only where edges lie.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: u32,
@@ -51,6 +50,8 @@ pub struct SceneOptions {
     /// Bakes anew and stores nothing.
     #[arg(long, conflicts_with = "cache")]
     pub no_cache: bool,
+    #[command(flatten)]
+    pub transfer: TransferOptions,
 }
 
 /// How a baked scene is lit.
@@ -75,11 +76,6 @@ pub struct LightOptions {
     /// Exposure of PNG images in stops, or `auto`: fixed once, from the first rig as loaded.
     #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
     pub exposure: Exposure,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Gi {
-    Off,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -177,6 +173,17 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
     };
     let number: f64 = digits.parse().map_err(|_| "expected a number of bytes, like 2G")?;
     if number >= 0.0 && number.is_finite() { Ok((number * factor) as u64) } else { Err("not a size".into()) }
+}
+
+/// Indirect bounces counted at the pixel; all of them without a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bounces(pub Option<u32>);
+
+pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
+    match text {
+        "inf" => Ok(Bounces(None)),
+        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a number, or inf".into()),
+    }
 }
 
 fn parse_exposure(text: &str) -> Result<Exposure, String> {

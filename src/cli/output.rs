@@ -18,6 +18,9 @@ pub enum PassKind {
     Beauty,
     Direct,
     Reflection,
+    Indirect,
+    /// What the pixels' specular lobes make of indirect light.
+    IndirectGlossy,
     Emission,
     /// Everything that one light does, by its name.
     Light(String),
@@ -39,10 +42,13 @@ pub fn parse_passes(text: &str) -> Result<Passes, String> {
         "direct" => Ok(PassKind::Direct),
         "reflection" => Ok(PassKind::Reflection),
         "emission" => Ok(PassKind::Emission),
-        "indirect" | "indirect_glossy" => Err(format!("{name}: this version has no indirect light")),
+        "indirect" => Ok(PassKind::Indirect),
+        "indirect_glossy" => Ok(PassKind::IndirectGlossy),
         _ => match name.strip_prefix("light:") {
             Some(light) => Ok(PassKind::Light(light.to_owned())),
-            None => Err(format!("{name}: expected beauty, direct, reflection, emission, light:NAME or all")),
+            None => Err(format!(
+                "{name}: expected beauty, direct, reflection, indirect, indirect_glossy, emission, light:NAME or all"
+            )),
         },
     };
     let list = text.split(',').map(|name| parse(name.trim())).collect::<Result<Vec<_>, _>>()?;
@@ -52,19 +58,32 @@ pub fn parse_passes(text: &str) -> Result<Passes, String> {
     }
 }
 
+/// What of a picture there is.
+#[derive(Clone, Copy)]
+pub struct Has {
+    pub emission: bool,
+    pub indirect: bool,
+}
+
 impl Passes {
     /// The passes of a rig, whose lights may be asked for by name.
-    fn of(&self, rig: &Rig, has_emission: bool) -> Result<Vec<PassKind>> {
+    fn of(&self, rig: &Rig, has: Has) -> Result<Vec<PassKind>> {
         use PassKind::*;
         let lights = &rig.lights;
         match self {
             Self::All => {
                 let each = lights.iter().map(|light| Light(light.name.clone()));
-                let emission = has_emission.then_some(Emission);
-                Ok([Beauty, Direct, Reflection].into_iter().chain(emission).chain(each).collect())
+                let emission = has.emission.then_some(Emission);
+                let indirect = if has.indirect { &[Indirect, IndirectGlossy][..] } else { &[] };
+                let always = [Beauty, Direct, Reflection].iter().chain(indirect).cloned();
+                Ok(always.chain(emission).chain(each).collect())
             }
             Self::List(list) => {
                 for pass in list {
+                    if !has.indirect && matches!(pass, Indirect | IndirectGlossy) {
+                        let reason = "there is no indirect light with --gi off";
+                        return Err(Error::invalid(format!("--passes {}", pass.name()), reason));
+                    }
                     if let Light(name) = pass
                         && !lights.iter().any(|light| light.name == *name)
                     {
@@ -88,6 +107,8 @@ impl PassKind {
             Self::Beauty => "beauty".into(),
             Self::Direct => "direct".into(),
             Self::Reflection => "reflection".into(),
+            Self::Indirect => "indirect".into(),
+            Self::IndirectGlossy => "indirect_glossy".into(),
             Self::Emission => "emission".into(),
             Self::Light(name) => format!("light.{name}"),
         }
@@ -108,6 +129,7 @@ impl PassKind {
         relighter.set_layers(match self {
             Self::Direct => Layers::Direct,
             Self::Reflection => Layers::Reflection,
+            Self::Indirect | Self::IndirectGlossy => Layers::Indirect,
             _ => Layers::All,
         });
         match self {
@@ -166,6 +188,12 @@ struct Target {
     named: bool,
 }
 
+impl Job<'_> {
+    pub fn shows(&self, pass: &PassKind) -> bool {
+        self.targets.iter().any(|target| target.passes.contains(pass))
+    }
+}
+
 /// All pictures of one rig.
 pub struct Job<'a> {
     pub rig: &'a Rig,
@@ -173,16 +201,11 @@ pub struct Job<'a> {
 }
 
 /// What to write for each rig and its name. Two pictures for one file are an error.
-pub fn plan<'a>(
-    passes: &Passes,
-    template: &Template,
-    rigs: &[(String, &'a Rig)],
-    has_emission: bool,
-) -> Result<Vec<Job<'a>>> {
+pub fn plan<'a>(passes: &Passes, template: &Template, rigs: &[(String, &'a Rig)], has: Has) -> Result<Vec<Job<'a>>> {
     let mut paths = HashSet::new();
     let mut jobs = Vec::new();
     for (name, rig) in rigs {
-        let passes = passes.of(rig, has_emission)?;
+        let passes = passes.of(rig, has)?;
         let named = template.holds("{pass}");
         let target = |passes: &[PassKind], pass: &str| {
             let path = template.fill(name, pass);
@@ -212,16 +235,32 @@ pub struct Written {
     pub frames: Vec<Vec<PassTime>>,
 }
 
+/// Who makes pictures: with all indirect light, and with glossy one where it is asked for.
+pub struct Relighters {
+    pub whole: Relighter,
+    pub glossy: Option<Relighter>,
+}
+
+impl Relighters {
+    fn of(&mut self, pass: &PassKind) -> &mut Relighter {
+        match (pass, &mut self.glossy) {
+            (PassKind::IndirectGlossy, Some(glossy)) => glossy,
+            _ => &mut self.whole,
+        }
+    }
+}
+
 /// Renders a rig and writes its files. `exposure` is fixed by the first picture that needs it.
 pub fn write(
-    relighter: &mut Relighter,
+    relighters: &mut Relighters,
     job: &Job,
     size: (usize, usize),
     exposure: &mut Exposure,
     written: &mut Written,
 ) -> Result<()> {
-    relighter.set_rig(job.rig)?;
-    let beauty = linear(relighter, &PassKind::Beauty, written)?;
+    relighters.whole.set_rig(job.rig)?;
+    relighters.glossy.as_mut().map_or(Ok(()), |glossy| glossy.set_rig(job.rig))?;
+    let beauty = linear(relighters, &PassKind::Beauty, written)?;
     written.non_finite += beauty.iter().flatten().filter(|v| !v.is_finite()).count();
     written.negative += beauty.iter().flatten().filter(|v| **v < 0.0).count();
     let stops = match *exposure {
@@ -241,12 +280,13 @@ pub fn write(
             for pass in passes {
                 let pixels = match pass {
                     PassKind::Beauty => beauty.clone(),
-                    _ => linear(relighter, pass, written)?,
+                    _ => linear(relighters, pass, written)?,
                 };
                 image.push_layer(if *named { String::new() } else { pass.layer_name() }, pixels);
             }
             exr::write(path, &image)?;
         } else {
+            let relighter = relighters.of(&passes[0]);
             let picture = passes[0].choose(relighter);
             png::write(path, size.0, size.1, relighter.display(picture, stops)?)?;
             written.frames.push(relighter.times().to_vec());
@@ -256,7 +296,8 @@ pub fn write(
     Ok(())
 }
 
-fn linear(relighter: &mut Relighter, pass: &PassKind, written: &mut Written) -> Result<Vec<[f32; 3]>> {
+fn linear(relighters: &mut Relighters, pass: &PassKind, written: &mut Written) -> Result<Vec<[f32; 3]>> {
+    let relighter = relighters.of(pass);
     let picture = pass.choose(relighter);
     let pixels = relighter.linear(picture)?.to_vec();
     written.frames.push(relighter.times().to_vec());

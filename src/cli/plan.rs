@@ -52,6 +52,9 @@ pub fn left_out(session: &Session, traced: bool) -> Vec<LeftOut> {
     if !baked.has_specular {
         add("the specular lobe", "no visible surface has one", "its share of the shading kernel".into());
     }
+    if baked.transfer.is_none() {
+        add("indirect light", "--gi off", "gather samples, their transfer, and its passes".into());
+    }
     if baked.emission.is_empty() {
         add("emission", "no emitter is visible", megabytes(12 * pixels));
     }

@@ -9,7 +9,7 @@ use relume::image::exr::{self, Label};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::{Error, Result};
 
-use super::options::{ViewOptions, check_extension};
+use super::options::{Bounces, ViewOptions, check_extension, parse_bounces};
 use super::output::make_parent;
 use super::progress::{self, Terminal};
 use super::session::{Opened, check_fits, cpu_seconds};
@@ -52,9 +52,6 @@ pub struct Args {
     #[command(flatten)]
     view: ViewOptions,
 }
-
-#[derive(Clone, Copy)]
-struct Bounces(Option<u32>);
 
 #[derive(Clone)]
 struct Passes(Vec<Layer>);
@@ -171,13 +168,6 @@ fn label(film: &Film, args: &Args) -> String {
 fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e8);
     seconds.ok_or("expected seconds, more than 0 and at most 1e8".into())
-}
-
-fn parse_bounces(text: &str) -> Result<Bounces, String> {
-    match text {
-        "inf" => Ok(Bounces(None)),
-        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a number, or inf".into()),
-    }
 }
 
 fn parse_passes(text: &str) -> Result<Passes, String> {

@@ -6,7 +6,7 @@ use relume::scene::Rig;
 use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions};
-use super::output::{self, Passes, Template, Written};
+use super::output::{self, Has, PassKind, Passes, Relighters, Template, Written};
 use super::session::Session;
 use super::stats;
 
@@ -20,8 +20,8 @@ pub struct Args {
     /// Rig file that replaces the scene's lights; several --rig give several images.
     #[arg(long, value_name = "FILE")]
     rig: Vec<PathBuf>,
-    /// What to write, separated by commas: beauty, direct, reflection, emission, light:NAME; or all. Layers of an EXR,
-    /// or a file each with {pass}.
+    /// What to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission,
+    /// light:NAME; or all. Layers of an EXR, or a file each with {pass}.
     #[arg(long, value_name = "LIST", default_value = "beauty", value_parser = output::parse_passes)]
     passes: Passes,
     /// Writes figures of bake and frame as JSON.
@@ -42,10 +42,11 @@ pub fn run(args: &Args) -> Result<()> {
     args.stats.iter().chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
-    let session = Session::open(&args.scene, args.rig.first().map(PathBuf::as_path), &args.scene_options)?;
+    let mut session = Session::open(&args.scene, args.rig.first().map(PathBuf::as_path), &args.scene_options)?;
+    let first = session.rig.clone();
     let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let rigs: Vec<(String, &Rig)> = match rigs.as_slice() {
-        [] => vec![(session.scene.name(), &session.rig)],
+        [] => vec![(session.scene.name(), &first)],
         _ => args.rig.iter().map(name).zip(&rigs).collect(),
     };
     let differs = |rig: &Rig| rig.camera.is_some() && rig.camera != session.rig.camera;
@@ -54,14 +55,20 @@ pub fn run(args: &Args) -> Result<()> {
         let reason = "its camera differs from the first rig's; render it on its own";
         return Err(Error::invalid(format!("rig {name}"), reason));
     }
-    let jobs = output::plan(&args.passes, &template, &rigs, !session.baked.emission.is_empty())?;
+    let transfer = session.baked.transfer.as_ref();
+    let emission = !session.baked.emission.is_empty() || transfer.is_some_and(|t| !t.emission.is_empty());
+    let has = Has { emission, indirect: transfer.is_some() };
+    let jobs = output::plan(&args.passes, &template, &rigs, has)?;
 
     let context = session.context(&args.light_options)?;
-    let mut relighter = session.relighter(&context, &session.rig, &args.light_options)?;
+    let whole = session.relighter(&context, &first, &args.light_options)?;
+    let glossy = jobs.iter().any(|job| job.shows(&PassKind::IndirectGlossy));
+    let glossy = glossy.then(|| session.glossy_relighter(&context, &first, &args.light_options)).transpose()?;
+    let mut relighters = Relighters { whole, glossy };
     let mut exposure = args.light_options.exposure;
     let mut written = Written::default();
     for job in &jobs {
-        output::write(&mut relighter, job, session.size(), &mut exposure, &mut written)?;
+        output::write(&mut relighters, job, session.size(), &mut exposure, &mut written)?;
     }
     for file in &written.files {
         tracing::info!("wrote {}", file.display());
@@ -70,7 +77,7 @@ pub fn run(args: &Args) -> Result<()> {
         tracing::warn!("{} values are not finite", written.non_finite);
     }
     if let Some(path) = &args.stats {
-        output::write_json(path, &stats::figures(&session, &relighter, &written))?;
+        output::write_json(path, &stats::figures(&session, &relighters.whole, &written))?;
     }
     if let Some(path) = &args.trace {
         output::write_json(path, &stats::trace(&session.bake, &written.frames))?;

@@ -5,6 +5,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use relume::bake::bvh::Bvh;
+use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::thesis::ThesisSettings;
+use relume::bake::transfer::{Outgoing, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake, cache};
 use relume::gpu::{Context, Validation};
 use relume::relight::Relighter;
@@ -14,6 +18,7 @@ use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions, ViewOptions, check_size};
 use super::progress::{Progress, Terminal};
+use super::transfer::TransferPlan;
 
 /// A scene with its BVH, baked for one camera.
 pub struct Session {
@@ -27,6 +32,51 @@ pub struct Session {
     pub cache_dir: Option<PathBuf>,
     /// Why the cache could not be written.
     pub not_stored: Option<Error>,
+    /// Absent without indirect light.
+    pub transfers: Option<Transfers>,
+}
+
+/// Where transfers to one deep framebuffer come from.
+pub struct Transfers {
+    pub plan: TransferPlan,
+    key: cache::Key,
+    dir: Option<PathBuf>,
+}
+
+impl Transfers {
+    /// As `--gi` calls it.
+    pub fn gi(&self) -> &'static str {
+        let (TransferPlan::Robust(TransferSettings { outgoing, .. })
+        | TransferPlan::Thesis(ThesisSettings { outgoing, .. })) = &self.plan;
+        if *outgoing == Outgoing::Diffuse { "diffuse" } else { "glossy" }
+    }
+
+    /// From the cache, or baked and kept there.
+    fn get(
+        &self,
+        scene: &Scene,
+        bvh: &Bvh,
+        baked: &Baked,
+        lobe: Lobe,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<BakedTransfer> {
+        let key = cache::transfer_key(&self.key, &format!("{:?} {lobe:?}", self.plan));
+        let stored =
+            self.dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load_transfer(dir, &key, baked)));
+        report.cached &= stored.is_some();
+        if let Some(transfer) = stored {
+            return Ok(transfer);
+        }
+        let transfer = self.plan.bake(scene, bvh, baked, lobe, report, progress)?;
+        if let Some(dir) = &self.dir
+            && let Err(error) =
+                report.stage("write cache", || cache::store_transfer(dir, &key, &scene.name(), baked, &transfer))
+        {
+            tracing::info!("not kept: {error}"); // a read-only cache works
+        }
+        Ok(transfer)
+    }
 }
 
 /// What the bake took.
@@ -47,7 +97,7 @@ pub struct Stage {
 }
 
 impl BakeReport {
-    fn stage<R>(&mut self, name: &'static str, work: impl FnOnce() -> R) -> R {
+    pub fn stage<R>(&mut self, name: &'static str, work: impl FnOnce() -> R) -> R {
         let start = Instant::now();
         let result = work();
         let seconds = start.elapsed().as_secs_f64();
@@ -110,6 +160,7 @@ impl Session {
         options: &SceneOptions,
         progress: &dyn Progress,
     ) -> Result<Self> {
+        let plan = options.transfer.plan(&options.view)?;
         let mut report = BakeReport::default();
         let start = Instant::now();
         let cpu_start = cpu_seconds();
@@ -142,10 +193,14 @@ impl Session {
             }
         };
         baked.has_specular |= options.force_all;
+        let transfers = plan.map(|plan| Transfers { plan, key, dir: cache_dir.clone() });
+        if let Some(transfers) = &transfers {
+            baked.transfer = Some(transfers.get(&scene, &bvh, &baked, Lobe::All, &mut report, progress)?);
+        }
         report.seconds = start.elapsed().as_secs_f64();
         report.cpu_seconds = cpu_seconds() - cpu_start;
         let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
-        Ok(Self { scene, bvh, baked, camera, rig, bake: report, cache_dir, not_stored })
+        Ok(Self { scene, bvh, baked, camera, rig, bake: report, cache_dir, not_stored, transfers })
     }
 
     pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {
@@ -155,6 +210,15 @@ impl Session {
 
     pub fn relighter(&self, context: &Arc<Context>, rig: &Rig, options: &LightOptions) -> Result<Relighter> {
         Relighter::new(context, &self.scene, &self.bvh, &self.baked, rig, &options.relight_settings())
+    }
+
+    /// A relighter whose indirect light is what the pixels' specular lobes make of it.
+    pub fn glossy_relighter(&mut self, context: &Arc<Context>, rig: &Rig, options: &LightOptions) -> Result<Relighter> {
+        let transfers = self.transfers.as_ref().expect("the pass was refused without indirect light");
+        let (lobe, progress) = (Lobe::Specular, Terminal::default());
+        let transfer = transfers.get(&self.scene, &self.bvh, &self.baked, lobe, &mut self.bake, &progress)?;
+        let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
+        Relighter::new(context, &self.scene, &self.bvh, &baked, rig, &options.relight_settings())
     }
 
     /// View samples in each layer that was asked for, seen or not.
@@ -208,6 +272,12 @@ fn check_memory(size: [u32; 2], samples: u32, light_count: usize, path: &Path) -
 
 /// Refuses a picture that takes more bytes than are free.
 pub fn check_fits(size: [u32; 2], bytes: f64, remedy: &str, path: &Path) -> Result<()> {
+    let [width, height] = size;
+    check_free(bytes, &format!("{width}x{height} pixels take"), remedy, path)
+}
+
+/// Refuses what takes more bytes than are free.
+pub fn check_free(bytes: f64, what: &str, remedy: &str, path: &Path) -> Result<()> {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
     let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()) else { return Ok(()) };
@@ -215,8 +285,7 @@ pub fn check_fits(size: [u32; 2], bytes: f64, remedy: &str, path: &Path) -> Resu
     if needed <= free {
         return Ok(());
     }
-    let [width, height] = size;
-    let reason = format!("{width}x{height} pixels take {needed:.1} GB of memory, {free:.1} GB are free; {remedy}");
+    let reason = format!("{what} {needed:.1} GB of memory, {free:.1} GB are free; {remedy}");
     Err(Error::invalid(path.display().to_string(), reason))
 }
 

@@ -1,5 +1,7 @@
 //! `--stats` and `--trace`: figures of a run for other programs.
 
+use relume::bake::Baked;
+use relume::bake::transfer::baked::BakedTransfer;
 use relume::gpu::{PassTime, Site};
 use relume::relight::Relighter;
 use serde_json::{Value, json};
@@ -18,6 +20,7 @@ pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> V
         .into_iter()
         .map(|(owner, bytes)| json!({ "owner": owner, "bytes": bytes }))
         .collect();
+    let transfer = baked.transfer.as_ref();
     json!({
         "schema": 1,
         "relume": env!("CARGO_PKG_VERSION"),
@@ -36,17 +39,31 @@ pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> V
             "cached": session.bake.cached,
             "peak_bytes": peak_bytes(),
         },
-        "samples": { "view": baked.samples.len(), "gather": 0, "layers": session.layers() },
-        "transfer": {
-            "method": null, "form": null, "bytes": 0, "bytes_per_pixel": 0.0, "macs_per_pixel": 0.0,
-            "held_out": { "point": null, "spot": null, "worst_tile": null },
-            "spectral_radius": null, "bounces": null, "residual": null, "capped": null,
-        },
+        "samples": { "view": baked.samples.len(), "gather": transfer.map_or(0, BakedTransfer::sample_count), "layers": session.layers() },
+        "transfer": transfer.map_or(Value::Null, |transfer| figures_of_transfer(transfer, baked)),
         "frame": frame(written.frames.first().map_or(&[], Vec::as_slice)),
         "non_finite": written.non_finite,
         "negative": written.negative,
         "memory": memory,
         "left_out": left_out(session, relighter.traces()),
+    })
+}
+
+fn figures_of_transfer(transfer: &BakedTransfer, baked: &Baked) -> Value {
+    let pixels = f64::from(baked.tiling.width) * f64::from(baked.tiling.height);
+    let (bytes, multiply_adds) = transfer.cost();
+    let report = &transfer.report;
+    json!({
+        "method": report.method,
+        "form": report.form,
+        "bytes": bytes,
+        "bytes_per_pixel": bytes as f64 / pixels,
+        "macs_per_pixel": multiply_adds as f64 / pixels,
+        "held_out": { "point": null, "spot": null, "worst_tile": null },
+        "spectral_radius": report.spectral_radius,
+        "bounces": report.bounces.map_or(json!("inf"), |bounces| json!(bounces)),
+        "residual": report.residual,
+        "capped": report.capped,
     })
 }
 

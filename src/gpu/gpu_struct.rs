@@ -6,7 +6,7 @@
 use std::marker::PhantomData;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, UVec2, Vec2, Vec3, Vec4};
+use glam::{Mat4, UVec2, UVec4, Vec2, Vec3, Vec4};
 
 /// A type that has the same bytes in GLSL.
 pub trait Glsl: Pod {
@@ -33,6 +33,7 @@ primitive! {
     f32 => "float",
     u32 => "uint",
     UVec2 => "uvec2",
+    UVec4 => "uvec4",
     Vec2 => "vec2",
     Vec3 => "vec3",
     Vec4 => "vec4",
@@ -100,6 +101,7 @@ pub fn references<T: Glsl>() -> String {
 macro_rules! gpu_shared {
     (
         constants { $($(#[doc = $const_doc:literal])* pub const $constant:ident: u32 = $value:expr;)* }
+        floats { $($(#[doc = $float_doc:literal])* pub const $float:ident: f32 = $float_value:expr;)* }
         structs {
             $($(#[doc = $doc:literal])* pub $kind:ident $name:ident {
                 $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty,)*
@@ -107,6 +109,7 @@ macro_rules! gpu_shared {
         }
     ) => {
         $($(#[doc = $const_doc])* pub const $constant: u32 = $value;)*
+        $($(#[doc = $float_doc])* pub const $float: f32 = $float_value;)*
         $(
             $(#[doc = $doc])*
             #[repr(C)]
@@ -129,6 +132,10 @@ macro_rules! gpu_shared {
             $(
                 $(glsl += &format!("//{}\n", $const_doc);)*
                 glsl += &format!("const uint {} = {}u;\n", stringify!($constant), $constant);
+            )*
+            $(
+                $(glsl += &format!("//{}\n", $float_doc);)*
+                glsl += &format!("const float {} = {:?};\n", stringify!($float), $float);
             )*
             $(
                 $(glsl += &format!("//{}\n", $doc);)*

@@ -24,6 +24,9 @@ macro_rules! embedded {
 }
 embedded![
     "shade_light.comp",
+    "shade_gather.comp",
+    "shade_factored.comp",
+    "multiply_blocks.comp",
     "resolve.comp",
     "sum_images.comp",
     "composite.comp",

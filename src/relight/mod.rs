@@ -1,6 +1,7 @@
 //! The whole frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
 
 pub mod exposure;
+mod indirect;
 pub mod light_cache;
 pub mod limits;
 mod output;
@@ -10,18 +11,20 @@ mod visibility;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{Vec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 
+use self::indirect::{Indirect, Target};
 use self::light_cache::{LightCache, Plan, Source, Step, Term};
 use self::output::{Output, Outputs};
 use self::shadow_map::ShadowMaps;
-use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
+use self::visibility::{Visibility, VisibilityBuffers, trace};
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, Pass, PassTime, Pixels, Screen};
-use crate::scene::{Rig, Scene};
+use crate::reference::resolve;
+use crate::scene::{Light, Rig, Scene};
 use crate::shared::*;
 
 /// How pictures leave the relighter.
@@ -42,15 +45,28 @@ pub enum Layers {
     Direct,
     /// The mirror layers.
     Reflection,
+    /// All but what came through the gather samples.
+    FirstHand,
+    /// What came through the gather samples.
+    Indirect,
 }
 
 impl Layers {
+    /// Layers of the deep framebuffer that count.
     fn mask(self) -> u32 {
         match self {
-            Self::All => u32::MAX,
+            Self::All | Self::FirstHand | Self::Indirect => u32::MAX,
             Self::Direct => 1,
             Self::Reflection => !1,
         }
+    }
+
+    fn direct(self) -> bool {
+        self != Self::Indirect
+    }
+
+    fn indirect(self) -> bool {
+        matches!(self, Self::All | Self::Indirect)
     }
 }
 
@@ -82,6 +98,7 @@ pub struct Relighter {
     bvh: Arc<Bvh>,
     baked: Arc<Baked>,
     gpu: GpuBaked,
+    indirect: Option<Indirect>,
     cache: LightCache,
     images: Vec<Buffer<Vec4>>,
     /// Light images that the budget has room for.
@@ -139,15 +156,17 @@ impl Relighter {
         }
         let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
         let traced = settings.visibility.traces(context, bvh);
+        let gpu = GpuBaked::new(context, baked)?;
         Ok(Self {
             frames: Frames::new(context)?,
-            gpu: GpuBaked::new(context, baked)?,
-            cache: LightCache::new(rig, slot_count, !baked.emission.is_empty()),
+            cache: LightCache::new(rig, slot_count, gpu.emission.is_some()),
+            gpu,
+            indirect: baked.transfer.as_ref().map(|transfer| Indirect::new(context, transfer)).transpose()?,
             images: (0..slot_count).map(|_| image("light images")).collect::<Result<_>>()?,
             image_budget,
             rest: image("light images (rest)")?,
             extras: Buffer::new(context, "extra samples' radiance", Access::Device, 3 * extra_stride)?,
-            visibility: VisibilityBuffers::new(context, baked.packets.len())?,
+            visibility: VisibilityBuffers::new(context, baked)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
             kernels: Kernels {
                 shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(baked.has_specular))])?,
@@ -275,6 +294,7 @@ impl Relighter {
             bvh: &self.bvh,
             baked: &self.baked,
             gpu: &self.gpu,
+            indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),
             images: &self.images,
             rest: &self.rest,
             extras: &self.extras,
@@ -289,7 +309,7 @@ impl Relighter {
             let mut frame = frames.begin()?;
             while let Some(step) = steps.peek() {
                 match step {
-                    _ if frame.passes_left() < PASSES_A_STEP + LAST_PASSES => break,
+                    _ if frame.passes_left() < parts.passes_a_step() + LAST_PASSES => break,
                     Step::Shade { .. } if visibility.is_used_up() => break,
                     Step::Shade { light, slot } => {
                         parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), *light, *slot)
@@ -333,8 +353,8 @@ fn slot_count(rig: &Rig, image_budget: usize) -> usize {
     image_budget.clamp(fewest, most)
 }
 
-/// Draw and look up a shadow map, shade, resolve.
-const PASSES_A_STEP: usize = 4;
+/// Draw a shadow map, look it up twice, shade, resolve.
+const PASSES_A_LIGHT: usize = 5;
 /// Composite, fit, present, user interface.
 const LAST_PASSES: usize = 4;
 
@@ -344,6 +364,8 @@ struct Parts<'a> {
     bvh: &'a Bvh,
     baked: &'a Baked,
     gpu: &'a GpuBaked,
+    /// Absent where none is wanted.
+    indirect: Option<&'a Indirect>,
     images: &'a [Buffer<Vec4>],
     rest: &'a Buffer<Vec4>,
     extras: &'a Buffer<f32>,
@@ -353,6 +375,45 @@ struct Parts<'a> {
 }
 
 impl Parts<'_> {
+    /// Passes that a step takes at most.
+    fn passes_a_step(&self) -> usize {
+        PASSES_A_LIGHT + self.indirect.map_or(0, Indirect::pass_count)
+    }
+
+    /// What view samples and gather samples see of a light; unchanged where only indirect light is shown.
+    fn see<'v>(
+        &self,
+        frame: &mut Frame,
+        visibility: &'v mut VisibilityBuffers,
+        shadow_maps: Option<&mut ShadowMaps>,
+        light: &Light,
+        packed: &PackedLight,
+    ) -> &'v Visibility {
+        if !light.shadows {
+            return visibility.all_seen();
+        }
+        let seen = visibility.take();
+        match shadow_maps {
+            None => {
+                if self.layers.direct() {
+                    let words = &mut seen.view_samples;
+                    frame.cpu("trace shadows", || trace(words, self.bvh, self.scene, &self.baked.packets, packed));
+                }
+                if let Some(transfer) = self.baked.transfer.as_ref().filter(|_| self.indirect.is_some()) {
+                    let words = &mut seen.gather_points;
+                    frame.cpu("trace gather samples", || trace(words, self.bvh, self.scene, &transfer.packets, packed));
+                }
+            }
+            Some(maps) => {
+                let view = self.layers.direct().then_some((&self.gpu.samples, &seen.view_samples));
+                let gather = self.indirect.map(|indirect| (&indirect.points, &seen.gather_points));
+                let lists: Vec<_> = view.into_iter().chain(gather).collect();
+                maps.run(frame, light, packed, &lists);
+            }
+        }
+        seen
+    }
+
     /// Visibility and shading of one light at unit intensity into the image `slot`.
     fn shade(
         &self,
@@ -364,19 +425,7 @@ impl Parts<'_> {
     ) {
         let light = &self.rig.lights[light];
         let packed = light.pack(self.scene.origin);
-        let seen = match shadow_maps {
-            _ if !light.shadows => visibility.all_seen(),
-            None => {
-                let seen = visibility.take();
-                frame.cpu("trace shadows", || seen.trace(self.bvh, self.scene, self.baked, &packed));
-                &*seen
-            }
-            Some(maps) => {
-                let seen = visibility.take();
-                maps.run(frame, &self.gpu.samples, light, &packed, seen);
-                &*seen
-            }
-        };
+        let seen = self.see(frame, visibility, shadow_maps, light, &packed);
         let image = &self.images[slot];
         let pixel_stride = self.baked.pixel_stride() as u32;
         let extra_stride = (self.extras.len() / 3) as u32;
@@ -384,16 +433,21 @@ impl Parts<'_> {
         let push = ShadeLightPush {
             samples: pass.read(&self.gpu.samples),
             brdfs: pass.read(&self.gpu.brdfs),
-            visibility: pass.read(&seen.words),
+            visibility: pass.read(&seen.view_samples),
             image: pass.write_as(image),
             extras: pass.write(self.extras),
             light: packed,
             sample_count: self.baked.samples.len() as u32,
             pixel_stride,
             extra_stride,
-            layers: self.layers.mask(),
+            layers: if self.layers.direct() { self.layers.mask() } else { 0 },
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
+
+        if let Some(indirect) = self.indirect {
+            let target = Target { image, extras: self.extras, pixel_stride, extra_stride };
+            indirect.add(frame, &packed, &seen.gather_points, &target);
+        }
 
         if self.gpu.extra_pixels.is_empty() {
             return;
@@ -467,9 +521,9 @@ impl Parts<'_> {
 
 impl GpuBaked {
     fn new(context: &Arc<Context>, baked: &Baked) -> Result<Self> {
-        let emission = (!baked.emission.is_empty())
-            .then(|| Buffer::from_slice(context, "emission", &baked.emission))
-            .transpose()?;
+        let emission = emission(baked);
+        let emission =
+            (!emission.is_empty()).then(|| Buffer::from_slice(context, "emission", &emission)).transpose()?;
         Ok(Self {
             samples: Buffer::from_slice(context, "view samples", &baked.samples)?,
             brdfs: Buffer::from_slice(context, "brdfs", &baked.brdfs)?,
@@ -479,4 +533,22 @@ impl GpuBaked {
             emission,
         })
     }
+}
+
+/// Emitters as seen and all their indirect light: planes R, G, B; empty where nothing emits.
+fn emission(baked: &Baked) -> Vec<f32> {
+    let Some(transfer) = baked.transfer.as_ref().filter(|t| !t.emission.is_empty()) else {
+        return baked.emission.clone();
+    };
+    let stride = baked.pixel_stride();
+    let radiance: Vec<DVec3> = transfer.emission.iter().map(|e| e.as_dvec3()).collect();
+    let (pixels, extras) = radiance.split_at(stride);
+    let mut image = pixels.to_vec();
+    resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
+    let mut planes = baked.emission.clone();
+    planes.resize(3 * stride, 0.0);
+    for (i, pixel) in image.iter().enumerate() {
+        (0..3).for_each(|plane| planes[plane * stride + i] += pixel[plane] as f32);
+    }
+    planes
 }

@@ -1,4 +1,4 @@
-//! Depth from each light, drawn; then visibility of all view samples from it, percentage-closer filtered.
+//! Depth from each light, drawn; then visibility of samples from it, percentage-closer filtered.
 //!
 //! A spot of up to 45 degrees half-angle and a directional light take one map; wider spots and points take six cube
 //! faces. Clusters of triangles that a face cannot see are not drawn.
@@ -8,7 +8,6 @@ use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
 
-use super::visibility::Visibility;
 use crate::bake::bvh::Bvh;
 use crate::error::Result;
 use crate::gpu::raster::DepthDraw;
@@ -81,14 +80,13 @@ impl ShadowMaps {
         })
     }
 
-    /// Draws `light`'s maps and looks all view samples up in them.
+    /// Draws `light`'s maps and looks samples up in them: each list has the visibility it is to have.
     pub fn run(
         &mut self,
         frame: &mut Frame,
-        samples: &Buffer<ViewSample>,
         light: &Light,
         packed: &PackedLight,
-        visibility: &Visibility,
+        lists: &[(&Buffer<ViewSample>, &Buffer<u32>)],
     ) {
         let margin = 1.0 + 2.0 * FILTER_TEXELS / self.depth.size() as f32;
         let faces = faces_of(light, margin);
@@ -113,18 +111,20 @@ impl ShadowMaps {
             .collect();
         pass.draw_depth(&self.draw, &self.depth, &self.indices, &draws);
 
-        let mut pass = frame.pass("look up shadow map");
-        pass.sample(&self.depth);
-        let push = ShadowPcfPush {
-            samples: pass.read(samples),
-            faces: uploaded,
-            visibility: pass.write(&visibility.words),
-            light_position: packed.position,
-            face_count: faces.len() as u32,
-            sample_count: samples.len() as u32,
-            texel: 1.0 / self.depth.size() as f32,
-        };
-        pass.dispatch(&self.pcf, &push, push.sample_count.div_ceil(4));
+        for &(samples, visibility) in lists {
+            let mut pass = frame.pass("look up shadow map");
+            pass.sample(&self.depth);
+            let push = ShadowPcfPush {
+                samples: pass.read(samples),
+                faces: uploaded,
+                visibility: pass.write(visibility),
+                light_position: packed.position,
+                face_count: faces.len() as u32,
+                sample_count: samples.len() as u32,
+                texel: 1.0 / self.depth.size() as f32,
+            };
+            pass.dispatch(&self.pcf, &push, push.sample_count.div_ceil(4));
+        }
     }
 }
 

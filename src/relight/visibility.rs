@@ -1,10 +1,10 @@
-//! How much of a light each view sample sees: one byte a sample, traced or from shadow maps.
+//! How much of a light each view sample and each gather sample sees: one byte a sample, traced or from shadow maps.
 
 use std::sync::Arc;
 
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
-use crate::bake::packet::{PACKET_SIZE, trace_all};
+use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_all};
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
 use crate::scene::Scene;
@@ -35,10 +35,11 @@ impl VisibilityMethod {
     }
 }
 
-/// Visibility of one light at all view samples.
+/// Visibility of one light. Four samples a word, 64 samples a packet.
 pub struct Visibility {
-    /// Four samples a word, 64 samples a packet.
-    pub words: Buffer<u32>,
+    pub view_samples: Buffer<u32>,
+    /// Points of gather samples.
+    pub gather_points: Buffer<u32>,
 }
 
 /// Lights whose visibility a frame can hold.
@@ -51,12 +52,16 @@ pub struct VisibilityBuffers {
 }
 
 impl VisibilityBuffers {
-    pub fn new(context: &Arc<Context>, packet_count: usize) -> Result<Self> {
-        let new = || -> Result<Visibility> {
-            let words = packet_count * PACKET_SIZE / 4;
+    pub fn new(context: &Arc<Context>, baked: &Baked) -> Result<Self> {
+        let all_seen = |packets: &[SamplePacket]| -> Result<Buffer<u32>> {
+            let words = packets.len() * PACKET_SIZE / 4;
             let mut words = Buffer::new(context, "visibility", Access::HostWrites, words)?;
             words.host_mut().fill(u32::MAX);
-            Ok(Visibility { words })
+            Ok(words)
+        };
+        let gather_packets = baked.transfer.as_ref().map_or(&[][..], |t| &t.packets);
+        let new = || -> Result<Visibility> {
+            Ok(Visibility { view_samples: all_seen(&baked.packets)?, gather_points: all_seen(gather_packets)? })
         };
         Ok(Self { buffers: (0..LIGHTS_A_FRAME).map(|_| new()).collect::<Result<_>>()?, used: 0, all_seen: new()? })
     }
@@ -81,10 +86,7 @@ impl VisibilityBuffers {
     }
 }
 
-impl Visibility {
-    /// Traces all view samples towards `light`, on all cores.
-    pub fn trace(&mut self, bvh: &Bvh, scene: &Scene, baked: &Baked, light: &PackedLight) {
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(self.words.host_mut());
-        trace_all(bvh, scene, light, &baked.packets, bytes);
-    }
+/// Traces `packets` towards `light`, on all cores.
+pub fn trace(words: &mut Buffer<u32>, bvh: &Bvh, scene: &Scene, packets: &[SamplePacket], light: &PackedLight) {
+    trace_all(bvh, scene, light, packets, bytemuck::cast_slice_mut(words.host_mut()));
 }

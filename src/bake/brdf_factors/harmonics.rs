@@ -8,8 +8,10 @@ use std::sync::OnceLock;
 
 use glam::{DVec3, Vec3};
 
+use crate::shared::HARMONIC_DEGREES;
+
 /// Degrees: the largest basis has all below.
-pub const DEGREES: usize = 6;
+pub const DEGREES: usize = HARMONIC_DEGREES as usize;
 /// Functions at most.
 pub const MAX_FUNCTIONS: usize = DEGREES * DEGREES;
 /// Radial parts: one for each degree, and order up to the degree.

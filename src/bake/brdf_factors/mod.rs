@@ -15,17 +15,15 @@ use rayon::prelude::*;
 
 use self::harmonics::{DEGREES, Harmonics, MAX_FUNCTIONS, RADIAL_COUNT, RADIALS, azimuths, radials_of, spread};
 use crate::brdf::Lobes;
-use crate::shared::Brdf;
+use crate::shared::{Brdf, TABLE_COSINES, TABLE_ROUGHNESSES};
+
+pub use crate::shared::ALBEDO_CAP;
 
 /// Narrower lobes, of glTF roughness below 0.2, are followed by rays: no short sum holds them.
 pub const NEAR_MIRROR_ALPHA: f32 = 0.04;
-/// What of the light from any direction a gather sample reflects at most: glTF's BRDF exceeds 1 near grazing.
-pub const ALBEDO_CAP: f32 = 0.999;
-
-/// Rows of the table, over roughness from that of [`NEAR_MIRROR_ALPHA`] to 1.
-const ROUGHNESSES: usize = 25;
-/// Columns of the table, over the square root of the cosine from 0 to 1: k is steep near grazing.
-const COSINES: usize = 81;
+const ROUGHNESSES: usize = TABLE_ROUGHNESSES as usize;
+/// Over the square root of the cosine, since k is steep near grazing.
+const COSINES: usize = TABLE_COSINES as usize;
 /// Facets that an entry is summed over, around and along: half of those around, since the other half is their image.
 const FACETS: [usize; 2] = [12, 288];
 
@@ -107,6 +105,13 @@ impl Projection {
         energy
     }
 
+    /// All tables as shade_gather.comp reads them: `[roughness][cosine][radial part]` of the specular lobe, twice a part,
+    /// then `[cosine][radial part]` of the diffuse one.
+    pub fn tables(&self) -> Vec<f32> {
+        let specular = self.specular.iter().flatten().flatten();
+        specular.chain(self.schlick.iter().flatten()).copied().collect()
+    }
+
     fn radials(&self, brdf: &Brdf, cosine: f32, count: usize) -> [Vec3; RADIAL_COUNT] {
         let (column, along) = place(cosine.clamp(0.0, 1.0).sqrt(), COSINES);
         let weights = [1.0 - along, along];
@@ -121,9 +126,7 @@ impl Projection {
             radials[0] += (1.0 - brdf.dielectric_f0) / PI.sqrt() as f32 * brdf.diffuse;
         }
         if brdf.has_lobe() {
-            let narrowest = NEAR_MIRROR_ALPHA.sqrt();
-            let (row, across) =
-                place(((brdf.alpha.sqrt() - narrowest) / (1.0 - narrowest)).clamp(0.0, 1.0), ROUGHNESSES);
+            let (row, across) = place(roughness_coordinate(brdf), ROUGHNESSES);
             let mut sums = [[0.0; 2]; RADIAL_COUNT];
             for (row, share) in [(row, 1.0 - across), (row + 1, across)] {
                 for (column, weight) in [(column, weights[0]), (column + 1, weights[1])] {
@@ -140,6 +143,12 @@ impl Projection {
         }
         radials
     }
+}
+
+/// Where a BRDF's roughness lies between the first row of the tables and the last, 0 to 1.
+pub fn roughness_coordinate(brdf: &Brdf) -> f32 {
+    let narrowest = NEAR_MIRROR_ALPHA.sqrt();
+    ((brdf.alpha.sqrt() - narrowest) / (1.0 - narrowest)).clamp(0.0, 1.0)
 }
 
 /// Which two of `count` entries a number in [0, 1] lies between, and how far along.

@@ -6,14 +6,14 @@
 //! can be; grazing peaks dominate that norm, and truncation adds energy.
 
 use faer::Mat;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::brdf::f;
-use crate::shared::Brdf;
+use crate::shared::{Brdf, DISC_SIDE};
 
 /// Texels along each side of the map.
-const SIDE: usize = 32;
+const SIDE: usize = DISC_SIDE as usize;
 /// Texels whose middle lies on the disc.
 pub const DIRECTIONS: usize = 812;
 
@@ -82,6 +82,15 @@ impl Factors {
     /// k in a unit direction of the local frame.
     pub fn k(&self, wi: Vec3, values: &mut [Vec3]) {
         self.interpolate(&self.k, wi, values);
+    }
+
+    /// k over the square around the disc, `[texel][term]`: RGB and 1, nothing beyond the disc.
+    pub fn k_map(&self) -> Vec<Vec4> {
+        let of_texel = |texel: &Option<u32>| match texel {
+            Some(texel) => self.k[*texel as usize * self.terms..][..self.terms].iter().map(|k| k.extend(1.0)).collect(),
+            None => vec![Vec4::ZERO; self.terms],
+        };
+        texels().iter().flat_map(of_texel).collect()
     }
 
     /// Bilinear between the four nearest texels, those beyond the disc left out.

@@ -11,6 +11,8 @@
 //! the same samples, and Φ (I - G)⁻¹ λ0 is left. Rows of G and Φ are final gathers: nothing here divides by a squared
 //! distance, and no row sum exceeds the albedo.
 
+pub mod baked;
+pub mod blocks;
 pub mod cells;
 pub mod level;
 pub mod paths;
@@ -142,6 +144,11 @@ impl<'a> Transfer<'a> {
     /// Columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
     pub fn column_count(&self) -> usize {
         self.fine.coefficient_count() + self.coarse.as_ref().map_or(0, Level::coefficient_count)
+    }
+
+    /// Indirect bounces counted at the pixel; without, all of them.
+    pub fn bounces(&self) -> Option<u32> {
+        self.settings.bounces
     }
 
     /// Rows of Φ for view samples, by index into [`Baked::samples`]: gathered anew in every call, always the same.

@@ -5,7 +5,8 @@
 //! terms for a material are what it needs, not the same for all: with δ = 8 everywhere Φ of a picture of 512x512 and
 //! 2,304 samples would take 19 GB. A texture's material is factored at its mean.
 
-use glam::{DVec3, Vec3};
+use faer::Mat;
+use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::Outgoing;
@@ -21,7 +22,7 @@ use crate::bake::octahedral;
 use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 use crate::brdf::Lobes;
 use crate::scene::Scene;
-use crate::shared::{LIGHT_POINT, NO_BRDF, PackedLight};
+use crate::shared::{DISC_SIDE, LIGHT_POINT, NO_BRDF, PackedLight};
 
 /// What is computed.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,14 +43,14 @@ pub struct Thesis<'a> {
     scene: &'a Scene,
     bvh: &'a Bvh,
     baked: &'a Baked,
-    bounces: u32,
+    pub bounces: u32,
     pub samples: GatherSamples,
     packets: Vec<SamplePacket>,
     /// By material; absent where no sample has it.
     reflections: Vec<Option<Reflection>>,
     /// Coefficients of sample i: `first[i]..first[i + 1]`.
     pub first: Vec<u32>,
-    frames: Vec<[Vec3; 3]>,
+    pub frames: Vec<[Vec3; 3]>,
     /// G.
     pub g: Rows,
     /// Largest absolute eigenvalue of G: from 1 on the series that is truncated has no sum.
@@ -155,6 +156,40 @@ impl<'a> Thesis<'a> {
             rows
         };
         Rows::concatenated(view_samples.par_iter().map_init(|| self.scratch(), row).collect())
+    }
+
+    /// Tables of k for all materials, as shade_factored.comp reads them, and where each sample's begins.
+    pub fn k_tables(&self) -> (Vec<Vec4>, Vec<u32>) {
+        let mut tables = Vec::new();
+        let mut add = |reflection: &Option<Reflection>| {
+            let first = tables.len() as u32;
+            match reflection {
+                Some(Reflection::Even(k)) => tables.extend([k.extend(1.0); (DISC_SIDE * DISC_SIDE) as usize]),
+                Some(Reflection::Factors(factors)) => tables.extend(factors.k_map()),
+                None => {}
+            }
+            first
+        };
+        let of_material: Vec<u32> = self.reflections.iter().map(&mut add).collect();
+        let first = self.samples.samples.iter().map(|s| of_material[s.material as usize]).collect();
+        (tables, first)
+    }
+
+    /// G* = I + G + ... as many terms as bounces count, one matrix a channel: for so few coefficients that n² numbers
+    /// fit memory six times over.
+    pub fn all_bounces(&self) -> [Mat<f32>; 3] {
+        let n = self.column_count();
+        [0, 1, 2].map(|channel| {
+            let mut g = Mat::<f32>::zeros(n, n);
+            for r in 0..n {
+                self.g.row(r).for_each(|(column, value)| g[(r, column as usize)] += value[channel]);
+            }
+            let identity = Mat::<f32>::identity(n, n);
+            match self.bounces {
+                0 => Mat::zeros(n, n),
+                bounces => (1..bounces).fold(identity.clone(), |sum, _| &g * sum + &identity),
+            }
+        })
     }
 
     fn reflection(&self, sample: usize) -> &Reflection {

@@ -1,0 +1,41 @@
+// λ0 of the thesis: what one light at unit intensity leaves in gather samples whose BRDFs are factored by singular values
+// [Yang 2007, Section 4.4]. A sample a thread. Twin: src/reference/gather.rs.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+#include "lib/thread.glsl"
+#include "lib/brdf.glsl"
+#include "lib/light.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { ShadeFactoredPush push; };
+
+void main() {
+    uint index = thread_index();
+    if (index >= push.sample_count) {
+        return;
+    }
+    FactoredSample s = push.samples.at[index];
+    uint byte = (push.visibility.at[index / 4] >> (8 * (index & 3))) & 255;
+    vec3 wi;
+    float irradiance = incident(push.light, push.points.at[index].position, wi) * float(byte) / 255.0;
+    float light = irradiance * max(dot(s.normal, wi), 0.0);
+    // Between the four nearest texels, those beyond the disc left out.
+    vec2 on_disc = vec2(dot(s.tangent, wi), dot(cross(s.normal, s.tangent), wi));
+    vec2 place = clamp((on_disc + 1.0) * 0.5 * float(DISC_SIDE) - 0.5, 0.0, float(DISC_SIDE - 1));
+    uvec2 low = min(uvec2(place), uvec2(DISC_SIDE - 2));
+    vec2 along = place - vec2(low);
+    uint texel = s.table + (low.y * DISC_SIDE + low.x) * s.terms;
+    for (uint term = 0; term < s.terms; ++term) {
+        vec4 k = vec4(0.0);
+        if (light > 0.0) {
+            uint at = texel + term;
+            vec4 lower = mix(push.tables.at[at], push.tables.at[at + s.terms], along.x);
+            at += DISC_SIDE * s.terms;
+            k = mix(lower, mix(push.tables.at[at], push.tables.at[at + s.terms], along.x), along.y);
+        }
+        push.coefficients.at[s.first + term] = vec4(k.w > 0.0 ? light / k.w * k.rgb : vec3(0.0), 0.0);
+    }
+}

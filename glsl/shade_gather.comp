@@ -1,0 +1,124 @@
+// λ0: what one light at unit intensity leaves in gather samples, the mean over each sample's points. A sample a thread.
+// Twin: src/reference/gather.rs.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+#include "lib/thread.glsl"
+#include "lib/brdf.glsl"
+#include "lib/light.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { ShadeGatherPush push; };
+// Most degrees that any sample has.
+layout(constant_id = 0) const uint DEGREES = HARMONIC_DEGREES;
+
+const uint RADIALS = HARMONIC_DEGREES * (HARMONIC_DEGREES + 1) / 2;
+const uint SCHLICK = TABLE_ROUGHNESSES * TABLE_COSINES * RADIALS * 2;
+
+// Which two of `count` entries x in [0, 1] lies between, and how far along.
+uint place(float x, uint count, out float along) {
+    x *= float(count - 1);
+    uint index = min(uint(x), count - 2);
+    along = x - float(index);
+    return index;
+}
+
+// Where in the tables k of a sample is looked up.
+struct Lookup {
+    uint row;
+    float across;
+    uint column;
+    float along;
+};
+
+vec2 specular(uint row, uint column, uint radial) {
+    uint at = ((row * TABLE_COSINES + column) * RADIALS + radial) * 2;
+    return vec2(push.tables.at[at], push.tables.at[at + 1]);
+}
+
+// Radial part of k: `Projection::radials`, before the cap.
+vec3 radial(Brdf brdf, Lookup at, uint i) {
+    vec3 value = vec3(0.0);
+    if (brdf.diffuse != vec3(0.0)) {
+        uint entry = SCHLICK + at.column * RADIALS + i;
+        float schlick = mix(push.tables.at[entry], push.tables.at[entry + RADIALS], at.along);
+        float even = i == 0 ? (1.0 - brdf.dielectric_f0) * inversesqrt(PI) : 0.0;
+        value = (even - (brdf.dielectric_f90 - brdf.dielectric_f0) * schlick) * brdf.diffuse;
+    }
+    if (brdf.alpha > 0.0) {
+        vec2 near = mix(specular(at.row, at.column, i), specular(at.row, at.column + 1, i), at.along);
+        vec2 far = mix(specular(at.row + 1, at.column, i), specular(at.row + 1, at.column + 1, i), at.along);
+        vec2 k = mix(near, far, at.across);
+        value += brdf.f0 * (k.x - k.y) + brdf.f90 * k.y;
+    }
+    return value;
+}
+
+// Turned half round the unit axis.
+vec3 half_turn(vec3 axis, vec3 v) {
+    return 2.0 * dot(axis, v) * axis - v;
+}
+
+void add(uint index, vec3 value) {
+    push.coefficients.at[index].rgb += value;
+}
+
+void main() {
+    uint index = thread_index();
+    if (index >= push.sample_count) {
+        return;
+    }
+    LightSample s = push.samples.at[index];
+    for (uint i = 0; i < s.degrees * s.degrees; ++i) {
+        push.coefficients.at[s.first + i] = vec4(0.0);
+    }
+    vec3 first = vec3(0.0);
+    Lookup at;
+    at.row = place(s.roughness, TABLE_ROUGHNESSES, at.across);
+    vec3 bitangent = cross(s.normal, s.tangent);
+    for (uint p = index * push.points_per_sample; p < (index + 1) * push.points_per_sample; ++p) {
+        uint byte = (push.visibility.at[p / 4] >> (8 * (p & 3))) & 255;
+        if (byte == 0) {
+            continue;
+        }
+        vec3 normal = octahedral(push.points.at[p].normal);
+        vec3 wi;
+        float irradiance = incident(push.light, push.points.at[p].position, wi);
+        float cosine = dot(normal, wi);
+        if (irradiance == 0.0 || cosine <= 0.0) {
+            continue;
+        }
+        irradiance *= cosine * float(byte) / (255.0 * float(push.points_per_sample));
+        at.column = place(sqrt(min(cosine, 1.0)), TABLE_COSINES, at.along);
+        vec3 lowest = radial(s.brdf, at, 0);
+        vec3 light = irradiance * min(vec3(ALBEDO_CAP) / max(lowest * sqrt(PI), vec3(1e-6)), vec3(1.0));
+        first += light * lowest;
+        if (DEGREES < 2 || s.degrees < 2) {
+            continue;
+        }
+        // Two half-turns take the point's normal to the sample's the short way round.
+        vec3 between = normal + s.normal;
+        between /= sqrt(max(dot(between, between), 1e-20));
+        vec3 turned = half_turn(s.normal, half_turn(between, wi));
+        float x = dot(s.tangent, turned);
+        float y = dot(bitangent, turned);
+        uint i = 1;
+        uint function = s.first + 1;
+        for (uint degree = 1; degree < s.degrees; ++degree) {
+            vec2 power = vec2(1.0, 0.0); // (x + iy)^order
+            for (uint order = 0; order <= degree; ++order) {
+                vec3 value = light * radial(s.brdf, at, i);
+                add(function, value * power.x);
+                if (order > 0) {
+                    add(function + 1, value * power.y);
+                }
+                function += order > 0 ? 2 : 1;
+                ++i;
+                power = vec2(power.x * x - power.y * y, power.x * y + power.y * x);
+            }
+        }
+    }
+    push.coefficients.at[s.first].rgb = first;
+}

@@ -1,0 +1,73 @@
+//! The deep framebuffer on disk.
+
+use std::path::Path;
+
+use glam::Vec3;
+use safetensors::tensor::Dtype;
+
+use super::{Key, Reader, Writer, file, read};
+use crate::bake::view_samples::{Tiling, pack};
+use crate::bake::{BakeSettings, Baked};
+use crate::error::Result;
+use crate::shared::{Brdf, NO_BRDF, ViewSample};
+
+/// Looks a bake up. A file that is damaged or from another version counts as absent.
+pub fn load(dir: &Path, key: &Key, settings: &BakeSettings) -> Option<Baked> {
+    read(dir, key, |bytes| decode(bytes, settings))
+}
+
+/// Stores a bake of the scene called `name`.
+pub fn store(dir: &Path, key: &Key, name: &str, baked: &Baked) -> Result<()> {
+    let mut writer = Writer { tensors: Vec::new() };
+    writer.add("view_samples", Dtype::U32, 8, &baked.samples);
+    writer.add("geometric_normals", Dtype::F32, 3, &baked.geometric_normals);
+    writer.add("brdfs", Dtype::F32, 10, &baked.brdfs);
+    writer.add("extra_samples", Dtype::U32, 4, &baked.extra_samples);
+    writer.add("extra_indices", Dtype::U32, 1, &baked.extra_indices);
+    writer.add("extra_pixels", Dtype::U32, 4, &baked.extra_pixels);
+    writer.add("emission", Dtype::F32, 1, &baked.emission);
+    writer.add("layers", Dtype::U64, 1, &baked.layers);
+    let metadata = [
+        ("scene", name.to_owned()),
+        ("what", "deep framebuffer".to_owned()),
+        ("width", baked.tiling.width.to_string()),
+        ("height", baked.tiling.height.to_string()),
+    ];
+    writer.write(&file(dir, key), &metadata)
+}
+
+/// `None` if anything is not as [`store`] writes it: kernels follow these indices, so every one is checked.
+fn decode(bytes: &[u8], settings: &BakeSettings) -> Option<Baked> {
+    let mut reader = Reader::new(bytes)?;
+    let samples: Vec<ViewSample> = reader.take("view_samples")?;
+    let geometric_normals: Vec<Vec3> = reader.take("geometric_normals")?;
+    let brdfs: Vec<Brdf> = reader.take("brdfs")?;
+    let extra_samples = reader.take("extra_samples")?;
+    let extra_indices: Vec<u32> = reader.take("extra_indices")?;
+    let extra_pixels = reader.take("extra_pixels")?;
+    let emission: Vec<f32> = reader.take("emission")?;
+    let layers = reader.take("layers")?;
+    let tiling = Tiling { width: settings.width, height: settings.height };
+    let brdf_of = |s: &ViewSample| (s.brdf != NO_BRDF).then_some(s.brdf as usize);
+    let has_specular = samples.iter().filter_map(brdf_of).any(|b| brdfs.get(b).is_some_and(|b| b.has_lobe()));
+    let baked = Baked {
+        packets: Vec::new(),
+        tiling,
+        has_specular,
+        transfer: None,
+        samples,
+        geometric_normals,
+        brdfs,
+        extra_samples,
+        extra_indices,
+        extra_pixels,
+        emission,
+        layers,
+        asked_layers: settings.layers,
+    };
+    if !reader.is_whole() || !baked.is_consistent() {
+        return None;
+    }
+    let packets = pack(&baked.samples, &baked.geometric_normals, tiling.len());
+    Some(Baked { packets, ..baked })
+}

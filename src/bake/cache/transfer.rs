@@ -1,0 +1,81 @@
+//! Transfer on disk.
+
+use std::path::Path;
+
+use safetensors::tensor::Dtype;
+
+use super::{Key, Reader, Writer, file, read};
+use crate::bake::Baked;
+use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::blocks::BlockMatrix;
+use crate::error::Result;
+
+/// Name of a transfer to what the bake of `key` sees; `settings` tells how it is computed.
+pub fn transfer_key(key: &Key, settings: &str) -> Key {
+    Key(blake3::hash(format!("{} {settings}", key.0).as_bytes()).to_hex()[..32].to_owned())
+}
+
+/// Looks a transfer up. A file that is damaged or from another version counts as absent.
+pub fn load_transfer(dir: &Path, key: &Key, baked: &Baked) -> Option<BakedTransfer> {
+    read(dir, key, |bytes| decode(bytes, baked))
+}
+
+/// Stores a transfer of the scene called `name`.
+pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer: &BakedTransfer) -> Result<()> {
+    let mut writer = Writer { tensors: Vec::new() };
+    writer.add("gather_samples", Dtype::U32, 19, &transfer.samples);
+    writer.add("factored_samples", Dtype::U32, 9, &transfer.factored);
+    writer.add("factor_tables", Dtype::F32, 4, &transfer.tables);
+    writer.add("gather_points", Dtype::U32, 8, &transfer.points);
+    writer.add("geometric_normals", Dtype::F32, 3, &transfer.geometric_normals);
+    writer.add("emission", Dtype::F32, 3, &transfer.emission);
+    let mut metadata = vec![
+        ("scene", name.to_owned()),
+        ("what", "transfer".to_owned()),
+        ("width", baked.tiling.width.to_string()),
+        ("height", baked.tiling.height.to_string()),
+        ("points_per_sample", transfer.points_per_sample.to_string()),
+        ("vector_length", transfer.vector_length.to_string()),
+        ("report", serde_json::to_string(&transfer.report).expect("plain numbers")),
+    ];
+    let shapes: Vec<[u32; 3]> = transfer.chain.iter().map(|m| [m.channels, m.input_count, m.output_count]).collect();
+    metadata.push(("matrices", serde_json::to_string(&shapes).expect("plain numbers")));
+    for (i, matrix) in transfer.chain.iter().enumerate() {
+        writer.add(format!("{i}.panels"), Dtype::U32, 6, &matrix.panels);
+        writer.add(format!("{i}.inputs"), Dtype::U32, 1, &matrix.inputs);
+        writer.add(format!("{i}.outputs"), Dtype::U32, 1, &matrix.outputs);
+        writer.add(format!("{i}.factors"), Dtype::F16, 8, &matrix.values);
+    }
+    writer.write(&file(dir, key), &metadata)
+}
+
+/// `None` if anything is not as [`store_transfer`] writes it: kernels follow these indices, so every one is checked.
+fn decode(bytes: &[u8], baked: &Baked) -> Option<BakedTransfer> {
+    let mut reader = Reader::new(bytes)?;
+    let mut transfer = BakedTransfer {
+        samples: reader.take("gather_samples")?,
+        factored: reader.take("factored_samples")?,
+        tables: reader.take("factor_tables")?,
+        points: reader.take("gather_points")?,
+        geometric_normals: reader.take("geometric_normals")?,
+        emission: reader.take("emission")?,
+        points_per_sample: reader.field("points_per_sample")?,
+        vector_length: reader.field("vector_length")?,
+        report: serde_json::from_str(reader.metadata.get("report")?).ok()?,
+        ..Default::default()
+    };
+    let shapes: Vec<[u32; 3]> = serde_json::from_str(reader.metadata.get("matrices")?).ok()?;
+    for (i, [channels, input_count, output_count]) in shapes.into_iter().enumerate() {
+        transfer.chain.push(BlockMatrix {
+            channels,
+            input_count,
+            output_count,
+            panels: reader.take(&format!("{i}.panels"))?,
+            inputs: reader.take(&format!("{i}.inputs"))?,
+            outputs: reader.take(&format!("{i}.outputs"))?,
+            values: reader.take(&format!("{i}.factors"))?,
+        });
+    }
+    let sound = reader.is_whole() && transfer.is_consistent(baked.samples.len());
+    sound.then(|| transfer.with_packets())
+}

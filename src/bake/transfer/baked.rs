@@ -1,0 +1,270 @@
+//! What pictures need of a transfer, whatever its method: gather samples that lights shine on, and the chain of block
+//! matrices from there to view samples.
+
+use bytemuck::Zeroable;
+use glam::{DVec3, Vec3, Vec4};
+
+use super::Transfer;
+use super::blocks::{BlockMatrix, Dense};
+use super::level::Level;
+use super::rows::{Lobe, Rows};
+use super::thesis::Thesis;
+use crate::bake::Baked;
+use crate::bake::brdf_factors::roughness_coordinate;
+use crate::bake::gather_samples::GatherSamples;
+use crate::bake::octahedral;
+use crate::bake::packet::{PACKET_SIZE, SamplePacket};
+use crate::bake::view_samples::pack;
+use crate::shared::{DISC_SIDE, FactoredSample, LightSample, NO_BRDF, ViewSample};
+
+/// Indirect light of one scene and camera, ready for the device.
+#[derive(Clone, Default)]
+pub struct BakedTransfer {
+    /// Ours, or none.
+    pub samples: Vec<LightSample>,
+    /// The thesis's, or none, with the tables of k that they point into.
+    pub factored: Vec<FactoredSample>,
+    pub tables: Vec<Vec4>,
+    /// `points_per_sample` of each sample in turn; only position and normal count.
+    pub points: Vec<ViewSample>,
+    pub points_per_sample: usize,
+    /// Of each point, unit.
+    pub geometric_normals: Vec<Vec3>,
+    /// The same points as the shadow tracer wants them.
+    pub packets: Vec<SamplePacket>,
+    /// Length of the vector that the chain works on. It begins with λ0; every matrix but the last writes a part that the
+    /// next ones read.
+    pub vector_length: usize,
+    /// The last one's results are view samples.
+    pub chain: Vec<BlockMatrix>,
+    /// Indirect radiance of emitters at each view sample; empty without emitters.
+    pub emission: Vec<Vec3>,
+    pub report: TransferReport,
+}
+
+/// Figures of a transfer, for who wants to know how far to trust it.
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+pub struct TransferReport {
+    pub method: String,
+    pub form: String,
+    /// Largest absolute eigenvalue of G.
+    pub spectral_radius: f64,
+    /// Share of all reflected light that was scaled away, since glTF's BRDF reflects more than it gets near grazing.
+    pub capped: f64,
+    /// Relative residual of the solution.
+    pub residual: f64,
+    /// Indirect bounces counted at the pixel; without, all of them.
+    pub bounces: Option<u32>,
+}
+
+impl BakedTransfer {
+    /// Our operator in dense form: G* explicitly, then Φ. `progress` counts view samples.
+    pub fn dense(transfer: &Transfer, baked: &Baked, lobe: Lobe, progress: &(dyn Fn(usize) + Sync)) -> Self {
+        let fine = transfer.fine.coefficient_count();
+        let further = transfer.further_bounces();
+        let one_level = transfer.coarse.is_none();
+        // With one level Φ sees light at the same samples at first hand, too: the identity.
+        let bounced = |row: usize, column: usize| {
+            let itself = if one_level && row == column { 1.0 } else { 0.0 };
+            further.each_ref().map(|matrix| (matrix[(row, column)] + itself) as f32)
+        };
+        let vector_length = fine + further[0].nrows();
+        let bounce = explicit(fine, further[0].nrows(), bounced);
+        let emitted = transfer.emission();
+        let emits = emitted.iter().any(|e| *e != DVec3::ZERO);
+        let emitted = if emits { transfer.bounce(&emitted).0 } else { Vec::new() };
+        let offset = if one_level { fine as u32 } else { 0 };
+        let gather = |samples: &[u32]| transfer.rows(samples, lobe);
+        let (last, emission) = last_matrix(baked, vector_length, offset, &emitted, gather, progress);
+        let report = TransferReport {
+            method: "robust".into(),
+            form: "dense".into(),
+            spectral_radius: transfer.certificate.spectral_radius,
+            capped: transfer.certificate.capped,
+            residual: 0.0,
+            bounces: transfer.bounces(),
+        };
+        let transfer = Self { emission, report, ..Self::new(&transfer.fine, vector_length, vec![bounce, last]) };
+        transfer.with_packets()
+    }
+
+    /// The thesis's operator: G* and Φ [Yang 2007, Eq. 4.5 to 4.9]. `progress` counts view samples.
+    pub fn thesis(thesis: &Thesis, baked: &Baked, lobe: Lobe, progress: &(dyn Fn(usize) + Sync)) -> Self {
+        let count = thesis.column_count();
+        let all = thesis.all_bounces();
+        let bounce = explicit(count, count, |row, column| all.each_ref().map(|matrix| matrix[(row, column)]));
+        let gather = |samples: &[u32]| thesis.rows(samples, lobe);
+        let (last, _) = last_matrix(baked, 2 * count, count as u32, &[], gather, progress);
+        let (tables, table_of) = thesis.k_tables();
+        let sample = |i: usize| FactoredSample {
+            normal: thesis.frames[i][2],
+            tangent: thesis.frames[i][0],
+            table: table_of[i],
+            terms: thesis.first[i + 1] - thesis.first[i],
+            first: thesis.first[i],
+        };
+        let report = TransferReport {
+            method: "thesis".into(),
+            form: "dense".into(),
+            spectral_radius: thesis.spectral_radius,
+            bounces: Some(thesis.bounces),
+            ..Default::default()
+        };
+        let transfer = Self {
+            factored: (0..thesis.samples.len()).map(sample).collect(),
+            tables,
+            vector_length: 2 * count,
+            chain: vec![bounce, last],
+            report,
+            ..Self::lit_at(&thesis.samples)
+        };
+        transfer.with_packets()
+    }
+
+    /// `chain` after the direct light of `level`.
+    pub fn new(level: &Level, vector_length: usize, chain: Vec<BlockMatrix>) -> Self {
+        let sample = |i: usize| {
+            let sample = &level.samples.samples[i];
+            let coefficients = level.coefficients(i);
+            LightSample {
+                brdf: sample.brdf,
+                normal: level.frames[i][2],
+                tangent: level.frames[i][0],
+                roughness: roughness_coordinate(&sample.brdf),
+                first: coefficients.start as u32,
+                degrees: coefficients.len().isqrt() as u32,
+            }
+        };
+        let samples = (0..level.samples.len()).map(sample).collect();
+        Self { samples, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
+    }
+
+    /// Points of gather samples alone.
+    fn lit_at(samples: &GatherSamples) -> Self {
+        let point = |point: &crate::bake::gather_samples::GatherPoint| ViewSample {
+            position: point.position,
+            brdf: 0,
+            normal: octahedral::encode(point.normal),
+            wo: Zeroable::zeroed(),
+        };
+        Self {
+            points: samples.points.iter().map(point).collect(),
+            geometric_normals: samples.points.iter().map(|p| p.geometric_normal).collect(),
+            points_per_sample: samples.points_per_sample,
+            ..Default::default()
+        }
+    }
+
+    /// The points once more for the shadow tracer.
+    pub(in crate::bake) fn with_packets(self) -> Self {
+        let packets = pack(&self.points, &self.geometric_normals, 0);
+        Self { packets, ..self }
+    }
+
+    /// Gather samples.
+    pub fn sample_count(&self) -> usize {
+        self.samples.len() + self.factored.len()
+    }
+
+    /// Whether every index that a kernel follows leads to something, for pictures of `view_samples`.
+    pub fn is_consistent(&self, view_samples: usize) -> bool {
+        let within = |first: u32, count: u32, length: usize| first as usize + count as usize <= length;
+        let ours = |s: &LightSample| {
+            (1..=6).contains(&s.degrees)
+                && s.roughness.is_finite()
+                && within(s.first, s.degrees * s.degrees, self.vector_length)
+        };
+        let texels = DISC_SIDE * DISC_SIDE;
+        let thesis = |s: &FactoredSample| {
+            s.terms <= 1 << 16
+                && within(s.first, s.terms, self.vector_length)
+                && within(s.table, s.terms * texels, self.tables.len())
+        };
+        let Some((last, inner)) = self.chain.split_last() else { return false };
+        self.points.len() == self.sample_count() * self.points_per_sample
+            && self.points.len() == self.geometric_normals.len()
+            && (self.samples.is_empty() || self.factored.is_empty())
+            && (self.factored.is_empty() || self.points_per_sample == 1)
+            && self.samples.iter().all(ours)
+            && self.factored.iter().all(thesis)
+            && self.chain.iter().all(|m| m.is_consistent() && m.input_count as usize == self.vector_length)
+            && inner.iter().all(|m| m.output_count as usize == self.vector_length)
+            && last.output_count as usize == view_samples
+            && (self.emission.is_empty() || self.emission.len() == view_samples)
+    }
+
+    /// Bytes that the chain reads a light, and its multiply-adds.
+    pub fn cost(&self) -> (usize, u64) {
+        (self.chain.iter().map(BlockMatrix::bytes).sum(), self.chain.iter().map(BlockMatrix::multiply_adds).sum())
+    }
+}
+
+/// Rows of the explicit matrix that are packed at once.
+const ROWS_AT_ONCE: usize = 256;
+/// View samples whose rows share a list of columns: a tile of pixels.
+const ROWS_A_BLOCK: usize = PACKET_SIZE;
+/// Blocks that are gathered at once.
+const BLOCKS_AT_ONCE: usize = 64;
+
+/// A dense matrix from the first `columns` elements of the vector to the `rows` behind them.
+fn explicit(columns: usize, rows: usize, value: impl Fn(usize, usize) -> [f32; 3]) -> BlockMatrix {
+    let all: Vec<u32> = (0..columns as u32).collect();
+    let mut matrix = BlockMatrix::new(3, columns + rows, columns + rows);
+    for first in (0..rows).step_by(ROWS_AT_ONCE) {
+        let count = ROWS_AT_ONCE.min(rows - first);
+        let mut values = vec![0.0; 3 * count * columns];
+        for (row, column) in (0..count).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            for (channel, value) in value(first + row, column).into_iter().enumerate() {
+                values[(channel * count + row) * columns + column] = value;
+            }
+        }
+        let outputs: Vec<u32> = (0..count).map(|row| (columns + first + row) as u32).collect();
+        matrix.push(&Dense { columns: &all, rows: &outputs, values: &values });
+    }
+    matrix
+}
+
+/// Φ in dense blocks, from its sparse rows, whose columns start at `offset` of the vector; and what it makes of `emitted`.
+fn last_matrix(
+    baked: &Baked,
+    vector_length: usize,
+    offset: u32,
+    emitted: &[DVec3],
+    gather: impl Fn(&[u32]) -> Rows,
+    progress: &(dyn Fn(usize) + Sync),
+) -> (BlockMatrix, Vec<Vec3>) {
+    let mut matrix = BlockMatrix::new(3, vector_length, baked.samples.len());
+    let mut emission = vec![Vec3::ZERO; if emitted.is_empty() { 0 } else { baked.samples.len() }];
+    let reflecting: Vec<u32> =
+        (0..baked.samples.len() as u32).filter(|&i| baked.samples[i as usize].brdf != NO_BRDF).collect();
+    for piece in reflecting.chunks(ROWS_A_BLOCK * BLOCKS_AT_ONCE) {
+        let rows = gather(piece);
+        if !emitted.is_empty() {
+            piece.iter().zip(rows.multiply(emitted)).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
+        }
+        for (block, samples) in piece.chunks(ROWS_A_BLOCK).enumerate() {
+            push_block(&mut matrix, &rows, block * ROWS_A_BLOCK, samples, offset);
+        }
+        progress(piece.len());
+    }
+    (matrix, emission)
+}
+
+/// Adds the rows of `samples`, which begin at `first`, with the union of their columns.
+fn push_block(matrix: &mut BlockMatrix, rows: &Rows, first: usize, samples: &[u32], offset: u32) {
+    let listed = (0..samples.len()).flat_map(|r| rows.row(first + r));
+    let mut columns: Vec<u32> = listed.map(|(column, _)| column).collect();
+    columns.sort_unstable();
+    columns.dedup();
+    let mut values = vec![0.0; 3 * samples.len() * columns.len()];
+    for r in 0..samples.len() {
+        for (column, value) in rows.row(first + r) {
+            let c = columns.binary_search(&column).expect("it was listed");
+            for (channel, value) in value.into_iter().enumerate() {
+                values[(channel * samples.len() + r) * columns.len() + c] = value;
+            }
+        }
+    }
+    columns.iter_mut().for_each(|c| *c += offset);
+    matrix.push(&Dense { columns: &columns, rows: samples, values: &values });
+}

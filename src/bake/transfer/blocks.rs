@@ -1,0 +1,197 @@
+//! Block matrices: what the device multiplies light by.
+//!
+//! A matrix is cut into panels: a few rows that share a list of columns, dense within. Factors are float16, read 16 bytes
+//! at a time: a row's eight columns, rows next to each other, so that neighbouring threads read neighbouring bytes.
+//! Each panel has a scale that keeps its factors far from the ends of float16's range.
+
+use glam::{DVec3, UVec4};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use rayon::prelude::*;
+
+use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, ROW_ALIGNMENT};
+
+/// Rows of a panel before it is packed.
+pub struct Dense<'a> {
+    /// Index into the vector that is multiplied, for each column.
+    pub columns: &'a [u32],
+    /// Index into the vector that results, for each row.
+    pub rows: &'a [u32],
+    /// `[channel][row][column]`, one channel or three.
+    pub values: &'a [f32],
+}
+
+/// A sparse matrix of dense panels, for vectors of RGB.
+#[derive(Clone, Debug, Default)]
+pub struct BlockMatrix {
+    /// 3: R, G and B have factors of their own; 1: they share them.
+    pub channels: u32,
+    /// Elements of the vector that is multiplied.
+    pub input_count: u32,
+    /// Elements of the vector that results.
+    pub output_count: u32,
+    pub panels: Vec<Panel>,
+    /// Inputs of each panel's columns, padded to a multiple of [`PANEL_COLUMNS`] by repeating the first.
+    pub inputs: Vec<u32>,
+    /// Output of each panel's rows.
+    pub outputs: Vec<u32>,
+    /// Of each panel: `[columns / 8][channel][row]`, eight columns each, rows padded to [`ROW_ALIGNMENT`].
+    pub values: Vec<UVec4>,
+}
+
+/// Largest magnitude of a packed factor: that of float16 is 65,504, and its precision falls below 6e-5.
+const LARGEST: f32 = 16384.0;
+
+impl BlockMatrix {
+    pub fn new(channels: u32, input_count: usize, output_count: usize) -> Self {
+        let [input_count, output_count] =
+            [input_count, output_count].map(|n| u32::try_from(n).expect("indices are u32"));
+        Self { channels, input_count, output_count, ..Default::default() }
+    }
+
+    /// Adds rows that share their columns, [`PANEL_ROWS`] to a panel.
+    pub fn push(&mut self, dense: &Dense) {
+        let &Dense { columns, rows, values } = dense;
+        if columns.is_empty() {
+            return;
+        }
+        let channels = self.channels as usize;
+        assert_eq!(values.len(), channels * rows.len() * columns.len());
+        let first_input = self.inputs.len() as u32;
+        self.inputs.extend(columns);
+        let padding = columns.len().next_multiple_of(PANEL_COLUMNS as usize) - columns.len();
+        self.inputs.extend(std::iter::repeat_n(columns[0], padding));
+        let octets = columns.len().div_ceil(PANEL_COLUMNS as usize);
+        for (panel, of_panel) in rows.chunks(PANEL_ROWS as usize).enumerate() {
+            let first_row = panel * PANEL_ROWS as usize;
+            let row = |channel: usize, r: usize| {
+                &values[(channel * rows.len() + first_row + r) * columns.len()..][..columns.len()]
+            };
+            let all = || (0..channels).flat_map(|c| (0..of_panel.len()).map(move |r| (c, r)));
+            let largest = all().flat_map(|(c, r)| row(c, r)).fold(0.0f32, |m, v| m.max(v.abs()));
+            let scale = if largest > 0.0 { largest / LARGEST } else { 1.0 };
+            self.panels.push(Panel {
+                first_value: self.values.len() as u32,
+                first_input,
+                first_output: self.outputs.len() as u32,
+                row_count: of_panel.len() as u32,
+                octet_count: octets as u32,
+                scale,
+            });
+            self.outputs.extend(of_panel);
+            let padding = of_panel.len().next_multiple_of(ROW_ALIGNMENT as usize) - of_panel.len();
+            for octet in 0..octets {
+                for channel in 0..channels {
+                    for r in 0..of_panel.len() {
+                        let from = &row(channel, r)[octet * PANEL_COLUMNS as usize..];
+                        self.values.push(pack(from, scale));
+                    }
+                    self.values.extend(std::iter::repeat_n(UVec4::ZERO, padding));
+                }
+            }
+        }
+    }
+
+    /// All panels of `parts` in turn, which have the same channels and vectors.
+    pub fn append(&mut self, part: Self) {
+        assert_eq!(
+            (self.channels, self.input_count, self.output_count),
+            (part.channels, part.input_count, part.output_count)
+        );
+        let [value, input, output] = [self.values.len(), self.inputs.len(), self.outputs.len()].map(|n| n as u32);
+        self.panels.extend(part.panels.into_iter().map(|p| Panel {
+            first_value: p.first_value + value,
+            first_input: p.first_input + input,
+            first_output: p.first_output + output,
+            ..p
+        }));
+        self.values.extend(part.values);
+        self.inputs.extend(part.inputs);
+        self.outputs.extend(part.outputs);
+    }
+
+    /// Whether every index that a kernel follows leads to something, and no output has two rows.
+    pub fn is_consistent(&self) -> bool {
+        let within = |first: u32, count: usize, len: usize| first as usize + count <= len;
+        let mut seen = vec![false; self.output_count as usize];
+        matches!(self.channels, 1 | 3)
+            && self.inputs.iter().all(|&i| i < self.input_count)
+            && self.outputs.iter().all(|&o| o < self.output_count && !std::mem::replace(&mut seen[o as usize], true))
+            && self.panels.iter().all(|p| {
+                p.row_count <= PANEL_ROWS
+                    && within(p.first_input, p.octet_count as usize * PANEL_COLUMNS as usize, self.inputs.len())
+                    && within(p.first_output, p.row_count as usize, self.outputs.len())
+                    && within(
+                        p.first_value,
+                        p.octet_count as usize * self.channels as usize * stride(p),
+                        self.values.len(),
+                    )
+            })
+    }
+
+    /// Bytes that a multiplication reads: factors and indices.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.values[..]) + 4 * (self.inputs.len() + self.outputs.len()) + size_of_val(&self.panels[..])
+    }
+
+    /// Multiply-adds of all three channels, padding included.
+    pub fn multiply_adds(&self) -> u64 {
+        let of_panel = |p: &Panel| 3 * u64::from(p.row_count) * u64::from(p.octet_count * PANEL_COLUMNS);
+        self.panels.iter().map(of_panel).sum()
+    }
+
+    /// The product with `vector`, in double precision; twin of multiply_blocks.comp.
+    pub fn multiply(&self, vector: &[DVec3]) -> Vec<DVec3> {
+        self.sum_rows(|factor, i| factor * vector[i])
+    }
+
+    /// The same for magnitudes: what the rounding of sums is measured by.
+    pub fn multiply_magnitudes(&self, vector: &[DVec3]) -> Vec<DVec3> {
+        self.sum_rows(|factor, i| (factor * vector[i]).abs())
+    }
+
+    /// Sums of `term(factor, input)` over each row.
+    fn sum_rows(&self, term: impl Fn(DVec3, usize) -> DVec3 + Sync) -> Vec<DVec3> {
+        let panel = |panel: &Panel| {
+            let row = |r: usize| {
+                let octet = |o: usize| {
+                    let first = panel.first_input as usize + o * PANEL_COLUMNS as usize;
+                    let factors = self.factors(panel, o, r);
+                    factors.into_iter().zip(&self.inputs[first..]).map(|(f, &i)| term(f, i as usize)).sum::<DVec3>()
+                };
+                let sum = (0..panel.octet_count as usize).map(octet).sum::<DVec3>() * f64::from(panel.scale);
+                (self.outputs[panel.first_output as usize + r], sum)
+            };
+            (0..panel.row_count as usize).map(row).collect::<Vec<_>>()
+        };
+        let mut result = vec![DVec3::ZERO; self.output_count as usize];
+        for (output, sum) in self.panels.par_iter().flat_map_iter(panel).collect::<Vec<_>>() {
+            result[output as usize] = sum;
+        }
+        result
+    }
+
+    /// Eight columns of row `r`, RGB, before the panel's scale.
+    fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
+        let of_channel = |channel: usize| -> [f16; PANEL_COLUMNS as usize] {
+            let octet = octet * self.channels as usize + channel % self.channels as usize;
+            bytemuck::cast(self.values[panel.first_value as usize + octet * stride(panel) + r])
+        };
+        let [red, green, blue] = [0, 1, 2].map(of_channel);
+        std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()))
+    }
+}
+
+/// Rows that a panel has factors for.
+fn stride(panel: &Panel) -> usize {
+    panel.row_count.next_multiple_of(ROW_ALIGNMENT) as usize
+}
+
+/// The first eight of `factors`, or all followed by zeros, over `scale`.
+fn pack(factors: &[f32], scale: f32) -> UVec4 {
+    let mut scaled = [0.0; PANEL_COLUMNS as usize];
+    scaled.iter_mut().zip(factors).for_each(|(s, v)| *s = v / scale);
+    let mut packed = [f16::ZERO; PANEL_COLUMNS as usize];
+    packed.convert_from_f32_slice(&scaled);
+    bytemuck::cast(packed)
+}

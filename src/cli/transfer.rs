@@ -1,0 +1,201 @@
+//! Options of indirect light, and its bake.
+
+use clap::ValueEnum;
+use relume::bake::Baked;
+use relume::bake::brdf_factors::svd::Terms;
+use relume::bake::bvh::Bvh;
+use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::scene::Scene;
+use relume::{Error, Result};
+
+use super::options::{Bounces, ViewOptions, parse_bounces};
+use super::progress::Progress;
+use super::session::{BakeReport, check_free};
+
+/// How indirect light is computed.
+#[derive(clap::Args, Clone)]
+#[command(next_help_heading = "Indirect light")]
+pub struct TransferOptions {
+    /// Indirect light: none, from gather samples that radiate equally in all directions, or with their gloss.
+    #[arg(long, value_enum, default_value = "off")]
+    pub gi: Gi,
+    /// The thesis's method as printed, or ours.
+    #[arg(long, value_enum, default_value = "robust")]
+    pub method: MethodName,
+    /// Gather samples [default: 2304].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub gather: Option<u32>,
+    /// Rays a row of the operator, for --method robust.
+    #[arg(long, value_name = "K", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub rays: u32,
+    /// Outgoing light of a gather sample: sh1, sh4, sh9, sh16, sh25 or sh36 harmonics; svdN terms for --method thesis
+    /// [default: what each material needs].
+    #[arg(long, value_name = "BASIS", value_parser = parse_basis)]
+    pub basis: Option<Basis>,
+    /// How the operator is stored and applied.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub transfer: Form,
+    /// Indirect bounces counted at the pixel, or inf [default: inf; 5 with --method thesis].
+    #[arg(long, value_name = "N|inf", value_parser = parse_bounces)]
+    pub bounces: Option<Bounces>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Gi {
+    Off,
+    Diffuse,
+    Glossy,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MethodName {
+    Thesis,
+    Robust,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Form {
+    Auto,
+    Dense,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Basis {
+    Harmonics(u8),
+    SingularValues(usize),
+}
+
+/// What is baked, decided.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TransferPlan {
+    Robust(TransferSettings),
+    Thesis(ThesisSettings),
+}
+
+/// Gather samples of the thesis, and of the dense form [Yang 2007, Section 5.2].
+const DENSE_SAMPLES: usize = 2304;
+/// Gather samples among which light bounces on.
+const COARSE_SAMPLES: usize = 2304;
+/// Points of all gather samples at which light is looked at.
+const POINTS: usize = 65_536;
+/// Bounces of I + G + ... + G⁴ [Yang 2007, Eq. 4.6].
+const THESIS_BOUNCES: u32 = 5;
+/// Error that a BRDF's singular values may leave, where nobody says how many there are.
+const THESIS_ERROR: f64 = 0.1;
+
+impl TransferOptions {
+    /// `None` without indirect light; an error where options exclude each other.
+    pub fn plan(&self, view: &ViewOptions) -> Result<Option<TransferPlan>> {
+        let refuse = |option: &str, reason: &str| Err(Error::invalid(option, reason));
+        let samples = self.gather.map_or(DENSE_SAMPLES, |n| n as usize);
+        let diffuse = match self.gi {
+            Gi::Off => return Ok(None),
+            Gi::Diffuse => true,
+            Gi::Glossy => false,
+        };
+        if diffuse && self.basis.is_some() {
+            return refuse("--basis", "--gi diffuse has one function by its nature");
+        }
+        match (self.method, self.basis) {
+            (MethodName::Robust, Some(Basis::SingularValues(_))) => refuse("--basis", "svdN needs --method thesis"),
+            (MethodName::Thesis, Some(Basis::Harmonics(_))) => refuse("--basis", "shN needs --method robust"),
+            (MethodName::Robust, basis) => {
+                let functions = match basis {
+                    Some(Basis::Harmonics(count)) => Some(count),
+                    _ => None,
+                };
+                Ok(Some(TransferPlan::Robust(TransferSettings {
+                    outgoing: if diffuse { Outgoing::Diffuse } else { Outgoing::Glossy { functions } },
+                    samples,
+                    coarse_samples: COARSE_SAMPLES,
+                    points: (POINTS / samples).clamp(1, 16),
+                    rays: self.rays,
+                    layers: view.layers,
+                    bounces: self.bounces.and_then(|bounces| bounces.0),
+                    seed: view.seed,
+                })))
+            }
+            (MethodName::Thesis, basis) => Ok(Some(TransferPlan::Thesis(ThesisSettings {
+                outgoing: if diffuse { Outgoing::Diffuse } else { Outgoing::Glossy { functions: None } },
+                samples,
+                terms: match basis {
+                    Some(Basis::SingularValues(count)) => Terms::Count(count),
+                    _ => Terms::Error(THESIS_ERROR),
+                },
+                bounces: match self.bounces {
+                    None => THESIS_BOUNCES,
+                    Some(Bounces(Some(count))) => count,
+                    Some(Bounces(None)) => {
+                        return refuse("--bounces inf", "the thesis's sum is truncated; give a number");
+                    }
+                },
+                seed: view.seed,
+            }))),
+        }
+    }
+}
+
+impl TransferPlan {
+    /// Bakes the operator of a scene.
+    pub fn bake(
+        &self,
+        scene: &Scene,
+        bvh: &Bvh,
+        baked: &Baked,
+        lobe: Lobe,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<BakedTransfer> {
+        let advance = |count| progress.advance(count);
+        match self {
+            Self::Robust(settings) => {
+                progress.begin("bounces", settings.coarse_samples.min(settings.samples));
+                let transfer = report.stage("bounces", || Transfer::new(scene, bvh, baked, settings, &advance));
+                progress.end();
+                check_dense(baked, transfer.column_count(), scene)?;
+                progress.begin("transfer", baked.samples.len());
+                let dense = report.stage("transfer", || BakedTransfer::dense(&transfer, baked, lobe, &advance));
+                progress.end();
+                Ok(dense)
+            }
+            Self::Thesis(settings) => {
+                progress.begin("bounces", settings.samples);
+                let thesis = report.stage("bounces", || Thesis::new(scene, bvh, baked, settings, &advance));
+                progress.end();
+                check_dense(baked, thesis.column_count(), scene)?;
+                if thesis.spectral_radius >= 1.0 {
+                    tracing::warn!(
+                        "the thesis's series has no sum here: its spectral radius is {:.3}; shown are its first {} terms",
+                        thesis.spectral_radius,
+                        settings.bounces
+                    );
+                }
+                progress.begin("transfer", baked.samples.len());
+                let dense = report.stage("transfer", || BakedTransfer::thesis(&thesis, baked, lobe, &advance));
+                progress.end();
+                Ok(dense)
+            }
+        }
+    }
+}
+
+/// Refuses a dense operator that cannot fit this machine: float16 RGB, on the host and on the device, and G* once more.
+fn check_dense(baked: &Baked, columns: usize, scene: &Scene) -> Result<()> {
+    let bytes = 12.0 * (baked.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
+    let what = format!("a dense transfer of {columns} coefficients to {} view samples takes", baked.samples.len());
+    check_free(bytes, &what, "choose a smaller --size, fewer --gather, or a --basis of fewer functions", &scene.path)
+}
+
+fn parse_basis(text: &str) -> Result<Basis, String> {
+    let count = |prefix: &str| text.strip_prefix(prefix).and_then(|count| count.parse::<usize>().ok());
+    if let Some(count) = count("sh").filter(|count| [1, 4, 9, 16, 25, 36].contains(count)) {
+        return Ok(Basis::Harmonics(count as u8));
+    }
+    if let Some(count) = count("svd").filter(|count| (1..=812).contains(count)) {
+        return Ok(Basis::SingularValues(count));
+    }
+    Err("expected sh1, sh4, sh9, sh16, sh25, sh36 or svd1 to svd812".into())
+}

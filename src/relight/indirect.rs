@@ -1,0 +1,176 @@
+//! Indirect light on the device: λ0 of a light, then the chain of block matrices, added to its image.
+
+use std::sync::Arc;
+
+use glam::{UVec4, Vec4};
+
+use crate::bake::brdf_factors::Projection;
+use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::blocks::BlockMatrix;
+use crate::error::Result;
+use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
+use crate::shared::*;
+
+pub struct Indirect {
+    pub points: Buffer<ViewSample>,
+    lit: LitSamples,
+    /// λ0, then what the chain makes of it; of one light at a time.
+    vector: Buffer<Vec4>,
+    chain: Vec<Product>,
+}
+
+/// Gather samples as light finds them.
+enum LitSamples {
+    Projected {
+        samples: Buffer<LightSample>,
+        points_per_sample: u32,
+        tables: Buffer<f32>,
+        kernel: Kernel,
+    },
+    /// The thesis's.
+    Factored {
+        samples: Buffer<FactoredSample>,
+        tables: Buffer<Vec4>,
+        kernel: Kernel,
+    },
+}
+
+/// A block matrix on the device.
+struct Product {
+    panels: Buffer<Panel>,
+    values: Buffer<UVec4>,
+    inputs: Buffer<u32>,
+    outputs: Buffer<u32>,
+    kernel: Kernel,
+}
+
+/// Where the light of view samples is added.
+pub struct Target<'a> {
+    pub image: &'a Buffer<Vec4>,
+    pub extras: &'a Buffer<f32>,
+    pub pixel_stride: u32,
+    pub extra_stride: u32,
+}
+
+/// Rows of a panel that a thread takes.
+const ROWS_A_THREAD: u32 = 4;
+
+impl Indirect {
+    pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
+        let last = transfer.chain.len().saturating_sub(1);
+        let product = |(i, matrix): (usize, &BlockMatrix)| Product::new(context, matrix, i == last);
+        Ok(Self {
+            points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
+            lit: LitSamples::new(context, transfer)?,
+            vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
+            chain: transfer.chain.iter().enumerate().map(product).collect::<Result<_>>()?,
+        })
+    }
+
+    /// Passes that [`Self::add`] records.
+    pub fn pass_count(&self) -> usize {
+        1 + self.chain.len()
+    }
+
+    /// Adds the indirect light of `light` to `target`; `visibility` is that of the points.
+    pub fn add(&self, frame: &mut Frame, light: &PackedLight, visibility: &Buffer<u32>, target: &Target) {
+        if self.points.is_empty() {
+            return;
+        }
+        self.lit.shade(frame, light, &self.points, visibility, &self.vector);
+        for (i, product) in self.chain.iter().enumerate() {
+            let name = if i + 1 == self.chain.len() { "transfer to pixels" } else { "transfer" };
+            product.run(frame, name, &self.vector, target);
+        }
+    }
+}
+
+impl LitSamples {
+    fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
+        if !transfer.factored.is_empty() {
+            return Ok(Self::Factored {
+                samples: Buffer::from_slice(context, "gather samples", &transfer.factored)?,
+                tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.tables)?,
+                kernel: Kernel::new(context, "shade_factored", &[])?,
+            });
+        }
+        let degrees = transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0);
+        Ok(Self::Projected {
+            samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
+            points_per_sample: transfer.points_per_sample as u32,
+            tables: Buffer::from_slice(context, "gather samples (tables)", &Projection::get().tables())?,
+            kernel: Kernel::new(context, "shade_gather", &[(0, degrees)])?,
+        })
+    }
+
+    /// λ0 of one light.
+    fn shade(
+        &self,
+        frame: &mut Frame,
+        light: &PackedLight,
+        points: &Buffer<ViewSample>,
+        visibility: &Buffer<u32>,
+        vector: &Buffer<Vec4>,
+    ) {
+        let mut pass = frame.pass("shade gather samples");
+        match self {
+            Self::Projected { samples, points_per_sample, tables, kernel } => {
+                let push = ShadeGatherPush {
+                    samples: pass.read(samples),
+                    points: pass.read(points),
+                    visibility: pass.read(visibility),
+                    tables: pass.read(tables),
+                    coefficients: pass.write(vector),
+                    light: *light,
+                    sample_count: samples.len() as u32,
+                    points_per_sample: *points_per_sample,
+                };
+                pass.dispatch(kernel, &push, push.sample_count);
+            }
+            Self::Factored { samples, tables, kernel } => {
+                let push = ShadeFactoredPush {
+                    samples: pass.read(samples),
+                    points: pass.read(points),
+                    visibility: pass.read(visibility),
+                    tables: pass.read(tables),
+                    coefficients: pass.write(vector),
+                    light: *light,
+                    sample_count: samples.len() as u32,
+                    unused: 0,
+                };
+                pass.dispatch(kernel, &push, push.sample_count);
+            }
+        }
+    }
+}
+
+impl Product {
+    fn new(context: &Arc<Context>, matrix: &BlockMatrix, is_last: bool) -> Result<Self> {
+        let constants = [(0, matrix.channels), (1, u32::from(is_last)), (2, ROWS_A_THREAD)];
+        Ok(Self {
+            panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
+            values: Buffer::from_slice(context, "transfer (factors)", &matrix.values)?,
+            inputs: Buffer::from_slice(context, "transfer (inputs)", &matrix.inputs)?,
+            outputs: Buffer::from_slice(context, "transfer (outputs)", &matrix.outputs)?,
+            kernel: Kernel::new(context, "multiply_blocks", &constants)?,
+        })
+    }
+
+    fn run(&self, frame: &mut Frame, name: &'static str, vector: &Buffer<Vec4>, target: &Target) {
+        let mut pass = frame.pass(name);
+        let push = MultiplyBlocksPush {
+            panels: pass.read(&self.panels),
+            values: pass.read(&self.values),
+            inputs: pass.read(&self.inputs),
+            outputs: pass.read(&self.outputs),
+            vector: pass.write(vector),
+            image: pass.write_as(target.image),
+            extras: pass.write(target.extras),
+            panel_count: self.panels.len() as u32,
+            pixel_stride: target.pixel_stride,
+            extra_stride: target.extra_stride,
+            unused: 0,
+        };
+        pass.dispatch(&self.kernel, &push, push.panel_count * PANEL_ROWS / ROWS_A_THREAD);
+    }
+}

@@ -1,0 +1,373 @@
+//! Indirect light on the device: its kernels against their twins, and whole pictures against the operator on the CPU.
+
+mod common;
+
+use std::sync::Arc;
+
+use common::gpu;
+use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
+use common::random::Random;
+use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
+use glam::{DVec3, Vec3, Vec4};
+use relume::bake::brdf_factors::Projection;
+use relume::bake::packet::{PACKET_SIZE, trace_all};
+use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::blocks::{BlockMatrix, Dense};
+use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::gpu::{Access, Buffer, Frames, Kernel};
+use relume::reference::{gather, resolve};
+use relume::relight::{Layers, Picture, VisibilityMethod};
+use relume::scene::rig::Rig;
+use relume::scene::{Light, LightKind, Material, Projection as Lens, Scene};
+use relume::shared::*;
+
+/// Blocks of random shape: rows are dealt out to blocks at random, columns drawn anew for each.
+fn random_matrix(random: &mut Random, channels: u32, inputs: usize, outputs: usize) -> BlockMatrix {
+    let mut matrix = BlockMatrix::new(channels, inputs, outputs);
+    let mut rows: Vec<u32> = (0..outputs as u32).collect();
+    (1..rows.len()).rev().for_each(|i| rows.swap(i, random.below(i + 1)));
+    let mut left = &rows[..];
+    while !left.is_empty() {
+        let (now, later) = left.split_at(random.pick(&[1, 3, 16, 48, 64, 65, 256, 300]).min(left.len()));
+        let columns: Vec<u32> =
+            (0..random.pick(&[1, 2, 7, 8, 9, 48, 130])).map(|_| random.below(inputs) as u32).collect();
+        // Panels of very different size: each has a scale of its own.
+        let size = random.magnitude(1e-9, 1e9);
+        let count = channels as usize * now.len() * columns.len();
+        let values: Vec<f32> = (0..count).map(|_| (size * random.between(-1.0, 1.0)) as f32).collect();
+        matrix.push(&Dense { columns: &columns, rows: now, values: &values });
+        left = later;
+    }
+    matrix
+}
+
+#[test]
+fn multiply_blocks() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(9);
+    for (channels, outputs, to_view, rows_a_thread) in [
+        (1, 1, false, 1),
+        (3, 130, true, 1),
+        (1, 3001, true, 2),
+        (3, 700, false, 4),
+        (1, 700, true, 4),
+        (3, 65, true, 4),
+    ] {
+        let inputs = 333;
+        let extras: usize = if to_view { outputs / 3 } else { 0 };
+        let (pixel_count, extra_stride) = (outputs - extras, extras.next_multiple_of(4));
+        // What results in the vector comes behind what is multiplied.
+        let length = if to_view { inputs } else { inputs + outputs };
+        let mut matrix = random_matrix(&mut random, channels, inputs, outputs);
+        if !to_view {
+            [matrix.input_count, matrix.output_count] = [length as u32; 2];
+            matrix.outputs.iter_mut().for_each(|o| *o += inputs as u32);
+        }
+        assert!(matrix.is_consistent());
+        let of_input = |i| if i < inputs { random.vector(-1.0, 1.0).as_vec3().extend(0.0) } else { Vec4::ZERO };
+        let mut vector = Buffer::new(&gpu, "test vector", Access::HostWrites, length).unwrap();
+        let values: Vec<Vec4> = (0..length).map(of_input).collect();
+        vector.host_mut().copy_from_slice(&values);
+        let mut image = output(&gpu, 3 * pixel_count);
+        image.host_mut()[..3 * pixel_count].fill(0.5);
+        let mut extra_image = output(&gpu, 3 * extra_stride);
+        extra_image.host_mut()[..3 * extra_stride].fill(0.5);
+        let kernel =
+            Kernel::new(&gpu, "multiply_blocks", &[(0, channels), (1, u32::from(to_view)), (2, rows_a_thread)])
+                .unwrap();
+        let panels = Buffer::from_slice(&gpu, "test panels", &matrix.panels).unwrap();
+        let factors = Buffer::from_slice(&gpu, "test factors", &matrix.values).unwrap();
+        let input_list = Buffer::from_slice(&gpu, "test inputs", &matrix.inputs).unwrap();
+        let output_list = Buffer::from_slice(&gpu, "test outputs", &matrix.outputs).unwrap();
+        run(&mut frames, |frame| {
+            let mut pass = frame.pass("multiply");
+            let push = MultiplyBlocksPush {
+                panels: pass.read(&panels),
+                values: pass.read(&factors),
+                inputs: pass.read(&input_list),
+                outputs: pass.read(&output_list),
+                vector: pass.write(&vector),
+                image: pass.write(&image),
+                extras: pass.write(&extra_image),
+                panel_count: panels.len() as u32,
+                pixel_stride: pixel_count as u32,
+                extra_stride: extra_stride as u32,
+                unused: 0,
+            };
+            pass.dispatch(&kernel, &push, push.panel_count * PANEL_ROWS / rows_a_thread);
+        });
+        let exact: Vec<DVec3> = values.iter().map(|v| v.truncate().as_dvec3()).collect();
+        let want = matrix.multiply(&exact);
+        let largest = matrix.multiply_magnitudes(&exact);
+        for row in 0..outputs {
+            let (got, before, place) = match () {
+                () if !to_view => (vector.host()[inputs + row].truncate().as_dvec3(), 0.0, inputs + row),
+                () if row < pixel_count => (pixel(image.host(), pixel_count, row), 0.5, row),
+                () => (pixel(extra_image.host(), extra_stride, row - pixel_count), 0.5, row),
+            };
+            // A rounding for each of at most 130 sums, and those of what was there before.
+            let tolerance = 140.0 * ROUNDING * (largest[place].max_element() + before);
+            let error = (got - want[place] - before).abs().max_element();
+            assert!(error <= tolerance, "row {row} of {outputs}: off by {error:.3e}, tolerance {tolerance:.3e}");
+        }
+        for buffer in [(&image, 3 * pixel_count), (&extra_image, 3 * extra_stride)] {
+            assert!(buffer.0.host()[buffer.1..].iter().all(|&x| x == SENTINEL), "wrote past {} floats", buffer.1);
+        }
+    }
+}
+
+#[test]
+fn indices_that_lead_nowhere_are_found() {
+    let good = random_matrix(&mut Random::new(1), 3, 50, 400);
+    assert!(good.is_consistent());
+    let broken = |change: fn(&mut BlockMatrix)| {
+        let mut matrix = good.clone();
+        change(&mut matrix);
+        assert!(!matrix.is_consistent());
+    };
+    broken(|m| m.inputs[7] = 50);
+    broken(|m| m.outputs[7] = 400);
+    broken(|m| m.outputs[7] = m.outputs[8]);
+    broken(|m| m.channels = 2);
+    broken(|m| m.panels[1].row_count = PANEL_ROWS + 1);
+    broken(|m| m.panels.last_mut().unwrap().octet_count += 1);
+    broken(|m| m.panels[0].first_value = u32::MAX);
+    broken(|m| drop(m.values.pop()));
+}
+
+fn glossy(color: Vec3, roughness: f32, metallic: f32) -> Material {
+    Material { base_color: color.extend(1.0), metallic, roughness, ..Default::default() }
+}
+
+/// A room with a rough floor, a glossy metal wall, a mirror, a glowing panel and a bent corner.
+fn room() -> (Scene, relume::scene::Camera) {
+    let mut build = Build::default();
+    let white = build.material(lambert(Vec3::new(0.7, 0.6, 0.5)));
+    let metal = build.material(glossy(Vec3::new(0.9, 0.6, 0.3), 0.35, 1.0));
+    let plastic = build.material(glossy(Vec3::new(0.2, 0.5, 0.7), 0.5, 0.0));
+    let glass = build.material(mirror(Vec3::ONE, 1.0));
+    let glow = build.material(emitter(Vec3::new(2.0, 1.0, 0.5)));
+    build.room(DVec3::ZERO, 1.0, white);
+    build.quads[2].1 = plastic;
+    build.quads[0].1 = metal;
+    build.quad(DVec3::new(0.2, -0.3, -0.95), DVec3::X * 0.5, DVec3::Y * 0.5, glass);
+    build.quad(DVec3::new(-0.6, 0.97, 0.3), DVec3::X * 0.2, -DVec3::Z * 0.2, glow);
+    build.quad(DVec3::new(0.6, -0.6, -0.1), DVec3::new(0.2, 0.1, 0.1), DVec3::new(0.0, 0.3, -0.1), metal);
+    let camera =
+        look(DVec3::new(0.1, 0.1, 0.95), DVec3::new(0.0, -0.1, -1.0), DVec3::Y, Lens::Perspective { yfov: 1.3 });
+    (build.scene(), camera)
+}
+
+fn lights() -> Rig {
+    let point = Light::point("point", DVec3::new(-0.2, 0.6, 0.1));
+    let spot = Light {
+        kind: LightKind::Spot,
+        direction: DVec3::new(0.4, -1.0, -0.3).normalize(),
+        inner_angle: 0.2,
+        outer_angle: 0.6,
+        color: Vec3::new(0.5, 1.0, 0.25),
+        intensity: 3.0,
+        ..Light::point("spot", DVec3::new(-0.5, 0.8, 0.4))
+    };
+    rig(vec![point, spot])
+}
+
+fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
+    TransferSettings {
+        outgoing: Outgoing::Glossy { functions: None },
+        samples,
+        coarse_samples,
+        points: 5,
+        rays: 64,
+        layers: 4,
+        bounces: None,
+        seed: 1,
+    }
+}
+
+#[test]
+fn shade_gather() {
+    let gpu = gpu();
+    let (scene, camera) = room();
+    let stage = Stage::new(scene, &camera, &lights(), &Setup::new(16, 16));
+    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(700, 700), &|_| ());
+    let level = &transfer.fine;
+    let length = level.coefficient_count();
+    assert!(level.first.windows(2).any(|f| f[1] - f[0] > 9), "some sample is glossy");
+    let baked = BakedTransfer::new(level, length, Vec::new());
+    let samples = Buffer::from_slice(&gpu, "test samples", &baked.samples).unwrap();
+    let points = Buffer::from_slice(&gpu, "test points", &baked.points).unwrap();
+    let tables = Buffer::from_slice(&gpu, "test tables", &Projection::get().tables()).unwrap();
+    let kernel = Kernel::new(&gpu, "shade_gather", &[(0, HARMONIC_DEGREES)]).unwrap();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let sun = Light {
+        kind: LightKind::Directional,
+        direction: DVec3::new(0.5, -0.7, 0.1).normalize(),
+        ..lights().lights[0].clone()
+    };
+    for light in lights().lights.iter().chain([&sun]) {
+        let packed = light.pack(stage.scene.origin);
+        let mut visibility =
+            Buffer::new(&gpu, "test visibility", Access::HostWrites, baked.packets.len() * PACKET_SIZE / 4).unwrap();
+        trace_all(&stage.bvh, &stage.scene, &packed, &baked.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
+        let mut coefficients = output(&gpu, 4 * length);
+        coefficients.host_mut()[..4 * length].fill(SENTINEL);
+        run(&mut frames, |frame| {
+            let mut pass = frame.pass("shade gather");
+            let push = ShadeGatherPush {
+                samples: pass.read(&samples),
+                points: pass.read(&points),
+                visibility: pass.read(&visibility),
+                tables: pass.read(&tables),
+                coefficients: pass.write_as(&coefficients),
+                light: packed,
+                sample_count: samples.len() as u32,
+                points_per_sample: baked.points_per_sample as u32,
+            };
+            pass.dispatch(&kernel, &push, push.sample_count);
+        });
+        let want = gather::shade(&stage.scene, &stage.bvh, level, &packed);
+        let largest = want.iter().fold(0.0, |m: f64, v| m.max(v.abs().max_element()));
+        for (i, want) in want.iter().enumerate() {
+            let got = DVec3::from_slice(&[0, 1, 2].map(|c| f64::from(coefficients.host()[4 * i + c])));
+            let error = (got - want).abs().max_element();
+            // Normals and tables in float32; where cosines are small the table is steep.
+            assert!(error <= 2e-5 * largest, "coefficient {i} of {}: {got}, want {want}", light.name);
+        }
+        assert!(coefficients.host()[4 * length..].iter().all(|&x| x == SENTINEL), "wrote past {length}");
+    }
+}
+
+/// The indirect image of all lights, by [`Transfer::apply`].
+fn expected(stage: &Stage, transfer: &Transfer, rig: &Rig) -> Vec<DVec3> {
+    let baked = &stage.baked;
+    let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
+    let mut direct = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
+    for light in &rig.lights {
+        let unit = gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.origin));
+        direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
+    }
+    resolved(stage, &transfer.apply(&[direct], &all, Lobe::All, &|_| ())[0])
+}
+
+fn resolved(stage: &Stage, radiance: &[DVec3]) -> Vec<DVec3> {
+    let baked = &stage.baked;
+    let (pixels, extras) = radiance.split_at(baked.pixel_stride());
+    let mut image = pixels.to_vec();
+    resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
+    row_by_row(stage, &image)
+}
+
+/// From tile order.
+fn row_by_row(stage: &Stage, image: &[DVec3]) -> Vec<DVec3> {
+    let tiling = stage.baked.tiling;
+    let mut rows = vec![DVec3::ZERO; (tiling.width * tiling.height) as usize];
+    for (i, pixel) in image.iter().enumerate().filter(|(i, _)| tiling.contains(tiling.pixel(*i))) {
+        let (x, y) = tiling.pixel(i);
+        rows[(y * tiling.width + x) as usize] = *pixel;
+    }
+    rows
+}
+
+fn distance(got: &[[f32; 3]], want: &[DVec3]) -> f64 {
+    let square = |v: DVec3| v.length_squared();
+    let error: f64 = got.iter().zip(want).map(|(g, w)| square(Vec3::from(*g).as_dvec3() - w)).sum();
+    (error / want.iter().map(|w| square(*w)).sum::<f64>()).sqrt()
+}
+
+#[test]
+fn pictures_are_what_the_operator_says() {
+    let gpu = gpu();
+    for coarse_samples in [500, 60] {
+        let (scene, camera) = room();
+        let setup = Setup::new(41, 23);
+        let mut stage = Stage::new(scene, &camera, &lights(), &setup);
+        let (scene, bvh) = (stage.scene.clone(), stage.bvh.clone());
+        let baked = stage.baked.clone();
+        let transfer = Transfer::new(&scene, &bvh, &baked, &settings(500, coarse_samples), &|_| ());
+        let dense = BakedTransfer::dense(&transfer, &baked, Lobe::All, &|_| ());
+        assert!(dense.is_consistent(baked.samples.len()));
+        assert!(!baked.extra_samples.is_empty(), "the mirror shows something");
+        let without = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::All);
+
+        let with = relume::bake::Baked { transfer: Some(dense), ..(*baked).clone() };
+        stage.baked = Arc::new(with);
+        let mut relighter = stage.relighter(&gpu, &lights(), &setup);
+        let want = expected(&stage, &transfer, &lights());
+        let indirect = pixels(&mut relighter, Layers::Indirect);
+        // Factors in float16 are off by 2^-11 of themselves at most, at random.
+        let error = distance(&indirect, &want);
+        assert!(error < 2e-4, "{coarse_samples} coarse samples: off by {error:.2e}");
+
+        // Passes add up: emitters' own image holds their indirect light.
+        let all = pixels(&mut relighter, Layers::All);
+        let emitted = relighter.linear(Picture::Emission).unwrap().to_vec();
+        let seen: Vec<DVec3> = {
+            let mut plain = Stage { scene: scene.clone(), bvh: bvh.clone(), baked: baked.clone() };
+            plain.baked = baked.clone();
+            let mut relighter = plain.relighter(&gpu, &lights(), &setup);
+            relighter.linear(Picture::Emission).unwrap().iter().map(|p| Vec3::from(*p).as_dvec3()).collect()
+        };
+        let by_emitters = transfer.emission();
+        let all_samples: Vec<u32> = (0..baked.samples.len() as u32).collect();
+        let by_emitters = resolved(&stage, &transfer.apply(&[by_emitters], &all_samples, Lobe::All, &|_| ())[0]);
+        let want_emission: Vec<DVec3> = seen.iter().zip(&by_emitters).map(|(a, b)| a + b).collect();
+        assert!(distance(&emitted, &want_emission) < 1e-5);
+        let want_all: Vec<DVec3> = (0..all.len())
+            .map(|i| Vec3::from(without[i]).as_dvec3() + Vec3::from(indirect[i]).as_dvec3() + by_emitters[i])
+            .collect();
+        assert!(distance(&all, &want_all) < 1e-5, "direct, reflection, indirect and emission add up");
+
+        // A light that moves leaves nothing behind.
+        let mut moved = lights();
+        moved.lights[1].position.x += 0.7;
+        relighter.set_rig(&moved).unwrap();
+        relighter.set_layers(Layers::Indirect);
+        relighter.linear(Picture::Whole).unwrap();
+        relighter.set_rig(&lights()).unwrap();
+        let back = relighter.linear(Picture::Whole).unwrap();
+        assert!(distance(back, &want) < 2e-4);
+    }
+}
+
+/// Shadow maps see gather samples as well as rays do, but for the width of a texel.
+#[test]
+fn shadow_maps_light_gather_samples() {
+    let gpu = gpu();
+    let (scene, camera) = room();
+    let setup = Setup::new(24, 24);
+    let mut stage = Stage::new(scene, &camera, &lights(), &setup);
+    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(300, 300), &|_| ());
+    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &|_| ());
+    let baked = relume::bake::Baked { transfer: Some(dense), ..(*stage.baked).clone() };
+    drop(transfer);
+    stage.baked = Arc::new(baked);
+    let traced = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::Indirect);
+    let maps = Setup { visibility: VisibilityMethod::Map, ..setup };
+    let mapped = pixels(&mut stage.relighter(&gpu, &lights(), &maps), Layers::Indirect);
+    let traced: Vec<DVec3> = traced.iter().map(|p| Vec3::from(*p).as_dvec3()).collect();
+    let error = distance(&mapped, &traced);
+    assert!(error > 0.0 && error < 0.03, "off by {error}");
+}
+
+#[test]
+fn scenes_where_nothing_reflects_have_no_indirect_light() {
+    let gpu = gpu();
+    let mut build = Build::default();
+    let glow = build.material(emitter(Vec3::ONE));
+    build.room(DVec3::ZERO, 1.0, glow);
+    let camera = look(DVec3::ZERO, DVec3::Z, DVec3::Y, Lens::Perspective { yfov: 1.0 });
+    let setup = Setup::new(16, 16);
+    let mut stage = Stage::new(build.scene(), &camera, &lights(), &setup);
+    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(100, 100), &|_| ());
+    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &|_| ());
+    assert!(dense.is_consistent(stage.baked.samples.len()));
+    let baked = relume::bake::Baked { transfer: Some(dense), ..(*stage.baked).clone() };
+    drop(transfer);
+    stage.baked = Arc::new(baked);
+    let mut relighter = stage.relighter(&gpu, &lights(), &setup);
+    assert!(pixels(&mut relighter, Layers::Indirect).iter().flatten().all(|v| *v == 0.0));
+    assert!(pixels(&mut relighter, Layers::All).iter().flatten().all(|v| *v == 1.0));
+}
