@@ -253,6 +253,32 @@ gpu_shared! {
             pub unused: u32,
         }
 
+        /// One step of a Haar transform: a plane rotation of two elements of a vector.
+        pub struct Rotation {
+            /// Where the left sum is, and the sum of both comes.
+            pub sum: u32,
+            /// Where the right sum is, and the term comes.
+            pub term: u32,
+            /// Root of the left side's share of the samples.
+            pub cosine: f32,
+            /// Root of the right side's.
+            pub sine: f32,
+        }
+
+        /// haar.comp
+        pub push HaarPush {
+            /// By subtree, then height from the bottom up.
+            pub rotations: Read<Rotation>,
+            /// Where the rotations of each height begin, and where the last ones end: `height_count` + 1 a subtree.
+            pub ranges: Read<u32>,
+            /// RGB and nothing.
+            pub vector: Write<Vec4>,
+            /// One a workgroup.
+            pub subtree_count: u32,
+            /// The same for all.
+            pub height_count: u32,
+        }
+
         /// multiply_blocks.comp
         pub push MultiplyBlocksPush {
             /// One a workgroup.

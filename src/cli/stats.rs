@@ -40,7 +40,7 @@ pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> V
             "peak_bytes": peak_bytes(),
         },
         "samples": { "view": baked.samples.len(), "gather": transfer.map_or(0, BakedTransfer::sample_count), "layers": session.layers() },
-        "transfer": transfer.map_or(Value::Null, |transfer| figures_of_transfer(transfer, baked)),
+        "transfer": figures_of_transfer(baked),
         "frame": frame(written.frames.first().map_or(&[], Vec::as_slice)),
         "non_finite": written.non_finite,
         "negative": written.negative,
@@ -49,7 +49,15 @@ pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> V
     })
 }
 
-fn figures_of_transfer(transfer: &BakedTransfer, baked: &Baked) -> Value {
+/// What is not computed is null.
+fn figures_of_transfer(baked: &Baked) -> Value {
+    let Some(transfer) = &baked.transfer else {
+        return json!({
+            "method": null, "form": null, "bytes": 0, "bytes_per_pixel": 0.0, "macs_per_pixel": 0.0,
+            "held_out": { "point": null, "spot": null, "worst_tile": null },
+            "spectral_radius": null, "bounces": null, "residual": null, "capped": null,
+        });
+    };
     let pixels = f64::from(baked.tiling.width) * f64::from(baked.tiling.height);
     let (bytes, multiply_adds) = transfer.cost();
     let report = &transfer.report;

@@ -26,6 +26,7 @@ embedded![
     "shade_light.comp",
     "shade_gather.comp",
     "shade_factored.comp",
+    "haar.comp",
     "multiply_blocks.comp",
     "resolve.comp",
     "sum_images.comp",

@@ -69,7 +69,8 @@ impl BlockMatrix {
             };
             let all = || (0..channels).flat_map(|c| (0..of_panel.len()).map(move |r| (c, r)));
             let largest = all().flat_map(|(c, r)| row(c, r)).fold(0.0f32, |m, v| m.max(v.abs()));
-            let scale = if largest > 0.0 { largest / LARGEST } else { 1.0 };
+            // A power of two: factors that are float16 already stay as they are.
+            let scale = (largest / LARGEST).max(f32::MIN_POSITIVE).log2().ceil().exp2();
             self.panels.push(Panel {
                 first_value: self.values.len() as u32,
                 first_input,

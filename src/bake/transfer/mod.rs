@@ -186,11 +186,13 @@ impl<'a> Transfer<'a> {
         (all, residual)
     }
 
-    /// S, or with one level G (I - G)⁻¹, as dense matrices, one a channel: what all further bounces make of direct light.
+    /// S, or with one level G (I - G)⁻¹, as dense matrices, one a channel: what all further bounces make of direct light,
+    /// or as many as are counted.
     /// For few samples: coarse coefficients times fine ones are doubles in memory, three times over.
     pub fn further_bounces(&self) -> [faer::Mat<f64>; 3] {
         let right = self.from_fine.as_ref().unwrap_or(&self.among);
-        solve::explicit(&self.among, right, self.fine.coefficient_count())
+        let terms = self.settings.bounces.map(|bounces| bounces.saturating_sub(1));
+        solve::explicit(&self.among, right, self.fine.coefficient_count(), terms)
     }
 
     /// Indirect radiance of view samples under several lights, from the lights' direct light at the fine level; Φ is

@@ -146,6 +146,11 @@ impl Row {
 }
 
 impl Rows {
+    /// Rows without entries.
+    pub fn empty(count: usize) -> Rows {
+        Rows { first: vec![0; count + 1], ..Default::default() }
+    }
+
     /// All rows of `parts` in turn.
     pub fn concatenated(parts: Vec<Rows>) -> Self {
         let mut rows = Rows { first: vec![0], ..Default::default() };

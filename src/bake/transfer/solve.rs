@@ -89,9 +89,9 @@ fn correct(g: &Rows, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]) -> 
     count
 }
 
-/// (I - G)⁻¹ `right` as dense matrices, one a channel, by LU: for so few coefficients that they fit memory, n² doubles a
-/// channel twice over. `right` has `columns` columns.
-pub fn explicit(g: &Rows, right: &Rows, columns: usize) -> [Mat<f64>; 3] {
+/// (I - G)⁻¹ `right`, or the first `terms` of (I + G + ...) `right`, as dense matrices, one a channel: for so few
+/// coefficients that they fit memory, n² doubles a channel twice over. `right` has `columns` columns.
+pub fn explicit(g: &Rows, right: &Rows, columns: usize, terms: Option<u32>) -> [Mat<f64>; 3] {
     let dense = |rows: &Rows, columns: usize, channel: usize| {
         let mut matrix = Mat::<f64>::zeros(rows.len(), columns);
         for r in 0..rows.len() {
@@ -100,8 +100,11 @@ pub fn explicit(g: &Rows, right: &Rows, columns: usize) -> [Mat<f64>; 3] {
         matrix
     };
     let solve = |channel: usize| {
-        let system = Mat::<f64>::identity(g.len(), g.len()) - dense(g, g.len(), channel);
-        system.partial_piv_lu().solve(dense(right, columns, channel))
+        let (g_dense, right) = (dense(g, g.len(), channel), dense(right, columns, channel));
+        match terms {
+            None => (Mat::<f64>::identity(g.len(), g.len()) - g_dense).partial_piv_lu().solve(right),
+            Some(terms) => (0..terms).fold(Mat::zeros(g.len(), columns), |sum, _| &g_dense * sum + &right),
+        }
     };
     let channels: Vec<_> = (0..3).into_par_iter().map(solve).collect();
     channels.try_into().expect("there are three")
@@ -188,11 +191,26 @@ mod tests {
         let (g, right) = (random(60, [0.999, 0.5, 0.0]), random(60, [0.7, 1.0, 0.2]));
         let b: Vec<DVec3> = (0..60).map(|i| DVec3::new((i % 7) as f64, 1.0, f64::from(i == 3))).collect();
         let solution = solve(&g, &right.multiply(&b), 1e-12);
-        let matrices = explicit(&g, &right, 60);
+        let matrices = explicit(&g, &right, 60, None);
         for (i, x) in solution.coefficients.iter().enumerate() {
             for (channel, matrix) in matrices.iter().enumerate() {
                 let got: f64 = (0..60).map(|j| matrix[(i, j)] * b[j][channel]).sum();
                 assert!((got - x[channel]).abs() < 1e-7 * got.abs().max(1.0), "{got} and {}", x[channel]);
+            }
+        }
+    }
+
+    #[test]
+    fn explicit_series_are_truncated_like_sums() {
+        let (g, right) = (random(30, [0.9, 0.5, 0.0]), random(30, [0.7, 1.0, 0.2]));
+        let b: Vec<DVec3> = (0..30).map(|i| DVec3::new((i % 7) as f64, 1.0, f64::from(i == 3))).collect();
+        for terms in [0, 1, 5] {
+            let want = sum_of_powers(&g, &right.multiply(&b), terms);
+            let matrices = explicit(&g, &right, 30, Some(terms));
+            for (i, want) in want.iter().enumerate() {
+                let of_channel = |c: usize| (0..30).map(|j| matrices[c][(i, j)] * b[j][c]).sum::<f64>();
+                let got = DVec3::new(of_channel(0), of_channel(1), of_channel(2));
+                assert!((got - want).abs().max_element() < 1e-9, "{terms} terms: {got}, {want}");
             }
         }
     }

@@ -1,61 +1,15 @@
-//! What pictures need of a transfer, whatever its method: gather samples that lights shine on, and the chain of block
-//! matrices from there to view samples.
+//! The dense form: G* and Φ as they are, for few gather samples.
 
-use bytemuck::Zeroable;
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 
-use super::Transfer;
-use super::blocks::{BlockMatrix, Dense};
-use super::level::Level;
-use super::rows::{Lobe, Rows};
-use super::thesis::Thesis;
+use super::{BakedTransfer, TransferReport};
 use crate::bake::Baked;
-use crate::bake::brdf_factors::roughness_coordinate;
-use crate::bake::gather_samples::GatherSamples;
-use crate::bake::octahedral;
-use crate::bake::packet::{PACKET_SIZE, SamplePacket};
-use crate::bake::view_samples::pack;
-use crate::shared::{DISC_SIDE, FactoredSample, LightSample, NO_BRDF, ViewSample};
-
-/// Indirect light of one scene and camera, ready for the device.
-#[derive(Clone, Default)]
-pub struct BakedTransfer {
-    /// Ours, or none.
-    pub samples: Vec<LightSample>,
-    /// The thesis's, or none, with the tables of k that they point into.
-    pub factored: Vec<FactoredSample>,
-    pub tables: Vec<Vec4>,
-    /// `points_per_sample` of each sample in turn; only position and normal count.
-    pub points: Vec<ViewSample>,
-    pub points_per_sample: usize,
-    /// Of each point, unit.
-    pub geometric_normals: Vec<Vec3>,
-    /// The same points as the shadow tracer wants them.
-    pub packets: Vec<SamplePacket>,
-    /// Length of the vector that the chain works on. It begins with λ0; every matrix but the last writes a part that the
-    /// next ones read.
-    pub vector_length: usize,
-    /// The last one's results are view samples.
-    pub chain: Vec<BlockMatrix>,
-    /// Indirect radiance of emitters at each view sample; empty without emitters.
-    pub emission: Vec<Vec3>,
-    pub report: TransferReport,
-}
-
-/// Figures of a transfer, for who wants to know how far to trust it.
-#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
-pub struct TransferReport {
-    pub method: String,
-    pub form: String,
-    /// Largest absolute eigenvalue of G.
-    pub spectral_radius: f64,
-    /// Share of all reflected light that was scaled away, since glTF's BRDF reflects more than it gets near grazing.
-    pub capped: f64,
-    /// Relative residual of the solution.
-    pub residual: f64,
-    /// Indirect bounces counted at the pixel; without, all of them.
-    pub bounces: Option<u32>,
-}
+use crate::bake::packet::PACKET_SIZE;
+use crate::bake::transfer::Transfer;
+use crate::bake::transfer::blocks::{BlockMatrix, Dense};
+use crate::bake::transfer::rows::{Lobe, Rows};
+use crate::bake::transfer::thesis::Thesis;
+use crate::shared::{FactoredSample, NO_BRDF};
 
 impl BakedTransfer {
     /// Our operator in dense form: G* explicitly, then Φ. `progress` counts view samples.
@@ -74,7 +28,8 @@ impl BakedTransfer {
         let emits = emitted.iter().any(|e| *e != DVec3::ZERO);
         let emitted = if emits { transfer.bounce(&emitted).0 } else { Vec::new() };
         let offset = if one_level { fine as u32 } else { 0 };
-        let gather = |samples: &[u32]| transfer.rows(samples, lobe);
+        let none = transfer.bounces() == Some(0);
+        let gather = |samples: &[u32]| if none { Rows::empty(samples.len()) } else { transfer.rows(samples, lobe) };
         let (last, emission) = last_matrix(baked, vector_length, offset, &emitted, gather, progress);
         let report = TransferReport {
             method: "robust".into(),
@@ -119,83 +74,6 @@ impl BakedTransfer {
             ..Self::lit_at(&thesis.samples)
         };
         transfer.with_packets()
-    }
-
-    /// `chain` after the direct light of `level`.
-    pub fn new(level: &Level, vector_length: usize, chain: Vec<BlockMatrix>) -> Self {
-        let sample = |i: usize| {
-            let sample = &level.samples.samples[i];
-            let coefficients = level.coefficients(i);
-            LightSample {
-                brdf: sample.brdf,
-                normal: level.frames[i][2],
-                tangent: level.frames[i][0],
-                roughness: roughness_coordinate(&sample.brdf),
-                first: coefficients.start as u32,
-                degrees: coefficients.len().isqrt() as u32,
-            }
-        };
-        let samples = (0..level.samples.len()).map(sample).collect();
-        Self { samples, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
-    }
-
-    /// Points of gather samples alone.
-    fn lit_at(samples: &GatherSamples) -> Self {
-        let point = |point: &crate::bake::gather_samples::GatherPoint| ViewSample {
-            position: point.position,
-            brdf: 0,
-            normal: octahedral::encode(point.normal),
-            wo: Zeroable::zeroed(),
-        };
-        Self {
-            points: samples.points.iter().map(point).collect(),
-            geometric_normals: samples.points.iter().map(|p| p.geometric_normal).collect(),
-            points_per_sample: samples.points_per_sample,
-            ..Default::default()
-        }
-    }
-
-    /// The points once more for the shadow tracer.
-    pub(in crate::bake) fn with_packets(self) -> Self {
-        let packets = pack(&self.points, &self.geometric_normals, 0);
-        Self { packets, ..self }
-    }
-
-    /// Gather samples.
-    pub fn sample_count(&self) -> usize {
-        self.samples.len() + self.factored.len()
-    }
-
-    /// Whether every index that a kernel follows leads to something, for pictures of `view_samples`.
-    pub fn is_consistent(&self, view_samples: usize) -> bool {
-        let within = |first: u32, count: u32, length: usize| first as usize + count as usize <= length;
-        let ours = |s: &LightSample| {
-            (1..=6).contains(&s.degrees)
-                && s.roughness.is_finite()
-                && within(s.first, s.degrees * s.degrees, self.vector_length)
-        };
-        let texels = DISC_SIDE * DISC_SIDE;
-        let thesis = |s: &FactoredSample| {
-            s.terms <= 1 << 16
-                && within(s.first, s.terms, self.vector_length)
-                && within(s.table, s.terms * texels, self.tables.len())
-        };
-        let Some((last, inner)) = self.chain.split_last() else { return false };
-        self.points.len() == self.sample_count() * self.points_per_sample
-            && self.points.len() == self.geometric_normals.len()
-            && (self.samples.is_empty() || self.factored.is_empty())
-            && (self.factored.is_empty() || self.points_per_sample == 1)
-            && self.samples.iter().all(ours)
-            && self.factored.iter().all(thesis)
-            && self.chain.iter().all(|m| m.is_consistent() && m.input_count as usize == self.vector_length)
-            && inner.iter().all(|m| m.output_count as usize == self.vector_length)
-            && last.output_count as usize == view_samples
-            && (self.emission.is_empty() || self.emission.len() == view_samples)
-    }
-
-    /// Bytes that the chain reads a light, and its multiply-adds.
-    pub fn cost(&self) -> (usize, u64) {
-        (self.chain.iter().map(BlockMatrix::bytes).sum(), self.chain.iter().map(BlockMatrix::multiply_adds).sum())
     }
 }
 

@@ -1,0 +1,173 @@
+//! Indirect light from the command line: passes, methods, cache, and options that exclude each other.
+
+mod command;
+
+use std::fs;
+use std::path::Path;
+
+use command::{Run, difference, folder, json, layer, mean, names_in, read_exr, relume, shipped};
+use relume::image::Image;
+
+/// Few samples and rays: what is tested does not depend on them.
+const SMALL: [&str; 6] = ["--gather", "120", "--rays", "32", "--size", "40x30"];
+
+fn render(output: &Path, arguments: &[&str]) -> Run {
+    let scene = shipped("cornell-glossy.glb");
+    let mut command = relume();
+    command.arg("render").arg(scene).arg("-o").arg(output).args(SMALL).args(arguments);
+    Run::of(&mut command)
+}
+
+fn rendered(folder: &Path, arguments: &[&str]) -> Image {
+    let path = folder.join("picture.exr");
+    render(&path, &[&["--no-cache"], arguments].concat()).done();
+    read_exr(&path)
+}
+
+fn sum(layers: &[Vec<f32>]) -> Vec<f32> {
+    (0..layers[0].len()).map(|i| layers.iter().map(|layer| layer[i]).sum()).collect()
+}
+
+#[test]
+fn passes_add_up() {
+    let folder = folder();
+    let image = rendered(folder.path(), &["--gi", "glossy", "--basis", "sh4", "--passes", "all"]);
+    let of = |name: &str| layer(&image, name);
+    let parts = ["direct", "reflection", "indirect"].map(of);
+    assert!(mean(&parts[2]) > 0.01 * mean(&parts[0]), "there is indirect light");
+    assert!(difference(&of(""), &sum(&parts)) < 1e-5);
+    let glossy = of("indirect_glossy");
+    assert!(mean(&glossy) > 0.0 && mean(&glossy) < mean(&parts[2]), "the specular lobe's share");
+    let without = rendered(folder.path(), &["--gi", "off", "--passes", "all"]);
+    assert!(without.layer("indirect").is_none());
+    assert_eq!(layer(&without, "direct"), parts[0]);
+
+    // Without diffuse lobes all that pixels make of indirect light is glossy.
+    let stripped = ["--gi", "glossy", "--basis", "sh4", "--strip-diffuse", "--passes", "indirect,indirect_glossy"];
+    let stripped = rendered(folder.path(), &stripped);
+    assert!(difference(&layer(&stripped, "indirect"), &layer(&stripped, "indirect_glossy")) < 1e-5);
+}
+
+#[test]
+fn methods_agree_roughly_and_bounces_add() {
+    let folder = folder();
+    let indirect = |arguments: &[&str]| {
+        mean(&layer(&rendered(folder.path(), &[arguments, &["--passes", "indirect"]].concat()), "indirect"))
+    };
+    let all = indirect(&["--gi", "glossy"]);
+    for others in [&["--gi", "diffuse"][..], &["--gi", "glossy", "--basis", "sh4"]] {
+        let mean = indirect(others);
+        assert!((mean / all - 1.0).abs() < 0.2, "{others:?}: {mean}, all functions {all}");
+    }
+    // Random samples and raw form factors scatter widely at so few samples.
+    for thesis in [&["--gi", "diffuse"][..], &["--gi", "glossy"], &["--gi", "glossy", "--basis", "svd3"]] {
+        let mean = indirect(&[thesis, &["--method", "thesis"]].concat());
+        assert!(mean > 0.3 * all && mean < 3.0 * all, "{thesis:?}: {mean}, ours {all}");
+    }
+    let bounces = ["0", "1", "2", "9", "inf"].map(|n| indirect(&["--gi", "diffuse", "--bounces", n]));
+    assert!(bounces[0] == 0.0 && bounces.is_sorted(), "{bounces:?}");
+    assert!(bounces[3] > 0.9 * bounces[4] && bounces[3] < bounces[4], "{bounces:?}");
+}
+
+#[test]
+fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
+    let folder = folder();
+    let bytes = |arguments: &[&str]| {
+        let path = folder.path().join("a.exr");
+        render(&path, &[&["--no-cache", "--gi", "glossy", "--basis", "sh4"], arguments].concat()).done();
+        fs::read(path).unwrap()
+    };
+    let one = bytes(&["--threads", "1"]);
+    assert_eq!(one, bytes(&["--threads", "3"]));
+    assert_ne!(one, bytes(&["--seed", "2"]));
+}
+
+#[test]
+fn transfer_is_kept_whatever_the_lights() {
+    let folder = folder();
+    let (out, stats, cache) = (folder.path().join("a.exr"), folder.path().join("a.json"), folder.path().join("cache"));
+    let run = |arguments: &[&str]| {
+        let files = ["--cache", cache.to_str().unwrap(), "--stats", stats.to_str().unwrap(), "--gi", "glossy"];
+        let run = render(&out, &[&files, arguments].concat()).done();
+        (json(&stats)["bake"]["cached"].as_bool().unwrap(), fs::read(&out).unwrap(), run)
+    };
+    let (cached, bytes, _) = run(&[]);
+    assert!(!cached);
+    assert_eq!(names_in(&cache).iter().filter(|name| name.starts_with("bake-")).count(), 2);
+    let (cached, bytes_2, _) = run(&[]);
+    assert!(cached && bytes == bytes_2);
+
+    let rig = folder.path().join("rig.toml");
+    fs::write(&rig, "[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0.1, 1.2, 0.3]\nintensity = 2.0\n")
+        .unwrap();
+    let (cached, with_other_light, _) = run(&["--rig", rig.to_str().unwrap()]);
+    assert!(cached && with_other_light != bytes, "only the lights differ");
+    for other in [["--gather", "149"], ["--rays", "31"], ["--basis", "sh9"], ["--method", "thesis"], ["--bounces", "3"]]
+    {
+        // clap takes an option once: these stand instead of the ones in SMALL.
+        let arguments: Vec<&str> = SMALL.chunks(2).filter(|pair| pair[0] != other[0]).flatten().copied().collect();
+        let gi: &[&str] = if other[0] == "--gi" { &[] } else { &["--gi", "glossy"] };
+        let mut command = relume();
+        command.arg("render").arg(shipped("cornell-glossy.glb")).arg("-o").arg(&out).args(arguments).args(other);
+        Run::of(command.arg("--cache").arg(&cache).arg("--stats").arg(&stats).args(gi)).done();
+        assert_eq!(json(&stats)["bake"]["cached"], false, "{other:?} makes another operator");
+    }
+
+    let listed = Run::of(relume().args(["bake", "--list", "--cache"]).arg(&cache)).silent().stdout;
+    assert_eq!(listed.lines().filter(|line| line.contains(" transfer ")).count(), 6, "{listed}");
+
+    // Damaged: one line says so, and the picture is the same.
+    let large = |name: &String| name.starts_with("bake-").then(|| cache.join(name));
+    for path in names_in(&cache).iter().filter_map(large) {
+        let mut data = fs::read(&path).unwrap();
+        let middle = data.len() / 2;
+        data[middle] ^= 4;
+        fs::write(&path, data).unwrap();
+    }
+    let (cached, bytes_3, run_3) = run(&[]);
+    assert!(!cached && bytes == bytes_3);
+    assert_eq!(run_3.warnings().len(), 2, "{}", run_3.stderr);
+    assert!(run(&[]).0, "mended");
+}
+
+#[test]
+fn figures_of_the_transfer() {
+    let folder = folder();
+    let stats = folder.path().join("a.json");
+    let arguments = ["--no-cache", "--gi", "diffuse", "--stats", stats.to_str().unwrap()];
+    render(&folder.path().join("a.png"), &arguments).done();
+    let figures = json(&stats);
+    let transfer = &figures["transfer"];
+    assert_eq!(transfer["method"], "robust");
+    assert_eq!(transfer["form"], "dense");
+    let radius = transfer["spectral_radius"].as_f64().unwrap();
+    assert!(radius > 0.1 && radius < 1.0, "{radius}");
+    assert!(transfer["macs_per_pixel"].as_f64().unwrap() > 100.0);
+    assert!(figures["samples"]["gather"].as_u64().unwrap() > 100);
+    let passes: Vec<&str> =
+        figures["frame"]["passes"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
+    for name in ["trace gather samples", "shade gather samples", "transfer", "transfer to pixels"] {
+        assert!(passes.contains(&name), "{passes:?}");
+    }
+    let thesis = [&arguments[..], &["--method", "thesis"]].concat();
+    render(&folder.path().join("a.png"), &thesis).done();
+    assert_eq!(json(&stats)["transfer"]["method"], "thesis");
+    assert_eq!(json(&stats)["transfer"]["bounces"], 5);
+}
+
+#[test]
+fn options_that_exclude_each_other() {
+    let folder = folder();
+    let out = folder.path().join("a.exr");
+    let glossy = |arguments: &[&str]| render(&out, &[&["--gi", "glossy"], arguments].concat());
+    glossy(&["--basis", "svd8"]).failed(&["--basis", "--method thesis"]);
+    glossy(&["--basis", "sh9", "--method", "thesis"]).failed(&["--basis", "--method robust"]);
+    glossy(&["--bounces", "inf", "--method", "thesis"]).failed(&["--bounces inf"]);
+    render(&out, &["--gi", "diffuse", "--basis", "sh9"]).failed(&["--basis", "--gi diffuse"]);
+    render(&out, &["--gi", "off", "--passes", "indirect"]).failed(&["--passes indirect", "--gi off"]);
+    render(&out, &["--gi", "off", "--passes", "beauty,indirect_glossy"]).failed(&["indirect_glossy", "--gi off"]);
+    for (option, value) in [("--basis", "sh5"), ("--basis", "svd0"), ("--bounces", "many"), ("--gi", "some")] {
+        render(&out, &[option, value]).refused(option);
+    }
+    assert!(names_in(folder.path()).is_empty(), "refused before anything is written");
+}
