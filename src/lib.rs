@@ -71,6 +71,7 @@
 //! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
+//! - [Kollig 2002] Kollig, Keller, Efficient multidimensional sampling, Computer Graphics Forum 21(3).
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
 //! - [Lloyd 1982] Lloyd, Least squares quantization in PCM, IEEE Transactions on Information Theory 28(2).
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.

@@ -26,6 +26,58 @@ impl Points {
     }
 }
 
+/// Three numbers of each of the first points of one set, shifted digit by digit from stream to stream [Kollig 2002]: for
+/// those who draw so often that making points anew would take their time. Strips and squares that hold one point each
+/// still do after a shift.
+pub struct ShiftedPoints {
+    seed: u64,
+    count: usize,
+    /// By blocks of points, then by dimension.
+    digits: Vec<[[u32; BLOCK]; 3]>,
+}
+
+/// Points that are made together.
+pub const BLOCK: usize = 16;
+
+impl ShiftedPoints {
+    pub fn new(seed: u64, count: u32) -> Self {
+        let points = Points::new(seed, 0);
+        // The generator's numbers are multiples of 2^-24: nothing is lost.
+        let digits = |index: usize, dimension: usize| (points.at(index as u32, 0)[dimension] * f64::exp2(32.0)) as u32;
+        let block = |b: usize| [0, 1, 2].map(|d| std::array::from_fn(|i| digits(BLOCK * b + i, d)));
+        let count = count as usize;
+        Self { seed, count, digits: (0..count.div_ceil(BLOCK)).map(block).collect() }
+    }
+
+    /// Points of a stream.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// What tells the points of a stream from those of others.
+    pub fn shifts(&self, stream: u64) -> [u32; 3] {
+        let first = mix(mix(self.seed) ^ stream);
+        [first as u32, (first >> 32) as u32, mix(first) as u32]
+    }
+
+    /// Blocks of points by dimension, each number in [0, 1); the last block is filled up with points to spare.
+    #[inline(always)]
+    pub fn blocks(&self, shifts: [u32; 3]) -> impl Iterator<Item = [[f32; BLOCK]; 3]> {
+        // As signed numbers, which machines convert at once: 24 bits are left.
+        let unit = |digits: u32, shift: u32| ((digits ^ shift) >> 8) as i32 as f32 * f32::exp2(-24.0);
+        let dimension = move |block: &[[u32; BLOCK]; 3], d: usize| {
+            let mut units = [0.0; BLOCK];
+            units.iter_mut().zip(&block[d]).for_each(|(u, digits)| *u = unit(*digits, shifts[d]));
+            units
+        };
+        self.digits.iter().map(move |block| [dimension(block, 0), dimension(block, 1), dimension(block, 2)])
+    }
+}
+
 /// The finalizer of [Steele 2014], SplitMix64.
 fn mix(seed: u64) -> u64 {
     let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);

@@ -7,6 +7,7 @@ use common::random::Random;
 use common::stage::{Build, lambert};
 use glam::{DVec3, Vec3};
 use relume::bake::bvh::Bvh;
+use relume::bake::packet::fan::{Fan, trace_fans};
 use relume::bake::packet::{PACKET_SIZE, trace_packets};
 use relume::bake::{BakeSettings, bake};
 use relume::scene::{Light, LightKind, Scene};
@@ -109,6 +110,47 @@ fn closest_hits_are_those_of_brute_force() {
     }
 }
 
+/// Rays from one point, 64 at a time, meet what single rays meet, or something as near; lanes without a ray meet nothing.
+#[test]
+fn fans_are_single_rays() {
+    let mut random = Random::new(17);
+    for size in [1e-6, 1e-3, 1.0, 1e4] {
+        let scene = shards(&mut random, 500, size);
+        let bvh = Bvh::build(&scene);
+        let (mut hits, mut differences) = (0, 0);
+        for _ in 0..100 {
+            let origin = random.vector(-1.2 * size, 1.2 * size).as_vec3();
+            let mut fans = [Fan::default(), Fan::default()];
+            let directions: Vec<Vec3> = (0..PACKET_SIZE + 40).map(|_| direction(&mut random)).collect();
+            for (i, direction) in directions.iter().enumerate() {
+                fans[i / PACKET_SIZE].set(i % PACKET_SIZE, *direction);
+            }
+            trace_fans(&bvh, &scene, origin, &mut fans);
+            assert!((40..PACKET_SIZE).all(|lane| fans[1].hit(lane).is_none()), "an empty lane hit something");
+            for (i, direction) in directions.into_iter().enumerate() {
+                let single = bvh.closest_hit(&scene, origin, direction, f32::INFINITY);
+                let Some((hit, behind)) = fans[i / PACKET_SIZE].hit(i % PACKET_SIZE) else {
+                    differences += u32::from(single.is_some());
+                    continue;
+                };
+                hits += 1;
+                let near = |other: f32| (hit.distance - other).abs() * direction.length() < 1e-4 * size as f32;
+                differences += u32::from(single.is_none_or(|single| !near(single.distance)));
+                let [a, b, c] =
+                    scene.mesh.triangles[hit.triangle as usize].map(|v| scene.mesh.positions[v as usize].as_dvec3());
+                let along = (b - a).cross(c - a).normalize().dot(direction.as_dvec3().normalize());
+                assert!(behind == (along > 0.0) || along.abs() < 1e-5, "size {size}: behind {behind}, {along}");
+                let (u, v) = (f64::from(hit.barycentric.x), f64::from(hit.barycentric.y));
+                let met = origin.as_dvec3() + direction.as_dvec3() * f64::from(hit.distance);
+                let off = met.distance(a * (1.0 - u - v) + b * u + c * v);
+                assert!(off < 1e-4 * size, "barycentric point is {off} m off, size {size}");
+            }
+        }
+        // At edges, which both may decide either way.
+        assert!(hits > 1000 && differences < 3, "{differences} of {hits} differ, size {size}");
+    }
+}
+
 /// A room of 6 x 8 x 8 quads: from inside, every ray hits, straight through corners and along seams too.
 #[test]
 fn no_ray_leaves_a_closed_room() {
@@ -140,7 +182,8 @@ fn no_ray_leaves_a_closed_room() {
             let origin =
                 random.pick(&[inside, DVec3::ZERO, DVec3::new(0.25, 0.5, 0.1) * half, DVec3::splat(0.3) * half]);
             let origin = origin.as_vec3();
-            for _ in 0..100 {
+            let mut fans = [Fan::default(), Fan::default()];
+            for lane in 0..100 {
                 let [a, b] = [0; 2].map(|_| corners[random.below(corners.len())]);
                 let edge = random.below(corners.len() / 4) * 4;
                 let along = corners[edge].lerp(corners[edge + 1], random.unit() as f32);
@@ -150,11 +193,18 @@ fn no_ray_leaves_a_closed_room() {
                 let parallel = random.pick(&[Vec3::X, Vec3::Y, Vec3::Z]) * sign;
                 let direction = random.pick(&[direction, direction, direction.normalize(), parallel]);
                 cast += 1;
+                fans[lane / PACKET_SIZE].set(lane % PACKET_SIZE, direction);
                 if bvh.closest_hit(&scene, origin, direction, f32::INFINITY).is_none() {
                     escaped.push((origin, direction));
                 }
                 if !bvh.occluded(&scene, origin, direction, f32::INFINITY) {
                     escaped.push((origin, direction));
+                }
+            }
+            trace_fans(&bvh, &scene, origin, &mut fans);
+            for (fan, lane) in (0..100).map(|lane| (&fans[lane / PACKET_SIZE], lane % PACKET_SIZE)) {
+                if fan.hit(lane).is_none() {
+                    escaped.push((origin, fan.direction(lane)));
                 }
             }
         }

@@ -59,6 +59,11 @@ impl<'a> Lobes<'a> {
         Some(Self { brdf, world_from_local: basis(normal), wo, specular })
     }
 
+    /// Share of directions that are drawn from the specular lobe.
+    pub fn specular_share(&self) -> f64 {
+        self.specular
+    }
+
     /// Draws a unit direction from three numbers in [0, 1); `None` if it lies below the horizon, where the specular
     /// lobe reaches: such a draw counts as one that found nothing.
     #[inline]

@@ -39,7 +39,28 @@ pub struct Harmonics {
     /// Coefficients of R_lm, ascending powers of z.
     radials: [[f64; DEGREES]; RADIAL_COUNT],
     single: [[f32; DEGREES]; RADIAL_COUNT],
+    /// The same power by power for every function, filled up with zeros.
+    by_function: [[f32; MAX_FUNCTIONS.next_multiple_of(LANES)]; DEGREES],
 }
+
+/// Functions evaluated at once.
+const LANES: usize = 16;
+
+/// Radial part of each function, its order, and whether it has the imaginary part of the azimuth.
+const PARTS_OF: [(usize, u8, bool); MAX_FUNCTIONS] = {
+    let mut parts = [(0, 0, false); MAX_FUNCTIONS];
+    let (mut function, mut radial) = (0, 0);
+    while radial < RADIAL_COUNT {
+        let order = RADIALS[radial].1;
+        parts[function] = (radial, order as u8, false);
+        if order > 0 {
+            parts[function + 1] = (radial, order as u8, true);
+        }
+        function += if order > 0 { 2 } else { 1 };
+        radial += 1;
+    }
+    parts
+};
 
 impl Harmonics {
     pub fn get() -> &'static Self {
@@ -64,21 +85,39 @@ impl Harmonics {
             let norm = inner(&radial, &radial, order).sqrt();
             radials[i] = radial.map(|r| r / norm);
         }
-        Self { radials, single: radials.map(|radial| radial.map(|r| r as f32)) }
+        let mut by_function = [[0.0; MAX_FUNCTIONS.next_multiple_of(LANES)]; DEGREES];
+        for (function, (radial, ..)) in PARTS_OF.into_iter().enumerate() {
+            (0..DEGREES).for_each(|power| by_function[power][function] = radials[radial][power] as f32);
+        }
+        Self { radials, single: radials.map(|radial| radial.map(|r| r as f32)), by_function }
     }
 
     /// The first `values.len()` functions in a unit direction of the local frame; below the horizon those of the
     /// nearest direction that is not.
+    #[inline(always)]
     pub fn evaluate(&self, direction: Vec3, values: &mut [f32]) {
         let mut d = direction;
         if d.z < 0.0 {
             d = d.with_z(0.0).try_normalize().unwrap_or(Vec3::X);
         }
-        let radial = |i: usize| {
-            let (degree, order) = RADIALS[i];
-            self.single[i][..=degree - order].iter().rev().fold(0.0, |sum, c| sum * d.z + c)
-        };
-        spread(values, radial, azimuths(d.x, d.y));
+        let azimuths = azimuths(d.x, d.y);
+        // Function by function rather than radial part by radial part: neighbours share a register.
+        let mut start = 0;
+        while start < values.len() {
+            let mut sums = [0.0; LANES];
+            for power in self.by_function.iter().rev() {
+                for i in 0..LANES {
+                    sums[i] = sums[i] * d.z + power[start + i];
+                }
+            }
+            let end = values.len().min(start + LANES);
+            for (i, value) in values[start..end].iter_mut().enumerate() {
+                let (_, order, imaginary) = PARTS_OF[start + i];
+                let azimuth = azimuths[order as usize];
+                *value = sums[i] * if imaginary { azimuth.1 } else { azimuth.0 };
+            }
+            start = end;
+        }
     }
 
     /// [`Self::evaluate`] of all functions in double precision, for directions above the horizon.
@@ -96,6 +135,7 @@ impl Harmonics {
 }
 
 /// Re and Im of (x + iy)^m for every order m.
+#[inline(always)]
 pub fn azimuths<T>(x: T, y: T) -> [(T, T); DEGREES]
 where
     T: Copy + std::ops::Mul<Output = T> + std::ops::Sub<Output = T> + std::ops::Add<Output = T> + From<u8>,

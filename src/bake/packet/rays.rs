@@ -11,6 +11,7 @@ use crate::shared::PackedLight;
 ///
 /// From a point: origin shared (the light), `q` the vectors to the samples, hits count between parameters 0 and 1.
 /// Directional: direction shared (towards the light), `q` the samples, hits count from parameter 0 on.
+/// In a [`super::fan::Fan`]: origin shared, `q` the directions, hits count between 0 and `end`.
 pub(super) struct Rays {
     pub q: [Lanes; 3],
     /// 1/q; only for points.
@@ -35,6 +36,12 @@ pub(super) fn start_rays<S: Simd, const DIRECTIONAL: bool>(
         (qx[i], qy[i], qz[i]) = (target[0] - origin.x, target[1] - origin.y, target[2] - origin.z);
         rays.end[i] = if needed { 1.0 } else { -1.0 };
     }
+    inverse(simd, rays);
+}
+
+/// Sets 1/q.
+#[inline(always)]
+pub(super) fn inverse<S: Simd>(simd: S, rays: &mut Rays) {
     for (q, inverse) in rays.q.iter().zip(&mut rays.inverse_q) {
         for (q, inverse) in S::as_simd_f32s(q).0.iter().zip(S::as_mut_simd_f32s(inverse).0) {
             // Parallel to a slab: a huge number instead of infinity, so that no 0 * inf arises.

@@ -16,7 +16,7 @@ pub(super) struct Edges {
     offsets: [f32; 3],
     /// The plane: normal . x = plane_offset, x relative to a shared origin.
     normal: Vec3,
-    plane_offset: f32,
+    pub plane_offset: f32,
     /// normal . shared direction; only for directional.
     along: f32,
 }
@@ -35,10 +35,37 @@ impl Edges {
         Self { normals, offsets, normal, plane_offset: normal.dot(v[0]), along: normal.dot(shared) }
     }
 
+    /// Whether rays from a shared origin meet the triangle from behind, along its geometric normal.
+    #[inline(always)]
+    pub fn is_behind(&self) -> bool {
+        self.plane_offset > 0.0
+    }
+
+    /// Weights of the second and third corner, and the distance, where a ray from a shared origin meets the triangle.
+    pub fn meet(&self, q: Vec3) -> Option<(Vec2, f32)> {
+        let (w, inside) = self.edge_functions(q);
+        let distance = self.plane_offset / self.normal.dot(q);
+        let barycentric = Vec2::new(w[1], w[2]) / (w[0] + w[1] + w[2]);
+        (inside && distance > 0.0 && barycentric.is_finite()).then_some((barycentric, distance))
+    }
+
+    /// Edge functions and plane of a register of rays from a shared origin.
+    #[inline(always)]
+    pub fn functions<S: Simd>(&self, simd: S, rays: &Rays, register: usize) -> ([S::f32s; 3], S::f32s) {
+        let q = [0, 1, 2].map(|axis| load::<S>(&rays.q[axis], register));
+        let dot = |n: Vec3| dot(simd, n, q);
+        ([dot(self.normals[0]), dot(self.normals[1]), dot(self.normals[2])], dot(self.normal))
+    }
+
+    /// The three edge functions of a ray, and whether it passes within all three.
+    fn edge_functions(&self, q: Vec3) -> ([f32; 3], bool) {
+        let w = [0, 1, 2].map(|k| self.normals[k].dot(q) + self.offsets[k]);
+        (w, w.iter().all(|w| *w >= 0.0) || w.iter().all(|w| *w <= 0.0))
+    }
+
     /// The three edge functions of a ray, and whether it meets the triangle within its ends.
     fn test<const DIRECTIONAL: bool>(&self, q: Vec3) -> ([f32; 3], bool) {
-        let w = [0, 1, 2].map(|k| self.normals[k].dot(q) + self.offsets[k]);
-        let inside = w.iter().all(|w| *w >= 0.0) || w.iter().all(|w| *w <= 0.0);
+        let (w, inside) = self.edge_functions(q);
         let plane = self.normal.dot(q);
         let within = if DIRECTIONAL {
             (self.plane_offset - plane) * self.along > 0.0
@@ -47,6 +74,14 @@ impl Edges {
         };
         (w, inside && within)
     }
+}
+
+#[inline(always)]
+fn dot<S: Simd>(simd: S, n: Vec3, q: [S::f32s; 3]) -> S::f32s {
+    let x = simd.mul_f32s(simd.splat_f32s(n.x), q[0]);
+    let y = simd.mul_f32s(simd.splat_f32s(n.y), q[1]);
+    let z = simd.mul_f32s(simd.splat_f32s(n.z), q[2]);
+    simd.add_f32s(simd.add_f32s(x, y), z)
 }
 
 /// Ends the rays of a register that meet the triangle. Returns whether any is left. [`Edges::test`], many at once.
@@ -58,12 +93,7 @@ pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
     register: usize,
 ) -> bool {
     let q = [0, 1, 2].map(|axis| load::<S>(&rays.q[axis], register));
-    let dot = |n: Vec3| {
-        let x = simd.mul_f32s(simd.splat_f32s(n.x), q[0]);
-        let y = simd.mul_f32s(simd.splat_f32s(n.y), q[1]);
-        let z = simd.mul_f32s(simd.splat_f32s(n.z), q[2]);
-        simd.add_f32s(simd.add_f32s(x, y), z)
-    };
+    let dot = |n: Vec3| dot(simd, n, q);
     let edge = |k: usize| match DIRECTIONAL {
         true => simd.add_f32s(dot(edges.normals[k]), simd.splat_f32s(edges.offsets[k])),
         false => dot(edges.normals[k]),

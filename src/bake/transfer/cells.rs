@@ -77,11 +77,13 @@ impl Cells {
     }
 
     /// Index of the cell at a place; `None` on the back of a single-sided face.
+    #[inline(always)]
     pub fn index(&self, place: &Place) -> Option<u32> {
         let grid = &self.grids[2 * place.triangle as usize + usize::from(place.back)];
         grid.cell(place.barycentric)
     }
 
+    #[inline(always)]
     pub fn get(&self, index: u32) -> &Cell {
         &self.cells[index as usize]
     }
@@ -136,6 +138,7 @@ impl Cell {
     }
 
     /// Samples and weights.
+    #[inline(always)]
     pub fn read(&self) -> impl Iterator<Item = (usize, f32)> {
         self.samples.iter().map(|&s| s as usize).zip(self.weights).filter(|&(_, weight)| weight > 0.0)
     }
@@ -172,12 +175,17 @@ impl Grid {
         Some(Vec2::new(weights[1], weights[2]))
     }
 
+    #[inline(always)]
     fn cell(&self, barycentric: Vec2) -> Option<u32> {
         if self.columns == 0 {
             return None;
         }
         let weights = [1.0 - barycentric.element_sum(), barycentric.x, barycentric.y];
-        let (u, v) = (weights[(self.corner as usize + 1) % 3], weights[(self.corner as usize + 2) % 3]);
+        let (u, v) = match self.corner {
+            0 => (weights[1], weights[2]),
+            1 => (weights[2], weights[0]),
+            _ => (weights[0], weights[1]),
+        };
         let (columns, rows) = (u32::from(self.columns), u32::from(self.rows));
         let column = ((u.max(0.0) * columns as f32) as u32).min(columns - 1);
         let mut row = ((v.max(0.0) * rows as f32) as u32).min(rows - 1);

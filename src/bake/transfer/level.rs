@@ -42,6 +42,7 @@ impl Level {
 
     /// What radiance leaves `place` towards `wo`: calls `read` with each sample that tells of it, its weight, the first
     /// of its coefficients and the values of its functions.
+    #[inline(always)]
     pub fn read(&self, place: &Place, wo: Vec3, mut read: impl FnMut(usize, f32, u32, &[f32])) {
         let Some(cell) = self.cells.index(place) else { return };
         let mut values = [0.0; MAX_FUNCTIONS];
@@ -49,9 +50,9 @@ impl Level {
         let mut known: Option<(Vec3, usize)> = None;
         for (sample, weight) in self.cells.get(cell).read() {
             let range = self.coefficients(sample);
-            let count = range.len();
+            let (first, count) = (range.start as u32, range.len());
             if count == 1 {
-                read(sample, weight, range.start as u32, &[CONSTANT]);
+                read(sample, weight, first, &[CONSTANT]);
                 continue;
             }
             let frame = &self.frames[sample];
@@ -59,7 +60,7 @@ impl Level {
                 Harmonics::get().evaluate(local(frame, wo), &mut values[..count]);
                 known = Some((frame[2], count));
             }
-            read(sample, weight, range.start as u32, &values[..count]);
+            read(sample, weight, first, &values[..count]);
         }
     }
 }
@@ -68,6 +69,7 @@ impl Level {
 const CONSTANT: f32 = 0.564_189_6;
 
 /// A direction in a frame of two tangents and a normal.
+#[inline(always)]
 pub fn local(frame: &[Vec3; 3], direction: Vec3) -> Vec3 {
     Vec3::from(frame.map(|axis| axis.dot(direction)))
 }

@@ -14,6 +14,7 @@
 pub mod baked;
 pub mod blocks;
 pub mod cells;
+pub mod directions;
 pub mod level;
 pub mod paths;
 pub mod rows;
@@ -153,16 +154,18 @@ impl<'a> Transfer<'a> {
 
     /// Rows of Φ for view samples, by index into [`Baked::samples`]: gathered anew in every call, always the same.
     pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> Rows {
-        let levels = [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect();
-        let gatherer = RowGatherer {
+        self.row_gatherer(lobe).gather(view_samples)
+    }
+
+    fn row_gatherer(&self, lobe: Lobe) -> RowGatherer<'_> {
+        RowGatherer {
             paths: Paths::new(self.scene, self.bvh, self.settings.layers),
             baked: self.baked,
-            levels,
+            levels: [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect(),
             rays: self.settings.rays,
             lobe,
             seed: self.settings.seed ^ 3 << 32,
-        };
-        gatherer.gather(view_samples)
+        }
     }
 
     /// What rows of Φ multiply, from direct light at the fine level: λ0 and, with two levels, S λ0; with one, the sum
@@ -196,22 +199,22 @@ impl<'a> Transfer<'a> {
     }
 
     /// Indirect radiance of view samples under several lights, from the lights' direct light at the fine level; Φ is
-    /// gathered once, in pieces that are multiplied and dropped. `progress` counts view samples.
+    /// gathered once, a few rows at a time that are multiplied and forgotten. `progress` counts view samples.
     pub fn apply(
         &self,
         direct: &[Vec<DVec3>],
         view_samples: &[u32],
         lobe: Lobe,
-        progress: &dyn Fn(usize),
+        progress: &(dyn Fn(usize) + Sync),
     ) -> Vec<Vec<DVec3>> {
         let coefficients: Vec<Vec<DVec3>> = direct.iter().map(|light| self.bounce(light).0).collect();
-        let mut images = vec![Vec::with_capacity(view_samples.len()); direct.len()];
-        for piece in view_samples.chunks(PIECE) {
-            let rows = self.rows(piece, lobe);
-            images.iter_mut().zip(&coefficients).for_each(|(image, c)| image.extend(rows.multiply(c)));
-            progress(piece.len());
-        }
-        images
+        let pieces = self.row_gatherer(lobe).map(view_samples, |rows| {
+            let piece: Vec<_> = coefficients.iter().map(|coefficients| rows.multiply_here(coefficients)).collect();
+            progress(rows.len());
+            piece
+        });
+        let image = |light: usize| pieces.iter().flat_map(|piece| piece[light].iter().copied()).collect();
+        (0..direct.len()).map(image).collect()
     }
 
     /// λ0 of everything that emits: one more light.
@@ -227,8 +230,6 @@ impl<'a> Transfer<'a> {
 
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
-/// View samples whose rows are held at once: 16 bytes an entry, hundreds to thousands of entries a row.
-const PIECE: usize = 4096;
 
 /// The Lambertian BRDF that reflects as much of even light.
 fn lambert(brdf: &Brdf) -> Brdf {

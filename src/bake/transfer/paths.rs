@@ -3,11 +3,11 @@
 use glam::{DVec3, Vec3};
 
 use crate::bake::brdf_factors::NEAR_MIRROR_ALPHA;
-use crate::bake::bvh::Bvh;
+use crate::bake::bvh::{Bvh, Hit};
 use crate::bake::gather_samples::{Place, is_from_behind};
 use crate::bake::surface::SurfacePoint;
 use crate::brdf::{self, Lobes};
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use crate::shared::Brdf;
 
 /// A path through mirrors is not followed below this share of its light.
@@ -15,12 +15,20 @@ const MIN_TINT: f32 = 1e-3;
 
 /// Casts rays that go on through mirrors and near-mirrors.
 pub struct Paths<'a> {
-    scene: &'a Scene,
-    bvh: &'a Bvh,
+    pub scene: &'a Scene,
+    pub bvh: &'a Bvh,
     /// Surfaces that a ray goes on to at most, the first not counted.
     layers: u32,
-    /// By material: whether a ray may have to go on.
-    goes_on: Vec<bool>,
+    /// By material.
+    sides: Vec<Sides>,
+}
+
+#[derive(Clone, Copy)]
+struct Sides {
+    /// Whether the back reflects.
+    double: bool,
+    /// Whether a ray may have to go on.
+    goes_on: bool,
 }
 
 /// A surface that a ray meets.
@@ -35,10 +43,11 @@ pub struct Arrival {
 
 impl<'a> Paths<'a> {
     pub fn new(scene: &'a Scene, bvh: &'a Bvh, layers: u32) -> Self {
-        let goes_on = |m: &crate::scene::Material| {
-            m.metallic_roughness_texture.is_some() || m.roughness * m.roughness < NEAR_MIRROR_ALPHA
+        let sides = |m: &Material| Sides {
+            double: m.double_sided,
+            goes_on: m.metallic_roughness_texture.is_some() || m.roughness * m.roughness < NEAR_MIRROR_ALPHA,
         };
-        Self { scene, bvh, layers, goes_on: scene.materials.iter().map(goes_on).collect() }
+        Self { scene, bvh, layers, sides: scene.materials.iter().map(sides).collect() }
     }
 
     /// Follows the ray from a surface point into a unit direction. `random` gives three numbers for each surface that
@@ -49,21 +58,37 @@ impl<'a> Paths<'a> {
         geometric_normal: Vec3,
         direction: Vec3,
         random: impl Fn(u32) -> [f64; 3],
+        arrive: impl FnMut(&Arrival),
+    ) {
+        if let Some((hit, back)) = self.first_hit(position, geometric_normal, direction) {
+            self.go_on(hit, back, direction, random, arrive);
+        }
+    }
+
+    /// What the ray from a surface point into a unit direction meets first, and whether from behind.
+    pub fn first_hit(&self, position: Vec3, geometric_normal: Vec3, direction: Vec3) -> Option<(Hit, bool)> {
+        self.closest_hit(self.off(position, geometric_normal, direction, 0.0), direction)
+    }
+
+    /// [`Self::follow`] for a ray whose first hit is known, and whether it is from behind.
+    #[inline(always)]
+    pub fn go_on(
+        &self,
+        mut hit: Hit,
+        mut back: bool,
+        mut direction: Vec3,
+        random: impl Fn(u32) -> [f64; 3],
         mut arrive: impl FnMut(&Arrival),
     ) {
-        let mut direction = direction;
-        let mut origin = self.off(position, geometric_normal, direction, 0.0);
         let mut tint = Vec3::ONE;
         for layer in 0..=self.layers {
-            let Some(hit) = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY) else { return };
-            let back = is_from_behind(self.scene, hit.triangle, direction);
             let place = Place { triangle: hit.triangle, barycentric: hit.barycentric, back };
-            let material = self.scene.mesh.triangle_materials[hit.triangle as usize] as usize;
-            if back && !self.scene.materials[material].double_sided {
+            let sides = self.sides[self.scene.mesh.triangle_materials[hit.triangle as usize] as usize];
+            if back && !sides.double {
                 return;
             }
             arrive(&Arrival { place, wo: -direction, tint });
-            if !self.goes_on[material] || layer == self.layers {
+            if !sides.goes_on || layer == self.layers {
                 return;
             }
             let surface = SurfacePoint::new(self.scene, &hit, direction, 0.0);
@@ -73,12 +98,19 @@ impl<'a> Paths<'a> {
                 return;
             }
             direction = next;
-            origin = self.off(surface.position, surface.geometric_normal, direction, hit.distance);
+            let origin = self.off(surface.position, surface.geometric_normal, direction, hit.distance);
+            let Some(next) = self.closest_hit(origin, direction) else { return };
+            (hit, back) = next;
         }
     }
 
+    fn closest_hit(&self, origin: Vec3, direction: Vec3) -> Option<(Hit, bool)> {
+        let hit = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY)?;
+        Some((hit, is_from_behind(self.scene, hit.triangle, direction)))
+    }
+
     /// Where a ray starts: off the surface, on the side that it leaves to.
-    fn off(&self, position: Vec3, geometric_normal: Vec3, direction: Vec3, distance: f32) -> Vec3 {
+    pub fn off(&self, position: Vec3, geometric_normal: Vec3, direction: Vec3, distance: f32) -> Vec3 {
         let side = 1f32.copysign(geometric_normal.dot(direction));
         position + geometric_normal * (side * self.bvh.shadow_offset(distance))
     }

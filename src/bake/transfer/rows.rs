@@ -1,14 +1,18 @@
 //! Rows of Φ: what each gather sample's coefficients add to a view sample, by final gathering.
 
 use glam::{DVec3, Vec3};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
+use super::directions::Directions;
 use super::level::Level;
-use super::paths::Paths;
+use super::paths::{Arrival, Paths};
 use crate::bake::Baked;
 use crate::bake::octahedral;
+use crate::bake::packet::PACKET_SIZE;
+use crate::bake::packet::fan::{Fan, trace_fans};
 use crate::brdf::Lobes;
-use crate::sequence::Points;
+use crate::sequence::{BLOCK, Points, ShiftedPoints};
 use crate::shared::NO_BRDF;
 
 /// Sparse rows, one a view sample.
@@ -42,34 +46,56 @@ pub struct RowGatherer<'a> {
     pub seed: u64,
 }
 
-/// One row under construction: sums for every coefficient, and blocks of them that are not zero.
-pub(super) struct Row {
-    sums: Vec<Vec3>,
-    /// First coefficient of each sample that was added to, and how many it has.
-    touched: Vec<(u32, u32)>,
+/// One row under construction: sums for every coefficient of a level, and which samples were added to.
+pub(super) struct Row<'a> {
+    /// Coefficients of sample i: `first[i]..first[i + 1]`.
+    first: &'a [u32],
+    /// Of each sample its sums of red, then green, then blue.
+    sums: Vec<f32>,
+    /// A bit a sample.
+    touched: Vec<u64>,
+}
+
+/// What a thread keeps between rows.
+struct Scratch<'a> {
+    /// One a level.
+    rows: Vec<Row<'a>>,
+    directions: Directions,
+    /// Which part of the hemisphere each direction lies in.
+    parts: Vec<u8>,
+    fans: Vec<Fan>,
+    /// Of the rays in `fans`: index, and share of the light that it brings.
+    rays: Vec<(u32, Vec3)>,
 }
 
 impl RowGatherer<'_> {
-    pub fn column_count(&self) -> usize {
-        self.levels.iter().map(|level| level.coefficient_count()).sum()
-    }
-
     /// Rows of the view samples `samples`; empty where nothing is reflected. The same whatever the threads, and however
     /// the rows are cut into calls.
     pub fn gather(&self, samples: &[u32]) -> Rows {
-        let chunk = |row: &mut Row, samples: &[u32]| {
-            let mut rows = Rows { first: vec![0], ..Default::default() };
-            for &sample in samples {
-                self.gather_row(sample, row);
-                row.take(&mut rows);
-            }
-            rows
-        };
-        // 16: some milliseconds of work.
-        Rows::concatenated(samples.par_chunks(16).map_init(|| Row::new(self.column_count()), chunk).collect())
+        Rows::concatenated(self.map(samples, Rows::clone))
     }
 
-    fn gather_row(&self, sample: u32, row: &mut Row) {
+    /// What `make` makes of the rows of some samples after the other, [`TASK`] at a time, in their order.
+    pub fn map<T: Send>(&self, samples: &[u32], make: impl Fn(&Rows) -> T + Sync) -> Vec<T> {
+        let points = ShiftedPoints::new(self.seed, self.rays);
+        let task = |(scratch, rows): &mut (Scratch, Rows), samples: &[u32]| {
+            rows.clear();
+            for &sample in samples {
+                self.gather_row(sample, &points, scratch);
+                let mut offset = 0;
+                for (row, level) in scratch.rows.iter_mut().zip(&self.levels) {
+                    row.take(offset, rows);
+                    offset += level.coefficient_count() as u32;
+                }
+                rows.first.push(rows.columns.len());
+            }
+            make(rows)
+        };
+        let scratch = || (Scratch::new(&self.levels), Rows::default());
+        samples.par_chunks(TASK).map_init(scratch, task).collect()
+    }
+
+    fn gather_row(&self, sample: u32, points: &ShiftedPoints, scratch: &mut Scratch) {
         let view = &self.baked.samples[sample as usize];
         if view.brdf == NO_BRDF {
             return;
@@ -78,70 +104,180 @@ impl RowGatherer<'_> {
         let normal = octahedral::decode(view.normal).as_dvec3().normalize();
         let wo = octahedral::decode(view.wo).as_dvec3().normalize();
         let Some(lobes) = Lobes::new(brdf, normal, wo) else { return };
+        let eye = (normal.dot(wo) as f32, lobes.specular_share() as f32);
+        scratch.directions.draw(brdf, eye, self.lobe, points, points.shifts(sample.into()));
+        let frame = frame_towards(normal.as_vec3(), wo.as_vec3());
         let geometric_normal = self.baked.geometric_normals[sample as usize];
-        let points = Points::new(self.seed, u64::from(sample));
-        for ray in 0..self.rays {
-            let [u, v, w, _] = points.at(ray, 0);
-            let Some(wi) = lobes.sample([u, v, w]) else { continue };
-            let at = lobes.at(wi);
-            let reflected = match self.lobe {
-                Lobe::All => at.sum(),
-                Lobe::Specular => at.specular,
-            };
-            let weight = (reflected / (at.density * f64::from(self.rays))).as_vec3();
+        let origin = self.paths.off(view.position, geometric_normal, geometric_normal, 0.0);
+        scratch.fill_fans(frame);
+        trace_fans(self.paths.bvh, self.paths.scene, origin, &mut scratch.fans);
+        pulp::Arch::new().dispatch(Deposit { gatherer: self, sample, geometric_normal, scratch });
+    }
+}
+
+/// Hands what the rays of a view sample bring to the gather samples that they met.
+struct Deposit<'a, 'b, 'c> {
+    gatherer: &'a RowGatherer<'a>,
+    sample: u32,
+    geometric_normal: Vec3,
+    scratch: &'b mut Scratch<'c>,
+}
+
+impl WithSimd for Deposit<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { gatherer: RowGatherer { paths, levels, .. }, sample, geometric_normal, scratch } = self;
+        let position = self.gatherer.baked.samples[sample as usize].position;
+        let numbers = Points::new(self.gatherer.seed, u64::from(sample));
+        let Scratch { rows, fans, rays, .. } = scratch;
+        for (i, &(ray, weight)) in rays.iter().enumerate() {
+            let (fan, lane) = (&fans[i / PACKET_SIZE], i % PACKET_SIZE);
             let random = |layer: u32| {
-                let [u, v, w, _] = points.at(ray, 1 + layer);
+                let [u, v, w, _] = numbers.at(ray, 1 + layer);
                 [u, v, w]
             };
-            self.paths.follow(view.position, geometric_normal, wi.as_vec3(), random, |arrival| {
-                let mut offset = 0;
-                for level in &self.levels {
+            let arrive = |arrival: &Arrival| {
+                for (level, row) in levels.iter().zip(&mut *rows) {
                     let light = weight * arrival.tint;
-                    level.read(&arrival.place, arrival.wo, |_, share, first, values| {
-                        row.add(offset + first, values, light * share);
+                    level.read(&arrival.place, arrival.wo, |sample, share, _, values| {
+                        row.add(sample, values, light * share);
                     });
-                    offset += level.coefficient_count() as u32;
                 }
-            });
+            };
+            let direction = fan.direction(lane);
+            // Above the horizon of an interpolated normal, but below the face: that side has another origin.
+            let hit = match direction.dot(geometric_normal) < 0.0 {
+                true => paths.first_hit(position, geometric_normal, direction),
+                false => fan.hit(lane),
+            };
+            if let Some((hit, back)) = hit {
+                paths.go_on(hit, back, direction, random, arrive);
+            }
         }
     }
 }
 
-impl Row {
-    pub fn new(columns: usize) -> Self {
-        Self { sums: vec![Vec3::ZERO; columns], touched: Vec::new() }
+/// Rows that are gathered at once: some milliseconds of work.
+pub const TASK: usize = 16;
+/// Parts of a hemisphere along each axis of the disc under it.
+const PARTS: usize = 8;
+/// The part of directions that bring no light.
+const NO_LIGHT: u8 = (PARTS * PARTS) as u8;
+
+impl<'a> Scratch<'a> {
+    fn new(levels: &[&'a Level]) -> Self {
+        Self {
+            rows: levels.iter().map(|level| Row::new(&level.first)).collect(),
+            directions: Directions::default(),
+            parts: Vec::new(),
+            fans: Vec::new(),
+            rays: Vec::new(),
+        }
     }
 
-    /// Adds a sample's `values` times `light`. The first function is positive, so light leaves a mark there.
-    pub fn add(&mut self, first: u32, values: &[f32], light: Vec3) {
-        let sums = &mut self.sums[first as usize..][..values.len()];
-        if sums[0] == Vec3::ZERO {
-            self.touched.push((first, values.len() as u32));
+    /// Sorts directions that bring light by where they go, and turns them by `frame` into rays.
+    fn fill_fans(&mut self, frame: [Vec3; 3]) {
+        let part = |x: f32| ((0.5 + 0.5 * x) * PARTS as f32).clamp(0.0, PARTS as f32 - 1.0) as usize;
+        let mut next = [0; PARTS * PARTS + 1];
+        self.parts.clear();
+        for block in self.directions.blocks() {
+            for (wi, weight) in (0..BLOCK).map(|i| block.get(i)) {
+                let part = if weight.max_element() > 0.0 { ALONG_CURVE[part(wi.y)][part(wi.x)] } else { NO_LIGHT };
+                next[usize::from(part)] += 1;
+                self.parts.push(part);
+            }
         }
-        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += light * *value);
+        let mut count = 0usize;
+        next[..PARTS * PARTS].iter_mut().for_each(|next| count += std::mem::replace(next, count));
+        self.fans.resize_with(count.div_ceil(PACKET_SIZE), Fan::default);
+        self.rays.resize(count, (0, Vec3::ZERO));
+        for (i, &part) in self.parts.iter().enumerate() {
+            if part == NO_LIGHT {
+                continue;
+            }
+            let (wi, weight) = self.directions.blocks()[i / BLOCK].get(i % BLOCK);
+            let place = &mut next[usize::from(part)];
+            self.rays[*place] = (i as u32, weight);
+            let direction = frame[0] * wi.x + frame[1] * wi.y + frame[2] * wi.z;
+            self.fans[*place / PACKET_SIZE].set(*place % PACKET_SIZE, direction);
+            *place += 1;
+        }
+        (count..self.fans.len() * PACKET_SIZE).for_each(|i| self.fans[i / PACKET_SIZE].clear(i % PACKET_SIZE));
+    }
+}
+
+/// Where each part comes along a Z-shaped curve, on which neighbours mostly stay together.
+const ALONG_CURVE: [[u8; PARTS]; PARTS] = {
+    let mut places = [[0; PARTS]; PARTS];
+    let mut i = 0;
+    while i < PARTS * PARTS {
+        let (mut x, mut y, mut bit) = (0, 0, 0);
+        while bit < 3 {
+            x |= (i >> (2 * bit) & 1) << bit;
+            y |= (i >> (2 * bit + 1) & 1) << bit;
+            bit += 1;
+        }
+        places[y][x] = i as u8;
+        i += 1;
+    }
+    places
+};
+
+/// Two tangents and the normal; `wo` lies in the half plane of the normal and the first tangent.
+fn frame_towards(normal: Vec3, wo: Vec3) -> [Vec3; 3] {
+    let tangent = (wo - normal * normal.dot(wo)).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
+    [tangent, normal.cross(tangent), normal]
+}
+
+impl<'a> Row<'a> {
+    /// Coefficients of sample i are `first[i]..first[i + 1]`.
+    pub fn new(first: &'a [u32]) -> Self {
+        let coefficients = *first.last().expect("one more than samples") as usize;
+        Self { first, sums: vec![0.0; 3 * coefficients], touched: vec![0; first.len().div_ceil(64)] }
     }
 
-    /// [`Self::add`] for values of RGB; what adds nothing to the first leaves no mark, so all are looked at.
-    pub fn add_colored(&mut self, first: u32, values: &[Vec3], light: Vec3) {
-        let sums = &mut self.sums[first as usize..][..values.len()];
-        if sums.iter().all(|sum| *sum == Vec3::ZERO) {
-            self.touched.push((first, values.len() as u32));
+    /// Adds a sample's `values` times `light`.
+    #[inline(always)]
+    pub fn add(&mut self, sample: usize, values: &[f32], light: Vec3) {
+        let sums = self.sums_of(sample, values.len());
+        for (channel, sums) in sums.into_iter().enumerate() {
+            for (sum, value) in sums.iter_mut().zip(values) {
+                *sum += light[channel] * value;
+            }
         }
-        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += light * *value);
     }
 
-    /// Moves the row to the end of `rows`.
-    pub fn take(&mut self, rows: &mut Rows) {
-        self.touched.sort_unstable();
-        self.touched.dedup(); // what got no light was listed again
-        for &(first, count) in &self.touched {
-            let sums = &mut self.sums[first as usize..][..count as usize];
-            rows.columns.extend(first..first + count);
-            rows.values.extend(sums.iter().map(|sum| sum.to_array()));
-            sums.fill(Vec3::ZERO);
+    /// [`Self::add`] for values of RGB.
+    pub fn add_colored(&mut self, sample: usize, values: &[Vec3], light: Vec3) {
+        for (channel, sums) in self.sums_of(sample, values.len()).into_iter().enumerate() {
+            sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += light[channel] * value[channel]);
         }
-        self.touched.clear();
-        rows.first.push(rows.columns.len());
+    }
+
+    #[inline(always)]
+    fn sums_of(&mut self, sample: usize, count: usize) -> [&mut [f32]; 3] {
+        self.touched[sample / 64] |= 1 << (sample % 64);
+        let (red, others) = self.sums[3 * self.first[sample] as usize..][..3 * count].split_at_mut(count);
+        let (green, blue) = others.split_at_mut(count);
+        [red, green, blue]
+    }
+
+    /// Moves the row to the end of `rows`, as what comes after `offset` other columns.
+    pub fn take(&mut self, offset: u32, rows: &mut Rows) {
+        for (word, touched) in self.touched.iter_mut().enumerate() {
+            while *touched != 0 {
+                let sample = 64 * word + touched.trailing_zeros() as usize;
+                *touched &= *touched - 1;
+                let (first, end) = (self.first[sample], self.first[sample + 1]);
+                let count = (end - first) as usize;
+                let sums = &mut self.sums[3 * first as usize..][..3 * count];
+                rows.columns.extend(offset + first..offset + end);
+                rows.values.extend((0..count).map(|i| [sums[i], sums[count + i], sums[2 * count + i]]));
+                sums.fill(0.0);
+            }
+        }
     }
 }
 
@@ -153,7 +289,9 @@ impl Rows {
 
     /// All rows of `parts` in turn.
     pub fn concatenated(parts: Vec<Rows>) -> Self {
-        let mut rows = Rows { first: vec![0], ..Default::default() };
+        let entries = parts.iter().map(|part| part.columns.len()).sum();
+        let mut rows =
+            Rows { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) };
         for part in parts {
             let start = rows.columns.len();
             rows.first.extend(part.first[1..].iter().map(|end| start + end));
@@ -161,6 +299,13 @@ impl Rows {
             rows.values.extend(part.values);
         }
         rows
+    }
+
+    fn clear(&mut self) {
+        self.first.clear();
+        self.first.push(0);
+        self.columns.clear();
+        self.values.clear();
     }
 
     pub fn len(&self) -> usize {
@@ -177,10 +322,17 @@ impl Rows {
         self.columns[range.clone()].iter().copied().zip(self.values[range].iter().copied())
     }
 
-    /// Each row times a vector of RGB coefficients, channel by channel.
+    /// Each row times a vector of RGB coefficients, channel by channel, on all cores.
     pub fn multiply(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
-        let row =
-            |r: usize| self.row(r).map(|(i, value)| Vec3::from(value).as_dvec3() * coefficients[i as usize]).sum();
-        (0..self.len()).into_par_iter().map(row).collect()
+        (0..self.len()).into_par_iter().map(|r| self.times(r, coefficients)).collect()
+    }
+
+    /// [`Self::multiply`] on this core alone, for few rows.
+    pub fn multiply_here(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
+        (0..self.len()).map(|r| self.times(r, coefficients)).collect()
+    }
+
+    fn times(&self, row: usize, coefficients: &[DVec3]) -> DVec3 {
+        self.row(row).map(|(i, value)| Vec3::from(value).as_dvec3() * coefficients[i as usize]).sum()
     }
 }

@@ -152,7 +152,8 @@ impl<'a> Thesis<'a> {
         let row = |scratch: &mut Scratch, sample: &u32| {
             let mut rows = Rows { first: vec![0], ..Default::default() };
             self.view_row(*sample, lobe, scratch);
-            scratch.rows[0].take(&mut rows);
+            scratch.rows[0].take(0, &mut rows);
+            rows.first.push(rows.columns.len());
             rows
         };
         Rows::concatenated(view_samples.par_iter().map_init(|| self.scratch(), row).collect())
@@ -197,11 +198,11 @@ impl<'a> Thesis<'a> {
         self.reflections[material as usize].as_ref().expect("its material has a sample")
     }
 
-    fn scratch(&self) -> Scratch {
+    fn scratch(&self) -> Scratch<'_> {
         let terms = self.reflections.iter().flatten().map(Reflection::terms).max().unwrap_or(1);
         Scratch {
             visibility: vec![0; self.packets.len() * PACKET_SIZE],
-            rows: (0..terms).map(|_| Row::new(self.column_count())).collect(),
+            rows: (0..terms).map(|_| Row::new(&self.first)).collect(),
             h: vec![Vec3::ZERO; terms],
             k: vec![Vec3::ZERO; terms],
         }
@@ -216,11 +217,14 @@ impl<'a> Thesis<'a> {
         self.each_visible(position, normal, point.geometric_normal, scratch, |scratch, sender, wi, transfer| {
             self.reflection(receiver).k(local(&self.frames[receiver], wi), &mut k[..terms]);
             let Scratch { rows, h, .. } = scratch;
-            rows.iter_mut().zip(&k[..terms]).for_each(|(row, k)| row.add_colored(self.first[sender], h, *k * transfer));
+            rows.iter_mut().zip(&k[..terms]).for_each(|(row, k)| row.add_colored(sender, h, *k * transfer));
         });
         scratch.k = k;
         let mut block = Rows { first: vec![0], ..Default::default() };
-        scratch.rows[..terms].iter_mut().for_each(|row| row.take(&mut block));
+        for row in &mut scratch.rows[..terms] {
+            row.take(0, &mut block);
+            block.first.push(block.columns.len());
+        }
         block
     }
 
@@ -242,7 +246,7 @@ impl<'a> Thesis<'a> {
             };
             // T holds the cosine that `reflected` has too.
             let light = reflected.as_vec3() * (transfer / normal.dot(wi));
-            scratch.rows[0].add_colored(self.first[sender], &scratch.h, light);
+            scratch.rows[0].add_colored(sender, &scratch.h, light);
         });
     }
 
@@ -286,9 +290,9 @@ impl<'a> Thesis<'a> {
 }
 
 /// What a thread keeps between rows.
-struct Scratch {
+struct Scratch<'a> {
     visibility: Vec<u8>,
-    rows: Vec<Row>,
+    rows: Vec<Row<'a>>,
     h: Vec<Vec3>,
     k: Vec<Vec3>,
 }

@@ -57,10 +57,12 @@ impl BounceGatherer<'_> {
     /// G from each of `senders` and, for each receiving sample, the share of its rays that met nothing that reflects:
     /// 1 - row sum, counted, not subtracted [Grassmann 1985].
     pub fn gather(&self, senders: &[&Level], progress: &(dyn Fn(usize) + Sync)) -> (Vec<Bounce>, Vec<f64>) {
+        let most = senders.iter().map(|level| level.samples.len()).max().unwrap_or(0);
+        let singles: Vec<u32> = (0..=most as u32).collect();
         let per_sample: Vec<(Vec<Found>, u32)> = (0..self.receivers.samples.len())
             .into_par_iter()
             .map_init(
-                || Scratch::new(senders),
+                || Scratch::new(senders, &singles),
                 |scratch, sample| {
                     let found = self.gather_sample(sample, senders, scratch);
                     progress(1);
@@ -101,12 +103,12 @@ impl BounceGatherer<'_> {
             let mut straight = true;
             self.paths.follow(point.position, point.geometric_normal, direction, random, |arrival| {
                 for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
-                    level.read(&arrival.place, arrival.wo, |sender, weight, first, values| {
+                    level.read(&arrival.place, arrival.wo, |sender, weight, _, values| {
                         if straight {
-                            factors.add(sender as u32, &[weight], Vec3::splat(share));
+                            factors.add(sender, &[weight], Vec3::splat(share));
                         }
                         let light = arrival.tint * (weight * share * PI);
-                        rows.iter_mut().zip(&*k).for_each(|(row, k)| row.add(first, values, *k * light));
+                        rows.iter_mut().zip(&*k).for_each(|(row, k)| row.add(sender, values, *k * light));
                     });
                 }
                 let met = senders.iter().any(|level| !is_black(&level.cells, &arrival.place));
@@ -157,15 +159,16 @@ impl BounceGatherer<'_> {
 }
 
 /// Accumulators of one thread: for each sending level, rows of G and the row of F.
-struct Scratch {
-    levels: Vec<(Vec<Row>, Row)>,
+struct Scratch<'a> {
+    levels: Vec<(Vec<Row<'a>>, Row<'a>)>,
 }
 
-impl Scratch {
-    fn new(senders: &[&Level]) -> Self {
-        let of = |level: &&Level| {
-            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(level.coefficient_count())).collect();
-            (rows, Row::new(level.samples.len()))
+impl<'a> Scratch<'a> {
+    /// `singles` counts up: the one coefficient that each sample has in F.
+    fn new(senders: &[&'a Level], singles: &'a [u32]) -> Self {
+        let of = |level: &&'a Level| {
+            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first)).collect();
+            (rows, Row::new(&singles[..=level.samples.len()]))
         };
         Self { levels: senders.iter().map(of).collect() }
     }
@@ -174,9 +177,12 @@ impl Scratch {
     fn take(&mut self, count: usize) -> Vec<Found> {
         let take = |(rows, factors): &mut (Vec<Row>, Row)| {
             let mut found = Found { rows: Rows { first: vec![0], ..Default::default() }, ..Default::default() };
-            rows[..count].iter_mut().for_each(|row| row.take(&mut found.rows));
-            let mut row = Rows { first: vec![0], ..Default::default() };
-            factors.take(&mut row);
+            for row in &mut rows[..count] {
+                row.take(0, &mut found.rows);
+                found.rows.first.push(found.rows.columns.len());
+            }
+            let mut row = Rows::default();
+            factors.take(0, &mut row);
             found.factors = row.columns.iter().copied().zip(row.values.iter().map(|v| v[0])).collect();
             found
         };

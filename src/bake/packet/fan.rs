@@ -1,0 +1,177 @@
+//! Closest hits of rays that leave one point: final gathering, 64 directions at a time.
+//!
+//! What a packet of shadow rays gains from the light, these gain from the point that gathers: a triangle's edge functions
+//! and the side of it that is seen are the same for all. The better the directions of a packet agree, the faster; who
+//! fills them sorts them.
+
+use glam::{Vec2, Vec3};
+use pulp::{Simd, WithSimd};
+
+use super::rays::{Rays, any, inverse, load, meets_box};
+use super::triangle::Edges;
+use super::{Entry, Lanes, PACKET_SIZE};
+use crate::bake::bvh::{Bvh, Hit, is_hole};
+use crate::scene::Scene;
+
+/// 64 rays from one point, and what they met.
+pub struct Fan {
+    /// Directions are `q`; `end` is the distance to what was hit, infinite before, negative in lanes without a ray.
+    rays: Rays,
+    /// Index into the mesh's triangles, and whether it is met from behind.
+    triangles: [u32; PACKET_SIZE],
+    barycentric: [Lanes; 2],
+}
+
+/// Of a triangle's index: it is met from behind, along its geometric normal.
+const BEHIND: u32 = 1 << 31;
+
+impl Default for Fan {
+    fn default() -> Self {
+        let zero = [0.0; PACKET_SIZE];
+        let rays = Rays { q: [zero; 3], inverse_q: [zero; 3], end: [-1.0; PACKET_SIZE] };
+        Self { rays, triangles: [0; PACKET_SIZE], barycentric: [zero; 2] }
+    }
+}
+
+impl Fan {
+    /// Puts a ray into a lane; its direction needs not be unit length.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, direction: Vec3) {
+        (0..3).for_each(|axis| self.rays.q[axis][lane] = direction[axis]);
+        self.rays.end[lane] = f32::INFINITY;
+    }
+
+    /// Takes the ray out of a lane.
+    pub fn clear(&mut self, lane: usize) {
+        self.rays.end[lane] = -1.0;
+    }
+
+    #[inline(always)]
+    pub fn direction(&self, lane: usize) -> Vec3 {
+        Vec3::from([0, 1, 2].map(|axis| self.rays.q[axis][lane]))
+    }
+
+    /// What the ray of a lane met, and whether from behind.
+    #[inline(always)]
+    pub fn hit(&self, lane: usize) -> Option<(Hit, bool)> {
+        let distance = self.rays.end[lane];
+        let id = self.triangles[lane];
+        let barycentric = Vec2::new(self.barycentric[0][lane], self.barycentric[1][lane]);
+        let hit = Hit { triangle: id & !BEHIND, barycentric, distance };
+        (0.0..f32::INFINITY).contains(&distance).then_some((hit, id & BEHIND != 0))
+    }
+}
+
+/// Follows the rays of `fans` from `origin` to the first surface that each meets.
+pub fn trace_fans(bvh: &Bvh, scene: &Scene, origin: Vec3, fans: &mut [Fan]) {
+    pulp::Arch::new().dispatch(TraceFans { bvh, scene, origin, fans });
+}
+
+struct TraceFans<'a> {
+    bvh: &'a Bvh,
+    scene: &'a Scene,
+    origin: Vec3,
+    fans: &'a mut [Fan],
+}
+
+impl WithSimd for TraceFans<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { bvh, scene, origin, fans } = self;
+        let mut stack: Vec<Entry> = Vec::with_capacity(128);
+        for fan in fans {
+            inverse(simd, &mut fan.rays);
+            stack.push((0, u64::MAX >> (64 - PACKET_SIZE / S::F32_LANES)));
+            traverse(simd, bvh, scene, origin, fan, &mut stack);
+        }
+    }
+}
+
+#[inline(always)]
+fn traverse<S: Simd>(simd: S, bvh: &Bvh, scene: &Scene, origin: Vec3, fan: &mut Fan, stack: &mut Vec<Entry>) {
+    let nodes = &bvh.binary.nodes;
+    let towards: Vec3 = [0, PACKET_SIZE / 2].iter().map(|&lane| fan.direction(lane)).sum();
+    while let Some((index, concerned)) = stack.pop() {
+        let node = &nodes[index as usize];
+        // Tested when it is its turn, not when its parent is met: by then rays may have ended before it.
+        let (lo, hi) = (node.min - origin, node.max - origin);
+        let (mut met, mut left) = (0, concerned);
+        while left != 0 {
+            let register = left.trailing_zeros() as usize;
+            left &= left - 1;
+            met |= u64::from(meets_box(simd, &fan.rays, register, lo, hi)) << register;
+        }
+        if met == 0 {
+            continue;
+        }
+        let first = node.first_index;
+        if !node.is_leaf() {
+            let [a, b] = [first, first + 1].map(|child| &nodes[child as usize]);
+            let swap = ((b.min + b.max) - (a.min + a.max)).dot(towards) < 0.0;
+            let [near, far] = if swap { [first + 1, first] } else { [first, first + 1] };
+            stack.push((far, met));
+            stack.push((near, met));
+            continue;
+        }
+        for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
+            let edges = Edges::new::<false>(origin, corners.v);
+            let id = corners.triangle | if edges.is_behind() { BEHIND } else { 0 };
+            let mut left = met;
+            while left != 0 {
+                let register = left.trailing_zeros() as usize;
+                left &= left - 1;
+                if bvh.has_masks {
+                    let hole = |barycentric| is_hole(scene, corners.triangle, barycentric);
+                    meet_unless_hole(&edges, id, fan, register, S::F32_LANES, hole);
+                } else {
+                    meet(simd, &edges, id, fan, register);
+                }
+            }
+        }
+    }
+}
+
+/// Ends the rays of a register where they meet the triangle.
+#[inline(always)]
+fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, fan: &mut Fan, register: usize) {
+    let (w, plane) = edges.functions(simd, &fan.rays, register);
+    let (zero, end) = (simd.splat_f32s(0.0), load::<S>(&fan.rays.end, register));
+    let low = simd.min_f32s(simd.min_f32s(w[0], w[1]), w[2]);
+    let high = simd.max_f32s(simd.max_f32s(w[0], w[1]), w[2]);
+    let inside = simd.or_m32s(simd.less_than_or_equal_f32s(zero, low), simd.less_than_or_equal_f32s(high, zero));
+    // offset / plane < end without the division, for both have one sign.
+    let offset = simd.splat_f32s(edges.plane_offset);
+    let ahead = simd.less_than_f32s(zero, simd.mul_f32s(offset, plane));
+    let nearer = simd.less_than_f32s(simd.abs_f32s(offset), simd.mul_f32s(simd.abs_f32s(plane), end));
+    let within = simd.and_m32s(simd.and_m32s(inside, ahead), nearer);
+    if !any(simd, within) {
+        return;
+    }
+    let sum = simd.add_f32s(simd.add_f32s(w[0], w[1]), w[2]);
+    let within = simd.and_m32s(within, simd.less_than_f32s(zero, simd.abs_f32s(sum)));
+    let set = |lanes: &mut Lanes, value: S::f32s| {
+        let lanes = &mut S::as_mut_simd_f32s(lanes).0[register];
+        *lanes = simd.select_f32s(within, value, *lanes);
+    };
+    set(&mut fan.rays.end, simd.div_f32s(offset, plane));
+    set(&mut fan.barycentric[0], simd.div_f32s(w[1], sum));
+    set(&mut fan.barycentric[1], simd.div_f32s(w[2], sum));
+    let triangles = &mut S::as_mut_simd_u32s(&mut fan.triangles).0[register];
+    *triangles = simd.select_u32s(within, simd.splat_u32s(id), *triangles);
+}
+
+/// The same for triangles with holes: `hole` tells by barycentric coordinates.
+#[inline(never)]
+fn meet_unless_hole(edges: &Edges, id: u32, fan: &mut Fan, register: usize, lanes: usize, hole: impl Fn(Vec2) -> bool) {
+    for lane in register * lanes..(register + 1) * lanes {
+        let direction = fan.direction(lane);
+        let Some((barycentric, distance)) = edges.meet(direction) else { continue };
+        if distance < fan.rays.end[lane] && !hole(barycentric) {
+            fan.rays.end[lane] = distance;
+            fan.triangles[lane] = id;
+            (0..2).for_each(|i| fan.barycentric[i][lane] = barycentric[i]);
+        }
+    }
+}
