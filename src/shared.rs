@@ -34,7 +34,7 @@ gpu_shared! {
         pub const PANEL_COLUMNS: u32 = 8;
 
         /// Degrees of the harmonics that gather samples keep of light.
-        pub const HARMONIC_DEGREES: u32 = 6;
+        pub const HARMONIC_DEGREES: u32 = 7;
         /// Texels along each side of the map of directions to a disc [Yang 2007, Figure 4.2 b].
         pub const DISC_SIDE: u32 = 32;
         /// Rows of the tables of k, over roughness.

@@ -31,7 +31,7 @@ pub struct TransferOptions {
     /// Rays a row of the operator, for --method robust.
     #[arg(long, value_name = "K", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub rays: u32,
-    /// Outgoing light of a gather sample: sh1, sh4, sh9, sh16, sh25 or sh36 harmonics; svdN terms for --method thesis
+    /// Outgoing light of a gather sample: sh1, sh4, sh9, sh16, sh25, sh36 or sh49 harmonics; svdN terms for --method thesis
     /// [default: what each material needs].
     #[arg(long, value_name = "BASIS", value_parser = parse_basis)]
     pub basis: Option<Basis>,
@@ -191,11 +191,11 @@ fn check_dense(baked: &Baked, columns: usize, scene: &Scene) -> Result<()> {
 
 fn parse_basis(text: &str) -> Result<Basis, String> {
     let count = |prefix: &str| text.strip_prefix(prefix).and_then(|count| count.parse::<usize>().ok());
-    if let Some(count) = count("sh").filter(|count| [1, 4, 9, 16, 25, 36].contains(count)) {
+    if let Some(count) = count("sh").filter(|count| [1, 4, 9, 16, 25, 36, 49].contains(count)) {
         return Ok(Basis::Harmonics(count as u8));
     }
     if let Some(count) = count("svd").filter(|count| (1..=812).contains(count)) {
         return Ok(Basis::SingularValues(count));
     }
-    Err("expected sh1, sh4, sh9, sh16, sh25, sh36 or svd1 to svd812".into())
+    Err("expected sh1, sh4, sh9, sh16, sh25, sh36, sh49 or svd1 to svd812".into())
 }

@@ -18,7 +18,7 @@ use crate::image::file::write_bytes;
 use crate::scene::{Camera, Rig, Scene};
 
 /// Counts changes of what a file holds.
-const FORMAT: &str = "3";
+const FORMAT: &str = "4";
 
 /// Name of what a bake depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -18,6 +18,7 @@ pub mod directions;
 pub mod level;
 pub mod paths;
 pub mod rows;
+pub mod seen;
 pub mod solve;
 pub mod thesis;
 pub mod transport;
@@ -41,7 +42,7 @@ use crate::shared::Brdf;
 pub enum Outgoing {
     /// Equally in all directions, with the BRDF's hemispherical albedo [Yang 2007, Section 4.2].
     Diffuse,
-    /// In as many harmonics as a material needs, or a square number up to 36 for all [Yang 2007, Section 4.3].
+    /// In as many harmonics as a material needs, or a square number up to 49 for all [Yang 2007, Section 4.3].
     Glossy { functions: Option<u8> },
 }
 
@@ -258,7 +259,7 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
                 let degrees = functions.isqrt() as usize;
                 energy[degrees..].iter().sum::<f32>() <= DROPPED * all
             };
-            [1, 4, 9, 16, 25].into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
+            [1, 4, 9, 16, 25, 36].into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
         }
     }
 }

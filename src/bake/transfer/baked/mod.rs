@@ -13,7 +13,7 @@ use crate::bake::gather_samples::GatherSamples;
 use crate::bake::octahedral;
 use crate::bake::packet::SamplePacket;
 use crate::bake::view_samples::pack;
-use crate::shared::{DISC_SIDE, FactoredSample, LightSample, ViewSample};
+use crate::shared::{DISC_SIDE, FactoredSample, HARMONIC_DEGREES, LightSample, ViewSample};
 
 /// Indirect light of one scene and camera, ready for the device.
 #[derive(Clone, Default)]
@@ -105,7 +105,7 @@ impl BakedTransfer {
     pub fn is_consistent(&self, view_samples: usize) -> bool {
         let within = |first: u32, count: u32, length: usize| first as usize + count as usize <= length;
         let ours = |s: &LightSample| {
-            (1..=6).contains(&s.degrees)
+            (1..=HARMONIC_DEGREES).contains(&s.degrees)
                 && s.roughness.is_finite()
                 && within(s.first, s.degrees * s.degrees, self.vector_length)
         };
