@@ -6,6 +6,7 @@
 //! cannot see buffer addresses, and lavapipe forgives a missing barrier.)
 
 use std::collections::HashMap;
+use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -409,6 +410,18 @@ impl Frame<'_> {
     /// The frame draws into a window's image.
     pub(super) fn will_present(&mut self, presenting: Presenting) {
         self.frames.presenting = Some(presenting);
+    }
+}
+
+impl<T> Read<T> {
+    fn new(address: u64) -> Self {
+        Self(address, PhantomData)
+    }
+}
+
+impl<T> Write<T> {
+    fn new(address: u64) -> Self {
+        Self(address, PhantomData)
     }
 }
 

@@ -50,12 +50,12 @@ impl<T: Glsl, const N: usize> Glsl for [T; N] {
 /// declared access.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug)]
-pub struct Read<T>(u64, PhantomData<T>);
+pub struct Read<T>(pub(super) u64, pub(super) PhantomData<T>);
 
 /// Device address of `[T]` that a pass writes, or reads and writes.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug)]
-pub struct Write<T>(u64, PhantomData<T>);
+pub struct Write<T>(pub(super) u64, pub(super) PhantomData<T>);
 
 macro_rules! address {
     ($name:ident) => {
@@ -66,12 +66,6 @@ macro_rules! address {
         impl<T: Glsl> Glsl for $name<T> {
             fn name() -> String {
                 format!(concat!(stringify!($name), "_{}"), T::name())
-            }
-        }
-        impl<T> $name<T> {
-            #[allow(dead_code)] // the build script makes no addresses
-            pub(super) fn new(address: u64) -> Self {
-                Self(address, PhantomData)
             }
         }
     };
