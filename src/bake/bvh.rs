@@ -1,6 +1,6 @@
 //! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays in [`super::packet`].
 
-use glam::{Vec2, Vec3, Vec3A, Vec4};
+use glam::{BVec4A, Vec2, Vec3, Vec3A, Vec4, Vec4Swizzles};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -19,7 +19,7 @@ use crate::scene::{AlphaMode, Scene};
 pub struct Bvh {
     /// Wide nodes for single rays.
     wide: CwBvh,
-    wide_corners: Vec<Corners>,
+    wide_corners: Vec<Lanes>,
     /// Binary nodes for packets, whose rays agree so well that a wide node tests too much.
     pub(super) binary: Bvh2,
     pub(super) binary_corners: Vec<Corners>,
@@ -35,6 +35,14 @@ pub(super) struct Corners {
     pub v: [Vec3; 3],
     /// Index into the mesh.
     pub triangle: u32,
+}
+
+/// The same with a corner a lane, for single rays: the three edges are tested at once.
+#[derive(Clone, Copy)]
+struct Lanes {
+    /// x, y and z of the corners; the fourth lane repeats the first corner.
+    axes: [Vec4; 3],
+    triangle: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,7 +92,7 @@ impl Bvh {
         let in_order = |indices: &[u32]| indices.iter().map(|&i| corners[i as usize]).collect::<Vec<_>>();
         let masked = |m: &crate::scene::Material| m.alpha_mode != AlphaMode::Opaque;
         Self {
-            wide_corners: in_order(&wide.primitive_indices),
+            wide_corners: in_order(&wide.primitive_indices).iter().map(Lanes::new).collect(),
             binary_corners: in_order(&binary.primitive_indices),
             wide,
             binary,
@@ -110,17 +118,23 @@ impl Bvh {
     fn intersect(
         &self,
         scene: &Scene,
-        corners: &Corners,
+        corners: &Lanes,
         origin: Vec3,
         direction: Vec3,
         max_distance: f32,
     ) -> Option<Hit> {
-        let [v0, v1, v2] = corners.v.map(|v| v - origin);
-        let edge = |a: Vec3, b: Vec3| (a + b).cross(b - a).dot(direction);
-        let w = Vec3::new(edge(v1, v2), edge(v2, v0), edge(v0, v1));
-        if w.min_element() < 0.0 && w.max_element() > 0.0 {
+        let [x, y, z] = corners.axes;
+        let (x, y, z) = (x - origin.x, y - origin.y, z - origin.z);
+        // Lane 0 has the edge from corner 1 to 2, lane 1 from 2 to 0, lane 2 from 0 to 1.
+        let edge = |v: Vec4| (v.yzxw() + v.zxyw(), v.zxyw() - v.yzxw());
+        let across = |(sum_a, side_a): (Vec4, Vec4), (sum_b, side_b)| sum_a * side_b - side_a * sum_b;
+        let (ex, ey, ez) = (edge(x), edge(y), edge(z));
+        let w = across(ey, ez) * direction.x + across(ez, ex) * direction.y + across(ex, ey) * direction.z;
+        let any = |lanes: BVec4A| lanes.bitmask() & 7 != 0;
+        if any(w.cmplt(Vec4::ZERO)) && any(w.cmpgt(Vec4::ZERO)) {
             return None;
         }
+        let (v0, v1, v2) = (Vec3::new(x.x, y.x, z.x), Vec3::new(x.y, y.y, z.y), Vec3::new(x.z, y.z, z.z));
         let normal = (v1 - v0).cross(v2 - v0);
         let distance = normal.dot(v0) / normal.dot(direction);
         let barycentric = Vec2::new(w.y, w.z) / (w.x + w.y + w.z);
@@ -139,6 +153,14 @@ impl Bvh {
     pub fn shadow_offset(&self, distance: f32) -> f32 {
         // 2^-17: some 60 roundings of a coordinate as large as the scene. 2^-21: the same for the light's distance.
         self.radius * f32::exp2(-17.0) + distance * f32::exp2(-21.0)
+    }
+}
+
+impl Lanes {
+    fn new(corners: &Corners) -> Self {
+        let [a, b, c] = corners.v;
+        let axis = |i: usize| Vec4::new(a[i], b[i], c[i], a[i]);
+        Self { axes: [axis(0), axis(1), axis(2)], triangle: corners.triangle }
     }
 }
 

@@ -30,8 +30,9 @@ impl SurfacePoint {
     /// Evaluates the surface at `hit` as seen along `direction`; a pixel is `footprint` metres wide there.
     pub fn new(scene: &Scene, hit: &Hit, direction: Vec3, footprint: f32) -> Self {
         let mesh = &scene.mesh;
-        let corners = mesh.triangles[hit.triangle as usize].map(|v| v as usize);
-        let [p0, p1, p2] = corners.map(|v| mesh.positions[v]);
+        let [a, b, c] = mesh.triangles[hit.triangle as usize];
+        let corners = [a as usize, b as usize, c as usize];
+        let (p0, p1, p2) = (mesh.positions[corners[0]], mesh.positions[corners[1]], mesh.positions[corners[2]]);
         let (u, v) = (hit.barycentric.x, hit.barycentric.y);
         let weights = [1.0 - u - v, u, v];
         let cross = (p1 - p0).cross(p2 - p0);
