@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_1_PI, TAU};
 
 use glam::{DMat3, DVec3};
 
-use super::{Angles, fresnel, ggx, parts, schlick};
+use super::{Angles, facets, fresnel, parts, schlick};
 use crate::shared::Brdf;
 
 /// A BRDF seen from one direction, ready to draw directions from a mixture of its two lobes.
@@ -71,7 +71,7 @@ impl<'a> Lobes<'a> {
         let normal = self.world_from_local.z_axis;
         let wi = if u[2] < self.specular {
             let wo = self.world_from_local.transpose() * self.wo;
-            let h = (self.world_from_local * visible_normal(wo, self.brdf.alpha.into(), u[0], u[1])).normalize();
+            let h = self.world_from_local * visible_normal(wo, self.brdf.alpha.into(), u[0], u[1]);
             (2.0 * self.wo.dot(h) * h - self.wo).normalize()
         } else {
             self.world_from_local * cosine_direction(u[0], u[1])
@@ -86,10 +86,11 @@ impl<'a> Lobes<'a> {
         if a.ni <= 0.0 {
             return Reflected { diffuse: DVec3::ZERO, specular: DVec3::ZERO, density: 0.0 };
         }
-        let [diffuse, specular] = parts(self.brdf, &a).map(|part| part * a.ni);
+        let facets = facets(self.brdf, &a);
+        let [diffuse, specular] = parts(self.brdf, &a, facets).map(|part| part * a.ni);
         let mut density = (1.0 - self.specular) * a.ni * FRAC_1_PI;
         if self.brdf.has_lobe() {
-            density += self.specular * visible_normal_density(&a, self.brdf.alpha.into());
+            density += self.specular * facets * visibility(&a, self.brdf.alpha.into());
         }
         Reflected { diffuse, specular, density }
     }
@@ -125,12 +126,12 @@ fn visible_normal(wo: DVec3, alpha: f64, u: f64, v: f64) -> DVec3 {
     DVec3::new(alpha * h.x, alpha * h.y, h.z.max(0.0)).normalize_or(DVec3::Z)
 }
 
-/// Density of directions mirrored at visible normals, G1 D / (4 n.wo) [Heitz 2018, Eq. 17], G1 multiplied out so that
-/// it stays finite at the horizon.
+/// Density of directions mirrored at visible normals over that of all normals, G1 / (4 n.wo) [Heitz 2018, Eq. 17],
+/// multiplied out so that it stays finite at the horizon.
 #[inline]
-fn visible_normal_density(a: &Angles, alpha: f64) -> f64 {
+fn visibility(a: &Angles, alpha: f64) -> f64 {
     let root = (alpha * alpha + (1.0 - alpha * alpha) * a.no * a.no).sqrt();
-    ggx(a.nh, a.sine_nh, alpha) / (2.0 * (a.no + root))
+    0.5 / (a.no + root)
 }
 
 #[cfg(test)]

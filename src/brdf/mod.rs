@@ -2,7 +2,7 @@
 
 mod lobes;
 
-use std::f64::consts::PI;
+use std::f64::consts::FRAC_1_PI;
 
 use glam::{DVec3, Vec3};
 
@@ -53,24 +53,29 @@ pub fn reflected(brdf: &Brdf, n: DVec3, wi: DVec3, wo: DVec3) -> DVec3 {
 /// [`f`] for angles already known.
 #[inline]
 pub fn f_of_angles(brdf: &Brdf, a: &Angles) -> DVec3 {
-    let [diffuse, specular] = parts(brdf, a);
+    let [diffuse, specular] = parts(brdf, a, facets(brdf, a));
     diffuse + specular
 }
 
-/// Diffuse and specular part of [`f_of_angles`].
+/// Diffuse and specular part of [`f_of_angles`], for the density of half vectors that [`facets`] tells.
 #[inline]
-fn parts(brdf: &Brdf, a: &Angles) -> [DVec3; 2] {
+fn parts(brdf: &Brdf, a: &Angles, facets: f64) -> [DVec3; 2] {
     if a.ni <= 0.0 || a.no <= 0.0 {
         return [DVec3::ZERO; 2];
     }
     let s = schlick(a.oh);
     let (f0, f90) = (f64::from(brdf.dielectric_f0), f64::from(brdf.dielectric_f90));
-    let diffuse = brdf.diffuse.as_dvec3() / PI * (1.0 - (f0 + (f90 - f0) * s));
+    let diffuse = brdf.diffuse.as_dvec3() * (FRAC_1_PI * (1.0 - (f0 + (f90 - f0) * s)));
     if !brdf.has_lobe() {
         return [diffuse, DVec3::ZERO];
     }
-    let alpha = f64::from(brdf.alpha);
-    [diffuse, fresnel(brdf, s) * ggx(a.nh, a.sine_nh, alpha) * smith(a.ni, a.no, alpha)]
+    [diffuse, fresnel(brdf, s) * (facets * smith(a.ni, a.no, brdf.alpha.into()))]
+}
+
+/// [`ggx`] of a lobe; 0 without one.
+#[inline]
+fn facets(brdf: &Brdf, a: &Angles) -> f64 {
+    if brdf.has_lobe() { ggx(a.nh, a.sine_nh, brdf.alpha.into()) } else { 0.0 }
 }
 
 /// Weight of the grazing reflectance [Schlick 1994, Eq. 24].
@@ -100,16 +105,17 @@ pub fn specular_reflectance(brdf: &Brdf, cosine: f64) -> DVec3 {
 #[inline]
 pub fn ggx(nh: f64, sine_nh: f64, alpha: f64) -> f64 {
     let x = alpha / (alpha * alpha * nh * nh + sine_nh * sine_nh);
-    x * x / PI
+    x * x * FRAC_1_PI
 }
 
 /// Height-correlated masking over 4 n.wi n.wo [Heitz 2014, Eq. 99].
 #[inline]
 pub fn smith(ni: f64, no: f64, alpha: f64) -> f64 {
     let (ni, no) = (ni.max(MIN_COSINE), no.max(MIN_COSINE));
-    // 1 + lambda as (1 + sqrt(1 + alpha² tan²)) / 2 [Heitz 2014, Eq. 72].
-    let lambda = |cosine: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 / (cosine * cosine) - 1.0)).sqrt() - 1.0);
-    1.0 / ((1.0 + lambda(ni) + lambda(no)) * 4.0 * ni * no)
+    // 1 + 2 lambda is sqrt(1 + alpha² tan²) [Heitz 2014, Eq. 72]; times the cosine it needs no division.
+    let a2 = alpha * alpha;
+    let root = |cosine: f64| (a2 + (1.0 - a2) * cosine * cosine).sqrt();
+    0.5 / (no * root(ni) + ni * root(no))
 }
 
 impl Brdf {

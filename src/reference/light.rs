@@ -19,11 +19,15 @@ pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
         return Some(Incident { wi: -light.direction.as_dvec3().normalize(), irradiance: 1.0 });
     }
     let to_light = light.position.as_dvec3() - position;
-    let wi = to_light.try_normalize()?;
     let distance = to_light.length();
-    let mut irradiance = window(light, distance) / (distance * distance);
+    let inverse = 1.0 / distance;
+    if !(inverse.is_finite() && inverse > 0.0) {
+        return None;
+    }
+    let wi = to_light * inverse;
+    let mut irradiance = window(light, distance) * inverse * inverse;
     if light.kind == LIGHT_SPOT {
-        irradiance *= cone(light, off_axis(light, wi));
+        irradiance *= smooth(light, 0.5 * chord(light, wi).length_squared());
     }
     Some(Incident { wi, irradiance })
 }
@@ -35,12 +39,22 @@ pub fn window(light: &PackedLight, distance: f64) -> f64 {
 
 /// Chord between a spot's axis and the direction in which its light leaves: 2 sin of half the angle.
 pub fn off_axis(light: &PackedLight, wi: DVec3) -> f64 {
-    (wi + light.direction.as_dvec3().normalize()).length()
+    chord(light, wi).length()
 }
 
-/// A spot's smoothing between its inner and outer cone, by [`off_axis`]; cos outer is 1 - versine, cos of the angle
-/// 1 - chord²/2.
+fn chord(light: &PackedLight, wi: DVec3) -> DVec3 {
+    // Unit in float32, off by 1e-7; in double after a step of Newton's, off by 1e-14.
+    let axis = light.direction.as_dvec3();
+    wi + axis * (1.5 - 0.5 * axis.length_squared())
+}
+
+/// A spot's smoothing between its inner and outer cone, by [`off_axis`].
 pub fn cone(light: &PackedLight, chord: f64) -> f64 {
-    let above_outer = f64::from(light.cone_versine) - 0.5 * chord * chord;
+    smooth(light, 0.5 * chord * chord)
+}
+
+/// [`cone`] by the versine: 1 - cos of the angle, which is chord²/2.
+fn smooth(light: &PackedLight, versine: f64) -> f64 {
+    let above_outer = f64::from(light.cone_versine) - versine;
     (above_outer * f64::from(light.cone_scale)).clamp(0.0, 1.0).powi(2)
 }

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec2, DVec3, Vec4};
+use glam::{DVec2, DVec3, Vec2, Vec3, Vec4};
 
 use super::curves::Curve;
 use super::lights::{Lamp, Lamps};
@@ -28,6 +28,9 @@ const MAX_CURVES: usize = 8;
 const MIN_AREA: f64 = 1e-3;
 /// Aims of one point.
 const MAX_AIMS: usize = 8;
+/// A face whose mirror point lies further off its edge than so many widths of its lobe is not aimed at: less than a
+/// thousandth of the lobe is left there.
+const MAX_OUTSIDE: f32 = 6.0;
 /// Most of the directions that are drawn from aims; the rest looks for everything else.
 const MAX_SHARE: f64 = 0.5;
 
@@ -44,22 +47,23 @@ struct Pair {
     lamp: usize,
     face: Face,
     /// Mirror image of a light that has a place, or direction towards that of one that has none.
-    image: DVec3,
+    image: Vec3,
     /// Above the face, metres.
-    height: f64,
+    height: f32,
 }
 
 /// Triangles of one plane and one material, as the rectangle around them.
 #[derive(Clone)]
 struct Face {
-    normal: DVec3,
-    centre: DVec3,
-    tangents: [DVec3; 2],
-    half_size: DVec2,
+    normal: Vec3,
+    centre: Vec3,
+    tangents: [Vec3; 2],
+    half_size: Vec2,
     brdf: Brdf,
 }
 
 /// What one point aims at.
+#[derive(Default)]
 pub(super) struct Aims {
     aims: [Aim; MAX_AIMS],
     count: usize,
@@ -102,86 +106,104 @@ impl Faces {
         Self { pairs, curves, typical: lamps.lamps.iter().map(arriving).sum() }
     }
 
-    /// What to aim at from a surface point, before bounce number `bounce`. Curved surfaces cost more to aim at than
-    /// it brings where caustics are blurred by a bounce already.
-    pub fn aims(&self, lamps: &Lamps, point: &SurfacePoint, bounce: u32) -> Aims {
-        let mut aims = Aims { aims: Default::default(), count: 0, share: 0.0 };
-        let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
-        let planar = self.pairs.iter().filter_map(|pair| pair.aim(&lamps.lamps[pair.lamp], position, normal));
-        let curves = if bounce == 1 { self.curves.as_slice() } else { &[] };
-        let curved = curves
-            .iter()
-            .flat_map(|curve| lamps.lamps.iter().filter_map(move |lamp| curve.aim(lamp, position, normal)));
-        for aim in planar.chain(curved).take(MAX_AIMS) {
-            aims.aims[aims.count] = aim;
-            aims.count += 1;
-        }
-        if aims.count == 0 {
-            return aims;
-        }
-        let total: f64 = aims.aims[..aims.count].iter().map(|aim| aim.weight).sum();
-        // As the caustic may outshine the rest: bounced light, of which there is some 3 % of the lights' own.
-        aims.share = MAX_SHARE * total / (total + 0.03 * self.typical);
-        aims.aims[..aims.count].iter_mut().for_each(|aim| aim.weight /= total);
+    /// What to aim at from a surface point that the eye sees. Curved surfaces cost more to aim at than it brings where
+    /// caustics are blurred by a bounce already.
+    pub fn aim(&self, lamps: &Lamps, point: &SurfacePoint) -> Aims {
+        let mut aims = Aims::default();
+        let curved =
+            self.curves.iter().flat_map(|curve| lamps.lamps.iter().filter_map(move |lamp| curve.aim(lamp, point)));
+        aims.fill(self.planar(lamps, point).chain(curved), self.typical);
         aims
+    }
+
+    /// What to aim at after a bounce.
+    pub fn aim_at_planes(&self, aims: &mut Aims, lamps: &Lamps, point: &SurfacePoint) {
+        aims.fill(self.planar(lamps, point), self.typical);
+    }
+
+    fn planar(&self, lamps: &Lamps, point: &SurfacePoint) -> impl Iterator<Item = Aim> {
+        self.pairs.iter().filter_map(move |pair| pair.aim(&lamps.lamps[pair.lamp], point))
     }
 }
 
 impl Pair {
-    fn aim(&self, lamp: &Lamp, position: DVec3, normal: DVec3) -> Option<Aim> {
-        let Face { normal: face_normal, centre, brdf, .. } = self.face;
-        let height = face_normal.dot(position - centre);
+    fn aim(&self, lamp: &Lamp, point: &SurfacePoint) -> Option<Aim> {
+        let Face { normal, centre, brdf, .. } = self.face;
+        let height = normal.dot(point.position - centre);
         if height <= 1e-6 * self.face.half_size.max_element() {
             return None;
         }
         let directional = lamp.packed.kind == LIGHT_DIRECTIONAL;
-        let to_image = if directional { self.image } else { self.image - position };
+        let to_image = if directional { self.image } else { self.image - point.position };
+        if point.normal.dot(to_image) <= 0.0 {
+            return None;
+        }
         let axis = to_image.normalize_or_zero();
-        let cosine = normal.dot(axis);
-        let fall = -face_normal.dot(axis);
-        if cosine <= 0.0 || fall <= 0.0 {
+        let fall = -normal.dot(axis);
+        if fall <= 0.0 {
             return None;
         }
         let to_face = height / fall;
-        let mirror_point = position + axis * to_face;
+        let mirror_point = point.position + axis * to_face;
         // A bend of the path at the face is twice the tilt of its facet; seen from here it is smaller by the share of
         // the way that lies behind the face.
         let behind = if directional { 1.0 } else { self.height / (self.height + height) };
-        let width = 2.0 * f64::from(brdf.alpha) * behind;
-        let outside = self.face.distance(mirror_point) / (width * to_face).max(f64::MIN_POSITIVE);
+        let width = 2.0 * brdf.alpha * behind;
+        let outside = self.face.distance(mirror_point) / (width * to_face).max(f32::MIN_POSITIVE);
+        if outside > MAX_OUTSIDE {
+            return None;
+        }
         // From the face on it spreads as it did up to there.
-        let arriving = incident(&lamp.packed, mirror_point)?.irradiance * behind * behind * lamp.scale.max_element();
-        let weight =
-            arriving * cosine * specular_reflectance(&brdf, fall).max_element() / (1.0 + outside * outside).powi(2);
-        (weight > 0.0).then_some(Aim { axis, width, weight })
+        let cut = behind / (1.0 + outside * outside);
+        let share = f64::from(point.normal.dot(axis) * cut * cut);
+        let fresnel = specular_reflectance(&brdf, fall.into()).max_element();
+        let arriving = incident(&lamp.packed, mirror_point.as_dvec3())?.irradiance * lamp.scale.max_element();
+        let weight = arriving * fresnel * share;
+        (weight > 0.0).then(|| Aim { axis: axis.as_dvec3().normalize(), width: width.into(), weight })
     }
 }
 
 impl Face {
-    fn area(&self) -> f64 {
+    fn area(&self) -> f32 {
         4.0 * self.half_size.x * self.half_size.y
     }
 
     /// A light's mirror image and its height, if it lies before the face.
-    fn mirrored(&self, light: &Lamp) -> Option<(DVec3, f64)> {
+    fn mirrored(&self, light: &Lamp) -> Option<(Vec3, f32)> {
         if light.packed.kind == LIGHT_DIRECTIONAL {
-            let direction = -light.packed.direction.as_dvec3();
+            let direction = -light.packed.direction;
             let height = self.normal.dot(direction);
             return (height > 0.0).then_some((direction - 2.0 * height * self.normal, height));
         }
-        let position = light.packed.position.as_dvec3();
+        let position = light.packed.position;
         let height = self.normal.dot(position - self.centre);
         (height > 0.0).then_some((position - 2.0 * height * self.normal, height))
     }
 
     /// From a point of the plane to the rectangle; 0 within.
-    fn distance(&self, point: DVec3) -> f64 {
-        let across = DVec2::from_array(self.tangents.map(|t| t.dot(point - self.centre)));
-        (across.abs() - self.half_size).max(DVec2::ZERO).length()
+    fn distance(&self, point: Vec3) -> f32 {
+        let across = Vec2::from_array(self.tangents.map(|t| t.dot(point - self.centre)));
+        (across.abs() - self.half_size).max(Vec2::ZERO).length()
     }
 }
 
 impl Aims {
+    fn fill(&mut self, found: impl Iterator<Item = Aim>, typical: f64) {
+        (self.count, self.share) = (0, 0.0);
+        let mut total = 0.0;
+        for (place, aim) in self.aims.iter_mut().zip(found) {
+            *place = aim;
+            self.count += 1;
+            total += aim.weight;
+        }
+        if self.count == 0 {
+            return;
+        }
+        // As the caustic may outshine the rest: bounced light, of which there is some 3 % of the lights' own.
+        self.share = MAX_SHARE * total / (total + 0.03 * typical);
+        self.aims[..self.count].iter_mut().for_each(|aim| aim.weight /= total);
+    }
+
     pub fn draw(&self, choice: f64, u: f64, v: f64) -> DVec3 {
         let mut left = choice;
         let aims = &self.aims[..self.count];
@@ -247,7 +269,7 @@ fn find_faces(scene: &Scene, radius: f64) -> Vec<Face> {
         found.entry((material, plane)).or_default().push(i);
     }
     let faces = found.into_iter().map(|((material, _), triangles)| face(scene, material, &triangles));
-    faces.filter(|face| face.area() > MIN_AREA * radius * radius).collect()
+    faces.filter(|face| f64::from(face.area()) > MIN_AREA * radius * radius).collect()
 }
 
 /// The rectangle around coplanar triangles, its first side along an edge.
@@ -264,10 +286,10 @@ fn face(scene: &Scene, material: u32, triangles: &[usize]) -> Face {
     let middle = (low + high) / 2.0;
     let brdf = glossy(scene, material).expect("faces are glossy");
     Face {
-        normal,
-        centre: a + tangents[0] * middle.x + tangents[1] * middle.y,
-        tangents,
-        half_size: (high - low) / 2.0,
+        normal: normal.as_vec3(),
+        centre: (a + tangents[0] * middle.x + tangents[1] * middle.y).as_vec3(),
+        tangents: tangents.map(|t| t.as_vec3()),
+        half_size: ((high - low) / 2.0).as_vec2(),
         brdf,
     }
 }

@@ -6,11 +6,12 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::aims::Aim;
 use super::lights::Lamp;
 use crate::bake::octahedral;
+use crate::bake::surface::SurfacePoint;
 use crate::brdf::specular_reflectance;
 use crate::reference::light::incident;
 use crate::scene::Scene;
@@ -19,22 +20,24 @@ use crate::shared::{Brdf, LIGHT_DIRECTIONAL};
 /// Normals are looked up in a map of so many cells a side: 3 degrees, less than a lobe is wide.
 const CELLS: usize = 64;
 const STEPS: usize = 4;
+/// Steps that move the normal by less than a quarter of the lobe's width are the last; squared.
+const CLOSE: f32 = 1.0 / 16.0;
 
 /// A connected curved surface of one glossy material.
 pub(super) struct Curve {
     /// By octahedral cell of the normal.
     points: Vec<Option<Point>>,
-    centre: DVec3,
+    centre: Vec3,
     brdf: Brdf,
     pub area: f64,
 }
 
 #[derive(Clone, Copy)]
 struct Point {
-    position: DVec3,
-    normal: DVec3,
+    position: Vec3,
+    normal: Vec3,
     /// How far the normal turns a metre.
-    curvature: f64,
+    curvature: f32,
 }
 
 impl Curve {
@@ -59,62 +62,66 @@ impl Curve {
         let mut found: BTreeMap<(u32, u32), Self> = BTreeMap::new();
         for (corners, &material) in mesh.triangles.iter().zip(&mesh.triangle_materials) {
             let Some(brdf) = is_glossy(material) else { continue };
-            let positions = corners.map(|v| mesh.positions[v as usize].as_dvec3());
-            let normals = corners.map(|v| mesh.normals[v as usize].as_dvec3());
-            let bend = (0..3).map(|i| normals[i].distance(normals[(i + 1) % 3])).sum::<f64>();
-            let length = (0..3).map(|i| positions[i].distance(positions[(i + 1) % 3])).sum::<f64>();
+            let positions = corners.map(|v| mesh.positions[v as usize]);
+            let normals = corners.map(|v| mesh.normals[v as usize]);
+            let bend = (0..3).map(|i| normals[i].distance(normals[(i + 1) % 3])).sum::<f32>();
+            let length = (0..3).map(|i| positions[i].distance(positions[(i + 1) % 3])).sum::<f32>();
             if bend < 1e-3 {
                 continue; // flat
             }
-            let empty = || Self { points: vec![None; CELLS * CELLS], centre: DVec3::ZERO, brdf, area: 0.0 };
+            let empty = || Self { points: vec![None; CELLS * CELLS], centre: Vec3::ZERO, brdf, area: 0.0 };
             let curve = found.entry((root(&mut parent, corners[0]), material)).or_insert_with(empty);
             let area = (positions[1] - positions[0]).cross(positions[2] - positions[0]).length() / 2.0;
-            curve.area += area;
-            curve.centre += area * positions.iter().sum::<DVec3>() / 3.0;
+            curve.area += f64::from(area);
+            curve.centre += area * positions.iter().sum::<Vec3>() / 3.0;
             for (position, normal) in positions.into_iter().zip(normals) {
                 curve.points[cell(normal)] = Some(Point { position, normal, curvature: bend / length });
             }
         }
-        found.into_values().map(|curve| Self { centre: curve.centre / curve.area, ..curve }).collect()
+        found.into_values().map(|curve| Self { centre: curve.centre / curve.area as f32, ..curve }).collect()
     }
 
     /// What to aim at to see `lamp` mirrored from a surface point.
-    pub fn aim(&self, lamp: &Lamp, position: DVec3, normal: DVec3) -> Option<Aim> {
+    pub fn aim(&self, lamp: &Lamp, point: &SurfacePoint) -> Option<Aim> {
         let directional = lamp.packed.kind == LIGHT_DIRECTIONAL;
-        let to_lamp = |from: DVec3| match directional {
-            true => -lamp.packed.direction.as_dvec3(),
-            false => (lamp.packed.position.as_dvec3() - from).normalize_or_zero(),
+        let to_lamp = |from: Vec3| match directional {
+            true => -lamp.packed.direction,
+            false => (lamp.packed.position - from).normalize_or_zero(),
         };
-        let mut at = Point { position: self.centre, normal: DVec3::ZERO, curvature: 0.0 };
+        let mut at = Point { position: self.centre, normal: Vec3::ZERO, curvature: 0.0 };
         for _ in 0..STEPS {
-            let half = (to_lamp(at.position) + (position - at.position).normalize_or_zero()).try_normalize()?;
+            let half = (to_lamp(at.position) + (point.position - at.position).normalize_or_zero()).try_normalize()?;
+            let moved = half.distance_squared(at.normal);
             at = self.points[cell(half)]?;
             // On from the vertex as if the surface were a ball.
             at.position += (half - at.normal) / at.curvature;
             at.normal = half;
+            if moved < CLOSE * self.brdf.alpha * self.brdf.alpha {
+                break;
+            }
         }
-        let to_point = at.position - position;
-        let near = to_point.length();
-        let axis = to_point.try_normalize()?;
-        let (cosine_here, cosine) = (normal.dot(axis), -at.normal.dot(axis));
+        let to_surface = at.position - point.position;
+        let near = to_surface.length();
+        let axis = to_surface.try_normalize()?;
+        let (cosine_here, cosine) = (point.normal.dot(axis), -at.normal.dot(axis));
         if cosine_here <= 0.0 || cosine <= 0.0 || at.normal.dot(to_lamp(at.position)) <= 0.0 {
             return None;
         }
-        let far = if directional { f64::INFINITY } else { lamp.packed.position.as_dvec3().distance(at.position) };
+        let far = if directional { f32::INFINITY } else { lamp.packed.position.distance(at.position) };
         // How the half vector turns with the direction from here, across the plane of reflection and in it.
         let turns = [1.0, 1.0 / cosine].map(|slant| 0.5 * (1.0 + near / far) + near * at.curvature * slant);
-        let width = f64::from(self.brdf.alpha) / (turns[0] * turns[1]).sqrt();
+        let width = self.brdf.alpha / (turns[0] * turns[1]).sqrt();
         // The mirrored beam spreads as it came, and by twice the surface's bend.
         let spread = [cosine, 1.0 / cosine].map(|slant| 1.0 + near / far + 2.0 * near * at.curvature * slant);
-        let arriving = incident(&lamp.packed, at.position)?.irradiance * lamp.scale.max_element();
-        let fresnel = specular_reflectance(&self.brdf, cosine).max_element();
-        let weight = arriving * cosine_here * fresnel / (spread[0] * spread[1]);
-        (weight > 0.0).then_some(Aim { axis, width, weight })
+        let arriving = incident(&lamp.packed, at.position.as_dvec3())?.irradiance * lamp.scale.max_element();
+        let fresnel = specular_reflectance(&self.brdf, cosine.into()).max_element();
+        let weight = arriving * fresnel * f64::from(cosine_here / (spread[0] * spread[1]));
+        (weight > 0.0).then(|| Aim { axis: axis.as_dvec3().normalize(), width: width.into(), weight })
     }
 }
 
-fn cell(normal: DVec3) -> usize {
+fn cell(normal: Vec3) -> usize {
     let place = |x: f32| (((x + 1.0) * 0.5 * CELLS as f32) as usize).min(CELLS - 1);
-    let e = octahedral::encode(normal.as_vec3().normalize_or(Vec3::Z));
+    let e = octahedral::encode(normal);
     place(e.y) * CELLS + place(e.x)
 }

@@ -49,23 +49,25 @@ impl Lamps {
             return self.reflect_all(scene, bvh, point, wo);
         }
         let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
-        let arriving = |lamp: &Lamp| {
-            let arriving = incident(&lamp.packed, position)?;
-            let power = lamp.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
-            (power > 0.0).then_some((power, arriving))
-        };
-        let total: f64 = self.lamps.iter().filter_map(arriving).map(|(power, _)| power).sum();
-        let mut left = choice * total;
-        let mut last = None;
+        let (mut total, mut left, mut picked) = (0.0, choice, None);
         for lamp in &self.lamps {
-            let Some((power, arriving)) = arriving(lamp) else { continue };
-            last = Some((lamp, power, arriving));
-            left -= power;
-            if left < 0.0 {
-                break;
+            let Some(arriving) = incident(&lamp.packed, position) else { continue };
+            let power = lamp.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
+            if power <= 0.0 {
+                continue;
+            }
+            // It takes the place of those before it with its share of what has come so far. Either way, what is left of
+            // `choice` is uniform again.
+            total += power;
+            let share = power / total;
+            if left < share {
+                left /= share;
+                picked = Some((lamp, power, arriving));
+            } else {
+                left = (left - share) / (1.0 - share);
             }
         }
-        let Some((lamp, power, arriving)) = last else { return DVec3::ZERO };
+        let Some((lamp, power, arriving)) = picked else { return DVec3::ZERO };
         lamp.reflect(scene, bvh, point, wo, &arriving) * (total / power)
     }
 }

@@ -24,9 +24,9 @@ pub use self::film::{Film, Half, Layer, StandardErrors};
 use self::aims::Faces;
 use self::film::{BOUNCES, DIRECT, EMISSION, REFLECTION, TILE_PIXELS, Tile};
 use self::lights::{Emitters, Lamps};
-use self::path::Numbers;
+use self::path::{Numbers, Seen};
 use crate::bake::bvh::Bvh;
-use crate::bake::view_samples::{EyeRays, PathVertex, Tiling};
+use crate::bake::view_samples::{EyeRays, Tiling};
 use crate::scene::{Camera, Rig, Scene};
 use crate::sequence::Points;
 
@@ -127,7 +127,7 @@ impl<'a> PathTracer<'a> {
     fn trace_tile(&self, index: usize, tile: &mut Tile, samples: std::ops::Range<u32>) {
         let mut segments = 0;
         let mut sample = vec![DVec3::ZERO; BOUNCES + self.settings.bounce_layers as usize];
-        let mut seen: Vec<PathVertex> = Vec::new();
+        let mut seen: Vec<Seen> = Vec::new();
         for pixel in 0..TILE_PIXELS {
             let place = index * TILE_PIXELS + pixel;
             let (x, y) = self.eye.tiling.pixel(place);
@@ -149,11 +149,9 @@ impl<'a> PathTracer<'a> {
                     }
                     sample.fill(DVec3::ZERO);
                     sample[..BOUNCES].copy_from_slice(&direct);
-                    for vertex in &seen {
-                        let points = self.points(u64::from(vertex.layer) << 40 | stream);
-                        let numbers = Numbers { points, index };
-                        let wo = vertex.wo.as_dvec3();
-                        segments += self.follow(&vertex.point, wo, vertex.weight.as_dvec3(), numbers, &mut sample);
+                    for seen in &seen {
+                        let points = self.points(u64::from(seen.vertex.layer) << 40 | stream);
+                        segments += self.follow(seen, Numbers { points, index }, &mut sample);
                     }
                     film::add(tile.pixel(half, pixel), &mut sample);
                 }
@@ -169,7 +167,7 @@ impl<'a> PathTracer<'a> {
 
     /// What the eye sees through image point (x, y): the surfaces, and the light that comes straight to them. Returns
     /// how many rays it took.
-    fn look(&self, x: f64, y: f64, seen: &mut Vec<PathVertex>, sums: &mut [DVec3]) -> u64 {
+    fn look(&self, x: f64, y: f64, seen: &mut Vec<Seen>, sums: &mut [DVec3]) -> u64 {
         seen.clear();
         let mut segments = 0;
         self.eye.follow(x, y, |vertex| {
@@ -181,7 +179,7 @@ impl<'a> PathTracer<'a> {
             }
             let layer = if vertex.layer == 0 { DIRECT } else { REFLECTION };
             sums[layer] += weight * self.lamps.reflect_all(self.scene, self.bvh, &vertex.point, wo);
-            seen.push(vertex);
+            seen.push(Seen { aims: self.faces.aim(&self.lamps, &vertex.point), vertex });
         });
         segments
     }

@@ -6,6 +6,7 @@ use super::PathTracer;
 use super::aims::Aims;
 use super::film::{BOUNCES, EMISSION, INDIRECT, INDIRECT_GLOSSY};
 use crate::bake::surface::SurfacePoint;
+use crate::bake::view_samples::PathVertex;
 use crate::brdf::{Lobes, mirror};
 use crate::sequence::Points;
 
@@ -33,6 +34,12 @@ const DIRECTION: u32 = 0;
 const SURFACE: u32 = 1;
 const EMITTER: u32 = 2;
 
+/// What the eye sees, and what to aim at from there: the same for many paths.
+pub(super) struct Seen {
+    pub vertex: PathVertex,
+    pub aims: Aims,
+}
+
 /// Light found on the way, already times everything that it met on its way to the eye.
 struct Ledger<'a> {
     sums: &'a mut [DVec3],
@@ -51,20 +58,15 @@ impl Ledger<'_> {
 }
 
 impl PathTracer<'_> {
-    /// Adds what reaches `start` by bounces and leaves towards `wo` to `sums`, times `weight`; returns how many rays that
-    /// took, shadow rays not counted.
-    pub(super) fn follow(
-        &self,
-        start: &SurfacePoint,
-        wo: DVec3,
-        weight: DVec3,
-        numbers: Numbers,
-        sums: &mut [DVec3],
-    ) -> u64 {
+    /// Adds what reaches a surface that the eye sees by bounces to `sums`; returns how many rays that took, shadow rays
+    /// not counted.
+    pub(super) fn follow(&self, seen: &Seen, numbers: Numbers, sums: &mut [DVec3]) -> u64 {
         let mut ledger = Ledger { sums, glossy: DVec3::ZERO };
-        let (mut point, mut wo, mut throughput) = (*start, wo, weight);
+        let weight = seen.vertex.weight.as_dvec3();
+        let (mut point, mut wo, mut throughput) = (seen.vertex.point, seen.vertex.wo.as_dvec3(), weight);
         let mut segments = 0;
         let mut last_distance = 0.0;
+        let mut later = Aims::default();
         for bounce in 1..=self.settings.max_bounces.unwrap_or(u32::MAX) {
             let Some(lobes) = Lobes::new(&point.brdf, point.normal.as_dvec3(), wo) else { break };
             let [u, v, choice, survival] = numbers.at(DIRECTION, bounce, 0);
@@ -75,24 +77,29 @@ impl PathTracer<'_> {
                 }
                 throughput /= survives;
             }
-            let aims = self.faces.aims(&self.lamps, &point, bounce);
+            let aims = if bounce == 1 {
+                &seen.aims
+            } else {
+                self.faces.aim_at_planes(&mut later, &self.lamps, &point);
+                &later
+            };
             if !self.emitters.is_empty() {
                 let [a, b, c, _] = numbers.at(EMITTER, bounce, 0);
-                ledger.sums[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, &aims, [a, b, c]);
+                ledger.sums[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, aims, [a, b, c]);
             }
             let drawn = match choice < aims.share {
                 true => Some(aims.draw(choice / aims.share, u, v)),
                 false => lobes.sample([u, v, (choice - aims.share) / (1.0 - aims.share)]),
             };
             let Some(wi) = drawn else { break };
-            let (reflected, density) = mixture(&lobes, &aims, wi);
+            let (reflected, density) = mixture(&lobes, aims, wi);
             if reflected.sum() == DVec3::ZERO {
                 break;
             }
             if bounce == 1 {
                 ledger.glossy = share(reflected.specular, reflected.sum());
             }
-            throughput *= reflected.sum() / density;
+            throughput *= reflected.sum() * (1.0 / density);
 
             let mut direction = wi.as_vec3();
             let mut origin = point.leave(direction, self.bvh.shadow_offset(last_distance));
@@ -133,6 +140,9 @@ impl PathTracer<'_> {
                 };
                 if through + scattered <= 0.0 {
                     return segments;
+                }
+                if through <= 0.0 {
+                    break;
                 }
                 let share = through / (through + scattered);
                 if branch >= share {
