@@ -23,7 +23,16 @@ fn is_full() -> bool {
 }
 
 fn settings(width: u32, height: u32) -> Settings {
-    Settings { width, height, layers: 4, max_bounces: None, filter: Filter::Centre, bounce_layers: 4, seed: 1 }
+    Settings {
+        width,
+        height,
+        layers: 4,
+        max_bounces: None,
+        filter: Filter::Centre,
+        bounce_layers: 4,
+        light_layers: false,
+        seed: 1,
+    }
 }
 
 fn trace(scene: &Scene, settings: &Settings, samples_a_half: u32) -> Film {
@@ -284,6 +293,32 @@ fn layers_add_up_and_bounces_can_be_cut() {
     let indirect = values(&all, Indirect);
     assert!(glossy.iter().zip(&indirect).all(|(g, i)| *g >= 0.0 && *g <= i * (1.0 + 1e-6)), "a part of the whole");
     assert!(glossy.iter().sum::<f64>() > 0.01 * indirect.iter().sum::<f64>(), "the block and the ball are glossy");
+}
+
+/// Each light's layer is what the light does, bounces past those that have layers included; one that is off does nothing.
+#[test]
+fn lights_add_up() {
+    let mut scene = Scene::load(&shipped("balls-16.glb")).unwrap();
+    scene.rig.lights[3].enabled = false;
+    let settings = Settings { light_layers: true, bounce_layers: 1, ..settings(48, 32) };
+    let film = trace(&scene, &settings, 4);
+    let mut sum = film.layer(Half::A, Layer::Emission);
+    for light in 0..16 {
+        let layer = film.layer(Half::A, Layer::Light(light));
+        assert_eq!(layer.iter().flatten().any(|&v| v > 0.0), light != 3, "light {light}");
+        sum.iter_mut().zip(layer).for_each(|(sum, own)| (0..3).for_each(|c| sum[c] += own[c]));
+    }
+    // 17 roundings of float32.
+    let same = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+        a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() <= 2e-6 * b.abs())
+    };
+    assert!(same(&sum, &film.layer(Half::A, Layer::Beauty)), "lights do not add up");
+
+    // A light among others does what it does alone.
+    let straight = Settings { max_bounces: Some(0), ..settings };
+    let among = trace(&scene, &straight, 1).layer(Half::A, Layer::Light(5));
+    scene.rig.lights.iter_mut().enumerate().for_each(|(i, light)| light.enabled = i == 5);
+    assert!(same(&trace(&scene, &straight, 1).layer(Half::A, Layer::Beauty), &among), "light 5 does otherwise alone");
 }
 
 /// The same bytes from the seed, whatever the number of threads; others from another seed.

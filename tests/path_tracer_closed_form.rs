@@ -13,7 +13,16 @@ use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
 const ALBEDO: f64 = 0.6;
 
 fn settings(size: u32) -> Settings {
-    Settings { width: size, height: size, layers: 4, max_bounces: None, filter: Filter::Box, bounce_layers: 4, seed: 1 }
+    Settings {
+        width: size,
+        height: size,
+        layers: 4,
+        max_bounces: None,
+        filter: Filter::Box,
+        bounce_layers: 4,
+        light_layers: false,
+        seed: 1,
+    }
 }
 
 fn trace(scene: &Scene, camera: &Camera, rig: &Rig, settings: &Settings, samples_a_half: u32) -> Film {

@@ -47,9 +47,18 @@ fn writes_two_halves_and_their_mean() {
 
     let [both, a, b] = [both, a, b].map(|path| read_exr(&path));
     let names: Vec<&str> = both.layers.iter().map(|layer| layer.name.as_str()).collect();
-    for name in
-        ["", "direct", "reflection", "indirect", "indirect_glossy", "emission", "variance", "bounce.1", "bounce.8"]
-    {
+    for name in [
+        "",
+        "direct",
+        "reflection",
+        "indirect",
+        "indirect_glossy",
+        "emission",
+        "variance",
+        "bounce.1",
+        "bounce.8",
+        "light.spot0",
+    ] {
         assert!(names.contains(&name), "no {name} in {names:?}");
         if name != "variance" {
             let halves: Vec<f32> = layer(&a, name).iter().zip(layer(&b, name)).map(|(a, b)| 0.5 * (a + b)).collect();
@@ -95,6 +104,11 @@ fn options_do_what_they_say() {
     );
     assert!(mean(&layer(&changed(&["--rig", rig.to_str().unwrap()]), "")) == 0.0);
     assert!(changed(&["--passes", "bounce:2"]).layers.len() == 1);
+    let lights = changed(&["--passes", "light:spot1,beauty,light:point0"]);
+    let sum: Vec<f32> =
+        layer(&lights, "light.point0").iter().zip(layer(&lights, "light.spot1")).map(|(a, b)| a + b).collect();
+    assert!(difference(&sum, &layer(&lights, "")) < 1e-6, "lights do not add up");
+    assert_eq!(layer(&lights, ""), layer(&first, ""), "asking for lights changes the picture");
     let started = std::time::Instant::now();
     reference!(&scene, path("c.exr"), "--seconds", "0.5").done();
     assert!(started.elapsed() > Duration::from_millis(500));
@@ -119,7 +133,8 @@ fn hostile_arguments() {
         ("--passes", "", "beauty"),
         ("--passes", "bounce:0", "bounce:1"),
         ("--passes", "bounce:4000000000", "bounce:1"),
-        ("--passes", "light:key", "bounce:N"),
+        ("--passes", "lights:key", "light:NAME"),
+        ("--passes", "light:key,light:key", "twice"),
         ("--passes", "direct,direct", "twice"),
         ("--layers", "0", "not in"),
     ] {
@@ -131,6 +146,7 @@ fn hostile_arguments() {
     reference!(folder.path().join("none.glb"), &out).failed(&["none.glb"]);
     reference!(&scene, &out, "--rig", folder.path().join("none.toml")).failed(&["none.toml"]);
     reference!(&scene, &out, "--camera", "nosuch").failed(&["nosuch"]);
+    reference!(&scene, &out, "--passes", "beauty,light:nosuch").failed(&["light:nosuch", "point0, spot1"]);
     reference!(&scene, "/proc/nosuch/a.exr").failed(&["/proc/nosuch"]);
     run!("reference", &scene, "-o", &out, "--size", "16384x16384", "--passes", "bounce:64")
         .failed(&["16384x16384", "GB"]);

@@ -86,6 +86,7 @@ pub fn segments_per_s_core(session: &Session) -> f64 {
         max_bounces: None,
         filter: Filter::Centre,
         bounce_layers: 0,
+        light_layers: false,
         seed: 1,
     };
     let rate = |_| {

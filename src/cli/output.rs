@@ -84,21 +84,27 @@ impl Passes {
                         let reason = "there is no indirect light with --gi off";
                         return Err(Error::invalid(format!("--passes {}", pass.name()), reason));
                     }
-                    if let Light(name) = pass
-                        && !lights.iter().any(|light| light.name == *name)
-                    {
-                        let names: Vec<_> = lights.iter().map(|light| light.name.as_str()).collect();
-                        let reason = match names.is_empty() {
-                            true => "there are no lights".into(),
-                            false => format!("no such light; there are: {}", names.join(", ")),
-                        };
-                        return Err(Error::invalid(format!("--passes light:{name}"), reason));
+                    if let Light(name) = pass {
+                        find_light(rig, name)?;
                     }
                 }
                 Ok(list.clone())
             }
         }
     }
+}
+
+/// Index of the light that `--passes light:NAME` asks for.
+pub fn find_light(rig: &Rig, name: &str) -> Result<usize> {
+    let found = rig.lights.iter().position(|light| light.name == name);
+    found.ok_or_else(|| {
+        let names: Vec<_> = rig.lights.iter().map(|light| light.name.as_str()).collect();
+        let reason = match names.is_empty() {
+            true => "there are no lights".into(),
+            false => format!("no such light; there are: {}", names.join(", ")),
+        };
+        Error::invalid(format!("--passes light:{name}"), reason)
+    })
 }
 
 impl PassKind {
@@ -134,10 +140,7 @@ impl PassKind {
         });
         match self {
             Self::Emission => Picture::Emission,
-            Self::Light(name) => {
-                let light = relighter.rig().lights.iter().position(|light| light.name == *name);
-                Picture::Light(light.expect("names were checked"))
-            }
+            Self::Light(name) => Picture::Light(find_light(relighter.rig(), name).expect("names were checked")),
             _ => Picture::Whole,
         }
     }

@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use relume::image::exr::{self, Label};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
+use relume::scene::Rig;
 use relume::{Error, Result};
 
 use super::options::{Bounces, ViewOptions, check_extension, parse_bounces};
-use super::output::make_parent;
+use super::output::{find_light, make_parent};
 use super::progress::{self, Terminal};
 use super::session::{Opened, check_fits, cpu_seconds};
 
@@ -45,7 +46,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "centre")]
     filter: FilterName,
     /// Layers to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission, variance,
-    /// bounce:N; or all, with the first eight bounces.
+    /// bounce:N, light:NAME; or all, with the first eight bounces and every light.
     #[arg(long, value_name = "LIST", value_parser = parse_passes,
           default_value = "beauty,direct,reflection,indirect,emission,variance")]
     passes: Passes,
@@ -54,7 +55,17 @@ pub struct Args {
 }
 
 #[derive(Clone)]
-struct Passes(Vec<Layer>);
+enum Passes {
+    All,
+    List(Vec<Pass>),
+}
+
+#[derive(Clone, PartialEq)]
+enum Pass {
+    Layer(Layer),
+    /// By its name: which lights there are the scene will tell.
+    Light(String),
+}
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum FilterName {
@@ -70,7 +81,8 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
     let paths = ["exr", "a.exr", "b.exr"].map(|extension| args.output.with_extension(extension));
     paths.iter().try_for_each(|path| make_parent(path))?;
     let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view, &Terminal::default())?;
-    let Passes(layers) = &args.passes;
+    let layers = args.passes.layers(&opened.rig)?;
+    let light_layers = layers.iter().any(|layer| matches!(layer, Layer::Light(_)));
     let settings = Settings {
         width: opened.size[0],
         height: opened.size[1],
@@ -81,9 +93,11 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
             FilterName::Box => Filter::Box,
         },
         bounce_layers: layers.iter().map(|layer| if let Layer::Bounce(n) = layer { *n } else { 0 }).max().unwrap_or(0),
+        light_layers,
         seed: args.view.seed,
     };
-    let film_bytes = Film::bytes(settings.width, settings.height, settings.bounce_layers);
+    let lights = if light_layers { opened.rig.lights.len() } else { 0 };
+    let film_bytes = Film::bytes(settings.width, settings.height, settings.bounce_layers, lights);
     let image_bytes = 2 * 12 * layers.len() as u64 * u64::from(settings.width) * u64::from(settings.height);
     check_fits(
         opened.size,
@@ -102,7 +116,7 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         let [samples, _] = film.samples();
         let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
         let label = Label { comments: label.clone(), samples_per_pixel };
-        write(path, &film, half, layers, &label)?;
+        write(path, &film, half, &layers, &label)?;
     }
     tracing::info!("{:.2} million path segments a CPU second", tracer.segments() as f64 / cpu.max(0.01) * 1e-6);
     if !quiet {
@@ -170,31 +184,61 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or("expected seconds, more than 0 and at most 1e8".into())
 }
 
+/// Layers with a name that is the same for all scenes.
+const NAMED: [(&str, Layer); 7] = [
+    ("beauty", Layer::Beauty),
+    ("direct", Layer::Direct),
+    ("reflection", Layer::Reflection),
+    ("indirect", Layer::Indirect),
+    ("indirect_glossy", Layer::IndirectGlossy),
+    ("emission", Layer::Emission),
+    ("variance", Layer::Variance),
+];
+
 fn parse_passes(text: &str) -> Result<Passes, String> {
-    use Layer::*;
-    let named = [Beauty, Direct, Reflection, Indirect, IndirectGlossy, Emission, Variance];
     if text == "all" {
-        return Ok(Passes(named.into_iter().chain((1..=8).map(Bounce)).collect()));
+        return Ok(Passes::All);
     }
-    let parse = |name: &str| {
-        match name.strip_prefix("bounce:") {
-        Some(number) => {
-            let bounce = number.parse().ok().filter(|bounce| (1..=MAX_BOUNCE_LAYERS).contains(bounce));
-            bounce.map(Bounce).ok_or(format!("{name}: expected bounce:1 to bounce:{MAX_BOUNCE_LAYERS}"))
+    let names: Vec<&str> = text.split(',').map(str::trim).collect();
+    let passes = names.iter().map(|name| parse_pass(name)).collect::<Result<Vec<_>, _>>()?;
+    match (0..passes.len()).find(|&i| passes[..i].contains(&passes[i])) {
+        Some(twice) => Err(format!("{} is there twice", names[twice])),
+        None => Ok(Passes::List(passes)),
+    }
+}
+
+fn parse_pass(name: &str) -> Result<Pass, String> {
+    if let Some(light) = name.strip_prefix("light:") {
+        return Ok(Pass::Light(light.into()));
+    }
+    if let Some(number) = name.strip_prefix("bounce:") {
+        let bounce = number.parse().ok().filter(|bounce| (1..=MAX_BOUNCE_LAYERS).contains(bounce));
+        let layer = bounce.map(|bounce| Pass::Layer(Layer::Bounce(bounce)));
+        return layer.ok_or(format!("{name}: expected bounce:1 to bounce:{MAX_BOUNCE_LAYERS}"));
+    }
+    let named = NAMED.iter().find(|(known, _)| *known == name);
+    named.map(|(_, layer)| Pass::Layer(*layer)).ok_or_else(|| {
+        let known = NAMED.map(|(known, _)| known).join(", ");
+        format!("{name}: expected {known}, bounce:N, light:NAME or all")
+    })
+}
+
+impl Passes {
+    /// The layers of a rig, whose lights may be asked for by name.
+    fn layers(&self, rig: &Rig) -> Result<Vec<Layer>> {
+        let light = |light: usize| Layer::Light(light as u32);
+        match self {
+            Self::All => {
+                let lights = (0..rig.lights.len()).map(light);
+                Ok(NAMED.map(|(_, layer)| layer).into_iter().chain((1..=8).map(Layer::Bounce)).chain(lights).collect())
+            }
+            Self::List(passes) => {
+                let layer = |pass: &Pass| match pass {
+                    Pass::Layer(layer) => Ok(*layer),
+                    Pass::Light(name) => find_light(rig, name).map(light),
+                };
+                passes.iter().map(layer).collect()
+            }
         }
-        None => named
-            .into_iter()
-            .find(|layer| if *layer == Beauty { name == "beauty" } else { layer.name() == name })
-            .ok_or(format!(
-                "{name}: expected beauty, direct, reflection, indirect, indirect_glossy, emission, variance, bounce:N or \
-                 all"
-            )),
-    }
-    };
-    let layers = text.split(',').map(|name| parse(name.trim())).collect::<Result<Vec<_>, _>>()?;
-    match layers.iter().enumerate().find(|(i, layer)| layers[..*i].contains(layer)) {
-        Some((_, Beauty)) => Err("beauty is there twice".into()),
-        Some((_, twice)) => Err(format!("{} is there twice", twice.name())),
-        None => Ok(Passes(layers)),
     }
 }

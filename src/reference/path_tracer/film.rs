@@ -17,8 +17,8 @@ pub(super) const INDIRECT_GLOSSY: usize = 3;
 pub(super) const EMISSION: usize = 4;
 /// Squares of the beauty.
 const SQUARES: usize = 5;
-/// From here on a sum a bounce.
-pub(super) const BOUNCES: usize = 6;
+/// From here on a sum for each bounce that has a layer, and then one for each light.
+const BOUNCES: usize = 6;
 
 /// A picture of what was summed up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +36,8 @@ pub enum Layer {
     Variance,
     /// What came by so many bounces, from 1 on.
     Bounce(u32),
+    /// All that one light of the rig does, by its index.
+    Light(u32),
 }
 
 /// Which samples.
@@ -55,12 +57,21 @@ pub(super) struct Tile {
     pub counts: [u32; 2],
 }
 
+/// One sample of a pixel: a value for each of its sums.
+#[derive(Clone)]
+pub(super) struct Sample {
+    values: Vec<DVec3>,
+    /// Where the lights' values begin.
+    lights: usize,
+}
+
 /// All tiles, in the order of `tiling`.
 pub struct Film {
     pub(super) tiling: Tiling,
     pub(super) tiles: Vec<Tile>,
-    /// Sums a pixel.
-    width: usize,
+    bounce_layers: u32,
+    /// Names of the lights that have layers.
+    lights: Vec<String>,
 }
 
 /// How far the picture is from where more samples would take it, from the difference of its halves.
@@ -81,24 +92,73 @@ impl Tile {
     }
 }
 
-/// Adds a sample to the sums of its pixel.
-pub(super) fn add(sums: &mut [DVec3], sample: &mut [DVec3]) {
-    let beauty = sample[DIRECT] + sample[REFLECTION] + sample[INDIRECT] + sample[EMISSION];
-    sample[SQUARES] = beauty * beauty;
-    sums.iter_mut().zip(sample).for_each(|(sum, value)| *sum += *value);
+impl Sample {
+    pub fn new(bounce_layers: u32, lights: usize) -> Self {
+        let at = BOUNCES + bounce_layers as usize;
+        Self { values: vec![DVec3::ZERO; at + lights], lights: at }
+    }
+
+    /// Adds what the rig's light `source` sends to the sum `part` of all lights, and to its own.
+    pub fn add_light(&mut self, part: usize, source: usize, light: DVec3) {
+        self.values[part] += light;
+        if let Some(own) = self.values.get_mut(self.lights + source) {
+            *own += light;
+        }
+    }
+
+    pub fn add_bounce(&mut self, bounce: u32, light: DVec3) {
+        if let Some(sum) = self.values[BOUNCES..self.lights].get_mut(bounce as usize - 1) {
+            *sum += light;
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.values.fill(DVec3::ZERO);
+    }
+
+    pub fn copy_from(&mut self, other: &Self) {
+        self.values.copy_from_slice(&other.values);
+    }
+
+    /// Adds all values to a pixel's sums.
+    pub fn add_to(&mut self, sums: &mut [DVec3]) {
+        let beauty = self[DIRECT] + self[REFLECTION] + self[INDIRECT] + self[EMISSION];
+        self[SQUARES] = beauty * beauty;
+        sums.iter_mut().zip(&self.values).for_each(|(sum, value)| *sum += *value);
+    }
+}
+
+impl std::ops::Index<usize> for Sample {
+    type Output = DVec3;
+
+    fn index(&self, part: usize) -> &DVec3 {
+        &self.values[part]
+    }
+}
+
+impl std::ops::IndexMut<usize> for Sample {
+    fn index_mut(&mut self, part: usize) -> &mut DVec3 {
+        &mut self.values[part]
+    }
 }
 
 impl Film {
-    /// Bytes that a film takes.
-    pub fn bytes(width: u32, height: u32, bounce_layers: u32) -> u64 {
-        let sums = 2 * (BOUNCES as u64 + u64::from(bounce_layers));
+    /// Bytes that a film with layers for so many bounces and lights takes.
+    pub fn bytes(width: u32, height: u32, bounce_layers: u32, lights: usize) -> u64 {
+        let sums = 2 * (BOUNCES as u64 + u64::from(bounce_layers) + lights as u64);
         Tiling { width, height }.len() as u64 * sums * size_of::<DVec3>() as u64
     }
 
-    pub(super) fn new(tiling: Tiling, bounce_layers: u32) -> Self {
-        let width = BOUNCES + bounce_layers as usize;
-        let tile = || Tile { sums: vec![DVec3::ZERO; 2 * TILE_PIXELS * width], counts: [0; 2] };
-        Self { tiling, tiles: (0..tiling.len() / TILE_PIXELS).map(|_| tile()).collect(), width }
+    pub(super) fn new(tiling: Tiling, bounce_layers: u32, lights: &[String]) -> Self {
+        let mut film = Self { tiling, tiles: Vec::new(), bounce_layers, lights: lights.to_vec() };
+        let tile = || Tile { sums: vec![DVec3::ZERO; 2 * TILE_PIXELS * film.width()], counts: [0; 2] };
+        film.tiles = (0..tiling.len() / TILE_PIXELS).map(|_| tile()).collect();
+        film
+    }
+
+    /// Sums a pixel.
+    fn width(&self) -> usize {
+        BOUNCES + self.bounce_layers as usize + self.lights.len()
     }
 
     /// Fewest and most samples that a pixel has, both halves together. They differ where time ran out.
@@ -128,12 +188,12 @@ impl Film {
     pub fn image(&self, half: Half, layers: &[Layer]) -> Image {
         let (width, height) = (self.tiling.width as usize, self.tiling.height as usize);
         let empty = Image { width, height, layers: Vec::new() };
-        layers.iter().fold(empty, |image, layer| image.with_layer(layer.name(), self.layer(half, *layer)))
+        layers.iter().fold(empty, |image, layer| image.with_layer(layer.name(&self.lights), self.layer(half, *layer)))
     }
 
     fn value(&self, half: usize, index: usize, layer: Layer) -> DVec3 {
         let tile = &self.tiles[index / TILE_PIXELS];
-        let sums = &tile.sums[(half * TILE_PIXELS + index % TILE_PIXELS) * self.width..][..self.width];
+        let sums = &tile.sums[(half * TILE_PIXELS + index % TILE_PIXELS) * self.width()..][..self.width()];
         let count = f64::from(tile.counts[half].max(1));
         let mean = |sum: usize| sums[sum] / count;
         let beauty = || mean(DIRECT) + mean(REFLECTION) + mean(INDIRECT) + mean(EMISSION);
@@ -146,7 +206,10 @@ impl Film {
             Layer::Emission => mean(EMISSION),
             Layer::Variance if tile.counts[half] < 2 => DVec3::ZERO, // nothing is known
             Layer::Variance => (mean(SQUARES) - beauty() * beauty()).max(DVec3::ZERO) / (count - 1.0),
-            Layer::Bounce(bounce) => sums.get(BOUNCES + bounce as usize - 1).map_or(DVec3::ZERO, |&sum| sum / count),
+            Layer::Bounce(bounce) if bounce > self.bounce_layers => DVec3::ZERO,
+            Layer::Bounce(bounce) => mean(BOUNCES + bounce as usize - 1),
+            Layer::Light(light) if light as usize >= self.lights.len() => DVec3::ZERO,
+            Layer::Light(light) => mean(BOUNCES + (self.bounce_layers + light) as usize),
         }
     }
 
@@ -169,8 +232,8 @@ impl Film {
 }
 
 impl Layer {
-    /// What EXR calls it.
-    pub fn name(&self) -> String {
+    /// What EXR calls it, for a rig whose lights have these names.
+    pub fn name(&self, lights: &[String]) -> String {
         match self {
             Self::Beauty => String::new(),
             Self::Direct => "direct".into(),
@@ -180,6 +243,7 @@ impl Layer {
             Self::Emission => "emission".into(),
             Self::Variance => "variance".into(),
             Self::Bounce(bounce) => format!("bounce.{bounce}"),
+            Self::Light(light) => format!("light.{}", lights[*light as usize]),
         }
     }
 }

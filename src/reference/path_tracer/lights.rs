@@ -16,6 +16,8 @@ pub(super) struct Lamps {
 }
 
 pub(super) struct Lamp {
+    /// Index into the rig's lights.
+    pub light: usize,
     pub packed: PackedLight,
     /// Colour and intensity, its group counted.
     pub scale: DVec3,
@@ -25,6 +27,7 @@ pub(super) struct Lamp {
 impl Lamps {
     pub fn new(scene: &Scene, rig: &Rig) -> Self {
         let lamp = |i: usize| Lamp {
+            light: i,
             packed: rig.lights[i].pack(scene.origin),
             scale: rig.scale(i).as_dvec3(),
             has_shadows: rig.lights[i].shadows,
@@ -32,21 +35,31 @@ impl Lamps {
         Self { lamps: (0..rig.lights.len()).map(lamp).filter(|lamp| lamp.scale != DVec3::ZERO).collect() }
     }
 
-    /// Radiance that `point` reflects to `wo`, straight from all lights.
-    pub fn reflect_all(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, wo: DVec3) -> DVec3 {
-        self.lamps
-            .iter()
-            .filter_map(|lamp| {
-                let arriving = incident(&lamp.packed, point.position.as_dvec3())?;
-                Some(lamp.reflect(scene, bvh, point, wo, &arriving))
-            })
-            .sum()
+    /// Radiance that `point` reflects to `wo`, straight from each light; with the light's index in the rig.
+    pub fn reflect_each(
+        &self,
+        scene: &Scene,
+        bvh: &Bvh,
+        point: &SurfacePoint,
+        wo: DVec3,
+    ) -> impl Iterator<Item = (usize, DVec3)> {
+        self.lamps.iter().filter_map(move |lamp| {
+            let arriving = incident(&lamp.packed, point.position.as_dvec3())?;
+            Some((lamp.light, lamp.reflect(scene, bvh, point, wo, &arriving)))
+        })
     }
 
-    /// The same in the mean over `choice` in [0, 1), from one light: each as likely as what would arrive unblocked.
-    pub fn reflect_one(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, wo: DVec3, choice: f64) -> DVec3 {
+    /// Their sum in the mean over `choice` in [0, 1), from one light: each as likely as what would arrive unblocked.
+    pub fn reflect_one(
+        &self,
+        scene: &Scene,
+        bvh: &Bvh,
+        point: &SurfacePoint,
+        wo: DVec3,
+        choice: f64,
+    ) -> Option<(usize, DVec3)> {
         if self.lamps.len() <= 1 {
-            return self.reflect_all(scene, bvh, point, wo);
+            return self.reflect_each(scene, bvh, point, wo).next();
         }
         let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
         let (mut total, mut left, mut picked) = (0.0, choice, None);
@@ -67,8 +80,8 @@ impl Lamps {
                 left = (left - share) / (1.0 - share);
             }
         }
-        let Some((lamp, power, arriving)) = picked else { return DVec3::ZERO };
-        lamp.reflect(scene, bvh, point, wo, &arriving) * (total / power)
+        let (lamp, power, arriving) = picked?;
+        Some((lamp.light, lamp.reflect(scene, bvh, point, wo, &arriving) * (total / power)))
     }
 }
 

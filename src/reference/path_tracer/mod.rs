@@ -16,13 +16,12 @@ mod path;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 pub use self::film::{Film, Half, Layer, StandardErrors};
 
 use self::aims::Faces;
-use self::film::{BOUNCES, DIRECT, EMISSION, REFLECTION, TILE_PIXELS, Tile};
+use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::lights::{Emitters, Lamps};
 use self::path::{Numbers, Seen};
 use crate::bake::bvh::Bvh;
@@ -42,6 +41,8 @@ pub struct Settings {
     pub filter: Filter,
     /// Bounces whose light is kept as a layer of its own.
     pub bounce_layers: u32,
+    /// Whether each light's share is kept as a layer of its own.
+    pub light_layers: bool,
     pub seed: u64,
 }
 
@@ -66,6 +67,8 @@ pub struct PathTracer<'a> {
     emitters: Emitters,
     faces: Faces,
     settings: Settings,
+    /// Names of the lights that get layers.
+    light_names: Vec<String>,
     /// Closest-hit rays so far.
     segments: AtomicU64,
 }
@@ -82,6 +85,7 @@ impl<'a> PathTracer<'a> {
             lamps,
             emitters: Emitters::new(scene),
             settings: settings.clone(),
+            light_names: rig.lights.iter().filter(|_| settings.light_layers).map(|light| light.name.clone()).collect(),
             segments: AtomicU64::new(0),
         }
     }
@@ -105,7 +109,7 @@ impl<'a> PathTracer<'a> {
         stop: &(dyn Fn() -> bool + Sync),
         progress: &(dyn Fn(u64) + Sync),
     ) -> Film {
-        let mut film = Film::new(self.eye.tiling, self.settings.bounce_layers);
+        let mut film = Film::new(self.eye.tiling, self.settings.bounce_layers, &self.light_names);
         let stopped = AtomicBool::new(false);
         let mut done = 0;
         while done < samples_a_half && !stopped.load(Ordering::Relaxed) {
@@ -126,7 +130,8 @@ impl<'a> PathTracer<'a> {
 
     fn trace_tile(&self, index: usize, tile: &mut Tile, samples: std::ops::Range<u32>) {
         let mut segments = 0;
-        let mut sample = vec![DVec3::ZERO; BOUNCES + self.settings.bounce_layers as usize];
+        let mut direct = Sample::new(self.settings.bounce_layers, self.light_names.len());
+        let mut sample = direct.clone();
         let mut seen: Vec<Seen> = Vec::new();
         for pixel in 0..TILE_PIXELS {
             let place = index * TILE_PIXELS + pixel;
@@ -135,7 +140,7 @@ impl<'a> PathTracer<'a> {
                 continue;
             }
             let row = u64::from(y) * u64::from(self.settings.width) + u64::from(x);
-            let mut direct = [DVec3::ZERO; BOUNCES];
+            direct.clear();
             if self.settings.filter == Filter::Centre {
                 segments += self.look(f64::from(x) + 0.5, f64::from(y) + 0.5, &mut seen, &mut direct);
             }
@@ -144,16 +149,15 @@ impl<'a> PathTracer<'a> {
                 for index in samples.clone() {
                     if self.settings.filter == Filter::Box {
                         let [u, v, _, _] = self.points(stream).at(index, 0);
-                        direct = [DVec3::ZERO; BOUNCES];
+                        direct.clear();
                         segments += self.look(f64::from(x) + u, f64::from(y) + v, &mut seen, &mut direct);
                     }
-                    sample.fill(DVec3::ZERO);
-                    sample[..BOUNCES].copy_from_slice(&direct);
+                    sample.copy_from(&direct);
                     for seen in &seen {
                         let points = self.points(u64::from(seen.vertex.layer) << 40 | stream);
                         segments += self.follow(seen, Numbers { points, index }, &mut sample);
                     }
-                    film::add(tile.pixel(half, pixel), &mut sample);
+                    sample.add_to(tile.pixel(half, pixel));
                 }
             }
         }
@@ -167,7 +171,7 @@ impl<'a> PathTracer<'a> {
 
     /// What the eye sees through image point (x, y): the surfaces, and the light that comes straight to them. Returns
     /// how many rays it took.
-    fn look(&self, x: f64, y: f64, seen: &mut Vec<Seen>, sums: &mut [DVec3]) -> u64 {
+    fn look(&self, x: f64, y: f64, seen: &mut Vec<Seen>, sums: &mut Sample) -> u64 {
         seen.clear();
         let mut segments = 0;
         self.eye.follow(x, y, |vertex| {
@@ -178,7 +182,9 @@ impl<'a> PathTracer<'a> {
                 return;
             }
             let layer = if vertex.layer == 0 { DIRECT } else { REFLECTION };
-            sums[layer] += weight * self.lamps.reflect_all(self.scene, self.bvh, &vertex.point, wo);
+            for (source, lit) in self.lamps.reflect_each(self.scene, self.bvh, &vertex.point, wo) {
+                sums.add_light(layer, source, weight * lit);
+            }
             seen.push(Seen { aims: self.faces.aim(&self.lamps, &vertex.point), vertex });
         });
         segments

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::PathTracer;
 use super::aims::Aims;
-use super::film::{BOUNCES, EMISSION, INDIRECT, INDIRECT_GLOSSY};
+use super::film::{EMISSION, INDIRECT, INDIRECT_GLOSSY, Sample};
 use crate::bake::surface::SurfacePoint;
 use crate::bake::view_samples::PathVertex;
 use crate::brdf::{Lobes, mirror};
@@ -42,25 +42,24 @@ pub(super) struct Seen {
 
 /// Light found on the way, already times everything that it met on its way to the eye.
 struct Ledger<'a> {
-    sums: &'a mut [DVec3],
+    sums: &'a mut Sample,
     /// Share of the pixel's specular lobe in what comes through the first bounce.
     glossy: DVec3,
 }
 
 impl Ledger<'_> {
-    fn add(&mut self, bounce: u32, light: DVec3) {
-        self.sums[INDIRECT] += light;
+    /// Light of the rig's light `source`.
+    fn add(&mut self, bounce: u32, source: usize, light: DVec3) {
+        self.sums.add_light(INDIRECT, source, light);
         self.sums[INDIRECT_GLOSSY] += light * self.glossy;
-        if let Some(sum) = self.sums.get_mut(BOUNCES + bounce as usize - 1) {
-            *sum += light;
-        }
+        self.sums.add_bounce(bounce, light);
     }
 }
 
 impl PathTracer<'_> {
     /// Adds what reaches a surface that the eye sees by bounces to `sums`; returns how many rays that took, shadow rays
     /// not counted.
-    pub(super) fn follow(&self, seen: &Seen, numbers: Numbers, sums: &mut [DVec3]) -> u64 {
+    pub(super) fn follow(&self, seen: &Seen, numbers: Numbers, sums: &mut Sample) -> u64 {
         let mut ledger = Ledger { sums, glossy: DVec3::ZERO };
         let weight = seen.vertex.weight.as_dvec3();
         let (mut point, mut wo, mut throughput) = (seen.vertex.point, seen.vertex.wo.as_dvec3(), weight);
@@ -128,8 +127,9 @@ impl PathTracer<'_> {
                     true => [0.0; 4],
                     false => numbers.at(SURFACE, bounce, surface),
                 };
-                let lit = self.lamps.reflect_one(self.scene, self.bvh, &point, wo, light);
-                ledger.add(bounce, throughput * lit);
+                if let Some((source, lit)) = self.lamps.reflect_one(self.scene, self.bvh, &point, wo, light) {
+                    ledger.add(bounce, source, throughput * lit);
+                }
 
                 let mirrored = mirror(&point.brdf, cosine);
                 let through = if surface < self.settings.layers { mirrored.max_element() } else { 0.0 };
