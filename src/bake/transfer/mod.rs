@@ -158,7 +158,13 @@ impl<'a> Transfer<'a> {
         self.row_gatherer(lobe).gather(view_samples)
     }
 
-    fn row_gatherer(&self, lobe: Lobe) -> RowGatherer<'_> {
+    /// The view samples that rows are gathered for.
+    pub fn baked(&self) -> &'a Baked {
+        self.baked
+    }
+
+    /// What gathers [`Self::rows`]. With another seed its rows differ by their noise.
+    pub fn row_gatherer(&self, lobe: Lobe) -> RowGatherer<'_> {
         RowGatherer {
             paths: Paths::new(self.scene, self.bvh, self.settings.layers),
             baked: self.baked,

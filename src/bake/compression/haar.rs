@@ -1,0 +1,181 @@
+//! Orthonormal Haar wavelets over the tree of gather samples, one transform for each coefficient index.
+//!
+//! A node of the tree holds the samples `first..end` and is split at [`middle`]. For coefficient k, only samples that
+//! have one take part, l on the left and r on the right. From the bottom up, each node with both turns the two sums below it by
+//! a plane rotation,
+//!
+//! ```text
+//! sum  = (√l left + √r right) / √(l + r)
+//! term = (√r left - √l right) / √(l + r)
+//! ```
+//!
+//! in place: the sum stays where the left one was, the term takes the place of the right one. So there are as many
+//! terms as coefficients, and rotations keep all squares: λ̂ = H λ with HᵀH = I.
+
+use std::ops::{Add, Sub};
+
+use glam::DVec3;
+
+use crate::bake::point_tree::middle;
+
+/// One step of the transform: `sum` and `term` are places in a vector of coefficients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rotation {
+    pub sum: u32,
+    pub term: u32,
+    /// √l/√(l+r) and √r/√(l+r).
+    pub cosine: f32,
+    pub sine: f32,
+}
+
+/// The transform of coefficients whose sample i has `first[i]..first[i + 1]`, as [`Level`] counts them.
+///
+/// [`Level`]: crate::bake::transfer::level::Level
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Haar {
+    /// From the bottom of the tree up; those of one height touch no place twice.
+    pub rotations: Vec<Rotation>,
+    /// Rotations of height h: `heights[h]..heights[h + 1]`.
+    pub heights: Vec<usize>,
+}
+
+/// For each coefficient index: how many samples of a node have it, and where their sum is.
+type Sums = Vec<(u32, u32)>;
+
+impl Haar {
+    pub fn new(first: &[u32]) -> Self {
+        let mut by_height: Vec<Vec<Rotation>> = Vec::new();
+        let samples = first.len().saturating_sub(1);
+        if samples > 0 {
+            collect(first, 0, samples, &mut by_height);
+        }
+        let mut heights = vec![0];
+        heights.extend(by_height.iter().scan(0, |sum, rotations| {
+            *sum += rotations.len();
+            Some(*sum)
+        }));
+        Self { rotations: by_height.concat(), heights }
+    }
+
+    /// Transforms vectors side by side: `values[coefficient * WIDTH + vector]`.
+    pub fn transform<const WIDTH: usize>(&self, values: &mut [[f32; WIDTH]]) {
+        for rotation in &self.rotations {
+            let (left, right) = (values[rotation.sum as usize], values[rotation.term as usize]);
+            let (c, s) = (rotation.cosine, rotation.sine);
+            values[rotation.sum as usize] = std::array::from_fn(|i| c * left[i] + s * right[i]);
+            values[rotation.term as usize] = std::array::from_fn(|i| s * left[i] - c * right[i]);
+        }
+    }
+
+    /// The terms of RGB coefficients, in double precision.
+    pub fn terms(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
+        let mut values = coefficients.to_vec();
+        for rotation in &self.rotations {
+            let (left, right) = (values[rotation.sum as usize], values[rotation.term as usize]);
+            let (c, s) = (f64::from(rotation.cosine), f64::from(rotation.sine));
+            values[rotation.sum as usize] = (c * left).add(s * right);
+            values[rotation.term as usize] = (s * left).sub(c * right);
+        }
+        values
+    }
+}
+
+/// Adds the rotations of a node, by its height, to `by_height`.
+fn collect(first: &[u32], begin: usize, end: usize, by_height: &mut Vec<Vec<Rotation>>) -> (Sums, usize) {
+    if end - begin == 1 {
+        return ((first[begin]..first[end]).map(|place| (1, place)).collect(), 0);
+    }
+    let split = middle(begin, end);
+    let (mut left, below_left) = collect(first, begin, split, by_height);
+    let (mut right, below_right) = collect(first, split, end, by_height);
+    let height = below_left.max(below_right);
+    if by_height.len() <= height {
+        by_height.resize(height + 1, Vec::new());
+    }
+    if left.len() < right.len() {
+        // What only one side has goes up as it is.
+        left.extend(right.drain(left.len()..));
+    }
+    for ((count, sum), (others, term)) in left.iter_mut().zip(right) {
+        let all = f64::from(*count + others);
+        let [cosine, sine] = [*count, others].map(|n| (f64::from(n) / all).sqrt() as f32);
+        by_height[height].push(Rotation { sum: *sum, term, cosine, sine });
+        *count += others;
+    }
+    (left, height + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Haar as it is defined: sums over samples, one term at a time.
+    fn slowly(first: &[u32], values: &[f64], k: u32, begin: usize, end: usize) -> Vec<f64> {
+        let with: Vec<usize> = (begin..end).filter(|&i| first[i] + k < first[i + 1]).collect();
+        if end - begin == 1 || with.is_empty() {
+            return Vec::new();
+        }
+        let split = middle(begin, end);
+        let sum = |right: bool| -> (f64, f64) {
+            let of_side = with.iter().filter(|&&i| (i >= split) == right);
+            of_side.fold((0.0, 0.0), |(n, sum), &i| (n + 1.0, sum + values[(first[i] + k) as usize]))
+        };
+        let ((l, left), (r, right)) = (sum(false), sum(true));
+        let mut terms = slowly(first, values, k, begin, split);
+        terms.extend(slowly(first, values, k, split, end));
+        if l > 0.0 && r > 0.0 {
+            terms.push((left / l - right / r) * (l * r / (l + r)).sqrt());
+        }
+        terms
+    }
+
+    proptest! {
+        #[test]
+        fn terms_are_as_defined_and_keep_all_squares(
+            counts in prop::collection::vec(prop::sample::select(vec![1u32, 4, 9, 16]), 1..70),
+            seed in 1u64..1000,
+        ) {
+            let mut first = vec![0];
+            counts.iter().for_each(|c| first.push(first[first.len() - 1] + c));
+            let points = crate::sequence::Points::new(seed, 0);
+            let values: Vec<f64> = (0..first[counts.len()]).map(|i| points.at(i, 0)[0] - 0.5).collect();
+            let haar = Haar::new(&first);
+            let terms: Vec<f64> = haar.terms(&values.iter().map(|v| DVec3::splat(*v)).collect::<Vec<_>>())
+                .iter().map(|t| t.y).collect();
+            let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
+            prop_assert!((square(&terms) - square(&values)).abs() < 1e-5 * square(&values));
+
+            let mut want: Vec<f64> = Vec::new();
+            for k in 0..*counts.iter().max().unwrap() {
+                want.extend(slowly(&first, &values, k, 0, counts.len()));
+                let with: Vec<f64> = (0..counts.len()).filter(|&i| first[i] + k < first[i + 1])
+                    .map(|i| values[(first[i] + k) as usize]).collect();
+                if !with.is_empty() {
+                    want.push(with.iter().sum::<f64>() / (with.len() as f64).sqrt());
+                }
+            }
+            let mut got = terms.clone();
+            got.sort_by(f64::total_cmp);
+            want.sort_by(f64::total_cmp);
+            prop_assert_eq!(got.len(), want.len());
+            for (got, want) in got.iter().zip(&want) {
+                prop_assert!((got - want).abs() < 1e-5, "{} {}", got, want);
+            }
+
+            let mut side_by_side: Vec<[f32; 2]> = values.iter().map(|v| [*v as f32, -*v as f32]).collect();
+            haar.transform(&mut side_by_side);
+            for (pair, want) in side_by_side.iter().zip(&terms) {
+                prop_assert!((f64::from(pair[0]) - want).abs() < 1e-5 && pair[0] == -pair[1]);
+            }
+            for range in haar.heights.windows(2) {
+                let mut places: Vec<u32> =
+                    haar.rotations[range[0]..range[1]].iter().flat_map(|r| [r.sum, r.term]).collect();
+                let count = places.len();
+                places.sort_unstable();
+                places.dedup();
+                prop_assert_eq!(places.len(), count, "rotations of one height touch a place twice");
+            }
+        }
+    }
+}

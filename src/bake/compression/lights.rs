@@ -1,0 +1,86 @@
+//! Random lights of the kind that people place: in free space and near surfaces, points and spots, some grazing.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+
+use crate::bake::gather_samples::GatherSamples;
+use crate::scene::{Light, LightKind};
+use crate::sequence::Points;
+use crate::shared::PackedLight;
+
+/// Which light a random one is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Point,
+    /// Every third shines along the surface that it is near, the others at some surface.
+    Spot,
+}
+
+/// Draws lights around the surfaces of a scene.
+pub struct RandomLights<'a> {
+    samples: &'a GatherSamples,
+    low: Vec3,
+    high: Vec3,
+    diagonal: f32,
+    points: Points,
+}
+
+/// Lights near surfaces are so far from them, in diagonals of the scene's bounds; none is nearer to any.
+const NEAR: [f64; 2] = [0.03, 0.2];
+/// Free lights may be so far beyond the bounds of all surfaces, in diagonals.
+const BEYOND: f32 = 0.15;
+
+impl<'a> RandomLights<'a> {
+    /// Lights of different `seed`s have nothing in common. There must be a sample.
+    pub fn new(samples: &'a GatherSamples, seed: u64) -> Self {
+        let positions = || samples.samples.iter().map(|s| s.position);
+        let (low, high) =
+            (positions().fold(Vec3::INFINITY, Vec3::min), positions().fold(Vec3::NEG_INFINITY, Vec3::max));
+        let diagonal = low.distance(high);
+        let beyond = Vec3::splat(BEYOND * diagonal);
+        Self { samples, low: low - beyond, high: high + beyond, diagonal, points: Points::new(seed, 0) }
+    }
+
+    /// Light number `index`, in mesh space, unless it is too close to a surface; it may be where it lights nothing. Every
+    /// fourth is near a surface, the others are anywhere.
+    pub fn light(&self, kind: Kind, index: u32) -> Option<PackedLight> {
+        let set = |set: u32| self.points.at(index, 4 * set + u32::from(kind == Kind::Spot));
+        let [x, y, z, which] = set(0);
+        let near = self.pick(which);
+        let near_surface = index.is_multiple_of(4);
+        let position = if !near_surface {
+            self.low.as_dvec3() + DVec3::new(x, y, z) * (self.high - self.low).as_dvec3()
+        } else {
+            near.0 + near.1 * (f64::from(self.diagonal) * NEAR[0] * (NEAR[1] / NEAR[0]).powf(x))
+        };
+        let least = 0.99 * NEAR[0] as f32 * self.diagonal;
+        if self.samples.samples.iter().any(|s| s.position.distance(position.as_vec3()) < least) {
+            return None;
+        }
+        let light = Light::point("", position);
+        if kind == Kind::Point {
+            return Some(light.pack(DVec3::ZERO));
+        }
+        let [u, v, width, edge] = set(1);
+        let [grazing, target, ..] = set(2);
+        let toward = (self.pick(target).0 - position).normalize_or(DVec3::NEG_Y);
+        let direction = if near_surface && grazing < 0.5 {
+            // Along the surface, and a little down.
+            let (s, t) = near.1.any_orthonormal_pair();
+            ((TAU * u).cos() * s + (TAU * u).sin() * t - 0.3 * v * near.1).normalize()
+        } else {
+            toward
+        };
+        let outer_angle = PI / 180.0 * (10.0 + 35.0 * width);
+        let inner_angle = outer_angle * (0.4 + 0.5 * edge);
+        Some(Light { kind: LightKind::Spot, direction, outer_angle, inner_angle, ..light }.pack(DVec3::ZERO))
+    }
+
+    /// A point of some surface, and its normal.
+    fn pick(&self, random: f64) -> (DVec3, DVec3) {
+        let count = self.samples.len();
+        let sample = &self.samples.samples[((random * count as f64) as usize).min(count - 1)];
+        (sample.position.as_dvec3(), sample.normal.as_dvec3())
+    }
+}

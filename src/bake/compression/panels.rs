@@ -1,0 +1,181 @@
+//! Vectors of RGB coefficients side by side, cut into panels that fit caches, and sparse rows times them.
+
+use faer::{MatMut, MatRef};
+use rayon::prelude::*;
+
+use crate::bake::transfer::rows::Rows;
+
+/// Vectors of a panel: two cache lines of single precision.
+pub const WIDTH: usize = 32;
+/// Rows that one task multiplies.
+const ROWS: usize = 64;
+
+/// A row a coefficient (or pixel), a column a vector.
+pub type Panel = Vec<[f32; WIDTH]>;
+
+/// The same number of vectors for each channel, in panels; the last panels end with zeros.
+#[derive(Clone, Debug, Default)]
+pub struct Panels {
+    /// Vectors of each channel.
+    pub count: usize,
+    pub channels: [Vec<Panel>; 3],
+}
+
+impl Panels {
+    pub fn zeros(rows: usize, count: usize) -> Self {
+        let channel = || vec![vec![[0.0; WIDTH]; rows]; count.div_ceil(WIDTH)];
+        Self { count, channels: [channel(), channel(), channel()] }
+    }
+
+    /// All panels, each with its channel.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, &Panel)> {
+        self.channels.iter().enumerate().flat_map(|(channel, panels)| panels.iter().map(move |panel| (channel, panel)))
+    }
+
+    /// Makes new panels of each panel and its channel, all at once.
+    pub fn map(&self, make: impl Fn(usize, &Panel) -> Panel + Sync) -> Self {
+        let all: Vec<(usize, &Panel)> = self.iter().collect();
+        let mut made = all.par_iter().map(|(channel, panel)| make(*channel, panel)).collect::<Vec<_>>().into_iter();
+        let channels = [0, 1, 2].map(|c| made.by_ref().take(self.channels[c].len()).collect());
+        Self { count: self.count, channels }
+    }
+
+    pub fn for_each_mut(&mut self, change: impl Fn(usize, &mut Panel) + Sync) {
+        let panels = self.channels.iter_mut().enumerate();
+        let all: Vec<_> = panels.flat_map(|(c, panels)| panels.iter_mut().map(move |panel| (c, panel))).collect();
+        all.into_par_iter().for_each(|(channel, panel)| change(channel, panel));
+    }
+
+    pub fn get(&self, channel: usize, row: usize, vector: usize) -> f32 {
+        self.channels[channel][vector / WIDTH][row][vector % WIDTH]
+    }
+
+    pub fn set(&mut self, channel: usize, row: usize, vector: usize, value: f32) {
+        self.channels[channel][vector / WIDTH][row][vector % WIDTH] = value;
+    }
+}
+
+impl Panels {
+    /// Rows of each panel.
+    pub fn rows(&self) -> usize {
+        self.channels[0].first().map_or(0, Vec::len)
+    }
+
+    /// Of each vector, over all channels.
+    pub fn squares(&self) -> Vec<f64> {
+        let square = |vector: usize| {
+            let of_channel = |panels: &Vec<Panel>| -> f64 {
+                panels[vector / WIDTH].iter().map(|row| f64::from(row[vector % WIDTH]).powi(2)).sum()
+            };
+            self.channels.iter().map(of_channel).sum()
+        };
+        (0..self.count).into_par_iter().map(square).collect()
+    }
+
+    /// Of each row of a channel, over all vectors.
+    pub fn row_squares(&self, channel: usize) -> Vec<f32> {
+        let mut sums = vec![0.0; self.rows()];
+        for panel in &self.channels[channel] {
+            sums.iter_mut().zip(panel).for_each(|(sum, row)| *sum += row.iter().map(|x| x * x).sum::<f32>());
+        }
+        sums
+    }
+
+    /// Multiplies each vector by a factor.
+    pub fn scale(&mut self, factors: &[f32]) {
+        for panels in &mut self.channels {
+            for (panel, factors) in panels.iter_mut().zip(factors.chunks(WIDTH)) {
+                for row in panel {
+                    row.iter_mut().zip(factors).for_each(|(x, factor)| *x *= factor);
+                }
+            }
+        }
+    }
+
+    /// Makes zero what lies beyond the last vector.
+    pub fn clear_padding(&mut self) {
+        if !self.count.is_multiple_of(WIDTH) {
+            let last = self.channels.iter_mut().filter_map(|panels| panels.last_mut());
+            last.flatten().for_each(|row| row[self.count % WIDTH..].fill(0.0));
+        }
+    }
+}
+
+/// A panel as a matrix.
+pub fn matrix(panel: &[[f32; WIDTH]]) -> MatRef<'_, f32> {
+    MatRef::from_row_major_slice(panel.as_flattened(), panel.len(), WIDTH)
+}
+
+/// Each row times each vector, channel by channel.
+pub fn multiply(rows: &Rows, vectors: &Panels) -> Panels {
+    vectors.map(|channel, panel| {
+        let mut products = vec![[0.0; WIDTH]; rows.len()];
+        let task = |(piece, products): (usize, &mut [[f32; WIDTH]])| {
+            pulp::Arch::new().dispatch(Multiply { rows, first: piece * ROWS, channel, panel, products });
+        };
+        products.par_chunks_mut(ROWS).enumerate().for_each(task);
+        products
+    })
+}
+
+struct Multiply<'a> {
+    rows: &'a Rows,
+    first: usize,
+    channel: usize,
+    panel: &'a Panel,
+    products: &'a mut [[f32; WIDTH]],
+}
+
+impl pulp::NullaryFnOnce for Multiply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (i, product) in self.products.iter_mut().enumerate() {
+            let range = self.rows.first[self.first + i]..self.rows.first[self.first + i + 1];
+            let mut sum = [0.0; WIDTH];
+            for (column, value) in self.rows.columns[range.clone()].iter().zip(&self.rows.values[range]) {
+                let factor = value[self.channel];
+                sum.iter_mut().zip(&self.panel[*column as usize]).for_each(|(sum, x)| *sum += factor * x);
+            }
+            *product = sum;
+        }
+    }
+}
+
+/// The transposes of `rows`, one a channel, times the vectors: a row of the result for each of `columns` columns.
+pub fn multiply_transposed(rows: &Rows, columns: usize, vectors: &Panels) -> Panels {
+    vectors.map(|channel, panel| {
+        let mut sums = vec![[0.0; WIDTH]; columns];
+        pulp::Arch::new().dispatch(MultiplyTransposed { rows, channel, panel, sums: &mut sums });
+        sums
+    })
+}
+
+struct MultiplyTransposed<'a> {
+    rows: &'a Rows,
+    channel: usize,
+    panel: &'a Panel,
+    sums: &'a mut [[f32; WIDTH]],
+}
+
+impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (r, x) in self.panel.iter().enumerate() {
+            let range = self.rows.first[r]..self.rows.first[r + 1];
+            for (column, value) in self.rows.columns[range.clone()].iter().zip(&self.rows.values[range]) {
+                let factor = value[self.channel];
+                self.sums[*column as usize].iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+            }
+        }
+    }
+}
+
+/// [`matrix`], to write.
+pub fn matrix_mut(panel: &mut [[f32; WIDTH]]) -> MatMut<'_, f32> {
+    let rows = panel.len();
+    MatMut::from_row_major_slice_mut(panel.as_flattened_mut(), rows, WIDTH)
+}

@@ -1,0 +1,72 @@
+//! How well the compressed operator does on lights that it has not learned from.
+
+use std::ops::Range;
+
+use super::clusters::Clusters;
+use super::{DECIDING, Fitted, POINTS, SPOTS};
+
+/// Errors against the rows that the operator was made of, root mean square over all view samples and channels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Report {
+    /// Relative error of the image, mean over held-out point lights and over held-out spots.
+    pub point: f64,
+    pub spot: f64,
+    /// The worst of these lights.
+    pub worst: f64,
+    /// Relative noise of the rows themselves under point lights: root mean square. Most of `point` is noise left out.
+    pub noise: f64,
+    /// Of each tile, over all held-out points, in units of the image's own root mean square.
+    pub tiles: Vec<f64>,
+    /// Superclusters that had to be fitted again, and those whose error beyond noise stayed larger than allowed.
+    pub refined: usize,
+    pub missed: usize,
+}
+
+/// Squared errors so far.
+pub(super) struct Errors<'a> {
+    clusters: &'a Clusters,
+    /// Of each light to check with: squared error and square.
+    lights: Vec<[f64; 2]>,
+    noise: f64,
+    report: Report,
+}
+
+impl<'a> Errors<'a> {
+    pub fn new(clusters: &'a Clusters) -> Self {
+        Self { clusters, lights: vec![[0.0; 2]; SPOTS.end], noise: 0.0, report: Report::default() }
+    }
+
+    pub fn add(&mut self, fitted: &Fitted, tiles: &Range<usize>) {
+        for (found, tile) in fitted.found.iter().zip(tiles.clone()) {
+            for (sum, e) in self.lights.iter_mut().zip(found) {
+                sum[0] += e[0];
+                sum[1] += e[1];
+            }
+            let share = self.clusters.rows(&(tile..tile + 1)).len() as f64 / self.clusters.samples.len() as f64;
+            self.report.tiles.push((mean(found[POINTS].iter().map(|e| e[0])) / share).sqrt());
+        }
+        let deciding = fitted.found.iter().flat_map(|tile| &tile[DECIDING]).map(|e| e[0]).sum::<f64>();
+        self.noise += fitted.noise;
+        self.report.refined += usize::from(fitted.rounds > 1);
+        self.report.missed += usize::from(deciding / DECIDING.len() as f64 - fitted.noise > fitted.allowed);
+    }
+
+    pub fn report(self) -> Report {
+        let relative = |e: &[f64; 2]| if e[1] > 0.0 { (e[0] / e[1]).sqrt() } else { 0.0 };
+        // Lights that nothing is seen of say nothing.
+        let lit = |lights: Range<usize>| self.lights[lights].iter().filter(|e| e[1] > 0.0).map(relative);
+        Report {
+            point: mean(lit(POINTS)),
+            spot: mean(lit(SPOTS)),
+            worst: lit(POINTS.start..SPOTS.end).fold(0.0, f64::max),
+            noise: self.noise.sqrt(),
+            ..self.report
+        }
+    }
+}
+
+/// 0 of nothing.
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), x| (sum + x, count + 1));
+    if count > 0 { sum / count as f64 } else { 0.0 }
+}

@@ -1,0 +1,235 @@
+//! The compressed operator against the one that it was made of.
+
+mod common;
+
+use std::path::Path;
+
+use common::shipped;
+use common::stage::{Build, lambert, look};
+use glam::{DVec3, Vec3};
+use half::f16;
+use relume::bake::bvh::Bvh;
+use relume::bake::compression::data::{Compressed, MULTIPLE};
+use relume::bake::compression::haar::Haar;
+use relume::bake::compression::lights::{Kind, RandomLights};
+use relume::bake::compression::verify::{Judge, judge};
+use relume::bake::compression::{CompressionSettings, Compressor, Report};
+use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::{BakeSettings, Baked, bake};
+use relume::reference::gather;
+use relume::scene::{Camera, Material, Projection, Scene};
+use relume::shared::{NO_BRDF, PackedLight};
+
+struct Stage {
+    scene: Scene,
+    bvh: Bvh,
+    baked: Baked,
+}
+
+impl Stage {
+    fn new(scene: Scene, camera: &Camera, size: u32) -> Self {
+        let bvh = Bvh::build(&scene);
+        let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
+        let baked = bake(&scene, &bvh, camera, &scene.rig, &settings, &|_| ());
+        Self { scene, bvh, baked }
+    }
+
+    fn load(path: &Path, size: u32) -> Self {
+        let scene = Scene::load(path).unwrap();
+        let camera = scene.cameras[0].clone();
+        Self::new(scene, &camera, size)
+    }
+
+    /// A room seen from its middle.
+    fn room(wall: Material, size: u32) -> Self {
+        let mut build = Build::default();
+        let wall = build.material(wall);
+        build.room(DVec3::ZERO, 1.0, wall);
+        let camera = look(DVec3::ZERO, DVec3::new(0.2, -0.1, 1.0), DVec3::Y, Projection::Perspective { yfov: 1.5 });
+        Self::new(build.scene(), &camera, size)
+    }
+
+    fn transfer(&self, samples: usize, coarse_samples: usize, rays: u32) -> Transfer<'_> {
+        let settings = TransferSettings {
+            outgoing: Outgoing::Glossy { functions: None },
+            samples,
+            coarse_samples,
+            points: 4,
+            rays,
+            layers: 4,
+            bounces: None,
+            seed: 1,
+        };
+        Transfer::new(&self.scene, &self.bvh, &self.baked, &settings, &|_| ())
+    }
+
+    fn direct(&self, transfer: &Transfer, light: &PackedLight) -> Vec<DVec3> {
+        gather::shade(&self.scene, &self.bvh, &transfer.fine, light)
+    }
+
+    fn compress(&self, transfer: &Transfer, error: f64) -> (Compressed, Report) {
+        let settings = CompressionSettings { error, lights: 96, lobe: Lobe::All, seed: 1 };
+        let direct = |light: &PackedLight| self.direct(transfer, light);
+        Compressor::new(transfer, &direct, &settings).unwrap().compress(&|_| ())
+    }
+}
+
+fn relative(got: &[DVec3], want: &[DVec3]) -> f64 {
+    let square = |v: &mut dyn Iterator<Item = DVec3>| v.map(|x| x.length_squared()).sum::<f64>();
+    let error = square(&mut got.iter().zip(want).map(|(a, b)| *a - *b));
+    (error / square(&mut want.iter().copied())).sqrt()
+}
+
+/// Mean relative error of point lights that the compressor has never seen, against the dense operator.
+fn held_out(stage: &Stage, transfer: &Transfer, compressed: &Compressed) -> f64 {
+    let haar = Haar::new(&transfer.fine.first);
+    let random = RandomLights::new(&transfer.fine.samples, 12345);
+    let lit = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(transfer, &light));
+    let lights: Vec<Vec<DVec3>> =
+        lit.filter(|light| light.iter().filter(|x| **x != DVec3::ZERO).count() > light.len() / 4).take(8).collect();
+    let dense = transfer.apply(&lights, &compressed.samples, Lobe::All, &|_| ());
+    let error = |(light, dense): (&Vec<DVec3>, &Vec<DVec3>)| relative(&compressed.relight(&haar, light), dense);
+    lights.iter().zip(&dense).map(error).sum::<f64>() / lights.len() as f64
+}
+
+/// Every index leads to something, every factor is a number, and blocks lie one after the other.
+fn check_shapes(compressed: &Compressed, baked: &Baked) {
+    let (mut term, mut v, mut b, mut u, mut sample, mut tiles) = (0, 0, 0, 0, 0, 0);
+    for (i, s) in compressed.superclusters.iter().enumerate() {
+        assert_eq!((s.first_term as usize, s.first_v as usize, s.first_tile as usize), (term, v, tiles));
+        let (terms, rank) = (s.terms as usize, s.rank as usize);
+        assert!(terms.is_multiple_of(MULTIPLE) && rank.is_multiple_of(MULTIPLE));
+        for tile in &compressed.tiles[tiles..tiles + s.tiles as usize] {
+            assert_eq!((tile.supercluster as usize, tile.first_b as usize, tile.first_u as usize), (i, b, u));
+            assert_eq!(tile.first_sample as usize, sample);
+            assert!((tile.rank as usize).is_multiple_of(MULTIPLE) && tile.rank <= s.rank);
+            b += tile.rank as usize * rank;
+            u += tile.rank as usize * tile.samples as usize;
+            sample += tile.samples as usize;
+        }
+        tiles += s.tiles as usize;
+        term += terms;
+        v += 3 * rank * terms;
+    }
+    assert_eq!((term, tiles), (compressed.terms.len(), compressed.tiles.len()));
+    assert_eq!(
+        (v, b, u, sample),
+        (compressed.v.len(), compressed.b.len(), compressed.u.len(), compressed.samples.len())
+    );
+    assert!(compressed.terms.iter().all(|&t| (t as usize) < compressed.coefficients));
+    let factors = || [&compressed.v, &compressed.b, &compressed.u].into_iter().flatten();
+    assert!(factors().all(|x| x.is_finite()) && compressed.scale > 0.0);
+    let mut samples = compressed.samples.clone();
+    samples.sort_unstable();
+    let lit = |i: &u32| baked.samples[*i as usize].brdf != NO_BRDF;
+    assert_eq!(samples, (0..baked.samples.len() as u32).filter(lit).collect::<Vec<_>>());
+}
+
+#[test]
+fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
+    for (scene, coarse) in [("cornell-diffuse.glb", 256), ("cornell-glossy.glb", 192), ("balls-2.glb", 256)] {
+        let stage = Stage::load(&shipped(scene), 64);
+        let transfer = stage.transfer(1024, coarse, 512);
+        let (compressed, report) = stage.compress(&transfer, 0.01);
+        check_shapes(&compressed, &stage.baked);
+        let error = held_out(&stage, &transfer, &compressed);
+        println!(
+            "{scene}: {error:.4}, points {:.4}, spots {:.4}, noise {:.4}",
+            report.point, report.spot, report.noise
+        );
+        // Noise that is left out counts as error here; there is much with so few rays.
+        assert!(error < report.noise.hypot(0.01), "{scene}: {error}, noise {}", report.noise);
+        // Dense is 3 for each of 1,024 to some 10,000 coefficients.
+        let dense = 3 * (compressed.samples.len() * compressed.coefficients) as u64;
+        assert!(compressed.multiply_adds() < dense / 2, "{scene}: {} of {dense}", compressed.multiply_adds());
+        if scene != "cornell-diffuse.glb" {
+            continue;
+        }
+        // Against rows gathered anew the noise that was left out tells in its favour.
+        let judged = Judge { rays: 2048, tiles: 16, lights: 6, lobe: Lobe::All, seed: 99 };
+        let direct = |light: &PackedLight| stage.direct(&transfer, light);
+        let [points, spots] = judge(&transfer, &compressed, &direct, &judged);
+        println!("{points:?} {spots:?}");
+        assert!(points.compressed < points.dense + 0.005, "{scene}: {points:?}");
+        // Looser is smaller, and further off.
+        let (looser, _) = stage.compress(&transfer, 0.2);
+        assert!(looser.bytes() < compressed.bytes() && held_out(&stage, &transfer, &looser) > error);
+    }
+}
+
+#[test]
+fn light_adds_up() {
+    let stage = Stage::room(lambert(Vec3::new(0.7, 0.5, 0.2)), 32);
+    let transfer = stage.transfer(200, 200, 64);
+    let (compressed, _) = stage.compress(&transfer, 0.02);
+    let haar = Haar::new(&transfer.fine.first);
+    let random = RandomLights::new(&transfer.fine.samples, 7);
+    let mut lights = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(&transfer, &light));
+    let [a, b] = [lights.next().unwrap(), lights.next().unwrap()];
+    let mixed: Vec<DVec3> = a.iter().zip(&b).map(|(a, b)| 2.0 * a + DVec3::new(0.5, 0.0, 3.0) * b).collect();
+    let [from_a, from_b, from_both] = [&a, &b, &mixed].map(|light| compressed.relight(&haar, light));
+    let sum: Vec<DVec3> = from_a.iter().zip(&from_b).map(|(a, b)| 2.0 * a + DVec3::new(0.5, 0.0, 3.0) * b).collect();
+    assert!(relative(&from_both, &sum) < 1e-12);
+    assert!(from_a.iter().any(|x| *x != DVec3::ZERO));
+}
+
+/// Rounding factors to half precision moves the picture by less than half of its last digit, 2^-11, three times over.
+#[test]
+fn half_precision_costs_nothing() {
+    let stage = Stage::room(lambert(Vec3::splat(0.6)), 32);
+    let transfer = stage.transfer(200, 200, 64);
+    let (compressed, _) = stage.compress(&transfer, 0.01);
+    let haar = Haar::new(&transfer.fine.first);
+    let random = RandomLights::new(&transfer.fine.samples, 8);
+    let light = stage.direct(&transfer, &(0..).find_map(|i| random.light(Kind::Point, i)).unwrap());
+    let before = compressed.relight(&haar, &light);
+    // One more rounding, to a digit less, shows what rounding does.
+    let coarser = |x: &mut f16| *x = f16::from_bits((x.to_bits() + 1) & !1);
+    let mut rounded = compressed.clone();
+    rounded.v.iter_mut().chain(&mut rounded.b).chain(&mut rounded.u).for_each(coarser);
+    let moved = relative(&rounded.relight(&haar, &light), &before);
+    assert!(moved > 0.0 && moved < 3.0 * f64::exp2(-10.0), "{moved}");
+    let smallest = compressed.u.iter().chain(&compressed.v).map(|x| x.to_f32().abs()).fold(0.0, f32::max);
+    assert!((256.0..=1024.0).contains(&smallest), "the largest factor is {smallest}");
+}
+
+#[test]
+fn the_same_bytes_on_any_number_of_threads() {
+    let stage = Stage::load(&shipped("cornell-glossy.glb"), 24);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| stage.compress(&stage.transfer(128, 64, 32), 0.05))
+    };
+    let (one, three) = (on(1), on(3));
+    assert!(one == three && !one.0.u.is_empty());
+}
+
+#[test]
+fn nothing_to_compress() {
+    // No gather samples; nothing that reflects; one of each.
+    let black = Stage::room(lambert(Vec3::ZERO), 8);
+    let (nothing, report) = black.compress(&black.transfer(50, 50, 16), 0.01);
+    assert!(nothing.samples.is_empty() && nothing.superclusters.is_empty() && report.tiles.is_empty());
+    assert_eq!(nothing.apply(&[]), []);
+
+    let grey = Stage::room(lambert(Vec3::splat(0.5)), 8);
+    for coarse in [1, 0] {
+        let transfer = grey.transfer(1, coarse, 64);
+        let (one, _) = grey.compress(&transfer, 0.01);
+        check_shapes(&one, &grey.baked);
+        assert_eq!(one.coefficients, transfer.fine.coefficient_count());
+        let haar = Haar::new(&transfer.fine.first);
+        let light = vec![DVec3::new(1.0, 2.0, 3.0); one.coefficients];
+        let dense = transfer.apply(std::slice::from_ref(&light), &one.samples, Lobe::All, &|_| ()).remove(0);
+        assert!(relative(&one.relight(&haar, &light), &dense) < 1e-3);
+    }
+
+    let away = look(DVec3::splat(9.0), DVec3::splat(10.0), DVec3::Y, Projection::Perspective { yfov: 1.0 });
+    let mut build = Build::default();
+    let wall = build.material(lambert(Vec3::splat(0.5)));
+    build.room(DVec3::ZERO, 1.0, wall);
+    let unseen = Stage::new(build.scene(), &away, 8);
+    let (none, _) = unseen.compress(&unseen.transfer(50, 20, 16), 0.01);
+    assert!(none.samples.is_empty() && none.apply(&vec![DVec3::ONE; none.coefficients]).is_empty());
+}
