@@ -99,6 +99,7 @@ pub fn truth(scene: &Scene, bvh: &Bvh, light: &Light, size: u32, samples: u32) -
             max_bounces: None,
             filter: Filter::Centre,
             bounce_layers: 0,
+            light_layers: false,
             seed: 1,
         };
         let rig = rig(vec![light.clone()]);
