@@ -119,6 +119,34 @@ fn multiply_blocks() {
 }
 
 #[test]
+fn pieces_are_the_whole() {
+    let mut random = Random::new(5);
+    let matrix = random_matrix(&mut random, 3, 200, 2500);
+    let vector: Vec<DVec3> = (0..200).map(|_| random.vector(-1.0, 1.0)).collect();
+    let want = matrix.multiply(&vector);
+    for bytes in [1, 20_000, usize::MAX] {
+        let mut got = vec![DVec3::NAN; 2500];
+        let pieces = matrix.pieces(bytes);
+        assert!((bytes < usize::MAX) == (pieces.len() > 1));
+        for range in pieces {
+            let piece = matrix.piece(range);
+            let part = BlockMatrix {
+                channels: piece.channels,
+                panels: piece.panels,
+                inputs: piece.inputs.to_vec(),
+                outputs: piece.outputs.to_vec(),
+                values: piece.values.to_vec(),
+                ..matrix
+            };
+            assert!(part.is_consistent());
+            let product = part.multiply(&vector);
+            part.outputs.iter().for_each(|&o| got[o as usize] = product[o as usize]);
+        }
+        assert_eq!(got, want);
+    }
+}
+
+#[test]
 fn indices_that_lead_nowhere_are_found() {
     let good = random_matrix(&mut Random::new(1), 3, 50, 400);
     assert!(good.is_consistent());

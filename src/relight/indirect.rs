@@ -6,7 +6,7 @@ use glam::{UVec4, Vec4};
 
 use crate::bake::brdf_factors::Projection;
 use crate::bake::transfer::baked::BakedTransfer;
-use crate::bake::transfer::blocks::BlockMatrix;
+use crate::bake::transfer::blocks::Piece;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::*;
@@ -35,8 +35,9 @@ enum LitSamples {
     },
 }
 
-/// A block matrix on the device.
+/// A block matrix on the device, or a part of its rows.
 struct Product {
+    name: &'static str,
     panels: Buffer<Panel>,
     values: Buffer<UVec4>,
     inputs: Buffer<u32>,
@@ -52,18 +53,25 @@ pub struct Target<'a> {
     pub extra_stride: u32,
 }
 
+/// Factors that lie in one buffer: lavapipe allocates no more than 2 GiB at once.
+const PIECE_BYTES: usize = 1 << 30;
 /// Rows of a panel that a thread takes.
 const ROWS_A_THREAD: u32 = 4;
 
 impl Indirect {
     pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
-        let last = transfer.chain.len().saturating_sub(1);
-        let product = |(i, matrix): (usize, &BlockMatrix)| Product::new(context, matrix, i == last);
+        let mut chain = Vec::new();
+        for (i, matrix) in transfer.chain.iter().enumerate() {
+            let is_last = i + 1 == transfer.chain.len();
+            for panels in matrix.pieces(PIECE_BYTES) {
+                chain.push(Product::new(context, &matrix.piece(panels), is_last)?);
+            }
+        }
         Ok(Self {
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             lit: LitSamples::new(context, transfer)?,
             vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
-            chain: transfer.chain.iter().enumerate().map(product).collect::<Result<_>>()?,
+            chain,
         })
     }
 
@@ -78,9 +86,8 @@ impl Indirect {
             return;
         }
         self.lit.shade(frame, light, &self.points, visibility, &self.vector);
-        for (i, product) in self.chain.iter().enumerate() {
-            let name = if i + 1 == self.chain.len() { "transfer to pixels" } else { "transfer" };
-            product.run(frame, name, &self.vector, target);
+        for product in &self.chain {
+            product.run(frame, &self.vector, target);
         }
     }
 }
@@ -145,19 +152,20 @@ impl LitSamples {
 }
 
 impl Product {
-    fn new(context: &Arc<Context>, matrix: &BlockMatrix, is_last: bool) -> Result<Self> {
+    fn new(context: &Arc<Context>, matrix: &Piece, is_last: bool) -> Result<Self> {
         let constants = [(0, matrix.channels), (1, u32::from(is_last)), (2, ROWS_A_THREAD)];
         Ok(Self {
+            name: if is_last { "transfer to pixels" } else { "transfer" },
             panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
-            values: Buffer::from_slice(context, "transfer (factors)", &matrix.values)?,
-            inputs: Buffer::from_slice(context, "transfer (inputs)", &matrix.inputs)?,
-            outputs: Buffer::from_slice(context, "transfer (outputs)", &matrix.outputs)?,
+            values: Buffer::from_slice(context, "transfer (factors)", matrix.values)?,
+            inputs: Buffer::from_slice(context, "transfer (inputs)", matrix.inputs)?,
+            outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
             kernel: Kernel::new(context, "multiply_blocks", &constants)?,
         })
     }
 
-    fn run(&self, frame: &mut Frame, name: &'static str, vector: &Buffer<Vec4>, target: &Target) {
-        let mut pass = frame.pass(name);
+    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, target: &Target) {
+        let mut pass = frame.pass(self.name);
         let push = MultiplyBlocksPush {
             panels: pass.read(&self.panels),
             values: pass.read(&self.values),

@@ -4,6 +4,8 @@
 //! at a time: a row's eight columns, rows next to each other, so that neighbouring threads read neighbouring bytes.
 //! Each panel has a scale that keeps its factors far from the ends of float16's range.
 
+use std::ops::Range;
+
 use glam::{DVec3, UVec4};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
@@ -37,6 +39,15 @@ pub struct BlockMatrix {
     pub outputs: Vec<u32>,
     /// Of each panel: `[columns / 8][channel][row]`, eight columns each, rows padded to [`ROW_ALIGNMENT`].
     pub values: Vec<UVec4>,
+}
+
+/// Some panels of a matrix, whose indices count from the beginning of what they point into here.
+pub struct Piece<'a> {
+    pub channels: u32,
+    pub panels: Vec<Panel>,
+    pub inputs: &'a [u32],
+    pub outputs: &'a [u32],
+    pub values: &'a [UVec4],
 }
 
 /// Largest magnitude of a packed factor: that of float16 is 65,504, and its precision falls below 6e-5.
@@ -118,6 +129,11 @@ impl BlockMatrix {
         matches!(self.channels, 1 | 3)
             && self.inputs.iter().all(|&i| i < self.input_count)
             && self.outputs.iter().all(|&o| o < self.output_count && !std::mem::replace(&mut seen[o as usize], true))
+            && self.panels.windows(2).all(|p| {
+                // In the order of what they point into.
+                let places = |p: &Panel| [p.first_value, p.first_input, p.first_output];
+                places(&p[0]).iter().zip(places(&p[1])).all(|(a, b)| *a <= b)
+            })
             && self.panels.iter().all(|p| {
                 p.row_count <= PANEL_ROWS
                     && within(p.first_input, p.octet_count as usize * PANEL_COLUMNS as usize, self.inputs.len())
@@ -128,6 +144,54 @@ impl BlockMatrix {
                         self.values.len(),
                     )
             })
+    }
+
+    /// Ranges of panels whose factors take at most `bytes`, or that are one panel.
+    pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
+        let mut pieces: Vec<Range<usize>> = Vec::new();
+        let mut size = 0;
+        for (i, panel) in self.panels.iter().enumerate() {
+            let of_panel = self.value_count(panel) * size_of::<UVec4>();
+            match pieces.last_mut() {
+                Some(last) if size + of_panel <= bytes => {
+                    last.end = i + 1;
+                    size += of_panel;
+                }
+                _ => {
+                    pieces.push(i..i + 1);
+                    size = of_panel;
+                }
+            }
+        }
+        pieces
+    }
+
+    /// These panels alone.
+    pub fn piece(&self, panels: Range<usize>) -> Piece<'_> {
+        let panels = &self.panels[panels];
+        let [first, last] = [&panels[0], &panels[panels.len() - 1]];
+        let [values, inputs, outputs] = [first.first_value, first.first_input, first.first_output];
+        let input_end = last.first_input + last.octet_count * PANEL_COLUMNS;
+        Piece {
+            channels: self.channels,
+            panels: panels
+                .iter()
+                .map(|p| Panel {
+                    first_value: p.first_value - values,
+                    first_input: p.first_input - inputs,
+                    first_output: p.first_output - outputs,
+                    ..*p
+                })
+                .collect(),
+            inputs: &self.inputs[inputs as usize..input_end as usize],
+            outputs: &self.outputs[outputs as usize..(last.first_output + last.row_count) as usize],
+            values: &self.values[values as usize..last.first_value as usize + self.value_count(last)],
+        }
+    }
+
+    /// Octets of factors of a panel.
+    fn value_count(&self, panel: &Panel) -> usize {
+        panel.octet_count as usize * self.channels as usize * stride(panel)
     }
 
     /// Bytes that a multiplication reads: factors and indices.

@@ -1,6 +1,7 @@
 //! The dense form: G* and Φ as they are, for few gather samples.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use super::{BakedTransfer, TransferReport};
 use crate::bake::Baked;
@@ -120,9 +121,13 @@ fn last_matrix(
         if !emitted.is_empty() {
             piece.iter().zip(rows.multiply(emitted)).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
         }
-        for (block, samples) in piece.chunks(ROWS_A_BLOCK).enumerate() {
-            push_block(&mut matrix, &rows, block * ROWS_A_BLOCK, samples, offset);
-        }
+        let block = |(block, samples): (usize, &[u32])| {
+            let mut part = BlockMatrix::new(3, vector_length, baked.samples.len());
+            push_block(&mut part, &rows, block * ROWS_A_BLOCK, samples, offset);
+            part
+        };
+        let parts: Vec<_> = piece.par_chunks(ROWS_A_BLOCK).enumerate().map(block).collect();
+        parts.into_iter().for_each(|part| matrix.append(part));
         progress(piece.len());
     }
     (matrix, emission)
