@@ -41,6 +41,7 @@
 //!     tone_map: ToneMap::Agx,
 //!     budget_bytes: None,
 //! };
+//! // Without `baked.transfer` there is no indirect light.
 //! let mut relighter = Relighter::new(&context, &scene, &bvh, &baked, &scene.rig, &settings)?;
 //! let mut rig = scene.rig.clone();
 //! rig.lights[0].position.y += 0.1;

@@ -9,7 +9,10 @@ use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
 use glam::{DVec3, Vec3, Vec4};
+use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
+use relume::bake::compression::CompressionSettings;
+use relume::bake::compression::haar::Haar;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::blocks::{BlockMatrix, Dense};
@@ -321,7 +324,7 @@ fn pictures_are_what_the_operator_says() {
         assert!(!baked.extra_samples.is_empty(), "the mirror shows something");
         let without = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::All);
 
-        let with = relume::bake::Baked { transfer: Some(dense), ..(*baked).clone() };
+        let with = Baked { transfer: Some(dense), ..(*baked).clone() };
         stage.baked = Arc::new(with);
         let mut relighter = stage.relighter(&gpu, &lights(), &setup);
         let want = expected(&stage, &transfer, &lights());
@@ -361,6 +364,55 @@ fn pictures_are_what_the_operator_says() {
     }
 }
 
+/// What the device does with a transfer, in double precision.
+fn applied(stage: &Stage, transfer: &Transfer, baked: &BakedTransfer, light: &Light) -> Vec<DVec3> {
+    let direct = gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.origin));
+    let mut vector = if baked.haar { Haar::new(&transfer.fine.first).terms(&direct) } else { direct };
+    vector.resize(baked.vector_length, DVec3::ZERO);
+    let (last, inner) = baked.chain.split_last().unwrap();
+    for matrix in inner {
+        let product = matrix.multiply(&vector);
+        matrix.outputs.iter().for_each(|&o| vector[o as usize] = product[o as usize]);
+    }
+    last.multiply(&vector)
+}
+
+#[test]
+fn compressed_pictures_are_what_the_factors_say() {
+    let gpu = gpu();
+    let (scene, camera) = room();
+    let setup = Setup::new(48, 40);
+    let mut stage = Stage::new(scene, &camera, &lights(), &setup);
+    let (scene, bvh, baked) = (stage.scene.clone(), stage.bvh.clone(), stage.baked.clone());
+    let transfer = Transfer::new(&scene, &bvh, &baked, &settings(900, 200), &|_| ());
+    let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
+    let nested = BakedTransfer::nested(&transfer, &compression, &|_| ()).unwrap();
+    assert!(nested.is_consistent(baked.samples.len()) && nested.haar && nested.chain.len() == 3);
+    let by_emitters = resolved(&stage, &nested.emission.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
+    stage.baked = Arc::new(Baked { transfer: Some(nested), ..(*baked).clone() });
+    let nested = stage.baked.transfer.as_ref().unwrap();
+    let mut relighter = stage.relighter(&gpu, &lights(), &setup);
+    relighter.set_layers(Layers::Indirect);
+    for (i, light) in lights().lights.iter().enumerate() {
+        let scale = light.scale().as_dvec3();
+        let want: Vec<DVec3> =
+            resolved(&stage, &applied(&stage, &transfer, nested, light)).into_iter().map(|p| scale * p).collect();
+        let got = relighter.linear(Picture::Light(i)).unwrap().to_vec();
+        let error = distance(&got, &want);
+        assert!(error < 1e-5, "{}: off by {error:.2e}", light.name);
+        let exact = expected(&stage, &transfer, &rig(vec![light.clone()]));
+        let error = distance(&got, &exact);
+        assert!(error < 0.2, "{}: {error:.3} from what is compressed", light.name);
+    }
+    // Emitters' light is not compressed.
+    relighter.set_layers(Layers::All);
+    let emitted = relighter.linear(Picture::Emission).unwrap().to_vec();
+    let plain = Stage { baked, ..stage };
+    let seen = plain.relighter(&gpu, &lights(), &setup).linear(Picture::Emission).unwrap().to_vec();
+    let want: Vec<DVec3> = seen.iter().zip(by_emitters).map(|(s, e)| Vec3::from(*s).as_dvec3() + e).collect();
+    assert!(distance(&emitted, &want) < 1e-5);
+}
+
 /// Shadow maps see gather samples as well as rays do, but for the width of a texel.
 #[test]
 fn shadow_maps_light_gather_samples() {
@@ -370,7 +422,7 @@ fn shadow_maps_light_gather_samples() {
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(300, 300), &|_| ());
     let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &|_| ());
-    let baked = relume::bake::Baked { transfer: Some(dense), ..(*stage.baked).clone() };
+    let baked = Baked { transfer: Some(dense), ..(*stage.baked).clone() };
     drop(transfer);
     stage.baked = Arc::new(baked);
     let traced = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::Indirect);
@@ -393,7 +445,7 @@ fn scenes_where_nothing_reflects_have_no_indirect_light() {
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(100, 100), &|_| ());
     let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &|_| ());
     assert!(dense.is_consistent(stage.baked.samples.len()));
-    let baked = relume::bake::Baked { transfer: Some(dense), ..(*stage.baked).clone() };
+    let baked = Baked { transfer: Some(dense), ..(*stage.baked).clone() };
     drop(transfer);
     stage.baked = Arc::new(baked);
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);

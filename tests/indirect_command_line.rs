@@ -139,16 +139,23 @@ fn figures_of_the_transfer() {
     let figures = json(&stats);
     let transfer = &figures["transfer"];
     assert_eq!(transfer["method"], "robust");
-    assert_eq!(transfer["form"], "dense");
+    assert_eq!(transfer["form"], "nested");
+    let point = transfer["held_out"]["point"].as_f64().unwrap();
+    assert!(point > 0.0 && point < 0.5, "{point}");
     let radius = transfer["spectral_radius"].as_f64().unwrap();
     assert!(radius > 0.1 && radius < 1.0, "{radius}");
-    assert!(transfer["macs_per_pixel"].as_f64().unwrap() > 100.0);
+    assert!(transfer["macs_per_pixel"].as_f64().unwrap() > 10.0);
     assert!(figures["samples"]["gather"].as_u64().unwrap() > 100);
     let passes: Vec<&str> =
         figures["frame"]["passes"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
-    for name in ["trace gather samples", "shade gather samples", "transfer", "transfer to pixels"] {
+    for name in ["trace gather samples", "shade gather samples", "Haar transform", "transfer", "transfer to pixels"] {
         assert!(passes.contains(&name), "{passes:?}");
     }
+    let dense = [&arguments[..], &["--transfer", "dense"]].concat();
+    render(&folder.path().join("a.png"), &dense).done();
+    let of_dense = json(&stats)["transfer"].clone();
+    assert_eq!(of_dense["form"], "dense");
+    assert!(of_dense["macs_per_pixel"].as_f64() > transfer["macs_per_pixel"].as_f64());
     let thesis = [&arguments[..], &["--method", "thesis"]].concat();
     render(&folder.path().join("a.png"), &thesis).done();
     assert_eq!(json(&stats)["transfer"]["method"], "thesis");
@@ -163,6 +170,7 @@ fn options_that_exclude_each_other() {
     glossy(&["--basis", "svd8"]).failed(&["--basis", "--method thesis"]);
     glossy(&["--basis", "sh9", "--method", "thesis"]).failed(&["--basis", "--method robust"]);
     glossy(&["--bounces", "inf", "--method", "thesis"]).failed(&["--bounces inf"]);
+    glossy(&["--transfer", "nested", "--method", "thesis"]).failed(&["--transfer nested", "dense"]);
     render(&out, &["--gi", "diffuse", "--basis", "sh9"]).failed(&["--basis", "--gi diffuse"]);
     render(&out, &["--gi", "off", "--passes", "indirect"]).failed(&["--passes indirect", "--gi off"]);
     render(&out, &["--gi", "off", "--passes", "beauty,indirect_glossy"]).failed(&["indirect_glossy", "--gi off"]);

@@ -87,6 +87,7 @@ struct PassRecord {
     name: &'static str,
     on: Site,
     median_ms: f64,
+    best_ms: f64,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -95,7 +96,7 @@ pub fn run(args: &Args) -> Result<()> {
     let mut records = Vec::new();
     let mut limits = json!(null);
     let mut rates = Vec::new();
-    let mut slowest_segments = f64::INFINITY;
+    let (mut slowest_segments, mut slowest_gather) = (f64::INFINITY, f64::INFINITY);
     let mut device = (String::new(), String::new());
     for path in &args.scenes {
         let session = Session::open(path, args.rig.as_deref(), &args.scene_options)?;
@@ -133,6 +134,8 @@ pub fn run(args: &Args) -> Result<()> {
         let rays = bench_rays::measure(&session);
         let segments = bench_rays::segments_per_s_core(&session);
         slowest_segments = slowest_segments.min(segments);
+        let gathered = bench_rays::gather_rays_per_s(&session);
+        slowest_gather = slowest_gather.min(gathered);
         let copy = best_of(5, || measured.copy_gb_s())?;
         let fma = best_of(5, || measured.fma_gflop_s())?;
         let yard = yardstick.iter().copied().fold(f64::INFINITY, f64::min);
@@ -140,12 +143,17 @@ pub fn run(args: &Args) -> Result<()> {
             "  yardstick {yard:.2} ms best, {:.2} median; copy {copy:.1} GB/s, {fma:.1} Gflop/s",
             median(&mut yardstick)
         ))?;
+        if let Some(line) = describe_transfer(&session, &records, copy) {
+            table.line(format_args!("  {line}"))?;
+        }
         table.line(format_args!("  shadow rays: {rays}"))?;
         table.line(format_args!("  path tracing: {:.2} million segments a CPU second", segments * 1e-6))?;
+        table.line(format_args!("  final gathers: {:.2} million rays a second", gathered * 1e-6))?;
         table.line(format_args!("  load average {:.2}", load_average()))?;
         limits = json!({ "copy_gb_s": copy, "fma_gflop_s": fma, "yardstick_ms": yard });
         rates.push(json!({
-            "scene": session.scene.name(), "shadow_rays": rays, "segments_per_s_core": segments
+            "scene": session.scene.name(), "shadow_rays": rays, "segments_per_s_core": segments,
+            "gather_rays_per_s": gathered
         }));
     }
     if let Some(path) = &args.json {
@@ -156,7 +164,7 @@ pub fn run(args: &Args) -> Result<()> {
             "load": load_average(),
             "limits": limits,
             // Of the scenes, the slowest.
-            "rates": { "segments_per_s_core": slowest_segments, "gather_rays_per_s": null, "scenes": rates },
+            "rates": { "segments_per_s_core": slowest_segments, "gather_rays_per_s": slowest_gather, "scenes": rates },
             "records": records,
         });
         write_json(path, &all)?;
@@ -252,7 +260,10 @@ fn measure(
         best_ms: percentile(&mut all_ms, 0.0),
         passes: pass_ms
             .into_iter()
-            .map(|(name, on, mut ms)| PassRecord { name, on, median_ms: median(&mut ms) })
+            .map(|(name, on, mut ms)| {
+                let [median_ms, best_ms] = [0.5, 0.0].map(|share| percentile(&mut ms, share));
+                PassRecord { name, on, median_ms, best_ms }
+            })
             .collect(),
     })
 }
@@ -290,6 +301,23 @@ fn describe(session: &Session) -> String {
     let tiling = session.baked.tiling;
     let triangles = session.scene.mesh.triangles.len();
     format!("{triangles} triangles, {}x{}, view samples by layer {:?}", tiling.width, tiling.height, session.layers())
+}
+
+/// How long the transfer of a moved light takes, beside a copy of its bytes.
+fn describe_transfer(session: &Session, records: &[Record], copy_gb_s: f64) -> Option<String> {
+    let (bytes, multiply_adds) = session.baked.transfer.as_ref()?.cost();
+    let moved = records.iter().filter(|r| r.edit == "move" && r.scene == session.scene.name());
+    let transfer = |record: &Record| -> f64 {
+        let of_it = |pass: &&PassRecord| pass.name.contains("ransfer") && pass.on == Site::Gpu;
+        record.passes.iter().filter(of_it).map(|pass| pass.best_ms).sum()
+    };
+    let best = moved.map(transfer).fold(f64::INFINITY, f64::min);
+    let megabytes = bytes as f64 * 1e-6;
+    Some(format!(
+        "transfer: {megabytes:.1} MB, {:.0} million multiply-adds; best {best:.2} ms, {:.1} times a copy of its bytes",
+        multiply_adds as f64 * 1e-6,
+        best * copy_gb_s / megabytes
+    ))
 }
 
 /// The first light of each kind.

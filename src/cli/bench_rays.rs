@@ -1,11 +1,13 @@
-//! Rays on the CPU: a scene's shadow rays, in packets and the same singly; the path tracer's segments.
+//! Rays on the CPU: a scene's shadow rays, in packets and the same singly; the path tracer's segments; final gathers.
 
 use std::time::Instant;
 
 use rayon::prelude::*;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
+use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::reference::path_tracer::{Filter, PathTracer, Settings};
-use relume::shared::PackedLight;
+use relume::shared::{NO_BRDF, PackedLight};
 
 use super::bench::percentile;
 use super::session::{Session, cpu_seconds};
@@ -95,6 +97,32 @@ pub fn segments_per_s_core(session: &Session) -> f64 {
         tracer.trace(samples_a_half, &|| false, &|_| ());
         // 0.01: the clock's tick, for scenes of nothing.
         tracer.segments() as f64 / (cpu_seconds() - start).max(0.01)
+    };
+    (0..3).map(rate).fold(0.0, f64::max)
+}
+
+/// Rays of final gathers a second on all cores, with what is done at their ends: best of a few runs.
+pub fn gather_rays_per_s(session: &Session) -> f64 {
+    let baked = &session.baked;
+    let settings = TransferSettings {
+        outgoing: Outgoing::Glossy { functions: None },
+        samples: 1024,
+        coarse_samples: 1024,
+        points: 1,
+        rays: 256,
+        layers: baked.asked_layers,
+        bounces: None,
+        seed: 1,
+    };
+    let transfer = Transfer::new(&session.scene, &session.bvh, baked, &settings, &|_| ());
+    let reflecting: Vec<u32> =
+        (0..baked.samples.len() as u32).filter(|&i| baked.samples[i as usize].brdf != NO_BRDF).collect();
+    let some: Vec<u32> = reflecting.iter().step_by(reflecting.len().div_ceil(4096).max(1)).copied().collect();
+    let gatherer = transfer.row_gatherer(Lobe::All);
+    let rate = |_| {
+        let start = Instant::now();
+        gatherer.map(&some, |_| ());
+        (some.len() * settings.rays as usize) as f64 / start.elapsed().as_secs_f64()
     };
     (0..3).map(rate).fold(0.0, f64::max)
 }

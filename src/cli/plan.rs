@@ -8,6 +8,7 @@ use serde_json::json;
 use super::options::SceneOptions;
 use super::session::Session;
 use super::stdout::out;
+use super::transfer::{Gi, TransferPlan};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -31,8 +32,9 @@ pub struct LeftOut {
     saves: String,
 }
 
-/// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn.
-pub fn left_out(session: &Session, traced: bool) -> Vec<LeftOut> {
+/// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn. `indirect`: there is, or will be,
+/// indirect light.
+pub fn left_out(session: &Session, traced: bool, indirect: bool) -> Vec<LeftOut> {
     let baked = &session.baked;
     let pixels = baked.pixel_stride();
     let mut list = Vec::new();
@@ -52,7 +54,7 @@ pub fn left_out(session: &Session, traced: bool) -> Vec<LeftOut> {
     if !baked.has_specular {
         add("the specular lobe", "no visible surface has one", "its share of the shading kernel".into());
     }
-    if baked.transfer.is_none() {
+    if !indirect {
         add("indirect light", "--gi off", "gather samples, their transfer, and its passes".into());
     }
     if baked.emission.is_empty() {
@@ -72,11 +74,15 @@ pub fn left_out(session: &Session, traced: bool) -> Vec<LeftOut> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let session = Session::open(&args.scene, args.rig.as_deref(), &args.options)?;
+    let transfer = args.options.transfer.plan(&args.options.view)?;
+    // Its bake takes longest, and nothing here depends on it.
+    let mut options = args.options.clone();
+    options.transfer.gi = Gi::Off;
+    let session = Session::open(&args.scene, args.rig.as_deref(), &options)?;
     let baked = &session.baked;
     let images = 2 * session.rig.lights.len() * 12 * baked.pixel_stride();
     // Whether maps are drawn depends on the device, which a plan does not open.
-    let left_out = left_out(&session, false);
+    let left_out = left_out(&session, false, transfer.is_some());
     if args.json {
         let plan = json!({
             "schema": 1,
@@ -88,6 +94,7 @@ pub fn run(args: &Args) -> Result<()> {
             },
             "samples": { "view": baked.samples.len(), "layers": session.layers() },
             "light_image_bytes": images,
+            "transfer": transfer.as_ref().map(TransferPlan::describe),
             "left_out": left_out,
         });
         out!("{plan:#}")?;
@@ -97,6 +104,9 @@ pub fn run(args: &Args) -> Result<()> {
     out!("  {} triangles, {} lights", session.scene.mesh.triangles.len(), session.rig.lights.len())?;
     out!("  {}x{} pixels, view samples by layer {:?}", baked.tiling.width, baked.tiling.height, session.layers())?;
     out!("  light images: up to {:.0} MB", images as f64 * 1e-6)?;
+    if let Some(plan) = &transfer {
+        out!("  indirect light: {}", plan.describe())?;
+    }
     out!("left out:")?;
     for item in left_out {
         out!("  {}: {} (saves {})", item.what, item.why, item.saves)?;

@@ -45,7 +45,7 @@ impl Progress for Terminal {
 }
 
 /// The window's bar, which goes with the loading.
-impl Progress for relume::view::LoadProgress {
+impl Progress for relume::view::Loader {
     fn begin(&self, what: &'static str, total: usize) {
         self.begin(what, total);
     }

@@ -46,9 +46,45 @@ pub struct Transfers {
 impl Transfers {
     /// As `--gi` calls it.
     pub fn gi(&self) -> &'static str {
-        let (TransferPlan::Robust(TransferSettings { outgoing, .. })
+        let (TransferPlan::Robust(TransferSettings { outgoing, .. }, _)
         | TransferPlan::Thesis(ThesisSettings { outgoing, .. })) = &self.plan;
         if *outgoing == Outgoing::Diffuse { "diffuse" } else { "glossy" }
+    }
+
+    fn key(&self, lobe: Lobe) -> cache::Key {
+        cache::transfer_key(&self.key, &format!("{:?} {lobe:?}", self.plan))
+    }
+
+    fn stored(&self, baked: &Baked, lobe: Lobe, report: &mut BakeReport) -> Option<BakedTransfer> {
+        let (dir, key) = (self.dir.as_deref()?, self.key(lobe));
+        report.stage("read cache", || cache::load_transfer(dir, &key, baked))
+    }
+
+    /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
+    /// of its own, one less than there are cores, so that lights can be edited meanwhile.
+    pub fn refine(
+        &self,
+        scene: &Scene,
+        bvh: &Bvh,
+        baked: &Baked,
+        progress: &dyn Progress,
+        show: impl Fn(BakedTransfer) + Sync,
+    ) -> Result<()> {
+        let mut report = BakeReport::default();
+        if let Some(transfer) = self.stored(baked, Lobe::All, &mut report) {
+            show(transfer);
+            return Ok(());
+        }
+        let threads = rayon::current_num_threads().saturating_sub(1).max(1);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let pool = pool.map_err(|e| Error::invalid("--threads", format!("cannot start {threads} threads: {e}")))?;
+        pool.install(|| {
+            if let Some(coarse) = self.plan.coarse() {
+                show(coarse.bake(scene, bvh, baked, Lobe::All, &mut report, progress)?);
+            }
+            show(self.get(scene, bvh, baked, Lobe::All, &mut report, progress)?);
+            Ok(())
+        })
     }
 
     /// From the cache, or baked and kept there.
@@ -61,13 +97,12 @@ impl Transfers {
         report: &mut BakeReport,
         progress: &dyn Progress,
     ) -> Result<BakedTransfer> {
-        let key = cache::transfer_key(&self.key, &format!("{:?} {lobe:?}", self.plan));
-        let stored =
-            self.dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load_transfer(dir, &key, baked)));
+        let stored = self.stored(baked, lobe, report);
         report.cached &= stored.is_some();
         if let Some(transfer) = stored {
             return Ok(transfer);
         }
+        let key = self.key(lobe);
         let transfer = self.plan.bake(scene, bvh, baked, lobe, report, progress)?;
         if let Some(dir) = &self.dir
             && let Err(error) =
@@ -150,11 +185,21 @@ impl Opened {
 impl Session {
     /// Loads and bakes `path` with the lights of `rig_path`, or its own.
     pub fn open(path: &Path, rig_path: Option<&Path>, options: &SceneOptions) -> Result<Self> {
-        Self::open_with(path, rig_path, options, &Terminal::default())
+        let progress = Terminal::default();
+        let mut session = Self::open_direct(path, rig_path, options, &progress)?;
+        let Some(transfers) = &session.transfers else { return Ok(session) };
+        let start = Instant::now();
+        let cpu_start = cpu_seconds();
+        let transfer =
+            transfers.get(&session.scene, &session.bvh, &session.baked, Lobe::All, &mut session.bake, &progress)?;
+        Arc::make_mut(&mut session.baked).transfer = Some(transfer);
+        session.bake.seconds += start.elapsed().as_secs_f64();
+        session.bake.cpu_seconds += cpu_seconds() - cpu_start;
+        Ok(session)
     }
 
-    /// The same as [`Session::open`], with progress told elsewhere.
-    pub fn open_with(
+    /// All but indirect light.
+    pub fn open_direct(
         path: &Path,
         rig_path: Option<&Path>,
         options: &SceneOptions,
@@ -194,9 +239,6 @@ impl Session {
         };
         baked.has_specular |= options.force_all;
         let transfers = plan.map(|plan| Transfers { plan, key, dir: cache_dir.clone() });
-        if let Some(transfers) = &transfers {
-            baked.transfer = Some(transfers.get(&scene, &bvh, &baked, Lobe::All, &mut report, progress)?);
-        }
         report.seconds = start.elapsed().as_secs_f64();
         report.cpu_seconds = cpu_seconds() - cpu_start;
         let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));

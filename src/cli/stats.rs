@@ -45,7 +45,7 @@ pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> V
         "non_finite": written.non_finite,
         "negative": written.negative,
         "memory": memory,
-        "left_out": left_out(session, relighter.traces()),
+        "left_out": left_out(session, relighter.traces(), transfer.is_some()),
     })
 }
 
@@ -67,7 +67,10 @@ fn figures_of_transfer(baked: &Baked) -> Value {
         "bytes": bytes,
         "bytes_per_pixel": bytes as f64 / pixels,
         "macs_per_pixel": multiply_adds as f64 / pixels,
-        "held_out": { "point": null, "spot": null, "worst_tile": null },
+        "held_out": report.held_out.as_ref().map_or(
+            json!({ "point": null, "spot": null, "worst_tile": null }),
+            |r| json!({ "point": r.point, "spot": r.spot, "worst_tile": r.tiles.iter().copied().fold(0.0, f64::max) }),
+        ),
         "spectral_radius": report.spectral_radius,
         "bounces": report.bounces.map_or(json!("inf"), |bounces| json!(bounces)),
         "residual": report.residual,

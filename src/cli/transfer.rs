@@ -4,6 +4,7 @@ use clap::ValueEnum;
 use relume::bake::Baked;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
+use relume::bake::compression::CompressionSettings;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
@@ -20,12 +21,12 @@ use super::session::{BakeReport, check_free};
 #[command(next_help_heading = "Indirect light")]
 pub struct TransferOptions {
     /// Indirect light: none, from gather samples that radiate equally in all directions, or with their gloss.
-    #[arg(long, value_enum, default_value = "off")]
+    #[arg(long, value_enum, default_value = "glossy")]
     pub gi: Gi,
     /// The thesis's method as printed, or ours.
     #[arg(long, value_enum, default_value = "robust")]
     pub method: MethodName,
-    /// Gather samples [default: 2304].
+    /// Gather samples [default: 16384; 2304 in dense form].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub gather: Option<u32>,
     /// Rays a row of the operator, for --method robust.
@@ -38,6 +39,9 @@ pub struct TransferOptions {
     /// How the operator is stored and applied.
     #[arg(long, value_enum, default_value = "auto")]
     pub transfer: Form,
+    /// Relative error of the compressed operator, mean over point lights that it has not learned from.
+    #[arg(long, value_name = "E", default_value_t = 0.01, value_parser = parse_error)]
+    pub error: f64,
     /// Indirect bounces counted at the pixel, or inf [default: inf; 5 with --method thesis].
     #[arg(long, value_name = "N|inf", value_parser = parse_bounces)]
     pub bounces: Option<Bounces>,
@@ -60,6 +64,7 @@ pub enum MethodName {
 pub enum Form {
     Auto,
     Dense,
+    Nested,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,12 +76,17 @@ pub enum Basis {
 /// What is baked, decided.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TransferPlan {
-    Robust(TransferSettings),
+    /// Dense, or compressed to a relative error.
+    Robust(TransferSettings, Option<f64>),
     Thesis(ThesisSettings),
 }
 
 /// Gather samples of the thesis, and of the dense form [Yang 2007, Section 5.2].
 const DENSE_SAMPLES: usize = 2304;
+/// Gather samples of the compressed form.
+const SAMPLES: usize = 16_384;
+/// Random lights that compression learns from.
+const LIGHTS: usize = 256;
 /// Gather samples among which light bounces on.
 const COARSE_SAMPLES: usize = 2304;
 /// Points of all gather samples at which light is looked at.
@@ -90,7 +100,12 @@ impl TransferOptions {
     /// `None` without indirect light; an error where options exclude each other.
     pub fn plan(&self, view: &ViewOptions) -> Result<Option<TransferPlan>> {
         let refuse = |option: &str, reason: &str| Err(Error::invalid(option, reason));
-        let samples = self.gather.map_or(DENSE_SAMPLES, |n| n as usize);
+        let thesis = self.method == MethodName::Thesis;
+        if thesis && self.transfer == Form::Nested {
+            return refuse("--transfer nested", "the thesis's operator is dense");
+        }
+        let dense = thesis || self.transfer == Form::Dense;
+        let samples = self.gather.map_or(if dense { DENSE_SAMPLES } else { SAMPLES }, |n| n as usize);
         let diffuse = match self.gi {
             Gi::Off => return Ok(None),
             Gi::Diffuse => true,
@@ -107,7 +122,7 @@ impl TransferOptions {
                     Some(Basis::Harmonics(count)) => Some(count),
                     _ => None,
                 };
-                Ok(Some(TransferPlan::Robust(TransferSettings {
+                let settings = TransferSettings {
                     outgoing: if diffuse { Outgoing::Diffuse } else { Outgoing::Glossy { functions } },
                     samples,
                     coarse_samples: COARSE_SAMPLES,
@@ -116,7 +131,8 @@ impl TransferOptions {
                     layers: view.layers,
                     bounces: self.bounces.and_then(|bounces| bounces.0),
                     seed: view.seed,
-                })))
+                };
+                Ok(Some(TransferPlan::Robust(settings, (!dense).then_some(self.error))))
             }
             (MethodName::Thesis, basis) => Ok(Some(TransferPlan::Thesis(ThesisSettings {
                 outgoing: if diffuse { Outgoing::Diffuse } else { Outgoing::Glossy { functions: None } },
@@ -139,6 +155,29 @@ impl TransferOptions {
 }
 
 impl TransferPlan {
+    /// For people.
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Robust(settings, error) => {
+                let TransferSettings { samples, rays, bounces, .. } = settings;
+                let bounces = bounces.map_or("all bounces".into(), |bounces| format!("{bounces} bounces"));
+                let form = error.map_or("dense".into(), |error| format!("compressed to an error of {error}"));
+                format!("{samples} gather samples, {rays} rays a row, {bounces}, {form}")
+            }
+            Self::Thesis(ThesisSettings { samples, bounces, .. }) => {
+                format!("{samples} gather samples as in the thesis, {bounces} bounces, dense")
+            }
+        }
+    }
+
+    /// What takes seconds and tells where the light goes; for a compressed form.
+    pub fn coarse(&self) -> Option<Self> {
+        let Self::Robust(settings, Some(error)) = self else { return None };
+        let samples = settings.samples.min(1024);
+        let settings = TransferSettings { samples, points: 4, rays: settings.rays.min(64), ..settings.clone() };
+        Some(Self::Robust(settings, Some(error.max(0.05))))
+    }
+
     /// Bakes the operator of a scene.
     pub fn bake(
         &self,
@@ -151,15 +190,23 @@ impl TransferPlan {
     ) -> Result<BakedTransfer> {
         let advance = |count| progress.advance(count);
         match self {
-            Self::Robust(settings) => {
+            Self::Robust(settings, error) => {
                 progress.begin("bounces", settings.coarse_samples.min(settings.samples));
                 let transfer = report.stage("bounces", || Transfer::new(scene, bvh, baked, settings, &advance));
                 progress.end();
-                check_dense(baked, transfer.column_count(), scene)?;
+                if error.is_none() {
+                    check_dense(baked, transfer.column_count(), scene)?;
+                }
                 progress.begin("transfer", baked.samples.len());
-                let dense = report.stage("transfer", || BakedTransfer::dense(&transfer, baked, lobe, &advance));
+                let made = report.stage("transfer", || match *error {
+                    None => Ok(BakedTransfer::dense(&transfer, baked, lobe, &advance)),
+                    Some(error) => {
+                        let settings = CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
+                        BakedTransfer::nested(&transfer, &settings, &advance)
+                    }
+                });
                 progress.end();
-                Ok(dense)
+                made
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);
@@ -187,6 +234,11 @@ fn check_dense(baked: &Baked, columns: usize, scene: &Scene) -> Result<()> {
     let bytes = 12.0 * (baked.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
     let what = format!("a dense transfer of {columns} coefficients to {} view samples takes", baked.samples.len());
     check_free(bytes, &what, "choose a smaller --size, fewer --gather, or a --basis of fewer functions", &scene.path)
+}
+
+fn parse_error(text: &str) -> std::result::Result<f64, String> {
+    let error = text.parse().ok().filter(|error| (1e-6..=1.0).contains(error));
+    error.ok_or_else(|| "expected a share from 0.000001 to 1, like 0.01".into())
 }
 
 fn parse_basis(text: &str) -> Result<Basis, String> {

@@ -57,10 +57,14 @@ pub fn run(args: &Args) -> Result<()> {
         record: args.record.clone(),
     };
     let (path, rig, options) = (args.scene.clone(), args.rig.clone(), args.scene_options.clone());
-    let report = relume::view::run(settings, move |progress| {
-        let session = Session::open_with(&path, rig.as_deref(), &options, progress)?;
-        let Session { scene, bvh, baked, camera, rig, .. } = session;
-        Ok(Opened { scene, bvh, baked, camera, rig })
+    let report = relume::view::run(settings, move |loader| {
+        let session = Session::open_direct(&path, rig.as_deref(), &options, loader)?;
+        let Session { scene, bvh, baked, camera, rig, transfers, .. } = session;
+        loader.show(Opened { scene: scene.clone(), bvh: bvh.clone(), baked: baked.clone(), camera, rig });
+        match transfers {
+            Some(transfers) => transfers.refine(&scene, &bvh, &baked, loader, |transfer| loader.refine(transfer)),
+            None => Ok(()),
+        }
     })?;
     if let Some(path) = &args.stats {
         output::write_json(path, &json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report }))?;

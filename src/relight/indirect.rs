@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
 
+use super::haar::HaarTransform;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::Piece;
@@ -16,6 +17,7 @@ pub struct Indirect {
     lit: LitSamples,
     /// λ0, then what the chain makes of it; of one light at a time.
     vector: Buffer<Vec4>,
+    haar: Option<HaarTransform>,
     chain: Vec<Product>,
 }
 
@@ -71,13 +73,14 @@ impl Indirect {
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             lit: LitSamples::new(context, transfer)?,
             vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
+            haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.samples)).transpose()?,
             chain,
         })
     }
 
     /// Passes that [`Self::add`] records.
     pub fn pass_count(&self) -> usize {
-        1 + self.chain.len()
+        1 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + self.chain.len()
     }
 
     /// Adds the indirect light of `light` to `target`; `visibility` is that of the points.
@@ -86,6 +89,9 @@ impl Indirect {
             return;
         }
         self.lit.shade(frame, light, &self.points, visibility, &self.vector);
+        if let Some(haar) = &self.haar {
+            haar.run(frame, &self.vector);
+        }
         for product in &self.chain {
             product.run(frame, &self.vector, target);
         }

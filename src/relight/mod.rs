@@ -1,6 +1,7 @@
 //! The whole frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
 
 pub mod exposure;
+mod haar;
 mod indirect;
 pub mod light_cache;
 pub mod limits;
@@ -21,6 +22,7 @@ pub use self::visibility::VisibilityMethod;
 use self::visibility::{Visibility, VisibilityBuffers, trace};
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
+use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, Pass, PassTime, Pixels, Screen};
 use crate::reference::resolve;
@@ -210,6 +212,19 @@ impl Relighter {
             self.images.push(Buffer::new(&self.context, "light images", Access::Device, elements)?);
         }
         self.cache.set_rig(rig, self.images.len());
+        Ok(())
+    }
+
+    /// Takes over another transfer to the same view samples; the next picture shows it.
+    pub fn set_transfer(&mut self, transfer: BakedTransfer) -> Result<()> {
+        let indirect = Indirect::new(&self.context, &transfer)?;
+        let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
+        self.visibility = VisibilityBuffers::new(&self.context, &baked)?;
+        self.gpu.emission = upload_emission(&self.context, &baked)?;
+        self.indirect = Some(indirect);
+        self.baked = baked;
+        self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
+        self.shown = None;
         Ok(())
     }
 
@@ -521,18 +536,20 @@ impl Parts<'_> {
 
 impl GpuBaked {
     fn new(context: &Arc<Context>, baked: &Baked) -> Result<Self> {
-        let emission = emission(baked);
-        let emission =
-            (!emission.is_empty()).then(|| Buffer::from_slice(context, "emission", &emission)).transpose()?;
         Ok(Self {
             samples: Buffer::from_slice(context, "view samples", &baked.samples)?,
             brdfs: Buffer::from_slice(context, "brdfs", &baked.brdfs)?,
             extra_samples: Buffer::from_slice(context, "view samples (extra)", &baked.extra_samples)?,
             extra_indices: Buffer::from_slice(context, "view samples (extra indices)", &baked.extra_indices)?,
             extra_pixels: Buffer::from_slice(context, "view samples (extra pixels)", &baked.extra_pixels)?,
-            emission,
+            emission: upload_emission(context, baked)?,
         })
     }
+}
+
+fn upload_emission(context: &Arc<Context>, baked: &Baked) -> Result<Option<Buffer<f32>>> {
+    let emission = emission(baked);
+    (!emission.is_empty()).then(|| Buffer::from_slice(context, "emission", &emission)).transpose()
 }
 
 /// Emitters as seen and all their indirect light: planes R, G, B; empty where nothing emits.

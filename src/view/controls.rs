@@ -51,6 +51,14 @@ impl ViewState {
 }
 
 /// The panel: lights, the selected one's values, picture, history.
+/// What is baked behind the picture, and how far it is.
+pub fn baking(ui: &mut Ui, what: &str, share: f32) {
+    egui::Panel::bottom("baking").show(ui, |ui| {
+        ui.label(RichText::new(format!("indirect light: {what}")).small());
+        ui.add(egui::ProgressBar::new(share).show_percentage());
+    });
+}
+
 pub fn panel(ui: &mut Ui, desk: &mut Desk, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {

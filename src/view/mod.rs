@@ -1,7 +1,8 @@
 //! The window: lights follow keyboard and mouse, and the picture follows the lights.
 //!
 //! One thread waits at one place, winit's event loop. Whatever happened by then is taken in as one edit, one frame is
-//! made of it, and at rest nothing is drawn. Scenes load and bake on another thread, behind a progress bar.
+//! made of it, and at rest nothing is drawn. Scenes load and bake on another thread, behind a progress bar; indirect light is
+//! baked while direct light can be edited already.
 
 mod controls;
 pub mod desk;
@@ -19,7 +20,7 @@ mod window;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-pub use self::load::LoadProgress;
+pub use self::load::Loader;
 pub use self::window::run;
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;

@@ -10,6 +10,7 @@ use super::controls::{Action, Dialog, ViewState};
 use super::desk::{Desk, Pick};
 use super::history::rounded;
 use super::keys::Command;
+use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::{Picture, RelightSettings, Relighter, ToneMap, exposure};
@@ -75,6 +76,11 @@ impl Stage {
         self.relighter.set_rig(&self.desk.shown_rig())?;
         self.relighter.select(self.desk.history().focus());
         Ok(())
+    }
+
+    /// Indirect light takes the place of what there was.
+    pub fn refine(&mut self, transfer: BakedTransfer) -> Result<()> {
+        self.relighter.set_transfer(transfer)
     }
 
     pub fn draw(&mut self, view: &ViewState, screen: Screen) -> Result<()> {

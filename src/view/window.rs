@@ -12,7 +12,7 @@ use winit::window::{Fullscreen, WindowId};
 use super::controls::{self, Action, PANEL_WIDTH, ViewState};
 use super::graphics::Graphics;
 use super::keys::{self, Command};
-use super::load::{LoadEvent, LoadProgress};
+use super::load::{LoadEvent, Loader};
 use super::pick::placement;
 use super::script::Script;
 use super::stage::{Pointer, Stage, Then};
@@ -21,21 +21,14 @@ use super::{Latency, Opened, ViewReport, ViewSettings, overlay};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{Placement, Screen, UiFrame};
 
-/// Opens a window and runs it until it is closed. `load` runs on a thread of its own.
-pub fn run(
-    settings: ViewSettings,
-    load: impl FnOnce(&LoadProgress) -> Result<Opened> + Send + 'static,
-) -> Result<ViewReport> {
+/// Opens a window and runs it until it is closed. `load` runs on a thread of its own and shows what it has loaded.
+pub fn run(settings: ViewSettings, load: impl FnOnce(&Loader) -> Result<()> + Send + 'static) -> Result<ViewReport> {
     let no_window = |source: Cause| Error::NoWindow { source };
     let event_loop = EventLoop::<LoadEvent>::with_user_event().build().map_err(|e| no_window(e.into()))?;
-    let proxy = event_loop.create_proxy();
-    let progress = LoadProgress::new(proxy.clone());
+    let loader = Loader::new(event_loop.create_proxy());
     let mut app = App::new(settings);
     // Not joined: who closes the window during a long bake does not wait for it.
-    std::thread::spawn(move || {
-        let opened = load(&progress);
-        let _ = proxy.send_event(LoadEvent::Opened(Box::new(opened)));
-    });
+    std::thread::spawn(move || loader.end(load(&loader)));
     event_loop.run_app(&mut app).map_err(|e| no_window(e.into()))?;
     app.finish()
 }
@@ -49,7 +42,7 @@ struct App {
     stage: Option<Stage>,
     graphics: Option<Graphics>,
     /// What the loading thread does, and how far it is.
-    loading: (&'static str, f32),
+    loading: Option<(&'static str, f32)>,
     pointer: Option<egui::Pos2>,
     panning: bool,
     pan: [f32; 2],
@@ -92,7 +85,7 @@ impl App {
             view,
             stage: None,
             graphics: None,
-            loading: ("loading", 0.0),
+            loading: Some(("loading", 0.0)),
             pointer: None,
             panning: false,
             pan: [0.0; 2],
@@ -315,12 +308,17 @@ impl App {
         let scale = graphics.pixels_per_point();
         let mut actions = Vec::new();
         let output = context.run_ui(input, |ui| match stage {
-            None => loading_bar(ui, name, loading),
+            None => loading_bar(ui, name, loading.unwrap_or_default()),
             Some(stage) => {
                 let rig_path = stage.rig_path().map(ToOwned::to_owned);
                 if view.panel {
                     let side = egui::Panel::right("panel").exact_size(PANEL_WIDTH).resizable(false);
-                    side.show(ui, |ui| controls::panel(ui, &mut stage.desk, view, name, &mut actions));
+                    side.show(ui, |ui| {
+                        if let Some((what, share)) = loading {
+                            controls::baking(ui, what, share);
+                        }
+                        controls::panel(ui, &mut stage.desk, view, name, &mut actions)
+                    });
                     let project = |point| Some(stage.opened.project(placement, point)? / scale);
                     overlay::marks(ui, &stage.desk, project);
                 }
@@ -412,10 +410,23 @@ impl ApplicationHandler<LoadEvent> for App {
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, event: LoadEvent) {
         match event {
-            LoadEvent::Progress { what, share } => self.loading = (what, share),
+            LoadEvent::Progress { what, share } => self.loading = Some((what, share)),
             LoadEvent::Opened(opened) => {
-                let outcome = opened.and_then(|opened| self.open(opened)).map(|()| Then::Continue);
+                let outcome = self.open(*opened).map(|()| Then::Continue);
                 self.check(outcome, event_loop);
+            }
+            LoadEvent::Refined(transfer) => {
+                let outcome = self.stage.as_mut().map_or(Ok(()), |stage| stage.refine(*transfer));
+                self.stale = true;
+                self.check(outcome.map(|()| Then::Continue), event_loop);
+            }
+            LoadEvent::Ended(outcome) => {
+                self.loading = None;
+                match (&mut self.stage, outcome) {
+                    // Direct light can still be edited.
+                    (Some(stage), Err(error)) => stage.desk.message = format!("no indirect light: {error}"),
+                    (_, outcome) => self.check(outcome.map(|()| Then::Continue), event_loop),
+                }
             }
         }
         self.ask_for_frame();

@@ -41,10 +41,20 @@ macro_rules! render {
     };
 }
 
+/// Baking indirect light takes many seconds: a command that says nothing of it is run without.
+pub fn without_indirect(command: &mut Command) -> &mut Command {
+    let bakes = ["render", "bake", "view", "bench"].map(OsStr::new);
+    let is_gi = |argument: &OsStr| argument.as_encoded_bytes().starts_with(b"--gi");
+    if command.get_args().next().is_some_and(|a| bakes.contains(&a)) && !command.get_args().any(is_gi) {
+        command.args(["--gi", "off"]);
+    }
+    command
+}
+
 impl Run {
     #[track_caller]
     pub fn of(command: &mut Command) -> Self {
-        let output = command.output().unwrap();
+        let output = without_indirect(command).output().unwrap();
         Self::from(output)
     }
 

@@ -36,6 +36,7 @@ pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer
         ("height", baked.tiling.height.to_string()),
         ("points_per_sample", transfer.points_per_sample.to_string()),
         ("vector_length", transfer.vector_length.to_string()),
+        ("haar", transfer.haar.to_string()),
         ("report", serde_json::to_string(&transfer.report).expect("plain numbers")),
     ];
     let shapes: Vec<[u32; 3]> = transfer.chain.iter().map(|m| [m.channels, m.input_count, m.output_count]).collect();
@@ -61,6 +62,7 @@ fn decode(bytes: &[u8], baked: &Baked) -> Option<BakedTransfer> {
         emission: reader.take("emission")?,
         points_per_sample: reader.field("points_per_sample")?,
         vector_length: reader.field("vector_length")?,
+        haar: reader.field("haar")?,
         report: serde_json::from_str(reader.metadata.get("report")?).ok()?,
         ..Default::default()
     };

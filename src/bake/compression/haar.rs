@@ -17,21 +17,12 @@ use std::ops::{Add, Sub};
 use glam::DVec3;
 
 use crate::bake::point_tree::middle;
-
-/// One step of the transform: `sum` and `term` are places in a vector of coefficients.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rotation {
-    pub sum: u32,
-    pub term: u32,
-    /// √l/√(l+r) and √r/√(l+r).
-    pub cosine: f32,
-    pub sine: f32,
-}
+use crate::shared::Rotation;
 
 /// The transform of coefficients whose sample i has `first[i]..first[i + 1]`, as [`Level`] counts them.
 ///
 /// [`Level`]: crate::bake::transfer::level::Level
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Haar {
     /// From the bottom of the tree up; those of one height touch no place twice.
     pub rotations: Vec<Rotation>,

@@ -6,7 +6,7 @@ use super::clusters::Clusters;
 use super::{DECIDING, Fitted, POINTS, SPOTS};
 
 /// Errors against the rows that the operator was made of, root mean square over all view samples and channels.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Report {
     /// Relative error of the image, mean over held-out point lights and over held-out spots.
     pub point: f64,

@@ -158,6 +158,14 @@ impl<'a> Transfer<'a> {
         self.row_gatherer(lobe).gather(view_samples)
     }
 
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
+    pub fn bvh(&self) -> &'a Bvh {
+        self.bvh
+    }
+
     /// The view samples that rows are gathered for.
     pub fn baked(&self) -> &'a Baked {
         self.baked

@@ -39,6 +39,7 @@ impl BakedTransfer {
             capped: transfer.certificate.capped,
             residual: 0.0,
             bounces: transfer.bounces(),
+            held_out: None,
         };
         let transfer = Self { emission, report, ..Self::new(&transfer.fine, vector_length, vec![bounce, last]) };
         transfer.with_packets()

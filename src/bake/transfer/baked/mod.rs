@@ -2,6 +2,7 @@
 //! matrices from there to view samples.
 
 mod dense;
+mod nested;
 
 use bytemuck::Zeroable;
 use glam::{Vec3, Vec4};
@@ -9,6 +10,7 @@ use glam::{Vec3, Vec4};
 use super::blocks::BlockMatrix;
 use super::level::Level;
 use crate::bake::brdf_factors::roughness_coordinate;
+use crate::bake::compression;
 use crate::bake::gather_samples::GatherSamples;
 use crate::bake::octahedral;
 use crate::bake::packet::SamplePacket;
@@ -33,6 +35,8 @@ pub struct BakedTransfer {
     /// Length of the vector that the chain works on. It begins with λ0; every matrix but the last writes a part that the
     /// next ones read.
     pub vector_length: usize,
+    /// Whether λ0 is Haar transformed first, in place.
+    pub haar: bool,
     /// The last one's results are view samples.
     pub chain: Vec<BlockMatrix>,
     /// Indirect radiance of emitters at each view sample; empty without emitters.
@@ -53,6 +57,8 @@ pub struct TransferReport {
     pub residual: f64,
     /// Indirect bounces counted at the pixel; without, all of them.
     pub bounces: Option<u32>,
+    /// Of the compressed form.
+    pub held_out: Option<compression::Report>,
 }
 
 impl BakedTransfer {

@@ -1,0 +1,88 @@
+//! The compressed form: Haar terms of direct light, then the nested bases of superclusters and tiles.
+
+use glam::{DVec3, Vec3};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+
+use super::{BakedTransfer, TransferReport};
+use crate::bake::compression::data::{Compressed, Supercluster};
+use crate::bake::compression::{CompressionSettings, Compressor};
+use crate::bake::transfer::Transfer;
+use crate::bake::transfer::blocks::{BlockMatrix, Dense};
+use crate::bake::transfer::rows::Lobe;
+use crate::error::Result;
+use crate::reference::gather;
+use crate::shared::{NO_BRDF, PackedLight};
+
+impl BakedTransfer {
+    /// Our operator, compressed. `progress` counts view samples.
+    pub fn nested(transfer: &Transfer, settings: &CompressionSettings, progress: &dyn Fn(usize)) -> Result<Self> {
+        let direct = |light: &PackedLight| gather::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
+        let (compressed, held_out) = Compressor::new(transfer, &direct, settings)?.compress(progress);
+        let report = TransferReport {
+            method: "robust".into(),
+            form: "nested".into(),
+            spectral_radius: transfer.certificate.spectral_radius,
+            capped: transfer.certificate.capped,
+            bounces: transfer.bounces(),
+            held_out: Some(held_out),
+            ..Default::default()
+        };
+        let (vector_length, chain) = chain(&compressed, transfer.baked().samples.len());
+        let plain = Self::new(&transfer.fine, vector_length, chain);
+        Ok(Self { haar: true, emission: emission(transfer, settings.lobe), report, ..plain })
+    }
+}
+
+/// Indirect radiance of emitters, exactly; empty without any.
+fn emission(transfer: &Transfer, lobe: Lobe) -> Vec<Vec3> {
+    let emitted = transfer.emission();
+    if emitted.iter().all(|e| *e == DVec3::ZERO) {
+        return Vec::new();
+    }
+    let samples = &transfer.baked().samples;
+    let reflecting: Vec<u32> = (0..samples.len() as u32).filter(|&i| samples[i as usize].brdf != NO_BRDF).collect();
+    let radiance = transfer.apply(&[emitted], &reflecting, lobe, &|_| ()).remove(0);
+    let mut all = vec![Vec3::ZERO; samples.len()];
+    reflecting.iter().zip(radiance).for_each(|(&i, e)| all[i as usize] = e.as_vec3());
+    all
+}
+
+/// V, B and U as block matrices on the vector [terms, y of all superclusters, c of all tiles]; and its length.
+fn chain(compressed: &Compressed, view_samples: usize) -> (usize, Vec<BlockMatrix>) {
+    let ranks = |s: &Supercluster| s.rank as usize;
+    let first_c = compressed.coefficients + compressed.superclusters.iter().map(ranks).sum::<usize>();
+    let length = first_c + compressed.tiles.iter().map(|t| t.rank as usize).sum::<usize>();
+    let mut v = BlockMatrix::new(3, length, length);
+    let mut b = BlockMatrix::new(1, length, length);
+    let mut u = BlockMatrix::new(1, length, view_samples);
+    let (mut y, mut c) = (compressed.coefficients as u32, first_c as u32);
+    for supercluster in &compressed.superclusters {
+        let terms = &compressed.terms[supercluster.first_term as usize..][..supercluster.terms as usize];
+        let ys: Vec<u32> = (y..y + supercluster.rank).collect();
+        let values = floats(&compressed.v, supercluster.first_v, 3 * ys.len() * terms.len(), 1.0);
+        v.push(&Dense { columns: terms, rows: &ys, values: &values });
+        y += supercluster.rank;
+        let tiles = &compressed.tiles[supercluster.first_tile as usize..][..supercluster.tiles as usize];
+        // All tiles of a supercluster read the same.
+        let cs: Vec<u32> = (c..c + tiles.iter().map(|t| t.rank).sum::<u32>()).collect();
+        let first_b = tiles.first().map_or(0, |t| t.first_b);
+        let values = floats(&compressed.b, first_b, cs.len() * ys.len(), 1.0);
+        b.push(&Dense { columns: &ys, rows: &cs, values: &values });
+        for tile in tiles {
+            let columns: Vec<u32> = (c..c + tile.rank).collect();
+            let rows = &compressed.samples[tile.first_sample as usize..][..tile.samples as usize];
+            let values = floats(&compressed.u, tile.first_u, rows.len() * columns.len(), compressed.scale);
+            u.push(&Dense { columns: &columns, rows, values: &values });
+            c += tile.rank;
+        }
+    }
+    (length, vec![v, b, u])
+}
+
+fn floats(factors: &[f16], first: u64, count: usize, scale: f32) -> Vec<f32> {
+    let mut values = vec![0.0; count];
+    factors[first as usize..][..count].convert_to_f32_slice(&mut values);
+    values.iter_mut().for_each(|v| *v *= scale);
+    values
+}

@@ -1,0 +1,150 @@
+//! The Haar transform of λ0 on the device: subtrees of gather samples first, a workgroup each, then what is above them.
+
+use std::sync::Arc;
+
+use glam::Vec4;
+
+use crate::bake::compression::haar::Haar;
+use crate::bake::point_tree::middle;
+use crate::error::Result;
+use crate::gpu::{Buffer, Context, Frame, Kernel};
+use crate::shared::{GROUP_SIZE, HaarPush, LightSample, Rotation};
+
+pub struct HaarTransform {
+    rotations: Buffer<Rotation>,
+    launches: Vec<Launch>,
+    kernel: Kernel,
+}
+
+/// Subtrees of the same height.
+struct Launch {
+    /// `height_count` + 1 a subtree.
+    ranges: Buffer<u32>,
+    subtree_count: u32,
+    height_count: u32,
+}
+
+/// Samples of a subtree, at most: they and their rotations fit a core's cache.
+const SUBTREE: usize = 256;
+
+impl HaarTransform {
+    pub fn new(context: &Arc<Context>, samples: &[LightSample]) -> Result<Self> {
+        let mut first: Vec<u32> = samples.iter().map(|s| s.first).collect();
+        first.extend(samples.last().map(|s| s.first + s.degrees * s.degrees));
+        let order = Order::new(&first);
+        let launch = |ranges: &Vec<Vec<u32>>| -> Result<Launch> {
+            Ok(Launch {
+                ranges: Buffer::from_slice(context, "transfer (Haar ranges)", &ranges.concat())?,
+                subtree_count: ranges.len() as u32,
+                height_count: ranges.first().map_or(0, |r| r.len() as u32 - 1),
+            })
+        };
+        Ok(Self {
+            rotations: Buffer::from_slice(context, "transfer (Haar rotations)", &order.rotations)?,
+            launches: order.launches.iter().map(launch).collect::<Result<_>>()?,
+            kernel: Kernel::new(context, "haar", &[])?,
+        })
+    }
+
+    pub fn pass_count(&self) -> usize {
+        self.launches.len()
+    }
+
+    /// Transforms the beginning of `vector`, in place.
+    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>) {
+        for launch in &self.launches {
+            let mut pass = frame.pass("Haar transform");
+            let push = HaarPush {
+                rotations: pass.read(&self.rotations),
+                ranges: pass.read(&launch.ranges),
+                vector: pass.write(vector),
+                subtree_count: launch.subtree_count,
+                height_count: launch.height_count,
+            };
+            pass.dispatch(&self.kernel, &push, launch.subtree_count * GROUP_SIZE);
+        }
+    }
+}
+
+/// Rotations in the order in which they run.
+struct Order {
+    rotations: Vec<Rotation>,
+    /// Of each launch, of each of its subtrees: where the rotations of each height begin, and where the last ones end.
+    launches: Vec<Vec<Vec<u32>>>,
+}
+
+impl Order {
+    /// For coefficients of which sample i has `first[i]..first[i + 1]`.
+    fn new(first: &[u32]) -> Self {
+        let haar = Haar::new(first);
+        let samples = first.len().saturating_sub(1);
+        let mut ends = Vec::new();
+        subtrees(0, samples, &mut ends);
+        let subtree_of = |place: u32| {
+            let sample = first.partition_point(|&f| f <= place) - 1;
+            ends.partition_point(|&end| end <= sample)
+        };
+        // Those above all subtrees come last, as one more.
+        let top = ends.len();
+        let mut keyed: Vec<(usize, usize, Rotation)> = Vec::new();
+        for (height, range) in haar.heights.windows(2).enumerate() {
+            for rotation in &haar.rotations[range[0]..range[1]] {
+                let [sum, term] = [rotation.sum, rotation.term].map(subtree_of);
+                keyed.push((if sum == term { sum } else { top }, height, *rotation));
+            }
+        }
+        keyed.sort_by_key(|(subtree, height, _)| (*subtree, *height));
+        let heights = |subtrees: std::ops::Range<usize>| {
+            let of_these: Vec<usize> =
+                keyed.iter().filter(|(s, ..)| subtrees.contains(s)).map(|(_, height, _)| *height).collect();
+            let (lowest, highest) = (of_these.iter().min(), of_these.iter().max());
+            let heights = lowest.zip(highest).map_or(0..0, |(lowest, highest)| *lowest..highest + 1);
+            let begin =
+                |subtree: usize, height: usize| keyed.partition_point(|(s, h, _)| (*s, *h) < (subtree, height)) as u32;
+            let ranges = |subtree: usize| (heights.start..=heights.end).map(|h| begin(subtree, h)).collect();
+            if heights.is_empty() { Vec::new() } else { subtrees.map(ranges).collect::<Vec<Vec<u32>>>() }
+        };
+        let launches = [heights(0..top), heights(top..top + 1)].into_iter().filter(|l| !l.is_empty()).collect();
+        Self { launches, rotations: keyed.into_iter().map(|(_, _, rotation)| rotation).collect() }
+    }
+}
+
+/// Where each node of at most [`SUBTREE`] samples ends whose parent has more.
+fn subtrees(first: usize, end: usize, ends: &mut Vec<usize>) {
+    if end - first <= SUBTREE {
+        ends.push(end);
+        return;
+    }
+    let middle = middle(first, end);
+    subtrees(first, middle, ends);
+    subtrees(middle, end, ends);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every height of every subtree in turn is the transform, whichever subtree comes first.
+    #[test]
+    fn subtrees_and_what_is_above_them_are_the_whole_transform() {
+        for samples in [0, 1, 2, 255, 256, 257, 1000, 5003] {
+            let mut first = vec![0];
+            (0..samples).for_each(|i| first.push(first[i] + [1, 4, 1, 9, 16, 0][i % 5]));
+            let length = first[samples] as usize;
+            let order = Order::new(&first);
+            let mut values: Vec<[f32; 1]> = (0..length).map(|i| [(i as f32 * 0.37).sin()]).collect();
+            let mut want = values.clone();
+            Haar::new(&first).transform(&mut want);
+            for launch in &order.launches {
+                for ranges in launch.iter().rev() {
+                    for r in &order.rotations[ranges[0] as usize..ranges[ranges.len() - 1] as usize] {
+                        let (left, right) = (values[r.sum as usize][0], values[r.term as usize][0]);
+                        values[r.sum as usize] = [r.cosine * left + r.sine * right];
+                        values[r.term as usize] = [r.sine * left - r.cosine * right];
+                    }
+                }
+            }
+            assert_eq!(values, want, "{samples} samples");
+        }
+    }
+}
