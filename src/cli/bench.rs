@@ -308,7 +308,7 @@ fn describe_transfer(session: &Session, records: &[Record], copy_gb_s: f64) -> O
     let (bytes, multiply_adds) = session.baked.transfer.as_ref()?.cost();
     let moved = records.iter().filter(|r| r.edit == "move" && r.scene == session.scene.name());
     let transfer = |record: &Record| -> f64 {
-        let of_it = |pass: &&PassRecord| pass.name.contains("ransfer") && pass.on == Site::Gpu;
+        let of_it = |pass: &&PassRecord| pass.name == "Haar transform" || pass.name.starts_with("transfer");
         record.passes.iter().filter(of_it).map(|pass| pass.best_ms).sum()
     };
     let best = moved.map(transfer).fold(f64::INFINITY, f64::min);
