@@ -12,7 +12,7 @@ use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::{MOST_COARSE_COEFFICIENTS, Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::exr;
 use relume::reference::gather;
@@ -481,4 +481,16 @@ fn the_specular_lobe_is_a_part() {
         let part = sum(Lobe::Specular) / sum(Lobe::All);
         assert!(share.contains(&part), "{part} of the light is specular, expected {share:?}");
     }
+}
+
+/// Where all is glossy, samples that light bounces among keep fewer functions: their matrix is inverted as a whole.
+#[test]
+fn coarse_levels_stay_small_where_all_is_glossy() {
+    let metal = || Material { metallic: 1.0, roughness: 0.35, ..Default::default() };
+    let stage = Stage::inside(room(metal(), metal()));
+    let transfer = stage.transfer(&TransferSettings { coarse_samples: 1300, ..settings(1400, 4) });
+    let coarse = transfer.coarse.as_ref().unwrap();
+    let count = coarse.coefficient_count();
+    assert!(count > 4 * coarse.samples.len() && count <= MOST_COARSE_COEFFICIENTS, "{count}");
+    assert!(transfer.fine.coefficient_count() > 16 * transfer.fine.samples.len(), "direct light keeps its own");
 }

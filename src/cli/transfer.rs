@@ -125,7 +125,8 @@ impl TransferOptions {
                 let settings = TransferSettings {
                     outgoing: if diffuse { Outgoing::Diffuse } else { Outgoing::Glossy { functions } },
                     samples,
-                    coarse_samples: COARSE_SAMPLES,
+                    // The compressed form inverts the matrix among them.
+                    coarse_samples: if dense { COARSE_SAMPLES } else { COARSE_SAMPLES.min(samples / 2) },
                     points: (POINTS / samples).clamp(1, 16),
                     rays: self.rays,
                     layers: view.layers,
@@ -174,7 +175,9 @@ impl TransferPlan {
     pub fn coarse(&self) -> Option<Self> {
         let Self::Robust(settings, Some(error)) = self else { return None };
         let samples = settings.samples.min(1024);
-        let settings = TransferSettings { samples, points: 4, rays: settings.rays.min(64), ..settings.clone() };
+        let coarse_samples = settings.coarse_samples.min(samples / 4);
+        let rays = settings.rays.min(64);
+        let settings = TransferSettings { samples, coarse_samples, points: 4, rays, ..settings.clone() };
         Some(Self::Robust(settings, Some(error.max(0.05))))
     }
 

@@ -5,12 +5,9 @@ use rayon::prelude::*;
 
 use super::linear;
 use super::panels::{self, Panels, WIDTH};
-use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::Rows;
+use crate::bake::transfer::{MOST_COARSE_COEFFICIENTS, Transfer};
 use crate::{Error, Result};
-
-/// Coefficients among which light bounces on, at most: their dense inverses take 2 GiB.
-const MOST_COEFFICIENTS: usize = 12_000;
 
 /// I + G + G² + ... as dense matrices, and what comes before it.
 pub struct Bounces<'a> {
@@ -26,9 +23,10 @@ pub struct Bounces<'a> {
 impl<'a> Bounces<'a> {
     pub fn new(transfer: &'a Transfer) -> Result<Self> {
         let size = transfer.among.len();
-        if size > MOST_COEFFICIENTS {
-            let reason =
-                format!("light bounces among {size} coefficients, at most {MOST_COEFFICIENTS} can be compressed");
+        if size > MOST_COARSE_COEFFICIENTS {
+            let reason = format!(
+                "light bounces among {size} coefficients, at most {MOST_COARSE_COEFFICIENTS} can be compressed"
+            );
             return Err(Error::invalid("transfer", reason + "; fewer coarse samples"));
         }
         let bounces = transfer.bounces();

@@ -106,19 +106,24 @@ impl<'a> Transfer<'a> {
         settings: &TransferSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
-        let level = |count: usize, points: usize, seed: u64, most: u8| {
+        let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
             let placement = Placement::Clustered { points };
             let mut samples = GatherSamples::place(scene, bvh, placement, count, seed);
             if settings.outgoing == Outgoing::Diffuse {
                 samples.samples.iter_mut().for_each(|s| s.brdf = lambert(&s.brdf));
             }
-            let functions: Vec<u8> =
-                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most)).collect();
+            let with = |most: u8| -> Vec<u8> {
+                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most)).collect()
+            };
+            let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
+            let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
             Level::new(scene, samples, &functions)
         };
-        let fine = level(settings.samples, settings.points, settings.seed, MOST_FUNCTIONS);
-        let coarse = (settings.coarse_samples < settings.samples)
-            .then(|| level(settings.coarse_samples.max(1), RAY_POINTS, settings.seed ^ 1 << 32, MOST_COARSE_FUNCTIONS));
+        let fine = level(settings.samples, settings.points, settings.seed, &[MOST_FUNCTIONS], usize::MAX);
+        let coarse = (settings.coarse_samples < settings.samples).then(|| {
+            let (count, seed) = (settings.coarse_samples.max(1), settings.seed ^ 1 << 32);
+            level(count, RAY_POINTS, seed, &COARSE_FUNCTIONS, MOST_COARSE_COEFFICIENTS)
+        });
         let receivers = coarse.as_ref().unwrap_or(&fine);
         let gatherer = BounceGatherer {
             paths: Paths::new(scene, bvh, settings.layers),
@@ -282,8 +287,10 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
 const DROPPED: f32 = 0.01;
 /// Functions of a fine sample at most, for direct light: highlights that it casts.
 const MOST_FUNCTIONS: u8 = MAX_FUNCTIONS as u8;
-/// Functions of a coarse sample at most: light that has bounced is smoother.
-const MOST_COARSE_FUNCTIONS: u8 = 16;
+/// Functions of a coarse sample at most, the first that fits: light that has bounced is smoother.
+const COARSE_FUNCTIONS: [u8; 4] = [16, 9, 4, 1];
+/// Coefficients of a coarse level: compression inverts the matrix among them.
+pub const MOST_COARSE_COEFFICIENTS: usize = 12_000;
 
 fn capped(samples: &GatherSamples) -> f64 {
     let (mut kept, mut all) = (0.0, 0.0);
