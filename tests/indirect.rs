@@ -11,12 +11,14 @@ use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels,
 use glam::{DVec3, Vec3, Vec4};
 use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
+use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::compression::haar::Haar;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::blocks::{BlockMatrix, Dense};
 use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::gpu::{Access, Buffer, Frames, Kernel};
 use relume::reference::{gather, resolve};
@@ -411,6 +413,40 @@ fn compressed_pictures_are_what_the_factors_say() {
     let seen = plain.relighter(&gpu, &lights(), &setup).linear(Picture::Emission).unwrap().to_vec();
     let want: Vec<DVec3> = seen.iter().zip(by_emitters).map(|(s, e)| Vec3::from(*s).as_dvec3() + e).collect();
     assert!(distance(&emitted, &want) < 1e-5);
+}
+
+/// The thesis's operator on the device, its factored BRDFs included, against the same on the CPU.
+#[test]
+fn pictures_of_the_thesis_are_what_its_operator_says() {
+    let gpu = gpu();
+    let (scene, camera) = room();
+    let setup = Setup::new(24, 20);
+    let mut stage = Stage::new(scene, &camera, &lights(), &setup);
+    let (scene, bvh, baked) = (stage.scene.clone(), stage.bvh.clone(), stage.baked.clone());
+    let settings = ThesisSettings {
+        outgoing: Outgoing::Glossy { functions: None },
+        samples: 200,
+        terms: Terms::Count(4),
+        bounces: 3,
+        seed: 1,
+    };
+    let thesis = Thesis::new(&scene, &bvh, &baked, &settings, &|_| ());
+    let transfer = BakedTransfer::thesis(&thesis, &baked, Lobe::All, &|_| ());
+    assert!(transfer.is_consistent(baked.samples.len()) && !transfer.factored.is_empty());
+    stage.baked = Arc::new(Baked { transfer: Some(transfer), ..(*baked).clone() });
+    let mut relighter = stage.relighter(&gpu, &lights(), &setup);
+    relighter.set_layers(Layers::Indirect);
+    let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
+    let rows = thesis.rows(&all, Lobe::All);
+    for (i, light) in lights().lights.iter().enumerate() {
+        let direct = gather::shade_thesis(&scene, &bvh, &thesis, &light.pack(scene.origin));
+        let scale = light.scale().as_dvec3();
+        let want: Vec<DVec3> =
+            resolved(&stage, &rows.multiply(&thesis.bounce(&direct))).into_iter().map(|p| scale * p).collect();
+        let error = distance(relighter.linear(Picture::Light(i)).unwrap(), &want);
+        // Factors in float16, and sums of terms of either sign.
+        assert!(error < 1e-3, "{}: off by {error:.2e}", light.name);
+    }
 }
 
 /// Shadow maps see gather samples as well as rays do, but for the width of a texel.
