@@ -1,33 +1,35 @@
 //! The whole frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
 
 pub mod exposure;
+mod gpu_baked;
 mod haar;
 mod indirect;
 pub mod light_cache;
 pub mod limits;
 mod output;
+mod passes;
 mod shadow_map;
 mod visibility;
 
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{DVec3, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 
-use self::indirect::{Indirect, Target};
+use self::gpu_baked::{GpuBaked, upload_emission};
+use self::indirect::Indirect;
 use self::light_cache::{LightCache, Plan, Source, Step, Term};
 use self::output::{Output, Outputs};
+use self::passes::Parts;
 use self::shadow_map::ShadowMaps;
+use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
-use self::visibility::{Visibility, VisibilityBuffers, trace};
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frame, Frames, Kernel, Pass, PassTime, Pixels, Screen};
-use crate::reference::resolve;
-use crate::scene::{Light, Rig, Scene};
-use crate::shared::*;
+use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
+use crate::scene::{Rig, Scene};
 
 /// How pictures leave the relighter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,16 +120,6 @@ pub struct Relighter {
     shown: Option<(Output, Vec<Term>)>,
     /// Times of the frames that the last call took.
     times: Vec<PassTime>,
-}
-
-/// The baked data that kernels read.
-struct GpuBaked {
-    samples: Buffer<ViewSample>,
-    brdfs: Buffer<Brdf>,
-    extra_samples: Buffer<ExtraSample>,
-    extra_indices: Buffer<u32>,
-    extra_pixels: Buffer<ExtraPixel>,
-    emission: Option<Buffer<f32>>,
 }
 
 struct Kernels {
@@ -368,204 +360,5 @@ fn slot_count(rig: &Rig, image_budget: usize) -> usize {
     image_budget.clamp(fewest, most)
 }
 
-/// Draw a shadow map, look it up twice, shade, resolve.
-const PASSES_A_LIGHT: usize = 5;
 /// Composite, fit, present, user interface.
 const LAST_PASSES: usize = 4;
-
-/// What passes touch, borrowed for one frame.
-struct Parts<'a> {
-    scene: &'a Scene,
-    bvh: &'a Bvh,
-    baked: &'a Baked,
-    gpu: &'a GpuBaked,
-    /// Absent where none is wanted.
-    indirect: Option<&'a Indirect>,
-    images: &'a [Buffer<Vec4>],
-    rest: &'a Buffer<Vec4>,
-    extras: &'a Buffer<f32>,
-    kernels: &'a Kernels,
-    rig: &'a Rig,
-    layers: Layers,
-}
-
-impl Parts<'_> {
-    /// Passes that a step takes at most.
-    fn passes_a_step(&self) -> usize {
-        PASSES_A_LIGHT + self.indirect.map_or(0, Indirect::pass_count)
-    }
-
-    /// What view samples and gather samples see of a light; unchanged where only indirect light is shown.
-    fn see<'v>(
-        &self,
-        frame: &mut Frame,
-        visibility: &'v mut VisibilityBuffers,
-        shadow_maps: Option<&mut ShadowMaps>,
-        light: &Light,
-        packed: &PackedLight,
-    ) -> &'v Visibility {
-        if !light.shadows {
-            return visibility.all_seen();
-        }
-        let seen = visibility.take();
-        match shadow_maps {
-            None => {
-                if self.layers.direct() {
-                    let words = &mut seen.view_samples;
-                    frame.cpu("trace shadows", || trace(words, self.bvh, self.scene, &self.baked.packets, packed));
-                }
-                if let Some(transfer) = self.baked.transfer.as_ref().filter(|_| self.indirect.is_some()) {
-                    let words = &mut seen.gather_points;
-                    frame.cpu("trace gather samples", || trace(words, self.bvh, self.scene, &transfer.packets, packed));
-                }
-            }
-            Some(maps) => {
-                let view = self.layers.direct().then_some((&self.gpu.samples, &seen.view_samples));
-                let gather = self.indirect.map(|indirect| (&indirect.points, &seen.gather_points));
-                let lists: Vec<_> = view.into_iter().chain(gather).collect();
-                maps.run(frame, light, packed, &lists);
-            }
-        }
-        seen
-    }
-
-    /// Visibility and shading of one light at unit intensity into the image `slot`.
-    fn shade(
-        &self,
-        frame: &mut Frame,
-        visibility: &mut VisibilityBuffers,
-        shadow_maps: Option<&mut ShadowMaps>,
-        light: usize,
-        slot: usize,
-    ) {
-        let light = &self.rig.lights[light];
-        let packed = light.pack(self.scene.origin);
-        let seen = self.see(frame, visibility, shadow_maps, light, &packed);
-        let image = &self.images[slot];
-        let pixel_stride = self.baked.pixel_stride() as u32;
-        let extra_stride = (self.extras.len() / 3) as u32;
-        let mut pass = frame.pass("shade light");
-        let push = ShadeLightPush {
-            samples: pass.read(&self.gpu.samples),
-            brdfs: pass.read(&self.gpu.brdfs),
-            visibility: pass.read(&seen.view_samples),
-            image: pass.write_as(image),
-            extras: pass.write(self.extras),
-            light: packed,
-            sample_count: self.baked.samples.len() as u32,
-            pixel_stride,
-            extra_stride,
-            layers: if self.layers.direct() { self.layers.mask() } else { 0 },
-        };
-        pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
-
-        if let Some(indirect) = self.indirect {
-            let target = Target { image, extras: self.extras, pixel_stride, extra_stride };
-            indirect.add(frame, &packed, &seen.gather_points, &target);
-        }
-
-        if self.gpu.extra_pixels.is_empty() {
-            return;
-        }
-        let mut pass = frame.pass("resolve");
-        let push = ResolvePush {
-            pixels: pass.read(&self.gpu.extra_pixels),
-            indices: pass.read(&self.gpu.extra_indices),
-            samples: pass.read(&self.gpu.extra_samples),
-            extras: pass.read(self.extras),
-            image: pass.write_as(image),
-            pixel_count: self.gpu.extra_pixels.len() as u32,
-            pixel_stride,
-            extra_stride,
-            layers: self.layers.mask(),
-        };
-        pass.dispatch(&self.kernels.resolve, &push, push.pixel_count);
-    }
-
-    fn image(&self, source: Source) -> &Buffer<Vec4> {
-        match source {
-            Source::Slot(slot) => &self.images[slot],
-            Source::Rest => self.rest,
-            Source::Emission => unreachable!("emission is read as floats"),
-        }
-    }
-
-    /// Sums images into one.
-    fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], accumulate: bool) {
-        let mut pass = frame.pass("sum lights");
-        let push = SumImagesPush {
-            term_count: terms.len() as u32,
-            terms: self.read_terms(&mut pass, terms),
-            sum: pass.write(self.image(target)),
-            plane_length: (self.baked.pixel_stride() / 4) as u32,
-            accumulate: u32::from(accumulate),
-            unused: 0,
-        };
-        pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);
-    }
-
-    /// Sums images into pixels, exposed and tone-mapped.
-    fn composite(&self, frame: &mut Frame, terms: &[Term], outputs: &Outputs, output: Output) {
-        let mut pass = frame.pass("composite");
-        let push = CompositePush {
-            term_count: terms.len() as u32,
-            terms: self.read_terms(&mut pass, terms),
-            target: pass.write(outputs.pixels(output)),
-            pixel_stride: self.baked.pixel_stride() as u32,
-            width: self.baked.tiling.width,
-            height: self.baked.tiling.height,
-            exposure: output.exposure().exp2(),
-            blue_first: u32::from(matches!(output, Output::Screen { blue_first: true, .. })),
-        };
-        pass.dispatch(outputs.kernel(output), &push, push.pixel_stride);
-    }
-
-    fn read_terms(&self, pass: &mut Pass, terms: &[Term]) -> [SumTerm; MAX_TERMS as usize] {
-        assert!(terms.len() <= MAX_TERMS as usize, "{} terms, push constants hold {MAX_TERMS}", terms.len());
-        let mut read: [SumTerm; MAX_TERMS as usize] = bytemuck::Zeroable::zeroed();
-        for (read, term) in read.iter_mut().zip(terms) {
-            read.scale = term.scale;
-            read.image = match (term.source, &self.gpu.emission) {
-                (Source::Emission, Some(emission)) => pass.read_as(emission),
-                _ => pass.read(self.image(term.source)),
-            };
-        }
-        read
-    }
-}
-
-impl GpuBaked {
-    fn new(context: &Arc<Context>, baked: &Baked) -> Result<Self> {
-        Ok(Self {
-            samples: Buffer::from_slice(context, "view samples", &baked.samples)?,
-            brdfs: Buffer::from_slice(context, "brdfs", &baked.brdfs)?,
-            extra_samples: Buffer::from_slice(context, "view samples (extra)", &baked.extra_samples)?,
-            extra_indices: Buffer::from_slice(context, "view samples (extra indices)", &baked.extra_indices)?,
-            extra_pixels: Buffer::from_slice(context, "view samples (extra pixels)", &baked.extra_pixels)?,
-            emission: upload_emission(context, baked)?,
-        })
-    }
-}
-
-fn upload_emission(context: &Arc<Context>, baked: &Baked) -> Result<Option<Buffer<f32>>> {
-    let emission = emission(baked);
-    (!emission.is_empty()).then(|| Buffer::from_slice(context, "emission", &emission)).transpose()
-}
-
-/// Emitters as seen and all their indirect light: planes R, G, B; empty where nothing emits.
-fn emission(baked: &Baked) -> Vec<f32> {
-    let Some(transfer) = baked.transfer.as_ref().filter(|t| !t.emission.is_empty()) else {
-        return baked.emission.clone();
-    };
-    let stride = baked.pixel_stride();
-    let radiance: Vec<DVec3> = transfer.emission.iter().map(|e| e.as_dvec3()).collect();
-    let (pixels, extras) = radiance.split_at(stride);
-    let mut image = pixels.to_vec();
-    resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
-    let mut planes = baked.emission.clone();
-    planes.resize(3 * stride, 0.0);
-    for (i, pixel) in image.iter().enumerate() {
-        (0..3).for_each(|plane| planes[plane * stride + i] += pixel[plane] as f32);
-    }
-    planes
-}
