@@ -400,41 +400,6 @@ fn further_bounces_as_a_matrix() {
     }
 }
 
-/// Two closed rooms side by side: a picture of one needs no light of the other, and dropping it changes nothing.
-#[test]
-fn rooms_that_no_pixel_sees_are_left_out() {
-    let mut build = Build::default();
-    let white = build.material(lambert(Vec3::splat(0.8)));
-    build.room(DVec3::ZERO, 1.0, white).room(DVec3::new(5.0, 0.0, 0.0), 1.0, white);
-    let mut stage = Stage::inside(build.scene());
-    let camera = look(DVec3::ZERO, DVec3::Z, DVec3::Y, Projection::Perspective { yfov: 1.0 });
-    let size = BakeSettings { width: 16, height: 16, layers: 1, samples: 1 };
-    stage.baked = bake(&stage.scene, &stage.bvh, &camera, &stage.scene.rig, &size, &|_| ());
-    let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
-    for coarse_samples in [400, 100] {
-        let transfer = stage.transfer(&TransferSettings { coarse_samples, ..settings(400, 128) });
-        let mut columns = vec![false; transfer.column_count()];
-        transfer.rows(&all, Lobe::All).columns.iter().for_each(|&column| columns[column as usize] = true);
-        let seen = transfer.seen(&columns);
-        let is_here = |x: f32| f64::from(x) + stage.scene.origin.x < 2.5;
-        for (level, seen) in [(Some(&transfer.fine), &seen.fine), (transfer.coarse.as_ref(), &seen.coarse)] {
-            let samples = level.map_or(&[][..], |level| &level.samples.samples);
-            assert_eq!(seen.len(), samples.len());
-            assert!(samples.iter().zip(seen).all(|(s, seen)| *seen == is_here(s.position.x)), "{coarse_samples}");
-        }
-        let lights = [DVec3::new(0.3, 0.2, 0.1), DVec3::new(5.2, 0.1, 0.0)].map(|at| Light::point("l", at));
-        let mut direct = stage.direct(&transfer, &lights);
-        let whole = transfer.apply(std::slice::from_ref(&direct), &all, Lobe::All, &|_| ());
-        for (i, _) in seen.fine.iter().enumerate().filter(|(_, seen)| !**seen) {
-            direct[transfer.fine.coefficients(i)].fill(DVec3::ZERO);
-        }
-        let without = transfer.apply(&[direct], &all, Lobe::All, &|_| ());
-        for (a, b) in whole[0].iter().zip(&without[0]) {
-            assert!(a.y > 0.0 && (a - b).abs().max_element() < 1e-6 * a.y, "{a} and {b}");
-        }
-    }
-}
-
 #[test]
 fn black_rooms_stay_black() {
     let stage = Stage::inside(room(lambert(Vec3::ZERO), lambert(Vec3::ZERO)));

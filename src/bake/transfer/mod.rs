@@ -18,7 +18,6 @@ pub mod directions;
 pub mod level;
 pub mod paths;
 pub mod rows;
-pub mod seen;
 pub mod solve;
 pub mod thesis;
 pub mod transport;

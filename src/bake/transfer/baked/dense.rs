@@ -37,7 +37,6 @@ impl BakedTransfer {
             form: "dense".into(),
             spectral_radius: transfer.certificate.spectral_radius,
             capped: transfer.certificate.capped,
-            residual: 0.0,
             bounces: transfer.bounces(),
             held_out: None,
         };

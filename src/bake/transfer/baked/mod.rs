@@ -53,8 +53,6 @@ pub struct TransferReport {
     pub spectral_radius: f64,
     /// Share of all reflected light that was scaled away, since glTF's BRDF reflects more than it gets near grazing.
     pub capped: f64,
-    /// Relative residual of the solution.
-    pub residual: f64,
     /// Indirect bounces counted at the pixel; without, all of them.
     pub bounces: Option<u32>,
     /// Of the compressed form.

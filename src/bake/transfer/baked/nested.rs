@@ -26,7 +26,6 @@ impl BakedTransfer {
             capped: transfer.certificate.capped,
             bounces: transfer.bounces(),
             held_out: Some(held_out),
-            ..Default::default()
         };
         let (vector_length, chain) = chain(&compressed, transfer.baked().samples.len());
         let plain = Self::new(&transfer.fine, vector_length, chain);
