@@ -5,7 +5,6 @@ use std::sync::Arc;
 use glam::{UVec4, Vec4};
 
 use super::haar::HaarTransform;
-use crate::bake::brdf_factors::Projection;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::Piece;
 use crate::error::Result;
@@ -111,7 +110,7 @@ impl LitSamples {
         Ok(Self::Projected {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
             points_per_sample: transfer.points_per_sample as u32,
-            tables: Buffer::from_slice(context, "gather samples (tables)", &Projection::get().tables())?,
+            tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.projection)?,
             kernel: Kernel::new(context, "shade_gather", &[(0, degrees)])?,
         })
     }

@@ -36,6 +36,9 @@ pub struct Projection {
 }
 
 impl Projection {
+    /// Elements of [`Self::tables`].
+    pub const TABLE_LENGTH: usize = (2 * ROUGHNESSES + 1) * COSINES * RADIAL_COUNT;
+
     pub fn get() -> &'static Self {
         static PROJECTION: OnceLock<Projection> = OnceLock::new();
         PROJECTION.get_or_init(Self::new)

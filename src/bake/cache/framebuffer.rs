@@ -11,9 +11,11 @@ use crate::bake::{BakeSettings, Baked};
 use crate::error::Result;
 use crate::shared::{Brdf, NO_BRDF, ViewSample};
 
-/// Looks a bake up. A file that is damaged or from another version counts as absent.
+/// Looks a bake up. A file that is damaged or of another version counts as absent.
 pub fn load(dir: &Path, key: &Key, settings: &BakeSettings) -> Option<Baked> {
-    read(dir, key, |bytes| decode(bytes, settings))
+    let baked = read(dir, key, |reader| decode(reader, settings))?;
+    let packets = pack(&baked.samples, &baked.geometric_normals, baked.tiling.len());
+    Some(Baked { packets, ..baked })
 }
 
 /// Stores a bake of the scene called `name`.
@@ -37,8 +39,7 @@ pub fn store(dir: &Path, key: &Key, name: &str, baked: &Baked) -> Result<()> {
 }
 
 /// `None` if anything is not as [`store`] writes it: kernels follow these indices, so every one is checked.
-fn decode(bytes: &[u8], settings: &BakeSettings) -> Option<Baked> {
-    let mut reader = Reader::new(bytes)?;
+fn decode(reader: &Reader, settings: &BakeSettings) -> Option<Baked> {
     let samples: Vec<ViewSample> = reader.take("view_samples")?;
     let geometric_normals: Vec<Vec3> = reader.take("geometric_normals")?;
     let brdfs: Vec<Brdf> = reader.take("brdfs")?;
@@ -65,9 +66,5 @@ fn decode(bytes: &[u8], settings: &BakeSettings) -> Option<Baked> {
         layers,
         asked_layers: settings.layers,
     };
-    if !reader.is_whole() || !baked.is_consistent() {
-        return None;
-    }
-    let packets = pack(&baked.samples, &baked.geometric_normals, tiling.len());
-    Some(Baked { packets, ..baked })
+    baked.is_consistent().then_some(baked)
 }

@@ -1,24 +1,26 @@
-//! Baked data on disk, keyed by content: safetensors files, which NumPy opens too, with a checksum over their data.
+//! Baked data on disk, keyed by content: safetensors files, which NumPy opens too, under a checksum, header and all. They
+//! are mapped: what is not copied out of them is never read twice, and takes no memory that the system cannot take back.
 
 mod framebuffer;
 mod transfer;
 
-use std::collections::HashMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use bytemuck::Pod;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorInfo};
 
 pub use self::framebuffer::{load, store};
 pub use self::transfer::{load_transfer, store_transfer, transfer_key};
 
 use super::BakeSettings;
-use crate::error::{Error, Result};
-use crate::image::file::write_bytes;
+use super::mapped::{Elements, Mapping};
+use crate::error::{Cause, Error, Result};
+use crate::image::file::{open, write_whole};
 use crate::scene::{Camera, Rig, Scene};
 
 /// Counts changes of what a file holds.
-const FORMAT: &str = "4";
+const FORMAT: &str = "5";
 
 /// Name of what a bake depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,17 +75,16 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
     Key(hasher.finalize().to_hex()[..32].to_owned())
 }
 
-/// Everything in a cache directory.
+/// Everything in a cache directory; only the files' headers are read.
 pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     let mut entries = Vec::new();
     for path in files(dir)? {
-        let bytes = std::fs::read(&path).map_err(Error::io("read", &path))?;
-        let metadata =
-            SafeTensors::read_metadata(&bytes).ok().and_then(|(_, m)| m.metadata().clone()).unwrap_or_default();
-        let field = |name: &str| metadata.get(name).cloned().unwrap_or("?".into());
+        let (opened, bytes) = open(&path)?;
+        let reader = Reader::new(Mapping::new(&opened).map_err(Error::io("read", &path))?);
+        let field = |name: &str| reader.as_ref().and_then(|r| r.text(name)).unwrap_or("?").to_owned();
         let size = format!("{}x{}", field("width"), field("height"));
         let [scene, what] = [field("scene"), field("what")];
-        entries.push(Entry { path, scene, what, size, bytes: bytes.len() as u64 });
+        entries.push(Entry { path, scene, what, size, bytes });
     }
     Ok(entries)
 }
@@ -103,15 +104,21 @@ fn file(dir: &Path, key: &Key) -> PathBuf {
     dir.join(format!("bake-{}.safetensors", key.0))
 }
 
-/// The file of a key, unless `decode` finds it damaged or of another version.
-fn read<T>(dir: &Path, key: &Key, decode: impl Fn(&[u8]) -> Option<T>) -> Option<T> {
+/// What `decode` makes of the file of a key, unless that is damaged or of another version, which one line tells. `decode`
+/// must trust nothing: it runs beside the checksum.
+fn read<T: Send>(dir: &Path, key: &Key, decode: impl Fn(&Reader) -> Option<T> + Sync) -> Option<T> {
     let path = file(dir, key);
-    let bytes = std::fs::read(&path).ok()?;
-    let decoded = decode(&bytes);
-    if decoded.is_none() {
-        tracing::warn!("{} is damaged or of another version: baking anew", path.display());
-    }
-    decoded
+    let (opened, _) = open(&path).ok()?;
+    let reason = match Reader::new(Mapping::new(&opened).ok()?) {
+        Some(reader) if reader.text("relume") != Some(FORMAT) => "of another version",
+        Some(reader) => match rayon::join(|| reader.is_whole(), || decode(&reader)) {
+            (true, Some(decoded)) => return Some(decoded),
+            _ => "damaged",
+        },
+        None => "damaged",
+    };
+    tracing::warn!("{} is {reason}: baking anew", path.display());
+    None
 }
 
 fn files(dir: &Path) -> Result<Vec<PathBuf>> {
@@ -138,56 +145,95 @@ impl<'a> Writer<'a> {
         self.tensors.push((name.into(), dtype, columns, bytemuck::cast_slice(data)));
     }
 
+    /// Header and data as they are, through no memory of their own.
     fn write(&self, path: &Path, metadata: &[(&str, String)]) -> Result<()> {
         let dir = path.parent().expect("files of the cache lie in it");
         std::fs::create_dir_all(dir).map_err(Error::io("create", dir))?;
-        let encode_error = |e: safetensors::SafeTensorError| Error::Export { path: path.into(), source: e.into() };
-        let mut views = Vec::new();
+        let blank = self.header(metadata).map_err(|source| Error::Export { path: path.into(), source })?;
         let mut hasher = blake3::Hasher::new();
-        for (name, dtype, columns, bytes) in &self.tensors {
-            let rows = bytes.len() / (columns * dtype.bitsize() / 8);
+        hasher.update(blank.as_bytes());
+        for (.., bytes) in &self.tensors {
             hasher.update_rayon(bytes);
-            views.push((name, TensorView::new(*dtype, vec![rows, *columns], bytes).map_err(encode_error)?));
         }
-        let ours = [("relume", FORMAT.to_owned()), ("blake3", hasher.finalize().to_hex().to_string())];
+        let header = blank.replacen(NO_CHECKSUM, &hasher.finalize().to_hex(), 1);
+        write_whole(path, |out| {
+            let length = (header.len() as u64).to_le_bytes();
+            let data = self.tensors.iter().map(|(.., bytes)| *bytes);
+            [&length, header.as_bytes()]
+                .into_iter()
+                .chain(data)
+                .try_for_each(|bytes| out.write_all(bytes))
+                .map_err(Error::io("write", path))
+        })
+    }
+
+    /// The header with [`NO_CHECKSUM`], filled up so that the data begins at a multiple of 8.
+    fn header(&self, metadata: &[(&str, String)]) -> std::result::Result<String, Cause> {
+        let mut end = 0;
+        let info = |(name, dtype, columns, bytes): &(String, Dtype, usize, &[u8])| {
+            let first = end;
+            end += bytes.len();
+            let rows = bytes.len() / (columns * dtype.bitsize() / 8);
+            (name.clone(), TensorInfo { dtype: *dtype, shape: vec![rows, *columns], data_offsets: (first, end) })
+        };
+        let tensors = self.tensors.iter().map(info).collect();
+        let ours = [("relume", FORMAT.to_owned()), ("blake3", NO_CHECKSUM.to_owned())];
         let all = ours.iter().chain(metadata).map(|(k, v)| ((*k).to_owned(), v.clone()));
-        let bytes = serialize(views, Some(all.collect())).map_err(encode_error)?;
-        write_bytes(path, &bytes)
+        let mut header = serde_json::to_string(&Metadata::new(Some(all.collect()), tensors)?)?;
+        header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(8) - header.len()));
+        Ok(header)
     }
 }
 
-/// Reads one file. Tensors are asked for in the order in which they were added, all of them, since that is the order of
-/// the checksum.
-struct Reader<'a> {
-    tensors: SafeTensors<'a>,
-    metadata: HashMap<String, String>,
-    hasher: blake3::Hasher,
+/// Stands for the checksum in the header that is itself under it.
+const NO_CHECKSUM: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+
+/// One file, mapped.
+struct Reader {
+    file: Mapping,
+    metadata: Metadata,
+    /// Where the data begins.
+    data: usize,
 }
 
-impl<'a> Reader<'a> {
-    fn new(bytes: &'a [u8]) -> Option<Self> {
-        let (_, header) = SafeTensors::read_metadata(bytes).ok()?;
-        let metadata = header.metadata().clone()?;
-        Some(Self { tensors: SafeTensors::deserialize(bytes).ok()?, metadata, hasher: blake3::Hasher::new() })
+impl Reader {
+    /// `None` if that is no safetensors file from end to end.
+    fn new(file: Mapping) -> Option<Self> {
+        let (header, metadata) = SafeTensors::read_metadata(&file).ok()?;
+        Some(Self { data: size_of::<u64>() + header, file, metadata })
     }
 
-    fn take<T: Pod>(&mut self, name: &str) -> Option<Vec<T>> {
-        let data = self.tensors.tensor(name).ok()?.data();
-        self.hasher.update_rayon(data);
-        elements(data)
+    /// A copy of a tensor's elements.
+    fn take<T: Pod>(&self, name: &str) -> Option<Vec<T>> {
+        let bytes = &self.file[self.place(name)?];
+        bytes.len().is_multiple_of(size_of::<T>()).then(|| bytemuck::pod_collect_to_vec(bytes))
+    }
+
+    /// A tensor's elements where they are.
+    fn map<T: Pod>(&self, name: &str) -> Option<Elements<T>> {
+        Elements::mapped(&self.file, self.place(name)?)
+    }
+
+    fn place(&self, name: &str) -> Option<Range<usize>> {
+        let (first, end) = self.metadata.info(name)?.data_offsets;
+        Some(self.data + first..self.data + end)
+    }
+
+    fn text(&self, name: &str) -> Option<&str> {
+        self.metadata.metadata().as_ref()?.get(name).map(String::as_str)
     }
 
     fn field<T: std::str::FromStr>(&self, name: &str) -> Option<T> {
-        self.metadata.get(name)?.parse().ok()
+        self.text(name)?.parse().ok()
     }
 
-    /// Whether version and checksum fit.
+    /// Whether all of the file is as it was written.
     fn is_whole(&self) -> bool {
-        let is = |name: &str, value: &str| self.metadata.get(name).is_some_and(|v| v == value);
-        is("relume", FORMAT) && is("blake3", &self.hasher.finalize().to_hex())
+        let header = std::str::from_utf8(&self.file[size_of::<u64>()..self.data]).expect("it was parsed");
+        let checksum = self.text("blake3").unwrap_or_default();
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(header.replacen(checksum, NO_CHECKSUM, 1).as_bytes());
+        hasher.update_rayon(&self.file[self.data..]);
+        hasher.finalize().to_hex().as_str() == checksum
     }
-}
-
-fn elements<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
-    bytes.len().is_multiple_of(size_of::<T>()).then(|| bytemuck::pod_collect_to_vec(bytes))
 }

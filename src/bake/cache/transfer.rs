@@ -15,15 +15,16 @@ pub fn transfer_key(key: &Key, settings: &str) -> Key {
     Key(blake3::hash(format!("{} {settings}", key.0).as_bytes()).to_hex()[..32].to_owned())
 }
 
-/// Looks a transfer up. A file that is damaged or from another version counts as absent.
+/// Looks a transfer up. A file that is damaged or of another version counts as absent. Factors stay in the file, mapped.
 pub fn load_transfer(dir: &Path, key: &Key, baked: &Baked) -> Option<BakedTransfer> {
-    read(dir, key, |bytes| decode(bytes, baked))
+    read(dir, key, |reader| decode(reader, baked)).map(BakedTransfer::with_packets)
 }
 
 /// Stores a transfer of the scene called `name`.
 pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer: &BakedTransfer) -> Result<()> {
     let mut writer = Writer { tensors: Vec::new() };
     writer.add("gather_samples", Dtype::U32, 19, &transfer.samples);
+    writer.add("projection_tables", Dtype::F32, 2, &transfer.projection);
     writer.add("factored_samples", Dtype::U32, 9, &transfer.factored);
     writer.add("factor_tables", Dtype::F32, 4, &transfer.tables);
     writer.add("gather_points", Dtype::U32, 8, &transfer.points);
@@ -51,10 +52,10 @@ pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer
 }
 
 /// `None` if anything is not as [`store_transfer`] writes it: kernels follow these indices, so every one is checked.
-fn decode(bytes: &[u8], baked: &Baked) -> Option<BakedTransfer> {
-    let mut reader = Reader::new(bytes)?;
+fn decode(reader: &Reader, baked: &Baked) -> Option<BakedTransfer> {
     let mut transfer = BakedTransfer {
         samples: reader.take("gather_samples")?,
+        projection: reader.take("projection_tables")?,
         factored: reader.take("factored_samples")?,
         tables: reader.take("factor_tables")?,
         points: reader.take("gather_points")?,
@@ -63,10 +64,10 @@ fn decode(bytes: &[u8], baked: &Baked) -> Option<BakedTransfer> {
         points_per_sample: reader.field("points_per_sample")?,
         vector_length: reader.field("vector_length")?,
         haar: reader.field("haar")?,
-        report: serde_json::from_str(reader.metadata.get("report")?).ok()?,
+        report: serde_json::from_str(reader.text("report")?).ok()?,
         ..Default::default()
     };
-    let shapes: Vec<[u32; 3]> = serde_json::from_str(reader.metadata.get("matrices")?).ok()?;
+    let shapes: Vec<[u32; 3]> = serde_json::from_str(reader.text("matrices")?).ok()?;
     for (i, [channels, input_count, output_count]) in shapes.into_iter().enumerate() {
         transfer.chain.push(BlockMatrix {
             channels,
@@ -75,9 +76,8 @@ fn decode(bytes: &[u8], baked: &Baked) -> Option<BakedTransfer> {
             panels: reader.take(&format!("{i}.panels"))?,
             inputs: reader.take(&format!("{i}.inputs"))?,
             outputs: reader.take(&format!("{i}.outputs"))?,
-            values: reader.take(&format!("{i}.factors"))?,
+            values: reader.map(&format!("{i}.factors"))?,
         });
     }
-    let sound = reader.is_whole() && transfer.is_consistent(baked.samples.len());
-    sound.then(|| transfer.with_packets())
+    transfer.is_consistent(baked.samples.len()).then_some(transfer)
 }

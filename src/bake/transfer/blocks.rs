@@ -11,6 +11,7 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
+use crate::bake::mapped::Elements;
 use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, ROW_ALIGNMENT};
 
 /// Rows of a panel before it is packed.
@@ -38,7 +39,7 @@ pub struct BlockMatrix {
     /// Output of each panel's rows.
     pub outputs: Vec<u32>,
     /// Of each panel: `[columns / 8][channel][row]`, eight columns each, rows padded to [`ROW_ALIGNMENT`].
-    pub values: Vec<UVec4>,
+    pub values: Elements<UVec4>,
 }
 
 /// Some panels of a matrix, whose indices count from the beginning of what they point into here.
@@ -68,6 +69,7 @@ impl BlockMatrix {
         }
         let channels = self.channels as usize;
         assert_eq!(values.len(), channels * rows.len() * columns.len());
+        let packed = self.values.to_mut();
         let first_input = self.inputs.len() as u32;
         self.inputs.extend(columns);
         let padding = columns.len().next_multiple_of(PANEL_COLUMNS as usize) - columns.len();
@@ -83,7 +85,7 @@ impl BlockMatrix {
             // A power of two: factors that are float16 already stay as they are.
             let scale = (largest / LARGEST).max(f32::MIN_POSITIVE).log2().ceil().exp2();
             self.panels.push(Panel {
-                first_value: self.values.len() as u32,
+                first_value: packed.len() as u32,
                 first_input,
                 first_output: self.outputs.len() as u32,
                 row_count: of_panel.len() as u32,
@@ -96,9 +98,9 @@ impl BlockMatrix {
                 for channel in 0..channels {
                     for r in 0..of_panel.len() {
                         let from = &row(channel, r)[octet * PANEL_COLUMNS as usize..];
-                        self.values.push(pack(from, scale));
+                        packed.push(pack(from, scale));
                     }
-                    self.values.extend(std::iter::repeat_n(UVec4::ZERO, padding));
+                    packed.extend(std::iter::repeat_n(UVec4::ZERO, padding));
                 }
             }
         }
@@ -117,7 +119,7 @@ impl BlockMatrix {
             first_output: p.first_output + output,
             ..p
         }));
-        self.values.extend(part.values);
+        self.values.to_mut().extend(&part.values[..]);
         self.inputs.extend(part.inputs);
         self.outputs.extend(part.outputs);
     }

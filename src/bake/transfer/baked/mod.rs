@@ -9,7 +9,7 @@ use glam::{Vec3, Vec4};
 
 use super::blocks::BlockMatrix;
 use super::level::Level;
-use crate::bake::brdf_factors::roughness_coordinate;
+use crate::bake::brdf_factors::{Projection, roughness_coordinate};
 use crate::bake::compression;
 use crate::bake::gather_samples::GatherSamples;
 use crate::bake::octahedral;
@@ -22,6 +22,8 @@ use crate::shared::{DISC_SIDE, FactoredSample, HARMONIC_DEGREES, LightSample, Vi
 pub struct BakedTransfer {
     /// Ours, or none.
     pub samples: Vec<LightSample>,
+    /// [`Projection::tables`], which these are shaded by; kept, since making them takes a second.
+    pub projection: Vec<f32>,
     /// The thesis's, or none, with the tables of k that they point into.
     pub factored: Vec<FactoredSample>,
     pub tables: Vec<Vec4>,
@@ -75,7 +77,8 @@ impl BakedTransfer {
             }
         };
         let samples = (0..level.samples.len()).map(sample).collect();
-        Self { samples, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
+        let projection = Projection::get().tables();
+        Self { samples, projection, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
     }
 
     /// Points of gather samples alone.
@@ -124,6 +127,7 @@ impl BakedTransfer {
             && self.points.len() == self.geometric_normals.len()
             && (self.samples.is_empty() || self.factored.is_empty())
             && (self.factored.is_empty() || self.points_per_sample == 1)
+            && (self.samples.is_empty() || self.projection.len() == Projection::TABLE_LENGTH)
             && self.samples.iter().all(ours)
             && self.factored.iter().all(thesis)
             && self.chain.iter().all(|m| m.is_consistent() && m.input_count as usize == self.vector_length)

@@ -1,0 +1,110 @@
+//! Files mapped into memory, and arrays that may lie in one.
+
+use std::fs::File;
+use std::io;
+use std::ops::{Deref, Range};
+use std::sync::Arc;
+
+use bytemuck::Pod;
+use memmap2::Mmap;
+
+/// The bytes of a file that never changes; the system reads pages when they are first looked at and may forget them again.
+#[derive(Clone, Debug)]
+pub struct Mapping(Arc<Mmap>);
+
+impl Mapping {
+    /// Maps a file of the cache.
+    #[allow(unsafe_code)] // the one place outside of src/gpu: a mapping can be no safer than who writes its file
+    pub fn new(file: &File) -> io::Result<Self> {
+        // SAFETY: no one may write to the file or truncate it while it is mapped. Nobody of ours does: files of the cache
+        // are written beside and renamed, replaced by renaming others over them, and removed by unlinking; all of which
+        // leave a mapped file as it is. Somebody else could, as he could with our libraries, which are mapped as well.
+        // What follows from that is kept small: of a mapping only factors are used once it has been checked, which are
+        // numbers whatever their bits. Indices that a kernel follows are copied before they are checked.
+        unsafe { Mmap::map(file) }.map(|map| Self(Arc::new(map)))
+    }
+}
+
+impl Deref for Mapping {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+/// An array in memory of its own, or in a mapped file.
+#[derive(Clone, Debug)]
+pub enum Elements<T> {
+    Owned(Vec<T>),
+    /// Bytes `place` of the file.
+    Mapped {
+        file: Mapping,
+        place: Range<usize>,
+    },
+}
+
+impl<T: Pod> Elements<T> {
+    /// `None` unless that part of the file is whole elements, where elements may begin.
+    pub fn mapped(file: &Mapping, place: Range<usize>) -> Option<Self> {
+        bytemuck::try_cast_slice::<u8, T>(file.get(place.clone())?).ok()?;
+        Some(Self::Mapped { file: file.clone(), place })
+    }
+
+    /// To change them; copied first if they are mapped.
+    pub fn to_mut(&mut self) -> &mut Vec<T> {
+        if let Self::Mapped { .. } = self {
+            *self = Self::Owned(self.to_vec());
+        }
+        match self {
+            Self::Owned(elements) => elements,
+            Self::Mapped { .. } => unreachable!("just copied"),
+        }
+    }
+}
+
+impl<T: Pod> Deref for Elements<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        match self {
+            Self::Owned(elements) => elements,
+            Self::Mapped { file, place } => bytemuck::cast_slice(&file[place.clone()]),
+        }
+    }
+}
+
+impl<T> Default for Elements<T> {
+    fn default() -> Self {
+        Self::Owned(Vec::new())
+    }
+}
+
+impl<T> From<Vec<T>> for Elements<T> {
+    fn from(elements: Vec<T>) -> Self {
+        Self::Owned(elements)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    #[test]
+    fn elements_are_the_same_wherever_they_lie() {
+        let mut written = tempfile::tempfile().unwrap();
+        written.write_all(bytemuck::cast_slice(&[1u32, 2, 3, 4])).unwrap();
+        let file = Mapping::new(&written).unwrap();
+        let mut mapped = Elements::<u32>::mapped(&file, 4..12).unwrap();
+        assert_eq!(mapped[..], [2, 3]);
+        assert!(Elements::<u32>::mapped(&file, 4..4).unwrap().is_empty());
+        for nowhere in [4..11, 2..10, 8..20, 16..20] {
+            assert!(Elements::<u32>::mapped(&file, nowhere).is_none());
+        }
+        mapped.to_mut().push(5);
+        assert_eq!(mapped[..], [2, 3, 5]);
+        assert!(matches!(mapped, Elements::Owned(_)));
+    }
+}

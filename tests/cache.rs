@@ -1,0 +1,216 @@
+//! What is kept on disk: taken if it is whole and fits, else made anew; whoever else is writing.
+
+mod command;
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use command::{Run, folder, json, names_in, relume, shipped};
+use relume::bake::bvh::Bvh;
+use relume::bake::compression::CompressionSettings;
+use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::{BakeSettings, bake, cache};
+use relume::scene::Scene;
+
+/// Few samples and rays: what is tested does not depend on them.
+const SMALL: [&str; 8] = ["--gather", "60", "--rays", "16", "--size", "32x24", "--gi", "diffuse"];
+
+fn bakes_in(cache: &Path) -> Vec<PathBuf> {
+    names_in(cache).iter().filter(|name| name.starts_with("bake-")).map(|name| cache.join(name)).collect()
+}
+
+/// One flipped bit at a time, anywhere, and files that end early or late.
+#[test]
+fn only_whole_files_are_taken() {
+    let folder = folder();
+    let dir = folder.path();
+    let scene = Scene::load(&shipped("cornell-glossy.glb")).unwrap();
+    let (bvh, camera) = (Bvh::build(&scene), &scene.cameras[0]);
+    let settings = BakeSettings { width: 24, height: 16, layers: 4, samples: 1 };
+    let baked = bake(&scene, &bvh, camera, &scene.rig, &settings, &|_| ());
+    let of_transfer = TransferSettings {
+        outgoing: Outgoing::Diffuse,
+        samples: 40,
+        coarse_samples: 20,
+        points: 2,
+        rays: 16,
+        layers: 4,
+        bounces: None,
+        seed: 1,
+    };
+    let transfer = Transfer::new(&scene, &bvh, &baked, &of_transfer, &|_| ());
+    let compression = CompressionSettings { error: 0.1, lights: 32, lobe: Lobe::All, seed: 1 };
+    let transfer = BakedTransfer::nested(&transfer, &compression, &|_| ()).unwrap();
+
+    let key = cache::key(&scene, camera, &scene.rig, &settings);
+    cache::store(dir, &key, "a", &baked).unwrap();
+    let framebuffer = bakes_in(dir).remove(0);
+    let transfer_key = cache::transfer_key(&key, "settings");
+    cache::store_transfer(dir, &transfer_key, "a", &baked, &transfer).unwrap();
+    let of_transfer = bakes_in(dir).into_iter().find(|path| *path != framebuffer).unwrap();
+
+    let load = || cache::load(dir, &key, &settings).map(|b| b.samples.len());
+    let load_transfer = || cache::load_transfer(dir, &transfer_key, &baked).map(|t| t.cost());
+    assert!(load() == Some(baked.samples.len()) && load_transfer() == Some(transfer.cost()));
+    let stays_out = |path: &Path, absent: &dyn Fn() -> bool| {
+        let good = fs::read(path).unwrap();
+        let check = |bytes: &[u8], what: &str| {
+            // Beside and renamed, as all files of the cache are.
+            let mut beside = tempfile::NamedTempFile::new_in(dir).unwrap();
+            beside.write_all(bytes).unwrap();
+            beside.persist(path).unwrap();
+            assert!(absent(), "{what} of {} bytes", good.len());
+        };
+        let header = u64::from_le_bytes(good[..8].try_into().unwrap()) as usize + 8;
+        let data = (header..good.len()).step_by((good.len() - header) / 97);
+        for place in (0..header).chain(data).chain([good.len() - 1]) {
+            let mut flipped = good.clone();
+            flipped[place] ^= 1 << (place % 7);
+            check(&flipped, &format!("a flipped bit in byte {place}"));
+        }
+        for end in [0, 7, 8, header - 1, header, header + 1, good.len() / 2, good.len() - 1] {
+            check(&good[..end], "the beginning");
+        }
+        check(&[&good[..], &[0]].concat(), "more than all");
+        fs::write(path, &good).unwrap();
+        assert!(!absent());
+    };
+    stays_out(&framebuffer, &|| load().is_none());
+    stays_out(&of_transfer, &|| load_transfer().is_none());
+    // A file under another's name fits its own key alone.
+    fs::copy(&framebuffer, &of_transfer).unwrap();
+    assert!(load_transfer().is_none());
+}
+
+/// A picture by its bytes, whether all of its bake was cached, and what was said.
+struct Rendered {
+    bytes: Vec<u8>,
+    cached: bool,
+    run: Run,
+}
+
+fn render(folder: &Path, scene: &Path, arguments: &[&str]) -> Rendered {
+    let (out, stats) = (folder.join("a.exr"), folder.join("a.json"));
+    let mut command = relume();
+    command.arg("render").arg(scene).arg("-o").arg(&out).args(SMALL).args(arguments);
+    let run = Run::of(command.arg("--cache").arg(folder.join("cache")).arg("--stats").arg(&stats)).done();
+    Rendered { bytes: fs::read(out).unwrap(), cached: json(&stats)["bake"]["cached"] == true, run }
+}
+
+#[test]
+fn one_line_says_why_a_bake_is_made_anew() {
+    let folder = folder();
+    let render = || render(folder.path(), &shipped("cornell-glossy.glb"), &[]);
+    let first = render();
+    let files = bakes_in(&folder.path().join("cache"));
+    assert!(!first.cached && files.len() == 2);
+    let [framebuffer, transfer] = &files[..] else { unreachable!("there are two") };
+    let change = |path: &Path, change: &dyn Fn(&mut Vec<u8>)| {
+        let mut bytes = fs::read(path).unwrap();
+        change(&mut bytes);
+        fs::write(path, bytes).unwrap();
+    };
+    let other_version = |bytes: &mut Vec<u8>| {
+        let field = b"\"relume\":\"";
+        let place = bytes.windows(field.len()).position(|w| w == field).unwrap() + field.len();
+        bytes[place] ^= 1;
+    };
+    let middle_flipped = |bytes: &mut Vec<u8>| {
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 4;
+    };
+    let cut_off = |bytes: &mut Vec<u8>| bytes.truncate(bytes.len() - 4);
+    // Both at once, that there are few bakes: each must be told of by itself.
+    for (first_change, second_change, reasons) in [
+        (&other_version as &dyn Fn(&mut Vec<u8>), &cut_off as &dyn Fn(&mut Vec<u8>), ["another version", "damaged"]),
+        (&middle_flipped, &other_version, ["damaged", "another version"]),
+    ] {
+        change(framebuffer, first_change);
+        change(transfer, second_change);
+        let again = render();
+        assert!(!again.cached && again.bytes == first.bytes);
+        let warnings = again.run.warnings();
+        assert_eq!(warnings.len(), 2, "{}", again.run.stderr);
+        for (path, reason) in [framebuffer, transfer].into_iter().zip(reasons) {
+            let name = path.file_name().unwrap().to_str().unwrap();
+            assert!(warnings.iter().any(|w| w.contains(name) && w.contains(reason)), "{}", again.run.stderr);
+        }
+        let mended = render();
+        assert!(mended.cached && mended.bytes == first.bytes && mended.run.stderr.is_empty());
+    }
+}
+
+#[test]
+fn another_vertex_is_another_bake_and_other_lights_are_not() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    let write = |top: f64| {
+        // A floor and a wall, one corner of which moves.
+        let corners = format!("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nv -1 2 -1\nv 1 {top} -1\n");
+        fs::write(path("a.obj"), corners + "f 4 3 2 1\nf 1 2 6 5\n").unwrap();
+    };
+    let light = |x: f64| {
+        let camera = "[camera]\nposition = [0.3, 1.5, 4]\ntarget = [0, 0.8, 0]\nup = [0, 1, 0]\nyfov_deg = 40.0\n";
+        let light = format!("[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [{x}, 1, 0.4]\nintensity = 3.0\n");
+        fs::write(path("rig.toml"), camera.to_owned() + &light).unwrap();
+    };
+    let rig = path("rig.toml");
+    let render = || render(folder.path(), &path("a.obj"), &["--rig", rig.to_str().unwrap()]);
+    write(2.0);
+    light(0.2);
+    let first = render();
+    assert!(!first.cached);
+    light(-0.3);
+    let other_light = render();
+    assert!(other_light.cached && other_light.bytes != first.bytes);
+    write(2.001);
+    let other_vertex = render();
+    assert!(!other_vertex.cached && other_vertex.run.stderr == other_light.run.stderr, "{}", other_vertex.run.stderr);
+    assert_eq!(bakes_in(&path("cache")).len(), 4);
+    write(2.0);
+    let back = render();
+    assert!(back.cached && back.bytes == other_light.bytes);
+}
+
+#[test]
+fn two_at_once_are_both_right() {
+    let folder = folder();
+    let cache = folder.path().join("cache");
+    let outs = ["a.exr", "b.exr"].map(|name| folder.path().join(name));
+    let start = |out: &PathBuf| {
+        let mut command = relume();
+        command.arg("render").arg(shipped("cornell-glossy.glb")).arg("-o").arg(out).args(SMALL);
+        command.arg("--cache").arg(&cache).stderr(std::process::Stdio::piped()).spawn().unwrap()
+    };
+    for process in [start(&outs[0]), start(&outs[1])] {
+        Run::from(process.wait_with_output().unwrap()).silent();
+    }
+    let [a, b] = outs.map(|out| fs::read(out).unwrap());
+    assert!(a == b);
+    assert_eq!(bakes_in(&cache).len(), 2);
+    assert!(!names_in(&cache).iter().any(|name| name.ends_with(".part")), "{:?}", names_in(&cache));
+    let third = render(folder.path(), &shipped("cornell-glossy.glb"), &[]);
+    assert!(third.cached && third.bytes == a);
+}
+
+/// Of a file larger than memory.
+#[test]
+fn listing_reads_headers_alone() {
+    let folder = folder();
+    let floats = 1u64 << 38;
+    let metadata = r#""__metadata__":{"scene":"huge","what":"transfer","width":"7","height":"5"}"#;
+    let header =
+        format!(r#"{{{metadata},"a":{{"dtype":"F32","shape":[{floats}],"data_offsets":[0,{}]}}}}"#, 4 * floats);
+    let mut file = File::create(folder.path().join("bake-1.safetensors")).unwrap();
+    file.write_all(&(header.len() as u64).to_le_bytes()).unwrap();
+    file.write_all(header.as_bytes()).unwrap();
+    if let Err(error) = file.set_len(8 + header.len() as u64 + 4 * floats) {
+        println!("not run: listing of a file of a terabyte: {error}");
+        return;
+    }
+    let listed = run!("bake", "--list", "--cache", folder.path()).silent().stdout;
+    assert!(listed.contains("1099511.6 MB") && listed.contains("7x5") && listed.contains("huge"), "{listed}");
+}
