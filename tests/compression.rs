@@ -71,7 +71,7 @@ impl Stage {
     fn compress(&self, transfer: &Transfer, error: f64) -> (Compressed, Report) {
         let settings = CompressionSettings { error, lights: 96, lobe: Lobe::All, seed: 1 };
         let direct = |light: &PackedLight| self.direct(transfer, light);
-        Compressor::new(transfer, &direct, &settings).unwrap().compress(&|_| ())
+        Compressor::new(transfer, &direct, &settings).compress(&|_| ())
     }
 }
 
@@ -138,8 +138,9 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
             "{scene}: {error:.4}, points {:.4}, spots {:.4}, noise {:.4}",
             report.point, report.spot, report.noise
         );
-        // Noise that is left out counts as error here; there is much with so few rays.
-        assert!(error < report.noise.hypot(0.01), "{scene}: {error}, noise {}", report.noise);
+        // Noise that is left out counts as error here, and there is much with so few rays; both together are at most half of
+        // what was asked for longer than noise alone.
+        assert!(error < report.noise + 0.005, "{scene}: {error}, noise {}", report.noise);
         // Dense is 3 for each of 1,024 to some 10,000 coefficients.
         let dense = 3 * (compressed.samples.len() * compressed.coefficients) as u64;
         assert!(compressed.multiply_adds() < dense / 2, "{scene}: {} of {dense}", compressed.multiply_adds());

@@ -388,7 +388,7 @@ fn compressed_pictures_are_what_the_factors_say() {
     let (scene, bvh, baked) = (stage.scene.clone(), stage.bvh.clone(), stage.baked.clone());
     let transfer = Transfer::new(&scene, &bvh, &baked, &settings(900, 200), &|_| ());
     let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
-    let nested = BakedTransfer::nested(&transfer, &compression, &|_| ()).unwrap();
+    let nested = BakedTransfer::nested(&transfer, &compression, &|_| ());
     assert!(nested.is_consistent(baked.samples.len()) && nested.haar && nested.chain.len() == 3);
     let by_emitters = resolved(&stage, &nested.emission.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
     stage.baked = Arc::new(Baked { transfer: Some(nested), ..(*baked).clone() });

@@ -74,12 +74,12 @@ pub fn left_out(session: &Session, traced: bool, indirect: bool) -> Vec<LeftOut>
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let transfer = args.options.transfer.plan(&args.options.view)?;
     // Its bake takes longest, and nothing here depends on it.
     let mut options = args.options.clone();
     options.transfer.gi = Gi::Off;
     let session = Session::open(&args.scene, args.rig.as_deref(), &options)?;
     let baked = &session.baked;
+    let transfer = args.options.transfer.plan(&args.options.view, [baked.tiling.width, baked.tiling.height])?;
     let images = 2 * session.rig.lights.len() * 12 * baked.pixel_stride();
     // Whether maps are drawn depends on the device, which a plan does not open.
     let left_out = left_out(&session, false, transfer.is_some());

@@ -205,11 +205,11 @@ impl Session {
         options: &SceneOptions,
         progress: &dyn Progress,
     ) -> Result<Self> {
-        let plan = options.transfer.plan(&options.view)?;
         let mut report = BakeReport::default();
         let start = Instant::now();
         let cpu_start = cpu_seconds();
         let opened = report.stage("load", || Opened::new(path, rig_path, &options.view, progress))?;
+        let plan = options.transfer.plan(&options.view, opened.size)?;
         check_memory(opened.size, options.samples, opened.rig.lights.len(), path)?;
         let bvh = report.stage("build BVH", || opened.build_bvh(progress));
         let Opened { scene, rig, camera, size: [width, height] } = opened;

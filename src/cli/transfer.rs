@@ -26,7 +26,7 @@ pub struct TransferOptions {
     /// The thesis's method as printed, or ours.
     #[arg(long, value_enum, default_value = "robust")]
     pub method: MethodName,
-    /// Gather samples [default: 16384; 2304 in dense form].
+    /// Gather samples [default: a quarter of the pixels, 2304 to 16384; 2304 in dense form].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub gather: Option<u32>,
     /// Rays a row of the operator, for --method robust.
@@ -83,8 +83,10 @@ pub enum TransferPlan {
 
 /// Gather samples of the thesis, and of the dense form [Yang 2007, Section 5.2].
 const DENSE_SAMPLES: usize = 2304;
-/// Gather samples of the compressed form.
+/// Gather samples of the compressed form at most; small pictures show less.
 const SAMPLES: usize = 16_384;
+/// Pixels for each of them.
+const PIXELS_A_SAMPLE: usize = 4;
 /// Random lights that compression learns from.
 const LIGHTS: usize = 256;
 /// Gather samples among which light bounces on.
@@ -97,15 +99,17 @@ const THESIS_BOUNCES: u32 = 5;
 const THESIS_ERROR: f64 = 0.1;
 
 impl TransferOptions {
-    /// `None` without indirect light; an error where options exclude each other.
-    pub fn plan(&self, view: &ViewOptions) -> Result<Option<TransferPlan>> {
+    /// For a picture of `size` pixels; `None` without indirect light, an error where options exclude each other.
+    pub fn plan(&self, view: &ViewOptions, size: [u32; 2]) -> Result<Option<TransferPlan>> {
         let refuse = |option: &str, reason: &str| Err(Error::invalid(option, reason));
         let thesis = self.method == MethodName::Thesis;
         if thesis && self.transfer == Form::Nested {
             return refuse("--transfer nested", "the thesis's operator is dense");
         }
         let dense = thesis || self.transfer == Form::Dense;
-        let samples = self.gather.map_or(if dense { DENSE_SAMPLES } else { SAMPLES }, |n| n as usize);
+        let pixels = size[0] as usize * size[1] as usize;
+        let planned = if dense { DENSE_SAMPLES } else { (pixels / PIXELS_A_SAMPLE).clamp(DENSE_SAMPLES, SAMPLES) };
+        let samples = self.gather.map_or(planned, |n| n as usize);
         let diffuse = match self.gi {
             Gi::Off => return Ok(None),
             Gi::Diffuse => true,
@@ -202,14 +206,14 @@ impl TransferPlan {
                 }
                 progress.begin("transfer", baked.samples.len());
                 let made = report.stage("transfer", || match *error {
-                    None => Ok(BakedTransfer::dense(&transfer, baked, lobe, &advance)),
+                    None => BakedTransfer::dense(&transfer, baked, lobe, &advance),
                     Some(error) => {
                         let settings = CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
                         BakedTransfer::nested(&transfer, &settings, &advance)
                     }
                 });
                 progress.end();
-                made
+                Ok(made)
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);

@@ -5,7 +5,7 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 use half::f16;
 
-use super::bounces::Bounces;
+use super::bounces::Spanned;
 use super::data::MULTIPLE;
 use super::haar::Haar;
 use super::linear;
@@ -13,8 +13,8 @@ use super::panels::{self, Panels, WIDTH};
 use crate::bake::transfer::rows::Rows;
 
 /// What all superclusters are made of.
-pub struct Inputs<'a> {
-    pub bounces: Bounces<'a>,
+pub struct Inputs {
+    pub further: Spanned,
     pub haar: Haar,
     /// What Φ multiplies: random combinations of the lights to learn from.
     pub combinations: Panels,
@@ -43,7 +43,7 @@ pub struct Budget {
 
 /// A supercluster before it is fitted.
 pub struct Projected<'a> {
-    inputs: &'a Inputs<'a>,
+    inputs: &'a Inputs,
     /// Orthonormal, pixels x directions.
     basis: Mat<f32>,
     /// Haar terms x directions, by channel: the basis' transpose times T.
@@ -82,24 +82,19 @@ pub struct TileFactors {
 
 impl<'a> Projected<'a> {
     /// From the rows of Φ of the supercluster's pixels. `allowed` gives the squared error beyond noise that they may have,
-    /// from the square of their images.
-    pub fn new(inputs: &'a Inputs<'a>, rows: &Rows, anew: &Anew, allowed: impl Fn(f64) -> f64) -> Self {
+    /// from the squares of their images and of their noise.
+    pub fn new(inputs: &'a Inputs, rows: &Rows, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
         let products = panels::multiply(rows, &inputs.combinations);
         let checks = panels::multiply(rows, &inputs.checked);
         let noise = noise(anew, &checks, &inputs.checked);
         let noise = inputs.deciding.clone().map(|l| noise[l]).sum::<f64>() / inputs.deciding.len() as f64;
         let (all, energy) = range(&products, rows.len());
-        let allowed = allowed(energy);
+        let allowed = allowed(energy, noise);
         let basis =
             needed(&all, &checks.channels.each_ref().map(|panels| &panels[0]), &inputs.deciding, noise + 0.1 * allowed);
-        let mut directions = Panels::zeros(rows.len(), basis.ncols());
-        for channel in 0..3 {
-            for j in 0..basis.ncols() {
-                (0..rows.len()).for_each(|i| directions.set(channel, i, j, basis[(i, j)]));
-            }
-        }
+        let directions = Panels::from_fn(rows.len(), basis.ncols(), |_, i, j| basis[(i, j)]);
         let columns = inputs.combinations.rows();
-        let mut terms = inputs.bounces.backward(panels::multiply_transposed(rows, columns, &directions));
+        let mut terms = inputs.further.backward(panels::multiply_transposed(rows, columns, &directions));
         terms.for_each_mut(|_, panel| inputs.haar.transform(panel));
         Self { inputs, basis, terms, allowed, checks, noise }
     }
@@ -255,12 +250,7 @@ fn range(images: &Panels, rows: usize) -> (Mat<f32>, f64) {
     let all: Vec<&panels::Panel> = images.channels.iter().flatten().collect();
     let count = all.len() * WIDTH;
     let all = Mat::from_fn(rows, count, |i, j| f64::from(all[j / WIDTH][i][j % WIDTH]));
-    let (values, vectors) = linear::eigen(&linear::product(all.transpose(), all.as_ref()));
-    // What single precision cannot tell from zero is no direction.
-    let certain = values.iter().take_while(|v| **v > 1e-12 * values[0]).count();
-    let scaled = Mat::from_fn(count, certain, |i, j| vectors[(i, j)] / values[j].sqrt());
-    let basis = linear::product(all.as_ref(), scaled.as_ref());
-    (Mat::from_fn(rows, certain, |i, j| basis[(i, j)] as f32), values.iter().sum())
+    linear::orthonormal(&all)
 }
 
 /// The first directions of a basis, whole panels of them, that leave at most `budget` of the lights' images.

@@ -3,7 +3,8 @@
 use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
-use faer::linalg::lu::partial_pivoting::{factor, inverse};
+use faer::linalg::lu::partial_pivoting::{factor, solve};
+use faer::perm::PermRef;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 /// `target += left * right`.
@@ -37,18 +38,49 @@ pub fn eigen(matrix: &Mat<f64>) -> (Vec<f64>, Mat<f64>) {
     (descending, Mat::from_fn(n, n, |i, j| vectors[(i, n - 1 - j)]))
 }
 
-/// The inverse by LU, in single precision once it is found.
-pub fn inverse_of(mut matrix: Mat<f64>) -> Mat<f32> {
-    let n = matrix.nrows();
-    let (mut order, mut back) = (vec![0usize; n], vec![0usize; n]);
-    let scratch = factor::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, Default::default())
-        .or(inverse::inverse_scratch::<usize, f64>(n, Par::Seq));
-    let mut memory = MemBuffer::new(scratch);
-    let stack = MemStack::new(&mut memory);
-    let (_, rows) = factor::lu_in_place(matrix.as_mut(), &mut order, &mut back, Par::Seq, stack, Default::default());
-    let mut inverted = Mat::<f64>::zeros(n, n);
-    inverse::inverse(inverted.as_mut(), matrix.as_ref(), matrix.as_ref(), rows, Par::Seq, stack);
-    Mat::from_fn(n, n, |i, j| inverted[(i, j)] as f32)
+/// An orthonormal basis of what the columns of a tall matrix span, the fullest directions first; and the square of them
+/// all.
+pub fn orthonormal(columns: &Mat<f64>) -> (Mat<f32>, f64) {
+    let (values, vectors) = eigen(&product(columns.transpose(), columns.as_ref()));
+    // What single precision cannot tell from zero is no direction.
+    let certain = values.iter().take_while(|v| **v > 1e-12 * values[0]).count();
+    let scaled = Mat::from_fn(columns.ncols(), certain, |i, j| vectors[(i, j)] / values[j].sqrt());
+    let basis = product(columns.as_ref(), scaled.as_ref());
+    (Mat::from_fn(columns.nrows(), certain, |i, j| basis[(i, j)] as f32), values.iter().sum())
+}
+
+/// A square matrix as L and U.
+pub struct Lu {
+    factors: Mat<f64>,
+    order: Vec<usize>,
+    back: Vec<usize>,
+}
+
+impl Lu {
+    pub fn new(mut matrix: Mat<f64>) -> Self {
+        let n = matrix.nrows();
+        let (mut order, mut back) = (vec![0; n], vec![0; n]);
+        let scratch = factor::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, Default::default());
+        let stack = &mut MemBuffer::new(scratch);
+        let stack = MemStack::new(stack);
+        factor::lu_in_place(matrix.as_mut(), &mut order, &mut back, Par::Seq, stack, Default::default());
+        Self { factors: matrix, order, back }
+    }
+
+    /// The solutions for the columns of `right`, of the matrix or of its transpose.
+    pub fn solve(&self, right: MatRef<'_, f32>, transposed: bool) -> Mat<f64> {
+        let n = right.nrows();
+        let rows = PermRef::new_checked(&self.order, &self.back, n);
+        let mut solution = Mat::from_fn(n, right.ncols(), |i, j| f64::from(right[(i, j)]));
+        let scratch = solve::solve_in_place_scratch::<usize, f64>(n, right.ncols(), Par::Seq);
+        let stack = &mut MemBuffer::new(scratch);
+        let (lu, x, stack) = (self.factors.as_ref(), solution.as_mut(), MemStack::new(stack));
+        match transposed {
+            false => solve::solve_in_place(lu, lu, rows, x, Par::Seq, stack),
+            true => solve::solve_transpose_in_place(lu, lu, rows, x, Par::Seq, stack),
+        }
+        solution
+    }
 }
 
 #[cfg(test)]
@@ -57,15 +89,17 @@ mod tests {
     use crate::sequence::Points;
 
     #[test]
-    fn inverses_and_eigenvectors() {
+    fn solutions_and_eigenvectors() {
         let n = 70;
         let points = Points::new(1, 0);
         let random = Mat::from_fn(n, n, |i, j| points.at(i as u32, j as u32)[0] - 0.5);
-        let inverted = inverse_of(random.clone());
-        let inverted = Mat::from_fn(n, n, |i, j| f64::from(inverted[(i, j)]));
-        let identity = product(random.as_ref(), inverted.as_ref());
-        let off = |i: usize, j: usize| (identity[(i, j)] - f64::from(u8::from(i == j))).abs();
-        assert!((0..n).all(|i| (0..n).all(|j| off(i, j) < 1e-4)));
+        let lu = Lu::new(random.clone());
+        let right = Mat::from_fn(n, 3, |i, j| points.at(i as u32, 100 + j as u32)[0] as f32);
+        for transposed in [false, true] {
+            let matrix = if transposed { random.transpose() } else { random.as_ref() };
+            let got = product(matrix, lu.solve(right.as_ref(), transposed).as_ref());
+            assert!((0..n).all(|i| (0..3).all(|j| (got[(i, j)] - f64::from(right[(i, j)])).abs() < 1e-10)));
+        }
 
         let gram = product(random.transpose(), random.as_ref());
         let (values, vectors) = eigen(&gram);

@@ -28,6 +28,7 @@ pub use self::report::Report;
 use std::ops::Range;
 
 use half::f16;
+use rayon::prelude::*;
 
 use self::bounces::Bounces;
 use self::clusters::Clusters;
@@ -37,16 +38,16 @@ use self::haar::Haar;
 use self::lights::Kind;
 use self::panels::WIDTH;
 use self::report::Errors;
-use self::training::{Direct, Group, Trainer, combine};
+use self::training::{Direct, Group, Trainer};
 use super::transfer::Transfer;
 use super::transfer::rows::Lobe;
-use crate::Result;
 use crate::sequence::Points;
 
 /// How closely to compress.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompressionSettings {
-    /// Relative error of the indirect image, root mean square over all pixels, that point lights may have on average.
+    /// Relative error of the indirect image, root mean square over all pixels, that point lights may have on average, beyond
+    /// the noise of the rows; much noise may hide more.
     pub error: f64,
     /// Random lights to learn from.
     pub lights: usize,
@@ -59,7 +60,7 @@ pub struct Compressor<'a> {
     transfer: &'a Transfer<'a>,
     settings: CompressionSettings,
     pub clusters: Clusters,
-    inputs: Inputs<'a>,
+    inputs: Inputs,
 }
 
 /// A supercluster and what it was fitted by.
@@ -77,10 +78,10 @@ pub struct Fitted {
 
 impl<'a> Compressor<'a> {
     /// `direct` gives the coefficients of direct light.
-    pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Result<Self> {
+    pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let clusters = Clusters::new(&transfer.baked().samples);
-        let inputs = learn(transfer, direct, &clusters, settings)?;
-        Ok(Self { transfer, settings: settings.clone(), clusters, inputs })
+        let inputs = learn(transfer, direct, &clusters, settings);
+        Self { transfer, settings: settings.clone(), clusters, inputs }
     }
 
     /// Compresses all view samples that reflect anything; `progress` counts them.
@@ -88,12 +89,16 @@ impl<'a> Compressor<'a> {
         let mut compressed = Compressed { coefficients: self.transfer.fine.coefficient_count(), ..Default::default() };
         let mut u = Vec::new();
         let mut errors = Errors::new(&self.clusters);
-        for tiles in self.clusters.superclusters() {
-            let fitted = self.fit(&tiles);
-            errors.add(&fitted, &tiles);
-            let rows = self.clusters.rows(&tiles);
-            append(&mut compressed, &mut u, fitted.factors, &self.within(&tiles), &self.clusters.samples[rows.clone()]);
-            progress(rows.len());
+        let superclusters: Vec<Range<usize>> = self.clusters.superclusters().collect();
+        for some in superclusters.chunks(rayon::current_num_threads()) {
+            let fitted: Vec<Fitted> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
+            for (fitted, tiles) in fitted.into_iter().zip(some) {
+                errors.add(&fitted, tiles);
+                let rows = self.clusters.rows(tiles);
+                let samples = &self.clusters.samples[rows.clone()];
+                append(&mut compressed, &mut u, fitted.factors, &self.within(tiles), samples);
+                progress(rows.len());
+            }
         }
         round(&mut compressed, &u);
         (compressed, errors.report())
@@ -139,9 +144,13 @@ impl<'a> Compressor<'a> {
         let rows = gatherer.gather(samples);
         gatherer.seed ^= 1 << 33;
         let anew = Anew { rows: &gatherer.gather(&again), pixels: &pixels };
-        // Half of the error goes where there is light, half everywhere.
         let share = samples.len() as f64 / self.clusters.samples.len() as f64;
-        let allowed = |energy: f64| 0.5 * (BIAS * self.settings.error).powi(2) * (share + energy);
+        let allowed = |energy: f64, noise: f64| {
+            // Half of the error goes where there is light, half everywhere.
+            let (noise, all) = (noise.sqrt(), (0.5 * (share + energy)).sqrt());
+            let hidden = (noise + HIDDEN * self.settings.error * all).powi(2) - noise.powi(2);
+            hidden.max((BIAS * self.settings.error * all).powi(2))
+        };
         Projected::new(&self.inputs, &rows, &anew, allowed)
     }
 
@@ -156,10 +165,15 @@ impl<'a> Compressor<'a> {
 /// Share of the error asked for that compression may add to the noise of the rows: with noise of 1.1 %, which 1,024
 /// rays leave, 0.7 % more make 1.3 % against those rows.
 const BIAS: f64 = 0.7;
+/// Share of the error asked for that further bounces' light may lack.
+const SPANNED: f64 = 0.1;
+/// Share of the error asked for by which compression may lengthen error and noise together: where there is much noise,
+/// more is hidden in it.
+const HIDDEN: f64 = 0.4;
 /// Rows of each supercluster that are gathered twice, to know their noise.
 const ANEW: usize = 64;
 /// View samples that tell how bright a light's image is.
-const SCOUTS: usize = 2048;
+const SCOUTS: usize = 512;
 /// Random combinations of lights, in each channel, whose images span those of all.
 const COMBINATIONS: usize = 3 * WIDTH;
 /// Shares of the allowed error for directions of a supercluster, terms of light, and directions of tiles.
@@ -172,13 +186,8 @@ const SPOTS: Range<usize> = 44..64;
 /// Fits of a supercluster at most.
 const ROUNDS: usize = 5;
 
-fn learn<'a>(
-    transfer: &'a Transfer,
-    direct: &Direct,
-    clusters: &Clusters,
-    settings: &CompressionSettings,
-) -> Result<Inputs<'a>> {
-    let bounces = Bounces::new(transfer)?;
+fn learn(transfer: &Transfer, direct: &Direct, clusters: &Clusters, settings: &CompressionSettings) -> Inputs {
+    let bounces = Bounces::new(transfer);
     let haar = Haar::new(&transfer.fine.first);
     let seed = |purpose: u64| settings.seed ^ (16 + purpose) << 32;
     let count = clusters.samples.len();
@@ -191,18 +200,24 @@ fn learn<'a>(
     let spots = settings.lights / 4;
     let group = |kind, count, purpose| Group { kind, count, seed: seed(purpose) };
     let mut learned = trainer.lights(&[group(Kind::Point, settings.lights - spots, 1), group(Kind::Spot, spots, 2)]);
-    let mut checks = trainer.lights(&[
+    let checks = trainer.lights(&[
         group(Kind::Point, DECIDING.len(), 3),
         group(Kind::Point, POINTS.len(), 4),
         group(Kind::Spot, SPOTS.len(), 5),
     ]);
-    learned.scale(&vec![(settings.lights.max(1) as f32).sqrt().recip(); learned.count]);
-    let combinations = combine(&learned, COMBINATIONS, seed(6));
-    let (combinations, checked) = (bounces.forward(&combinations), bounces.forward(&checks));
+    learned.scale(&vec![(settings.lights.max(1) as f32).sqrt().recip(); settings.lights]);
+    let allowed = (SPANNED * settings.error).powi(2) * share;
+    let further = bounces.spanned(&learned.further, &checks.further, &rows, |left| {
+        left[DECIDING].iter().sum::<f64>() <= allowed * DECIDING.len() as f64
+    });
+    let combinations = learned.combine(COMBINATIONS, seed(6));
+    let combinations = bounces.seen(&combinations.direct, &combinations.further);
+    let checked = bounces.seen(&checks.direct, &checks.further);
+    let (mut learned, mut checks) = (learned.direct, checks.direct);
     learned.for_each_mut(|_, panel| haar.transform(panel));
     checks.for_each_mut(|_, panel| haar.transform(panel));
     let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
-    Ok(Inputs { bounces, haar, combinations, checked, learned, power, checks, deciding: DECIDING })
+    Inputs { further, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
 }
 
 /// Adds a supercluster to what is compressed already; its U goes to `u` unrounded.

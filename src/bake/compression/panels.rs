@@ -46,12 +46,45 @@ impl Panels {
         all.into_par_iter().for_each(|(channel, panel)| change(channel, panel));
     }
 
+    /// From each entry's channel, row and vector.
+    pub fn from_fn(rows: usize, count: usize, entry: impl Fn(usize, usize, usize) -> f32 + Sync) -> Self {
+        let mut made = Self::zeros(rows, count);
+        for (channel, panels) in made.channels.iter_mut().enumerate() {
+            for (part, panel) in panels.iter_mut().enumerate() {
+                let vectors = WIDTH.min(count - part * WIDTH);
+                panel.par_iter_mut().enumerate().for_each(|(i, row)| {
+                    row[..vectors].iter_mut().enumerate().for_each(|(j, x)| *x = entry(channel, i, part * WIDTH + j));
+                });
+            }
+        }
+        made
+    }
+
+    /// Keeps the first vectors, in whole panels.
+    pub fn truncate(&mut self, count: usize) {
+        self.count = self.count.min(count);
+        self.channels.iter_mut().for_each(|panels| panels.truncate(count.div_ceil(WIDTH)));
+    }
+
+    /// Adds as many other vectors.
+    pub fn add(&mut self, others: &Self) {
+        for (panels, others) in self.channels.iter_mut().zip(&others.channels) {
+            for (panel, other) in panels.iter_mut().zip(others) {
+                panel.as_flattened_mut().iter_mut().zip(other.as_flattened()).for_each(|(x, y)| *x += y);
+            }
+        }
+    }
+
     pub fn get(&self, channel: usize, row: usize, vector: usize) -> f32 {
         self.channels[channel][vector / WIDTH][row][vector % WIDTH]
     }
 
-    pub fn set(&mut self, channel: usize, row: usize, vector: usize, value: f32) {
-        self.channels[channel][vector / WIDTH][row][vector % WIDTH] = value;
+    /// Copies a vector of others, times `factor`.
+    pub fn copy(&mut self, vector: usize, others: &Self, other: usize, factor: f32) {
+        for (panels, others) in self.channels.iter_mut().zip(&others.channels) {
+            let from = others[other / WIDTH].iter().map(|row| row[other % WIDTH]);
+            panels[vector / WIDTH].iter_mut().zip(from).for_each(|(row, x)| row[vector % WIDTH] = factor * x);
+        }
     }
 }
 
@@ -143,20 +176,37 @@ impl pulp::NullaryFnOnce for Multiply<'_> {
     }
 }
 
+/// Columns whose sums stay in a cache while all rows go by.
+const COLUMNS: usize = 256;
+
 /// The transposes of `rows`, one a channel, times the vectors: a row of the result for each of `columns` columns.
 pub fn multiply_transposed(rows: &Rows, columns: usize, vectors: &Panels) -> Panels {
-    vectors.map(|channel, panel| {
-        let mut sums = vec![[0.0; WIDTH]; columns];
-        pulp::Arch::new().dispatch(MultiplyTransposed { rows, channel, panel, sums: &mut sums });
-        sums
-    })
+    let mut products = Panels::zeros(columns, vectors.count);
+    let mut pieces: Vec<Vec<Piece>> = (0..columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
+    for (channel, (sums, panels)) in products.channels.iter_mut().zip(&vectors.channels).enumerate() {
+        for (sums, panel) in sums.iter_mut().zip(panels) {
+            let of_pieces = pieces.iter_mut().zip(sums.chunks_mut(COLUMNS));
+            of_pieces.for_each(|(pieces, sums)| pieces.push(Piece { channel, panel, sums }));
+        }
+    }
+    pieces.into_par_iter().enumerate().for_each(|(number, pieces)| {
+        pulp::Arch::new().dispatch(MultiplyTransposed { rows, first: (number * COLUMNS) as u32, pieces });
+    });
+    products
 }
 
-struct MultiplyTransposed<'a> {
-    rows: &'a Rows,
+/// What a panel of vectors makes of a few columns.
+struct Piece<'a> {
     channel: usize,
     panel: &'a Panel,
     sums: &'a mut [[f32; WIDTH]],
+}
+
+/// All panels for the columns from `first` on.
+struct MultiplyTransposed<'a> {
+    rows: &'a Rows,
+    first: u32,
+    pieces: Vec<Piece<'a>>,
 }
 
 impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
@@ -164,11 +214,21 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
 
     #[inline(always)]
     fn call(self) {
-        for (r, x) in self.panel.iter().enumerate() {
-            let range = self.rows.first[r]..self.rows.first[r + 1];
-            for (column, value) in self.rows.columns[range.clone()].iter().zip(&self.rows.values[range]) {
-                let factor = value[self.channel];
-                self.sums[*column as usize].iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+        let Self { rows, first, pieces } = self;
+        let entries: Vec<std::ops::Range<usize>> = (0..rows.len())
+            .map(|r| {
+                let range = rows.first[r]..rows.first[r + 1];
+                let before = |limit: u32| range.start + rows.columns[range.clone()].partition_point(|&c| c < limit);
+                before(first)..before(first + COLUMNS as u32)
+            })
+            .collect();
+        for Piece { channel, panel, sums } in pieces {
+            for (x, entries) in panel.iter().zip(&entries) {
+                for (column, value) in rows.columns[entries.clone()].iter().zip(&rows.values[entries.clone()]) {
+                    let factor = value[channel];
+                    let sums = &mut sums[(column - first) as usize];
+                    sums.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+                }
             }
         }
     }

@@ -36,13 +36,22 @@ const SEEN: f64 = 0.02;
 /// Lights looked at for each one wanted, at most.
 const ATTEMPTS: u32 = 20;
 
+/// Light at the fine level, and what it becomes on further bounces.
+#[derive(Clone)]
+pub struct Bounced {
+    pub direct: Panels,
+    pub further: Panels,
+}
+
 impl Trainer<'_> {
-    /// Direct light of random lights, coefficients x lights, group by group; each is scaled so that its whole indirect
-    /// image has norm 1. Lights that hardly anything visible receives light from are passed over; if too many are, the
-    /// last stay black. Lights of different seeds have nothing in common.
-    pub fn lights(&self, groups: &[Group]) -> Panels {
+    /// Random lights, group by group; each is scaled so that its whole indirect image has norm 1. Lights that hardly
+    /// anything visible receives light from are passed over; if too many are, the last stay black. Lights of different
+    /// seeds have nothing in common.
+    pub fn lights(&self, groups: &[Group]) -> Bounced {
         let level = &self.transfer.fine;
-        let mut all = Panels::zeros(level.coefficient_count(), groups.iter().map(|g| g.count).sum());
+        let count = groups.iter().map(|g| g.count).sum();
+        let zeros = |rows| Panels::zeros(rows, count);
+        let mut all = Bounced { direct: zeros(level.coefficient_count()), further: zeros(self.transfer.among.len()) };
         let mut first = 0;
         for group in groups.iter().filter(|_| !level.samples.is_empty()) {
             let end = first + group.count;
@@ -50,15 +59,15 @@ impl Trainer<'_> {
             let mut candidates = (0..group.count as u32 * ATTEMPTS).filter_map(|i| random.light(group.kind, i));
             let mut next = first;
             while next < end {
-                let batch: Vec<Vec<DVec3>> =
-                    candidates.by_ref().take(WIDTH.min(end - next)).map(|light| (self.direct)(&light)).collect();
+                let batch: Vec<PackedLight> = candidates.by_ref().take(WIDTH).collect();
                 if batch.is_empty() {
                     break;
                 }
-                for (light, scale) in batch.iter().zip(self.scales(&batch)).filter(|(_, scale)| *scale > 0.0) {
-                    for (i, x) in light.iter().enumerate() {
-                        (0..3).for_each(|channel| all.set(channel, i, next, (x[channel] * scale) as f32));
-                    }
+                let (bounced, scales) = self.bounce(&batch);
+                for (number, scale) in scales.into_iter().enumerate().filter(|(_, scale)| *scale > 0.0).take(end - next)
+                {
+                    all.direct.copy(next, &bounced.direct, number, scale);
+                    all.further.copy(next, &bounced.further, number, scale);
                     next += 1;
                 }
             }
@@ -67,26 +76,37 @@ impl Trainer<'_> {
         all
     }
 
-    /// What each light must be multiplied by for an image of norm 1; 0 for those that are passed over.
-    fn scales(&self, lights: &[Vec<DVec3>]) -> Vec<f64> {
-        let mut panels = Panels::zeros(self.transfer.fine.coefficient_count(), lights.len());
-        let lengths: Vec<f64> =
-            lights.iter().map(|light| light.iter().map(|x| x.length_squared()).sum::<f64>().sqrt()).collect();
-        for (number, light) in lights.iter().enumerate().filter(|(number, _)| lengths[*number] > 0.0) {
-            for (i, x) in light.iter().enumerate() {
-                (0..3).for_each(|channel| panels.set(channel, i, number, (x[channel] / lengths[number]) as f32));
-            }
-        }
-        let seen = panels::multiply(self.scouts, &self.bounces.forward(&panels)).squares();
+    /// A panel of lights or fewer, and what each must be multiplied by for an image of norm 1; 0 for those that are
+    /// passed over.
+    fn bounce(&self, lights: &[PackedLight]) -> (Bounced, Vec<f32>) {
+        let direct: Vec<Vec<DVec3>> = lights.iter().map(|light| (self.direct)(light)).collect();
+        // Single precision holds what is neither very bright nor very dark.
+        let length = |light: &Vec<DVec3>| light.iter().map(|x| x.length_squared()).sum::<f64>().sqrt();
+        let units: Vec<f64> = direct.iter().map(length).map(|l| if l > 0.0 { l.recip() } else { 0.0 }).collect();
+        let entry = |channel: usize, i: usize, light: usize| (direct[light][i][channel] * units[light]) as f32;
+        let direct = Panels::from_fn(self.transfer.fine.coefficient_count(), lights.len(), entry);
+        let further = self.bounces.further(&direct);
+        let seen = panels::multiply(self.scouts, &self.bounces.seen(&direct, &further)).squares();
         let least = SEEN * SEEN * seen.iter().copied().fold(0.0, f64::max);
-        let scale =
-            |(seen, length): (&f64, &f64)| if *seen > least { (self.share / seen).sqrt() / length } else { 0.0 };
-        seen.iter().zip(&lengths).map(scale).collect()
+        let scale = |seen: &f64| if *seen > least { (self.share / seen).sqrt() as f32 } else { 0.0 };
+        let scales = seen.iter().map(scale).collect();
+        (Bounced { direct, further }, scales)
     }
 }
 
-/// `count` random combinations of `lights`; their covariance is that of the lights.
-pub fn combine(lights: &Panels, count: usize, seed: u64) -> Panels {
+impl Bounced {
+    /// `count` random combinations; their covariance is that of these.
+    pub fn combine(&self, count: usize, seed: u64) -> Self {
+        Self { direct: combine(&self.direct, count, seed), further: combine(&self.further, count, seed) }
+    }
+
+    pub fn scale(&mut self, factors: &[f32]) {
+        self.direct.scale(factors);
+        self.further.scale(factors);
+    }
+}
+
+fn combine(lights: &Panels, count: usize, seed: u64) -> Panels {
     let points = Points::new(seed, 0);
     let scale = 1.0 / count as f64;
     // Box and Muller's way to normal numbers.

@@ -118,7 +118,8 @@ impl<'a> Transfer<'a> {
             let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
             Level::new(scene, samples, &functions)
         };
-        let fine = level(settings.samples, settings.points, settings.seed, &[MOST_FUNCTIONS], usize::MAX);
+        let limit = MOST_FINE_COEFFICIENTS.max(6 * settings.samples);
+        let fine = level(settings.samples, settings.points, settings.seed, &FINE_FUNCTIONS, limit);
         let coarse = (settings.coarse_samples < settings.samples).then(|| {
             let (count, seed) = (settings.coarse_samples.max(1), settings.seed ^ 1 << 32);
             level(count, RAY_POINTS, seed, &COARSE_FUNCTIONS, MOST_COARSE_COEFFICIENTS)
@@ -284,12 +285,14 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
 
 /// Share of a material's energy beyond its functions, at most.
 const DROPPED: f32 = 0.01;
-/// Functions of a fine sample at most, for direct light: highlights that it casts.
-const MOST_FUNCTIONS: u8 = MAX_FUNCTIONS as u8;
-/// Functions of a coarse sample at most, the first that fits: light that has bounced is smoother.
+/// Functions of a fine sample at most, for direct light, the first that fits: highlights that it casts.
+const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
+/// Coefficients of the fine level, or six a sample: hundreds of lights are learned from, each with as many.
+const MOST_FINE_COEFFICIENTS: usize = 200_000;
+/// The same of a coarse sample: light that has bounced is smoother.
 const COARSE_FUNCTIONS: [u8; 4] = [16, 9, 4, 1];
-/// Coefficients of a coarse level: compression inverts the matrix among them.
-pub const MOST_COARSE_COEFFICIENTS: usize = 12_000;
+/// Coefficients of a coarse level: compression factors the matrix among them.
+pub const MOST_COARSE_COEFFICIENTS: usize = 6_000;
 
 fn capped(samples: &GatherSamples) -> f64 {
     let (mut kept, mut all) = (0.0, 0.0);

@@ -50,6 +50,8 @@ pub struct RowGatherer<'a> {
 pub(super) struct Row<'a> {
     /// Coefficients of sample i: `first[i]..first[i + 1]`.
     first: &'a [u32],
+    /// The first of these that are kept of each sample, at most.
+    most: u32,
     /// Of each sample its sums of red, then green, then blue.
     sums: Vec<f32>,
     /// A bit a sample.
@@ -169,7 +171,7 @@ const NO_LIGHT: u8 = (PARTS * PARTS) as u8;
 impl<'a> Scratch<'a> {
     fn new(levels: &[&'a Level]) -> Self {
         Self {
-            rows: levels.iter().map(|level| Row::new(&level.first)).collect(),
+            rows: levels.iter().map(|level| Row::new(&level.first, u32::MAX)).collect(),
             directions: Directions::default(),
             parts: Vec::new(),
             fans: Vec::new(),
@@ -232,13 +234,14 @@ fn frame_towards(normal: Vec3, wo: Vec3) -> [Vec3; 3] {
 }
 
 impl<'a> Row<'a> {
-    /// Coefficients of sample i are `first[i]..first[i + 1]`.
-    pub fn new(first: &'a [u32]) -> Self {
+    /// Coefficients of sample i are `first[i]..first[i + 1]`, of which the first `most` are kept.
+    pub fn new(first: &'a [u32], most: u32) -> Self {
         let coefficients = *first.last().expect("one more than samples") as usize;
-        Self { first, sums: vec![0.0; 3 * coefficients], touched: vec![0; first.len().div_ceil(64)] }
+        let touched = vec![0; first.len().div_ceil(64)];
+        Self { first, most, sums: vec![0.0; 3 * coefficients], touched }
     }
 
-    /// Adds a sample's `values` times `light`.
+    /// Adds a sample's `values`, one a coefficient, times `light`.
     #[inline(always)]
     pub fn add(&mut self, sample: usize, values: &[f32], light: Vec3) {
         let sums = self.sums_of(sample, values.len());
@@ -258,6 +261,7 @@ impl<'a> Row<'a> {
 
     #[inline(always)]
     fn sums_of(&mut self, sample: usize, count: usize) -> [&mut [f32]; 3] {
+        let count = count.min(self.most as usize);
         self.touched[sample / 64] |= 1 << (sample % 64);
         let (red, others) = self.sums[3 * self.first[sample] as usize..][..3 * count].split_at_mut(count);
         let (green, blue) = others.split_at_mut(count);
@@ -270,7 +274,8 @@ impl<'a> Row<'a> {
             while *touched != 0 {
                 let sample = 64 * word + touched.trailing_zeros() as usize;
                 *touched &= *touched - 1;
-                let (first, end) = (self.first[sample], self.first[sample + 1]);
+                let first = self.first[sample];
+                let end = self.first[sample + 1].min(first.saturating_add(self.most));
                 let count = (end - first) as usize;
                 let sums = &mut self.sums[3 * first as usize..][..3 * count];
                 rows.columns.extend(offset + first..offset + end);

@@ -202,7 +202,7 @@ impl<'a> Thesis<'a> {
         let terms = self.reflections.iter().flatten().map(Reflection::terms).max().unwrap_or(1);
         Scratch {
             visibility: vec![0; self.packets.len() * PACKET_SIZE],
-            rows: (0..terms).map(|_| Row::new(&self.first)).collect(),
+            rows: (0..terms).map(|_| Row::new(&self.first, u32::MAX)).collect(),
             h: vec![Vec3::ZERO; terms],
             k: vec![Vec3::ZERO; terms],
         }

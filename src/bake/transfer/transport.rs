@@ -24,6 +24,9 @@ use crate::sequence::Points;
 const ROUNDS: usize = 200;
 /// Balanced when no column is off by more.
 const BALANCED: f64 = 1e-9;
+/// Functions of a sending sample that count: what goes on to a further bounce is smoother by then, and the first function
+/// has all energy.
+const MOST_SENT: u32 = 16;
 /// No row or column is scaled by more than this or less than its inverse: columns that hardly any ray found stay small.
 const MOST_SCALE: f64 = 8.0;
 
@@ -167,8 +170,8 @@ impl<'a> Scratch<'a> {
     /// `singles` counts up: the one coefficient that each sample has in F.
     fn new(senders: &[&'a Level], singles: &'a [u32]) -> Self {
         let of = |level: &&'a Level| {
-            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first)).collect();
-            (rows, Row::new(&singles[..=level.samples.len()]))
+            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first, MOST_SENT)).collect();
+            (rows, Row::new(&singles[..=level.samples.len()], 1))
         };
         Self { levels: senders.iter().map(of).collect() }
     }

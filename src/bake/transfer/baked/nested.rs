@@ -10,15 +10,14 @@ use crate::bake::compression::{CompressionSettings, Compressor};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Dense};
 use crate::bake::transfer::rows::Lobe;
-use crate::error::Result;
 use crate::reference::gather;
 use crate::shared::{NO_BRDF, PackedLight};
 
 impl BakedTransfer {
     /// Our operator, compressed. `progress` counts view samples.
-    pub fn nested(transfer: &Transfer, settings: &CompressionSettings, progress: &dyn Fn(usize)) -> Result<Self> {
+    pub fn nested(transfer: &Transfer, settings: &CompressionSettings, progress: &dyn Fn(usize)) -> Self {
         let direct = |light: &PackedLight| gather::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
-        let (compressed, held_out) = Compressor::new(transfer, &direct, settings)?.compress(progress);
+        let (compressed, held_out) = Compressor::new(transfer, &direct, settings).compress(progress);
         let report = TransferReport {
             method: "robust".into(),
             form: "nested".into(),
@@ -29,7 +28,7 @@ impl BakedTransfer {
         };
         let (vector_length, chain) = chain(&compressed, transfer.baked().samples.len());
         let plain = Self::new(&transfer.fine, vector_length, chain);
-        Ok(Self { haar: true, emission: emission(transfer, settings.lobe), report, ..plain })
+        Self { haar: true, emission: emission(transfer, settings.lobe), report, ..plain }
     }
 }
 
