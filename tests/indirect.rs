@@ -368,15 +368,7 @@ fn pictures_are_what_the_operator_says() {
 
 /// What the device does with a transfer, in double precision.
 fn applied(stage: &Stage, transfer: &Transfer, baked: &BakedTransfer, light: &Light) -> Vec<DVec3> {
-    let direct = gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.origin));
-    let mut vector = if baked.haar { Haar::new(&transfer.fine.first).terms(&direct) } else { direct };
-    vector.resize(baked.vector_length, DVec3::ZERO);
-    let (last, inner) = baked.chain.split_last().unwrap();
-    for matrix in inner {
-        let product = matrix.multiply(&vector);
-        matrix.outputs.iter().for_each(|&o| vector[o as usize] = product[o as usize]);
-    }
-    last.multiply(&vector)
+    baked.apply(&gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.origin)))
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use relume::bake::bvh::Bvh;
+use relume::bake::compression::verify::Verdict;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::ThesisSettings;
@@ -196,6 +197,14 @@ impl Session {
         session.bake.seconds += start.elapsed().as_secs_f64();
         session.bake.cpu_seconds += cpu_seconds() - cpu_start;
         Ok(session)
+    }
+
+    /// How far indirect light is from rows gathered anew, under points and spots.
+    pub fn verify(&self) -> Result<[Verdict; 2]> {
+        let (Some(transfers), Some(transfer)) = (&self.transfers, &self.baked.transfer) else {
+            return Err(Error::invalid("--verify", "with --gi off there is nothing to verify"));
+        };
+        transfers.plan.verify(&self.scene, &self.bvh, &self.baked, transfer, &Terminal::default())
     }
 
     /// All but indirect light.

@@ -5,11 +5,14 @@ use relume::bake::Baked;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::compression::verify::{self, Judge, Verdict};
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::reference::gather;
 use relume::scene::Scene;
+use relume::shared::PackedLight;
 use relume::{Error, Result};
 
 use super::options::{Bounces, ViewOptions, parse_bounces};
@@ -185,6 +188,32 @@ impl TransferPlan {
         Some(Self::Robust(settings, Some(error.max(0.05))))
     }
 
+    /// How far an operator of ours is from rows gathered anew, under points and spots.
+    pub fn verify(
+        &self,
+        scene: &Scene,
+        bvh: &Bvh,
+        baked: &Baked,
+        operator: &BakedTransfer,
+        progress: &dyn Progress,
+    ) -> Result<[Verdict; 2]> {
+        let Self::Robust(settings, _) = self else {
+            return Err(Error::invalid("--verify", "rows are gathered anew for --method robust only"));
+        };
+        progress.begin("bounces", settings.coarse_samples.min(settings.samples));
+        let transfer = Transfer::new(scene, bvh, baked, settings, &|count| progress.advance(count));
+        progress.end();
+        let direct = |light: &PackedLight| gather::shade(scene, bvh, &transfer.fine, light);
+        let rays = RAYS_ANEW * settings.rays;
+        let judge = Judge { rays, share: 0.1, lights: 20, lobe: Lobe::All, seed: settings.seed ^ 5 << 32 };
+        progress.begin("verifying", (judge.share * baked.samples.len() as f64) as usize);
+        let verdicts = verify::judge(&transfer, &direct, |light| operator.apply(light), &judge, &|count| {
+            progress.advance(count);
+        });
+        progress.end();
+        Ok(verdicts)
+    }
+
     /// Bakes the operator of a scene.
     pub fn bake(
         &self,
@@ -235,6 +264,9 @@ impl TransferPlan {
         }
     }
 }
+
+/// Rays of rows gathered anew, for each of the operator's own.
+const RAYS_ANEW: u32 = 8;
 
 /// Refuses a dense operator that cannot fit this machine: float16 RGB, on the host and on the device, and G* once more.
 fn check_dense(baked: &Baked, columns: usize, scene: &Scene) -> Result<()> {

@@ -8,7 +8,7 @@ use crate::bake::compression::haar::Haar;
 use crate::bake::point_tree::middle;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame, Kernel};
-use crate::shared::{GROUP_SIZE, HaarPush, LightSample, Rotation};
+use crate::shared::{GROUP_SIZE, HaarPush, Rotation};
 
 pub struct HaarTransform {
     rotations: Buffer<Rotation>,
@@ -28,10 +28,9 @@ struct Launch {
 const SUBTREE: usize = 256;
 
 impl HaarTransform {
-    pub fn new(context: &Arc<Context>, samples: &[LightSample]) -> Result<Self> {
-        let mut first: Vec<u32> = samples.iter().map(|s| s.first).collect();
-        first.extend(samples.last().map(|s| s.first + s.degrees * s.degrees));
-        let order = Order::new(&first);
+    /// Coefficients of sample i are `first[i]..first[i + 1]`.
+    pub fn new(context: &Arc<Context>, first: &[u32]) -> Result<Self> {
+        let order = Order::new(first);
         let launch = |ranges: &Vec<Vec<u32>>| -> Result<Launch> {
             Ok(Launch {
                 ranges: Buffer::from_slice(context, "transfer (Haar ranges)", &ranges.concat())?,

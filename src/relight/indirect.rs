@@ -72,7 +72,7 @@ impl Indirect {
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             lit: LitSamples::new(context, transfer)?,
             vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
-            haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.samples)).transpose()?,
+            haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.first())).transpose()?,
             chain,
         })
     }

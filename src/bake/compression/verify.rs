@@ -1,15 +1,14 @@
-//! How far both the compressed and the dense operator are from rows gathered anew, with more rays and other numbers.
+//! How far both an operator and the rows that it was made of are from rows gathered anew, with more rays and other numbers.
 
 use std::ops::Range;
 
 use glam::DVec3;
 
-use super::data::Compressed;
-use super::haar::Haar;
+use super::clusters::Clusters;
 use super::lights::{Kind, RandomLights};
 use super::training::Direct;
 use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::{Lobe, Rows};
+use crate::bake::transfer::rows::Lobe;
 use crate::sequence::Points;
 
 /// What to judge by.
@@ -17,8 +16,8 @@ use crate::sequence::Points;
 pub struct Judge {
     /// Rays of a row gathered anew.
     pub rays: u32,
-    /// Tiles looked at, picked at random.
-    pub tiles: usize,
+    /// Share of all tiles that is looked at, picked at random.
+    pub share: f64,
     /// Lights of each kind.
     pub lights: usize,
     pub lobe: Lobe,
@@ -26,52 +25,79 @@ pub struct Judge {
     pub seed: u64,
 }
 
-/// Relative errors over all tiles looked at, mean over lights.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Relative errors over all tiles looked at, root mean square, of lights of one kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Verdict {
-    pub compressed: f64,
-    pub dense: f64,
+    /// Of the operator against rows gathered anew: mean and largest.
+    pub error: f64,
+    pub worst: f64,
+    /// Of the rows that it was made of, against those gathered anew, mean: their noise, all but that of the latter.
+    pub rows: f64,
+    /// Of the operator against the rows that it was made of, mean.
+    pub apart: f64,
 }
 
-/// Under point lights and under spots. Rows take memory by the tile, not by the picture.
-pub fn judge(transfer: &Transfer, compressed: &Compressed, direct: &Direct, judge: &Judge) -> [Verdict; 2] {
-    if compressed.tiles.is_empty() || transfer.fine.samples.is_empty() {
+/// Under point lights and under spots. `direct` gives coefficients of direct light, `relight` makes an image of them, a
+/// value a view sample. Rows take memory by the tile, not by the picture; `progress` counts view samples.
+pub fn judge(
+    transfer: &Transfer,
+    direct: &Direct,
+    relight: impl Fn(&[DVec3]) -> Vec<DVec3>,
+    judge: &Judge,
+    progress: &dyn Fn(usize),
+) -> [Verdict; 2] {
+    let clusters = Clusters::new(&transfer.baked().samples);
+    let tiles = judge.tiles(&clusters);
+    if tiles.is_empty() || transfer.fine.samples.is_empty() {
         return Default::default();
     }
-    let haar = Haar::new(&transfer.fine.first);
-    let random = Points::new(judge.seed, 0);
-    let pick = |i: usize| (random.at(i as u32, 0)[0] * compressed.tiles.len() as f64) as usize;
-    let mut tiles: Vec<usize> = (0..judge.tiles).map(pick).collect();
-    tiles.sort_unstable();
-    tiles.dedup();
-    let rows_of = |tile: usize| -> Range<usize> {
-        let tile = &compressed.tiles[tile];
-        tile.first_sample as usize..(tile.first_sample + tile.samples) as usize
-    };
-    [Kind::Point, Kind::Spot].map(|kind| {
-        let lights = lights(transfer, direct, kind, judge);
-        let bounced: Vec<Vec<DVec3>> = lights.iter().map(|light| transfer.bounce(light).0).collect();
-        let relit: Vec<Vec<DVec3>> = lights.iter().map(|light| compressed.relight(&haar, light)).collect();
-        let mut sums = vec![[0.0; 3]; lights.len()];
-        for &tile in &tiles {
-            let samples = &compressed.samples[rows_of(tile)];
-            let mut gatherer = transfer.row_gatherer(judge.lobe);
-            let rows: Rows = gatherer.gather(samples);
-            (gatherer.rays, gatherer.seed) = (judge.rays, gatherer.seed ^ judge.seed.rotate_left(17) ^ 1 << 34);
-            let anew = gatherer.gather(samples);
-            for ((bounced, relit), sums) in bounced.iter().zip(&relit).zip(&mut sums) {
-                let (want, dense) = (anew.multiply(bounced), rows.multiply(bounced));
-                for ((want, dense), got) in want.iter().zip(&dense).zip(&relit[rows_of(tile)]) {
-                    sums[0] += want.length_squared();
-                    sums[1] += (*got - want).length_squared();
-                    sums[2] += (*dense - want).length_squared();
-                }
+    let kinds = [Kind::Point, Kind::Spot].map(|kind| lights(transfer, direct, kind, judge));
+    let bounced: Vec<Vec<DVec3>> = kinds.iter().flatten().map(|light| transfer.bounce(light).0).collect();
+    let relit: Vec<Vec<DVec3>> = kinds.iter().flatten().map(|light| relight(light)).collect();
+    // Squares of the image, of the operator's and the rows' errors, and of what lies between these.
+    let mut sums = vec![[0.0; 4]; bounced.len()];
+    for tile in tiles {
+        let samples = &clusters.samples[tile];
+        let mut gatherer = transfer.row_gatherer(judge.lobe);
+        let rows = gatherer.gather(samples);
+        (gatherer.rays, gatherer.seed) = (judge.rays, gatherer.seed ^ judge.seed.rotate_left(17) ^ 1 << 34);
+        let anew = gatherer.gather(samples);
+        for ((bounced, relit), sums) in bounced.iter().zip(&relit).zip(&mut sums) {
+            let (want, dense) = (anew.multiply(bounced), rows.multiply(bounced));
+            for ((want, dense), &sample) in want.into_iter().zip(dense).zip(samples) {
+                let got = relit[sample as usize];
+                let squares = [want, got - want, dense - want, got - dense].map(DVec3::length_squared);
+                sums.iter_mut().zip(squares).for_each(|(sum, square)| *sum += square);
             }
         }
-        let lit: Vec<&[f64; 3]> = sums.iter().filter(|sums| sums[0] > 0.0).collect();
-        let mean = |which: usize| lit.iter().map(|s| (s[which] / s[0]).sqrt()).sum::<f64>() / lit.len().max(1) as f64;
-        Verdict { compressed: mean(1), dense: mean(2) }
-    })
+        progress(samples.len());
+    }
+    let mut sums = sums.into_iter();
+    kinds.map(|lights| Verdict::new(&sums.by_ref().take(lights.len()).collect::<Vec<_>>()))
+}
+
+impl Judge {
+    /// View samples of the tiles looked at, as places in the clusters' order.
+    fn tiles(&self, clusters: &Clusters) -> Vec<Range<usize>> {
+        let all: Vec<usize> = clusters.superclusters().flatten().collect();
+        let wanted = (self.share * all.len() as f64).ceil() as usize;
+        let points = Points::new(self.seed, 0);
+        let number = |&tile: &usize| points.at(tile as u32, 0)[0];
+        let mut picked = all;
+        picked.sort_by(|a, b| number(a).total_cmp(&number(b)));
+        picked.truncate(wanted);
+        picked.into_iter().map(|tile| clusters.rows(&(tile..tile + 1))).collect()
+    }
+}
+
+impl Verdict {
+    fn new(sums: &[[f64; 4]]) -> Self {
+        // Lights that nothing is seen of say nothing.
+        let lit = || sums.iter().filter(|sums| sums[0] > 0.0);
+        let errors = |which: usize| lit().map(move |sums| (sums[which] / sums[0]).sqrt());
+        let mean = |which: usize| errors(which).sum::<f64>() / lit().count().max(1) as f64;
+        Self { error: mean(1), worst: errors(1).fold(0.0, f64::max), rows: mean(2), apart: mean(3) }
+    }
 }
 
 /// A light must reach this share of all coefficients.

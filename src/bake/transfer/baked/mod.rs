@@ -5,12 +5,13 @@ mod dense;
 mod nested;
 
 use bytemuck::Zeroable;
-use glam::{Vec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 
 use super::blocks::BlockMatrix;
 use super::level::Level;
 use crate::bake::brdf_factors::{Projection, roughness_coordinate};
 use crate::bake::compression;
+use crate::bake::compression::haar::Haar;
 use crate::bake::gather_samples::GatherSamples;
 use crate::bake::octahedral;
 use crate::bake::packet::SamplePacket;
@@ -134,6 +135,24 @@ impl BakedTransfer {
             && inner.iter().all(|m| m.output_count as usize == self.vector_length)
             && last.output_count as usize == view_samples
             && (self.emission.is_empty() || self.emission.len() == view_samples)
+    }
+
+    /// Indirect radiance of all view samples from direct light's coefficients, in double precision: what the device computes.
+    pub fn apply(&self, direct: &[DVec3]) -> Vec<DVec3> {
+        let mut vector = if self.haar { Haar::new(&self.first()).terms(direct) } else { direct.to_vec() };
+        vector.resize(self.vector_length, DVec3::ZERO);
+        let (last, inner) = self.chain.split_last().expect("there is a matrix");
+        for matrix in inner {
+            let product = matrix.multiply(&vector);
+            matrix.outputs.iter().for_each(|&o| vector[o as usize] = product[o as usize]);
+        }
+        last.multiply(&vector)
+    }
+
+    /// Coefficients of our sample i: `first[i]..first[i + 1]`.
+    pub fn first(&self) -> Vec<u32> {
+        let end = self.samples.last().map(|s| s.first + s.degrees * s.degrees);
+        self.samples.iter().map(|s| s.first).chain(end).collect()
     }
 
     /// Bytes that the chain reads a light, and its multiply-adds.
