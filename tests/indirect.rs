@@ -13,7 +13,6 @@ use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::compression::haar::Haar;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::blocks::{BlockMatrix, Dense};

@@ -1,8 +1,9 @@
-//! S applied to many vectors at once, exactly, and what is kept of it: T = Φ_f + Φ_c S.
+//! S applied to many vectors at once, and its transpose in Haar terms: T = Φ_f + Φ_c S.
 
 use faer::Mat;
 use rayon::prelude::*;
 
+use super::haar::Haar;
 use super::linear::{self, Lu};
 use super::panels::{self, Panel, Panels, WIDTH};
 use crate::bake::transfer::Transfer;
@@ -59,12 +60,6 @@ impl<'a> Bounces<'a> {
         panels::multiply(self.first, direct).map(|channel, panel| self.series[channel].times(panel, false))
     }
 
-    /// Sᵀ `further`.
-    fn transposed(&self, further: &Panels) -> Panels {
-        let summed = further.map(|channel, panel| self.series[channel].times(panel, true));
-        panels::multiply_transposed(self.first, self.seen.fine, &summed)
-    }
-
     /// What rows of Φ multiply, from direct light and [`Self::further`].
     pub fn seen(&self, direct: &Panels, further: &Panels) -> Panels {
         let mut all = direct.clone();
@@ -81,77 +76,105 @@ impl<'a> Bounces<'a> {
         all
     }
 
-    /// S by the directions that `further` light fills most, in whole panels: as many as `enough` asks for, which gets
-    /// what `rows`, some of Φ's, see of each of `checks` beyond them, as squares.
-    pub fn spanned(&self, further: &Panels, checks: &Panels, rows: &Rows, enough: impl Fn(&[f64]) -> bool) -> Spanned {
-        let weights = weights(rows, further.rows(), if self.seen.two_levels { self.seen.fine } else { 0 });
-        let found: Vec<Mat<f32>> = (0..3).into_par_iter().map(|c| found(&further.channels[c], &weights[c])).collect();
-        let count = found.iter().map(Mat::ncols).max().unwrap_or(0);
-        let made = |weigh: fn(f32, f32) -> f32| {
-            let entry = |c: usize, i: usize, j: usize| match j < found[c].ncols() {
-                true => weigh(found[c][(i, j)], weights[c][i]),
-                false => 0.0,
-            };
-            Panels::from_fn(further.rows(), count, entry)
-        };
-        let (mut directions, mut shares) = (made(|u, weight| u / weight), made(|u, weight| u * weight));
-        let dark = Panels::zeros(self.seen.fine, checks.count);
-        let mut left = checks.clone();
-        let mut kept = 0;
-        while kept < count && !enough(&panels::multiply(rows, &self.seen(&dark, &left)).squares()) {
-            left.for_each_mut(|c, panel| {
-                let part = kept / WIDTH;
-                let share =
-                    linear::product(panels::matrix(&shares.channels[c][part]).transpose(), panels::matrix(panel));
-                let share = share * faer::Scale(-1.0);
-                linear::add_product(
-                    panels::matrix_mut(panel),
-                    panels::matrix(&directions.channels[c][part]),
-                    share.as_ref(),
-                );
-            });
-            kept = count.min(kept + WIDTH);
-        }
-        directions.truncate(kept);
-        shares.truncate(kept);
-        Spanned { directions, rows: self.transposed(&shares), seen: self.seen }
+    /// What makes Haar terms of the operator. Of each row of G_cf, the terms are dropped that light of `power` puts at most
+    /// the share `tail` of all squares into: most of what rows of a few rays hold is noise.
+    pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
+        let thin = Thin { rows: self.first, haar, power, tail };
+        let lanes: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
+        let parts = lanes.into_par_iter().flat_map_iter(|row| thin.panel(row)).collect();
+        Thinned { series: self.series, first: Rows::concatenated(parts), seen: self.seen }
     }
 }
 
-/// S ≈ P Q, low in rank because light that has bounced twice is smooth.
-pub struct Spanned {
-    /// P: a row for each coefficient of further light.
-    directions: Panels,
-    /// Qᵀ: a row for each coefficient of direct light.
-    rows: Panels,
+/// Tᵀ in Haar terms.
+pub struct Thinned {
+    series: Vec<Series>,
+    /// Rows of G_cf in Haar terms.
+    first: Rows,
     seen: Seen,
 }
 
-impl Spanned {
-    /// Directions of further light.
-    pub fn rank(&self) -> usize {
-        self.rows.count
-    }
-
-    /// Tᵀ x from Φᵀ x.
-    pub fn backward(&self, mut gathered: Panels) -> Panels {
-        let seen = self.seen;
-        let split = |panel: &mut Panel| if seen.two_levels { panel.split_off(seen.fine) } else { panel.clone() };
-        let channels = gathered.channels.iter_mut().enumerate();
-        let all: Vec<(usize, &mut Panel)> =
-            channels.flat_map(|(c, panels)| panels.iter_mut().map(move |panel| (c, panel))).collect();
-        all.into_par_iter().for_each(|(c, panel)| {
-            let further = split(panel);
-            if !seen.first {
-                panel.fill([0.0; WIDTH]);
-            }
-            for (directions, rows) in self.directions.channels[c].iter().zip(&self.rows.channels[c]) {
-                let shares = linear::product(panels::matrix(directions).transpose(), panels::matrix(&further));
-                linear::add_product(panels::matrix_mut(panel), panels::matrix(rows), shares.as_ref());
-            }
-        });
+impl Thinned {
+    /// Haar terms of Tᵀ x, from Φᵀ x.
+    pub fn terms(&self, haar: &Haar, mut gathered: Panels) -> Panels {
+        let Seen { two_levels, fine, first } = self.seen;
+        let mut further = Panels { count: gathered.count, ..Default::default() };
+        for (further, gathered) in further.channels.iter_mut().zip(&mut gathered.channels) {
+            let split = |panel: &mut Panel| if two_levels { panel.split_off(fine) } else { panel.clone() };
+            further.extend(gathered.iter_mut().map(split));
+        }
+        let summed = further.map(|channel, panel| self.series[channel].times(panel, true));
+        if first {
+            gathered.for_each_mut(|_, panel| haar.transform(panel));
+        } else {
+            gathered = Panels::zeros(fine, gathered.count);
+        }
+        gathered.add(&panels::multiply_transposed(&self.first, fine, &summed));
         gathered
     }
+}
+
+/// Turns rows into a few of their Haar terms.
+struct Thin<'a> {
+    rows: &'a Rows,
+    haar: &'a Haar,
+    power: &'a [Vec<f32>; 3],
+    tail: f64,
+}
+
+impl Thin<'_> {
+    /// A panel of rows from `first` on, each by itself.
+    fn panel(&self, first: usize) -> Vec<Rows> {
+        let count = WIDTH.min(self.rows.len() - first);
+        // Red of all rows, then green, then blue.
+        let mut terms = vec![[0.0f32; 3 * WIDTH]; self.power[0].len()];
+        for lane in 0..count {
+            for (column, value) in self.rows.row(first + lane) {
+                (0..3).for_each(|c| terms[column as usize][c * WIDTH + lane] = value[c]);
+            }
+        }
+        self.haar.transform(&mut terms);
+        let rgb = |terms: &[f32; 3 * WIDTH], lane: usize| [0, 1, 2].map(|c| terms[c * WIDTH + lane]);
+        let squares = |(number, terms): (usize, &[f32; 3 * WIDTH])| -> [f32; WIDTH] {
+            let power = self.power.each_ref().map(|power| power[number]);
+            std::array::from_fn(|lane| rgb(terms, lane).iter().zip(power).map(|(x, power)| x * x * power).sum())
+        };
+        let mut histograms = vec![[0.0f64; STEPS]; WIDTH];
+        for squares in terms.iter().enumerate().map(squares) {
+            for (histogram, square) in histograms.iter_mut().zip(squares) {
+                histogram[step(square)] += f64::from(square);
+            }
+        }
+        let least: Vec<usize> = histograms.iter().map(|histogram| least(histogram, self.tail)).collect();
+        let mut thinned = vec![Rows { first: vec![0], ..Default::default() }; count];
+        for (number, terms) in terms.iter().enumerate() {
+            let squares = squares((number, terms));
+            for (lane, row) in thinned.iter_mut().enumerate().filter(|(lane, _)| step(squares[*lane]) >= least[*lane]) {
+                row.columns.push(number as u32);
+                row.values.push(rgb(terms, lane));
+            }
+        }
+        thinned.iter_mut().for_each(|row| row.first.push(row.columns.len()));
+        thinned
+    }
+}
+
+/// Steps of a histogram of squares: halves of a binary order of magnitude.
+const STEPS: usize = 512;
+
+fn step(square: f32) -> usize {
+    (square.to_bits() >> 22) as usize
+}
+
+/// The first step to keep, so that those before it add up to at most the share `tail`; steps that are zero are never kept.
+fn least(histogram: &[f64; STEPS], tail: f64) -> usize {
+    let most = tail * histogram.iter().sum::<f64>();
+    let mut sum = 0.0;
+    let dropped = histogram.iter().take_while(|part| {
+        sum += **part;
+        sum <= most
+    });
+    dropped.count().max(1)
 }
 
 impl Series {
@@ -181,29 +204,4 @@ fn dense(g: &Rows, channel: usize) -> Mat<f32> {
         g.row(r).for_each(|(column, value)| dense[(r, column as usize)] += value[channel]);
     }
     dense
-}
-
-/// How much `rows` make of each coefficient of further light, root mean square, by channel; those begin at column
-/// `first`.
-fn weights(rows: &Rows, count: usize, first: usize) -> [Vec<f32>; 3] {
-    let mut squares = vec![[0.0f32; 3]; count];
-    for (&column, value) in rows.columns.iter().zip(&rows.values).filter(|(column, _)| **column as usize >= first) {
-        (0..3).for_each(|c| squares[column as usize - first][c] += value[c] * value[c]);
-    }
-    [0, 1, 2].map(|c| {
-        let largest = squares.iter().map(|s| s[c]).fold(0.0, f32::max);
-        let least = if largest > 0.0 { LEAST_WEIGHT * largest.sqrt() } else { 1.0 };
-        squares.iter().map(|s| s[c].sqrt().max(least)).collect()
-    })
-}
-
-/// What few rows don't see is not nothing.
-const LEAST_WEIGHT: f32 = 1e-2;
-
-/// Orthonormal directions of weighted light, the fullest first.
-fn found(lights: &[Panel], weights: &[f32]) -> Mat<f32> {
-    let all = Mat::from_fn(weights.len(), lights.len() * WIDTH, |i, l| {
-        f64::from(lights[l / WIDTH][i][l % WIDTH] * weights[i])
-    });
-    linear::orthonormal(&all).0
 }

@@ -28,6 +28,8 @@ pub struct Compressed {
     /// Indices into [`Baked::samples`](crate::bake::Baked::samples) of the rows of all tiles, each at most once; what is
     /// not listed gets no indirect light.
     pub samples: Vec<u32>,
+    /// Indirect radiance of emitters at these; empty without any.
+    pub emission: Vec<DVec3>,
     /// What the products are multiplied by at last.
     pub scale: f32,
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 use half::f16;
 
-use super::bounces::Spanned;
+use super::bounces::Thinned;
 use super::data::MULTIPLE;
 use super::haar::Haar;
 use super::linear;
@@ -14,7 +14,7 @@ use crate::bake::transfer::rows::Rows;
 
 /// What all superclusters are made of.
 pub struct Inputs {
-    pub further: Spanned,
+    pub bounces: Thinned,
     pub haar: Haar,
     /// What Φ multiplies: random combinations of the lights to learn from.
     pub combinations: Panels,
@@ -94,8 +94,7 @@ impl<'a> Projected<'a> {
             needed(&all, &checks.channels.each_ref().map(|panels| &panels[0]), &inputs.deciding, noise + 0.1 * allowed);
         let directions = Panels::from_fn(rows.len(), basis.ncols(), |_, i, j| basis[(i, j)]);
         let columns = inputs.combinations.rows();
-        let mut terms = inputs.further.backward(panels::multiply_transposed(rows, columns, &directions));
-        terms.for_each_mut(|_, panel| inputs.haar.transform(panel));
+        let terms = inputs.bounces.terms(&inputs.haar, panels::multiply_transposed(rows, columns, &directions));
         Self { inputs, basis, terms, allowed, checks, noise }
     }
 
@@ -125,12 +124,12 @@ impl<'a> Projected<'a> {
     pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> Vec<Vec<[f64; 2]>> {
         let mut found = vec![vec![[0.0; 2]; self.checks.count]; tiles.len()];
         for (c, (terms, images)) in self.inputs.checks.channels.iter().zip(&self.checks.channels).enumerate() {
-            let v = single(&factors.v[c], factors.list.len());
+            let v = single(&factors.v[c], factors.rank, factors.list.len());
             for (part, (terms, images)) in terms.iter().zip(images).enumerate() {
                 let listed: panels::Panel = factors.list.iter().map(|&j| terms[j as usize]).collect();
                 let y = linear::product(v.as_ref(), panels::matrix(&listed));
                 for ((rows, tile), found) in tiles.iter().zip(&factors.tiles).zip(&mut found) {
-                    let coefficients = linear::product(single(&tile.b, factors.rank).as_ref(), y.as_ref());
+                    let coefficients = linear::product(single(&tile.b, tile.rank, factors.rank).as_ref(), y.as_ref());
                     let u = MatRef::from_row_major_slice(&tile.u, rows.len(), tile.rank);
                     let got = linear::product(u, coefficients.as_ref());
                     let lights = part * WIDTH..self.checks.count.min((part + 1) * WIDTH);
@@ -237,8 +236,7 @@ fn seen(terms: &[panels::Panel], lights: &panels::Panel, count: usize) -> Mat<f6
 }
 
 /// A row-major block in single precision.
-fn single(block: &[f16], columns: usize) -> Mat<f32> {
-    let rows = block.len().checked_div(columns).unwrap_or(0);
+fn single(block: &[f16], rows: usize, columns: usize) -> Mat<f32> {
     Mat::from_fn(rows, columns, |i, j| block[i * columns + j].to_f32())
 }
 

@@ -27,6 +27,7 @@ pub use self::report::Report;
 
 use std::ops::Range;
 
+use glam::DVec3;
 use half::f16;
 use rayon::prelude::*;
 
@@ -61,19 +62,25 @@ pub struct Compressor<'a> {
     settings: CompressionSettings,
     pub clusters: Clusters,
     inputs: Inputs,
+    /// What rows of Φ multiply for the light of emitters; absent without any.
+    emitted: Option<Vec<DVec3>>,
 }
+
+/// For each tile and light to check with: squared error and square of the image, whole images having square 1.
+pub type Found = Vec<Vec<[f64; 2]>>;
 
 /// A supercluster and what it was fitted by.
 pub struct Fitted {
     pub factors: Factors,
-    /// For each tile and light to check with: squared error and square of the image, whole images having square 1.
-    pub found: Vec<Vec<[f64; 2]>>,
+    pub found: Found,
     /// Square of the noise of the supercluster's rows, mean over deciding lights.
     pub noise: f64,
     /// Squared error beyond noise that it may have.
     pub allowed: f64,
     /// How often it was fitted.
     pub rounds: usize,
+    /// Indirect radiance of emitters, exactly; empty without any.
+    pub emission: Vec<DVec3>,
 }
 
 impl<'a> Compressor<'a> {
@@ -81,7 +88,9 @@ impl<'a> Compressor<'a> {
     pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let clusters = Clusters::new(&transfer.baked().samples);
         let inputs = learn(transfer, direct, &clusters, settings);
-        Self { transfer, settings: settings.clone(), clusters, inputs }
+        let emission = transfer.emission();
+        let emitted = emission.iter().any(|e| *e != DVec3::ZERO).then(|| transfer.bounce(&emission).0);
+        Self { transfer, settings: settings.clone(), clusters, inputs, emitted }
     }
 
     /// Compresses all view samples that reflect anything; `progress` counts them.
@@ -96,6 +105,7 @@ impl<'a> Compressor<'a> {
                 errors.add(&fitted, tiles);
                 let rows = self.clusters.rows(tiles);
                 let samples = &self.clusters.samples[rows.clone()];
+                compressed.emission.extend(fitted.emission);
                 append(&mut compressed, &mut u, fitted.factors, &self.within(tiles), samples);
                 progress(rows.len());
             }
@@ -107,13 +117,14 @@ impl<'a> Compressor<'a> {
     /// Gathers the rows of a supercluster, once, and fits it as closely as the error allows, not much more closely.
     pub fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
-        let projected = self.project(&self.clusters.samples[rows]);
+        let (projected, emission) = self.project(&self.clusters.samples[rows]);
         let (allowed, noise) = (projected.allowed, projected.noise);
         let within = self.within(tiles);
         // Noise that is not kept is no error.
         let target = allowed + noise;
         let mut scale = 1.0;
-        let mut best: Option<(f64, Fitted)> = None;
+        let mut best: Option<(f64, Factors, Found)> = None;
+        let mut rounds = 0;
         for round in 1..=ROUNDS {
             let [rank, terms, tiles] = SHARES.map(|share| share * scale * allowed);
             let factors = projected.fit(&within, &Budget { rank: noise + rank, terms, tiles });
@@ -123,20 +134,23 @@ impl<'a> Compressor<'a> {
             let enough = error <= target;
             // What is not enough must be worth its size.
             let better =
-                best.as_ref().is_none_or(|(before, _)| error < if *before > target { 0.94 * before } else { 0.0 });
+                best.as_ref().is_none_or(|(before, ..)| error < if *before > target { 0.94 * before } else { 0.0 });
             if !enough && !better {
                 break;
             }
-            best = Some((error, Fitted { factors, found, noise, allowed, rounds: round }));
+            best = Some((error, factors, found));
+            rounds = round;
             if enough && error >= noise + 0.7 * allowed {
                 break;
             }
             scale *= (0.9 * allowed / (error - noise).max(0.01 * allowed)).clamp(0.2, 3.0);
         }
-        best.expect("there is a round").1
+        let (_, factors, found) = best.expect("there is a round");
+        Fitted { factors, found, noise, allowed, rounds, emission }
     }
 
-    fn project(&self, samples: &[u32]) -> Projected<'_> {
+    /// What a supercluster's rows make of lights, and of emitters.
+    fn project(&self, samples: &[u32]) -> (Projected<'_>, Vec<DVec3>) {
         let pixels: Vec<usize> =
             (0..ANEW.min(samples.len())).map(|i| (2 * i + 1) * samples.len() / (2 * ANEW.min(samples.len()))).collect();
         let again: Vec<u32> = pixels.iter().map(|&p| samples[p]).collect();
@@ -151,7 +165,8 @@ impl<'a> Compressor<'a> {
             let hidden = (noise + HIDDEN * self.settings.error * all).powi(2) - noise.powi(2);
             hidden.max((BIAS * self.settings.error * all).powi(2))
         };
-        Projected::new(&self.inputs, &rows, &anew, allowed)
+        let emission = self.emitted.as_ref().map_or_else(Vec::new, |emitted| rows.multiply(emitted));
+        (Projected::new(&self.inputs, &rows, &anew, allowed), emission)
     }
 
     /// Rows of each tile, counted from the first of their supercluster.
@@ -165,11 +180,12 @@ impl<'a> Compressor<'a> {
 /// Share of the error asked for that compression may add to the noise of the rows: with noise of 1.1 %, which 1,024
 /// rays leave, 0.7 % more make 1.3 % against those rows.
 const BIAS: f64 = 0.7;
-/// Share of the error asked for that further bounces' light may lack.
-const SPANNED: f64 = 0.1;
+/// Error that each row of the first bounce may have, as a multiple of that asked for: hundreds of them add up to each
+/// pixel, and what one lacks another does not.
+const THINNED: f64 = 0.5;
 /// Share of the error asked for by which compression may lengthen error and noise together: where there is much noise,
 /// more is hidden in it.
-const HIDDEN: f64 = 0.4;
+const HIDDEN: f64 = 0.25;
 /// Rows of each supercluster that are gathered twice, to know their noise.
 const ANEW: usize = 64;
 /// View samples that tell how bright a light's image is.
@@ -206,10 +222,6 @@ fn learn(transfer: &Transfer, direct: &Direct, clusters: &Clusters, settings: &C
         group(Kind::Spot, SPOTS.len(), 5),
     ]);
     learned.scale(&vec![(settings.lights.max(1) as f32).sqrt().recip(); settings.lights]);
-    let allowed = (SPANNED * settings.error).powi(2) * share;
-    let further = bounces.spanned(&learned.further, &checks.further, &rows, |left| {
-        left[DECIDING].iter().sum::<f64>() <= allowed * DECIDING.len() as f64
-    });
     let combinations = learned.combine(COMBINATIONS, seed(6));
     let combinations = bounces.seen(&combinations.direct, &combinations.further);
     let checked = bounces.seen(&checks.direct, &checks.further);
@@ -217,7 +229,8 @@ fn learn(transfer: &Transfer, direct: &Direct, clusters: &Clusters, settings: &C
     learned.for_each_mut(|_, panel| haar.transform(panel));
     checks.for_each_mut(|_, panel| haar.transform(panel));
     let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
-    Inputs { further, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
+    let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
+    Inputs { bounces, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
 }
 
 /// Adds a supercluster to what is compressed already; its U goes to `u` unrounded.

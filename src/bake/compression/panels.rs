@@ -60,12 +60,6 @@ impl Panels {
         made
     }
 
-    /// Keeps the first vectors, in whole panels.
-    pub fn truncate(&mut self, count: usize) {
-        self.count = self.count.min(count);
-        self.channels.iter_mut().for_each(|panels| panels.truncate(count.div_ceil(WIDTH)));
-    }
-
     /// Adds as many other vectors.
     pub fn add(&mut self, others: &Self) {
         for (panels, others) in self.channels.iter_mut().zip(&others.channels) {

@@ -137,6 +137,24 @@ impl Cell {
         self.weights[0] == 0.0
     }
 
+    /// One of the samples, by its weight, from a number in 0..1.
+    #[inline(always)]
+    pub fn pick(&self, random: f32) -> Option<usize> {
+        if self.is_black() {
+            return None;
+        }
+        let mut left = random;
+        let mut picked = 0;
+        for (i, &weight) in self.weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
+            picked = i;
+            left -= weight;
+            if left < 0.0 {
+                break;
+            }
+        }
+        Some(self.samples[picked] as usize)
+    }
+
     /// Samples and weights.
     #[inline(always)]
     pub fn read(&self) -> impl Iterator<Item = (usize, f32)> {

@@ -63,8 +63,25 @@ impl Level {
             read(sample, weight, first, &values[..count]);
         }
     }
+
+    /// [`Self::read`], but where samples have many functions one of them stands for all, picked by its weight from a number in
+    /// 0..1: right on average, and a third of the entries.
+    #[inline(always)]
+    pub fn read_few(&self, place: &Place, wo: Vec3, random: f32, mut read: impl FnMut(usize, f32, &[f32])) {
+        let picked = self.cells.index(place).and_then(|cell| self.cells.get(cell).pick(random));
+        let Some(sample) = picked else { return };
+        let count = self.coefficients(sample).len();
+        if count < MANY_FUNCTIONS {
+            return self.read(place, wo, |sample, weight, _, values| read(sample, weight, values));
+        }
+        let mut values = [0.0; MAX_FUNCTIONS];
+        Harmonics::get().evaluate(local(&self.frames[sample], wo), &mut values[..count]);
+        read(sample, 1.0, &values[..count]);
+    }
 }
 
+/// Functions from which on rows take one sample for its neighbours.
+const MANY_FUNCTIONS: usize = 9;
 /// The first function: the square root of 1/pi.
 const CONSTANT: f32 = 0.564_189_6;
 

@@ -134,7 +134,9 @@ impl WithSimd for Deposit<'_, '_, '_> {
         let position = self.gatherer.baked.samples[sample as usize].position;
         let numbers = Points::new(self.gatherer.seed, u64::from(sample));
         let Scratch { rows, fans, rays, .. } = scratch;
+        let shift = numbers.at(0, 0)[0];
         for (i, &(ray, weight)) in rays.iter().enumerate() {
+            let among = (shift + f64::from(ray) * GOLDEN).fract() as f32;
             let (fan, lane) = (&fans[i / PACKET_SIZE], i % PACKET_SIZE);
             let random = |layer: u32| {
                 let [u, v, w, _] = numbers.at(ray, 1 + layer);
@@ -143,7 +145,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
             let arrive = |arrival: &Arrival| {
                 for (level, row) in levels.iter().zip(&mut *rows) {
                     let light = weight * arrival.tint;
-                    level.read(&arrival.place, arrival.wo, |sample, share, _, values| {
+                    level.read_few(&arrival.place, arrival.wo, among, |sample, share, values| {
                         row.add(sample, values, light * share);
                     });
                 }
@@ -161,6 +163,8 @@ impl WithSimd for Deposit<'_, '_, '_> {
     }
 }
 
+/// Multiples of this fill 0..1 evenly, however many there are: the inverse of the golden ratio.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Rows that are gathered at once: some milliseconds of work.
 pub const TASK: usize = 16;
 /// Parts of a hemisphere along each axis of the disc under it.

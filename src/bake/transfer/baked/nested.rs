@@ -1,6 +1,6 @@
 //! The compressed form: Haar terms of direct light, then the nested bases of superclusters and tiles.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
@@ -9,9 +9,8 @@ use crate::bake::compression::data::{Compressed, Supercluster};
 use crate::bake::compression::{CompressionSettings, Compressor};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Dense};
-use crate::bake::transfer::rows::Lobe;
 use crate::reference::gather;
-use crate::shared::{NO_BRDF, PackedLight};
+use crate::shared::PackedLight;
 
 impl BakedTransfer {
     /// Our operator, compressed. `progress` counts view samples.
@@ -28,22 +27,14 @@ impl BakedTransfer {
         };
         let (vector_length, chain) = chain(&compressed, transfer.baked().samples.len());
         let plain = Self::new(&transfer.fine, vector_length, chain);
-        Self { haar: true, emission: emission(transfer, settings.lobe), report, ..plain }
+        let mut emission = Vec::new();
+        if !compressed.emission.is_empty() {
+            emission.resize(transfer.baked().samples.len(), Vec3::ZERO);
+            let emitted = compressed.samples.iter().zip(&compressed.emission);
+            emitted.for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
+        }
+        Self { haar: true, emission, report, ..plain }
     }
-}
-
-/// Indirect radiance of emitters, exactly; empty without any.
-fn emission(transfer: &Transfer, lobe: Lobe) -> Vec<Vec3> {
-    let emitted = transfer.emission();
-    if emitted.iter().all(|e| *e == DVec3::ZERO) {
-        return Vec::new();
-    }
-    let samples = &transfer.baked().samples;
-    let reflecting: Vec<u32> = (0..samples.len() as u32).filter(|&i| samples[i as usize].brdf != NO_BRDF).collect();
-    let radiance = transfer.apply(&[emitted], &reflecting, lobe, &|_| ()).remove(0);
-    let mut all = vec![Vec3::ZERO; samples.len()];
-    reflecting.iter().zip(radiance).for_each(|(&i, e)| all[i as usize] = e.as_vec3());
-    all
 }
 
 /// V, B and U as block matrices on the vector [terms, y of all superclusters, c of all tiles]; and its length.
