@@ -8,7 +8,7 @@ use half::f16;
 use super::bounces::Thinned;
 use super::data::MULTIPLE;
 use super::haar::Haar;
-use super::linear;
+use super::linear::{self, Lu};
 use super::panels::{self, Panels, WIDTH};
 use crate::bake::transfer::rows::Rows;
 
@@ -105,7 +105,8 @@ impl<'a> Projected<'a> {
         let mut list = self.choose(&turned, budget.terms);
         let width = multiple(list.len());
         let v = [0, 1, 2].map(|c| {
-            let entry = |r: usize, i: usize| list.get(i).map_or(0.0, |&j| turned[c][(j as usize, r)] / sizes[r]);
+            let fitted = self.fit_terms(c, &turned[c], &list);
+            let entry = |r: usize, i: usize| if i < list.len() { fitted[(i, r)] / sizes[r] } else { 0.0 };
             (0..rank).flat_map(|r| (0..width).map(move |i| (r, i))).map(|(r, i)| entry(r, i)).collect::<Vec<f32>>()
         });
         // What pads the list is multiplied by zero.
@@ -188,7 +189,7 @@ impl<'a> Projected<'a> {
     /// Terms x directions.
     fn turned(&self, turn: &Mat<f32>) -> Vec<Mat<f32>> {
         let turned = |panels: &Vec<panels::Panel>| {
-            let mut all = Mat::<f32>::zeros(self.terms.rows(), turn.ncols());
+            let mut all = Mat::<f32>::zeros(self.inputs.learned.rows(), turn.ncols());
             for (i, panel) in panels.iter().enumerate() {
                 let part = turn.subrows(i * WIDTH, WIDTH.min(turn.nrows() - i * WIDTH));
                 linear::add_product(all.as_mut(), panels::matrix(panel).subcols(0, part.nrows()), part);
@@ -198,9 +199,37 @@ impl<'a> Projected<'a> {
         self.terms.channels.iter().map(turned).collect()
     }
 
+    /// What the terms of `list` are multiplied by, terms x directions: their own factors and, by ridge regression over the
+    /// lights to learn from, what they tell of the terms left out.
+    fn fit_terms(&self, channel: usize, factors: &Mat<f32>, list: &[u32]) -> Mat<f32> {
+        let learned = &self.inputs.learned.channels[channel];
+        let listed =
+            Mat::from_fn(list.len(), learned.len() * WIDTH, |i, l| learned[l / WIDTH][list[i] as usize][l % WIDTH]);
+        let mut kept = Mat::from_fn(list.len(), factors.ncols(), |i, r| factors[(list[i] as usize, r)]);
+        let mut missing = linear::product(listed.transpose(), kept.as_ref()) * faer::Scale(-1.0);
+        for (part, learned) in learned.iter().enumerate() {
+            linear::add_product(
+                missing.subrows_mut(part * WIDTH, WIDTH),
+                panels::matrix(learned).transpose(),
+                factors.as_ref(),
+            );
+        }
+        let mut gram = Mat::from_fn(listed.ncols(), listed.ncols(), |_, _| 0.0f32);
+        linear::add_product(gram.as_mut(), listed.transpose(), listed.as_ref());
+        let mut gram = Mat::from_fn(gram.nrows(), gram.nrows(), |i, j| f64::from(gram[(i, j)]));
+        let all: f64 = (0..gram.nrows()).map(|l| gram[(l, l)]).sum();
+        if all > 0.0 {
+            (0..gram.nrows()).for_each(|l| gram[(l, l)] += RIDGE * all);
+            let shares = Lu::new(gram).solve(missing.as_ref(), false);
+            let shares = Mat::from_fn(shares.nrows(), shares.ncols(), |l, r| shares[(l, r)] as f32);
+            linear::add_product(kept.as_mut(), listed.as_ref(), shares.as_ref());
+        }
+        kept
+    }
+
     /// The terms that matter most, without which at most `tail` of all squares is lost.
     fn choose(&self, turned: &[Mat<f32>], tail: f64) -> Vec<u32> {
-        let count = self.terms.rows();
+        let count = self.inputs.learned.rows();
         let mut lost = vec![0.0f64; count];
         for (turned, power) in turned.iter().zip(&self.inputs.power) {
             let mut squares = vec![0.0f64; count];
@@ -217,6 +246,9 @@ impl<'a> Projected<'a> {
         order
     }
 }
+
+/// What keeps the regression from believing few lights too much, as a share of all their squares.
+const RIDGE: f64 = 1e-3;
 
 /// What is kept of a basis.
 struct Directions {
