@@ -1,5 +1,7 @@
 //! Vectors of RGB coefficients side by side, cut into panels that fit caches, and sparse rows times them.
 
+use std::ops::Range;
+
 use faer::{MatMut, MatRef};
 use rayon::prelude::*;
 
@@ -183,10 +185,25 @@ pub fn multiply_transposed(rows: &Rows, columns: usize, vectors: &Panels) -> Pan
             of_pieces.for_each(|(pieces, sums)| pieces.push(Piece { channel, panel, sums }));
         }
     }
+    let count = pieces.len();
+    let starts: Vec<usize> = (0..rows.len()).into_par_iter().flat_map_iter(|r| starts(rows, r, count)).collect();
     pieces.into_par_iter().enumerate().for_each(|(number, pieces)| {
-        pulp::Arch::new().dispatch(MultiplyTransposed { rows, first: (number * COLUMNS) as u32, pieces });
+        let of_row = |starts: &[usize]| starts[number]..starts[number + 1];
+        let entries: Vec<Range<usize>> = starts.chunks(count + 1).map(of_row).collect();
+        pulp::Arch::new().dispatch(MultiplyTransposed { rows, first: (number * COLUMNS) as u32, entries, pieces });
     });
     products
+}
+
+/// Where the entries of row r for each of `count` pieces of [`COLUMNS`] begin, and where the last end.
+fn starts(rows: &Rows, r: usize, count: usize) -> Vec<usize> {
+    let range = rows.first[r]..rows.first[r + 1];
+    let mut starts = Vec::with_capacity(count + 1);
+    for (entry, &column) in range.clone().zip(&rows.columns[range.clone()]) {
+        starts.resize(starts.len().max(column as usize / COLUMNS + 1), entry);
+    }
+    starts.resize(count + 1, range.end);
+    starts
 }
 
 /// What a panel of vectors makes of a few columns.
@@ -200,6 +217,8 @@ struct Piece<'a> {
 struct MultiplyTransposed<'a> {
     rows: &'a Rows,
     first: u32,
+    /// Of each row.
+    entries: Vec<Range<usize>>,
     pieces: Vec<Piece<'a>>,
 }
 
@@ -208,14 +227,7 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { rows, first, pieces } = self;
-        let entries: Vec<std::ops::Range<usize>> = (0..rows.len())
-            .map(|r| {
-                let range = rows.first[r]..rows.first[r + 1];
-                let before = |limit: u32| range.start + rows.columns[range.clone()].partition_point(|&c| c < limit);
-                before(first)..before(first + COLUMNS as u32)
-            })
-            .collect();
+        let Self { rows, first, entries, pieces } = self;
         for Piece { channel, panel, sums } in pieces {
             for (x, entries) in panel.iter().zip(&entries) {
                 for (column, value) in rows.columns[entries.clone()].iter().zip(&rows.values[entries.clone()]) {
