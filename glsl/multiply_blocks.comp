@@ -16,20 +16,15 @@ layout(constant_id = 1) const bool TO_VIEW_SAMPLES = false;
 // PANEL_ROWS / GROUP_SIZE or less.
 layout(constant_id = 2) const uint ROWS = 1;
 
+#include "lib/add_radiance.glsl"
+
 const uint PARTS = PANEL_ROWS / (GROUP_SIZE * ROWS);
 
 void store(uint output_index, vec3 sum) {
     if (!TO_VIEW_SAMPLES) {
         push.vector.at[output_index] = vec4(sum, 0.0);
-    } else if (output_index < push.pixel_stride) {
-        push.image.at[output_index] += sum.r;
-        push.image.at[output_index + push.pixel_stride] += sum.g;
-        push.image.at[output_index + 2 * push.pixel_stride] += sum.b;
     } else {
-        uint extra = output_index - push.pixel_stride;
-        push.extras.at[extra] += sum.r;
-        push.extras.at[extra + push.extra_stride] += sum.g;
-        push.extras.at[extra + 2 * push.extra_stride] += sum.b;
+        add_radiance(output_index, sum);
     }
 }
 

@@ -73,9 +73,12 @@
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
 //! - [Kollig 2002] Kollig, Keller, Efficient multidimensional sampling, Computer Graphics Forum 21(3).
+//! - [Kreutzer 2014] Kreutzer et al., A unified sparse matrix data format for efficient general sparse matrix-vector
+//!   multiplication on modern processors with wide SIMD units, SIAM Journal on Scientific Computing 36(5).
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
 //! - [Lloyd 1982] Lloyd, Least squares quantization in PCM, IEEE Transactions on Information Theory 28(2).
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
+//! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
 //! - [Saad 1986] Saad, Schultz, GMRES: a generalized minimal residual algorithm, SIAM Journal on Scientific and

@@ -183,6 +183,20 @@ gpu_shared! {
             pub scale: f32,
         }
 
+        /// Rows of a sparse matrix, a workgroup's.
+        pub struct Slice {
+            /// Where its terms begin, in units of two: pair by pair of terms, row by row, [`GROUP_SIZE`] rows.
+            pub first_value: u32,
+            /// Where its list of outputs begins, one a row.
+            pub first_output: u32,
+            /// At most [`GROUP_SIZE`].
+            pub row_count: u32,
+            /// Terms of the longest row over two.
+            pub pair_count: u32,
+            /// What stored factors are multiplied by.
+            pub scale: f32,
+        }
+
         /// What direct light leaves in a gather sample; mesh space.
         pub struct LightSample {
             /// Its reflection, averaged.
@@ -277,6 +291,30 @@ gpu_shared! {
             pub subtree_count: u32,
             /// The same for all.
             pub height_count: u32,
+        }
+
+        /// multiply_sparse.comp
+        pub push MultiplySparsePush {
+            /// One a workgroup.
+            pub slices: Read<Slice>,
+            /// Two terms each: red and green, blue and how far the column is from the one before, twice.
+            pub values: Read<UVec4>,
+            /// Indices of view samples.
+            pub outputs: Read<u32>,
+            /// RGB and nothing: what is multiplied.
+            pub vector: Read<Vec4>,
+            /// Planes R, G, B of `pixel_stride` floats, added to.
+            pub image: Write<f32>,
+            /// Planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
+            pub extras: Write<f32>,
+            /// How many slices.
+            pub slice_count: u32,
+            /// Samples of layer 1.
+            pub pixel_stride: u32,
+            /// Extra samples, padded.
+            pub extra_stride: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
         }
 
         /// multiply_blocks.comp

@@ -430,26 +430,33 @@ fn octahedral_normals_decode_alike_on_both_sides() {
 }
 
 /// glslang lets GLSL write through `readonly` references, which no barrier then waits for: every store to `.at[...]`
-/// must go through a field of the shader's push constants that is declared `Write`.
+/// must go through a field of the shader's push constants that is declared `Write`, also in what it includes.
 #[test]
 fn shaders_store_only_through_write_references() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
     let shared = std::fs::read_to_string(root.join("src/shared.rs")).unwrap();
     let mut stores_seen = 0;
-    for dir in ["glsl", "glsl/lib"] {
-        for entry in std::fs::read_dir(root.join(dir)).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                continue;
-            }
-            let source = std::fs::read_to_string(&path).unwrap();
-            let stores = stores(&source);
-            stores_seen += stores.len();
-            let wrong = stores_not_declared(&stores, &source, &shared);
-            assert!(wrong.is_empty(), "{} stores through {wrong:?}", path.display());
+    for entry in std::fs::read_dir(root.join("glsl")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            continue;
         }
+        let source = with_includes(&std::fs::read_to_string(&path).unwrap(), &root.join("glsl"));
+        let stores = stores(&source);
+        stores_seen += stores.len();
+        let wrong = stores_not_declared(&stores, &source, &shared);
+        assert!(wrong.is_empty(), "{} stores through {wrong:?}", path.display());
     }
     assert!(stores_seen >= 10, "only {stores_seen} stores found in all shaders");
+}
+
+/// A shader with the text of the files in `glsl/lib` that it includes.
+fn with_includes(source: &str, folder: &std::path::Path) -> String {
+    let line = |line: &str| match line.strip_prefix("#include \"lib/").and_then(|rest| rest.strip_suffix('"')) {
+        Some(name) => with_includes(&std::fs::read_to_string(folder.join("lib").join(name)).unwrap(), folder),
+        None => line.to_owned() + "\n",
+    };
+    source.lines().map(line).collect()
 }
 
 #[test]

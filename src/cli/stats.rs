@@ -69,7 +69,7 @@ fn figures_of_transfer(baked: &Baked) -> Value {
         "macs_per_pixel": multiply_adds as f64 / pixels,
         "held_out": report.held_out.as_ref().map_or(
             json!({ "point": null, "spot": null, "worst_tile": null }),
-            |r| json!({ "point": r.point, "spot": r.spot, "worst_tile": r.tiles.iter().copied().fold(0.0, f64::max) }),
+            |r| json!({ "point": r.point, "spot": r.spot, "worst_tile": r.tiles.iter().copied().reduce(f64::max) }),
         ),
         "spectral_radius": report.spectral_radius,
         "bounces": report.bounces.map_or(json!("inf"), |bounces| json!(bounces)),

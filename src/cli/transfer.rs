@@ -65,9 +65,14 @@ pub enum MethodName {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Form {
+    /// Nested.
     Auto,
+    /// As it is: for few gather samples and small pictures.
     Dense,
+    /// Nested blocks of low rank.
     Nested,
+    /// The largest wavelets of each row, the published form, to compare with; as many as --error asks for.
+    Haar,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,9 +84,16 @@ pub enum Basis {
 /// What is baked, decided.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TransferPlan {
-    /// Dense, or compressed to a relative error.
-    Robust(TransferSettings, Option<f64>),
+    Robust(TransferSettings, Stored),
     Thesis(ThesisSettings),
+}
+
+/// How our operator is kept; compressed to a relative error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stored {
+    Dense,
+    Nested(f64),
+    Haar(f64),
 }
 
 /// Gather samples of the thesis, and of the dense form [Yang 2007, Section 5.2].
@@ -106,8 +118,13 @@ impl TransferOptions {
     pub fn plan(&self, view: &ViewOptions, size: [u32; 2]) -> Result<Option<TransferPlan>> {
         let refuse = |option: &str, reason: &str| Err(Error::invalid(option, reason));
         let thesis = self.method == MethodName::Thesis;
-        if thesis && self.transfer == Form::Nested {
-            return refuse("--transfer nested", "the thesis's operator is dense");
+        let compressed = match self.transfer {
+            Form::Nested => Some("--transfer nested"),
+            Form::Haar => Some("--transfer haar"),
+            Form::Auto | Form::Dense => None,
+        };
+        if let Some(option) = compressed.filter(|_| thesis) {
+            return refuse(option, "the thesis's operator is dense");
         }
         let dense = thesis || self.transfer == Form::Dense;
         let pixels = size[0] as usize * size[1] as usize;
@@ -140,7 +157,12 @@ impl TransferOptions {
                     bounces: self.bounces.and_then(|bounces| bounces.0),
                     seed: view.seed,
                 };
-                Ok(Some(TransferPlan::Robust(settings, (!dense).then_some(self.error))))
+                let stored = match self.transfer {
+                    Form::Dense => Stored::Dense,
+                    Form::Auto | Form::Nested => Stored::Nested(self.error),
+                    Form::Haar => Stored::Haar(self.error),
+                };
+                Ok(Some(TransferPlan::Robust(settings, stored)))
             }
             (MethodName::Thesis, basis) => Ok(Some(TransferPlan::Thesis(ThesisSettings {
                 outgoing: if diffuse { Outgoing::Diffuse } else { Outgoing::Glossy { functions: None } },
@@ -166,10 +188,14 @@ impl TransferPlan {
     /// For people.
     pub fn describe(&self) -> String {
         match self {
-            Self::Robust(settings, error) => {
+            Self::Robust(settings, stored) => {
                 let TransferSettings { samples, rays, bounces, .. } = settings;
                 let bounces = bounces.map_or("all bounces".into(), |bounces| format!("{bounces} bounces"));
-                let form = error.map_or("dense".into(), |error| format!("compressed to an error of {error}"));
+                let form = match stored {
+                    Stored::Dense => "dense".into(),
+                    Stored::Nested(error) => format!("compressed to an error of {error}"),
+                    Stored::Haar(error) => format!("the wavelets of each row to an error of {error}"),
+                };
                 format!("{samples} gather samples, {rays} rays a row, {bounces}, {form}")
             }
             Self::Thesis(ThesisSettings { samples, bounces, .. }) => {
@@ -180,12 +206,12 @@ impl TransferPlan {
 
     /// What takes seconds and tells where the light goes; for a compressed form.
     pub fn coarse(&self) -> Option<Self> {
-        let Self::Robust(settings, Some(error)) = self else { return None };
+        let Self::Robust(settings, Stored::Nested(error) | Stored::Haar(error)) = self else { return None };
         let samples = settings.samples.min(1024);
         let coarse_samples = settings.coarse_samples.min(samples / 4);
         let rays = settings.rays.min(64);
         let settings = TransferSettings { samples, coarse_samples, points: 4, rays, ..settings.clone() };
-        Some(Self::Robust(settings, Some(error.max(0.05))))
+        Some(Self::Robust(settings, Stored::Nested(error.max(0.05))))
     }
 
     /// How far an operator of ours is from rows gathered anew, under points and spots.
@@ -226,23 +252,24 @@ impl TransferPlan {
     ) -> Result<BakedTransfer> {
         let advance = |count| progress.advance(count);
         match self {
-            Self::Robust(settings, error) => {
+            Self::Robust(settings, stored) => {
                 progress.begin("bounces", settings.coarse_samples.min(settings.samples));
                 let transfer = report.stage("bounces", || Transfer::new(scene, bvh, baked, settings, &advance));
                 progress.end();
-                if error.is_none() {
+                if *stored == Stored::Dense {
                     check_dense(baked, transfer.column_count(), scene)?;
                 }
                 progress.begin("transfer", baked.samples.len());
-                let made = report.stage("transfer", || match *error {
-                    None => BakedTransfer::dense(&transfer, baked, lobe, &advance),
-                    Some(error) => {
-                        let settings = CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
-                        BakedTransfer::nested(&transfer, &settings, &advance)
+                let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
+                let made = report.stage("transfer", || match *stored {
+                    Stored::Dense => Ok(BakedTransfer::dense(&transfer, baked, lobe, &advance)),
+                    Stored::Nested(error) => Ok(BakedTransfer::nested(&transfer, &to(error), &advance)),
+                    Stored::Haar(error) => {
+                        BakedTransfer::haar(&transfer, &to(error), |bytes| check_wavelets(bytes, scene), &advance)
                     }
                 });
                 progress.end();
-                Ok(made)
+                made
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);
@@ -273,6 +300,12 @@ fn check_dense(baked: &Baked, columns: usize, scene: &Scene) -> Result<()> {
     let bytes = 12.0 * (baked.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
     let what = format!("a dense transfer of {columns} coefficients to {} view samples takes", baked.samples.len());
     check_free(bytes, &what, "choose a smaller --size, fewer --gather, or a --basis of fewer functions", &scene.path)
+}
+
+/// Refuses wavelets that cannot fit this machine.
+fn check_wavelets(bytes: f64, scene: &Scene) -> Result<()> {
+    let what = "the wavelets that --error asks for take";
+    check_free(bytes, what, "choose a larger --error, a smaller --size, or fewer --gather", &scene.path)
 }
 
 fn parse_error(text: &str) -> std::result::Result<f64, String> {

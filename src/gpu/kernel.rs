@@ -28,6 +28,7 @@ embedded![
     "shade_factored.comp",
     "haar.comp",
     "multiply_blocks.comp",
+    "multiply_sparse.comp",
     "resolve.comp",
     "sum_images.comp",
     "composite.comp",

@@ -5,8 +5,10 @@ use std::sync::Arc;
 use glam::{UVec4, Vec4};
 
 use super::haar::HaarTransform;
+use super::sparse::SparseProduct;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::Piece;
+use crate::bake::transfer::sparse::SparseMatrix;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::*;
@@ -18,6 +20,8 @@ pub struct Indirect {
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
     chain: Vec<Product>,
+    /// Instead of the chain.
+    sparse: Vec<SparseProduct>,
 }
 
 /// Gather samples as light finds them.
@@ -68,18 +72,23 @@ impl Indirect {
                 chain.push(Product::new(context, &matrix.piece(panels), is_last)?);
             }
         }
+        let pieces = |m: &SparseMatrix| {
+            m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p))).collect()
+        };
+        let sparse = transfer.sparse.as_ref().map_or(Ok(Vec::new()), pieces)?;
         Ok(Self {
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             lit: LitSamples::new(context, transfer)?,
             vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
             haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.first())).transpose()?,
             chain,
+            sparse,
         })
     }
 
     /// Passes that [`Self::add`] records.
     pub fn pass_count(&self) -> usize {
-        1 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + self.chain.len()
+        1 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + self.chain.len() + self.sparse.len()
     }
 
     /// Adds the indirect light of `light` to `target`; `visibility` is that of the points.
@@ -92,6 +101,9 @@ impl Indirect {
             haar.run(frame, &self.vector);
         }
         for product in &self.chain {
+            product.run(frame, &self.vector, target);
+        }
+        for product in &self.sparse {
             product.run(frame, &self.vector, target);
         }
     }

@@ -9,6 +9,7 @@ pub mod limits;
 mod output;
 mod passes;
 mod shadow_map;
+mod sparse;
 mod visibility;
 
 use std::sync::Arc;

@@ -8,6 +8,7 @@ use super::{Key, Reader, Writer, file, read};
 use crate::bake::Baked;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::BlockMatrix;
+use crate::bake::transfer::sparse::SparseMatrix;
 use crate::error::Result;
 
 /// Name of a transfer to what the bake of `key` sees; `settings` tells how it is computed.
@@ -48,6 +49,12 @@ pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer
         writer.add(format!("{i}.outputs"), Dtype::U32, 1, &matrix.outputs);
         writer.add(format!("{i}.factors"), Dtype::F16, 8, &matrix.values);
     }
+    if let Some(sparse) = &transfer.sparse {
+        metadata.push(("sparse", serde_json::to_string(&[sparse.input_count, sparse.output_count]).expect("numbers")));
+        writer.add("slices", Dtype::U32, 5, &sparse.slices);
+        writer.add("outputs", Dtype::U32, 1, &sparse.outputs);
+        writer.add("terms", Dtype::U16, 8, &sparse.values);
+    }
     writer.write(&file(dir, key), &metadata)
 }
 
@@ -77,6 +84,17 @@ fn decode(reader: &Reader, baked: &Baked) -> Option<BakedTransfer> {
             inputs: reader.take(&format!("{i}.inputs"))?,
             outputs: reader.take(&format!("{i}.outputs"))?,
             values: reader.map(&format!("{i}.factors"))?,
+        });
+    }
+    if let Some(counts) = reader.text("sparse") {
+        let [input_count, output_count] = serde_json::from_str(counts).ok()?;
+        // Copied, not mapped: terms hold steps from column to column, which a kernel follows.
+        transfer.sparse = Some(SparseMatrix {
+            input_count,
+            output_count,
+            slices: reader.take("slices")?,
+            outputs: reader.take("outputs")?,
+            values: reader.take("terms")?,
         });
     }
     transfer.is_consistent(baked.samples.len()).then_some(transfer)

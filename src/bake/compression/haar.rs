@@ -58,6 +58,18 @@ impl Haar {
         }
     }
 
+    /// How many samples each of `count` terms spans, those that have its coefficient: the samples of both sums that it
+    /// tells apart, or of the one that is left.
+    pub fn spans(&self, count: usize) -> Vec<u32> {
+        let mut spans = vec![1; count];
+        for rotation in &self.rotations {
+            let [sum, term] = [rotation.sum, rotation.term].map(|place| place as usize);
+            let both = spans[sum] + spans[term];
+            (spans[sum], spans[term]) = (both, both);
+        }
+        spans
+    }
+
     /// The terms of RGB coefficients, in double precision.
     pub fn terms(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
         let mut values = coefficients.to_vec();

@@ -20,6 +20,7 @@ pub mod lights;
 pub mod linear;
 pub mod panels;
 mod report;
+pub mod row_wavelets;
 pub mod training;
 pub mod verify;
 

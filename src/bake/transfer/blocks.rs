@@ -82,8 +82,7 @@ impl BlockMatrix {
             };
             let all = || (0..channels).flat_map(|c| (0..of_panel.len()).map(move |r| (c, r)));
             let largest = all().flat_map(|(c, r)| row(c, r)).fold(0.0f32, |m, v| m.max(v.abs()));
-            // A power of two: factors that are float16 already stay as they are.
-            let scale = (largest / LARGEST).max(f32::MIN_POSITIVE).log2().ceil().exp2();
+            let scale = scale(largest);
             self.panels.push(Panel {
                 first_value: packed.len() as u32,
                 first_input,
@@ -247,6 +246,12 @@ impl BlockMatrix {
         let [red, green, blue] = [0, 1, 2].map(of_channel);
         std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()))
     }
+}
+
+/// What factors, the largest of them this one, are divided by before they are packed: a power of two, so that those that
+/// are float16 already stay as they are.
+pub(super) fn scale(largest: f32) -> f32 {
+    (largest / LARGEST).max(f32::MIN_POSITIVE).log2().ceil().exp2()
 }
 
 /// Rows that a panel has factors for.

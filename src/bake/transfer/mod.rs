@@ -19,6 +19,7 @@ pub mod level;
 pub mod paths;
 pub mod rows;
 pub mod solve;
+pub mod sparse;
 pub mod thesis;
 pub mod transport;
 

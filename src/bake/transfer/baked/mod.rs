@@ -2,6 +2,7 @@
 //! matrices from there to view samples.
 
 mod dense;
+mod haar;
 mod nested;
 
 use bytemuck::Zeroable;
@@ -9,6 +10,7 @@ use glam::{DVec3, Vec3, Vec4};
 
 use super::blocks::BlockMatrix;
 use super::level::Level;
+use super::sparse::SparseMatrix;
 use crate::bake::brdf_factors::{Projection, roughness_coordinate};
 use crate::bake::compression;
 use crate::bake::compression::haar::Haar;
@@ -42,6 +44,8 @@ pub struct BakedTransfer {
     pub haar: bool,
     /// The last one's results are view samples.
     pub chain: Vec<BlockMatrix>,
+    /// What takes λ0 to view samples where there is no chain.
+    pub sparse: Option<SparseMatrix>,
     /// Indirect radiance of emitters at each view sample; empty without emitters.
     pub emission: Vec<Vec3>,
     pub report: TransferReport,
@@ -123,17 +127,26 @@ impl BakedTransfer {
                 && within(s.first, s.terms, self.vector_length)
                 && within(s.table, s.terms * texels, self.tables.len())
         };
-        let Some((last, inner)) = self.chain.split_last() else { return false };
-        self.points.len() == self.sample_count() * self.points_per_sample
+        let multiplies = match (self.chain.split_last(), &self.sparse) {
+            (Some((last, inner)), None) => {
+                self.chain.iter().all(|m| m.is_consistent() && m.input_count as usize == self.vector_length)
+                    && inner.iter().all(|m| m.output_count as usize == self.vector_length)
+                    && last.output_count as usize == view_samples
+            }
+            (None, Some(sparse)) => {
+                let (inputs, outputs) = (sparse.input_count as usize, sparse.output_count as usize);
+                sparse.is_consistent() && (inputs, outputs) == (self.vector_length, view_samples)
+            }
+            _ => false,
+        };
+        multiplies
+            && self.points.len() == self.sample_count() * self.points_per_sample
             && self.points.len() == self.geometric_normals.len()
             && (self.samples.is_empty() || self.factored.is_empty())
             && (self.factored.is_empty() || self.points_per_sample == 1)
             && (self.samples.is_empty() || self.projection.len() == Projection::TABLE_LENGTH)
             && self.samples.iter().all(ours)
             && self.factored.iter().all(thesis)
-            && self.chain.iter().all(|m| m.is_consistent() && m.input_count as usize == self.vector_length)
-            && inner.iter().all(|m| m.output_count as usize == self.vector_length)
-            && last.output_count as usize == view_samples
             && (self.emission.is_empty() || self.emission.len() == view_samples)
     }
 
@@ -141,6 +154,9 @@ impl BakedTransfer {
     pub fn apply(&self, direct: &[DVec3]) -> Vec<DVec3> {
         let mut vector = if self.haar { Haar::new(&self.first()).terms(direct) } else { direct.to_vec() };
         vector.resize(self.vector_length, DVec3::ZERO);
+        if let Some(sparse) = &self.sparse {
+            return sparse.multiply(&vector);
+        }
         let (last, inner) = self.chain.split_last().expect("there is a matrix");
         for matrix in inner {
             let product = matrix.multiply(&vector);
@@ -155,8 +171,10 @@ impl BakedTransfer {
         self.samples.iter().map(|s| s.first).chain(end).collect()
     }
 
-    /// Bytes that the chain reads a light, and its multiply-adds.
+    /// Bytes that all products read a light, and their multiply-adds.
     pub fn cost(&self) -> (usize, u64) {
-        (self.chain.iter().map(BlockMatrix::bytes).sum(), self.chain.iter().map(BlockMatrix::multiply_adds).sum())
+        let of_chain = self.chain.iter().map(|m| (m.bytes(), m.multiply_adds()));
+        let all = of_chain.chain(self.sparse.iter().map(|m| (m.bytes(), m.multiply_adds())));
+        all.fold((0, 0), |(bytes, adds), (b, a)| (bytes + b, adds + a))
     }
 }

@@ -1,0 +1,37 @@
+// A sparse matrix times a vector of RGB, added to view samples: a row a thread. Twin: src/bake/transfer/sparse.rs.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+#include "lib/thread.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { MultiplySparsePush push; };
+
+#include "lib/add_radiance.glsl"
+
+void main() {
+    uint group = group_index();
+    if (group >= push.slice_count) {
+        return;
+    }
+    Slice slice = push.slices.at[group];
+    uint row = gl_LocalInvocationIndex;
+    if (row >= slice.row_count) {
+        return;
+    }
+    vec3 sum = vec3(0.0);
+    uint column = 0;
+    uint value = slice.first_value + row;
+    for (uint pair = 0; pair < slice.pair_count; ++pair, value += GROUP_SIZE) {
+        uvec4 packed = push.values.at[value];
+        [[unroll]] for (uint k = 0; k < 4; k += 2) {
+            column += packed[k + 1] >> 16;
+            vec3 factors = vec3(unpackHalf2x16(packed[k]), unpackHalf2x16(packed[k + 1]).x);
+            sum += factors * push.vector.at[column].rgb;
+        }
+    }
+    add_radiance(push.outputs.at[slice.first_output + row], slice.scale * sum);
+}

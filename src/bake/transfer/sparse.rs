@@ -1,0 +1,215 @@
+//! Sparse matrices of which each row has columns of its own.
+//!
+//! Rows are sliced as in [Kreutzer 2014]: those of a window are sorted by length, so that the ones that neighbouring threads
+//! take are about equally long, and the shorter ones are filled up with zeros. A term is its factors for R, G and B in
+//! float16 and how far its column is from the one before, in 16 bits: eight bytes, read two at a time.
+
+use std::ops::Range;
+
+use glam::{DVec3, UVec4};
+use half::f16;
+use rayon::prelude::*;
+
+use super::blocks::scale;
+use super::rows::Rows;
+use crate::shared::{GROUP_SIZE, Slice};
+
+/// A sparse matrix for vectors of RGB.
+#[derive(Clone, Debug, Default)]
+pub struct SparseMatrix {
+    /// Elements of the vector that is multiplied.
+    pub input_count: u32,
+    /// Elements of the vector that results.
+    pub output_count: u32,
+    pub slices: Vec<Slice>,
+    /// Output of each row; all slices are full but the last.
+    pub outputs: Vec<u32>,
+    /// Of each slice: `[terms / 2][row]`, two terms each: red and green, blue and step, twice.
+    pub values: Vec<UVec4>,
+}
+
+/// Some slices of a matrix, whose values count from the beginning of what is here.
+pub struct Piece<'a> {
+    pub slices: Vec<Slice>,
+    pub outputs: &'a [u32],
+    pub values: &'a [UVec4],
+}
+
+/// Bytes of a term.
+pub const TERM_BYTES: usize = size_of::<UVec4>() / 2;
+/// Rows of a slice.
+const ROWS: usize = GROUP_SIZE as usize;
+
+/// One term before it is packed: its column and RGB.
+type Term = (u32, [f32; 3]);
+
+impl SparseMatrix {
+    pub fn new(input_count: usize, output_count: usize) -> Self {
+        let [input_count, output_count] =
+            [input_count, output_count].map(|n| u32::try_from(n).expect("indices are u32"));
+        Self { input_count, output_count, ..Default::default() }
+    }
+
+    /// Adds a window of rows, of which row r results in `outputs[r]`; rows without terms are left out. All windows but the
+    /// last must leave full slices, or there will be more slices than need be.
+    pub fn push(&mut self, rows: &Rows, outputs: &[u32]) {
+        let mut packed: Vec<(Vec<Term>, u32)> = (0..rows.len())
+            .into_par_iter()
+            .filter(|&r| rows.row(r).next().is_some())
+            .map(|r| (stepwise(rows.row(r)), outputs[r]))
+            .collect();
+        packed.sort_by_key(|(terms, _)| std::cmp::Reverse(terms.len()));
+        for slice in packed.chunks(ROWS) {
+            let pairs = slice[0].0.len().div_ceil(2);
+            let all = slice.iter().flat_map(|(terms, _)| terms).flat_map(|(_, factors)| factors);
+            let scale = scale(all.fold(0.0f32, |m, v| m.max(v.abs())));
+            let first_value = self.values.len();
+            self.slices.push(Slice {
+                first_value: first_value as u32,
+                first_output: self.outputs.len() as u32,
+                row_count: slice.len() as u32,
+                pair_count: pairs as u32,
+                scale,
+            });
+            self.values.resize(first_value + pairs * ROWS, UVec4::ZERO);
+            for (r, (terms, output)) in slice.iter().enumerate() {
+                for (pair, two) in terms.chunks(2).enumerate() {
+                    self.values[first_value + pair * ROWS + r] = pack(two, scale);
+                }
+                self.outputs.push(*output);
+            }
+        }
+    }
+
+    /// Whether every index that a kernel follows leads to something, and no output has two rows.
+    pub fn is_consistent(&self) -> bool {
+        let mut seen = vec![false; self.output_count as usize];
+        let end = |s: &Slice| s.first_value as usize + s.pair_count as usize * ROWS;
+        let inputs_exist = |slice: &Slice| {
+            (0..slice.row_count as usize).all(|r| {
+                let mut terms = self.terms(slice, r);
+                terms.all(|(column, _)| column < u64::from(self.input_count))
+            })
+        };
+        self.outputs.iter().all(|&o| o < self.output_count && !std::mem::replace(&mut seen[o as usize], true))
+            && self.slices.windows(2).all(|s| {
+                end(&s[0]) <= s[1].first_value as usize && s[0].first_output + s[0].row_count <= s[1].first_output
+            })
+            && self.slices.iter().all(|s| {
+                s.row_count <= GROUP_SIZE
+                    && s.first_output as usize + s.row_count as usize <= self.outputs.len()
+                    && end(s) <= self.values.len()
+            })
+            && self.slices.par_iter().all(inputs_exist)
+    }
+
+    /// Ranges of slices whose terms take at most `bytes`, or that are one slice.
+    pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
+        let mut pieces: Vec<Range<usize>> = Vec::new();
+        let mut size = 0;
+        for (i, slice) in self.slices.iter().enumerate() {
+            let of_slice = slice.pair_count as usize * ROWS * size_of::<UVec4>();
+            match pieces.last_mut() {
+                Some(last) if size + of_slice <= bytes => {
+                    last.end = i + 1;
+                    size += of_slice;
+                }
+                _ => {
+                    pieces.push(i..i + 1);
+                    size = of_slice;
+                }
+            }
+        }
+        pieces
+    }
+
+    /// These slices alone.
+    pub fn piece(&self, slices: Range<usize>) -> Piece<'_> {
+        let slices = &self.slices[slices];
+        let [first, last] = [&slices[0], &slices[slices.len() - 1]];
+        let (value, output) = (first.first_value, first.first_output);
+        let of_piece =
+            |s: &Slice| Slice { first_value: s.first_value - value, first_output: s.first_output - output, ..*s };
+        Piece {
+            slices: slices.iter().map(of_piece).collect(),
+            outputs: &self.outputs[output as usize..(last.first_output + last.row_count) as usize],
+            values: &self.values[value as usize..last.first_value as usize + last.pair_count as usize * ROWS],
+        }
+    }
+
+    /// Bytes that a multiplication reads: terms and indices.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.values[..]) + size_of_val(&self.outputs[..]) + size_of_val(&self.slices[..])
+    }
+
+    /// Multiply-adds of all three channels, padding included.
+    pub fn multiply_adds(&self) -> u64 {
+        self.slices.iter().map(|s| 6 * u64::from(s.row_count) * u64::from(s.pair_count)).sum()
+    }
+
+    /// The product with `vector`, in double precision; twin of multiply_sparse.comp.
+    pub fn multiply(&self, vector: &[DVec3]) -> Vec<DVec3> {
+        self.sum_rows(|factor, i| factor * vector[i])
+    }
+
+    /// The same for magnitudes: what the rounding of sums is measured by.
+    pub fn multiply_magnitudes(&self, vector: &[DVec3]) -> Vec<DVec3> {
+        self.sum_rows(|factor, i| (factor * vector[i]).abs())
+    }
+
+    /// Sums of `term(factor, input)` over each row.
+    fn sum_rows(&self, term: impl Fn(DVec3, usize) -> DVec3 + Sync) -> Vec<DVec3> {
+        let slice = |slice: &Slice| {
+            let row = |r: usize| {
+                let sum = self.terms(slice, r).map(|(column, factor)| term(factor, column as usize)).sum::<DVec3>();
+                (self.outputs[slice.first_output as usize + r], sum * f64::from(slice.scale))
+            };
+            (0..slice.row_count as usize).map(row).collect::<Vec<_>>()
+        };
+        let mut result = vec![DVec3::ZERO; self.output_count as usize];
+        for (output, sum) in self.slices.par_iter().flat_map_iter(slice).collect::<Vec<_>>() {
+            result[output as usize] = sum;
+        }
+        result
+    }
+
+    /// Column and factors of each term of a row, before the slice's scale.
+    fn terms(&self, slice: &Slice, row: usize) -> impl Iterator<Item = (u64, DVec3)> {
+        let first = slice.first_value as usize + row;
+        let halves = (0..slice.pair_count as usize).flat_map(move |pair| {
+            let words = self.values[first + pair * ROWS].to_array();
+            [[words[0], words[1]], [words[2], words[3]]]
+        });
+        halves.scan(0u64, |column, words| {
+            *column += u64::from(words[1] >> 16);
+            let [red, green, blue, _]: [f16; 4] = bytemuck::cast(words);
+            Some((*column, DVec3::new(red.to_f64(), green.to_f64(), blue.to_f64())))
+        })
+    }
+}
+
+/// Terms with steps instead of columns; where a step is too long for 16 bits, terms of nothing come between.
+fn stepwise(row: impl Iterator<Item = Term>) -> Vec<Term> {
+    let mut terms = Vec::with_capacity(row.size_hint().0);
+    let mut last = 0;
+    for (column, factors) in row {
+        let mut step = column - last;
+        while step > u16::MAX.into() {
+            terms.push((u16::MAX.into(), [0.0; 3]));
+            step -= u32::from(u16::MAX);
+        }
+        terms.push((step, factors));
+        last = column;
+    }
+    terms
+}
+
+/// One term or two, factors over `scale`.
+fn pack(terms: &[Term], scale: f32) -> UVec4 {
+    let mut words = [[0u32; 2]; 2];
+    for (words, (step, factors)) in words.iter_mut().zip(terms) {
+        let [red, green, blue] = factors.map(|f| u32::from(f16::from_f32(f / scale).to_bits()));
+        *words = [red | green << 16, blue | step << 16];
+    }
+    UVec4::from_array(bytemuck::cast(words))
+}

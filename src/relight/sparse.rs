@@ -1,0 +1,46 @@
+//! A sparse matrix on the device, or some of its slices.
+
+use std::sync::Arc;
+
+use glam::{UVec4, Vec4};
+
+use super::indirect::Target;
+use crate::bake::transfer::sparse::Piece;
+use crate::error::Result;
+use crate::gpu::{Buffer, Context, Frame, Kernel};
+use crate::shared::{GROUP_SIZE, MultiplySparsePush, Slice};
+
+pub struct SparseProduct {
+    slices: Buffer<Slice>,
+    values: Buffer<UVec4>,
+    outputs: Buffer<u32>,
+    kernel: Kernel,
+}
+
+impl SparseProduct {
+    pub fn new(context: &Arc<Context>, matrix: &Piece) -> Result<Self> {
+        Ok(Self {
+            slices: Buffer::from_slice(context, "transfer (slices)", &matrix.slices)?,
+            values: Buffer::from_slice(context, "transfer (terms)", matrix.values)?,
+            outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
+            kernel: Kernel::new(context, "multiply_sparse", &[])?,
+        })
+    }
+
+    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, target: &Target) {
+        let mut pass = frame.pass("transfer to pixels");
+        let push = MultiplySparsePush {
+            slices: pass.read(&self.slices),
+            values: pass.read(&self.values),
+            outputs: pass.read(&self.outputs),
+            vector: pass.read(vector),
+            image: pass.write_as(target.image),
+            extras: pass.write(target.extras),
+            slice_count: self.slices.len() as u32,
+            pixel_stride: target.pixel_stride,
+            extra_stride: target.extra_stride,
+            unused: 0,
+        };
+        pass.dispatch(&self.kernel, &push, push.slice_count * GROUP_SIZE);
+    }
+}
