@@ -52,8 +52,12 @@ pub struct Projected<'a> {
     pub allowed: f64,
     /// Images of the lights to check with: pixels x lights.
     pub checks: Panels,
-    /// Square of the noise of these images, mean over the deciding lights.
+    /// How much each of the deciding lights counts: less where its image is noisier than most.
+    pub weights: Vec<f64>,
+    /// Square of the noise of these images, by these weights.
     pub noise: f64,
+    /// The same, mean over the deciding lights.
+    pub plain_noise: f64,
 }
 
 /// Some of the rows, gathered with other random numbers: they tell how noisy all are.
@@ -86,16 +90,17 @@ impl<'a> Projected<'a> {
     pub fn new(inputs: &'a Inputs, rows: &Rows, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
         let products = panels::multiply(rows, &inputs.combinations);
         let checks = panels::multiply(rows, &inputs.checked);
-        let noise = noise(anew, &checks, &inputs.checked);
-        let noise = inputs.deciding.clone().map(|l| noise[l]).sum::<f64>() / inputs.deciding.len() as f64;
+        let noise = &noise(anew, &checks, &inputs.checked)[inputs.deciding.clone()];
+        let plain_noise = noise.iter().sum::<f64>() / noise.len() as f64;
+        let (weights, noise) = weights(noise);
         let (all, energy) = range(&products, rows.len());
         let allowed = allowed(energy, noise);
-        let basis =
-            needed(&all, &checks.channels.each_ref().map(|panels| &panels[0]), &inputs.deciding, noise + 0.1 * allowed);
+        let images = checks.channels.each_ref().map(|panels| &panels[0]);
+        let basis = needed(&all, &images, &inputs.deciding, &weights, noise + 0.1 * allowed);
         let directions = Panels::from_fn(rows.len(), basis.ncols(), |_, i, j| basis[(i, j)]);
         let columns = inputs.combinations.rows();
         let terms = inputs.bounces.terms(&inputs.haar, panels::multiply_transposed(rows, columns, &directions));
-        Self { inputs, basis, terms, allowed, checks, noise }
+        Self { inputs, basis, terms, allowed, checks, weights, noise, plain_noise }
     }
 
     pub fn fit(&self, tiles: &[Range<usize>], budget: &Budget) -> Factors {
@@ -160,7 +165,6 @@ impl<'a> Projected<'a> {
         }
         let (values, vectors) = linear::eigen(&gram);
         let decide = self.inputs.deciding.clone();
-        let share = 1.0 / decide.len() as f64;
         let mut filled = vec![0.0; count];
         let mut columns = Vec::new();
         let mut left = 0.0;
@@ -169,9 +173,10 @@ impl<'a> Projected<'a> {
                 vectors.transpose(),
                 seen(&self.terms.channels[columns.len()], &checks[0], count).as_ref(),
             );
-            (0..count).for_each(|i| filled[i] += decide.clone().map(|l| turned[(i, l)].powi(2)).sum::<f64>() * share);
-            left +=
-                images[0].iter().flat_map(|row| &row[decide.clone()]).map(|x| f64::from(x * x)).sum::<f64>() * share;
+            let weighted = || decide.clone().zip(&self.weights);
+            (0..count)
+                .for_each(|i| filled[i] += weighted().map(|(l, weight)| turned[(i, l)].powi(2) * weight).sum::<f64>());
+            left += weighted_squares(&images[0], &decide, &self.weights);
             columns.push(turned);
         }
         let rank = multiple(enough(&filled, left, budget));
@@ -181,7 +186,9 @@ impl<'a> Projected<'a> {
         let sizes: Vec<f32> = (0..rank).map(size).collect();
         let lights = decide.len();
         let deciding = Mat::from_fn(rank, 3 * lights, |i, l| {
-            if i < count { columns[l / lights][(i, decide.start + l % lights)] / f64::from(sizes[i]) } else { 0.0 }
+            let weight = self.weights[l % lights].sqrt();
+            let size = |i: usize| weight / f64::from(sizes[i]);
+            if i < count { columns[l / lights][(i, decide.start + l % lights)] * size(i) } else { 0.0 }
         });
         Directions { turn, sizes, deciding }
     }
@@ -256,7 +263,7 @@ struct Directions {
     turn: Mat<f32>,
     /// Root mean square that light has along each.
     sizes: Vec<f32>,
-    /// The deciding lights in these units: directions x lights, channel after channel.
+    /// The deciding lights in these units, by their weights: directions x lights, channel after channel.
     deciding: Mat<f64>,
 }
 
@@ -284,18 +291,46 @@ fn range(images: &Panels, rows: usize) -> (Mat<f32>, f64) {
 }
 
 /// The first directions of a basis, whole panels of them, that leave at most `budget` of the lights' images.
-fn needed(basis: &Mat<f32>, images: &[&panels::Panel; 3], lights: &Range<usize>, budget: f64) -> Mat<f32> {
+fn needed(
+    basis: &Mat<f32>,
+    images: &[&panels::Panel; 3],
+    lights: &Range<usize>,
+    weights: &[f64],
+    budget: f64,
+) -> Mat<f32> {
     let mut filled = vec![0.0; basis.ncols()];
     let mut left = 0.0;
     for image in images {
         let seen = linear::product(basis.transpose(), panels::matrix(image));
-        let square = |i: usize| lights.clone().map(|l| f64::from(seen[(i, l)]).powi(2)).sum::<f64>();
-        filled.iter_mut().enumerate().for_each(|(i, filled)| *filled += square(i) / lights.len() as f64);
-        left += image.iter().flat_map(|row| &row[lights.clone()]).map(|x| f64::from(x * x)).sum::<f64>();
+        let square = |i: usize| {
+            lights.clone().zip(weights).map(|(l, weight)| f64::from(seen[(i, l)]).powi(2) * weight).sum::<f64>()
+        };
+        filled.iter_mut().enumerate().for_each(|(i, filled)| *filled += square(i));
+        left += weighted_squares(image, lights, weights);
     }
-    let count = enough(&filled, left / lights.len() as f64, budget).next_multiple_of(WIDTH).min(MOST_DIRECTIONS);
+    let count = enough(&filled, left, budget).next_multiple_of(WIDTH).min(MOST_DIRECTIONS);
     let count = count.min(basis.ncols());
     basis.subcols(0, count).to_owned()
+}
+
+fn weighted_squares(image: &panels::Panel, lights: &Range<usize>, weights: &[f64]) -> f64 {
+    let of_row = |row: &[f32; WIDTH]| -> f64 {
+        row[lights.clone()].iter().zip(weights).map(|(x, weight)| f64::from(x * x) * weight).sum()
+    };
+    image.iter().map(of_row).sum()
+}
+
+/// Weights of lights from the squares of their noise, which add up to 1: lights with more noise than half of them count for
+/// less, so that few noisy ones don't hide what the others show. Comes with the noise of all by these weights.
+fn weights(noise: &[f64]) -> (Vec<f64>, f64) {
+    let mut sorted = noise.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let median = sorted[sorted.len() / 2];
+    let weight = |noise: &f64| if *noise > median { median / noise } else { 1.0 };
+    let all: f64 = noise.iter().map(weight).sum();
+    let weights: Vec<f64> = noise.iter().map(|noise| weight(noise) / all).collect();
+    let weighted = noise.iter().zip(&weights).map(|(noise, weight)| noise * weight).sum();
+    (weights, weighted)
 }
 
 /// Directions of a supercluster at most: where so many are not enough, what is left is hardly more than noise.
@@ -334,8 +369,7 @@ fn tile(pixels: &Mat<f32>, rows: &Range<usize>, deciding: &Mat<f64>, budget: f64
     let (values, vectors) = linear::eigen(&linear::product(all.transpose(), all.as_ref()));
     // What each direction holds of the deciding lights' images.
     let turned = linear::product(vectors.transpose(), deciding.as_ref());
-    let share = 3.0 / deciding.ncols() as f64;
-    let square = |r: usize| turned.row(r).iter().map(|x| x * x).sum::<f64>() * values[r] * share;
+    let square = |r: usize| turned.row(r).iter().map(|x| x * x).sum::<f64>() * values[r];
     let kept = multiple(cut(&(0..rank).map(square).collect::<Vec<_>>(), budget));
     let vectors = vectors.subcols(0, kept);
     let b = (0..kept).flat_map(|r| (0..rank).map(move |j| f16::from_f64(vectors[(j, r)]))).collect();

@@ -76,8 +76,8 @@ pub struct Fitted {
     pub found: Found,
     /// Square of the noise of the supercluster's rows, mean over deciding lights.
     pub noise: f64,
-    /// Squared error beyond noise that it may have.
-    pub allowed: f64,
+    /// Whether its error beyond noise is as small as it has to be.
+    pub enough: bool,
     /// How often it was fitted.
     pub rounds: usize,
     /// Indirect radiance of emitters, exactly; empty without any.
@@ -130,8 +130,10 @@ impl<'a> Compressor<'a> {
             let [rank, terms, tiles] = SHARES.map(|share| share * scale * allowed);
             let factors = projected.fit(&within, &Budget { rank: noise + rank, terms, tiles });
             let found = projected.check(&factors, &within);
-            let deciding = found.iter().flat_map(|tile| &tile[DECIDING]).map(|e| e[0]);
-            let error = deciding.sum::<f64>() / DECIDING.len() as f64;
+            let of_tile = |tile: &Vec<[f64; 2]>| -> f64 {
+                tile[DECIDING].iter().zip(&projected.weights).map(|(e, weight)| e[0] * weight).sum()
+            };
+            let error: f64 = found.iter().map(of_tile).sum();
             let enough = error <= target;
             // What is not enough must be worth its size.
             let better =
@@ -146,8 +148,8 @@ impl<'a> Compressor<'a> {
             }
             scale *= (0.9 * allowed / (error - noise).max(0.01 * allowed)).clamp(0.2, 3.0);
         }
-        let (_, factors, found) = best.expect("there is a round");
-        Fitted { factors, found, noise, allowed, rounds, emission }
+        let (error, factors, found) = best.expect("there is a round");
+        Fitted { factors, found, noise: projected.plain_noise, enough: error <= target, rounds, emission }
     }
 
     /// What a supercluster's rows make of lights, and of emitters.

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::clusters::Clusters;
-use super::{DECIDING, Fitted, POINTS, SPOTS};
+use super::{Fitted, POINTS, SPOTS};
 
 /// Errors against the rows that the operator was made of, root mean square over all view samples and channels.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -45,10 +45,9 @@ impl<'a> Errors<'a> {
             let share = self.clusters.rows(&(tile..tile + 1)).len() as f64 / self.clusters.samples.len() as f64;
             self.report.tiles.push((mean(found[POINTS].iter().map(|e| e[0])) / share).sqrt());
         }
-        let deciding = fitted.found.iter().flat_map(|tile| &tile[DECIDING]).map(|e| e[0]).sum::<f64>();
         self.noise += fitted.noise;
         self.report.refined += usize::from(fitted.rounds > 1);
-        self.report.missed += usize::from(deciding / DECIDING.len() as f64 - fitted.noise > fitted.allowed);
+        self.report.missed += usize::from(!fitted.enough);
     }
 
     pub fn report(self) -> Report {
