@@ -16,7 +16,7 @@
 //! - [`bake`]: [`scene::Scene`] -> [`bake::Baked`], what does not depend on the lights: BVH, view samples.
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
 //! - [`view`]: the window, its keys, and the lighting desk behind them.
-//! - [`gpu`]: device, memory, kernels, frames. Knows no lights.
+//! - [`gpu`]: device, memory, kernels, frames, files mapped for uploads. Knows no lights.
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
 //! - [`brdf`]: glTF's BRDF on the CPU, and directions drawn from it; [`sequence`]: the points that draw them.
 //! - [`image`]: EXR and PNG, and how pictures differ.

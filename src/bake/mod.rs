@@ -6,7 +6,6 @@ pub mod cache;
 pub mod compression;
 pub mod edges;
 pub mod gather_samples;
-pub mod mapped;
 pub mod octahedral;
 pub mod packet;
 pub mod point_tree;

@@ -14,8 +14,8 @@ pub use self::framebuffer::{load, store};
 pub use self::transfer::{load_transfer, store_transfer, transfer_key};
 
 use super::BakeSettings;
-use super::mapped::{Elements, Mapping};
 use crate::error::{Cause, Error, Result};
+use crate::gpu::mapped::{Elements, Mapping};
 use crate::image::file::{open, write_whole};
 use crate::scene::{Camera, Rig, Scene};
 

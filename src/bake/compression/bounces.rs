@@ -4,6 +4,7 @@ use faer::Mat;
 use rayon::prelude::*;
 
 use super::haar::Haar;
+use super::largest::largest;
 use super::linear::{self, Lu};
 use super::panels::{self, Panel, Panels, WIDTH};
 use crate::bake::transfer::Transfer;
@@ -79,10 +80,16 @@ impl<'a> Bounces<'a> {
     /// What makes Haar terms of the operator. Of each row of G_cf, the terms are dropped that light of `power` puts at most
     /// the share `tail` of all squares into: most of what rows of a few rays hold is noise.
     pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
-        let thin = Thin { rows: self.first, haar, power, tail };
-        let lanes: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
-        let parts = lanes.into_par_iter().flat_map_iter(|row| thin.panel(row)).collect();
-        Thinned { series: self.series, first: Rows::concatenated(parts), seen: self.seen }
+        let power = power.each_ref().map(Vec::as_slice);
+        let thin = |first: usize| {
+            let rows = first..self.first.len().min(first + WIDTH);
+            let mut terms = Panels::from_rows(self.first, rows, self.seen.fine);
+            terms.for_each_mut(|_, panel| haar.transform(panel));
+            largest(&terms, power, tail)
+        };
+        let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
+        let first = Rows::concatenated(panels.into_par_iter().map(thin).collect());
+        Thinned { series: self.series, first, seen: self.seen }
     }
 }
 
@@ -112,69 +119,6 @@ impl Thinned {
         gathered.add(&panels::multiply_transposed(&self.first, fine, &summed));
         gathered
     }
-}
-
-/// Turns rows into a few of their Haar terms.
-struct Thin<'a> {
-    rows: &'a Rows,
-    haar: &'a Haar,
-    power: &'a [Vec<f32>; 3],
-    tail: f64,
-}
-
-impl Thin<'_> {
-    /// A panel of rows from `first` on, each by itself.
-    fn panel(&self, first: usize) -> Vec<Rows> {
-        let count = WIDTH.min(self.rows.len() - first);
-        // Red of all rows, then green, then blue.
-        let mut terms = vec![[0.0f32; 3 * WIDTH]; self.power[0].len()];
-        for lane in 0..count {
-            for (column, value) in self.rows.row(first + lane) {
-                (0..3).for_each(|c| terms[column as usize][c * WIDTH + lane] = value[c]);
-            }
-        }
-        self.haar.transform(&mut terms);
-        let rgb = |terms: &[f32; 3 * WIDTH], lane: usize| [0, 1, 2].map(|c| terms[c * WIDTH + lane]);
-        let squares = |(number, terms): (usize, &[f32; 3 * WIDTH])| -> [f32; WIDTH] {
-            let power = self.power.each_ref().map(|power| power[number]);
-            std::array::from_fn(|lane| rgb(terms, lane).iter().zip(power).map(|(x, power)| x * x * power).sum())
-        };
-        let mut histograms = vec![[0.0f64; STEPS]; WIDTH];
-        for squares in terms.iter().enumerate().map(squares) {
-            for (histogram, square) in histograms.iter_mut().zip(squares) {
-                histogram[step(square)] += f64::from(square);
-            }
-        }
-        let least: Vec<usize> = histograms.iter().map(|histogram| least(histogram, self.tail)).collect();
-        let mut thinned = vec![Rows { first: vec![0], ..Default::default() }; count];
-        for (number, terms) in terms.iter().enumerate() {
-            let squares = squares((number, terms));
-            for (lane, row) in thinned.iter_mut().enumerate().filter(|(lane, _)| step(squares[*lane]) >= least[*lane]) {
-                row.columns.push(number as u32);
-                row.values.push(rgb(terms, lane));
-            }
-        }
-        thinned.iter_mut().for_each(|row| row.first.push(row.columns.len()));
-        thinned
-    }
-}
-
-/// Steps of a histogram of squares: halves of a binary order of magnitude.
-const STEPS: usize = 512;
-
-fn step(square: f32) -> usize {
-    (square.to_bits() >> 22) as usize
-}
-
-/// The first step to keep, so that those before it add up to at most the share `tail`; steps that are zero are never kept.
-fn least(histogram: &[f64; STEPS], tail: f64) -> usize {
-    let most = tail * histogram.iter().sum::<f64>();
-    let mut sum = 0.0;
-    let dropped = histogram.iter().take_while(|part| {
-        sum += **part;
-        sum <= most
-    });
-    dropped.count().max(1)
 }
 
 impl Series {

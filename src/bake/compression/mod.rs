@@ -16,6 +16,7 @@ pub mod clusters;
 pub mod data;
 pub mod fit;
 pub mod haar;
+mod largest;
 pub mod lights;
 pub mod linear;
 pub mod panels;
@@ -88,7 +89,7 @@ impl<'a> Compressor<'a> {
     /// `direct` gives the coefficients of direct light.
     pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let clusters = Clusters::new(&transfer.baked().samples);
-        let inputs = learn(transfer, direct, &clusters, settings);
+        let inputs = learn(transfer, direct, &clusters.samples, settings);
         let emission = transfer.emission();
         let emitted = emission.iter().any(|e| *e != DVec3::ZERO).then(|| transfer.bounce(&emission).0);
         Self { transfer, settings: settings.clone(), clusters, inputs, emitted }
@@ -205,16 +206,14 @@ const SPOTS: Range<usize> = 44..64;
 /// Fits of a supercluster at most.
 const ROUNDS: usize = 5;
 
-fn learn(transfer: &Transfer, direct: &Direct, clusters: &Clusters, settings: &CompressionSettings) -> Inputs {
+/// Learns from lights what view samples `samples` see.
+fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &CompressionSettings) -> Inputs {
     let bounces = Bounces::new(transfer);
     let haar = Haar::new(&transfer.fine.first);
     let seed = |purpose: u64| settings.seed ^ (16 + purpose) << 32;
-    let count = clusters.samples.len();
-    let points = Points::new(seed(0), 0);
-    let scout = |i: usize| clusters.samples[(points.at(i as u32, 0)[0] * count as f64) as usize];
-    let scouts: Vec<u32> = (0..SCOUTS.min(count)).map(scout).collect();
+    let scouts = some(samples, SCOUTS, seed(0));
     let rows = transfer.rows(&scouts, settings.lobe);
-    let share = scouts.len() as f64 / count.max(1) as f64;
+    let share = scouts.len() as f64 / samples.len().max(1) as f64;
     let trainer = Trainer { transfer, bounces: &bounces, direct, scouts: &rows, share };
     let spots = settings.lights / 4;
     let group = |kind, count, purpose| Group { kind, count, seed: seed(purpose) };
@@ -234,6 +233,13 @@ fn learn(transfer: &Transfer, direct: &Direct, clusters: &Clusters, settings: &C
     let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
     let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
     Inputs { bounces, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
+}
+
+/// As many random ones of `samples`, or as many as there are.
+fn some(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
+    let points = Points::new(seed, 0);
+    let pick = |i: usize| samples[(points.at(i as u32, 0)[0] * samples.len() as f64) as usize];
+    (0..count.min(samples.len())).map(pick).collect()
 }
 
 /// Adds a supercluster to what is compressed already; its U goes to `u` unrounded.

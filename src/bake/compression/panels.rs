@@ -62,6 +62,18 @@ impl Panels {
         made
     }
 
+    /// Some rows as vectors.
+    pub fn from_rows(rows: &Rows, range: Range<usize>, columns: usize) -> Self {
+        let mut made = Self::zeros(columns, range.len());
+        for (vector, r) in range.enumerate() {
+            for (channel, panels) in made.channels.iter_mut().enumerate() {
+                let panel = &mut panels[vector / WIDTH];
+                rows.row(r).for_each(|(column, value)| panel[column as usize][vector % WIDTH] = value[channel]);
+            }
+        }
+        made
+    }
+
     /// Adds as many other vectors.
     pub fn add(&mut self, others: &Self) {
         for (panels, others) in self.channels.iter_mut().zip(&others.channels) {

@@ -9,29 +9,23 @@
 //! follows from `--error`.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
-use super::bounces::{Bounces, Thinned};
-use super::haar::Haar;
-use super::lights::Kind;
-use super::panels::{self, Panel, Panels, WIDTH};
-use super::training::{Direct, Group, Trainer};
-use super::{BIAS, CompressionSettings, DECIDING, POINTS, Report, SPOTS, THINNED};
+use super::fit::Inputs;
+use super::largest::largest;
+use super::panels::{self, Panels, WIDTH};
+use super::training::Direct;
+use super::{BIAS, CompressionSettings, DECIDING, POINTS, Report, SPOTS, learn, some};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::{RowGatherer, Rows};
 use crate::bake::transfer::sparse::SparseMatrix;
-use crate::sequence::Points;
 use crate::shared::NO_BRDF;
 
 /// Cuts the rows of one transfer.
 pub struct RowWavelets<'a> {
     gatherer: RowGatherer<'a>,
-    bounces: Thinned,
-    haar: Haar,
+    inputs: Inputs,
     /// Square of each term's weight.
     weights: Vec<f32>,
-    /// Lights to decide by and to check with: what rows of Φ multiply, and Haar terms.
-    lights: [Panels; 2],
     /// What rows of Φ multiply for the light of emitters; absent without any.
     emitted: Option<Vec<DVec3>>,
     /// View samples that reflect anything.
@@ -44,7 +38,7 @@ pub struct RowWavelets<'a> {
     noise: f64,
 }
 
-/// View samples that tell how bright lights' images are, and how noisy.
+/// View samples that tell how noisy rows are.
 const SCOUTS: usize = 2048;
 /// Those of them by which it is decided how much is left out.
 const CUT: usize = 256;
@@ -61,45 +55,21 @@ const CHECKED: usize = 8;
 impl<'a> RowWavelets<'a> {
     /// `direct` gives the coefficients of direct light.
     pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
-        let bounces = Bounces::new(transfer);
-        let haar = Haar::new(&transfer.fine.first);
         let all = &transfer.baked().samples;
         let samples: Vec<u32> = (0..all.len() as u32).filter(|&i| all[i as usize].brdf != NO_BRDF).collect();
-        let seed = |purpose: u64| settings.seed ^ (32 + purpose) << 32;
-        let points = Points::new(seed(0), 0);
-        let scout = |i: usize| samples[(points.at(i as u32, 0)[0] * samples.len() as f64) as usize];
-        let scouts: Vec<u32> = (0..SCOUTS.min(samples.len())).map(scout).collect();
+        let inputs = learn(transfer, direct, &samples, settings);
+        let scouts = some(&samples, SCOUTS, settings.seed ^ 32 << 32);
         let mut gatherer = transfer.row_gatherer(settings.lobe);
         let rows = gatherer.gather(&scouts);
         gatherer.seed ^= 1 << 33;
         let anew = gatherer.gather(&scouts);
         gatherer.seed ^= 1 << 33;
-
-        let share = scouts.len() as f64 / samples.len().max(1) as f64;
-        let trainer = Trainer { transfer, bounces: &bounces, direct, scouts: &rows, share };
-        let group = |kind, count, purpose| Group { kind, count, seed: seed(purpose) };
-        let spots = settings.lights / 4;
-        let learned = trainer.lights(&[group(Kind::Point, settings.lights - spots, 1), group(Kind::Spot, spots, 2)]);
-        let checks = trainer.lights(&[
-            group(Kind::Point, DECIDING.len(), 3),
-            group(Kind::Point, POINTS.len(), 4),
-            group(Kind::Spot, SPOTS.len(), 5),
-        ]);
-        let bounced = bounces.seen(&checks.direct, &checks.further);
-        let [learned, terms] = [learned.direct, checks.direct].map(|mut light| {
-            light.for_each_mut(|_, panel| haar.transform(panel));
-            light
-        });
-        // As closely as for nested blocks.
-        let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
-        let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
         let emission = transfer.emission();
         let emitted = emission.iter().any(|e| *e != DVec3::ZERO).then(|| transfer.bounce(&emission).0);
         let weight = |span: u32| (span as f32).powi(2);
-        let weights = haar.spans(transfer.fine.coefficient_count()).into_iter().map(weight).collect();
+        let weights = inputs.haar.spans(transfer.fine.coefficient_count()).into_iter().map(weight).collect();
         let (left_out, kept, noise) = (0.0, 0.0, 0.0);
-        let lights = [bounced, terms];
-        let mut made = Self { gatherer, bounces, haar, weights, lights, emitted, samples, left_out, kept, noise };
+        let mut made = Self { gatherer, inputs, weights, emitted, samples, left_out, kept, noise };
         made.decide(&rows, &anew, &scouts[..CUT.min(scouts.len())], settings.error);
         made
     }
@@ -107,7 +77,7 @@ impl<'a> RowWavelets<'a> {
     /// Finds how much may be left out, so that on average over deciding lights what rows make of them is as far off as is
     /// asked for, and as the noise of `rows` is, which those gathered `anew` tell.
     fn decide(&mut self, rows: &Rows, anew: &Rows, samples: &[u32], error: f64) {
-        let [bounced, lights] = &self.lights;
+        let Inputs { checked: bounced, checks: lights, .. } = &self.inputs;
         let far = |images: &Panels, others: &Panels| mean(&compare(images, others)[DECIDING]);
         // Both have the same noise.
         let noise = 0.5f64.sqrt() * far(&panels::multiply(rows, bounced), &panels::multiply(anew, bounced));
@@ -138,8 +108,9 @@ impl<'a> RowWavelets<'a> {
                 let rows = self.gatherer.gather(samples);
                 let kept = self.largest(&self.terms(&rows), self.left_out);
                 if i % CHECKED == 0 {
+                    let Inputs { checked, checks, .. } = &self.inputs;
                     let [want, got] =
-                        [(&rows, 0), (&kept, 1)].map(|(rows, of)| panels::multiply(rows, &self.lights[of]));
+                        [(&rows, checked), (&kept, checks)].map(|(rows, lights)| panels::multiply(rows, lights));
                     errors.add(&want, &got);
                 }
                 if let Some(emitted) = &self.emitted {
@@ -157,64 +128,13 @@ impl<'a> RowWavelets<'a> {
     /// Rows of T in Haar terms, as vectors.
     fn terms(&self, rows: &Rows) -> Panels {
         let columns = self.gatherer.levels.iter().map(|level| level.coefficient_count()).sum();
-        let mut gathered = Panels::zeros(columns, rows.len());
-        for r in 0..rows.len() {
-            for (channel, panels) in gathered.channels.iter_mut().enumerate() {
-                let panel = &mut panels[r / WIDTH];
-                rows.row(r).for_each(|(column, value)| panel[column as usize][r % WIDTH] = value[channel]);
-            }
-        }
-        self.bounces.terms(&self.haar, gathered)
+        self.inputs.bounces.terms(&self.inputs.haar, Panels::from_rows(rows, 0..rows.len(), columns))
     }
 
     /// The fewest terms of each vector that leave out no more than a share of its weighted energy.
     fn largest(&self, terms: &Panels, left_out: f64) -> Rows {
-        let panel = |p: usize| {
-            let count = WIDTH.min(terms.count - p * WIDTH);
-            largest(&[0, 1, 2].map(|channel| &terms.channels[channel][p]), &self.weights, left_out, count)
-        };
-        Rows::concatenated((0..terms.channels[0].len()).into_par_iter().map(panel).collect())
+        largest(terms, [&self.weights; 3].map(Vec::as_slice), left_out)
     }
-}
-
-/// Classes of energies of a float's first bits: eight an octave, which tells terms apart well enough.
-const CLASSES: usize = 1 << 11;
-const CLASS_SHIFT: u32 = 20;
-
-/// Of each of the first `count` vectors of a panel, one for each channel, the terms of the highest classes.
-fn largest(panels: &[&Panel; 3], weights: &[f32], left_out: f64, count: usize) -> Rows {
-    let energies = |i: usize| -> [f32; WIDTH] {
-        let [red, green, blue] = panels.map(|panel| &panel[i]);
-        std::array::from_fn(|v| weights[i] * (red[v] * red[v] + green[v] * green[v] + blue[v] * blue[v]))
-    };
-    let class = |energy: f32| (energy.to_bits() >> CLASS_SHIFT) as usize;
-    let mut by_class = vec![[0.0f64; WIDTH]; CLASSES];
-    for i in 0..weights.len() {
-        for (v, energy) in energies(i).into_iter().enumerate() {
-            by_class[class(energy)][v] += f64::from(energy);
-        }
-    }
-    let least: [usize; WIDTH] = std::array::from_fn(|v| {
-        let allowed = left_out * by_class.iter().map(|sums| sums[v]).sum::<f64>();
-        let mut sum = 0.0;
-        // Terms of nothing are never kept.
-        let fits = |sums: &&[f64; WIDTH]| {
-            sum += sums[v];
-            sum <= allowed
-        };
-        by_class.iter().take_while(fits).count().max(1)
-    });
-    let mut kept: Vec<(Vec<u32>, Vec<[f32; 3]>)> = vec![Default::default(); count];
-    for i in 0..weights.len() {
-        for (v, energy) in energies(i).into_iter().enumerate().take(count) {
-            if class(energy) >= least[v] {
-                kept[v].0.push(i as u32);
-                kept[v].1.push(panels.map(|panel| panel[i][v]));
-            }
-        }
-    }
-    let row = |(columns, values): (Vec<u32>, Vec<[f32; 3]>)| Rows { first: vec![0, columns.len()], columns, values };
-    Rows::concatenated(kept.into_iter().map(row).collect())
 }
 
 /// Square of each image's distance from another, and its own.

@@ -11,7 +11,7 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
-use crate::bake::mapped::Elements;
+use crate::gpu::mapped::Elements;
 use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, ROW_ALIGNMENT};
 
 /// Rows of a panel before it is packed.
@@ -149,22 +149,7 @@ impl BlockMatrix {
 
     /// Ranges of panels whose factors take at most `bytes`, or that are one panel.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
-        let mut pieces: Vec<Range<usize>> = Vec::new();
-        let mut size = 0;
-        for (i, panel) in self.panels.iter().enumerate() {
-            let of_panel = self.value_count(panel) * size_of::<UVec4>();
-            match pieces.last_mut() {
-                Some(last) if size + of_panel <= bytes => {
-                    last.end = i + 1;
-                    size += of_panel;
-                }
-                _ => {
-                    pieces.push(i..i + 1);
-                    size = of_panel;
-                }
-            }
-        }
-        pieces
+        pieces(self.panels.iter().map(|panel| self.value_count(panel) * size_of::<UVec4>()), bytes)
     }
 
     /// These panels alone.
@@ -252,6 +237,25 @@ impl BlockMatrix {
 /// are float16 already stay as they are.
 pub(super) fn scale(largest: f32) -> f32 {
     (largest / LARGEST).max(f32::MIN_POSITIVE).log2().ceil().exp2()
+}
+
+/// Ranges of what has these sizes that take at most `most` together, or that are one.
+pub(super) fn pieces(sizes: impl Iterator<Item = usize>, most: usize) -> Vec<Range<usize>> {
+    let mut pieces: Vec<Range<usize>> = Vec::new();
+    let mut sum = 0;
+    for (i, size) in sizes.enumerate() {
+        match pieces.last_mut() {
+            Some(last) if sum + size <= most => {
+                last.end = i + 1;
+                sum += size;
+            }
+            _ => {
+                pieces.push(i..i + 1);
+                sum = size;
+            }
+        }
+    }
+    pieces
 }
 
 /// Rows that a panel has factors for.

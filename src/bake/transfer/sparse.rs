@@ -10,7 +10,7 @@ use glam::{DVec3, UVec4};
 use half::f16;
 use rayon::prelude::*;
 
-use super::blocks::scale;
+use super::blocks::{pieces, scale};
 use super::rows::Rows;
 use crate::shared::{GROUP_SIZE, Slice};
 
@@ -105,22 +105,7 @@ impl SparseMatrix {
 
     /// Ranges of slices whose terms take at most `bytes`, or that are one slice.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
-        let mut pieces: Vec<Range<usize>> = Vec::new();
-        let mut size = 0;
-        for (i, slice) in self.slices.iter().enumerate() {
-            let of_slice = slice.pair_count as usize * ROWS * size_of::<UVec4>();
-            match pieces.last_mut() {
-                Some(last) if size + of_slice <= bytes => {
-                    last.end = i + 1;
-                    size += of_slice;
-                }
-                _ => {
-                    pieces.push(i..i + 1);
-                    size = of_slice;
-                }
-            }
-        }
-        pieces
+        pieces(self.slices.iter().map(|slice| slice.pair_count as usize * ROWS * size_of::<UVec4>()), bytes)
     }
 
     /// These slices alone.

@@ -1,4 +1,4 @@
-//! Files mapped into memory, and arrays that may lie in one.
+//! Files mapped into memory, whose factors go to the device without a copy in between, and arrays that may lie in one.
 
 use std::fs::File;
 use std::io;
@@ -14,7 +14,6 @@ pub struct Mapping(Arc<Mmap>);
 
 impl Mapping {
     /// Maps a file of the cache.
-    #[allow(unsafe_code)] // the one place outside of src/gpu: a mapping can be no safer than who writes its file
     pub fn new(file: &File) -> io::Result<Self> {
         // SAFETY: no one may write to the file or truncate it while it is mapped. Nobody of ours does: files of the cache
         // are written beside and renamed, replaced by renaming others over them, and removed by unlinking; all of which
