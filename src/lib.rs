@@ -20,6 +20,7 @@
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
 //! - [`brdf`]: glTF's BRDF on the CPU, and directions drawn from it; [`sequence`]: the points that draw them.
 //! - [`image`]: EXR and PNG, and how pictures differ.
+//! - [`report`]: a page of what was measured, errors against run time above all.
 //! - [`reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the truth.
 //!
 //! ```no_run
@@ -101,6 +102,7 @@ pub mod gpu;
 pub mod image;
 pub mod reference;
 pub mod relight;
+pub mod report;
 pub mod scene;
 pub mod sequence;
 pub mod shared;

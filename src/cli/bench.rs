@@ -42,7 +42,7 @@ pub struct Args {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Edit {
+pub enum Edit {
     Color,
     Toggle,
     Move,
@@ -54,6 +54,7 @@ enum Edit {
     None,
 }
 
+/// Edits and what they are called.
 const EDITS: [(Edit, &str); 8] = [
     (Edit::Color, "color"),
     (Edit::Toggle, "toggle"),
@@ -67,27 +68,27 @@ const EDITS: [(Edit, &str); 8] = [
 
 /// One line of the table.
 #[derive(serde::Serialize)]
-struct Record {
+pub struct Record {
     scene: String,
-    lights: usize,
-    edit: &'static str,
-    edited_kind: LightKind,
+    pub lights: usize,
+    pub edit: &'static str,
+    pub edited_kind: LightKind,
     gi: &'static str,
     method: Option<String>,
     size: [u32; 2],
-    visibility: &'static str,
-    median_ms: f64,
-    p95_ms: f64,
-    best_ms: f64,
-    passes: Vec<PassRecord>,
+    pub visibility: &'static str,
+    pub median_ms: f64,
+    pub p95_ms: f64,
+    pub best_ms: f64,
+    pub passes: Vec<PassRecord>,
 }
 
 #[derive(serde::Serialize)]
-struct PassRecord {
-    name: &'static str,
-    on: Site,
-    median_ms: f64,
-    best_ms: f64,
+pub struct PassRecord {
+    pub name: &'static str,
+    pub on: Site,
+    pub median_ms: f64,
+    pub best_ms: f64,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -117,18 +118,11 @@ pub fn run(args: &Args) -> Result<()> {
             let rig = light_like_scene(&session, count, args.scene_options.view.seed);
             let mut relighter = session.relighter(&context, &rig, &args.light_options)?;
             relighter.display(Picture::Whole, 0.0)?;
-            for edited in first_of_each_kind(&rig) {
-                for (edit, name) in EDITS {
-                    if edit.needed_lights() > count || (edit == Edit::None && edited != 0) {
-                        continue;
-                    }
-                    yardstick.push(measured.yardstick_ms()?);
-                    let bar = progress::bar(name, args.frames as usize);
-                    let record = measure(&mut relighter, &session, &rig, edited, (edit, name), args.frames, &bar)?;
-                    bar.finish_and_clear();
-                    table.record(&record)?;
-                    records.push(record);
-                }
+            for (edited, edit) in edits_of(&rig) {
+                yardstick.push(measured.yardstick_ms()?);
+                let record = measure(&mut relighter, &session, &rig, edited, edit, args.frames)?;
+                table.record(&record)?;
+                records.push(record);
             }
         }
         let rays = bench_rays::measure(&session);
@@ -183,14 +177,23 @@ impl Edit {
     }
 }
 
-fn measure(
+/// What can be done to a rig's lights: to the first one of each kind, by its index.
+pub fn edits_of(rig: &Rig) -> Vec<(usize, (Edit, &'static str))> {
+    let possible = |edited: usize| {
+        let fits = move |edit: Edit| edit.needed_lights() <= rig.lights.len() && (edit != Edit::None || edited == 0);
+        EDITS.into_iter().filter(move |(edit, _)| fits(*edit)).map(move |edit| (edited, edit))
+    };
+    first_of_each_kind(rig).into_iter().flat_map(possible).collect()
+}
+
+/// Times `frames` frames of an edit, after a fifth as many that do not count.
+pub fn measure(
     relighter: &mut Relighter,
     session: &Session,
     rig: &Rig,
     edited: usize,
     (edit, name): (Edit, &'static str),
     frames: u32,
-    bar: &indicatif::ProgressBar,
 ) -> Result<Record> {
     let mut rig = rig.clone();
     if edit == Edit::Group {
@@ -208,6 +211,7 @@ fn measure(
     // Coprime to any even count: `select` meets every light, each far from the one before.
     let stride = (count / 2).saturating_sub(2) | 1;
     let warm_up = frames.div_ceil(5);
+    let bar = progress::bar(name, (warm_up + frames) as usize);
     let mut all_ms = Vec::new();
     let mut pass_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
     for frame in 0..warm_up + frames {
@@ -242,6 +246,7 @@ fn measure(
             }
         }
     }
+    bar.finish_and_clear();
     Ok(Record {
         scene: session.scene.name(),
         lights: count,
@@ -329,11 +334,12 @@ fn first_of_each_kind(rig: &Rig) -> Vec<usize> {
     if found.is_empty() { vec![0] } else { found }
 }
 
-fn best_of(times: usize, mut measure: impl FnMut() -> Result<f64>) -> Result<f64> {
+/// The largest of some measurements.
+pub fn best_of(times: usize, mut measure: impl FnMut() -> Result<f64>) -> Result<f64> {
     (0..times).try_fold(0.0, |best: f64, _| Ok(best.max(measure()?)))
 }
 
-fn median(values: &mut [f64]) -> f64 {
+pub fn median(values: &mut [f64]) -> f64 {
     percentile(values, 0.5)
 }
 
@@ -345,7 +351,7 @@ pub fn percentile(values: &mut [f64], share: f64) -> f64 {
 }
 
 /// Mean number of running processes over the last minute; 0 where /proc does not tell.
-fn load_average() -> f64 {
+pub fn load_average() -> f64 {
     let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     text.split_whitespace().next().and_then(|load| load.parse().ok()).unwrap_or(0.0)
 }

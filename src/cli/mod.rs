@@ -12,6 +12,7 @@ mod plan;
 mod progress;
 mod reference;
 mod render;
+mod report;
 mod rig;
 mod session;
 mod stats;
@@ -50,6 +51,8 @@ enum Command {
     Bake(bake::Args),
     /// Times edits of lights.
     Bench(bench::Args),
+    /// Writes a page of errors against run time, with its numbers as CSV and its pictures as EXR.
+    Report(report::Args),
     /// Tells what a scene needs, what is left out and what that saves.
     Plan(plan::Args),
     /// Writes a scene's lights and camera as a rig, or the scene with a rig's lights.
@@ -73,6 +76,7 @@ pub fn main() -> ExitCode {
         Command::View(args) => view::run(args),
         Command::Bake(args) => bake::run(args),
         Command::Bench(args) => bench::run(args),
+        Command::Report(args) => report::run(args),
         Command::Plan(args) => plan::run(args),
         Command::Rig(args) => rig::run(args),
         Command::Reference(args) => reference::run(args, cli.quiet),

@@ -27,9 +27,9 @@ pub struct Args {
 /// Something that a scene does not need.
 #[derive(serde::Serialize)]
 pub struct LeftOut {
-    what: &'static str,
-    why: String,
-    saves: String,
+    pub what: &'static str,
+    pub why: String,
+    pub saves: String,
 }
 
 /// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn. `indirect`: there is, or will be,

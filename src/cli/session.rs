@@ -30,6 +30,8 @@ pub struct Session {
     /// The lights that the first picture shows.
     pub rig: Rig,
     pub bake: BakeReport,
+    /// Names what the deep framebuffer depends on.
+    pub key: cache::Key,
     pub cache_dir: Option<PathBuf>,
     /// Why the cache could not be written.
     pub not_stored: Option<Error>,
@@ -247,11 +249,11 @@ impl Session {
             }
         };
         baked.has_specular |= options.force_all;
-        let transfers = plan.map(|plan| Transfers { plan, key, dir: cache_dir.clone() });
+        let transfers = plan.map(|plan| Transfers { plan, key: key.clone(), dir: cache_dir.clone() });
         report.seconds = start.elapsed().as_secs_f64();
         report.cpu_seconds = cpu_seconds() - cpu_start;
         let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
-        Ok(Self { scene, bvh, baked, camera, rig, bake: report, cache_dir, not_stored, transfers })
+        Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir, not_stored, transfers })
     }
 
     pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {

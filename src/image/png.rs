@@ -22,7 +22,8 @@ pub fn write<const CHANNELS: usize>(path: &Path, width: usize, height: usize, pi
     file::write_bytes(path, &bytes)
 }
 
-fn encode<const CHANNELS: usize>(
+/// A PNG file's bytes.
+pub(crate) fn encode<const CHANNELS: usize>(
     width: usize,
     height: usize,
     pixels: &[[u8; CHANNELS]],

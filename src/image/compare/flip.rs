@@ -45,6 +45,11 @@ pub fn error_map(width: usize, reference: &[[u8; 3]], test: &[[u8; 3]]) -> Vec<f
     (0..height.div_ceil(STRIP)).into_par_iter().flat_map(strip).collect()
 }
 
+/// Pictures as FLIP sees them here: times `exposure`, through the ACES fit of [Narkowicz 2015], 8-bit sRGB.
+pub fn displayed(pixels: &[[f32; 3]], exposure: f64) -> Vec<[u8; 3]> {
+    pixels.iter().map(|pixel| pixel.map(|value| display(exposure * f64::from(value)))).collect()
+}
+
 /// Through the ACES fit into 8-bit sRGB [Narkowicz 2015]; below black is black.
 fn display(exposed: f64) -> u8 {
     let x = exposed.max(0.0);

@@ -10,7 +10,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use self::blocks::{Blocks, Sample};
-pub use self::flip::error_map as flip_map;
+pub use self::flip::{displayed, error_map as flip_map};
 use super::{Image, exr, png};
 use crate::error::{Error, Result};
 

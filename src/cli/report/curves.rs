@@ -1,0 +1,249 @@
+//! Error against run time: path tracing, the thesis's method and ours, each with more and more work.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use relume::bake::Baked;
+use relume::bake::brdf_factors::Projection;
+use relume::bake::transfer::rows::Lobe;
+use relume::image::{Image, exr};
+use relume::relight::{Layers, Picture, Relighter};
+use relume::report::{Method, Point, Seconds, Skipped};
+use relume::{Error, Result};
+
+use super::lab::{Lab, ours, picture_file};
+use super::truth::{Truth, picture, trace};
+use crate::cli::bench::{load_average, median};
+use crate::cli::bench_rig::nudge;
+use crate::cli::options::Visibility;
+use crate::cli::output::make_parent;
+use crate::cli::progress::Terminal;
+use crate::cli::session::{BakeReport, Opened, cpu_seconds};
+use crate::cli::transfer::{Basis, Form, Gi, MethodName, TransferOptions};
+
+/// Singular values of the thesis's glossy method: more do not fit most machines, since every pair of samples has an entry.
+const THESIS_TERMS: usize = 4;
+/// Surfaces smoother than this, and not mirrors, are glossy.
+const ROUGH: f32 = 0.6;
+
+/// Work on a clock.
+pub struct Clock(Instant, f64);
+
+impl Clock {
+    pub fn start() -> Self {
+        Self(Instant::now(), cpu_seconds())
+    }
+
+    pub fn seconds(&self) -> Seconds {
+        Seconds { cpu: cpu_seconds() - self.1, wall: self.0.elapsed().as_secs_f64() }
+    }
+}
+
+/// What a picture took, and what of it is no picture.
+struct Made {
+    image: Image,
+    precompute: Seconds,
+    frame: Seconds,
+    bytes: u64,
+    multiply_adds: u64,
+    held_out: Option<f64>,
+    spectral_radius: Option<f64>,
+}
+
+impl Lab<'_> {
+    /// All curves.
+    pub fn curves(&mut self, truth: &Truth) -> Result<()> {
+        // Tables that all scenes share are made once, by nobody's clock.
+        Projection::get().tables();
+        let extent = self.extent;
+        let [thesis, gather] = [extent.thesis, extent.gather].map(|all| self.up_to_pixels(all));
+        for &samples in extent.samples {
+            self.path_tracing(truth, samples)?;
+        }
+        let diffuse = |gather| TransferOptions {
+            gi: Gi::Diffuse,
+            method: MethodName::Thesis,
+            ..ours(Some(gather), 1024, 0.01, Form::Auto)
+        };
+        for &gather in thesis {
+            self.transfer(truth, Method::ThesisDiffuse, &diffuse(gather))?;
+        }
+        let glossy = |m: &relume::scene::Material| m.roughness > 0.0 && m.roughness < ROUGH;
+        if self.session.scene.materials.iter().any(glossy) {
+            let basis = Some(Basis::SingularValues(THESIS_TERMS));
+            for &gather in thesis {
+                let options = TransferOptions { gi: Gi::Glossy, basis, ..diffuse(gather) };
+                self.transfer(truth, Method::ThesisGlossy, &options)?;
+            }
+        }
+        for &gather in gather {
+            self.transfer(truth, Method::GatherSamples, &ours(Some(gather), 1024, 0.01, Form::Auto))?;
+        }
+        let most = self.most_gather_samples();
+        for &rays in extent.rays {
+            self.transfer(truth, Method::Rays, &ours(most, rays, 0.01, Form::Auto))?;
+        }
+        for &error in extent.errors {
+            self.transfer(truth, Method::Compressed, &ours(most, 1024, error, Form::Auto))?;
+        }
+        for &error in extent.wavelets {
+            self.transfer(truth, Method::Haar, &ours(most, 1024, error, Form::Haar))?;
+        }
+        Ok(())
+    }
+
+    /// Numbers of gather samples up to that of pixels, and the first one whatever that is: more are a waste.
+    fn up_to_pixels(&self, all: &'static [u32]) -> &'static [u32] {
+        let (width, height) = self.session.size();
+        let fitting = all.iter().take_while(|count| **count as usize <= width * height).count();
+        &all[..fitting.max(1)]
+    }
+
+    /// What all curves but those of gather samples have.
+    pub fn most_gather_samples(&self) -> Option<u32> {
+        self.up_to_pixels(self.extent.gather).last().copied()
+    }
+
+    fn path_tracing(&mut self, truth: &Truth, samples: u32) -> Result<()> {
+        let setting = format!("--spp {samples}");
+        self.point(truth, Method::PathTracing, &setting, &setting, |lab| {
+            let clock = Clock::start();
+            Opened::new(lab.path, None, &lab.view, &Terminal::default())?.build_bvh(&Terminal::default());
+            let precompute = clock.seconds();
+            let clock = Clock::start();
+            let film = trace(&lab.session, &lab.view, samples, lab.view.seed);
+            let frame = clock.seconds();
+            let image = picture(&film);
+            let (held_out, spectral_radius) = (None, None);
+            Ok(Made { image, precompute, frame, bytes: 0, multiply_adds: 0, held_out, spectral_radius })
+        })
+    }
+
+    fn transfer(&mut self, truth: &Truth, method: Method, options: &TransferOptions) -> Result<()> {
+        let size = self.session.size();
+        let plan = options.plan(&self.view, [size.0 as u32, size.1 as u32])?.expect("indirect light is not off");
+        let what = format!("{plan:?}");
+        self.point(truth, method, &setting(options), &what, |lab| {
+            let session = &lab.session;
+            let clock = Clock::start();
+            let mut report = BakeReport::default();
+            let progress = Terminal::default();
+            let transfer =
+                plan.bake(&session.scene, &session.bvh, &session.baked, Lobe::All, &mut report, &progress)?;
+            let (bytes, multiply_adds) = transfer.cost();
+            let held_out = transfer.report.held_out.as_ref().map(|r| r.point);
+            let spectral_radius = Some(transfer.report.spectral_radius);
+            let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&session.baked) });
+            let settings = lab.light_options(Visibility::Traced).relight_settings();
+            let mut relighter =
+                Relighter::new(&lab.context, &session.scene, &session.bvh, &baked, &session.rig, &settings)?;
+            let bake = clock.seconds();
+            let image = whole_and_indirect(&mut relighter, session.size())?;
+            let frame = lab.frame(&mut relighter)?;
+            let precompute =
+                Seconds { cpu: bake.cpu + session.bake.cpu_seconds, wall: bake.wall + session.bake.seconds };
+            Ok(Made { image, precompute, frame, bytes: bytes as u64, multiply_adds, held_out, spectral_radius })
+        })
+    }
+
+    /// Adds a point, measured unless it was before. `what` tells it from others whose curve it may be on too.
+    fn point(
+        &mut self,
+        truth: &Truth,
+        method: Method,
+        setting: &str,
+        what: &str,
+        make: impl FnOnce(&Self) -> Result<Made>,
+    ) -> Result<()> {
+        let what = format!("point {} truth {} {what}", self.identity, self.extent.truth);
+        let kept = self.kept.get::<Point>(&what).filter(|point| self.dir.join(&point.file).exists());
+        if let Some(point) = kept {
+            self.points.push(Point { method, ..point });
+            return Ok(());
+        }
+        tracing::info!("{}: {}, {setting}", self.session.scene.name(), method.name());
+        let made = match make(self) {
+            // What does not fit this machine is told.
+            Err(Error::Invalid { what: _, reason }) => {
+                self.skipped.push(Skipped { what: format!("`{setting}`"), why: reason });
+                return Ok(());
+            }
+            made => made?,
+        };
+        let Some(errors) = truth.errors(&made.image) else {
+            self.skipped.push(Skipped { what: format!("`{setting}`"), why: "no indirect light is visible".into() });
+            return Ok(());
+        };
+        let file = picture_file(&self.session.scene.name(), setting);
+        make_parent(&self.dir.join(&file))?;
+        exr::write(&self.dir.join(&file), &made.image)?;
+        let point = Point {
+            method,
+            setting: setting.into(),
+            precompute: made.precompute,
+            frame: made.frame,
+            bytes: made.bytes,
+            multiply_adds: made.multiply_adds,
+            held_out: made.held_out,
+            spectral_radius: made.spectral_radius,
+            load: load_average(),
+            errors,
+            file: file.to_string_lossy().into_owned(),
+        };
+        self.kept.keep(&what, &point)?;
+        self.points.push(point);
+        Ok(())
+    }
+
+    /// A picture after the first light has moved: mean CPU time, which comes in ticks of 10 ms, and median wall clock.
+    fn frame(&self, relighter: &mut Relighter) -> Result<Seconds> {
+        let Some(original) = self.session.rig.lights.first() else { return Ok(Seconds::default()) };
+        let mut rig = self.session.rig.clone();
+        let mut walls = Vec::new();
+        let mut clock = Clock::start();
+        for step in 0.. {
+            if step == WARM_UP {
+                clock = Clock::start();
+            }
+            nudge(&mut rig.lights[0], original, &self.session, f64::from(step % 16));
+            let start = Instant::now();
+            relighter.set_rig(&rig)?;
+            relighter.display(Picture::Whole, 0.0)?;
+            walls.push(start.elapsed().as_secs_f64());
+            let counted = step + 1 - WARM_UP.min(step + 1);
+            let spent = clock.seconds();
+            if counted >= FEWEST_FRAMES && (spent.cpu >= ENOUGH_SECONDS || spent.wall >= 2.0 * ENOUGH_SECONDS) {
+                return Ok(Seconds {
+                    cpu: spent.cpu / f64::from(counted),
+                    wall: median(&mut walls[WARM_UP as usize..]),
+                });
+            }
+        }
+        unreachable!("the loop above has no end")
+    }
+}
+
+const WARM_UP: u32 = 3;
+const FEWEST_FRAMES: u32 = 8;
+/// 2 % of it are a tick of the clock.
+const ENOUGH_SECONDS: f64 = 0.5;
+
+/// In the command line's options, all that tells points of one scene apart.
+fn setting(options: &TransferOptions) -> String {
+    let gather = options.gather.map_or_else(String::new, |gather| format!("--gather {gather}"));
+    if options.method == MethodName::Thesis {
+        let basis =
+            if options.gi == Gi::Diffuse { "--gi diffuse".into() } else { format!("--basis svd{THESIS_TERMS}") };
+        return format!("--method thesis {basis} {gather}");
+    }
+    let form = if options.transfer == Form::Haar { " --transfer haar" } else { "" };
+    format!("{gather} --rays {} --error {}{form}", options.rays, options.error)
+}
+
+fn whole_and_indirect(relighter: &mut Relighter, (width, height): (usize, usize)) -> Result<Image> {
+    let whole = relighter.linear(Picture::Whole)?.to_vec();
+    relighter.set_layers(Layers::Indirect);
+    let indirect = relighter.linear(Picture::Whole)?.to_vec();
+    relighter.set_layers(Layers::All);
+    Ok(Image::single(width, height, whole).with_layer("indirect", indirect))
+}

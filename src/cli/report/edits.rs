@@ -1,0 +1,149 @@
+//! What edits take, pass by pass, and what leaving things out saves.
+
+use std::sync::Arc;
+
+use relume::Result;
+use relume::bake::Baked;
+use relume::relight::limits::Limits;
+use relume::relight::{Picture, Relighter};
+use relume::report::{Ablation, EditTime, LeftOut, PassMs};
+use serde::{Deserialize, Serialize};
+
+use super::lab::{Lab, ours, scene_options};
+use crate::cli::bench::{Record, best_of, edits_of, measure, percentile};
+use crate::cli::options::{SceneOptions, ViewOptions, Visibility};
+use crate::cli::plan::left_out;
+use crate::cli::session::Session;
+use crate::cli::transfer::Form;
+
+/// What edits of a scene take, as relume plans it.
+#[derive(Serialize, Deserialize)]
+pub struct Edits {
+    pub size: [u32; 2],
+    pub times: Vec<EditTime>,
+    pub left_out: Vec<LeftOut>,
+    pub ablation: Option<Ablation>,
+}
+
+impl Lab<'_> {
+    /// Measured unless they were before.
+    pub fn edits(&mut self) -> Result<Edits> {
+        let whole = self.extent.whole_edits;
+        let what = format!("edits {} {whole} {}", self.identity, self.extent.frames);
+        if let Some(edits) = self.kept.get(&what) {
+            return Ok(edits);
+        }
+        let edits = self.measure_edits(whole)?;
+        self.kept.keep(&what, &edits)?;
+        Ok(edits)
+    }
+
+    fn measure_edits(&self, whole: bool) -> Result<Edits> {
+        let size = if whole { self.session.scene.image_size.or(self.view.size) } else { self.view.size };
+        let view = ViewOptions { size, ..self.view.clone() };
+        let gather = if whole { None } else { self.most_gather_samples() };
+        let planned = ours(gather, 1024, 0.01, Form::Auto);
+        // Its bake takes minutes: kept apart, for a report that is interrupted while it times edits.
+        let cache = Some(self.dir.join("cache"));
+        let options = SceneOptions { cache, no_cache: false, ..scene_options(&view, Some(planned)) };
+        let session = Session::open(self.path, None, &options)?;
+        let limits = Measured::new(self, &session)?;
+        let mut relighter = session.relighter(&self.context, &session.rig, &self.light_options(Visibility::Auto))?;
+        relighter.display(Picture::Whole, 0.0)?;
+        let mut times = Vec::new();
+        for (edited, edit) in edits_of(&session.rig) {
+            let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;
+            times.push(limits.told(&record));
+        }
+        let items = left_out(&session, relighter.traces(), true);
+        let left_out = items.into_iter().map(|i| LeftOut { what: i.what.into(), why: i.why, saves: i.saves }).collect();
+        // The other way to shadows, beside the one that was chosen.
+        let other = if relighter.traces() { Visibility::Map } else { Visibility::Traced };
+        drop(relighter);
+        let mut relighter = session.relighter(&self.context, &session.rig, &self.light_options(other))?;
+        for (edited, edit) in edits_of(&session.rig).into_iter().filter(|(_, edit)| edit.1 == "move_direct") {
+            let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;
+            times.push(limits.told(&record));
+        }
+        let (width, height) = session.size();
+        let ablation = self.ablation(&session)?;
+        Ok(Edits { size: [width as u32, height as u32], times, left_out, ablation })
+    }
+
+    /// The picture with nothing left out; none where there is nothing to bring back.
+    fn ablation(&self, session: &Session) -> Result<Option<Ablation>> {
+        if session.baked.has_specular || session.rig.lights.is_empty() {
+            return Ok(None);
+        }
+        let options = self.light_options(Visibility::Traced);
+        let all = Arc::new(Baked { has_specular: true, ..Baked::clone(&session.baked) });
+        let settings = options.relight_settings();
+        let new = |baked| Relighter::new(&self.context, &session.scene, &session.bvh, baked, &session.rig, &settings);
+        let mut relighters = [new(&session.baked)?, new(&all)?];
+        let [kept, all] = &mut relighters;
+        let pictures = [kept.linear(Picture::Whole)?.to_vec(), all.linear(Picture::Whole)?.to_vec()];
+        let values = || pictures[0].iter().flatten().zip(pictures[1].iter().flatten());
+        let largest = values().map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+        let mean = values().map(|(a, _)| f64::from(*a)).sum::<f64>() / (3 * pictures[0].len()) as f64;
+        let mut shading_ms = [0.0; 2];
+        let moved = edits_of(&session.rig).into_iter().find(|(_, edit)| edit.1 == "move_direct");
+        let Some((edited, edit)) = moved else { return Ok(None) };
+        for (relighter, ms) in relighters.iter_mut().zip(&mut shading_ms) {
+            let record = measure(relighter, session, &session.rig, edited, edit, self.extent.frames)?;
+            *ms = record.passes.iter().filter(|pass| pass.name == SHADING).map(|pass| pass.best_ms).sum();
+        }
+        Ok(Some(Ablation { difference: if mean > 0.0 { largest / mean } else { largest }, shading_ms }))
+    }
+}
+
+const SHADING: &str = "shade light";
+
+/// What this machine could do at best.
+struct Measured {
+    yardstick_ms: f64,
+    /// Of as many bytes as the factors of indirect light have.
+    copy_ms: f64,
+}
+
+impl Measured {
+    fn new(lab: &Lab, session: &Session) -> Result<Self> {
+        let mut limits = Limits::new(&lab.context, session.baked.samples.len())?;
+        let mut yardstick = (0..9).map(|_| limits.yardstick_ms()).collect::<Result<Vec<_>>>()?;
+        let yardstick_ms = percentile(&mut yardstick, 0.0);
+        let bytes = session.baked.transfer.as_ref().map_or(0, |transfer| transfer.cost().0);
+        Ok(Self { yardstick_ms, copy_ms: bytes as f64 * 1e-6 / best_of(5, || limits.copy_gb_s())? })
+    }
+
+    /// A record for the page; all passes from coefficients to pixels are one there.
+    fn told(&self, record: &Record) -> EditTime {
+        let mut passes: Vec<PassMs> = Vec::new();
+        for pass in &record.passes {
+            let transfer = pass.name == "Haar transform" || pass.name.starts_with("transfer");
+            let name = if transfer { "transfer" } else { pass.name };
+            let limit_ms = match name {
+                "transfer" => Some(self.copy_ms),
+                SHADING => Some(self.yardstick_ms),
+                _ => None,
+            };
+            match passes.iter_mut().find(|p| p.name == name) {
+                Some(known) => known.median_ms += pass.median_ms,
+                None => passes.push(PassMs {
+                    name: name.into(),
+                    on: format!("{:?}", pass.on).to_uppercase(),
+                    median_ms: pass.median_ms,
+                    limit_ms,
+                }),
+            }
+        }
+        EditTime {
+            edit: record.edit.into(),
+            light: format!("{:?}", record.edited_kind).to_lowercase(),
+            lights: record.lights,
+            shadows: record.visibility.into(),
+            median_ms: record.median_ms,
+            p95_ms: record.p95_ms,
+            best_ms: record.best_ms,
+            passes,
+        }
+    }
+}

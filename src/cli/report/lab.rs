@@ -1,0 +1,158 @@
+//! One scene of a report: what is open, and what has been measured of it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use relume::Result;
+use relume::gpu::Context;
+use relume::image::{compare, exr};
+use relume::report::{Floors, Method, Picture, Point, SceneReport, Skipped};
+use relume::scene::Scene;
+
+use super::kept::Kept;
+use super::truth::Truth;
+use super::{Args, Extent};
+use crate::cli::options::{Exposure, LightOptions, SceneOptions, Tonemap, ViewOptions, Visibility};
+use crate::cli::progress::Terminal;
+use crate::cli::session::Session;
+use crate::cli::transfer::{Form, Gi, MethodName, TransferOptions};
+
+/// A scene that is being measured.
+pub struct Lab<'a> {
+    pub dir: &'a Path,
+    pub path: &'a Path,
+    pub extent: &'a Extent,
+    pub kept: &'a mut Kept,
+    pub view: ViewOptions,
+    pub device: Option<String>,
+    pub context: Arc<Context>,
+    /// Without indirect light; pictures of the size whose errors are told.
+    pub session: Session,
+    /// What all of it depends on.
+    pub identity: String,
+    pub points: Vec<Point>,
+    pub skipped: Vec<Skipped>,
+}
+
+impl<'a> Lab<'a> {
+    pub fn open(path: &'a Path, args: &'a Args, extent: &'a Extent, kept: &'a mut Kept) -> Result<Self> {
+        let own = Scene::load(path)?.image_size.unwrap_or([720, 480]);
+        let size = args.view.size.unwrap_or_else(|| fit(own, extent.side));
+        let view = ViewOptions { size: Some(size), ..args.view.clone() };
+        let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;
+        let context = session.context(&light_options(&args.device, Visibility::Traced))?;
+        let identity = format!(
+            "{:?} {:?} {:?} seed {} on {}",
+            session.key,
+            session.rig,
+            session.scene.name(),
+            view.seed,
+            context.info.name
+        );
+        let (dir, device) = (args.output.as_path(), args.device.clone());
+        let (points, skipped) = (Vec::new(), Vec::new());
+        Ok(Self { dir, path, extent, kept, view, device, context, session, identity, points, skipped })
+    }
+
+    /// Everything that the report tells of the scene.
+    pub fn measure(&mut self) -> Result<SceneReport> {
+        let hash = &blake3::hash(self.identity.as_bytes()).to_hex()[..12];
+        let name = self.session.scene.name();
+        let truth_file = self.dir.join("truth").join(format!("{name}-{}-{hash}", self.extent.truth));
+        let truth = Truth::get(&truth_file, &self.session, &self.view, self.extent.truth)?;
+        self.curves(&truth)?;
+        let pictures = self.pictures(&truth)?;
+        let edits = self.edits()?;
+        let (width, height) = self.session.size();
+        Ok(SceneReport {
+            name,
+            triangles: self.session.scene.mesh.triangles.len(),
+            lights: self.session.rig.lights.len(),
+            size: [width as u32, height as u32],
+            truth_samples: self.extent.truth,
+            floors: if self.points.is_empty() { Floors::default() } else { truth.floors() },
+            points: self.points.clone(),
+            skipped: std::mem::take(&mut self.skipped),
+            pictures,
+            edit_size: edits.size,
+            edits: edits.times,
+            left_out: edits.left_out,
+            ablation: edits.ablation,
+        })
+    }
+
+    /// Truth, ours, what path tracing makes of the same time, and where these differ.
+    fn pictures(&self, truth: &Truth) -> Result<Vec<Picture>> {
+        let (width, height) = self.session.size();
+        let mean = truth.mean();
+        let sum: f64 = mean.iter().flatten().map(|&v| f64::from(v)).sum();
+        if sum <= 0.0 {
+            return Ok(Vec::new());
+        }
+        // The exposure at which FLIP looks.
+        let exposure = 0.5 * mean.len() as f64 * 3.0 / sum;
+        let picture = |caption: String, pixels| Picture { caption, width, height, pixels };
+        let mut pictures = vec![picture("The truth".into(), compare::displayed(&mean, exposure))];
+        let ours = self.points.iter().rev().find(|p| p.method == Method::GatherSamples);
+        let rival = ours.and_then(|ours| {
+            let spent = ours.precompute.cpu + ours.frame.cpu;
+            let traced = self.points.iter().filter(|p| p.method == Method::PathTracing);
+            let apart = |p: &Point| (p.frame.cpu / spent).ln().abs();
+            traced.min_by(|p, q| apart(p).total_cmp(&apart(q)))
+        });
+        for (who, point) in [("Ours", ours), ("Path tracing in about the time of our bake", rival)] {
+            let Some(point) = point else { continue };
+            let image = exr::read(&self.dir.join(&point.file))?;
+            let Some(whole) = image.layer("") else { continue };
+            let caption = format!("{who}, `{}`", point.setting);
+            pictures.push(picture(caption.clone(), compare::displayed(&whole.pixels, exposure)));
+            let scale = (2.0 * exposure) as f32;
+            pictures
+                .push(picture(format!("{who}: difference from the truth, times 2"), truth.difference(&image, scale)));
+        }
+        Ok(pictures)
+    }
+
+    pub fn light_options(&self, visibility: Visibility) -> LightOptions {
+        light_options(&self.device, visibility)
+    }
+}
+
+/// Scene options for an indirect light of `transfer`, else none.
+pub fn scene_options(view: &ViewOptions, transfer: Option<TransferOptions>) -> SceneOptions {
+    let none = TransferOptions { gi: Gi::Off, ..ours(None, 1024, 0.01, Form::Auto) };
+    let transfer = transfer.unwrap_or(none);
+    SceneOptions { view: view.clone(), samples: 1, force_all: false, cache: None, no_cache: true, transfer }
+}
+
+/// Our indirect light.
+pub fn ours(gather: Option<u32>, rays: u32, error: f64, form: Form) -> TransferOptions {
+    let (gi, method) = (Gi::Glossy, MethodName::Robust);
+    TransferOptions { gi, method, gather, rays, basis: None, transfer: form, error, bounces: None }
+}
+
+fn light_options(device: &Option<String>, visibility: Visibility) -> LightOptions {
+    LightOptions {
+        visibility,
+        shadow_size: 1024,
+        device: device.clone(),
+        budget: None,
+        tonemap: Tonemap::Agx,
+        exposure: Exposure::Auto,
+    }
+}
+
+/// A size of the same shape whose longest side is at most `side`.
+pub fn fit(size: [u32; 2], side: u32) -> [u32; 2] {
+    let longest = size[0].max(size[1]);
+    if longest <= side {
+        return size;
+    }
+    size.map(|s| (f64::from(s) * f64::from(side) / f64::from(longest)).round().max(1.0) as u32)
+}
+
+/// Where a picture goes, under the report's folder.
+pub fn picture_file(scene: &str, setting: &str) -> PathBuf {
+    let name = setting.trim_start_matches('-').replace(" --", "-").replace(' ', "-");
+    Path::new("pictures").join(scene).join(format!("{name}.exr"))
+}

@@ -1,0 +1,168 @@
+//! `relume report`: errors against run time, and what an edit takes, measured and written down.
+
+mod curves;
+mod edits;
+mod kept;
+mod lab;
+mod machine;
+mod scaling;
+mod stability;
+mod truth;
+
+use std::path::{Path, PathBuf};
+
+use relume::report::{self, Report, SceneReport};
+use relume::scene::Scene;
+use relume::{Error, Result};
+
+use self::kept::Kept;
+use self::lab::Lab;
+use super::options::ViewOptions;
+use super::stdout::out;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scenes: .glb, .gltf or .obj [default: some of those in `scenes`, and the thesis's where RELUME_SHARED or ../shared
+    /// has them].
+    #[arg(value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Folder to write: index.html, CSV files, pictures. Measurements that it holds already are not made again.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Small pictures and short curves: within minutes.
+    #[arg(long)]
+    quick: bool,
+    /// Vulkan device, by index or part of its name [default: the best real GPU, else the CPU].
+    #[arg(long, value_name = "NAME|INDEX")]
+    device: Option<String>,
+    #[command(flatten)]
+    view: ViewOptions,
+}
+
+/// How much is measured.
+pub struct Extent {
+    /// Longest side of the pictures whose errors are told, in pixels, where --size does not say.
+    side: u32,
+    /// Samples a pixel of the truth.
+    truth: u32,
+    /// Samples a pixel of path tracing.
+    samples: &'static [u32],
+    /// Gather samples of the thesis's method.
+    thesis: &'static [u32],
+    /// Gather samples of ours; the last is that of all other curves.
+    gather: &'static [u32],
+    /// Rays a row.
+    rays: &'static [u32],
+    /// Errors that nested blocks are compressed to.
+    errors: &'static [f64],
+    /// Errors that wavelets are to keep.
+    wavelets: &'static [f64],
+    /// Numbers of lights to time edits among.
+    lights: &'static [usize],
+    /// Longest sides of pictures to time edits in, in pixels.
+    sides: &'static [u32],
+    /// Frames of an edit.
+    frames: u32,
+    /// Whether edits are timed in pictures of the scene's own size.
+    whole_edits: bool,
+}
+
+const QUICK: Extent = Extent {
+    side: 96,
+    truth: 512,
+    samples: &[2, 8, 32, 128],
+    thesis: &[144, 576],
+    gather: &[144, 576, 2304],
+    rays: &[64, 256, 1024],
+    errors: &[0.1, 0.03, 0.01],
+    wavelets: &[0.1, 0.03],
+    lights: &[2, 16, 128],
+    sides: &[64, 128, 256],
+    frames: 20,
+    whole_edits: false,
+};
+
+const FULL: Extent = Extent {
+    side: 256,
+    truth: 2048,
+    samples: &[2, 4, 8, 16, 32, 64, 128, 256, 512],
+    thesis: &[144, 576, 2304, 4608],
+    gather: &[256, 1024, 4096, 16_384],
+    rays: &[64, 256, 1024, 4096],
+    errors: &[0.1, 0.03, 0.01, 0.003],
+    wavelets: &[0.3, 0.1, 0.03, 0.01],
+    lights: &[2, 4, 16, 64, 256, 1024],
+    sides: &[128, 256, 512, 1024],
+    frames: 60,
+    whole_edits: true,
+};
+
+pub fn run(args: &Args) -> Result<()> {
+    let extent = if args.quick { &QUICK } else { &FULL };
+    let scenes = if args.scenes.is_empty() { default_scenes(args.quick)? } else { args.scenes.clone() };
+    // A mistake in the last name shows at once.
+    let names = scenes.iter().map(|path| Ok(Scene::load(path)?.name())).collect::<Result<Vec<_>>>()?;
+    if let Some(twice) = (0..names.len()).find(|&i| names[..i].contains(&names[i])) {
+        let reason = "two scenes of this name would overwrite each other's files";
+        return Err(Error::invalid(scenes[twice].display().to_string(), reason));
+    }
+    std::fs::create_dir_all(&args.output).map_err(Error::io("create", &args.output))?;
+    let mut kept = Kept::open(&args.output)?;
+    let mut machine = Vec::new();
+    let mut reports: Vec<SceneReport> = Vec::new();
+    let (mut growth, mut stability) = (Vec::new(), Default::default());
+    for path in &scenes {
+        let mut lab = Lab::open(path, args, extent, &mut kept)?;
+        if machine.is_empty() {
+            machine = machine::describe(&lab.context, args.view.seed)?;
+        }
+        let report = lab.measure()?;
+        // The first scene stands for all.
+        if reports.is_empty() {
+            growth = lab.scaling()?;
+            stability = (report.name.clone(), lab.stability()?);
+        }
+        reports.push(report);
+    }
+    machine.push(["load average at the end".into(), machine::load()]);
+    let report = Report {
+        when: machine::now(),
+        command: command(args, &scenes),
+        quick: args.quick,
+        machine,
+        scenes: reports,
+        growth,
+        stability,
+        known_limits: known_limits(),
+    };
+    report::write(&args.output, &report)?;
+    out!("{}", args.output.join("index.html").display())
+}
+
+/// Ours, and the thesis's where they are at hand.
+fn default_scenes(quick: bool) -> Result<Vec<PathBuf>> {
+    let shipped = ["cornell-diffuse", "cornell-glossy", "balls-2"].map(|name| Path::new("scenes").join(name));
+    let mut scenes: Vec<PathBuf> = shipped.iter().map(|path| path.with_extension("glb")).collect();
+    if let Some(missing) = scenes.iter().find(|path| !path.exists()) {
+        let reason = "is not here; name scenes, or start from the folder of relume";
+        return Err(Error::invalid(missing.display().to_string(), reason));
+    }
+    let shared = std::env::var_os("RELUME_SHARED").map_or_else(|| PathBuf::from("../shared"), PathBuf::from);
+    let theirs = ["buddha.glb", "bunny-dragon-2.glb"].map(|name| shared.join("scenes").join(name));
+    scenes.extend(theirs.into_iter().filter(|path| !quick && path.exists()));
+    Ok(scenes)
+}
+
+fn command(args: &Args, scenes: &[PathBuf]) -> String {
+    let quick = if args.quick { " --quick" } else { "" };
+    let size = args.view.size.map_or_else(String::new, |[w, h]| format!(" --size {w}x{h}"));
+    let scenes: String = scenes.iter().map(|path| format!(" {}", path.display())).collect();
+    format!("relume report -o {}{quick}{size} --seed {}{scenes}", args.output.display(), args.view.seed)
+}
+
+/// The README's.
+fn known_limits() -> String {
+    let readme = include_str!("../../../README.md");
+    let (_, section) = readme.split_once("## Known limits").expect("the README has this section");
+    section.split("\n## ").next().unwrap_or_default().trim().to_owned()
+}

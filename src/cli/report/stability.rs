@@ -1,0 +1,112 @@
+//! Spectral radius and bounces against albedo.
+
+use glam::{DVec3, Vec3, Vec4};
+use relume::Result;
+use relume::bake::brdf_factors::svd::Terms;
+use relume::bake::bvh::Bvh;
+use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::{BakeSettings, bake};
+use relume::reference::gather;
+use relume::report::stability::{MOST_BOUNCES, Stability};
+use relume::scene::{Material, Scene};
+
+use super::lab::Lab;
+
+const ALBEDOS: [f32; 7] = [0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.999];
+const GATHER_SAMPLES: usize = 576;
+const RAYS: u32 = 256;
+
+impl Lab<'_> {
+    /// Measured unless it was before.
+    pub fn stability(&mut self) -> Result<Vec<Stability>> {
+        let what = format!("stability {}", self.identity);
+        if let Some(rows) = self.kept.get(&what) {
+            return Ok(rows);
+        }
+        let rows: Vec<Stability> = ALBEDOS
+            .iter()
+            .map(|&albedo| self.painted(albedo))
+            .collect::<Result<Vec<_>>>()?
+            .into_iter()
+            .flatten()
+            .collect();
+        self.kept.keep(&what, &rows)?;
+        Ok(rows)
+    }
+
+    /// None where no gather sample is lit.
+    fn painted(&self, albedo: f32) -> Result<Option<Stability>> {
+        let mut scene = Scene::load(self.path)?;
+        scene.materials.iter_mut().for_each(|material| *material = matt(albedo));
+        let bvh = Bvh::build(&scene);
+        let session = &self.session;
+        // Nobody looks at it: the smallest picture will do.
+        let settings = BakeSettings { width: 8, height: 8, layers: 1, samples: 1 };
+        let baked = bake(&scene, &bvh, &session.camera, &session.rig, &settings, &|_| ());
+        let settings = TransferSettings {
+            outgoing: Outgoing::Diffuse,
+            samples: GATHER_SAMPLES,
+            coarse_samples: GATHER_SAMPLES,
+            points: 16,
+            rays: RAYS,
+            layers: 1,
+            bounces: None,
+            seed: self.view.seed,
+        };
+        let transfer = Transfer::new(&scene, &bvh, &baked, &settings, &|_| ());
+        let thesis = ThesisSettings {
+            outgoing: Outgoing::Diffuse,
+            samples: GATHER_SAMPLES,
+            terms: Terms::Count(1),
+            bounces: 5,
+            seed: self.view.seed,
+        };
+        let thesis = Thesis::new(&scene, &bvh, &baked, &thesis, &|_| ());
+        let Some(light) = session.rig.lights.first() else { return Ok(None) };
+        let direct = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.origin));
+        let (all, residual) = transfer.bounce(&direct);
+        if squares(&all) == 0.0 {
+            return Ok(None);
+        }
+        let left = |sum: &[DVec3]| {
+            let rest: Vec<DVec3> = all.iter().zip(sum).map(|(a, b)| *a - *b).collect();
+            (squares(&rest) / squares(&all)).sqrt()
+        };
+        // The picture's n-th bounce is the n-th term of this sum.
+        let (mut term, mut sum) = (direct.clone(), direct);
+        let (mut bounces, mut left_after_five) = (None, 0.0);
+        for count in 1..=MOST_BOUNCES {
+            let error = left(&sum);
+            if count == 5 {
+                left_after_five = error;
+            }
+            if error <= 1e-3 && bounces.is_none() {
+                bounces = Some(count);
+            }
+            if bounces.is_some() && count >= 5 {
+                break;
+            }
+            term = transfer.among.multiply(&term);
+            sum.iter_mut().zip(&term).for_each(|(sum, term)| *sum += *term);
+        }
+        Ok(Some(Stability {
+            albedo: f64::from(albedo),
+            radius: transfer.certificate.spectral_radius,
+            thesis_radius: thesis.spectral_radius,
+            residual,
+            bounces,
+            left_after_five,
+        }))
+    }
+}
+
+fn squares(values: &[DVec3]) -> f64 {
+    values.iter().map(|v| v.length_squared()).sum()
+}
+
+/// Lambert's reflection of so much light.
+fn matt(albedo: f32) -> Material {
+    let base_color = Vec3::splat(albedo).extend(1.0);
+    Material { base_color: Vec4::from(base_color), metallic: 0.0, specular: 0.0, ..Material::default() }
+}

@@ -1,0 +1,98 @@
+//! How costs grow with what there is of something, beside how they should.
+
+use serde::{Deserialize, Serialize};
+
+use super::conclusions::exponent;
+use super::plot::{Chart, Series};
+use super::table::{Table, escaped, number, significant};
+
+/// Costs against one thing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Growth {
+    /// What grows, in the plural.
+    pub of: String,
+    /// Scene that it was measured in.
+    pub scene: String,
+    pub curves: Vec<Cost>,
+}
+
+/// One cost.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cost {
+    pub name: String,
+    /// Exponent of growth by the design.
+    pub expected: f64,
+    /// How much of it there is, and milliseconds.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// Exponents further than this from the expected one are told as such.
+const NEAR: f64 = 0.15;
+
+impl Growth {
+    fn sentence(&self, cost: &Cost) -> Option<String> {
+        let found = exponent(cost.points.iter().copied())?;
+        let verdict = match found - cost.expected {
+            off if off.abs() <= NEAR => "as expected",
+            off if off < 0.0 => "less than expected",
+            _ => "more than expected",
+        };
+        let [first, last] = [cost.points.first()?, cost.points.last()?];
+        Some(format!(
+            "{}: grows with the {} to the power {found:.2}, {verdict} ({}), from {} ms with {} to {} ms with {}.",
+            cost.name,
+            self.of,
+            cost.expected,
+            significant(first[1]),
+            significant(first[0]),
+            significant(last[1]),
+            significant(last[0]),
+        ))
+    }
+
+    fn chart(&self) -> Chart {
+        let series = |(style, cost): (usize, &Cost)| Series {
+            name: cost.name.clone(),
+            style,
+            points: cost.points.iter().copied().filter(|p| p.iter().all(|v| *v > 0.0)).collect(),
+            tips: cost.points.iter().map(|p| format!("{}: {} ms", significant(p[0]), significant(p[1]))).collect(),
+        };
+        Chart {
+            title: format!("Against {}, {}", self.of, self.scene),
+            x_label: format!("number of {}", self.of),
+            y_label: "milliseconds",
+            series: self.curves.iter().enumerate().map(series).collect(),
+            floor: None,
+        }
+    }
+}
+
+/// All numbers.
+pub(super) fn table(growths: &[Growth]) -> Table {
+    let mut table = Table::new("scaling.csv", &["against", "scene", "cost", "count", "ms", "exponent", "expected"]);
+    for growth in growths {
+        for cost in &growth.curves {
+            let found = exponent(cost.points.iter().copied()).map_or_else(String::new, number);
+            for [count, ms] in &cost.points {
+                let head = [growth.of.clone(), growth.scene.clone(), cost.name.clone()];
+                table.push(head.into_iter().chain([number(*count), number(*ms), found.clone(), number(cost.expected)]));
+            }
+        }
+    }
+    table
+}
+
+/// A part of the page; empty without measurements.
+pub(super) fn html(growths: &[Growth]) -> String {
+    if growths.is_empty() {
+        return String::new();
+    }
+    let sentences = growths.iter().flat_map(|g| g.curves.iter().filter_map(|cost| g.sentence(cost)));
+    let items: String = sentences.map(|s| format!("<li>{}</li>\n", escaped(&s))).collect();
+    let charts: String = growths.iter().filter_map(|g| g.chart().svg()).collect();
+    let rows = table(growths).html();
+    format!(
+        "<h2 id=scaling>Scaling</h2>\n<ul>{items}</ul>\n<div class=charts>{charts}</div>\n\
+         <details><summary>All its numbers</summary>{rows}</details>\n"
+    )
+}

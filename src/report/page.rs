@@ -1,0 +1,169 @@
+//! The page: one HTML file that needs nothing else, scripts neither.
+
+use std::fmt::Write;
+
+use base64::Engine;
+
+use super::conclusions::{self, curve, total};
+use super::plot::{Chart, Series};
+use super::table::{escaped, significant};
+use super::{Method, Picture, Point, Report, SceneReport, growth, profile, stability, table, tables};
+use crate::image::png;
+
+/// The page as text.
+pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
+    let scenes = report.scenes.iter().map(scene).collect::<Result<String, _>>()?;
+    let machine = tables(report).swap_remove(0).html();
+    let quick = if report.quick { " This is the quick version, with small pictures and short curves." } else { "" };
+    let parts = [("scaling", report.growth.is_empty()), ("stability", report.stability.1.is_empty())];
+    let parts = parts.into_iter().filter(|part| !part.1).map(|part| part.0);
+    let contents: String = report
+        .scenes
+        .iter()
+        .map(|s| s.name.as_str())
+        .chain(parts)
+        .map(|n| format!("<a href=\"#{0}\">{0}</a> ", escaped(n)))
+        .collect();
+    Ok(format!(
+        "<!doctype html>\n<html lang=en><head><meta charset=utf-8>\
+         <meta name=viewport content=\"width=device-width,initial-scale=1\">\
+         <meta name=color-scheme content=\"light dark\"><title>relume: error against run time</title>\n\
+         <style>\n{style}</style></head>\n<body><main>\n\
+         <h1>relume: error against run time</h1>\n\
+         <p>Measured {when} by <code>{command}</code>.{quick} All numbers stand in the CSV files beside this page, all pictures \
+         as EXR; every sentence under “What it says” is computed from them. Seconds are processor time, user and system, of all \
+         threads; wall clock is in the files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> \
+         <a href=\"#limits\">Known limits</a></p>\n\
+         <h2>Machine</h2>\n{machine}{scenes}{growth}{stability}{method}\
+         <h2 id=limits>Known limits</h2>\n{limits}</main></body></html>\n",
+        style = include_str!("style.css"),
+        when = escaped(&report.when),
+        command = escaped(&report.command),
+        growth = growth::html(&report.growth),
+        stability = stability::html(report.stability.0.as_str(), &report.stability.1),
+        method = METHOD,
+        limits = list(&report.known_limits),
+    ))
+}
+
+const METHOD: &str = "<h2 id=method>How it was measured</h2>\n\
+    <p>The truth is our own path tracer, in two halves of independent noise, through the centres of the pixels as in the deep \
+    framebuffer. Every squared error is taken as (x - a)(x - b) of both halves, so that their noise cancels but for the floor \
+    that is drawn; FLIP is against their mean, whose noise nothing cancels, and the line is FLIP of one half against the \
+    other. Relative errors are those of indirect light alone, since direct light and reflections are the same for all \
+    methods; FLIP sees the whole picture. Shadows are traced. \
+    To the first picture: BVH, deep framebuffer, all of the bake, upload, one frame. A picture after an edit: a light has \
+    moved. For path tracing that is the whole picture again.</p>\n";
+
+fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
+    let [width, height] = scene.size;
+    let mut html = format!(
+        "<h2 id=\"{name}\">{name}</h2>\n<p>{triangles} triangles, {lights} light{s}; errors at {width}×{height} against a truth of \
+         {samples} samples a pixel.</p>\n",
+        name = escaped(&scene.name),
+        triangles = table::grouped(&scene.triangles.to_string()),
+        lights = scene.lights,
+        s = if scene.lights == 1 { "" } else { "s" },
+        samples = table::grouped(&scene.truth_samples.to_string()),
+    );
+    let sentences = conclusions::of_scene(scene);
+    if !sentences.is_empty() {
+        let items: String = sentences.iter().map(|s| format!("<li>{}</li>\n", inline(s))).collect();
+        let _ = write!(html, "<h3>What it says</h3>\n<ul>{items}</ul>\n");
+    }
+    for picture in &scene.pictures {
+        html += &figure(picture)?;
+    }
+    let charts: String = charts(scene).iter().filter_map(Chart::svg).collect();
+    if !charts.is_empty() {
+        let rows = table::points(scene).html();
+        let _ = write!(
+            html,
+            "<h3>Error against run time</h3>\n<div class=charts>\n{charts}</div>\n<details><summary>All its \
+             numbers</summary>{rows}</details>\n"
+        );
+    }
+    if !scene.skipped.is_empty() {
+        let item = |s: &super::Skipped| format!("<li>{}: {}</li>", inline(&s.what), escaped(&s.why));
+        let _ = write!(html, "<p>Not measured:</p><ul>{}</ul>\n", scene.skipped.iter().map(item).collect::<String>());
+    }
+    let [width, height] = scene.edit_size;
+    let title = format!("Milliseconds of an edit, median, {width}×{height} pixels");
+    if let Some(svg) = profile::svg(&title, &scene.edits) {
+        let rows = table::edits(scene).html();
+        let _ = write!(
+            html,
+            "<h3>Where the time of an edit goes</h3>\n{svg}<details><summary>All its numbers</summary>{rows}</details>\n"
+        );
+    }
+    if !scene.left_out.is_empty() {
+        let _ = write!(html, "<h3>What is left out</h3>\n{}", table::left_out(scene).html());
+    }
+    Ok(html)
+}
+
+type Of = fn(&Point) -> f64;
+
+fn charts(scene: &SceneReport) -> Vec<Chart> {
+    let first = "CPU seconds to the first picture";
+    let again = "CPU seconds for a picture after an edit";
+    let error = "error of indirect light, % rel. RMSE";
+    let percent: Of = |p| 100.0 * p.errors.indirect;
+    let flip: Of = |p| p.errors.flip;
+    let frame: Of = |p| p.frame.cpu;
+    let noise = (100.0 * scene.floors.indirect, "the truth’s noise");
+    let halves = (scene.floors.flip, "one half of the truth against the other");
+    let chart = |title: &str, x_label: &str, x: Of, y_label, y: Of, floor| Chart {
+        title: title.to_owned(),
+        x_label: String::from(x_label),
+        y_label,
+        series: Method::ALL.into_iter().enumerate().map(|(style, m)| series(scene, m, style, x, y)).collect(),
+        floor: Some(floor),
+    };
+    vec![
+        chart("Error, bake included", first, total, error, percent, noise),
+        chart("Error, after the bake", again, frame, error, percent, noise),
+        chart("What a viewer sees, bake included", first, total, "mean FLIP", flip, halves),
+        chart("What a viewer sees, after the bake", again, frame, "mean FLIP", flip, halves),
+    ]
+}
+
+/// Points without error or time have no place on logarithmic axes; the table has them.
+fn series(scene: &SceneReport, method: Method, style: usize, x: Of, y: Of) -> Series {
+    let points: Vec<(&Point, [f64; 2])> = curve(scene, method).into_iter().map(|p| (p, [x(p), y(p)])).collect();
+    let drawn: Vec<_> = points.into_iter().filter(|(_, at)| at.iter().all(|v| *v > 0.0 && v.is_finite())).collect();
+    let tip = |(point, at): &(&Point, [f64; 2])| {
+        format!("{}: {} s, {}", point.setting, significant(at[0]), significant(at[1]))
+    };
+    Series {
+        name: method.name().into(),
+        style,
+        tips: drawn.iter().map(tip).collect(),
+        points: drawn.iter().map(|(_, at)| *at).collect(),
+    }
+}
+
+fn figure(picture: &Picture) -> Result<String, ::png::EncodingError> {
+    let png = png::encode(picture.width, picture.height, &picture.pixels)?;
+    let data = base64::engine::general_purpose::STANDARD.encode(png);
+    let caption = inline(&picture.caption);
+    let alt = escaped(&picture.caption);
+    Ok(format!(
+        "<figure><img width={} height={} alt=\"{alt}\" src=\"data:image/png;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n",
+        picture.width, picture.height
+    ))
+}
+
+/// Text with `code` in it.
+fn inline(text: &str) -> String {
+    let parts = text.split('`').enumerate();
+    parts.map(|(i, part)| if i % 2 == 1 { format!("<code>{}</code>", escaped(part)) } else { escaped(part) }).collect()
+}
+
+/// A list in Markdown, items from `- `, other lines going on.
+fn list(markdown: &str) -> String {
+    let lines: Vec<&str> = markdown.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    let text = lines.join("\n");
+    let items = text.trim_start_matches("- ").split("\n- ");
+    format!("<ul>{}</ul>\n", items.map(|item| format!("<li>{}</li>\n", inline(item))).collect::<String>())
+}

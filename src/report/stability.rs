@@ -1,0 +1,91 @@
+//! How the sum over bounces behaves as surfaces get brighter.
+
+use serde::{Deserialize, Serialize};
+
+use super::conclusions::percent;
+use super::table::{Table, escaped, number, significant};
+
+/// A scene painted evenly.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stability {
+    /// Of all its surfaces, which are matt.
+    pub albedo: f64,
+    /// Of our G.
+    pub radius: f64,
+    /// Of the thesis's, with as many gather samples.
+    pub thesis_radius: f64,
+    /// Of the solution over all bounces.
+    pub residual: f64,
+    /// Bounces after which a thousandth is left of all their light, root mean square; absent beyond [`MOST_BOUNCES`].
+    pub bounces: Option<u32>,
+    /// What the thesis's five leave out.
+    pub left_after_five: f64,
+}
+
+/// As many were looked at.
+pub const MOST_BOUNCES: u32 = 2000;
+
+pub(super) fn table(rows: &[Stability]) -> Table {
+    let columns = [
+        "albedo",
+        "spectral_radius",
+        "thesis_spectral_radius",
+        "residual",
+        "bounces_to_a_thousandth",
+        "left_after_five",
+    ];
+    let mut table = Table::new("stability.csv", &columns);
+    for s in rows {
+        let bounces = s.bounces.map_or_else(String::new, |b| b.to_string());
+        let [albedo, radius, thesis] = [s.albedo, s.radius, s.thesis_radius].map(number);
+        table.push([albedo, radius, thesis, number(s.residual), bounces, number(s.left_after_five)]);
+    }
+    table
+}
+
+fn sentences(rows: &[Stability]) -> Vec<String> {
+    let mut said = Vec::new();
+    let over: Vec<&Stability> = rows.iter().filter(|s| s.radius > s.albedo * (1.0 + 1e-6)).collect();
+    said.extend(rows.last().map(|last| match over.first() {
+        None => format!(
+            "Our spectral radius stays at or below the albedo in all of them, up to {}: the sum over all bounces exists.",
+            last.albedo
+        ),
+        Some(first) => format!("Our spectral radius exceeds the albedo, first at {}: {}.", first.albedo, first.radius),
+    }));
+    said.extend(rows.iter().find(|s| s.thesis_radius >= 1.0).map(|first| {
+        let radius = significant(first.thesis_radius);
+        format!(
+            "The thesis's series has no sum from an albedo of {} on, where its spectral radius is {radius}.",
+            first.albedo
+        )
+    }));
+    if let Some((least, most)) = rows.first().zip(rows.iter().rev().find(|s| s.bounces.is_some())) {
+        let bounces = |s: &Stability| s.bounces.map_or_else(String::new, |b| b.to_string());
+        said.push(format!(
+            "A thousandth of the light is left after {} bounces at albedo {} and after {} at {}; five bounces leave out {} there.",
+            bounces(least),
+            least.albedo,
+            bounces(most),
+            most.albedo,
+            percent(most.left_after_five)
+        ));
+    }
+    let residual = rows.iter().map(|s| s.residual).fold(0.0, f64::max);
+    said.extend(rows.first().map(|_| format!("The solution's residual is {residual:.0e} at most.")));
+    said
+}
+
+/// A part of the page; empty without measurements.
+pub(super) fn html(scene: &str, rows: &[Stability]) -> String {
+    if rows.is_empty() {
+        return String::new();
+    }
+    let items: String = sentences(rows).iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
+    format!(
+        "<h2 id=stability>Stability</h2>\n<p>All surfaces of {} matt and of one albedo, 576 gather samples of either method, under \
+         the first of its lights.</p>\n<ul>{items}</ul>\n{}",
+        escaped(scene),
+        table(rows).html()
+    )
+}

@@ -1,0 +1,254 @@
+//! `relume report`: the page says what was measured, and nothing else.
+
+mod command;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use command::{folder, shipped};
+use relume::image::compare::{Pictures, Settings};
+use relume::report::conclusions::{exponent, of_scene, path_tracing_seconds};
+use relume::report::growth::{Cost, Growth};
+use relume::report::stability::Stability;
+use relume::report::{Errors, Floors, Method, Point, Report, SceneReport, Seconds, Skipped, tables, write};
+
+/// Rows of a CSV file without quotes, by the names of its columns.
+fn rows(path: &Path) -> Vec<HashMap<String, String>> {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let names = lines.next().unwrap();
+    lines.map(|cells| names.iter().cloned().zip(cells).collect()).collect()
+}
+
+/// A picture whose error is `error` and whose bake and frame take so many CPU seconds.
+fn point(method: Method, setting: &str, [bake, frame]: [f64; 2], error: f64) -> Point {
+    let seconds = |cpu| Seconds { cpu, wall: cpu / 2.0 };
+    Point {
+        method,
+        setting: setting.into(),
+        precompute: seconds(bake),
+        frame: seconds(frame),
+        bytes: 1000,
+        multiply_adds: 500,
+        held_out: method.is_ours().then_some(0.001),
+        spectral_radius: None,
+        load: 1.0,
+        errors: Errors {
+            indirect: error,
+            indirect_4x4: error / 4.0,
+            indirect_trimmed: error,
+            indirect_bias: 0.0,
+            whole: error / 2.0,
+            flip: error / 3.0,
+        },
+        file: format!("pictures/{setting}.exr"),
+    }
+}
+
+fn scene(points: Vec<Point>) -> SceneReport {
+    SceneReport {
+        name: "a <scene> & more".into(),
+        triangles: 12_345,
+        lights: 2,
+        size: [8, 8],
+        truth_samples: 64,
+        floors: Floors::default(),
+        points,
+        skipped: Vec::new(),
+        pictures: Vec::new(),
+        edit_size: [8, 8],
+        edits: Vec::new(),
+        left_out: Vec::new(),
+        ablation: None,
+    }
+}
+
+fn report(scenes: Vec<SceneReport>) -> Report {
+    let machine = vec![["processor".into(), "one, \"fast\"".into()]];
+    Report {
+        when: "2026-01-01".into(),
+        command: "relume report".into(),
+        quick: false,
+        machine,
+        scenes,
+        growth: Vec::new(),
+        stability: Default::default(),
+        known_limits: "- none\n  at all".into(),
+    }
+}
+
+/// Four pictures by path tracing at 1/sqrt(n), and two of ours.
+fn measured() -> Vec<Point> {
+    let traced = [1.0, 4.0, 16.0, 64.0].map(|s: f64| point(Method::PathTracing, "--spp", [0.1, s], 0.4 / s.sqrt()));
+    let ours = [(576, 0.1), (2304, 0.02)]
+        .map(|(n, e)| point(Method::GatherSamples, &format!("--gather {n}"), [f64::from(n) / 100.0, 0.01], e));
+    traced.into_iter().chain(ours).collect()
+}
+
+#[test]
+fn sentences_follow_the_numbers() {
+    let said = of_scene(&scene(measured())).join("\n");
+    assert!(said.contains("to the power -0.50"), "{said}");
+    // 0.02 is 0.4 / sqrt(400), beyond the 64 that were run.
+    assert!(said.contains("takes 400 CPU seconds (extrapolated as 1/√n"), "{said}");
+    assert!(said.contains("Ours, more gather samples: still better at the end"), "{said}");
+    assert!(!said.contains("thesis") && !said.contains("Haar"), "{said}");
+
+    let mut worse = measured();
+    worse.last_mut().unwrap().errors.indirect = 0.095;
+    let said = of_scene(&scene(worse)).join("\n");
+    assert!(said.contains("Ours, more gather samples: stops improving at `--gather 576` (10.0 %)"), "{said}");
+    assert!(said.contains("it is noise, pixel by pixel"), "{said}");
+    // 0.4 / sqrt(17.7) = 0.095: between pictures that were made.
+    assert!(said.contains("takes 17.7 CPU seconds for the same error"), "{said}");
+
+    let mut diverging = measured();
+    for (gather, error) in [(144, 0.5), (576, 0.6)] {
+        let theirs = point(Method::ThesisDiffuse, &format!("--gather {gather}"), [3.0, 0.1], error);
+        diverging.push(Point { spectral_radius: Some(1.5), ..theirs });
+    }
+    let said = of_scene(&scene(diverging)).join("\n");
+    assert!(said.contains("G's spectral radius is 1.50"), "{said}");
+    assert!(said.contains("25.0 times as far from the truth"), "{said}");
+    assert_eq!(of_scene(&scene(Vec::new())), Vec::<String>::new());
+}
+
+#[test]
+fn time_to_an_error_is_between_pictures_or_beyond_them() {
+    let scene = scene(measured());
+    let (seconds, extrapolated) = path_tracing_seconds(&scene, 0.1).unwrap();
+    assert!((seconds - 16.0).abs() < 1e-9 && !extrapolated, "{seconds}");
+    let (seconds, extrapolated) = path_tracing_seconds(&scene, 0.8).unwrap();
+    assert!((seconds - 0.25).abs() < 1e-9 && extrapolated, "{seconds}");
+    let squares = [1.0, 2.0, 3.0].map(|x: f64| [x, 5.0 * x * x]);
+    assert!((exponent(squares).unwrap() - 2.0).abs() < 1e-12);
+    assert_eq!(exponent([[1.0, 1.0]]), None);
+}
+
+#[test]
+fn a_page_has_no_chart_without_data_and_takes_names_literally() {
+    let dir = folder();
+    let mut empty = scene(Vec::new());
+    empty.skipped.push(Skipped { what: "`--gather 9`".into(), why: "it takes 3 < 4 GB".into() });
+    write(dir.path(), &report(vec![empty])).unwrap();
+    let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
+    assert!(!page.contains("<svg") && !page.contains("<h3>Error against"), "{page}");
+    assert!(page.contains("a &lt;scene&gt; &amp; more") && !page.contains("<scene>"));
+    assert!(page.contains("<code>--gather 9</code>: it takes 3 &lt; 4 GB"));
+    assert!(page.contains("12,345 triangles") && page.contains("<li>none\nat all</li>"));
+    let machine = std::fs::read_to_string(dir.path().join("machine.csv")).unwrap();
+    assert_eq!(machine, "what,value\nprocessor,\"one, \"\"fast\"\"\"\n");
+
+    // A picture without error has no place on a logarithmic axis, but one in the table.
+    let mut points = measured();
+    points[0].errors.indirect = 0.0;
+    let report = report(vec![SceneReport { name: "s".into(), ..scene(points) }]);
+    write(dir.path(), &report).unwrap();
+    let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 4);
+    assert!(!page.contains("NaN") && !page.contains("inf "), "{page}");
+    assert_eq!(rows(&dir.path().join("s.errors.csv")).len(), 6);
+    assert_eq!(tables(&report).len(), 3, "machine, scenes, errors; no edits, nothing left out");
+}
+
+#[test]
+fn growth_and_stability_are_told_by_their_numbers() {
+    let dir = folder();
+    let cost = |name: &str, expected, power: f64| {
+        let points = [1.0, 10.0, 100.0].map(|n: f64| [n, 3.0 * n.powf(power)]).into();
+        Cost { name: name.into(), expected, points }
+    };
+    let curves = vec![cost("even", 1.0, 1.0), cost("steep", 1.0, 1.4)];
+    let growth = Growth { of: "lights".into(), scene: "box".into(), curves };
+    let stability = |albedo, thesis_radius| Stability {
+        albedo,
+        radius: 0.9 * albedo,
+        thesis_radius,
+        residual: 1e-9,
+        bounces: Some((10.0 * albedo) as u32),
+        left_after_five: albedo / 2.0,
+    };
+    let mut report = report(Vec::new());
+    report.growth = vec![growth];
+    report.stability = ("box".into(), vec![stability(0.1, 0.4), stability(0.8, 1.25)]);
+    write(dir.path(), &report).unwrap();
+    let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
+    for said in [
+        "even: grows with the lights to the power 1.00, as expected",
+        "steep: grows with the lights to the power 1.40, more than expected",
+        "stays at or below the albedo in all of them, up to 0.8",
+        "no sum from an albedo of 0.8 on, where its spectral radius is 1.25",
+        "after 1 bounces at albedo 0.1 and after 8 at 0.8; five bounces leave out 40.0 % there",
+    ] {
+        assert!(page.contains(said), "{said}\nis not in\n{page}");
+    }
+    assert_eq!(page.matches("<svg").count(), 1);
+    assert_eq!(rows(&dir.path().join("scaling.csv")).len(), 6);
+    assert_eq!(rows(&dir.path().join("stability.csv"))[1]["thesis_spectral_radius"], "1.25");
+}
+
+#[test]
+fn a_quick_report_holds_what_was_measured_and_goes_on_where_it_was() {
+    let folder = folder();
+    let dir = folder.path().join("report");
+    let run = || run!("report", "--quick", "-o", &dir, "--size", "24x24", shipped("cornell-diffuse.glb")).done();
+    assert_eq!(run().stdout.trim(), dir.join("index.html").display().to_string());
+    let page = std::fs::read_to_string(dir.join("index.html")).unwrap();
+    assert!(!page.contains("<script") && !page.contains("http"), "needs something else");
+    assert!(!page.contains("NaN") && !page.contains("src=\"pictures"));
+    assert!(page.contains("prefers-color-scheme: dark") && page.contains("Known limits"));
+
+    let points = rows(&dir.join("cornell-diffuse.errors.csv"));
+    let count = |method: Method| points.iter().filter(|row| row["method"] == method.id()).count();
+    for method in Method::ALL {
+        // Nothing in this box is glossy.
+        assert_eq!(count(method) > 1, method != Method::ThesisGlossy, "{}", method.id());
+    }
+    let drawn = points.iter().filter(|row| row["flip"] != "0.0" && row["frame_cpu_s"] != "0.0").count();
+    let chart = page.split("What a viewer sees, after the bake</text>").nth(1).unwrap().split("</svg>").next().unwrap();
+    assert_eq!(chart.matches("</title></path>").count(), drawn);
+
+    // Pictures are those whose errors are told.
+    let mut halves: Vec<_> = std::fs::read_dir(dir.join("truth")).unwrap().map(|f| f.unwrap().path()).collect();
+    halves.sort();
+    for row in &points {
+        let picture = dir.join(&row["picture"]);
+        let pictures = Pictures::read(&picture, &halves[0], Some(&halves[1]), "indirect", None).unwrap();
+        let error = pictures.figures(Settings::default()).rel_rmse.unwrap();
+        let told: f64 = row["indirect_rel_rmse"].parse().unwrap();
+        assert!((error - told).abs() <= 1e-4 * error, "{}: {error} in {}, {told} told", row["setting"], row["picture"]);
+    }
+    let edits = rows(&dir.join("cornell-diffuse.edits.csv"));
+    for edit in ["color", "toggle", "move", "move_direct", "none"] {
+        assert!(edits.iter().any(|row| row["edit"] == edit && row["pass"] == "all"), "{edit}");
+    }
+    assert!(edits.iter().any(|row| row["shadows"] == "map") && edits.iter().any(|row| row["shadows"] == "traced"));
+
+    let stability = rows(&dir.join("stability.csv"));
+    for row in &stability {
+        let [albedo, radius]: [f64; 2] = ["albedo", "spectral_radius"].map(|name| row[name].parse().unwrap());
+        assert!(radius <= albedo * (1.0 + 1e-5) && radius > 0.5 * albedo, "{row:?}"); // a closed box but for its front
+    }
+    assert_eq!(stability.len(), 7);
+    assert!(rows(&dir.join("scaling.csv")).iter().any(|row| row["against"] == "pixels"));
+
+    let before = std::fs::read(dir.join("measured.json")).unwrap();
+    run();
+    assert!(before == std::fs::read(dir.join("measured.json")).unwrap(), "measured again");
+    assert_eq!(points, rows(&dir.join("cornell-diffuse.errors.csv")));
+
+    std::fs::write(dir.join("measured.json"), "{\"half").unwrap();
+    run!("report", "--quick", "-o", &dir, "--size", "24x24", shipped("cornell-diffuse.glb")).failed(&["measured.json"]);
+}
+
+#[test]
+fn what_cannot_be_reported_is_one_error() {
+    let folder = folder();
+    let box_ = shipped("cornell-diffuse.glb");
+    run!("report", "-o", folder.path(), &box_, &box_).failed(&["cornell-diffuse.glb", "overwrite"]);
+    run!("report", "-o", folder.path(), folder.path().join("none.glb")).failed(&["none.glb"]);
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    run!("report", "--quick", "-o", &file, &box_).failed(&["file"]);
+    run!("report", &box_).refused("--output");
+}
