@@ -10,6 +10,7 @@ use relume::image::compare::{Pictures, Settings};
 use relume::report::conclusions::{exponent, of_scene, path_tracing_seconds};
 use relume::report::growth::{Cost, Growth};
 use relume::report::stability::Stability;
+use relume::report::thesis::{Preview, Thesis};
 use relume::report::{Errors, Floors, Method, Point, Report, SceneReport, Seconds, Skipped, tables, write};
 
 /// Rows of a CSV file without quotes, by the names of its columns.
@@ -71,6 +72,7 @@ fn report(scenes: Vec<SceneReport>) -> Report {
         quick: false,
         machine,
         scenes,
+        thesis: Thesis::default(),
         growth: Vec::new(),
         stability: Default::default(),
         known_limits: "- none\n  at all".into(),
@@ -185,6 +187,37 @@ fn growth_and_stability_are_told_by_their_numbers() {
     assert_eq!(page.matches("<svg").count(), 1);
     assert_eq!(rows(&dir.path().join("scaling.csv")).len(), 6);
     assert_eq!(rows(&dir.path().join("stability.csv"))[1]["thesis_spectral_radius"], "1.25");
+}
+
+#[test]
+fn the_thesis_stands_beside_what_was_measured() {
+    let dir = folder();
+    let preview = |lights: usize, preview_ms, wall| Preview {
+        scene: format!("balls-{lights}"),
+        triangles: 9922,
+        lights,
+        size: [720, 480],
+        preview_ms,
+        final_picture: Seconds { cpu: 2.0 * wall, wall },
+    };
+    let mut traced = point(Method::PathTracing, "--spp 256", [0.5, 8.0], 0.1);
+    traced.precompute.cpu = 0.0;
+    let cornell = SceneReport { name: "cornell-glossy".into(), size: [256, 256], ..scene(vec![traced]) };
+    let mut report = report(vec![cornell]);
+    report.thesis.previews = vec![preview(2, 4.0, 1.0), preview(16, 5.0, 3.0)];
+    write(dir.path(), &report).unwrap();
+    let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
+    for said in [
+        "balls-2: after an edit the picture is there in 4.00 ms; a final one takes 1.00 s on the same machine, 250 times",
+        "balls: among 16 lights a preview takes 1.25 times as long as among 2, a final picture 3.00 times",
+    ] {
+        assert!(page.contains(said), "{said}\nis not in\n{page}");
+    }
+    let previews = rows(&dir.path().join("table-5.1.csv"));
+    assert_eq!([&previews[0]["thesis_final_s"], &previews[1]["thesis_preview_ms"]], ["18.39", "2 to 3"]);
+    // Four times the pixels, four times the samples.
+    let transfers = rows(&dir.path().join("table-5.2.csv"));
+    assert_eq!([&transfers[0]["thesis_s"], &transfers[0]["scaled_to_512x512_cpu_s"]], ["5321.0", "128.0"]);
 }
 
 #[test]

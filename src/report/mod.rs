@@ -8,6 +8,7 @@ mod plot;
 mod profile;
 pub mod stability;
 mod table;
+pub mod thesis;
 
 use std::path::Path;
 
@@ -17,6 +18,7 @@ pub use self::table::{Table, significant};
 
 use self::growth::Growth;
 use self::stability::Stability;
+use self::thesis::Thesis;
 
 use crate::error::{Error, Result};
 use crate::image::file::write_bytes;
@@ -31,6 +33,7 @@ pub struct Report {
     /// Name and value, in order.
     pub machine: Vec<[String; 2]>,
     pub scenes: Vec<SceneReport>,
+    pub thesis: Thesis,
     pub growth: Vec<Growth>,
     /// Of a scene, by its name.
     pub stability: (String, Vec<Stability>),
@@ -246,6 +249,8 @@ pub fn tables(report: &Report) -> Vec<Table> {
     tables.extend(scenes.clone().filter(|s| !s.points.is_empty()).map(table::points));
     tables.extend(scenes.clone().filter(|s| !s.edits.is_empty()).map(table::edits));
     tables.extend(scenes.filter(|s| !s.left_out.is_empty()).map(table::left_out));
+    let of_thesis = [thesis::previews(&report.thesis.previews), thesis::transfers(&report.scenes)];
+    tables.extend(of_thesis.into_iter().filter(|table| !table.is_empty()));
     if !report.growth.is_empty() {
         tables.push(growth::table(&report.growth));
     }

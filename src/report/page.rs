@@ -7,15 +7,20 @@ use base64::Engine;
 use super::conclusions::{self, curve, total};
 use super::plot::{Chart, Series};
 use super::table::{escaped, significant};
-use super::{Method, Picture, Point, Report, SceneReport, growth, profile, stability, table, tables};
+use super::{Method, Picture, Point, Report, SceneReport, growth, profile, stability, table, tables, thesis};
 use crate::image::png;
 
 /// The page as text.
 pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
     let scenes = report.scenes.iter().map(scene).collect::<Result<String, _>>()?;
+    let figures = report.thesis.pictures.iter().map(figure).collect::<Result<String, _>>()?;
     let machine = tables(report).swap_remove(0).html();
     let quick = if report.quick { " This is the quick version, with small pictures and short curves." } else { "" };
-    let parts = [("scaling", report.growth.is_empty()), ("stability", report.stability.1.is_empty())];
+    let parts = [
+        ("thesis", report.thesis.previews.is_empty()),
+        ("scaling", report.growth.is_empty()),
+        ("stability", report.stability.1.is_empty()),
+    ];
     let parts = parts.into_iter().filter(|part| !part.1).map(|part| part.0);
     let contents: String = report
         .scenes
@@ -34,11 +39,12 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
          as EXR; every sentence under “What it says” is computed from them. Seconds are processor time, user and system, of all \
          threads; wall clock is in the files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> \
          <a href=\"#limits\">Known limits</a></p>\n\
-         <h2>Machine</h2>\n{machine}{scenes}{growth}{stability}{method}\
+         <h2>Machine</h2>\n{machine}{scenes}{thesis}{figures}{growth}{stability}{method}\
          <h2 id=limits>Known limits</h2>\n{limits}</main></body></html>\n",
         style = include_str!("style.css"),
         when = escaped(&report.when),
         command = escaped(&report.command),
+        thesis = thesis::html(&report.thesis, &report.scenes),
         growth = growth::html(&report.growth),
         stability = stability::html(report.stability.0.as_str(), &report.stability.1),
         method = METHOD,
@@ -85,7 +91,7 @@ fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
     }
     if !scene.skipped.is_empty() {
         let item = |s: &super::Skipped| format!("<li>{}: {}</li>", inline(&s.what), escaped(&s.why));
-        let _ = write!(html, "<p>Not measured:</p><ul>{}</ul>\n", scene.skipped.iter().map(item).collect::<String>());
+        let _ = writeln!(html, "<p>Not measured:</p><ul>{}</ul>", scene.skipped.iter().map(item).collect::<String>());
     }
     let [width, height] = scene.edit_size;
     let title = format!("Milliseconds of an edit, median, {width}×{height} pixels");

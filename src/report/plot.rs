@@ -67,9 +67,7 @@ impl Chart {
     /// None where there is nothing to draw.
     pub fn svg(&self) -> Option<String> {
         let points = || self.series.iter().flat_map(|s| &s.points).copied();
-        if points().next().is_none() {
-            return None;
-        }
+        points().next()?;
         let [left, top, right, bottom] = PLOT;
         let x = Axis::new(points().map(|p| p[0]), [left, right]);
         let floor = || self.floor.iter().map(|f| f.0).filter(|f| *f > 0.0);

@@ -5,10 +5,11 @@ use std::fmt::Write;
 use super::EditTime;
 use super::table::{escaped, significant};
 
-const WIDTH: f64 = 720.0;
-const BARS: [f64; 2] = [216.0, 636.0];
-const ROW: f64 = 26.0;
-const LEGEND_COLUMN: f64 = 240.0;
+const WIDTH: f64 = 480.0;
+const BARS: [f64; 2] = [8.0, 396.0];
+/// What it is of, and the bar under that.
+const ROW: f64 = 42.0;
+const LEGEND_COLUMN: f64 = 236.0;
 /// Classes that the style sheet has colours for.
 const COLORS: usize = 12;
 
@@ -26,7 +27,7 @@ pub(super) fn svg(title: &str, edits: &[EditTime]) -> Option<String> {
     }
     let scale = (BARS[1] - BARS[0]) / longest;
     let bars_end = 34.0 + ROW * edits.len() as f64;
-    let legend = |index: usize| [8.0 + LEGEND_COLUMN * (index % 3) as f64, bars_end + 30.0 + 20.0 * (index / 3) as f64];
+    let legend = |index: usize| [8.0 + LEGEND_COLUMN * (index % 2) as f64, bars_end + 30.0 + 20.0 * (index / 2) as f64];
     let height = legend(names.len())[1] + 14.0;
     let title = escaped(title);
     let mut svg = format!(
@@ -36,7 +37,8 @@ pub(super) fn svg(title: &str, edits: &[EditTime]) -> Option<String> {
     for (row, edit) in edits.iter().enumerate() {
         let top = 34.0 + ROW * row as f64;
         let label = format!("{}, {}, {}", edit.edit.replace('_', " "), edit.light, edit.shadows);
-        let _ = write!(svg, "<text text-anchor=end x={} y={}>{}</text>", BARS[0] - 8.0, top + 16.0, escaped(&label));
+        let _ = write!(svg, "<text x={} y={}>{}</text>", BARS[0], top + 14.0, escaped(&label));
+        let bar = top + 19.0;
         let mut left = BARS[0];
         for pass in &edit.passes {
             let index = names.iter().position(|n| *n == pass.name).expect("collected above");
@@ -45,7 +47,7 @@ pub(super) fn svg(title: &str, edits: &[EditTime]) -> Option<String> {
             let tip = format!("{} on the {}: {} ms", pass.name, pass.on, significant(pass.median_ms));
             let _ = write!(
                 svg,
-                "<rect class=f{} x={left:.1} y={top} width={width:.1} height=20><title>{}</title></rect>",
+                "<rect class=f{} x={left:.1} y={bar} width={width:.1} height=17><title>{}</title></rect>",
                 index % COLORS,
                 escaped(&tip)
             );
@@ -55,10 +57,10 @@ pub(super) fn svg(title: &str, edits: &[EditTime]) -> Option<String> {
         let rest = (end - left).max(0.0);
         let _ = write!(
             svg,
-            "<rect class=rest x={left:.1} y={top} width={rest:.1} height=20><title>the rest</title></rect>"
+            "<rect class=rest x={left:.1} y={bar} width={rest:.1} height=17><title>the rest</title></rect>"
         );
         let total = significant(edit.median_ms);
-        let _ = writeln!(svg, "<text x={:.1} y={}>{total} ms</text>", end + 6.0, top + 16.0);
+        let _ = writeln!(svg, "<text x={:.1} y={}>{total} ms</text>", end + 6.0, bar + 13.0);
     }
     for (index, name) in names.iter().chain(&["between passes"]).enumerate() {
         let [x, y] = legend(index);

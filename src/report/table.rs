@@ -22,6 +22,10 @@ impl Table {
         self.rows.push(row);
     }
 
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// Comma-separated, as in RFC 4180 but for its line ends.
     pub fn csv(&self) -> String {
         let line = |cells: &Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\n";
@@ -90,7 +94,7 @@ pub(super) fn number(value: f64) -> String {
     format!("{value:.5e}").parse::<f64>().map_or_else(|_| String::new(), |short| format!("{short:?}"))
 }
 
-fn optional(value: Option<f64>) -> String {
+pub(super) fn optional(value: Option<f64>) -> String {
     value.map_or_else(String::new, number)
 }
 

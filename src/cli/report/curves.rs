@@ -174,7 +174,7 @@ impl Lab<'_> {
             self.skipped.push(Skipped { what: format!("`{setting}`"), why: "no indirect light is visible".into() });
             return Ok(());
         };
-        let file = picture_file(&self.session.scene.name(), setting);
+        let file = picture_file(&self.folder, setting);
         make_parent(&self.dir.join(&file))?;
         exr::write(&self.dir.join(&file), &made.image)?;
         let point = Point {

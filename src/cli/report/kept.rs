@@ -3,18 +3,23 @@
 use std::path::{Path, PathBuf};
 
 use relume::{Error, Result};
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::cli::output::write_json;
 
-/// Figures by what they were measured of, in a file of the report's folder.
+/// Figures by what they were measured of, in a file of the report's folder. Those of another program are not looked at.
 pub struct Kept {
     path: PathBuf,
-    figures: Map<String, Value>,
-    /// Of this program: another one measures anew.
+    file: File,
+}
+
+#[derive(Default, Serialize, Deserialize)]
+struct File {
+    /// Hash of the program that measured.
     program: String,
+    figures: Map<String, Value>,
 }
 
 impl Kept {
@@ -24,28 +29,29 @@ impl Kept {
         let program =
             std::env::current_exe().and_then(std::fs::read).map_err(Error::io("read", Path::new("relume")))?;
         let program = blake3::hash(&program).to_hex().to_string();
-        let figures = match std::fs::read(&path) {
+        let file = match std::fs::read(&path) {
             Ok(bytes) => serde_json::from_slice(&bytes)
                 .map_err(|e| Error::import_from(&path, "not what relume wrote; remove it to measure anew", e))?,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Map::new(),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => File::default(),
             Err(error) => return Err(Error::io("read", &path)(error)),
         };
-        Ok(Self { path, figures, program })
+        let file = if file.program == program { file } else { File { program, figures: Map::new() } };
+        Ok(Self { path, file })
     }
 
-    /// What was measured of `what`, by this very program.
+    /// What was measured of `what`.
     pub fn get<T: DeserializeOwned>(&self, what: &str) -> Option<T> {
-        T::deserialize(self.figures.get(&self.key(what))?).ok()
+        T::deserialize(self.file.figures.get(&key(what))?).ok()
     }
 
     pub fn keep<T: Serialize>(&mut self, what: &str, figures: &T) -> Result<()> {
-        let value =
-            serde_json::to_value(figures).map_err(|e| Error::Export { path: self.path.clone(), source: e.into() })?;
-        self.figures.insert(self.key(what), value);
-        write_json(&self.path, &Value::Object(self.figures.clone()))
+        let json = |e: serde_json::Error| Error::Export { path: self.path.clone(), source: e.into() };
+        let value = serde_json::to_value(figures).map_err(json)?;
+        self.file.figures.insert(key(what), value);
+        write_json(&self.path, &serde_json::to_value(&self.file).map_err(json)?)
     }
+}
 
-    fn key(&self, what: &str) -> String {
-        blake3::hash(format!("{} {what}", self.program).as_bytes()).to_hex()[..32].to_owned()
-    }
+fn key(what: &str) -> String {
+    blake3::hash(what.as_bytes()).to_hex()[..32].to_owned()
 }

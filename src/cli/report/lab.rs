@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use relume::Result;
 use relume::gpu::Context;
-use relume::image::{compare, exr};
+use relume::image::compare;
 use relume::report::{Floors, Method, Picture, Point, SceneReport, Skipped};
 use relume::scene::Scene;
 
 use super::kept::Kept;
-use super::truth::Truth;
+use super::truth::{Truth, read};
 use super::{Args, Extent};
 use crate::cli::options::{Exposure, LightOptions, SceneOptions, Tonemap, ViewOptions, Visibility};
 use crate::cli::progress::Terminal;
@@ -30,6 +30,8 @@ pub struct Lab<'a> {
     pub session: Session,
     /// What all of it depends on.
     pub identity: String,
+    /// A name for that.
+    pub folder: String,
     pub points: Vec<Point>,
     pub skipped: Vec<Skipped>,
 }
@@ -49,16 +51,17 @@ impl<'a> Lab<'a> {
             view.seed,
             context.info.name
         );
+        let hash = blake3::hash(identity.as_bytes()).to_hex();
+        let folder = format!("{}-{}x{}-{}", session.scene.name(), size[0], size[1], &hash[..8]);
         let (dir, device) = (args.output.as_path(), args.device.clone());
         let (points, skipped) = (Vec::new(), Vec::new());
-        Ok(Self { dir, path, extent, kept, view, device, context, session, identity, points, skipped })
+        Ok(Self { dir, path, extent, kept, view, device, context, session, identity, folder, points, skipped })
     }
 
     /// Everything that the report tells of the scene.
     pub fn measure(&mut self) -> Result<SceneReport> {
-        let hash = &blake3::hash(self.identity.as_bytes()).to_hex()[..12];
         let name = self.session.scene.name();
-        let truth_file = self.dir.join("truth").join(format!("{name}-{}-{hash}", self.extent.truth));
+        let truth_file = self.dir.join("truth").join(format!("{}-{}", self.folder, self.extent.truth));
         let truth = Truth::get(&truth_file, &self.session, &self.view, self.extent.truth)?;
         self.curves(&truth)?;
         let pictures = self.pictures(&truth)?;
@@ -100,9 +103,16 @@ impl<'a> Lab<'a> {
             let apart = |p: &Point| (p.frame.cpu / spent).ln().abs();
             traced.min_by(|p, q| apart(p).total_cmp(&apart(q)))
         });
-        for (who, point) in [("Ours", ours), ("Path tracing in about the time of our bake", rival)] {
+        let last = |method: Method| self.points.iter().rfind(|p| p.method == method);
+        let shown = [
+            ("Ours", ours),
+            ("Path tracing in about the time of our bake", rival),
+            ("The thesis's diffuse transfer", last(Method::ThesisDiffuse)),
+            ("The thesis's glossy transfer", last(Method::ThesisGlossy)),
+        ];
+        for (who, point) in shown {
             let Some(point) = point else { continue };
-            let image = exr::read(&self.dir.join(&point.file))?;
+            let image = read(&self.dir.join(&point.file), self.session.size())?;
             let Some(whole) = image.layer("") else { continue };
             let caption = format!("{who}, `{}`", point.setting);
             pictures.push(picture(caption.clone(), compare::displayed(&whole.pixels, exposure)));
@@ -131,7 +141,7 @@ pub fn ours(gather: Option<u32>, rays: u32, error: f64, form: Form) -> TransferO
     TransferOptions { gi, method, gather, rays, basis: None, transfer: form, error, bounces: None }
 }
 
-fn light_options(device: &Option<String>, visibility: Visibility) -> LightOptions {
+pub fn light_options(device: &Option<String>, visibility: Visibility) -> LightOptions {
     LightOptions {
         visibility,
         shadow_size: 1024,
@@ -152,7 +162,7 @@ pub fn fit(size: [u32; 2], side: u32) -> [u32; 2] {
 }
 
 /// Where a picture goes, under the report's folder.
-pub fn picture_file(scene: &str, setting: &str) -> PathBuf {
+pub fn picture_file(folder: &str, setting: &str) -> PathBuf {
     let name = setting.trim_start_matches('-').replace(" --", "-").replace(' ', "-");
-    Path::new("pictures").join(scene).join(format!("{name}.exr"))
+    Path::new("pictures").join(folder).join(format!("{name}.exr"))
 }

@@ -7,10 +7,12 @@ mod lab;
 mod machine;
 mod scaling;
 mod stability;
+mod thesis;
 mod truth;
 
 use std::path::{Path, PathBuf};
 
+use relume::report::thesis::Thesis;
 use relume::report::{self, Report, SceneReport};
 use relume::scene::Scene;
 use relume::{Error, Result};
@@ -57,6 +59,8 @@ pub struct Extent {
     errors: &'static [f64],
     /// Errors that wavelets are to keep.
     wavelets: &'static [f64],
+    /// Longest side of the pictures of the thesis's scenes, in pixels.
+    preview_side: u32,
     /// Numbers of lights to time edits among.
     lights: &'static [usize],
     /// Longest sides of pictures to time edits in, in pixels.
@@ -76,6 +80,7 @@ const QUICK: Extent = Extent {
     rays: &[64, 256, 1024],
     errors: &[0.1, 0.03, 0.01],
     wavelets: &[0.1, 0.03],
+    preview_side: 240,
     lights: &[2, 16, 128],
     sides: &[64, 128, 256],
     frames: 20,
@@ -91,6 +96,7 @@ const FULL: Extent = Extent {
     rays: &[64, 256, 1024, 4096],
     errors: &[0.1, 0.03, 0.01, 0.003],
     wavelets: &[0.3, 0.1, 0.03, 0.01],
+    preview_side: 720,
     lights: &[2, 4, 16, 64, 256, 1024],
     sides: &[128, 256, 512, 1024],
     frames: 60,
@@ -124,6 +130,8 @@ pub fn run(args: &Args) -> Result<()> {
         }
         reports.push(report);
     }
+    // Those are the default scenes' company.
+    let thesis = if args.scenes.is_empty() { thesis::measure_all(args, extent, &mut kept)? } else { Thesis::default() };
     machine.push(["load average at the end".into(), machine::load()]);
     let report = Report {
         when: machine::now(),
@@ -131,6 +139,7 @@ pub fn run(args: &Args) -> Result<()> {
         quick: args.quick,
         machine,
         scenes: reports,
+        thesis,
         growth,
         stability,
         known_limits: known_limits(),
@@ -147,9 +156,8 @@ fn default_scenes(quick: bool) -> Result<Vec<PathBuf>> {
         let reason = "is not here; name scenes, or start from the folder of relume";
         return Err(Error::invalid(missing.display().to_string(), reason));
     }
-    let shared = std::env::var_os("RELUME_SHARED").map_or_else(|| PathBuf::from("../shared"), PathBuf::from);
-    let theirs = ["buddha.glb", "bunny-dragon-2.glb"].map(|name| shared.join("scenes").join(name));
-    scenes.extend(theirs.into_iter().filter(|path| !quick && path.exists()));
+    let theirs = ["buddha", "bunny-dragon-2"].iter().filter(|_| !quick).filter_map(|name| thesis::shared_scene(name));
+    scenes.extend(theirs);
     Ok(scenes)
 }
 

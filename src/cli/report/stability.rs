@@ -1,6 +1,6 @@
 //! Spectral radius and bounces against albedo.
 
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 use relume::Result;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
@@ -108,5 +108,5 @@ fn squares(values: &[DVec3]) -> f64 {
 /// Lambert's reflection of so much light.
 fn matt(albedo: f32) -> Material {
     let base_color = Vec3::splat(albedo).extend(1.0);
-    Material { base_color: Vec4::from(base_color), metallic: 0.0, specular: 0.0, ..Material::default() }
+    Material { base_color, metallic: 0.0, specular: 0.0, ..Material::default() }
 }

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use relume::Result;
 use relume::image::compare::{Pictures, Settings as CompareSettings};
 use relume::image::{Image, exr};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::report::{Errors, Floors};
+use relume::{Error, Result};
 
 use crate::cli::options::ViewOptions;
 use crate::cli::output::make_parent;
@@ -42,6 +42,16 @@ pub fn trace(session: &Session, view: &ViewOptions, samples: u32, seed: u64) -> 
     film
 }
 
+/// A picture of this size that this report wrote, whole and indirect light.
+pub fn read(path: &Path, (width, height): (usize, usize)) -> Result<Image> {
+    let image = exr::read(path)?;
+    let layers = ["", "indirect"].iter().all(|name| image.layer(name).is_some());
+    match (image.width, image.height) == (width, height) && layers {
+        true => Ok(image),
+        false => Err(Error::import(path, "not what this report wrote; remove it to measure anew")),
+    }
+}
+
 /// Both layers of a traced picture.
 pub fn picture(film: &Film) -> Image {
     film.image(Half::Both, &LAYERS)
@@ -63,7 +73,7 @@ impl Truth {
                 exr::write(path, &film.image(half, &LAYERS))?;
             }
         }
-        let [a, b] = paths.map(|path| exr::read(&path));
+        let [a, b] = paths.map(|path| read(&path, (width, height)));
         Ok(Self { width, height, halves: [a?, b?] })
     }
 

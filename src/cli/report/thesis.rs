@@ -1,0 +1,146 @@
+//! Table 5.1 and Figures 5.1 and 5.2 of the thesis: previews beside final pictures, direct light and reflections.
+
+use std::path::{Path, PathBuf};
+
+use relume::image::compare::{Pictures, displayed};
+use relume::image::{Image, exr};
+use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
+use relume::relight;
+use relume::report::Picture;
+use relume::report::thesis::{Preview, Thesis};
+use relume::{Error, Result};
+
+use super::curves::Clock;
+use super::kept::Kept;
+use super::lab::{fit, light_options, picture_file, scene_options};
+use super::{Args, Extent};
+use crate::cli::bench::{edits_of, measure};
+use crate::cli::options::{ViewOptions, Visibility};
+use crate::cli::output::make_parent;
+use crate::cli::progress::Terminal;
+use crate::cli::session::Session;
+
+const SCENES: [&str; 4] = ["balls-2", "balls-16", "bunny-dragon-2", "bunny-dragon-16"];
+/// Of a final picture, all over its pixels; an even number.
+const SAMPLES: u32 = 8;
+
+/// Where the thesis's scenes are, if they are at hand.
+pub fn shared_scene(name: &str) -> Option<PathBuf> {
+    let shared = std::env::var_os("RELUME_SHARED").map_or_else(|| PathBuf::from("../shared"), PathBuf::from);
+    let path = shared.join("scenes").join(name).with_extension("glb");
+    path.exists().then_some(path)
+}
+
+/// Whatever of the thesis's scenes is at hand.
+pub fn measure_all(args: &Args, extent: &Extent, kept: &mut Kept) -> Result<Thesis> {
+    let mut thesis = Thesis::default();
+    for path in SCENES.iter().filter_map(|name| shared_scene(name)) {
+        let (preview, pictures) = one(&path, args, extent, kept)?;
+        thesis.previews.push(preview);
+        thesis.pictures.extend(pictures);
+    }
+    Ok(thesis)
+}
+
+fn one(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<(Preview, Vec<Picture>)> {
+    let size = args.view.size.unwrap_or_else(|| fit([720, 480], extent.preview_side));
+    let view = ViewOptions { size: Some(size), ..args.view.clone() };
+    let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;
+    let name = session.scene.name();
+    let [ours, theirs] = ["preview", "final"]
+        .map(|what| args.output.join(picture_file(&format!("{name}-{}x{}", size[0], size[1]), what)));
+    let what = format!("table 5.1 {:?} {:?} {:?} {}", session.key, session.rig, args.device, extent.frames);
+    let known = kept.get::<Preview>(&what).filter(|_| ours.exists() && theirs.exists());
+    let preview = match known {
+        Some(preview) => preview,
+        None => {
+            let preview = trace_and_time(&session, &view, args, extent, [&ours, &theirs])?;
+            kept.keep(&what, &preview)?;
+            preview
+        }
+    };
+    let [ours, theirs] = [exr::read(&ours)?, exr::read(&theirs)?].map(halved);
+    Ok((preview, pictures(&name, ours, theirs)))
+}
+
+fn trace_and_time(
+    session: &Session,
+    view: &ViewOptions,
+    args: &Args,
+    extent: &Extent,
+    [ours, theirs]: [&Path; 2],
+) -> Result<Preview> {
+    let (width, height) = session.size();
+    let lights = light_options(&args.device, Visibility::Auto);
+    let context = session.context(&lights)?;
+    let mut relighter = session.relighter(&context, &session.rig, &lights)?;
+    make_parent(ours)?;
+    let picture = relighter.linear(relight::Picture::Whole)?.to_vec();
+    exr::write(ours, &Image::single(width, height, picture))?;
+    let moved = edits_of(&session.rig).into_iter().find(|(_, edit)| edit.1 == "move_direct");
+    let (edited, edit) = moved.ok_or_else(|| Error::invalid(session.scene.name(), "has no lights to move"))?;
+    let record = measure(&mut relighter, session, &session.rig, edited, edit, extent.frames)?;
+
+    let settings = Settings {
+        width: width as u32,
+        height: height as u32,
+        layers: view.layers,
+        max_bounces: Some(0),
+        filter: Filter::Box,
+        bounce_layers: 0,
+        light_layers: false,
+        seed: view.seed,
+    };
+    let clock = Clock::start();
+    let tracer = PathTracer::new(&session.scene, &session.bvh, &session.camera, &session.rig, &settings);
+    let film = tracer.trace(SAMPLES / 2, &|| false, &|_| ());
+    let final_picture = clock.seconds();
+    exr::write(theirs, &film.image(Half::Both, &[Layer::Beauty]))?;
+    Ok(Preview {
+        scene: session.scene.name(),
+        triangles: session.scene.mesh.triangles.len(),
+        lights: session.rig.lights.len(),
+        size: [width as u32, height as u32],
+        preview_ms: record.median_ms,
+        final_picture,
+    })
+}
+
+/// Preview, final picture and their difference times 2.
+fn pictures(name: &str, ours: Image, theirs: Image) -> Vec<Picture> {
+    let (width, height) = (ours.width, ours.height);
+    let [Some(image), Some(reference)] = [ours, theirs].map(|image| image.layers.into_iter().next().map(|l| l.pixels))
+    else {
+        return Vec::new();
+    };
+    let sum: f64 = reference.iter().flatten().map(|&v| f64::from(v)).sum();
+    let exposure = if sum > 0.0 { 0.5 * (3 * reference.len()) as f64 / sum } else { 1.0 };
+    let picture = |caption: String, pixels| Picture { caption, width, height, pixels };
+    let shown = [
+        picture(format!("{name}: relit"), displayed(&image, exposure)),
+        picture(format!("{name}: final, {SAMPLES} samples a pixel"), displayed(&reference, exposure)),
+    ];
+    let both = Pictures { width, height, image, reference, second: None, mask: None };
+    let map = both.difference_map(1, (2.0 * exposure) as f32);
+    shown.into_iter().chain([picture(format!("{name}: difference, times 2"), map)]).collect()
+}
+
+/// Means of 2x2 pixels where a picture is larger than the page shows it.
+fn halved(image: Image) -> Image {
+    const SHOWN: usize = 400;
+    if image.width <= SHOWN {
+        return image;
+    }
+    let (width, height) = (image.width / 2, image.height / 2);
+    let mut small = Image { width, height, layers: Vec::new() };
+    for layer in image.layers {
+        let at = |x: usize, y: usize| layer.pixels[y * image.width + x];
+        let mean = |x: usize, y: usize| {
+            let four = [at(2 * x, 2 * y), at(2 * x + 1, 2 * y), at(2 * x, 2 * y + 1), at(2 * x + 1, 2 * y + 1)];
+            [0, 1, 2].map(|c| four.iter().map(|p| p[c]).sum::<f32>() / 4.0)
+        };
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        small.push_layer(layer.name, pixels);
+    }
+    small
+}

@@ -1,0 +1,166 @@
+//! The thesis's Tables 5.1 and 5.2 with today's columns [Yang 2007, Chapter 5].
+
+use serde::{Deserialize, Serialize};
+
+use super::conclusions::curve;
+use super::table::{Table, escaped, number, optional, significant};
+use super::{Method, Picture, SceneReport, Seconds};
+
+/// A row of Table 5.1: a preview beside a final picture, direct light and reflections.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Preview {
+    pub scene: String,
+    pub triangles: usize,
+    pub lights: usize,
+    pub size: [u32; 2],
+    /// The picture after a light has moved, median.
+    pub preview_ms: f64,
+    /// Our path tracer, 8 samples a pixel all over it, as the thesis had them in Blender.
+    pub final_picture: Seconds,
+}
+
+/// What the thesis prints of a scene with so many lights: a preview's milliseconds, a final picture's seconds (Blender, a
+/// Pentium 4 at 3.4 GHz with a GeForce 8800 GTX).
+const PRINTED: [(&str, usize, &str, f64); 4] = [
+    ("balls", 2, "2 to 3", 18.39),
+    ("balls", 16, "2 to 3", 75.92),
+    ("bunny-dragon", 2, "2 to 4", 107.20),
+    ("bunny-dragon", 16, "2 to 4", 340.16),
+];
+
+/// Table 5.2, seconds for a picture of 512x512 on an Athlon 64 X2: path tracing with 1,024 samples a pixel, diffuse and
+/// glossy transfer from 2,304 gather samples.
+const PRINTED_TRANSFERS: [(&str, [f64; 3]); 2] =
+    [("cornell", [5321.0, 1001.0, 2494.0]), ("buddha", [4700.0, 913.0, 2308.0])];
+const PRINTED_PIXELS: f64 = 512.0 * 512.0;
+const PRINTED_SAMPLES: f64 = 1024.0;
+
+/// Pictures of Figures 5.1 and 5.2, and the rows of Table 5.1.
+#[derive(Default)]
+pub struct Thesis {
+    pub previews: Vec<Preview>,
+    pub pictures: Vec<Picture>,
+}
+
+impl Preview {
+    fn printed(&self) -> Option<&(&str, usize, &str, f64)> {
+        PRINTED.iter().find(|(scene, lights, ..)| self.scene.starts_with(scene) && self.lights == *lights)
+    }
+}
+
+pub(super) fn previews(rows: &[Preview]) -> Table {
+    let columns = [
+        "scene",
+        "triangles",
+        "lights",
+        "width",
+        "height",
+        "thesis_preview_ms",
+        "preview_ms",
+        "thesis_final_s",
+        "final_cpu_s",
+        "final_wall_s",
+    ];
+    let mut table = Table::new("table-5.1.csv", &columns);
+    for row in rows {
+        let counts = [row.triangles, row.lights, row.size[0] as usize, row.size[1] as usize].map(|c| c.to_string());
+        let printed = row.printed();
+        let times = [
+            printed.map_or_else(String::new, |p| p.2.into()),
+            number(row.preview_ms),
+            optional(printed.map(|p| p.3)),
+            number(row.final_picture.cpu),
+            number(row.final_picture.wall),
+        ];
+        table.push(std::iter::once(row.scene.clone()).chain(counts).chain(times));
+    }
+    table
+}
+
+/// Whatever of Table 5.2 the scenes' curves hold.
+pub(super) fn transfers(scenes: &[SceneReport]) -> Table {
+    let columns = [
+        "scene",
+        "method",
+        "thesis_s",
+        "setting",
+        "measured_cpu_s",
+        "width",
+        "height",
+        "scaled_to_512x512_cpu_s",
+        "indirect_rel_rmse",
+    ];
+    let mut table = Table::new("table-5.2.csv", &columns);
+    for scene in scenes {
+        let Some((_, printed)) = PRINTED_TRANSFERS.iter().find(|(name, _)| scene.name.starts_with(name)) else {
+            continue;
+        };
+        let pixels = f64::from(scene.size[0]) * f64::from(scene.size[1]);
+        let rows = [
+            (Method::PathTracing, Some(printed[0])),
+            (Method::ThesisDiffuse, Some(printed[1])),
+            (Method::ThesisGlossy, Some(printed[2])),
+            (Method::Compressed, None),
+        ];
+        for (method, printed) in rows {
+            let all = curve(scene, method);
+            let Some(point) = all.iter().rfind(|p| p.setting.contains("--gather 2304")).or(all.last()) else {
+                continue;
+            };
+            let cpu = point.precompute.cpu + point.frame.cpu;
+            let samples = point.setting.strip_prefix("--spp ").and_then(|n| n.parse::<f64>().ok());
+            let scaled = cpu * PRINTED_PIXELS / pixels * samples.map_or(1.0, |n| PRINTED_SAMPLES / n);
+            let head = [scene.name.clone(), method.id().into(), optional(printed), point.setting.clone(), number(cpu)];
+            let size = scene.size.map(|side| side.to_string());
+            table.push(head.into_iter().chain(size).chain([number(scaled), number(point.errors.indirect)]));
+        }
+    }
+    table
+}
+
+fn sentences(rows: &[Preview]) -> Vec<String> {
+    let of_row = |row: &Preview| {
+        let ratio = row.final_picture.wall * 1e3 / row.preview_ms;
+        format!(
+            "{}: after an edit the picture is there in {} ms; a final one takes {} s on the same machine, {} times as long.",
+            row.scene,
+            significant(row.preview_ms),
+            significant(row.final_picture.wall),
+            significant(ratio)
+        )
+    };
+    let pairs = rows.iter().filter(|row| row.lights == 2).filter_map(|two| {
+        let name = two.scene.trim_end_matches("-2");
+        Some((name, two, rows.iter().find(|row| row.lights == 16 && row.scene.trim_end_matches("-16") == name)?))
+    });
+    let more_lights = pairs.map(|(name, two, sixteen)| {
+        format!(
+            "{name}: among 16 lights a preview takes {} times as long as among 2, a final picture {} times (CPU time).",
+            significant(sixteen.preview_ms / two.preview_ms),
+            significant(sixteen.final_picture.cpu / two.final_picture.cpu)
+        )
+    });
+    rows.iter().map(of_row).chain(more_lights).collect()
+}
+
+/// A part of the page without its pictures; empty without measurements.
+pub(super) fn html(thesis: &Thesis, scenes: &[SceneReport]) -> String {
+    let mut html = String::new();
+    if !thesis.previews.is_empty() {
+        let items: String = sentences(&thesis.previews).iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
+        html += &format!(
+            "<h3>Table 5.1: direct light and reflections</h3>\n<ul>{items}</ul>\n{}",
+            previews(&thesis.previews).html()
+        );
+    }
+    let transfers = transfers(scenes);
+    if !transfers.is_empty() {
+        html += &format!(
+            "<h3>Table 5.2: indirect light</h3>\n<p>From the curves above: CPU seconds with bake, scaled to 512×512 pixels and, \
+             for path tracing, to 1,024 samples a pixel, in proportion; the thesis's seconds are those of an Athlon 64 X2 at 2.2 \
+             GHz.</p>\n{}",
+            transfers.html()
+        );
+    }
+    if html.is_empty() { html } else { format!("<h2 id=thesis>Beside the thesis</h2>\n{html}") }
+}
