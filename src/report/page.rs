@@ -57,9 +57,9 @@ const METHOD: &str = "<h2 id=method>How it was measured</h2>\n\
     framebuffer. Every squared error is taken as (x - a)(x - b) of both halves, so that their noise cancels but for the floor \
     that is drawn; FLIP is against their mean, whose noise nothing cancels, and the line is FLIP of one half against the \
     other. Relative errors are those of indirect light alone, since direct light and reflections are the same for all \
-    methods; FLIP sees the whole picture. Shadows are traced. \
-    To the first picture: BVH, deep framebuffer, all of the bake, upload, one frame. A picture after an edit: a light has \
-    moved. For path tracing that is the whole picture again.</p>\n";
+    methods; FLIP sees the whole picture. Shadows are traced. To the first picture: BVH, deep framebuffer, all of the bake, \
+    upload, one frame; not the tables of BRDFs that all scenes share, which are made before. A picture after an edit: a light \
+    has moved. For path tracing that is the whole picture again.</p>\n";
 
 fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
     let [width, height] = scene.size;

@@ -76,7 +76,7 @@ const QUICK: Extent = Extent {
     truth: 512,
     samples: &[2, 8, 32, 128],
     thesis: &[144, 576],
-    gather: &[144, 576, 2304],
+    gather: &[64, 256, 1024],
     rays: &[64, 256, 1024],
     errors: &[0.1, 0.03, 0.01],
     wavelets: &[0.1, 0.03],

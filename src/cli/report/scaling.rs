@@ -42,7 +42,7 @@ impl Lab<'_> {
     }
 
     fn against_pixels(&self) -> Result<Growth> {
-        let mut bake = cost("deep framebuffer, CPU time", 1.0);
+        let mut bake = cost("deep framebuffer, baked", 1.0);
         let mut costs = EDITS.map(|(_, name)| cost(name, 1.0));
         let own = self.session.scene.image_size.unwrap_or([720, 480]);
         let large = own.map(|side| side * 16);
@@ -51,7 +51,8 @@ impl Lab<'_> {
             let session = Session::open_direct(self.path, None, &scene_options(&view, None), &Terminal::default())?;
             let pixels = (session.size().0 * session.size().1) as f64;
             let rig = light_like_scene(&session, 2, view.seed);
-            bake.points.push([pixels, 1e3 * session.bake.cpu_seconds]);
+            let baked = session.bake.stages.iter().filter(|stage| stage.name == "deep framebuffer");
+            bake.points.push([pixels, 1e3 * baked.map(|stage| stage.seconds).sum::<f64>()]);
             self.time(&session, &rig, pixels, &mut costs)?;
         }
         Ok(self.growth("pixels", costs.into_iter().chain([bake]).collect()))
