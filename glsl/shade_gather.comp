@@ -56,6 +56,13 @@ vec3 radial(Brdf brdf, Lookup at, uint i) {
     return value;
 }
 
+// What a perfect mirror reflects: `brdf::mirror`.
+vec3 mirror(Brdf brdf, float cosine) {
+    float x = 1.0 - clamp(cosine, 0.0, 1.0);
+    float x2 = x * x;
+    return brdf.alpha > 0.0 ? vec3(0.0) : mix(brdf.f0, vec3(brdf.f90), x2 * x2 * x);
+}
+
 // Turned half round the unit axis.
 vec3 half_turn(vec3 axis, vec3 v) {
     return 2.0 * dot(axis, v) * axis - v;
@@ -93,7 +100,8 @@ void main() {
         irradiance *= cosine * float(byte) / (255.0 * float(push.points_per_sample));
         at.column = place(sqrt(min(cosine, 1.0)), TABLE_COSINES, at.along);
         vec3 lowest = radial(s.brdf, at, 0);
-        vec3 light = irradiance * min(vec3(ALBEDO_CAP) / max(lowest * sqrt(PI), vec3(1e-6)), vec3(1.0));
+        vec3 cap = max(vec3(ALBEDO_CAP) - mirror(s.brdf, cosine), vec3(0.0));
+        vec3 light = irradiance * min(cap / max(lowest * sqrt(PI), vec3(1e-6)), vec3(1.0));
         first += light * lowest;
         if (DEGREES < 2 || s.degrees < 2) {
             continue;

@@ -55,8 +55,9 @@ gpu_shared! {
     }
 
     floats {
-        /// What of the light from any direction a gather sample reflects at most: glTF's BRDF exceeds 1 near grazing.
-        pub const ALBEDO_CAP: f32 = 0.999;
+        /// What of the light from any direction a gather sample reflects at most: glTF's BRDF exceeds 1 near grazing. As near
+        /// to 1 as single precision still tells how far from it, to a thousandth.
+        pub const ALBEDO_CAP: f32 = 0.9999;
     }
 
     structs {
@@ -407,6 +408,22 @@ gpu_shared! {
             pub plane_length: u32,
             /// 1: add to what is there.
             pub accumulate: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
+        }
+
+        /// count_non_finite.comp
+        pub push CountNonFinitePush {
+            /// Planes R, G, B, as bits.
+            pub values: Read<u32>,
+            /// One count a pass that is looked after.
+            pub counts: Write<u32>,
+            /// Floats a plane that count.
+            pub plane_length: u32,
+            /// Floats from one plane to the next.
+            pub plane_stride: u32,
+            /// Which count.
+            pub slot: u32,
             /// Keeps the size a multiple of eight.
             pub unused: u32,
         }

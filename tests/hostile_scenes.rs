@@ -601,8 +601,12 @@ fn export_of_a_file_that_has_changed_since() {
     assert!(!folder.path().join("out.glb").exists());
 }
 
+fn cases() -> u32 {
+    if std::env::var_os("RELUME_FULL").is_some() { 10_000 } else { 2_000 }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(), ..ProptestConfig::default() })]
 
     /// Loads or refuses; what loads can be exported or is refused.
     #[test]

@@ -5,7 +5,7 @@ mod common;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use common::stage::{Build, lambert, look, mirror};
+use common::stage::{Build, ball, lambert, look, mirror};
 use common::{assert_near, drawn, not_run, shared};
 use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::svd::Terms;
@@ -303,34 +303,6 @@ fn room(wall: Material, others: Material) -> Scene {
     build.scene()
 }
 
-/// A ball of flat triangles, seen from inside: the walls of a room cut up and blown up.
-fn ball(material: Material) -> Scene {
-    let mut walls = Build::default();
-    let material = walls.material(material);
-    walls.room(DVec3::ZERO, 1.0, material);
-    let mut build = Build { quads: Vec::new(), ..walls.clone() };
-    let cuts = 12;
-    // Even angles rather than even lengths.
-    let along = |i: usize| 0.5 + 0.5 * ((i as f64 / cuts as f64 - 0.5) * PI / 2.0).tan();
-    for (corners, _) in &walls.quads {
-        let at = |i: usize, j: usize| {
-            let (low, high) = (corners[0].lerp(corners[1], along(i)), corners[3].lerp(corners[2], along(i)));
-            low.lerp(high, along(j)).normalize()
-        };
-        for (i, j) in (0..cuts).flat_map(|i| (0..cuts).map(move |j| (i, j))) {
-            build.quads.push(([at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)], material));
-        }
-    }
-    let mut scene = build.scene();
-    // Quads are not quite flat: each triangle gets its own corners and normal.
-    let mesh = &mut scene.mesh;
-    let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
-    mesh.normals = corners.iter().flat_map(|[a, b, c]| [(b - a).cross(c - a).normalize(); 3]).collect();
-    mesh.triangles = (0..corners.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
-    mesh.positions = corners.into_flattened();
-    scene
-}
-
 impl Stage {
     /// A scene made in code, seen from its middle.
     fn inside(scene: Scene) -> Self {
@@ -364,7 +336,7 @@ fn closed_rooms_keep_all_energy() {
     let center = |scene: &Scene| scene.origin;
     for albedo in [0.1, 0.5, 0.9, 0.99, 0.999f32] {
         let grey = || lambert(Vec3::new(albedo, 0.5 * albedo, 0.0));
-        for (what, scene) in [("box", room(grey(), grey())), ("ball", ball(grey()))] {
+        for (what, scene) in [("box", room(grey(), grey())), ("ball", ball(12, grey()))] {
             let stage = Stage::inside(scene);
             let transfer = stage.transfer(&settings(1536, 256));
             let radius = transfer.certificate.spectral_radius;

@@ -231,8 +231,7 @@ pub fn plan<'a>(passes: &Passes, template: &Template, rigs: &[(String, &'a Rig)]
 #[derive(Default)]
 pub struct Written {
     pub files: Vec<PathBuf>,
-    /// Values in the beauty that are NaN or infinite.
-    pub non_finite: usize,
+    /// Values of the beauty below 0.
     pub negative: usize,
     /// When passes ran: one list for each picture.
     pub frames: Vec<Vec<PassTime>>,
@@ -245,6 +244,15 @@ pub struct Relighters {
 }
 
 impl Relighters {
+    /// By pass, how many of the values that it left were infinite or not a number, in all pictures.
+    pub fn non_finite(&self) -> Vec<(&'static str, u32)> {
+        let mut counts = self.whole.non_finite();
+        if let Some(glossy) = &self.glossy {
+            counts.iter_mut().zip(glossy.non_finite()).for_each(|(sum, (_, count))| sum.1 += count);
+        }
+        counts
+    }
+
     fn of(&mut self, pass: &PassKind) -> &mut Relighter {
         match (pass, &mut self.glossy) {
             (PassKind::IndirectGlossy, Some(glossy)) => glossy,
@@ -264,7 +272,6 @@ pub fn write(
     relighters.whole.set_rig(job.rig)?;
     relighters.glossy.as_mut().map_or(Ok(()), |glossy| glossy.set_rig(job.rig))?;
     let beauty = linear(relighters, &PassKind::Beauty, written)?;
-    written.non_finite += beauty.iter().flatten().filter(|v| !v.is_finite()).count();
     written.negative += beauty.iter().flatten().filter(|v| **v < 0.0).count();
     let stops = match *exposure {
         Exposure::Stops(stops) => stops,

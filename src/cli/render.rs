@@ -61,9 +61,11 @@ pub fn run(args: &Args) -> Result<()> {
     let jobs = output::plan(&args.passes, &template, &rigs, has)?;
 
     let context = session.context(&args.light_options)?;
-    let whole = session.relighter(&context, &first, &args.light_options)?;
+    let mut whole = session.relighter(&context, &first, &args.light_options)?;
+    whole.watch()?;
     let glossy = jobs.iter().any(|job| job.shows(&PassKind::IndirectGlossy));
-    let glossy = glossy.then(|| session.glossy_relighter(&context, &first, &args.light_options)).transpose()?;
+    let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &args.light_options)).transpose()?;
+    glossy.as_mut().map_or(Ok(()), |glossy| glossy.watch())?;
     let mut relighters = Relighters { whole, glossy };
     let mut exposure = args.light_options.exposure;
     let mut written = Written::default();
@@ -73,11 +75,11 @@ pub fn run(args: &Args) -> Result<()> {
     for file in &written.files {
         tracing::info!("wrote {}", file.display());
     }
-    if written.non_finite > 0 {
-        tracing::warn!("{} values are not finite", written.non_finite);
+    for (pass, count) in relighters.non_finite().into_iter().filter(|(_, count)| *count > 0) {
+        tracing::warn!("{count} values that the pass {pass:?} left are not finite");
     }
     if let Some(path) = &args.stats {
-        output::write_json(path, &stats::figures(&session, &relighters.whole, &written))?;
+        output::write_json(path, &stats::figures(&session, &relighters, &written))?;
     }
     if let Some(path) = &args.trace {
         output::write_json(path, &stats::trace(&session.bake, &written.frames))?;

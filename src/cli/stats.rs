@@ -1,17 +1,20 @@
 //! `--stats` and `--trace`: figures of a run for other programs.
 
+use std::collections::BTreeMap;
+
 use relume::bake::Baked;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::gpu::{PassTime, Site};
-use relume::relight::Relighter;
 use serde_json::{Value, json};
 
-use super::output::Written;
+use super::output::{Relighters, Written};
 use super::plan::left_out;
 use super::session::{BakeReport, Session, peak_bytes};
 
 /// What `--stats` tells; what this version does not compute is null. `frame` is the first picture, all lights new.
-pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> Value {
+pub fn figures(session: &Session, relighters: &Relighters, written: &Written) -> Value {
+    let relighter = &relighters.whole;
+    let non_finite = relighters.non_finite();
     let info = &relighter.context().info;
     let baked = &session.baked;
     let memory: Vec<Value> = relighter
@@ -42,7 +45,8 @@ pub fn figures(session: &Session, relighter: &Relighter, written: &Written) -> V
         "samples": { "view": baked.samples.len(), "gather": transfer.map_or(0, BakedTransfer::sample_count), "layers": session.layers() },
         "transfer": figures_of_transfer(baked),
         "frame": frame(written.frames.first().map_or(&[], Vec::as_slice)),
-        "non_finite": written.non_finite,
+        "non_finite": non_finite.iter().map(|(_, count)| count).sum::<u32>(),
+        "non_finite_passes": non_finite.into_iter().collect::<BTreeMap<_, _>>(),
         "negative": written.negative,
         "memory": memory,
         "left_out": left_out(session, relighter.traces(), transfer.is_some()),

@@ -256,6 +256,13 @@ impl TransferPlan {
                 progress.begin("bounces", settings.coarse_samples.min(settings.samples));
                 let transfer = report.stage("bounces", || Transfer::new(scene, bvh, baked, settings, &advance));
                 progress.end();
+                let radius = transfer.certificate.spectral_radius;
+                if radius > HARDLY_ABSORBED {
+                    tracing::warn!(
+                        "hardly any light is absorbed here: of its bounces each leaves up to {radius:.5}, {:.3} % were taken away",
+                        100.0 * transfer.certificate.capped
+                    );
+                }
                 if *stored == Stored::Dense {
                     check_dense(baked, transfer.column_count(), scene)?;
                 }
@@ -291,6 +298,9 @@ impl TransferPlan {
         }
     }
 }
+
+/// Spectral radius from which light bounces some thousand times: a thousandth more or less reflected halves or doubles it.
+const HARDLY_ABSORBED: f64 = 0.999;
 
 /// Rays of rows gathered anew, for each of the operator's own.
 const RAYS_ANEW: u32 = 8;

@@ -32,6 +32,7 @@ embedded![
     "resolve.comp",
     "sum_images.comp",
     "composite.comp",
+    "count_non_finite.comp",
     "fit.comp",
     "yardstick.comp",
     "shadow.vert",

@@ -11,6 +11,7 @@ mod passes;
 mod shadow_map;
 mod sparse;
 mod visibility;
+mod watch;
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -25,6 +26,7 @@ use self::passes::Parts;
 use self::shadow_map::ShadowMaps;
 use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
+use self::watch::Watch;
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
 use crate::bake::transfer::baked::BakedTransfer;
@@ -117,6 +119,7 @@ pub struct Relighter {
     outputs: Outputs,
     tone_map: ToneMap,
     layers: Layers,
+    watch: Option<Watch>,
     /// What the last frame showed, and how.
     shown: Option<(Output, Vec<Term>)>,
     /// Times of the frames that the last call took.
@@ -171,6 +174,7 @@ impl Relighter {
             outputs: Outputs::new(context, baked.tiling.width as usize * baked.tiling.height as usize),
             tone_map: settings.tone_map,
             layers: Layers::All,
+            watch: None,
             shown: None,
             times: Vec::new(),
             context: context.clone(),
@@ -232,6 +236,17 @@ impl Relighter {
             self.layers = layers;
             self.cache.invalidate(layers == Layers::All && self.gpu.emission.is_some());
         }
+    }
+
+    /// From now on counts the values that passes leave infinite or not a number; see [`Self::non_finite`].
+    pub fn watch(&mut self) -> Result<()> {
+        self.watch = Some(Watch::new(&self.context)?);
+        Ok(())
+    }
+
+    /// By pass, how many values were infinite or not a number; of none where nobody watches.
+    pub fn non_finite(&self) -> Vec<(&'static str, u32)> {
+        self.watch.as_ref().map_or_else(Vec::new, Watch::counts)
     }
 
     /// Chooses the curve from scene-linear to display from now on.
@@ -309,6 +324,7 @@ impl Relighter {
             kernels: &self.kernels,
             rig: self.cache.rig(),
             layers: self.layers,
+            watch: self.watch.as_ref(),
         };
         let mut steps = plan.steps.iter().peekable();
         loop {

@@ -8,6 +8,7 @@ use super::light_cache::{Source, Term};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
 use super::visibility::{Visibility, VisibilityBuffers, trace};
+use super::watch::{self, Watch, Watched};
 use super::{Kernels, Layers};
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
@@ -32,12 +33,14 @@ pub struct Parts<'a> {
     pub kernels: &'a Kernels,
     pub rig: &'a Rig,
     pub layers: Layers,
+    pub watch: Option<&'a Watch>,
 }
 
 impl Parts<'_> {
     /// Passes that a step takes at most.
     pub fn passes_a_step(&self) -> usize {
-        PASSES_A_LIGHT + self.indirect.map_or(0, Indirect::pass_count)
+        let counts = self.watch.map_or(0, |_| watch::PASSES_A_STEP);
+        PASSES_A_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
     }
 
     /// What view samples and gather samples see of a light; unchanged where only indirect light is shown.
@@ -103,10 +106,18 @@ impl Parts<'_> {
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
+        let count = |frame: &mut Frame, watched: Watched| {
+            let Some(watch) = self.watch else { return };
+            watch.planes(frame, watched, image, pixel_stride, pixel_stride);
+            let extras = self.baked.extra_samples.len() as u32;
+            watch.planes(frame, watched, self.extras, extras, extra_stride);
+        };
+        count(frame, Watched::ShadeLight);
 
         if let Some(indirect) = self.indirect {
             let target = Target { image, extras: self.extras, pixel_stride, extra_stride };
             indirect.add(frame, &packed, &seen.gather_points, &target);
+            count(frame, Watched::Transfer);
         }
 
         if self.gpu.extra_pixels.is_empty() {
@@ -125,6 +136,9 @@ impl Parts<'_> {
             layers: self.layers.mask(),
         };
         pass.dispatch(&self.kernels.resolve, &push, push.pixel_count);
+        if let Some(watch) = self.watch {
+            watch.planes(frame, Watched::Resolve, image, pixel_stride, pixel_stride);
+        }
     }
 
     fn image(&self, source: Source) -> &Buffer<Vec4> {
@@ -147,6 +161,10 @@ impl Parts<'_> {
             unused: 0,
         };
         pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);
+        if let Some(watch) = self.watch {
+            let pixel_stride = self.baked.pixel_stride() as u32;
+            watch.planes(frame, Watched::SumLights, self.image(target), pixel_stride, pixel_stride);
+        }
     }
 
     /// Sums images into pixels, exposed and tone-mapped.
@@ -163,6 +181,10 @@ impl Parts<'_> {
             blue_first: u32::from(matches!(output, Output::Screen { blue_first: true, .. })),
         };
         pass.dispatch(outputs.kernel(output), &push, push.pixel_stride);
+        if let Some(watch) = self.watch.filter(|_| output == Output::Linear) {
+            let pixels = push.width * push.height;
+            watch.planes(frame, Watched::Composite, outputs.pixels(output), pixels, pixels);
+        }
     }
 
     fn read_terms(&self, pass: &mut Pass, terms: &[Term]) -> [SumTerm; MAX_TERMS as usize] {

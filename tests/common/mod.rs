@@ -93,6 +93,11 @@ pub fn not_run(why: &str) {
     println!("not run: {}: {why}", std::thread::current().name().unwrap_or("?"));
 }
 
+/// How many damaged files an importer is given.
+pub fn mutants() -> usize {
+    if std::env::var_os("RELUME_FULL").is_some() { 10_000 } else { 500 }
+}
+
 /// A scene of this repository.
 pub fn shipped(name: &str) -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes")).join(name)

@@ -1,5 +1,6 @@
 //! Scenes made in code, and the whole way from a scene to its pictures.
 
+use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3, Vec4};
@@ -65,6 +66,33 @@ impl Build {
         }
         scene
     }
+}
+
+/// A ball of flat triangles, seen from inside: the walls of a room cut up `cuts` times each way and blown up.
+pub fn ball(cuts: usize, material: Material) -> Scene {
+    let mut walls = Build::default();
+    let material = walls.material(material);
+    walls.room(DVec3::ZERO, 1.0, material);
+    let mut build = Build { quads: Vec::new(), ..walls.clone() };
+    // Even angles rather than even lengths.
+    let along = |i: usize| 0.5 + 0.5 * ((i as f64 / cuts as f64 - 0.5) * FRAC_PI_2).tan();
+    for (corners, _) in &walls.quads {
+        let at = |i: usize, j: usize| {
+            let (low, high) = (corners[0].lerp(corners[1], along(i)), corners[3].lerp(corners[2], along(i)));
+            low.lerp(high, along(j)).normalize()
+        };
+        for (i, j) in (0..cuts).flat_map(|i| (0..cuts).map(move |j| (i, j))) {
+            build.quads.push(([at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)], material));
+        }
+    }
+    let mut scene = build.scene();
+    // Quads are not quite flat: each triangle gets its own corners and normal.
+    let mesh = &mut scene.mesh;
+    let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
+    mesh.normals = corners.iter().flat_map(|[a, b, c]| [(b - a).cross(c - a).normalize(); 3]).collect();
+    mesh.triangles = (0..corners.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    mesh.positions = corners.into_flattened();
+    scene
 }
 
 /// Pure Lambert: `KHR_materials_specular` with a factor of 0.

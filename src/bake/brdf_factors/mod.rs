@@ -14,7 +14,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use self::harmonics::{DEGREES, Harmonics, MAX_FUNCTIONS, RADIAL_COUNT, RADIALS, azimuths, radials_of, spread};
-use crate::brdf::Lobes;
+use crate::brdf::{self, Lobes};
 use crate::shared::{Brdf, TABLE_COSINES, TABLE_ROUGHNESSES};
 
 pub use crate::shared::ALBEDO_CAP;
@@ -71,11 +71,11 @@ impl Projection {
 
     /// k_i of `brdf` for light from the unit direction `wi` of the local frame, above the horizon: what the first
     /// `values.len()` functions get of irradiance 1 at normal incidence to the light, cosine not included. Capped, so
-    /// that no more than [`ALBEDO_CAP`] of the light is reflected in any channel.
+    /// that no more than [`ALBEDO_CAP`] of the light is reflected in any channel, a perfect mirror's image included.
     pub fn project(&self, brdf: &Brdf, wi: Vec3, values: &mut [Vec3]) {
         let radials = self.radials(brdf, wi.z, radials_of(values.len()));
         let albedo = radials[0] * PI.sqrt() as f32;
-        let cap = (Vec3::splat(ALBEDO_CAP) / albedo.max(Vec3::splat(1e-6))).min(Vec3::ONE);
+        let cap = (left_by_mirror(brdf, wi.z, ALBEDO_CAP) / albedo.max(Vec3::splat(1e-6))).min(Vec3::ONE);
         spread(values, |i| radials[i] * cap, azimuths(wi.x, wi.y));
     }
 
@@ -84,11 +84,14 @@ impl Projection {
         self.radials(brdf, cosine, 1)[0] * PI.sqrt() as f32
     }
 
-    /// The mean of [`Self::albedo`] under even light from everywhere, capped or not.
+    /// The mean of [`Self::albedo`] under even light from everywhere, where with a mirror's image it is at most `cap`.
     pub fn hemispherical_albedo(&self, brdf: &Brdf, cap: f32) -> Vec3 {
         let steps = 256;
         let cosine = |i: usize| (i as f32 + 0.5) / steps as f32;
-        let at = |i: usize| self.albedo(brdf, cosine(i)).min(Vec3::splat(cap)) * (2.0 * cosine(i) / steps as f32);
+        let at = |i: usize| {
+            let z = cosine(i);
+            self.albedo(brdf, z).min(left_by_mirror(brdf, z, cap)) * (2.0 * z / steps as f32)
+        };
         (0..steps).map(at).sum()
     }
 
@@ -146,6 +149,11 @@ impl Projection {
         }
         radials
     }
+}
+
+/// What of `cap` a perfect mirror's image leaves for the rest of the BRDF.
+fn left_by_mirror(brdf: &Brdf, cosine: f32, cap: f32) -> Vec3 {
+    (Vec3::splat(cap) - brdf::mirror(brdf, cosine.into()).as_vec3()).max(Vec3::ZERO)
 }
 
 /// Where a BRDF's roughness lies between the first row of the tables and the last, 0 to 1.
@@ -258,11 +266,14 @@ mod tests {
     fn no_more_light_leaves_than_the_cap_allows() {
         let brdf = brdf(1.0, 0.3, 0.04, false);
         assert!(Projection::get().albedo(&brdf, 0.087).x > 1.2, "glTF's BRDF exceeds 1 at 85 degrees");
-        let mut values = [Vec3::ZERO; 1];
-        for i in 1..=1000 {
-            let z = i as f32 / 1000.0;
-            Projection::get().project(&brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), &mut values);
-            assert!(values[0].max_element() * PI.sqrt() as f32 <= ALBEDO_CAP + 1e-6);
+        for brdf in [brdf, Brdf { alpha: 0.0, ..brdf }] {
+            let mut values = [Vec3::ZERO; 1];
+            for i in 1..=1000 {
+                let z = i as f32 / 1000.0;
+                Projection::get().project(&brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), &mut values);
+                let mirrored = brdf::mirror(&brdf, z.into()).max_element() as f32;
+                assert!(values[0].max_element() * PI.sqrt() as f32 + mirrored <= ALBEDO_CAP.max(mirrored) + 1e-6);
+            }
         }
     }
 }

@@ -227,26 +227,34 @@ pub fn carries_light(surface: &SurfacePoint) -> bool {
     surface.emission != Vec3::ZERO || held(&surface.brdf).reflects_directly()
 }
 
-/// What a gather sample holds of a BRDF: a lobe so narrow that rays go on through it is not in it.
+/// What a gather sample holds of a BRDF: a lobe so narrow that rays go on through it is a perfect mirror's.
 pub fn held(brdf: &Brdf) -> Brdf {
-    if brdf.alpha >= NEAR_MIRROR_ALPHA { *brdf } else { Brdf { alpha: 0.0, f0: Vec3::ZERO, f90: 0.0, ..*brdf } }
+    if brdf.alpha >= NEAR_MIRROR_ALPHA { *brdf } else { Brdf { alpha: 0.0, ..*brdf } }
 }
 
-/// The mean of BRDFs: of every reflectance, and of roughness over those that have a lobe.
+/// The mean of BRDFs: of every reflectance, and of roughness over those that have a lobe. Among these mirrors reflect
+/// diffusely alone.
 pub fn average<'a>(brdfs: impl Iterator<Item = &'a Brdf>, count: usize) -> Brdf {
     let mut sum =
         Brdf { diffuse: Vec3::ZERO, alpha: 0.0, f0: Vec3::ZERO, f90: 0.0, dielectric_f0: 0.0, dielectric_f90: 0.0 };
     let (mut roughness, mut lobes) = (0.0, 0);
+    let mut mirrors = (Vec3::ZERO, 0.0);
     for brdf in brdfs.map(held) {
         sum.diffuse += brdf.diffuse;
-        sum.f0 += brdf.f0;
-        sum.f90 += brdf.f90;
         sum.dielectric_f0 += brdf.dielectric_f0;
         sum.dielectric_f90 += brdf.dielectric_f90;
         if brdf.has_lobe() {
+            sum.f0 += brdf.f0;
+            sum.f90 += brdf.f90;
             roughness += brdf.alpha.sqrt();
             lobes += 1;
+        } else {
+            mirrors.0 += brdf.f0;
+            mirrors.1 += brdf.f90;
         }
+    }
+    if lobes == 0 {
+        (sum.f0, sum.f90) = mirrors;
     }
     let share = 1.0 / count as f32;
     Brdf {

@@ -252,16 +252,11 @@ impl<'a> Transfer<'a> {
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
 
-/// The Lambertian BRDF that reflects as much of even light.
+/// The Lambertian BRDF that reflects as much of even light, beside the same mirror.
 fn lambert(brdf: &Brdf) -> Brdf {
-    Brdf {
-        diffuse: Projection::get().hemispherical_albedo(brdf, ALBEDO_CAP),
-        alpha: 0.0,
-        f0: Vec3::ZERO,
-        f90: 0.0,
-        dielectric_f0: 0.0,
-        dielectric_f90: 0.0,
-    }
+    let diffuse = Projection::get().hemispherical_albedo(brdf, ALBEDO_CAP);
+    let (f0, f90) = if brdf.has_lobe() { (Vec3::ZERO, 0.0) } else { (brdf.f0, brdf.f90) };
+    Brdf { diffuse, alpha: 0.0, f0, f90, dielectric_f0: 0.0, dielectric_f90: 0.0 }
 }
 
 /// How many functions a material gets, of at most `most`.

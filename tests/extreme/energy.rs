@@ -1,0 +1,104 @@
+//! Light that hardly ends, or gets more at each bounce.
+
+use glam::{DVec3, Vec3};
+use relume::bake::transfer::Transfer;
+use relume::bake::transfer::thesis::Thesis;
+use relume::reference::gather;
+use relume::scene::{Light, Material, Scene};
+use relume::shared::ALBEDO_CAP;
+
+use crate::common::stage::{Build, ball, lambert};
+use crate::even::{Stage, errors, settings, shining};
+use crate::table::{Row, check};
+
+fn room(material: Material) -> Scene {
+    let mut build = Build::default();
+    let material = build.material(material);
+    build.room(DVec3::ZERO, 1.0, material).scene()
+}
+
+/// How many times the light of the first bounce all bounces together are, from what leaves all samples.
+fn gain(transfer: &Transfer, direct: &[DVec3]) -> f64 {
+    let flux = |coefficients: &[DVec3]| -> f64 {
+        let level = &transfer.fine;
+        let of = |i: usize| coefficients[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
+        (0..level.samples.len()).map(of).sum()
+    };
+    flux(&transfer.bounce(direct).0) / flux(direct)
+}
+
+fn gain_of_thesis(thesis: &Thesis, direct: &[DVec3]) -> f64 {
+    let flux = |radiance: &[DVec3]| -> f64 {
+        thesis.samples.samples.iter().zip(radiance).map(|(s, r)| f64::from(s.area) * r.x).sum()
+    };
+    flux(&thesis.bounce(direct)) / flux(direct)
+}
+
+/// Each bounce leaves the share ρ: 1/(1-ρ) times the light of the first in all; and an even picture of even light.
+#[test]
+fn closed_rooms_at_any_albedo() {
+    let mut rows = Vec::new();
+    for albedo in [0.5, 0.9, 0.99, 0.999, 0.9999f32] {
+        let want = 1.0 / (1.0 - f64::from(albedo));
+        let grey = || lambert(Vec3::splat(albedo));
+        for (what, scene) in [("box", room(grey())), ("ball", ball(12, grey()))] {
+            let stage = Stage::inside(scene);
+            let light = Light::point("l", DVec3::new(0.3, 0.4, -0.35)).pack(stage.scene.origin);
+            let transfer = stage.transfer(&settings(1024, 1024, 128));
+            let ours = gain(&transfer, &gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light));
+            let thesis = stage.thesis(1024);
+            let thesis = gain_of_thesis(&thesis, &gather::shade_thesis(&stage.scene, &stage.bvh, &thesis, &light));
+            let case = format!("closed {what}, albedo {albedo}, a point light off its centre");
+            let row = Row::new(case, "all light is 1/(1-ρ) times the first bounce's", 1e-3, (ours / want - 1.0).abs());
+            rows.push(row.thesis((thesis / want - 1.0).abs()));
+        }
+        for (what, scene) in [("box", room(shining(albedo))), ("ball", ball(12, shining(albedo)))] {
+            let errors = errors(&Stage::inside(scene), albedo);
+            rows.extend(errors.rows(&format!("closed {what}, albedo {albedo}, shining evenly"), albedo));
+        }
+    }
+    check("energy", &rows);
+}
+
+/// Nothing ends what is never absorbed: the answer is that of the cap, and the certificate says what that took away.
+#[test]
+fn white_rooms_have_no_answer_and_say_so() {
+    let stage = Stage::inside(room(shining(1.0)));
+    let transfer = stage.transfer(&settings(768, 768, 128));
+    let certificate = &transfer.certificate;
+    let cap = f64::from(ALBEDO_CAP);
+    let gain = gain(&transfer, &transfer.emission());
+    check(
+        "white",
+        &[
+            Row::new("closed box, albedo 1", "as much light as at the cap", 1e-2, (gain * (1.0 - cap) - 1.0).abs()),
+            Row::new(
+                "closed box, albedo 1",
+                "`capped` says what was taken away",
+                1e-6,
+                (certificate.capped - (1.0 - cap)).abs(),
+            ),
+            Row::new("closed box, albedo 1", "spectral radius below 1", 1.0 - 1e-6, certificate.spectral_radius),
+        ],
+    );
+}
+
+/// Near grazing glTF's BRDF gives more than it gets: all the same each bounce leaves less.
+#[test]
+fn furnaces() {
+    let mut rows = Vec::new();
+    for (what, metallic) in [("white dielectric", 0.0), ("white half metal", 0.5), ("white metal", 1.0)] {
+        for roughness in [0.0, 1e-6, 0.1, 0.2, 0.5, 1.0] {
+            let material = Material { emissive: Vec3::ONE, metallic, roughness, ..Material::default() };
+            let stage = Stage::inside(room(material));
+            let transfer = stage.transfer(&settings(256, 256, 128));
+            let thesis = stage.thesis(256);
+            let case = format!("box of {what}, roughness {roughness}");
+            let radius = transfer.certificate.spectral_radius;
+            let note = format!("{:.2} % scaled away", 100.0 * transfer.certificate.capped);
+            let row = Row::new(case, "spectral radius below 1", 1.0 - 1e-6, radius).note(note);
+            rows.push(row.thesis(thesis.spectral_radius));
+        }
+    }
+    check("furnaces", &rows);
+}

@@ -1,0 +1,134 @@
+//! Closed scenes whose every surface shines with radiance 1 and reflects the same share ρ of light: whatever their shape,
+//! indirect light is ρ/(1-ρ) at every pixel.
+
+use glam::{DVec3, Vec3};
+use relume::bake::brdf_factors::svd::Terms;
+use relume::bake::bvh::Bvh;
+use relume::bake::compression::CompressionSettings;
+use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::rows::Lobe;
+use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::{BakeSettings, Baked, bake};
+use relume::scene::{Camera, Material, Projection, Scene};
+use relume::shared::NO_BRDF;
+
+use crate::common::stage::{lambert, look};
+use crate::table::Row;
+
+pub fn shining(albedo: f32) -> Material {
+    Material { emissive: Vec3::ONE, ..lambert(Vec3::splat(albedo)) }
+}
+
+pub fn settings(samples: usize, coarse_samples: usize, rays: u32) -> TransferSettings {
+    TransferSettings {
+        outgoing: Outgoing::Glossy { functions: None },
+        samples,
+        coarse_samples,
+        points: 16,
+        rays,
+        layers: 4,
+        bounces: None,
+        seed: 1,
+    }
+}
+
+pub fn thesis_settings(samples: usize) -> ThesisSettings {
+    ThesisSettings { outgoing: Outgoing::Diffuse, samples, terms: Terms::Count(8), bounces: 5, seed: 1 }
+}
+
+/// A scene and what its camera sees, without indirect light.
+pub struct Stage {
+    pub scene: Scene,
+    pub bvh: Bvh,
+    pub baked: Baked,
+}
+
+impl Stage {
+    /// Seen from the middle of its bounds.
+    pub fn inside(scene: Scene) -> Self {
+        let eye = scene.origin;
+        let size = (scene.mesh.bounds().1 - scene.mesh.bounds().0).max_element();
+        let to = eye + f64::from(size) * DVec3::new(0.2, -0.1, 1.0);
+        let camera = look(eye, to, DVec3::Y, Projection::Perspective { yfov: 1.5 });
+        Self::new(scene, &camera, [32, 32])
+    }
+
+    pub fn new(scene: Scene, camera: &Camera, [width, height]: [u32; 2]) -> Self {
+        let bvh = Bvh::build(&scene);
+        let settings = BakeSettings { width, height, layers: 4, samples: 1 };
+        let baked = bake(&scene, &bvh, camera, &scene.rig, &settings, &|_| ());
+        Self { scene, bvh, baked }
+    }
+
+    pub fn transfer(&self, settings: &TransferSettings) -> Transfer<'_> {
+        Transfer::new(&self.scene, &self.bvh, &self.baked, settings, &|_| ())
+    }
+
+    pub fn thesis(&self, samples: usize) -> Thesis<'_> {
+        Thesis::new(&self.scene, &self.bvh, &self.baked, &thesis_settings(samples), &|_| ())
+    }
+
+    /// View samples that reflect light.
+    pub fn lit(&self) -> Vec<u32> {
+        let lit = |&i: &u32| self.baked.samples[i as usize].brdf != NO_BRDF;
+        (0..self.baked.samples.len() as u32).filter(lit).collect()
+    }
+}
+
+pub fn compressed(transfer: &Transfer, error: f64) -> BakedTransfer {
+    let settings = CompressionSettings { error, lights: 64, lobe: Lobe::All, seed: 1 };
+    BakedTransfer::nested(transfer, &settings, &|_| ())
+}
+
+/// Relative errors of indirect light, root mean square over pixels.
+pub struct Errors {
+    /// Of the operator.
+    ours: f64,
+    /// Of its compressed form.
+    compressed: f64,
+    /// Noise of rows that compression leaves out, as it reports it.
+    noise: f64,
+    thesis: f64,
+}
+
+/// Error that compression is asked for.
+const COMPRESSION: f64 = 0.01;
+
+impl Errors {
+    /// What the table says of them.
+    pub fn rows(&self, case: &str, albedo: f32) -> [Row; 2] {
+        let asked = format!("every pixel ρ/(1-ρ), ρ = {albedo}");
+        let compressed = "the same, compressed: noise and 1 %";
+        [
+            Row::new(case, asked, 1e-3, self.ours).thesis(self.thesis),
+            Row::new(case, compressed, self.noise + COMPRESSION, self.compressed),
+        ]
+    }
+}
+
+/// How far a closed scene of [`shining`] material is from its answer.
+pub fn errors(stage: &Stage, albedo: f32) -> Errors {
+    errors_with(stage, albedo, &settings(768, 192, 128))
+}
+
+pub fn errors_with(stage: &Stage, albedo: f32, settings: &TransferSettings) -> Errors {
+    let lit = stage.lit();
+    assert!(!lit.is_empty(), "no pixel sees anything");
+    let want = f64::from(albedo) / (1.0 - f64::from(albedo));
+    let error = |pixels: &[DVec3]| {
+        let square: f64 = pixels.iter().map(|p| (*p / want - 1.0).length_squared() / 3.0).sum();
+        (square / pixels.len() as f64).sqrt()
+    };
+    let transfer = stage.transfer(settings);
+    let emission = transfer.emission();
+    let rows = transfer.apply(std::slice::from_ref(&emission), &lit, Lobe::All, &|_| ()).remove(0);
+    let nested = compressed(&transfer, COMPRESSION);
+    let noise = nested.report.held_out.as_ref().map_or(0.0, |report| report.noise);
+    let all = nested.apply(&emission);
+    let compressed: Vec<DVec3> = lit.iter().map(|&i| all[i as usize]).collect();
+    let thesis = stage.thesis(settings.samples);
+    let emitted: Vec<DVec3> = thesis.samples.samples.iter().map(|s| s.emission.as_dvec3()).collect();
+    let thesis = thesis.rows(&lit, Lobe::All).multiply(&thesis.bounce(&emitted));
+    Errors { ours: error(&rows), compressed: error(&compressed), noise, thesis: error(&thesis) }
+}

@@ -1,0 +1,249 @@
+//! Lights of any brightness, where no light should be, and none or many of them.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use relume::bake::Baked;
+use relume::reference::gather;
+use relume::relight::{Layers, Picture};
+use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
+
+use crate::common::stage::{self, Build, Setup, lambert, look, rig};
+use crate::common::{Gpu, gpu};
+use crate::even::{self, compressed, settings};
+use crate::place::relative;
+use crate::table::{Row, check, full};
+
+/// A baked scene with compressed indirect light.
+pub struct Relit {
+    stage: stage::Stage,
+    setup: Setup,
+}
+
+impl Relit {
+    pub fn new(scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup) -> Self {
+        Self::with(scene, camera, rig, setup, 768)
+    }
+
+    pub fn with(scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup, samples: usize) -> Self {
+        let mut stage = stage::Stage::new(scene, camera, rig, setup);
+        let settings = settings(samples, samples.div_ceil(4), 128);
+        let transfer =
+            relume::bake::transfer::Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
+        let transfer = compressed(&transfer, 0.01);
+        assert!(transfer.is_consistent(stage.baked.samples.len()));
+        stage.baked = Arc::new(Baked { transfer: Some(transfer), ..(*stage.baked).clone() });
+        Self { stage, setup: setup.clone() }
+    }
+
+    /// Relative noise of indirect light under points, as compression found it.
+    pub fn noise(&self) -> f64 {
+        let report = self.stage.baked.transfer.as_ref().and_then(|transfer| transfer.report.held_out.as_ref());
+        report.expect("it is compressed").noise
+    }
+
+    pub fn baked(&self) -> Baked {
+        (*self.stage.baked).clone()
+    }
+
+    pub fn change(&mut self, change: impl FnOnce(&mut Baked)) {
+        let mut baked = self.baked();
+        change(&mut baked);
+        self.stage.baked = Arc::new(baked);
+    }
+
+    /// What each pass leaves that is not finite.
+    pub fn non_finite(&self, gpu: &Gpu, rig: &Rig) -> Vec<(&'static str, u32)> {
+        let mut relighter = self.stage.relighter(gpu, rig, &self.setup);
+        relighter.watch().unwrap();
+        relighter.linear(Picture::Whole).unwrap();
+        relighter.non_finite()
+    }
+
+    /// First-hand and indirect light of all lights.
+    pub fn pictures(&self, gpu: &Gpu, rig: &Rig) -> [Vec<[f32; 3]>; 2] {
+        let mut relighter = self.stage.relighter(gpu, rig, &self.setup);
+        [Layers::FirstHand, Layers::Indirect].map(|layers| stage::pixels(&mut relighter, layers))
+    }
+
+    /// The same of each light alone.
+    pub fn by_light(&self, gpu: &Gpu, lights: &[Light]) -> Vec<[Vec<[f32; 3]>; 2]> {
+        let mut relighter = self.stage.relighter(gpu, &rig(lights.to_vec()), &self.setup);
+        let mut of = |layers: Layers| -> Vec<Vec<[f32; 3]>> {
+            relighter.set_layers(layers);
+            (0..lights.len()).map(|i| relighter.linear(Picture::Light(i)).unwrap().to_vec()).collect()
+        };
+        let (first, indirect) = (of(Layers::FirstHand), of(Layers::Indirect));
+        first.into_iter().zip(indirect).map(|(first, indirect)| [first, indirect]).collect()
+    }
+}
+
+/// How much of a picture is negative; not a number, or infinite, where a value is.
+pub fn negative(pixels: &[[f32; 3]]) -> f64 {
+    let sum = |sign: f64| -> f64 { pixels.iter().flatten().map(|&x| (sign * f64::from(x)).max(0.0)).sum() };
+    let broken = pixels.iter().flatten().any(|x| !x.is_finite());
+    if broken { f64::NAN } else { sum(-1.0) / sum(1.0).max(f64::MIN_POSITIVE) }
+}
+
+/// The largest value; NaN if there is one.
+fn largest(pixels: &[[f32; 3]]) -> f64 {
+    pixels.iter().flatten().fold(0.0, |most, &x| if x.is_nan() { f64::NAN } else { f64::from(x).max(most) })
+}
+
+fn over(pixels: &[[f32; 3]], scale: f64) -> Vec<DVec3> {
+    pixels.iter().map(|p| Vec3::from(*p).as_dvec3() / scale).collect()
+}
+
+const ALBEDO: f32 = 0.5;
+
+/// A room with a closed box in its middle, and who looks at both.
+fn room() -> (Scene, Camera) {
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(ALBEDO)));
+    let mut inner = build.clone();
+    inner.room(DVec3::new(0.1, -0.3, 0.0), 0.25, grey);
+    build.room(DVec3::ZERO, 1.0, grey);
+    for (mut corners, material) in inner.quads {
+        corners.reverse();
+        build.quads.push((corners, material));
+    }
+    let camera =
+        look(DVec3::new(0.8, 0.7, 0.9), DVec3::new(0.0, -0.3, 0.0), DVec3::Y, Projection::Perspective { yfov: 1.3 });
+    (build.scene(), camera)
+}
+
+#[test]
+fn brightness_and_number() {
+    let gpu = gpu();
+    let (scene, camera) = room();
+    let at = DVec3::new(-0.4, 0.5, 0.3);
+    let plain = Light::point("plain", at);
+    let setup = Setup::new(64, 48);
+    let relit = Relit::new(scene, &camera, &rig(vec![plain.clone()]), &setup);
+    let [direct, indirect] = relit.pictures(&gpu, &rig(vec![plain.clone()])).map(|image| over(&image, 1.0));
+    let mut rows = Vec::new();
+    for candelas in [1e-20, 1e20] {
+        let light = Light { intensity: candelas, ..plain.clone() };
+        let pictures = relit.pictures(&gpu, &rig(vec![light]));
+        for (what, got, want) in [("first-hand", &pictures[0], &direct), ("indirect", &pictures[1], &indirect)] {
+            let asked = format!("{what} light of 1 cd, so many times");
+            rows.push(Row::new(
+                format!("a light of {candelas:.0e} cd"),
+                asked,
+                1e-5,
+                relative(&over(got, candelas), want),
+            ));
+        }
+    }
+    let both = [1e-20, 1e20].map(|candelas| Light { intensity: candelas, ..plain.clone() });
+    let [first, _] = relit.pictures(&gpu, &rig(both.to_vec()));
+    let asked = "as the brighter one alone";
+    rows.push(Row::new("lights of 1e-20 and 1e20 cd", asked, 1e-5, relative(&over(&first, 1e20), &direct)));
+
+    let black = relit.pictures(&gpu, &rig(Vec::new()));
+    let most = black.iter().map(|image| largest(image)).fold(0.0, f64::max);
+    rows.push(Row::new("no light", "black", 0.0, most));
+    for count in if full() { vec![1000, 100_000] } else { vec![1000] } {
+        let lights = (0..count).map(|i| Light { name: format!("{i}"), ..plain.clone() }).collect();
+        let [first, _] = relit.pictures(&gpu, &rig(lights));
+        let asked = "as one of as many candelas";
+        let case = format!("{count} lights in one place, 64x48");
+        rows.push(Row::new(case, asked, 1e-4, relative(&over(&first, f64::from(count)), &direct)));
+    }
+    check("brightness", &rows);
+}
+
+/// Where light must not get out, or hardly in.
+#[test]
+fn places() {
+    let gpu = gpu();
+    let (scene, camera) = room();
+    let floor = DVec3::new(-0.4, -1.0, 0.3);
+    let places = [
+        ("on a wall", floor),
+        ("1e-6 m off a wall", floor + 1e-6 * DVec3::Y),
+        ("in a corner, on three walls", DVec3::splat(-1.0)),
+        ("on a wall, 1e20 cd", floor),
+        ("inside a closed object", DVec3::new(0.1, -0.3, 0.0)),
+        ("behind everything", DVec3::new(0.0, 5.0, 0.0)),
+        ("1e-6 m behind a wall", floor - 1e-6 * DVec3::Y),
+    ];
+    let light = |(name, at): &(&str, DVec3)| Light {
+        intensity: if name.contains("1e20") { 1e20 } else { 1.0 },
+        ..Light::point(name, *at)
+    };
+    let lights: Vec<Light> = places.iter().map(light).collect();
+    let relit = Relit::new(scene, &camera, &rig(lights.clone()), &Setup::new(64, 48));
+    let mut rows = Vec::new();
+    for (i, pictures) in relit.by_light(&gpu, &lights).iter().enumerate() {
+        let case = format!("a light {}", places[i].0);
+        match i {
+            0..4 => {
+                let most = negative(&pictures[0]).max(negative(&pictures[1]));
+                rows.push(Row::new(case, "finite, hardly any of it below 0", 1e-4, most));
+            }
+            _ => {
+                let most = largest(&pictures[0]).max(largest(&pictures[1]));
+                rows.push(Row::new(case, "black", 0.0, most));
+            }
+        }
+    }
+    check("places of lights", &rows);
+}
+
+/// Where too little of a wall is lit.
+const POINTS: &str = "24,576 points of gather samples look at light, 0.03 m apart: it falls between them";
+
+/// Light of a candela in a closed room meets a wall, all of it, wherever the light stands.
+#[test]
+fn all_light_is_caught() {
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(ALBEDO)));
+    build.room(DVec3::ZERO, 1.0, grey);
+    let stage = even::Stage::inside(build.scene());
+    let transfer = stage.transfer(&settings(1536, 1536, 16));
+    let thesis = stage.thesis(1536);
+    let level = &transfer.fine;
+    let caught = |light: &Light| -> [f64; 2] {
+        let packed = light.pack(stage.scene.origin);
+        let ours = gather::shade(&stage.scene, &stage.bvh, level, &packed);
+        let of = |i: usize| ours[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
+        let ours = (0..level.samples.len()).map(of).sum::<f64>() * PI.sqrt();
+        let theirs = gather::shade_thesis(&stage.scene, &stage.bvh, &thesis, &packed);
+        let theirs: f64 = thesis.samples.samples.iter().zip(&theirs).map(|(s, r)| f64::from(s.area) * r.x * PI).sum();
+        [ours, theirs].map(|flux| flux / f64::from(ALBEDO))
+    };
+    let mut rows = Vec::new();
+    for distance in [1.0, 0.1, 1e-2, 1e-3, 1e-6] {
+        let light = Light::point("l", DVec3::new(-0.4, -1.0 + distance, 0.3));
+        let [ours, theirs] = caught(&light).map(|flux| (flux / (4.0 * PI) - 1.0).abs());
+        let row = Row::new(format!("a light {distance} m off a wall"), "all of its light is caught", 5e-3, ours);
+        rows.push(if distance < 0.1 { row.thesis(theirs).short(POINTS) } else { row.thesis(theirs) });
+    }
+    for (inner, outer) in [(0.0, 0.01), (0.0, 1.0), (0.0, 10.0), (30.0, 30.0), (0.0, 89.99), (89.99, 89.99)] {
+        let spot = Light {
+            kind: LightKind::Spot,
+            direction: DVec3::new(0.3, -1.0, 0.2).normalize(),
+            inner_angle: f64::to_radians(inner),
+            outer_angle: f64::to_radians(outer),
+            ..Light::point("s", DVec3::new(0.3, 0.4, -0.35))
+        };
+        let [ours, theirs] = caught(&spot).map(|flux| (flux / power(&spot) - 1.0).abs());
+        let case = format!("a spot of {inner} to {outer} degrees");
+        let row = Row::new(case, "all of its light is caught", 5e-3, ours).thesis(theirs);
+        rows.push(if outer < 5.0 { row.short(POINTS) } else { row });
+    }
+    check("light that is caught", &rows);
+}
+
+/// Power of a spot of one candela [KHR_lights_punctual].
+fn power(light: &Light) -> f64 {
+    let versine = |angle: f64| 2.0 * (0.5 * angle).sin().powi(2);
+    let (inner, outer) = (versine(light.inner_angle), versine(light.outer_angle));
+    let scale = 1.0 / (outer - inner).max(0.001);
+    let steps = 100_000;
+    let at = |i: usize| outer * (i as f64 + 0.5) / f64::from(steps);
+    let sum: f64 = (0..steps as usize).map(|i| ((outer - at(i)) * scale).clamp(0.0, 1.0).powi(2)).sum();
+    2.0 * PI * outer * sum / f64::from(steps)
+}
