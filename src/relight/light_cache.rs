@@ -8,10 +8,13 @@
 //! Images live in a fixed number of slots. When they run out, the least recently used image goes, and is made again
 //! when it is needed. This module only decides; [`LightCache::plan`] lists the work, and the relighter does it.
 
+mod slots;
+
 use std::collections::HashMap;
 
 use glam::Vec3;
 
+use self::slots::Slots;
 use crate::scene::{Light, Rig};
 use crate::shared::MAX_TERMS;
 
@@ -60,7 +63,7 @@ pub struct LightCache {
     /// Node of each light and of each group that has lights.
     leaf_of: Vec<usize>,
     node_of_group: Vec<Option<usize>>,
-    slots: Vec<Slot>,
+    slots: Slots,
     focus: Vec<usize>,
     /// The sum of all but the focus, and the emission; `None` if it must be made again.
     rest: Option<Vec<Term>>,
@@ -84,14 +87,6 @@ struct Node {
     slot: Option<usize>,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct Slot {
-    node: Option<usize>,
-    last_used: u64,
-    /// Uses under way; a pinned slot stays.
-    pins: u32,
-}
-
 impl LightCache {
     /// The fewest slots that work for a rig, and those that keep everything: the tree has 2 L - 1 nodes.
     pub fn slot_range(light_count: usize) -> (usize, usize) {
@@ -109,7 +104,7 @@ impl LightCache {
             root: None,
             leaf_of: Vec::new(),
             node_of_group: Vec::new(),
-            slots: vec![Slot::default(); slot_count],
+            slots: Slots::new(slot_count),
             focus: Vec::new(),
             rest: None,
             edited: Vec::new(),
@@ -128,7 +123,7 @@ impl LightCache {
 
     /// Takes over a new state of the lights. Images of lights that did not move are kept; slots never get fewer.
     pub fn set_rig(&mut self, rig: &Rig, slot_count: usize) {
-        self.slots.resize(slot_count.max(self.slots.len()), Slot::default());
+        self.slots.grow(slot_count);
         let same_tree = self.rig.groups.len() == rig.groups.len()
             && self.rig.lights.len() == rig.lights.len()
             && self.rig.lights.iter().zip(&rig.lights).all(|(a, b)| a.group == b.group && a.name == b.name);
@@ -196,7 +191,7 @@ impl LightCache {
         let mut pinned = Vec::new();
         for (node, scale) in focus_terms {
             let slot = self.need(node, &mut plan.steps);
-            self.slots[slot].pins += 1;
+            self.slots.pin(slot);
             pinned.push(slot);
             plan.picture.push(Term { source: Source::Slot(slot), scale });
         }
@@ -207,7 +202,7 @@ impl LightCache {
         plan.picture.extend(&rest);
         self.rest = Some(rest);
         for slot in pinned {
-            self.slots[slot].pins -= 1;
+            self.slots.unpin(slot);
         }
         plan
     }
@@ -216,7 +211,7 @@ impl LightCache {
     fn follow(&mut self, mut edited: Vec<usize>) {
         // A group's node stands for all that is edited below it.
         let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
-        edited.retain(|n| !below.contains(n));
+        edited.retain(|n| below.binary_search(n).is_err());
         // A part of the focus that is edited twice becomes the focus: fewer images a frame from then on.
         let narrower = edited == self.edited_before && edited.len() < self.focus.len();
         if !edited.is_empty() {
@@ -279,12 +274,12 @@ impl LightCache {
         let mut accumulate = false;
         for (i, &&(node, scale)) in nodes.iter().enumerate() {
             let slot = self.need(node, steps);
-            self.slots[slot].pins += 1;
+            self.slots.pin(slot);
             terms.push(Term { source: Source::Slot(slot), scale });
             if terms.len() == BATCH || i + 1 == nodes.len() {
                 for term in &terms {
                     if let Source::Slot(slot) = term.source {
-                        self.slots[slot].pins -= 1;
+                        self.slots.unpin(slot);
                     }
                 }
                 steps.push(Step::Sum { target: Source::Rest, terms: std::mem::take(&mut terms), accumulate });
@@ -297,7 +292,7 @@ impl LightCache {
     /// Makes sure that `node`'s image is there and up to date; returns its slot.
     fn need(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
         if let Some(slot) = self.nodes[node].slot {
-            self.slots[slot].last_used = self.clock;
+            self.slots.use_at(slot, self.clock);
             return slot;
         }
         let Some(children) = self.nodes[node].children else {
@@ -311,13 +306,13 @@ impl LightCache {
             let scale = self.scale(child);
             if scale != Vec3::ZERO {
                 let slot = self.need(child, steps);
-                self.slots[slot].pins += 1;
+                self.slots.pin(slot);
                 terms.push((slot, scale));
             }
         }
         let target = self.take_slot(node);
         for (slot, _) in &terms {
-            self.slots[*slot].pins -= 1;
+            self.slots.unpin(*slot);
         }
         let terms = terms.into_iter().map(|(slot, scale)| Term { source: Source::Slot(slot), scale }).collect();
         steps.push(Step::Sum { target: Source::Slot(target), terms, accumulate: false });
@@ -326,20 +321,18 @@ impl LightCache {
 
     /// Gives `node` the slot that was not used for the longest time.
     fn take_slot(&mut self, node: usize) -> usize {
-        let free = self.slots.iter().enumerate().filter(|(_, slot)| slot.pins == 0);
-        let (index, _) = free.min_by_key(|(_, s)| (s.node.is_some(), s.last_used)).expect("slot_range leaves room");
-        if let Some(evicted) = self.slots[index].node {
+        let (slot, evicted) = self.slots.take(node, self.clock);
+        if let Some(evicted) = evicted {
             self.nodes[evicted].slot = None;
         }
-        self.slots[index] = Slot { node: Some(node), last_used: self.clock, pins: 0 };
-        self.nodes[node].slot = Some(index);
-        index
+        self.nodes[node].slot = Some(slot);
+        slot
     }
 
     /// Forgets `node`'s image.
     fn release(&mut self, node: usize) {
         if let Some(slot) = self.nodes[node].slot.take() {
-            self.slots[slot] = Slot::default();
+            self.slots.clear(slot);
         }
     }
 
@@ -363,8 +356,10 @@ impl LightCache {
         std::iter::successors(self.nodes[node].parent, |&n| self.nodes[n].parent).any(|n| n == ancestor)
     }
 
-    fn has_ancestor_in(&self, node: usize, set: &[usize]) -> bool {
-        set.iter().any(|&other| self.is_below(node, other))
+    /// `sorted` ascends.
+    fn has_ancestor_in(&self, node: usize, sorted: &[usize]) -> bool {
+        std::iter::successors(self.nodes[node].parent, |&n| self.nodes[n].parent)
+            .any(|n| sorted.binary_search(&n).is_ok())
     }
 
     fn build_tree(&mut self) {
@@ -413,14 +408,14 @@ impl LightCache {
             .filter_map(|(i, light)| Some((light.name.as_str(), (light, self.nodes[self.leaf_of[i]].slot?))))
             .collect();
         self.build_tree();
-        let mut slots = vec![Slot::default(); self.slots.len()];
+        let mut slots = Slots::new(self.slots.len());
         for (i, light) in self.rig.lights.iter().enumerate() {
             if let Some(&(was, slot)) = kept.get(light.name.as_str())
                 && same_image(was, light)
             {
                 let leaf = self.leaf_of[i];
                 self.nodes[leaf].slot = Some(slot);
-                slots[slot] = Slot { node: Some(leaf), last_used: self.slots[slot].last_used, pins: 0 };
+                slots.set(slot, leaf, self.slots.last_used(slot));
             }
         }
         self.slots = slots;

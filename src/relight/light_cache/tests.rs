@@ -152,3 +152,18 @@ fn selecting_another_light_costs_a_logarithm() {
         assert!(images <= 3 * 8 + 9, "{images} images for 256 lights");
     }
 }
+
+/// Many lights, all new and then all edited at once, are as many steps; found one by one they would take minutes.
+#[test]
+fn a_hundred_thousand_lights() {
+    let mut rig = rig(100_000, 0);
+    rig.lights.iter_mut().for_each(|light| light.position.x = 1.0);
+    let slot_count = LightCache::slot_range(rig.lights.len()).1;
+    let mut cache = LightCache::new(&rig, slot_count, true);
+    let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, shaded: 0 };
+    assert_eq!(numbers.run(&rig, &cache.plan()), truth(&rig));
+    rig.lights.iter_mut().for_each(|light| light.position.x = 2.0);
+    cache.set_rig(&rig, slot_count);
+    assert_eq!(numbers.run(&rig, &cache.plan()), 201_000.0);
+    assert_eq!(numbers.shaded, 200_000);
+}
