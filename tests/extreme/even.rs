@@ -109,7 +109,7 @@ impl Errors {
 
 /// How far a closed scene of [`shining`] material is from its answer.
 pub fn errors(stage: &Stage, albedo: f32) -> Errors {
-    errors_with(stage, albedo, &settings(768, 192, 128))
+    errors_with(stage, albedo, &settings(512, 128, 128))
 }
 
 pub fn errors_with(stage: &Stage, albedo: f32, settings: &TransferSettings) -> Errors {
