@@ -5,11 +5,13 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 use half::f16;
 
+use super::Found;
 use super::bounces::Thinned;
 use super::data::MULTIPLE;
 use super::haar::Haar;
 use super::linear::{self, Lu};
 use super::panels::{self, Panels, WIDTH};
+use super::twice::Twice;
 use crate::bake::transfer::rows::Rows;
 
 /// What all superclusters are made of.
@@ -33,7 +35,7 @@ pub struct Inputs {
 /// Squared errors that the three steps may make, in shares of the whole image's square.
 #[derive(Clone, Copy, Debug)]
 pub struct Budget {
-    /// For directions of the supercluster left out, noise included.
+    /// For directions of the supercluster left out.
     pub rank: f64,
     /// For terms of light left out.
     pub terms: f64,
@@ -52,15 +54,12 @@ pub struct Projected<'a> {
     pub allowed: f64,
     /// Images of the lights to check with: pixels x lights.
     pub checks: Panels,
-    /// How much each of the deciding lights counts: less where its image is noisier than most.
-    pub weights: Vec<f64>,
-    /// Square of the noise of these images, by these weights.
-    pub noise: f64,
-    /// The same, mean over the deciding lights.
-    pub plain_noise: f64,
+    pub twice: Twice,
+    /// What the basis holds of the deciding lights' images.
+    held: Mat<f64>,
 }
 
-/// Some of the rows, gathered with other random numbers: they tell how noisy all are.
+/// Some of the rows, gathered with other random numbers.
 pub struct Anew<'a> {
     pub rows: &'a Rows,
     /// Which pixels of the supercluster they are.
@@ -90,17 +89,19 @@ impl<'a> Projected<'a> {
     pub fn new(inputs: &'a Inputs, rows: &Rows, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
         let products = panels::multiply(rows, &inputs.combinations);
         let checks = panels::multiply(rows, &inputs.checked);
-        let noise = &noise(anew, &checks, &inputs.checked)[inputs.deciding.clone()];
-        let plain_noise = noise.iter().sum::<f64>() / noise.len() as f64;
-        let (weights, noise) = weights(noise);
+        let again = panels::multiply(anew.rows, &inputs.checked);
+        let twice = Twice::new(anew.pixels, &checks, &again, &inputs.deciding);
         let (all, energy) = range(&products, rows.len());
-        let allowed = allowed(energy, noise);
-        let images = checks.channels.each_ref().map(|panels| &panels[0]);
-        let basis = needed(&all, &images, &inputs.deciding, &weights, noise + 0.1 * allowed);
-        let directions = Panels::from_fn(rows.len(), basis.ncols(), |_, i, j| basis[(i, j)]);
+        let allowed = allowed(energy, twice.weighted_noise);
+        let held = linear::product(all.transpose(), twice.images.as_ref());
+        let count = twice.needed(all.as_ref(), held.as_ref(), 0.1 * allowed);
+        let count = count.next_multiple_of(WIDTH).min(all.ncols());
+        let held = linear::product(all.subcols(0, count), held.subrows(0, count));
+        let basis = Mat::from_fn(rows.len(), count, |i, j| all[(i, j)] as f32);
+        let directions = Panels::from_fn(rows.len(), count, |_, i, j| basis[(i, j)]);
         let columns = inputs.combinations.rows();
         let terms = inputs.bounces.terms(&inputs.haar, panels::multiply_transposed(rows, columns, &directions));
-        Self { inputs, basis, terms, allowed, checks, weights, noise, plain_noise }
+        Self { inputs, basis, terms, allowed, checks, twice, held }
     }
 
     pub fn fit(&self, tiles: &[Range<usize>], budget: &Budget) -> Factors {
@@ -126,9 +127,11 @@ impl<'a> Projected<'a> {
         Factors { list, rank, v, tiles }
     }
 
-    /// Squared errors and squares of the images of the lights to check with: for each tile, each light.
-    pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> Vec<Vec<[f64; 2]>> {
+    /// Squared errors against the rows and squares of the images of the lights to check with: for each tile, each light.
+    /// Comes with the square of the light that the factors lose of what the basis holds.
+    pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> (Found, f64) {
         let mut found = vec![vec![[0.0; 2]; self.checks.count]; tiles.len()];
+        let mut seen = [0; 3].map(|_| Mat::zeros(self.checks.rows(), WIDTH));
         for (c, (terms, images)) in self.inputs.checks.channels.iter().zip(&self.checks.channels).enumerate() {
             let v = single(&factors.v[c], factors.rank, factors.list.len());
             for (part, (terms, images)) in terms.iter().zip(images).enumerate() {
@@ -140,6 +143,9 @@ impl<'a> Projected<'a> {
                     let got = linear::product(u, coefficients.as_ref());
                     let lights = part * WIDTH..self.checks.count.min((part + 1) * WIDTH);
                     for (light, sums) in found[lights].iter_mut().enumerate() {
+                        if part == 0 {
+                            rows.clone().enumerate().for_each(|(i, row)| seen[c][(row, light)] = got[(i, light)]);
+                        }
                         for (i, row) in rows.clone().enumerate() {
                             let want = images[row][light];
                             sums[0] += f64::from(got[(i, light)] - want).powi(2);
@@ -149,11 +155,12 @@ impl<'a> Projected<'a> {
                 }
             }
         }
-        found
+        let seen = self.twice.deciding(self.checks.rows(), |c, pixel, light| seen[c][(pixel, light)].into());
+        (found, self.twice.lost(&self.held, &seen))
     }
 
     /// The directions of the basis that matter, those first that the lights to learn from fill most: as many as leave at
-    /// most `budget` of the deciding lights' images.
+    /// most `budget` of what the basis holds of the deciding lights.
     fn directions(&self, budget: f64) -> Directions {
         let count = self.basis.ncols();
         let mut gram = Mat::<f64>::zeros(count, count);
@@ -164,32 +171,18 @@ impl<'a> Projected<'a> {
             }
         }
         let (values, vectors) = linear::eigen(&gram);
-        let decide = self.inputs.deciding.clone();
-        let mut filled = vec![0.0; count];
-        let mut columns = Vec::new();
-        let mut left = 0.0;
-        for (checks, images) in self.inputs.checks.channels.iter().zip(&self.checks.channels) {
-            let turned = linear::product(
-                vectors.transpose(),
-                seen(&self.terms.channels[columns.len()], &checks[0], count).as_ref(),
-            );
-            let weighted = || decide.clone().zip(&self.weights);
-            (0..count)
-                .for_each(|i| filled[i] += weighted().map(|(l, weight)| turned[(i, l)].powi(2) * weight).sum::<f64>());
-            left += weighted_squares(&images[0], &decide, &self.weights);
-            columns.push(turned);
-        }
-        let rank = multiple(enough(&filled, left, budget));
+        let decided = [0, 1, 2].map(|c| seen(&self.terms.channels[c], &self.inputs.checks.channels[c][0], count));
+        let decided = self.twice.deciding(count, |c, direction, light| decided[c][(direction, light)]);
+        let held = linear::product(vectors.transpose(), decided.as_ref());
+        let basis = Mat::from_fn(self.basis.nrows(), count, |i, j| f64::from(self.basis[(i, j)]));
+        let directions = linear::product(basis.as_ref(), vectors.as_ref());
+        let rank = multiple(self.twice.needed(directions.as_ref(), held.as_ref(), budget));
         // Padded with directions that are zero.
         let turn = Mat::from_fn(count, rank, |i, j| if j < count { vectors[(i, j)] as f32 } else { 0.0 });
         let size = |r: usize| values.get(r).map_or(0.0, |v| v.sqrt() as f32).max(f32::MIN_POSITIVE);
         let sizes: Vec<f32> = (0..rank).map(size).collect();
-        let lights = decide.len();
-        let deciding = Mat::from_fn(rank, 3 * lights, |i, l| {
-            let weight = self.weights[l % lights].sqrt();
-            let size = |i: usize| weight / f64::from(sizes[i]);
-            if i < count { columns[l / lights][(i, decide.start + l % lights)] * size(i) } else { 0.0 }
-        });
+        let entry = |i: usize, light: usize| if i < count { held[(i, light)] / f64::from(sizes[i]) } else { 0.0 };
+        let deciding = Mat::from_fn(rank, held.ncols(), entry);
         Directions { turn, sizes, deciding }
     }
 
@@ -283,82 +276,11 @@ fn single(block: &[f16], rows: usize, columns: usize) -> Mat<f32> {
 const V_LARGEST: f32 = 1024.0;
 
 /// An orthonormal basis of what the images span, the fullest directions first; and the square of all images.
-fn range(images: &Panels, rows: usize) -> (Mat<f32>, f64) {
+fn range(images: &Panels, rows: usize) -> (Mat<f64>, f64) {
     let all: Vec<&panels::Panel> = images.channels.iter().flatten().collect();
     let count = all.len() * WIDTH;
     let all = Mat::from_fn(rows, count, |i, j| f64::from(all[j / WIDTH][i][j % WIDTH]));
     linear::orthonormal(&all)
-}
-
-/// The first directions of a basis, whole panels of them, that leave at most `budget` of the lights' images.
-fn needed(
-    basis: &Mat<f32>,
-    images: &[&panels::Panel; 3],
-    lights: &Range<usize>,
-    weights: &[f64],
-    budget: f64,
-) -> Mat<f32> {
-    let mut filled = vec![0.0; basis.ncols()];
-    let mut left = 0.0;
-    for image in images {
-        let seen = linear::product(basis.transpose(), panels::matrix(image));
-        let square = |i: usize| {
-            lights.clone().zip(weights).map(|(l, weight)| f64::from(seen[(i, l)]).powi(2) * weight).sum::<f64>()
-        };
-        filled.iter_mut().enumerate().for_each(|(i, filled)| *filled += square(i));
-        left += weighted_squares(image, lights, weights);
-    }
-    let count = enough(&filled, left, budget).next_multiple_of(WIDTH).min(MOST_DIRECTIONS);
-    let count = count.min(basis.ncols());
-    basis.subcols(0, count).to_owned()
-}
-
-fn weighted_squares(image: &panels::Panel, lights: &Range<usize>, weights: &[f64]) -> f64 {
-    let of_row = |row: &[f32; WIDTH]| -> f64 {
-        row[lights.clone()].iter().zip(weights).map(|(x, weight)| f64::from(x * x) * weight).sum()
-    };
-    image.iter().map(of_row).sum()
-}
-
-/// Weights of lights from the squares of their noise, which add up to 1: lights with more noise than half of them count for
-/// less, so that few noisy ones don't hide what the others show. Comes with the noise of all by these weights.
-fn weights(noise: &[f64]) -> (Vec<f64>, f64) {
-    let mut sorted = noise.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let median = sorted[sorted.len() / 2];
-    let weight = |noise: &f64| if *noise > median { median / noise } else { 1.0 };
-    let all: f64 = noise.iter().map(weight).sum();
-    let weights: Vec<f64> = noise.iter().map(|noise| weight(noise) / all).collect();
-    let weighted = noise.iter().zip(&weights).map(|(noise, weight)| noise * weight).sum();
-    (weights, weighted)
-}
-
-/// Directions of a supercluster at most: where so many are not enough, what is left is hardly more than noise.
-const MOST_DIRECTIONS: usize = 3 * WIDTH;
-
-/// How many parts of `all` must be taken away until at most `budget` is left.
-fn enough(parts: &[f64], mut all: f64, budget: f64) -> usize {
-    let taken = parts.iter().take_while(|part| {
-        let needed = all > budget;
-        all -= **part;
-        needed
-    });
-    taken.count()
-}
-
-/// Square of the noise of each of the images `checks` of `lights`.
-fn noise(anew: &Anew, checks: &Panels, lights: &Panels) -> Vec<f64> {
-    let mut again = panels::multiply(anew.rows, lights);
-    for (again, checks) in again.channels.iter_mut().zip(&checks.channels) {
-        for (again, checks) in again.iter_mut().zip(checks) {
-            for (again, &pixel) in again.iter_mut().zip(anew.pixels) {
-                again.iter_mut().zip(&checks[pixel]).for_each(|(again, once)| *again -= once);
-            }
-        }
-    }
-    // Both have the same noise.
-    let share = anew.pixels.len() as f64 / checks.rows() as f64;
-    again.squares().iter().map(|square| 0.5 * square / share).collect()
 }
 
 /// Factors of a tile from its pixels' rows: what they make of the directions, each in units of its root mean square.

@@ -40,13 +40,12 @@ pub fn eigen(matrix: &Mat<f64>) -> (Vec<f64>, Mat<f64>) {
 
 /// An orthonormal basis of what the columns of a tall matrix span, the fullest directions first; and the square of them
 /// all.
-pub fn orthonormal(columns: &Mat<f64>) -> (Mat<f32>, f64) {
+pub fn orthonormal(columns: &Mat<f64>) -> (Mat<f64>, f64) {
     let (values, vectors) = eigen(&product(columns.transpose(), columns.as_ref()));
     // What single precision cannot tell from zero is no direction.
     let certain = values.iter().take_while(|v| **v > 1e-12 * values[0]).count();
     let scaled = Mat::from_fn(columns.ncols(), certain, |i, j| vectors[(i, j)] / values[j].sqrt());
-    let basis = product(columns.as_ref(), scaled.as_ref());
-    (Mat::from_fn(columns.nrows(), certain, |i, j| basis[(i, j)] as f32), values.iter().sum())
+    (product(columns.as_ref(), scaled.as_ref()), values.iter().sum())
 }
 
 /// A square matrix as L and U.

@@ -23,6 +23,7 @@ pub mod panels;
 mod report;
 pub mod row_wavelets;
 pub mod training;
+mod twice;
 pub mod verify;
 
 pub use self::report::Report;
@@ -120,37 +121,31 @@ impl<'a> Compressor<'a> {
     pub fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
-        let (allowed, noise) = (projected.allowed, projected.noise);
+        let allowed = projected.allowed;
         let within = self.within(tiles);
-        // Noise that is not kept is no error.
-        let target = allowed + noise;
-        let mut scale = 1.0;
+        let mut scale = FIRST;
         let mut best: Option<(f64, Factors, Found)> = None;
         let mut rounds = 0;
         for round in 1..=ROUNDS {
             let [rank, terms, tiles] = SHARES.map(|share| share * scale * allowed);
-            let factors = projected.fit(&within, &Budget { rank: noise + rank, terms, tiles });
-            let found = projected.check(&factors, &within);
-            let of_tile = |tile: &Vec<[f64; 2]>| -> f64 {
-                tile[DECIDING].iter().zip(&projected.weights).map(|(e, weight)| e[0] * weight).sum()
-            };
-            let error: f64 = found.iter().map(of_tile).sum();
-            let enough = error <= target;
+            let factors = projected.fit(&within, &Budget { rank, terms, tiles });
+            let (found, error) = projected.check(&factors, &within);
+            let enough = error <= allowed;
             // What is not enough must be worth its size.
             let better =
-                best.as_ref().is_none_or(|(before, ..)| error < if *before > target { 0.94 * before } else { 0.0 });
+                best.as_ref().is_none_or(|(before, ..)| error < if *before > allowed { WORTH * before } else { 0.0 });
             if !enough && !better {
                 break;
             }
             best = Some((error, factors, found));
             rounds = round;
-            if enough && error >= noise + 0.7 * allowed {
+            if enough && error >= 0.5 * allowed {
                 break;
             }
-            scale *= (0.9 * allowed / (error - noise).max(0.01 * allowed)).clamp(0.2, 3.0);
+            scale *= (0.9 * allowed / error.max(0.01 * allowed)).clamp(0.2, 3.0);
         }
         let (error, factors, found) = best.expect("there is a round");
-        Fitted { factors, found, noise: projected.plain_noise, enough: error <= target, rounds, emission }
+        Fitted { factors, found, noise: projected.twice.noise, enough: error <= allowed, rounds, emission }
     }
 
     /// What a supercluster's rows make of lights, and of emitters.
@@ -166,8 +161,7 @@ impl<'a> Compressor<'a> {
         let allowed = |energy: f64, noise: f64| {
             // Half of the error goes where there is light, half everywhere.
             let (noise, all) = (noise.sqrt(), (0.5 * (share + energy)).sqrt());
-            let hidden = (noise + HIDDEN * self.settings.error * all).powi(2) - noise.powi(2);
-            hidden.max((BIAS * self.settings.error * all).powi(2))
+            (noise + BIAS * self.settings.error * all).powi(2) - noise.powi(2)
         };
         let emission = self.emitted.as_ref().map_or_else(Vec::new, |emitted| rows.multiply(emitted));
         (Projected::new(&self.inputs, &rows, &anew, allowed), emission)
@@ -181,28 +175,29 @@ impl<'a> Compressor<'a> {
     }
 }
 
-/// Share of the error asked for that compression may add to the noise of the rows: with noise of 1.1 %, which 1,024
-/// rays leave, 0.7 % more make 1.3 % against those rows.
-const BIAS: f64 = 0.7;
+/// Share of the error asked for by which light that is lost may lengthen the noise of the rows. The sum stays below the whole,
+/// for part of the noise is lost, too.
+const BIAS: f64 = 0.5;
 /// Error that each row of the first bounce may have, as a multiple of that asked for: hundreds of them add up to each
 /// pixel, and what one lacks another does not.
 const THINNED: f64 = 0.5;
-/// Share of the error asked for by which compression may lengthen error and noise together: where there is much noise,
-/// more is hidden in it.
-const HIDDEN: f64 = 0.25;
-/// Rows of each supercluster that are gathered twice, to know their noise.
-const ANEW: usize = 64;
+/// Rows of each supercluster that are gathered twice, to tell light from noise.
+const ANEW: usize = 128;
 /// View samples that tell how bright a light's image is.
 const SCOUTS: usize = 512;
 /// Random combinations of lights, in each channel, whose images span those of all.
 const COMBINATIONS: usize = 3 * WIDTH;
 /// Shares of the allowed error for directions of a supercluster, terms of light, and directions of tiles.
-const SHARES: [f64; 3] = [0.2, 0.4, 0.4];
+const SHARES: [f64; 3] = [0.4, 0.3, 0.3];
 /// Lights to check with: points that decide whether a supercluster is fitted closely enough, and points and spots that
 /// nothing depends on.
 const DECIDING: Range<usize> = 0..24;
 const POINTS: Range<usize> = 24..44;
 const SPOTS: Range<usize> = 44..64;
+/// How much more than allowed the steps may lose together at first: they mostly lose less.
+const FIRST: f64 = 1.3;
+/// What remains of an error at most after a fit that is worth its size.
+const WORTH: f64 = 0.9;
 /// Fits of a supercluster at most.
 const ROUNDS: usize = 5;
 

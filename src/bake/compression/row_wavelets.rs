@@ -87,7 +87,7 @@ impl<'a> RowWavelets<'a> {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             let kept = self.largest(&terms, middle.exp());
-            let enough = far(&images, &panels::multiply(&kept, lights)) <= noise.hypot(BIAS * error);
+            let enough = far(&images, &panels::multiply(&kept, lights)) <= noise + BIAS * error;
             *(if enough { &mut low } else { &mut high }) = middle;
         }
         let left_out = low.exp();

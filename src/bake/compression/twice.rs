@@ -1,0 +1,147 @@
+//! Light told from noise, by rows gathered twice.
+
+use std::ops::Range;
+
+use faer::{Mat, MatRef};
+
+use super::linear;
+use super::panels::Panels;
+
+/// Images of the deciding lights, and at some pixels the same gathered anew.
+///
+/// Of what some directions hold of an image part is light, part noise. Noise has nothing in common with that of images gathered
+/// anew, so products of the two are right on average for light alone. What all directions hold of an image is taken away
+/// before: then little is left to chance where few pixels were gathered anew.
+///
+/// Matrices of images have a column for each deciding light, channel after channel, times the root of the light's weight.
+pub struct Twice {
+    /// Square of the noise of the deciding lights' images: mean over them, and by their weights.
+    pub noise: f64,
+    pub weighted_noise: f64,
+    lights: Range<usize>,
+    /// Roots of the lights' weights, which add up to 1: lights with more noise than half of them count for less, so that few
+    /// noisy ones don't hide what the others show.
+    roots: Vec<f64>,
+    /// All pixels x deciding lights.
+    pub images: Mat<f64>,
+    /// Which pixels were gathered anew.
+    pixels: Vec<usize>,
+    /// Their images.
+    again: Mat<f64>,
+}
+
+impl Twice {
+    /// `checks` are images of all pixels, of which `lights` decide; `again` those of `pixels` gathered anew.
+    pub fn new(pixels: &[usize], checks: &Panels, again: &Panels, lights: &Range<usize>) -> Self {
+        let times = 0.5 * checks.rows() as f64 / pixels.len() as f64;
+        let noise: Vec<f64> = lights.clone().map(|light| times * apart(pixels, checks, again, light)).collect();
+        let mut sorted = noise.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let median = sorted[sorted.len() / 2];
+        let weight = |noise: &f64| if *noise > median { median / noise } else { 1.0 };
+        let all: f64 = noise.iter().map(weight).sum();
+        let mut twice = Self {
+            noise: noise.iter().sum::<f64>() / noise.len() as f64,
+            weighted_noise: noise.iter().map(|noise| noise * weight(noise) / all).sum(),
+            lights: lights.clone(),
+            roots: noise.iter().map(|noise| (weight(noise) / all).sqrt()).collect(),
+            images: Mat::new(),
+            pixels: pixels.to_vec(),
+            again: Mat::new(),
+        };
+        twice.images = twice.deciding(checks.rows(), |c, pixel, light| checks.get(c, pixel, light).into());
+        twice.again = twice.deciding(pixels.len(), |c, i, light| again.get(c, i, light).into());
+        twice
+    }
+
+    /// The deciding ones of values of all lights, from each one's channel, row and light: rows x deciding lights.
+    pub fn deciding(&self, rows: usize, value: impl Fn(usize, usize, usize) -> f64) -> Mat<f64> {
+        let count = self.roots.len();
+        Mat::from_fn(rows, 3 * count, |row, column| {
+            let light = column % count;
+            value(column / count, row, self.lights.start + light) * self.roots[light]
+        })
+    }
+
+    /// How many directions it takes, from the first one on, until all others hold light of no more than `budget`.
+    /// `directions` are orthonormal, all pixels x directions; `held` is what each holds of the images.
+    pub fn needed(&self, directions: MatRef<f64>, held: MatRef<f64>, budget: f64) -> usize {
+        let seen = Mat::from_fn(self.pixels.len(), directions.ncols(), |i, j| directions[(self.pixels[i], j)]);
+        let missing = &self.again - linear::product(seen.as_ref(), held);
+        let missing = linear::product(seen.transpose(), missing.as_ref()) * faer::Scale(self.times());
+        let light = |j: usize| held.row(j).iter().zip(missing.row(j).iter()).map(|(x, y)| x * (x + y)).sum::<f64>();
+        let mut left = 0.0;
+        let few = (0..held.nrows()).rev().take_while(|&j| {
+            left += light(j);
+            left <= budget
+        });
+        held.nrows() - few.count()
+    }
+
+    /// Square of the light that `got` has too much or lacks of `held`, what a basis holds of the images; all pixels. Chance may
+    /// take it below zero.
+    pub fn lost(&self, held: &Mat<f64>, got: &Mat<f64>) -> f64 {
+        let off = got - held;
+        let apart = |i: usize, j: usize| off[(i, j)] * (off[(i, j)] + held[(i, j)] - self.images[(i, j)]);
+        let again = |i: usize, j: usize| off[(self.pixels[i], j)] * (held[(self.pixels[i], j)] - self.again[(i, j)]);
+        let columns = || 0..off.ncols();
+        let all: f64 = columns().flat_map(|j| (0..off.nrows()).map(move |i| (i, j))).map(|(i, j)| apart(i, j)).sum();
+        let some: f64 =
+            columns().flat_map(|j| (0..self.pixels.len()).map(move |i| (i, j))).map(|(i, j)| again(i, j)).sum();
+        all + self.times() * some
+    }
+
+    /// All pixels for each one gathered anew.
+    fn times(&self) -> f64 {
+        self.images.nrows() as f64 / self.pixels.len() as f64
+    }
+}
+
+/// Square of the distance of a light's images, over all channels.
+fn apart(pixels: &[usize], checks: &Panels, again: &Panels, light: usize) -> f64 {
+    let square = |channel: usize, i: usize| {
+        f64::from(again.get(channel, i, light) - checks.get(channel, pixels[i], light)).powi(2)
+    };
+    (0..3).flat_map(|channel| (0..pixels.len()).map(move |i| (channel, i))).map(|(c, i)| square(c, i)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::Points;
+
+    /// Images of light in eight directions, each half as bright as the one before, under noise.
+    #[test]
+    fn noise_is_not_light() {
+        let (pixels, lights, lit) = (512, 24, 8);
+        let points = Points::new(1, 0);
+        let random = |i: usize, j: usize| points.at(i as u32, j as u32)[0] - 0.5;
+        let (directions, _) = linear::orthonormal(&Mat::from_fn(pixels, 64, random));
+        let light =
+            Mat::from_fn(64, 3 * lights, |j, l| if j < lit { random(j, 100 + l) * 0.5f64.powi(j as i32) } else { 0.0 });
+        let image = linear::product(directions.as_ref(), light.as_ref());
+        let noise = 0.01;
+        let noisy = |purpose: usize, rows: &[usize]| {
+            Panels::from_fn(rows.len(), lights, |c, i, l| {
+                (image[(rows[i], c * lights + l)] + noise * random(rows[i], purpose + c * lights + l)) as f32
+            })
+        };
+        let anew: Vec<usize> = (0..pixels).step_by(4).collect();
+        let all: Vec<usize> = (0..pixels).collect();
+        let twice = Twice::new(&anew, &noisy(1000, &all), &noisy(2000, &anew), &(0..lights));
+
+        let held = linear::product(directions.transpose(), twice.images.as_ref());
+        let square = |row: faer::RowRef<f64>| row.iter().map(|x| x * x).sum::<f64>();
+        for kept in [5, 4] {
+            let lost = (kept..lit).map(|j| square(light.row(j))).sum::<f64>() / lights as f64;
+            let held_by_others: f64 = (kept..64).map(|j| square(held.row(j))).sum();
+            assert!(held_by_others > 1.5 * lost, "there is too little noise: {held_by_others}, light {lost}");
+            let needed = twice.needed(directions.as_ref(), held.as_ref(), 1.5 * lost);
+            assert_eq!(needed, kept);
+            let of_all = linear::product(directions.as_ref(), held.as_ref());
+            let got = linear::product(directions.subcols(0, kept), held.subrows(0, kept));
+            let found = twice.lost(&of_all, &got);
+            assert!((found - lost).abs() < 0.2 * held_by_others, "{kept} directions: {found} instead of {lost}");
+        }
+    }
+}
