@@ -110,7 +110,7 @@ fn sentences_follow_the_numbers() {
         diverging.push(Point { spectral_radius: Some(1.5), ..theirs });
     }
     let said = of_scene(&scene(diverging)).join("\n");
-    assert!(said.contains("G's spectral radius is 1.50"), "{said}");
+    assert!(said.contains("with `--gather 144` its series has no sum: G's spectral radius is 1.50"), "{said}");
     assert!(said.contains("25.0 times as far from the truth"), "{said}");
     assert_eq!(of_scene(&scene(Vec::new())), Vec::<String>::new());
 }

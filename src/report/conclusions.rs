@@ -175,8 +175,11 @@ fn reason(scene: &SceneReport, method: Method, stop: &Point) -> String {
     if errors.indirect < 2.0 * scene.floors.indirect {
         return format!("below {} the truth's own noise hides what is left", percent(2.0 * scene.floors.indirect));
     }
-    if let Some(radius) = stop.spectral_radius.filter(|r| *r >= 1.0) {
-        return format!("its series has no sum: G's spectral radius is {}", significant(radius));
+    let beyond = curve(scene, method).into_iter().skip_while(|p| p.setting != stop.setting);
+    let no_sum = beyond.filter_map(|p| Some((p, p.spectral_radius.filter(|r| *r >= 1.0)?))).next();
+    if let Some((point, radius)) = no_sum {
+        let radius = significant(radius);
+        return format!("with `{}` its series has no sum: G's spectral radius is {radius}", point.setting);
     }
     if errors.indirect_bias.abs() > 0.5 * errors.indirect {
         return format!("the picture as a whole is off by {}", percent(errors.indirect_bias));
