@@ -92,6 +92,7 @@
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
 //! - [Veach 1995] Veach, Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH.
 //! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.
+//! - [Ward 1988] Ward, Rubinstein, Clear, A ray tracing solution for diffuse interreflection, SIGGRAPH.
 //! - [Wilson 1931] Wilson, Hilferty, The distribution of chi-square, PNAS 17(12).
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.
 
