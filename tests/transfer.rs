@@ -364,6 +364,19 @@ fn closed_rooms_keep_all_energy() {
     }
 }
 
+/// On open ground between mirror balls few rays meet anything, and many of those through a mirror: what balances one kind must
+/// not multiply the other. No surface there reflects more than 0.8.
+#[test]
+fn light_among_mirrors_does_not_grow() {
+    let stage = Stage::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/balls-2.glb"), 16);
+    for (seed, samples) in [(1, 1024), (2, 2304)] {
+        let coarse_samples = samples / 2;
+        let transfer = stage.transfer(&TransferSettings { coarse_samples, seed, ..settings(samples, 256) });
+        let radius = transfer.certificate.spectral_radius;
+        assert!(radius < 0.8, "{samples} samples, seed {seed}: spectral radius {radius}");
+    }
+}
+
 /// Walls that shine evenly, all around: radiance L/(1-ρ) everywhere, whatever mirrors stand among them.
 #[test]
 fn even_light_stays_even() {

@@ -2,9 +2,9 @@
 //! the projection onto the basis in place of the BRDF.
 //!
 //! Gathered rows keep energy as seen by who receives it, not by who sends it: columns are off, and so is the light of a
-//! bright closed room. So the geometric factors F, the shares of a sample's rays that other samples
-//! get, are balanced: rows and columns are scaled until each sample receives the share of its rays that met a surface,
-//! and sends, by reciprocity, as much [Sinkhorn 1967].
+//! bright closed room. So the geometric factors F, the shares of a sample's rays that other samples get straight or
+//! through mirrors, are balanced: rows and columns are scaled until each sample receives the share of its rays that met
+//! a surface, and sends, by reciprocity, as much [Sinkhorn 1967].
 
 use std::f32::consts::PI;
 
@@ -52,17 +52,16 @@ pub struct BounceGatherer<'a> {
 struct Found {
     /// Rows of G, one a coefficient of the receiver.
     rows: Rows,
-    /// Row of F: the share of rays that each sending sample got straight.
+    /// Row of F: the share of rays that each sending sample got, also through mirrors.
     factors: Vec<(u32, f32)>,
 }
 
 impl BounceGatherer<'_> {
-    /// G from each of `senders` and, for each receiving sample, the share of its rays that met nothing that reflects:
-    /// 1 - row sum, counted, not subtracted [Grassmann 1985].
+    /// G from each of `senders` and, for each receiving sample, the share of its rays that met nothing that keeps light.
     pub fn gather(&self, senders: &[&Level], progress: &(dyn Fn(usize) + Sync)) -> (Vec<Bounce>, Vec<f64>) {
         let most = senders.iter().map(|level| level.samples.len()).max().unwrap_or(0);
         let singles: Vec<u32> = (0..=most as u32).collect();
-        let per_sample: Vec<(Vec<Found>, u32)> = (0..self.receivers.samples.len())
+        let per_sample: Vec<(Vec<Found>, f64)> = (0..self.receivers.samples.len())
             .into_par_iter()
             .map_init(
                 || Scratch::new(senders, &singles),
@@ -73,23 +72,25 @@ impl BounceGatherer<'_> {
                 },
             )
             .collect();
-        let escaped: Vec<f64> = per_sample.iter().map(|(_, lost)| f64::from(*lost) / f64::from(self.rays)).collect();
+        let met: Vec<f64> = per_sample.iter().map(|(_, met)| met / f64::from(self.rays)).collect();
         let mut by_sender: Vec<Vec<Found>> = senders.iter().map(|_| Vec::new()).collect();
         for (found, _) in per_sample {
             by_sender.iter_mut().zip(found).for_each(|(list, found)| list.push(found));
         }
-        let bounces = by_sender.into_iter().zip(senders).map(|(found, sender)| self.join(found, sender, &escaped));
-        (bounces.collect(), escaped)
+        let bounces = by_sender.into_iter().zip(senders).map(|(found, sender)| self.join(found, sender, &met));
+        (bounces.collect(), met.iter().map(|met| (1.0 - met).max(0.0)).collect())
     }
 
-    fn gather_sample(&self, sample: usize, senders: &[&Level], scratch: &mut Scratch) -> (Vec<Found>, u32) {
+    /// Comes with the rays that met a surface that keeps light, those through mirrors by what these reflect. Whole rays are
+    /// counted without rounding: what a closed room lacks of all of them must be nothing [Grassmann 1985].
+    fn gather_sample(&self, sample: usize, senders: &[&Level], scratch: &mut Scratch) -> (Vec<Found>, f64) {
         let samples = &self.receivers.samples;
         let gather_sample = &samples.samples[sample];
         let count = self.receivers.coefficients(sample).len();
         let frames: Vec<[Vec3; 3]> = samples.points_of(sample).iter().map(|p| p.frame(gather_sample)).collect();
         let points = Points::new(self.seed, sample as u64);
         let share = 1.0 / self.rays as f32;
-        let mut lost = self.rays;
+        let mut met = 0.0;
         let mut k = [Vec3::ZERO; MAX_FUNCTIONS];
         let k = &mut k[..count];
         for ray in 0..self.rays {
@@ -103,36 +104,34 @@ impl BounceGatherer<'_> {
                 let [u, v, w, _] = points.at(ray, 1 + layer);
                 [u, v, w]
             };
-            let mut straight = true;
             self.paths.follow(point.position, point.geometric_normal, direction, random, |arrival| {
+                // No channel gets more than this.
+                let reach = arrival.tint.max_element();
                 for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
                     level.read(&arrival.place, arrival.wo, |sender, weight, _, values| {
-                        if straight {
-                            factors.add(sender, &[weight], Vec3::splat(share));
-                        }
+                        factors.add(sender, &[weight], Vec3::splat(share * reach));
                         let light = arrival.tint * (weight * share * PI);
                         rows.iter_mut().zip(&*k).for_each(|(row, k)| row.add(sender, values, *k * light));
                     });
                 }
-                let met = senders.iter().any(|level| !is_black(&level.cells, &arrival.place));
-                lost -= u32::from(straight && met);
-                straight = false;
+                if senders.iter().any(|level| !is_black(&level.cells, &arrival.place)) {
+                    met += f64::from(reach);
+                }
             });
         }
-        (scratch.take(count), lost)
+        (scratch.take(count), met)
     }
 
     /// Balances what all samples found of one level, and makes one matrix of it.
-    fn join(&self, found: Vec<Found>, sender: &Level, escaped: &[f64]) -> Bounce {
+    fn join(&self, found: Vec<Found>, sender: &Level, met: &[f64]) -> Bounce {
         let area = |level: &Level, sample: usize| f64::from(level.samples.samples[sample].area);
         // By reciprocity a sample sends to others the share of its own rays that meets them.
-        let received: Vec<f64> =
-            escaped.iter().enumerate().map(|(i, lost)| area(self.receivers, i) * (1.0 - lost)).collect();
+        let received: Vec<f64> = met.iter().enumerate().map(|(i, met)| area(self.receivers, i) * met).collect();
         let mut sent: Vec<f64> = if std::ptr::eq(sender, self.receivers) {
             received.clone()
         } else {
-            let shares = met_shares(self.receivers, escaped, sender);
-            (0..sender.samples.len()).map(|i| area(sender, i) * shares[i]).collect()
+            let met = interpolated(self.receivers, met, sender);
+            (0..sender.samples.len()).map(|i| area(sender, i) * met[i]).collect()
         };
         let factors: Vec<Vec<(u32, f64)>> = found
             .par_iter()
@@ -197,11 +196,11 @@ fn is_black(cells: &Cells, place: &crate::bake::gather_samples::Place) -> bool {
     cells.index(place).is_none_or(|cell| cells.get(cell).is_black())
 }
 
-/// 1 - `escaped` of the receiving level, interpolated at the samples of another.
-fn met_shares(receivers: &Level, escaped: &[f64], level: &Level) -> Vec<f64> {
+/// Shares of the receiving level's rays, interpolated at the samples of another.
+fn interpolated(receivers: &Level, shares: &[f64], level: &Level) -> Vec<f64> {
     let nearest = super::cells::Neighbours::new(&receivers.samples);
     let share = |s: &crate::bake::gather_samples::GatherSample| {
-        nearest.cell(s.position, s.normal).read().map(|(i, weight)| f64::from(weight) * (1.0 - escaped[i])).sum()
+        nearest.cell(s.position, s.normal).read().map(|(i, weight)| f64::from(weight) * shares[i]).sum()
     };
     level.samples.samples.par_iter().map(share).collect()
 }
