@@ -128,8 +128,8 @@ impl<'a> Projected<'a> {
     }
 
     /// Squared errors against the rows and squares of the images of the lights to check with: for each tile, each light.
-    /// Comes with the square of the light that the factors lose of what the basis holds.
-    pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> (Found, f64) {
+    /// Comes with the squares of the light that the factors lose of what the basis holds, and of the noise left out.
+    pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> (Found, (f64, f64)) {
         let mut found = vec![vec![[0.0; 2]; self.checks.count]; tiles.len()];
         let mut seen = [0; 3].map(|_| Mat::zeros(self.checks.rows(), WIDTH));
         for (c, (terms, images)) in self.inputs.checks.channels.iter().zip(&self.checks.channels).enumerate() {

@@ -129,7 +129,8 @@ impl<'a> Compressor<'a> {
         for round in 1..=ROUNDS {
             let [rank, terms, tiles] = SHARES.map(|share| share * scale * allowed);
             let factors = projected.fit(&within, &Budget { rank, terms, tiles });
-            let (found, error) = projected.check(&factors, &within);
+            let (found, (light, noise)) = projected.check(&factors, &within);
+            let error = light - PAYS * noise;
             let enough = error <= allowed;
             // What is not enough must be worth its size.
             let better =
@@ -178,6 +179,9 @@ impl<'a> Compressor<'a> {
 /// Share of the error asked for by which light that is lost may lengthen the noise of the rows. The sum stays below the whole,
 /// for part of the noise is lost, too.
 const BIAS: f64 = 0.5;
+/// How much light the noise that is left out pays for: with all of it the operator would be as far from the truth as its rows,
+/// but what it lacks would be in all pictures the same.
+const PAYS: f64 = 0.5;
 /// Error that each row of the first bounce may have, as a multiple of that asked for: hundreds of them add up to each
 /// pixel, and what one lacks another does not.
 const THINNED: f64 = 0.5;

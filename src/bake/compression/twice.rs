@@ -78,9 +78,9 @@ impl Twice {
         held.nrows() - few.count()
     }
 
-    /// Square of the light that `got` has too much or lacks of `held`, what a basis holds of the images; all pixels. Chance may
-    /// take it below zero.
-    pub fn lost(&self, held: &Mat<f64>, got: &Mat<f64>) -> f64 {
+    /// Square of the light that `got` has too much or lacks of `held`, what a basis holds of the images, and square of the noise
+    /// of the images that it leaves out; all pixels. Chance may take either below zero.
+    pub fn lost(&self, held: &Mat<f64>, got: &Mat<f64>) -> (f64, f64) {
         let off = got - held;
         let apart = |i: usize, j: usize| off[(i, j)] * (off[(i, j)] + held[(i, j)] - self.images[(i, j)]);
         let again = |i: usize, j: usize| off[(self.pixels[i], j)] * (held[(self.pixels[i], j)] - self.again[(i, j)]);
@@ -88,7 +88,11 @@ impl Twice {
         let all: f64 = columns().flat_map(|j| (0..off.nrows()).map(move |i| (i, j))).map(|(i, j)| apart(i, j)).sum();
         let some: f64 =
             columns().flat_map(|j| (0..self.pixels.len()).map(move |i| (i, j))).map(|(i, j)| again(i, j)).sum();
-        all + self.times() * some
+        let light = all + self.times() * some;
+        let of_images: f64 = columns()
+            .map(|j| got.col(j).iter().zip(self.images.col(j).iter()).map(|(x, y)| (x - y).powi(2)).sum::<f64>())
+            .sum();
+        (light, of_images - light)
     }
 
     /// All pixels for each one gathered anew.
@@ -140,7 +144,7 @@ mod tests {
             assert_eq!(needed, kept);
             let of_all = linear::product(directions.as_ref(), held.as_ref());
             let got = linear::product(directions.subcols(0, kept), held.subrows(0, kept));
-            let found = twice.lost(&of_all, &got);
+            let (found, _) = twice.lost(&of_all, &got);
             assert!((found - lost).abs() < 0.2 * held_by_others, "{kept} directions: {found} instead of {lost}");
         }
     }
