@@ -43,7 +43,14 @@ impl Desktop {
             .stderr(Stdio::null())
             .spawn()
             .expect("tools/setup installs openbox beside Xvfb");
-        Some(Self { display, manager, server })
+        let desktop = Self { display, manager, server };
+        // A window that comes while the manager takes over may be lost to it.
+        let start = Instant::now();
+        while desktop.xdotool(&["get_num_desktops"]).is_empty() {
+            assert!(start.elapsed() < PATIENCE, "openbox does not start");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Some(desktop)
     }
 
     /// Runs relume here, watched by the validation layer.
@@ -109,7 +116,8 @@ impl App<'_> {
     pub fn wait_for_window(&mut self) {
         let start = Instant::now();
         while self.window.is_empty() {
-            assert!(start.elapsed() < PATIENCE, "no window came");
+            let ended = self.child.try_wait().unwrap();
+            assert!(start.elapsed() < PATIENCE && ended.is_none(), "no window came; the program ended: {ended:?}");
             let found = self.desktop.xdotool(&["search", "--onlyvisible", "--name", "relume$"]);
             self.window = found.lines().next().unwrap_or_default().to_owned();
             std::thread::sleep(Duration::from_millis(50));
