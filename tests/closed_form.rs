@@ -485,7 +485,7 @@ fn groups_and_switches() {
     let gpu = gpu();
     let setup = Setup::new(13, 7);
     let (scene, camera, mut all) = still_life(1.0, DVec3::ZERO);
-    all.groups = vec![LightGroup { name: "g".into(), stops: 0.0, color: Vec3::ONE, enabled: true }];
+    all.groups = vec![LightGroup::new("g")];
     let stage = stage::Stage::new(scene, &camera, &all, &setup);
     let mut relighter = stage.relighter(&gpu, &all, &setup);
     let whole = relit(&mut relighter);
@@ -497,7 +497,8 @@ fn groups_and_switches() {
     assert!(relit(&mut relighter).iter().all(|&p| p == [0.0; 3]), "all lights are in a group that is off");
     assert!(relighter.linear(Picture::Light(1)).unwrap().iter().all(|&p| p == [0.0; 3]));
 
-    all.groups[0] = LightGroup { name: "g".into(), stops: 1.0, color: Vec3::new(1.0, 0.5, 0.0), enabled: true };
+    all.groups[0] =
+        LightGroup { name: "g".into(), stops: 1.0, color: Vec3::new(1.0, 0.5, 0.0), enabled: true, solo: false };
     relighter.set_rig(&all).unwrap();
     for (got, plain) in relit(&mut relighter).iter().zip(&whole) {
         // Twice, halved red-green-blue: exact but for the order of sums.
@@ -506,7 +507,7 @@ fn groups_and_switches() {
         assert!(error.cmple(1e-6 * want).all(), "group: {got:?}, not {want}");
     }
 
-    all.groups[0] = LightGroup { name: "g".into(), stops: 0.0, color: Vec3::ONE, enabled: true };
+    all.groups[0] = LightGroup::new("g");
     all.lights[0].enabled = false;
     all.lights[2].enabled = false;
     relighter.set_rig(&all).unwrap();

@@ -122,7 +122,7 @@ fn direct_and_reflection_are_the_whole() {
 fn edit(random: &mut Random, rig: &mut Rig, next_name: &mut usize) -> String {
     let count = rig.lights.len();
     let which = random.below(count.max(1));
-    let some = |light: &mut Light, random: &mut Random| match random.below(8) {
+    let some = |light: &mut Light, random: &mut Random| match random.below(9) {
         0 => light.position += random.vector(-0.5, 0.5),
         1 => light.intensity = random.magnitude(1.0, 100.0),
         2 => light.color = random.color(),
@@ -130,6 +130,7 @@ fn edit(random: &mut Random, rig: &mut Rig, next_name: &mut usize) -> String {
         4 => light.stops = random.between(-2.0, 2.0),
         5 => light.direction = (light.direction + 0.3 * random.direction()).normalize(),
         6 => light.kind = random.pick(&[LightKind::Point, LightKind::Spot, LightKind::Directional]),
+        7 => light.solo ^= true,
         _ => light.shadows ^= true,
     };
     match random.below(12) {
@@ -176,7 +177,7 @@ fn edits_leave_no_trace(budget_bytes: Option<u64>, edits: usize, seed: u64) {
     let stage = balls_16();
     let mut random = Random::new(seed);
     let mut rig = stage.scene.rig.clone();
-    let group = |name: &str| LightGroup { name: name.into(), stops: 0.0, color: Vec3::ONE, enabled: true };
+    let group = |name: &str| LightGroup::new(name);
     rig.groups = vec![group("a"), group("b")];
     let setup = Setup { budget_bytes, ..setup() };
     let mut relighter = stage.relighter(&gpu, &rig, &setup);
@@ -189,7 +190,11 @@ fn edits_leave_no_trace(budget_bytes: Option<u64>, edits: usize, seed: u64) {
         // Several edits a picture, as a busy machine sees them; lights alone and other layers in between.
         match random.below(4) {
             0 => continue,
-            1 if !rig.lights.is_empty() => relighter.select(Some(random.below(rig.lights.len()))),
+            1 if !rig.lights.is_empty() => {
+                let from = random.below(rig.lights.len());
+                let lights: Vec<usize> = (from..rig.lights.len().min(from + 5)).collect();
+                relighter.select(&lights);
+            }
             2 if !rig.lights.is_empty() => {
                 let light = random.below(rig.lights.len());
                 relighter.linear(Picture::Light(light)).expect("frames run");

@@ -101,6 +101,8 @@ fn wrong_rigs_name_the_line() {
             "\"b_c\" is there twice",
         ),
         (format!("{light}group = \"x\"\n"), "line 5: light \"a\": there is no group \"x\""),
+        (format!("{light}follows = \"x\"\n"), "line 5: light \"a\": there is no light \"x\" to follow"),
+        (format!("{light}follows = \"a\"\n"), "line 5: light \"a\": lights follow each other in a ring"),
         (format!("{light}intensity = -1\n"), "line 5: light \"a\": intensity is -1"),
         (format!("{light}intensity = nan\n"), "intensity is NaN"),
         (format!("{light}intensity = inf\n"), "intensity is inf"),
@@ -153,12 +155,12 @@ fn light() -> impl Strategy<Value = Light> {
     let angles = (0.0..=1.0f64, 0.0..=std::f64::consts::FRAC_PI_2).prop_map(|(share, outer)| (share * outer, outer));
     (
         (kind, vector(1e4), unit(), color(), intensity, -20.0..20.0f64, angles),
-        (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 2]>()),
+        (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 3]>()),
         (".*", proptest::option::of(0usize..1000)),
     )
         .prop_map(
             |((kind, position, direction, color, intensity, stops, angles), (range, group, flags), (name, node))| {
-                let [enabled, shadows] = flags;
+                let [enabled, shadows, solo] = flags;
                 let (inner_angle, outer_angle) = angles;
                 let name = name.replace('.', "_");
                 Light {
@@ -174,6 +176,8 @@ fn light() -> impl Strategy<Value = Light> {
                     range,
                     group,
                     enabled,
+                    solo,
+                    follows: None,
                     shadows,
                     node,
                 }
@@ -201,11 +205,13 @@ proptest! {
         stops in -9.0..9.0f64,
     ) {
         let group = |i: usize| LightGroup {
-            name: format!("g \"{i}\"\n"), stops: stops * i as f64, color: tints[i], enabled: i == 0,
+            name: format!("g \"{i}\"\n"), stops: stops * i as f64, color: tints[i], enabled: i == 0, solo: i == 1,
         };
         let mut rig = Rig { camera, groups: vec![group(0), group(1)], lights };
+        let count = rig.lights.len();
         for (i, light) in rig.lights.iter_mut().enumerate() {
             light.name = format!("{}{i}", light.name);
+            light.follows = [Some(1), None, Some(0)].get(i).copied().flatten().filter(|_| count > 1);
         }
         let text = rig.to_toml();
         let mut read = parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
@@ -364,8 +370,14 @@ fn moved_lights_stand_where_the_rig_says() {
 fn groups_stops_and_switches_are_folded() {
     let gltf = lit();
     let mut rig = rig_of(&gltf);
-    rig.groups.push(LightGroup { name: "g".into(), stops: -2.0, color: Vec3::new(0.5, 3.0, 1.0), enabled: true });
-    rig.groups.push(LightGroup { name: "off".into(), stops: 0.0, color: Vec3::ONE, enabled: false });
+    rig.groups.push(LightGroup {
+        name: "g".into(),
+        stops: -2.0,
+        color: Vec3::new(0.5, 3.0, 1.0),
+        enabled: true,
+        solo: false,
+    });
+    rig.groups.push(LightGroup { name: "off".into(), stops: 0.0, color: Vec3::ONE, enabled: false, solo: false });
     (rig.lights[0].group, rig.lights[0].stops) = (Some(0), 3.0);
     rig.lights[1].enabled = false;
     rig.lights[2].group = Some(1);

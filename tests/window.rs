@@ -3,43 +3,11 @@
 mod command;
 mod desktop;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use desktop::{Desktop, Shot};
+use desktop::Desktop;
+use desktop::pictures::{cut, difference, render, scene};
 use relume::scene::Rig;
-
-fn scene(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
-}
-
-/// The picture where it is shown 1:1 and centred.
-fn cut(shot: &Shot, [width, height]: [usize; 2]) -> Vec<[u8; 3]> {
-    let (left, top) = ((shot.width - width) / 2, (shot.height - height) / 2);
-    let row = |y: usize| &shot.rgb[(top + y) * shot.width + left..][..width];
-    (0..height).flat_map(row).copied().collect()
-}
-
-/// Mean difference of two pictures in units of 1/255.
-fn difference(a: &[[u8; 3]], b: &[[u8; 3]]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let all = a.iter().flatten().zip(b.iter().flatten());
-    all.map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / (3 * a.len()) as f64
-}
-
-fn render(scene: &Path, rig: Option<&Path>, output: &Path) -> Vec<[u8; 3]> {
-    let mut command = command::relume();
-    command.arg("render").arg(scene).arg("-o").arg(output).args(["--exposure", "0.5", "--size", "360x240"]);
-    if let Some(rig) = rig {
-        command.arg("--rig").arg(rig);
-    }
-    command::Run::of(&mut command).silent();
-    let mut reader =
-        png::Decoder::new(std::io::BufReader::new(std::fs::File::open(output).unwrap())).read_info().unwrap();
-    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
-    let info = reader.next_frame(&mut bytes).unwrap();
-    let channels = info.color_type.samples();
-    bytes[..info.buffer_size()].chunks_exact(channels).map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()
-}
 
 #[test]
 fn a_person_sets_up_lights() {

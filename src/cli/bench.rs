@@ -197,7 +197,7 @@ pub fn measure(
 ) -> Result<Record> {
     let mut rig = rig.clone();
     if edit == Edit::Group {
-        let group = LightGroup { name: "half".into(), stops: 0.0, color: glam::Vec3::ONE, enabled: true };
+        let group = LightGroup::new("half");
         rig.groups.push(group);
         let half = rig.lights.len() / 2;
         rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
@@ -222,7 +222,7 @@ pub fn measure(
             Edit::Color => rig.lights[edited].color.x = 0.5 + step as f32 / 32.0,
             Edit::Toggle => rig.lights[edited].enabled = odd,
             Edit::Move | Edit::MoveDirect => nudge(&mut rig.lights[edited], &original.lights[edited], session, step),
-            Edit::Select => relighter.select(Some((edited + frame as usize * stride) % count)),
+            Edit::Select => relighter.select(&[(edited + frame as usize * stride) % count]),
             Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
             Edit::Multi => {
                 for light in [edited, (edited + 1) % count, (edited + (count / 2).max(2)) % count] {

@@ -69,8 +69,8 @@ pub struct LightCache {
     rest: Option<Vec<Term>>,
     /// Nodes edited since the last plan.
     edited: Vec<usize>,
-    /// What is to be in focus, whatever is edited: a node or nothing.
-    selected: Option<Option<usize>>,
+    /// What is to be in focus, whatever is edited; ascending.
+    selected: Option<Vec<usize>>,
     /// What the last plan that followed an edit took as edited.
     edited_before: Vec<usize>,
     has_emission: bool,
@@ -99,7 +99,7 @@ impl LightCache {
 
     pub fn new(rig: &Rig, slot_count: usize, has_emission: bool) -> Self {
         let mut cache = Self {
-            rig: rig.clone(),
+            rig: rig.shining().into_owned(),
             nodes: Vec::new(),
             root: None,
             leaf_of: Vec::new(),
@@ -127,21 +127,23 @@ impl LightCache {
         let same_tree = self.rig.groups.len() == rig.groups.len()
             && self.rig.lights.len() == rig.lights.len()
             && self.rig.lights.iter().zip(&rig.lights).all(|(a, b)| a.group == b.group && a.name == b.name);
-        let old = std::mem::replace(&mut self.rig, rig.clone());
+        let old = std::mem::replace(&mut self.rig, rig.shining().into_owned());
         if !same_tree {
             self.rebuild_tree(&old);
             return;
         }
-        for (i, (a, b)) in old.lights.iter().zip(&rig.lights).enumerate() {
-            if !same_image(a, b) {
+        for (i, old) in old.lights.iter().enumerate() {
+            let new = &self.rig.lights[i];
+            let (same_image, same_scale) = (same_image(old, new), old.scale() == new.scale());
+            if !same_image {
                 self.release(self.leaf_of[i]);
             }
-            if !same_image(a, b) || a.scale() != b.scale() {
+            if !same_image || !same_scale {
                 self.touch(self.leaf_of[i]);
             }
         }
-        for (i, (a, b)) in old.groups.iter().zip(&rig.groups).enumerate() {
-            if a.scale() != b.scale()
+        for (i, old) in old.groups.iter().enumerate() {
+            if old.scale() != self.rig.groups[i].scale()
                 && let Some(node) = self.node_of_group[i]
             {
                 self.touch(node);
@@ -149,12 +151,39 @@ impl LightCache {
         }
     }
 
-    /// Makes `light` the one that is about to be edited: the focus of the next plan, whatever else was edited. `None`
-    /// sums all lights.
+    /// Makes `lights` those that are about to be edited: the focus of the next plan, whatever else was edited. None of
+    /// them, or too many, and all lights are summed.
     ///
     /// The picture is a function of rig and focus, to the last bit: sums have an order.
-    pub fn select(&mut self, light: Option<usize>) {
-        self.selected = Some(light.map(|light| self.leaf_of[light]));
+    pub fn select(&mut self, lights: &[usize]) {
+        let mut nodes = Vec::new();
+        match (lights, self.root) {
+            ([], _) | (_, None) => {}
+            ([one], _) => nodes.push(self.leaf_of[*one]),
+            (_, Some(root)) => {
+                let mut leaves: Vec<usize> = lights.iter().map(|&light| self.leaf_of[light]).collect();
+                leaves.sort_unstable();
+                if self.cover(root, &leaves, &mut nodes) {
+                    nodes.push(root);
+                }
+                nodes.sort_unstable();
+            }
+        }
+        if nodes.len() > MAX_FOCUS {
+            nodes.clear();
+        }
+        self.selected = Some(nodes);
+    }
+
+    /// Whether all lights below `node` are among `leaves`; if not, the largest subtrees of which that is so go into `nodes`.
+    fn cover(&self, node: usize, leaves: &[usize], nodes: &mut Vec<usize>) -> bool {
+        let Some(children) = self.nodes[node].children else { return leaves.binary_search(&node).is_ok() };
+        let covered = children.map(|child| self.cover(child, leaves, nodes));
+        if covered == [true; 2] {
+            return true;
+        }
+        nodes.extend(children.iter().zip(covered).filter(|(_, covered)| *covered).map(|(child, _)| child));
+        false
     }
 
     /// All images are out of date, since other layers are shown.
@@ -175,10 +204,11 @@ impl LightCache {
         edited.dedup();
         match self.selected.take() {
             Some(selected) => {
-                if self.focus != selected.as_slice() || edited.iter().any(|&n| Some(n) != selected) {
+                let is_inside = |n| selected.binary_search(&n).is_ok() || self.has_ancestor_in(n, &selected);
+                if self.focus != selected || !edited.iter().all(|&n| is_inside(n)) {
                     self.rest = None;
                 }
-                self.focus = selected.into_iter().collect();
+                self.focus = selected;
                 self.edited_before.clone_from(&self.focus);
             }
             None => self.follow(edited),

@@ -225,9 +225,9 @@ impl Relighter {
         Ok(())
     }
 
-    /// Makes `light` the one that is about to be edited; see [`LightCache::select`].
-    pub fn select(&mut self, light: Option<usize>) {
-        self.cache.select(light);
+    /// Makes `lights` those that are about to be edited; see [`LightCache::select`].
+    pub fn select(&mut self, lights: &[usize]) {
+        self.cache.select(lights);
     }
 
     /// Chooses the part of the picture that is made from now on; emitters belong to the whole.

@@ -36,6 +36,10 @@ pub struct Light {
     /// Index into the rig's groups.
     pub group: Option<usize>,
     pub enabled: bool,
+    /// Where any light or group is solo, only those shine, and of those only what is enabled.
+    pub solo: bool,
+    /// Index of the light in the same rig that this one follows: edited with it, as far off as before.
+    pub follows: Option<usize>,
     /// Whether geometry blocks it.
     pub shadows: bool,
     /// The glTF node that it came from.
@@ -50,6 +54,7 @@ pub struct LightGroup {
     /// Linear Rec. 709, multiplies the lights' own.
     pub color: Vec3,
     pub enabled: bool,
+    pub solo: bool,
 }
 
 impl Light {
@@ -68,6 +73,8 @@ impl Light {
             range: None,
             group: None,
             enabled: true,
+            solo: false,
+            follows: None,
             shadows: true,
             node: None,
         }
@@ -100,6 +107,11 @@ impl Light {
 }
 
 impl LightGroup {
+    /// A group that changes nothing.
+    pub fn new(name: &str) -> Self {
+        Self { name: name.into(), stops: 0.0, color: Vec3::ONE, enabled: true, solo: false }
+    }
+
     /// What the sum of this group's lights is multiplied by; zero if it is off.
     pub fn scale(&self) -> Vec3 {
         if self.enabled { self.color * self.stops.exp2() as f32 } else { Vec3::ZERO }

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use egui::{Color32, DragValue, Grid, RichText, ScrollArea, Ui};
-use glam::{DVec3, Vec3};
 
-use super::desk::{Desk, LightEdit, luminance};
-use super::history::{intensity_unit, kind_name};
+use super::desk::{Desk, GroupEdit, LightEdit};
 use super::keys::{Command, SECTIONS, STEPS_TEXT, Section};
+use super::light_values::light_values;
+use super::lights_list::lights_list;
+use super::stage::Stage;
 use crate::relight::ToneMap;
-use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
-use crate::scene::{Light, LightKind};
+use crate::scene::LightKind;
 
 /// Points.
 pub const PANEL_WIDTH: f32 = 290.0;
@@ -25,6 +25,8 @@ pub struct ViewState {
     pub overlay: bool,
     pub help: bool,
     pub dialog: Option<Dialog>,
+    /// What the list of lights is searched for.
+    pub search: String,
 }
 
 pub enum Dialog {
@@ -50,7 +52,6 @@ impl ViewState {
     }
 }
 
-/// The panel: lights, the selected one's values, picture, history.
 /// What is baked behind the picture, and how far it is.
 pub fn baking(ui: &mut Ui, what: &str, share: f32) {
     egui::Panel::bottom("baking").show(ui, |ui| {
@@ -59,7 +60,9 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
     });
 }
 
-pub fn panel(ui: &mut Ui, desk: &mut Desk, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
+/// The panel: lights, the selected ones' values, picture, history.
+pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
+    let Stage { desk, shares, .. } = stage;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {
             actions.push(Action::Do(command));
@@ -75,7 +78,7 @@ pub fn panel(ui: &mut Ui, desk: &mut Desk, view: &mut ViewState, scene: &str, ac
         });
     });
     ui.separator();
-    light_list(ui, desk);
+    lights_list(ui, desk, shares, &mut view.search);
     ui.horizontal_wrapped(|ui| {
         button(ui, "+ point", Command::New(LightKind::Point), "new point light");
         button(ui, "+ spot", Command::New(LightKind::Spot), "new spot light");
@@ -83,26 +86,27 @@ pub fn panel(ui: &mut Ui, desk: &mut Desk, view: &mut ViewState, scene: &str, ac
     });
     ui.horizontal(|ui| {
         ui.add_enabled_ui(desk.selected().is_some(), |ui| {
-            button(ui, "Duplicate", Command::Duplicate, "the selected light once more");
-            button(ui, "Delete", Command::Delete, "the selected light");
-            let solo = ui.selectable_label(desk.is_solo(), "Solo").on_hover_text("the selected light alone");
-            if solo.clicked() {
-                desk.toggle_solo();
-            }
+            button(ui, "Duplicate", Command::Duplicate, "the selected lights once more");
+            button(ui, "Delete", Command::Delete, "the selected lights");
+            button(ui, "Group", Command::Group, "a new group of the selected lights");
+        });
+        ui.add_enabled_ui(desk.is_solo(), |ui| {
+            button(ui, "End solo", Command::EndSolo, "all lights that are on shine again");
         });
     });
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 118.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk);
+        history_list(ui, desk);
     });
     ui.with_layout(egui::Layout::bottom_up(egui::Align::Min), |ui| {
         ui.add_space(4.0);
         ui.label(RichText::new(&desk.message).small());
         ui.horizontal(|ui| {
             for (text, command, name) in [("Undo", Command::Undo, 0), ("Redo", Command::Redo, 1)] {
-                let name = &desk.history().names()[name];
+                let name = desk.history().names()[name];
                 let shown = ui.add_enabled(name.is_some(), egui::Button::new(text));
-                if shown.on_hover_text(name.as_deref().unwrap_or_default()).clicked() {
+                if shown.on_hover_text(name.unwrap_or_default()).clicked() {
                     actions.push(Action::Do(command));
                 }
             }
@@ -112,152 +116,22 @@ pub fn panel(ui: &mut Ui, desk: &mut Desk, view: &mut ViewState, scene: &str, ac
     });
 }
 
-fn light_list(ui: &mut Ui, desk: &mut Desk) {
-    let row_height = ui.spacing().interact_size.y;
-    let count = desk.rig().lights.len();
-    if count == 0 {
-        ui.label("no lights; add one:");
-    }
-    let list = ScrollArea::vertical().id_salt("lights").max_height(0.22 * ui.available_height());
-    let list = list.auto_shrink([false, true]);
-    list.show_rows(ui, row_height, count, |ui, rows| {
-        for index in rows {
-            let light = &desk.rig().lights[index];
-            let (mut enabled, name, color) = (light.enabled, light.name.clone(), chip(light.color));
-            let kind = kind_name(light.kind);
-            ui.horizontal(|ui| {
-                if ui.checkbox(&mut enabled, "").changed() {
-                    desk.end_gesture();
-                    let light = Light { enabled, ..desk.rig().lights[index].clone() };
-                    desk.replace(index, light);
+/// Every state that the lights were in; a click goes there.
+fn history_list(ui: &mut Ui, desk: &mut Desk) {
+    egui::CollapsingHeader::new("History").default_open(false).show(ui, |ui| {
+        let row_height = ui.spacing().interact_size.y;
+        let count = desk.history().entries().len();
+        let list = ScrollArea::vertical().id_salt("history").max_height(8.0 * row_height).stick_to_bottom(true);
+        list.auto_shrink([false, true]).show_rows(ui, row_height, count, |ui, rows| {
+            for index in rows {
+                let current = desk.history().current();
+                let name = RichText::new(&desk.history().entries()[index].name);
+                let name = if index > current { name.weak() } else { name };
+                if ui.selectable_label(index == current, name).clicked() {
+                    desk.go_to(index);
                 }
-                let (spot, _) = ui.allocate_exact_size(egui::vec2(10.0, 10.0), egui::Sense::hover());
-                ui.painter().circle_filled(spot.center(), 5.0, color);
-                let text = RichText::new(format!("{name}  ({kind})"));
-                if ui.selectable_label(desk.selected() == Some(index), text).clicked() {
-                    desk.select(index);
-                }
-            });
-        }
-    });
-}
-
-/// A light's colour at full brightness, as the display shows it.
-pub fn chip(color: Vec3) -> Color32 {
-    let brightest = color.max_element().max(f32::MIN_POSITIVE);
-    let encode = |x: f32| (x.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0).round() as u8;
-    let c = color / brightest;
-    Color32::from_rgb(encode(c.x), encode(c.y), encode(c.z))
-}
-
-fn light_values(ui: &mut Ui, desk: &mut Desk) {
-    let Some(index) = desk.selected() else {
-        ui.label("no light is selected");
-        return;
-    };
-    let mut light = desk.rig().lights[index].clone();
-    let step = desk.step();
-    Grid::new("light").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
-        ui.label("name");
-        // Taken over when the field is left, so that half a name is no edit.
-        let id = ui.id().with(("name", index, &light.name));
-        let mut name = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_else(|| light.name.clone());
-        let field = ui.text_edit_singleline(&mut name);
-        if field.lost_focus() {
-            light.name = name.replace('.', "_");
-            ui.data_mut(|data| data.remove::<String>(id));
-        } else if field.changed() {
-            ui.data_mut(|data| data.insert_temp(id, name));
-        }
-        ui.end_row();
-
-        ui.label("");
-        ui.horizontal(|ui| {
-            ui.checkbox(&mut light.enabled, "on");
-            ui.checkbox(&mut light.shadows, "shadows");
+            }
         });
-        ui.end_row();
-
-        ui.label("intensity");
-        let speed = (light.intensity * 0.01).max(1e-6);
-        let unit = intensity_unit(light.kind);
-        let range = 0.0..=f64::from(f32::MAX);
-        ui.add(DragValue::new(&mut light.intensity).speed(speed).range(range).suffix(format!(" {unit}")));
-        ui.end_row();
-        ui.label("stops");
-        ui.add(DragValue::new(&mut light.stops).speed(0.02).range(-60.0..=60.0).fixed_decimals(2));
-        ui.end_row();
-
-        ui.label("kelvin");
-        let before = kelvin_of(light.color);
-        let mut kelvin = before;
-        ui.add(DragValue::new(&mut kelvin).speed(20.0).range(KELVIN).fixed_decimals(0).suffix(" K"));
-        if kelvin != before {
-            light.color = kelvin_to_rgb(kelvin, 0.0) * luminance(light.color);
-        }
-        ui.end_row();
-        ui.label("colour");
-        ui.horizontal(|ui| {
-            let mut color = light.color.to_array();
-            ui.color_edit_button_rgb(&mut color);
-            for channel in &mut color {
-                ui.add(DragValue::new(channel).speed(0.005).range(0.0..=1e6).max_decimals(3));
-            }
-            light.color = Vec3::from_array(color);
-        });
-        ui.end_row();
-
-        if light.kind != LightKind::Directional {
-            ui.label("position");
-            vector(ui, &mut light.position, step * 0.1);
-            ui.end_row();
-        }
-        if light.kind != LightKind::Point {
-            ui.label("direction");
-            let mut direction = light.direction;
-            vector(ui, &mut direction, 0.005);
-            if direction != light.direction
-                && let Some(unit) = direction.try_normalize()
-            {
-                light.direction = unit;
-            }
-            ui.end_row();
-        }
-        if light.kind == LightKind::Spot {
-            for (text, outer) in [("cone", true), ("inner", false)] {
-                ui.label(text);
-                let angle = if outer { light.outer_angle } else { light.inner_angle };
-                let mut deg = angle.to_degrees();
-                let most = if outer { 90.0 } else { light.outer_angle.to_degrees() };
-                ui.add(DragValue::new(&mut deg).speed(0.1).range(0.0..=most).max_decimals(2).suffix("°"));
-                if deg != angle.to_degrees() {
-                    *(if outer { &mut light.outer_angle } else { &mut light.inner_angle }) = deg.to_radians();
-                    light.inner_angle = light.inner_angle.min(light.outer_angle);
-                }
-                ui.end_row();
-            }
-        }
-        ui.label("range");
-        ui.horizontal(|ui| {
-            let mut limited = light.range.is_some();
-            ui.checkbox(&mut limited, "");
-            let mut range = light.range.unwrap_or(100.0 * step);
-            if limited {
-                ui.add(DragValue::new(&mut range).speed(step * 0.1).range(1e-6..=1e12).max_decimals(3).suffix(" m"));
-            }
-            light.range = limited.then_some(range);
-        });
-        ui.end_row();
-    });
-    desk.replace(index, light);
-}
-
-fn vector(ui: &mut Ui, v: &mut DVec3, speed: f64) {
-    ui.horizontal(|ui| {
-        ui.spacing_mut().item_spacing.x = 3.0;
-        for x in [&mut v.x, &mut v.y, &mut v.z] {
-            ui.add(DragValue::new(x).speed(speed).max_decimals(3));
-        }
     });
 }
 
@@ -366,7 +240,8 @@ pub fn works_always(command: Command) -> bool {
 /// Whether a held key repeats its command.
 pub fn repeats(command: Command) -> bool {
     match command {
-        Command::Edit(edit) => !matches!(edit, LightEdit::Toggle | LightEdit::Shadows),
+        Command::Edit(edit) => !matches!(edit, LightEdit::Toggle | LightEdit::Solo | LightEdit::Shadows),
+        Command::EditGroup(edit) => matches!(edit, GroupEdit::Stops(_)),
         Command::NextLight | Command::PreviousLight | Command::Exposure(_) | Command::Undo | Command::Redo => true,
         _ => false,
     }

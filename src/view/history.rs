@@ -1,153 +1,140 @@
-//! Undo and redo without end: every edit as the change of one light, named after what it did.
+//! Undo and redo without end: every state of the lights, with what did not change shared between states.
 
-use crate::scene::{Light, LightKind, Rig};
+use std::sync::Arc;
 
-/// The change of one light, forwards.
+use super::describe;
+use super::desk::selection::Selection;
+use crate::scene::{Light, LightGroup, Rig};
+
+/// The lights at one time. A thousand states of a hundred lights are a thousand lists of pointers.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Change {
-    Replace { index: usize, before: Box<Light>, after: Box<Light> },
-    Insert { index: usize, light: Box<Light> },
-    Remove { index: usize, light: Box<Light> },
+pub struct State {
+    pub lights: Vec<Arc<Light>>,
+    pub groups: Vec<Arc<LightGroup>>,
 }
 
-/// One entry of the history.
-#[derive(Clone, Debug)]
-pub struct Edit {
-    pub change: Change,
-    /// The selection to which undoing returns.
-    pub selected_before: Option<usize>,
+/// A state and how it came about.
+pub struct Entry {
+    /// "key: +0.5 stop"
+    pub name: String,
+    state: State,
+    /// What undoing and redoing select.
+    selected_before: Selection,
+    selected_after: Selection,
+    /// The lights that became others.
+    edited: Vec<usize>,
     /// Edits of one gesture, a held key or a drag, are one entry.
     gesture: u64,
-    /// Tells states apart that are equally deep.
+    /// Tells entries apart that stand at the same place.
     id: u64,
 }
 
-#[derive(Default)]
 pub struct History {
-    done: Vec<Edit>,
-    undone: Vec<Edit>,
+    /// The first one is what was opened.
+    entries: Vec<Entry>,
+    current: usize,
     gesture: u64,
     next_id: u64,
-    /// The id of the last edit that is in the file; `None`: no edit is.
-    saved: Option<u64>,
+    /// The id of the state that is in the file.
+    saved: u64,
 }
 
-impl Change {
-    pub fn apply(&self, rig: &mut Rig) {
-        match self {
-            Self::Replace { index, after, .. } => rig.lights[*index] = *after.clone(),
-            Self::Insert { index, light } => rig.lights.insert(*index, *light.clone()),
-            Self::Remove { index, .. } => drop(rig.lights.remove(*index)),
+impl State {
+    pub fn of(rig: &Rig) -> Self {
+        Self {
+            lights: rig.lights.iter().cloned().map(Arc::new).collect(),
+            groups: rig.groups.iter().cloned().map(Arc::new).collect(),
         }
     }
 
-    pub fn revert(&self, rig: &mut Rig) {
-        match self {
-            Self::Replace { index, before, .. } => rig.lights[*index] = *before.clone(),
-            Self::Insert { index, .. } => drop(rig.lights.remove(*index)),
-            Self::Remove { index, light } => rig.lights.insert(*index, *light.clone()),
+    /// The state of `rig`, sharing with this one what is the same.
+    fn then(&self, rig: &Rig) -> Self {
+        Self {
+            lights: shared(&self.lights, &rig.lights, |light| &light.name),
+            groups: shared(&self.groups, &rig.groups, |group| &group.name),
         }
     }
 
-    /// "key: +0.5 stop"
-    pub fn name(&self) -> String {
-        match self {
-            Self::Replace { before, after, .. } => format!("{}: {}", before.name, difference(before, after)),
-            Self::Insert { light, .. } => format!("{}: new", light.name),
-            Self::Remove { light, .. } => format!("{}: deleted", light.name),
-        }
+    /// Makes `rig`'s lights these.
+    pub fn put_into(&self, rig: &mut Rig) {
+        rig.lights = self.lights.iter().map(|light| Light::clone(light)).collect();
+        rig.groups = self.groups.iter().map(|group| LightGroup::clone(group)).collect();
+    }
+
+    fn has_lists_of(&self, other: &Self) -> bool {
+        (self.lights.len(), self.groups.len()) == (other.lights.len(), other.groups.len())
+    }
+
+    /// The lights that were others in `before`, or not there; all that are in a group that was another.
+    fn edited_since(&self, before: &Self) -> Vec<usize> {
+        let same_list = self.lights.len() == before.lights.len();
+        let is_known = |light: &Light| before.lights.iter().any(|other| other.name == light.name);
+        let group_changed =
+            |light: &Light| light.group.is_some_and(|group| before.groups.get(group) != self.groups.get(group));
+        let is_edited = |index: &usize| {
+            let light = &self.lights[*index];
+            if same_list { *light != before.lights[*index] || group_changed(light) } else { !is_known(light) }
+        };
+        (0..self.lights.len()).filter(is_edited).collect()
     }
 }
 
-/// What became of a light, in a few words.
-fn difference(before: &Light, after: &Light) -> String {
-    let mut parts = Vec::new();
-    if before.name != after.name {
-        parts.push(format!("renamed {}", after.name));
-    }
-    if before.kind != after.kind {
-        parts.push(format!("made a {} light", kind_name(after.kind)));
-    }
-    if before.enabled != after.enabled {
-        parts.push(if after.enabled { "on" } else { "off" }.into());
-    }
-    if before.shadows != after.shadows {
-        parts.push(if after.shadows { "shadows on" } else { "shadows off" }.into());
-    }
-    if before.position != after.position {
-        parts.push(format!("moved {} m", rounded((after.position - before.position).length())));
-    }
-    if before.direction != after.direction {
-        let turned = before.direction.angle_between(after.direction).to_degrees();
-        parts.push(format!("turned {}°", rounded(turned)));
-    }
-    if before.stops != after.stops {
-        let by = after.stops - before.stops;
-        let unit = if by.abs() > 1.0 { "stops" } else { "stop" };
-        parts.push(format!("{}{} {unit}", if by > 0.0 { "+" } else { "" }, rounded(by)));
-    }
-    if before.intensity != after.intensity {
-        parts.push(format!("{} {}", rounded(after.intensity), intensity_unit(after.kind)));
-    }
-    if before.color != after.color {
-        parts.push("colour".into());
-    }
-    if before.outer_angle != after.outer_angle {
-        parts.push(format!("cone {}°", rounded(after.outer_angle.to_degrees())));
-    } else if before.inner_angle != after.inner_angle {
-        parts.push(format!("inner cone {}°", rounded(after.inner_angle.to_degrees())));
-    }
-    if before.range != after.range {
-        parts.push(after.range.map_or("no range".into(), |range| format!("range {} m", rounded(range))));
-    }
-    if before.group != after.group {
-        parts.push("group".into());
-    }
-    parts.join(", ")
-}
-
-pub fn kind_name(kind: LightKind) -> &'static str {
-    match kind {
-        LightKind::Point => "point",
-        LightKind::Spot => "spot",
-        LightKind::Directional => "directional",
-    }
-}
-
-pub fn intensity_unit(kind: LightKind) -> &'static str {
-    if kind == LightKind::Directional { "lx" } else { "cd" }
-}
-
-/// Three significant digits, as people write them.
-pub fn rounded(x: f64) -> String {
-    let digits = (2 - x.abs().max(1e-9).log10().floor() as i32).clamp(0, 9) as usize;
-    let text = format!("{x:.digits$}");
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-        false => text,
-    }
+/// `new` as shared values, taken from `old` where they are equal; what stays keeps its order.
+fn shared<T: Clone + PartialEq>(old: &[Arc<T>], new: &[T], name: impl Fn(&T) -> &str) -> Vec<Arc<T>> {
+    let mut rest = old;
+    let mut share = |value: &T| {
+        let found = rest.iter().position(|other| name(other) == name(value))?;
+        let shared = &rest[found];
+        rest = &rest[found + 1..];
+        (**shared == *value).then(|| shared.clone())
+    };
+    new.iter().map(|value| share(value).unwrap_or_else(|| Arc::new(value.clone()))).collect()
 }
 
 impl History {
-    /// Takes in a change that was made. It joins the last one if both belong to one gesture and one light.
-    pub fn push(&mut self, change: Change, selected_before: Option<usize>) {
-        self.undone.clear();
-        if let Some(last) = self.done.last_mut()
-            && last.gesture == self.gesture
-            && let Change::Replace { index, before, after } = &mut last.change
-            && let Change::Replace { index: same, after: newer, .. } = &change
-            && index == same
-        {
-            after.clone_from(newer);
-            self.next_id += 1;
-            last.id = self.next_id;
-            if before == after {
-                self.done.pop();
-            }
-            return;
+    pub fn new(opened: &Rig) -> Self {
+        let entry = Entry {
+            name: "opened".into(),
+            state: State::of(opened),
+            selected_before: Selection::default(),
+            selected_after: Selection::default(),
+            edited: Vec::new(),
+            gesture: 0,
+            id: 0,
+        };
+        Self { entries: vec![entry], current: 0, gesture: 1, next_id: 1, saved: 0 }
+    }
+
+    /// Takes in what became of the lights, and returns what that is called: `name`, or what the change is. It joins the
+    /// last entry if both belong to one gesture.
+    pub fn push(&mut self, rig: &Rig, selected: [&Selection; 2], name: Option<String>) -> &str {
+        let state = self.state().then(rig);
+        self.entries.truncate(self.current + 1);
+        let last = &self.entries[self.current];
+        let joins = self.current > 0 && last.gesture == self.gesture && last.state.has_lists_of(&state);
+        let mut selected_before = selected[0].clone();
+        if joins {
+            selected_before.clone_from(&last.selected_before);
+            self.entries.pop();
+            self.current -= 1;
         }
+        let before = self.state();
+        if joins && *before == state {
+            return "as before";
+        }
+        let entry = Entry {
+            name: name.unwrap_or_else(|| describe::change(before, &state)),
+            edited: state.edited_since(before),
+            state,
+            selected_before,
+            selected_after: selected[1].clone(),
+            gesture: self.gesture,
+            id: self.next_id,
+        };
         self.next_id += 1;
-        self.done.push(Edit { change, selected_before, gesture: self.gesture, id: self.next_id });
+        self.entries.push(entry);
+        self.current += 1;
+        &self.entries[self.current].name
     }
 
     /// What comes next is an edit of its own.
@@ -155,49 +142,53 @@ impl History {
         self.gesture += 1;
     }
 
-    pub fn undo(&mut self, rig: &mut Rig) -> Option<&Edit> {
-        self.end_gesture();
-        let edit = self.done.pop()?;
-        edit.change.revert(rig);
-        self.undone.push(edit);
-        self.undone.last()
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
     }
 
-    pub fn redo(&mut self, rig: &mut Rig) -> Option<&Edit> {
+    /// Index of the entry whose state the lights are in.
+    pub fn current(&self) -> usize {
+        self.current
+    }
+
+    pub fn state(&self) -> &State {
+        &self.entries[self.current].state
+    }
+
+    /// Goes to the state of entry `index`; returns what was selected then.
+    pub fn go_to(&mut self, index: usize, rig: &mut Rig) -> Selection {
         self.end_gesture();
-        let edit = self.undone.pop()?;
-        edit.change.apply(rig);
-        self.done.push(edit);
-        self.done.last()
+        let back = index < self.current;
+        self.current = index;
+        let entry = &self.entries[index];
+        entry.state.put_into(rig);
+        match self.entries.get(index + 1).filter(|_| back) {
+            Some(undone) => undone.selected_before.clone(),
+            None => entry.selected_after.clone(),
+        }
     }
 
     /// What undo would take back, and redo do again.
-    pub fn names(&self) -> [Option<String>; 2] {
-        [self.done.last(), self.undone.last()].map(|edit| edit.map(|e| e.change.name()))
+    pub fn names(&self) -> [Option<&str>; 2] {
+        let undo = (self.current > 0).then(|| self.entries[self.current].name.as_str());
+        [undo, self.entries.get(self.current + 1).map(|entry| entry.name.as_str())]
     }
 
     pub fn mark_saved(&mut self) {
         self.end_gesture();
-        self.saved = self.position();
+        self.saved = self.entries[self.current].id;
     }
 
     /// Whether the rig differs from what was loaded or last saved.
     pub fn is_unsaved(&self) -> bool {
-        self.position() != self.saved
+        self.entries[self.current].id != self.saved
     }
 
-    /// The light that was edited last, since the rig was loaded or saved.
+    /// The lights that were edited last, since the rig was loaded or saved.
     ///
-    /// It is kept out of the sum of all others, which gives a picture its last bits: so those depend on the state of
+    /// They are kept out of the sum of all others, which gives a picture its last bits: so those depend on the state of
     /// the rig alone, and come back with it.
-    pub fn focus(&self) -> Option<usize> {
-        match &self.done.last().filter(|_| self.is_unsaved())?.change {
-            Change::Replace { index, .. } | Change::Insert { index, .. } => Some(*index),
-            Change::Remove { .. } => None,
-        }
-    }
-
-    fn position(&self) -> Option<u64> {
-        self.done.last().map(|edit| edit.id)
+    pub fn focus(&self) -> &[usize] {
+        if self.is_unsaved() { &self.entries[self.current].edited } else { &[] }
     }
 }

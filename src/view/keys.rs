@@ -3,7 +3,7 @@
 use egui::{Key, Modifiers};
 use glam::DVec3;
 
-use super::desk::{Frame, LightEdit};
+use super::desk::{Frame, GroupEdit, LightEdit};
 use crate::scene::LightKind;
 
 /// What a key does.
@@ -11,11 +11,19 @@ use crate::scene::LightKind;
 pub enum Command {
     NextLight,
     PreviousLight,
+    /// With those that are selected.
+    NextLightToo,
+    AllLights,
     Edit(LightEdit),
+    EditGroup(GroupEdit),
     /// At the point under the mouse, and along with it while the key is held.
     Place,
     Aim,
-    Solo,
+    EndSolo,
+    Group,
+    Ungroup,
+    Link,
+    Unlink,
     New(LightKind),
     Duplicate,
     Delete,
@@ -66,6 +74,10 @@ const fn moves(keys: &'static [(Modifiers, Key)], frame: Frame, axis: DVec3, tex
     steps(keys, LightEdit::Move { frame, axis }, text, [0.1, 1.0, 10.0])
 }
 
+const fn master(keys: &'static [(Modifiers, Key)], sign: f64, text: &'static str) -> Binding {
+    Binding { keys, command: Command::EditGroup(GroupEdit::Stops(sign)), text, steps: Some(STOPS) }
+}
+
 const TURN: [f64; 3] = [0.2, 2.0, 15.0];
 const STOPS: [f64; 3] = [0.1, 0.5, 1.0];
 const MIRED: [f64; 3] = [2.0, 10.0, 50.0];
@@ -79,14 +91,30 @@ pub const SECTIONS: &[Section] = &[
         bindings: &[
             once(&[(NONE, Key::Tab)], Command::NextLight, "next light"),
             once(&[(Modifiers::SHIFT, Key::Tab)], Command::PreviousLight, "previous light"),
+            once(&[(CTRL, Key::Tab)], Command::NextLightToo, "next light too: several are edited together"),
+            once(&[(CTRL, Key::A)], Command::AllLights, "all lights"),
             once(&[(NONE, Key::M)], Command::Edit(LightEdit::Toggle), "on, off"),
-            once(&[(NONE, Key::N)], Command::Solo, "solo: this light alone"),
+            once(&[(NONE, Key::N)], Command::Edit(LightEdit::Solo), "solo: what is solo shines alone; off stays off"),
+            once(&[(Modifiers::SHIFT, Key::N)], Command::EndSolo, "nothing solo"),
             once(&[(NONE, Key::X)], Command::Edit(LightEdit::Shadows), "with shadows, without"),
             once(&[(CTRL, Key::Num1)], Command::New(LightKind::Point), "new point light"),
             once(&[(CTRL, Key::Num2)], Command::New(LightKind::Spot), "new spot light"),
             once(&[(CTRL, Key::Num3)], Command::New(LightKind::Directional), "new directional light"),
             once(&[(CTRL, Key::D)], Command::Duplicate, "duplicate"),
             once(&[(NONE, Key::Delete)], Command::Delete, "delete"),
+        ],
+    },
+    Section {
+        title: "Groups and links",
+        bindings: &[
+            once(&[(CTRL, Key::G)], Command::Group, "a new group of the selected lights"),
+            once(&[(CTRL_SHIFT, Key::G)], Command::Ungroup, "out of their groups"),
+            master(&[(CTRL, Key::Equals), (CTRL, Key::Plus)], 1.0, "group's master up half a stop"),
+            master(&[(CTRL, Key::Minus)], -1.0, "group's master down half a stop"),
+            once(&[(CTRL, Key::M)], Command::EditGroup(GroupEdit::Toggle), "group on, off"),
+            once(&[(CTRL, Key::N)], Command::EditGroup(GroupEdit::Solo), "group solo"),
+            once(&[(CTRL, Key::L)], Command::Link, "the others follow the light selected last"),
+            once(&[(CTRL_SHIFT, Key::L)], Command::Unlink, "they follow nobody"),
         ],
     },
     Section {
@@ -193,8 +221,9 @@ impl Binding {
                 LightEdit::Channel(channel, by) => LightEdit::Channel(channel, by * step),
                 LightEdit::Outer(by) => LightEdit::Outer(by * step),
                 LightEdit::Inner(by) => LightEdit::Inner(by * step),
-                LightEdit::Toggle | LightEdit::Shadows => edit,
+                LightEdit::Toggle | LightEdit::Solo | LightEdit::Shadows => edit,
             }),
+            Command::EditGroup(GroupEdit::Stops(by)) => Command::EditGroup(GroupEdit::Stops(by * step)),
             other => other,
         }
     }

@@ -5,14 +5,18 @@
 //! baked while direct light can be edited already.
 
 mod controls;
+mod describe;
 pub mod desk;
 mod graphics;
 pub mod history;
 pub mod keys;
+mod light_values;
+mod lights_list;
 mod load;
 mod overlay;
 mod pick;
 pub mod script;
+pub mod shares;
 mod stage;
 mod timings;
 mod window;

@@ -2,8 +2,8 @@
 
 use egui::{Align2, Color32, FontId, Pos2, RichText, Stroke, Ui};
 
-use super::controls::chip;
 use super::desk::Desk;
+use super::lights_list::chip;
 use super::timings::Timings;
 use crate::gpu::Site;
 use crate::scene::LightKind;
@@ -37,7 +37,7 @@ pub fn marks(ui: &Ui, desk: &Desk, at: impl Fn(glam::DVec3) -> Option<Pos2>) {
             continue;
         }
         let Some(at) = at(light.position) else { continue };
-        let selected = desk.selected() == Some(index);
+        let selected = desk.selection().contains(index);
         let color = if light.enabled { chip(light.color) } else { Color32::DARK_GRAY };
         painter.circle(at, if selected { 6.0 } else { 4.0 }, color, Stroke::new(1.5, Color32::BLACK));
         if selected {

@@ -7,9 +7,10 @@ use glam::DVec3;
 
 use super::Opened;
 use super::controls::{Action, Dialog, ViewState};
+use super::describe::rounded;
 use super::desk::{Desk, Pick};
-use super::history::rounded;
 use super::keys::Command;
+use super::shares::Shares;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
@@ -18,7 +19,10 @@ use crate::relight::{Picture, RelightSettings, Relighter, ToneMap, exposure};
 pub struct Stage {
     pub desk: Desk,
     pub opened: Opened,
+    pub shares: Shares,
     relighter: Relighter,
+    /// The version of the desk's lights that the relighter has, and whether it was unsaved.
+    taken: Option<(u64, bool)>,
     rig_path: Option<PathBuf>,
     suggested_path: String,
 }
@@ -47,14 +51,10 @@ impl Stage {
     ) -> Result<Self> {
         let Opened { scene, bvh, baked, camera, rig } = &opened;
         let relighter = Relighter::new(context, scene, bvh, baked, rig, settings)?;
-        let mut desk = Desk::new(rig.clone(), camera.clone(), f64::from(bvh.radius));
-        desk.message = match rig.lights.len() {
-            0 => "no lights yet: Ctrl+1, 2 or 3 adds one".into(),
-            _ => desk.summary(),
-        };
+        let desk = Desk::new(rig.clone(), camera.clone(), f64::from(bvh.radius));
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { desk, relighter, rig_path, suggested_path, opened })
+        Ok(Self { desk, shares: Shares::default(), relighter, taken: None, rig_path, suggested_path, opened })
     }
 
     /// Pixels.
@@ -73,14 +73,25 @@ impl Stage {
 
     /// Hands the lights to the relighter.
     fn take_lights(&mut self) -> Result<()> {
-        self.relighter.set_rig(&self.desk.shown_rig())?;
-        self.relighter.select(self.desk.history().focus());
+        let version = Some((self.desk.version(), self.desk.history().is_unsaved()));
+        if self.taken != version {
+            self.relighter.set_rig(self.desk.rig())?;
+            self.relighter.select(self.desk.history().focus());
+            self.taken = version;
+        }
         Ok(())
     }
 
     /// Indirect light takes the place of what there was.
     pub fn refine(&mut self, transfer: BakedTransfer) -> Result<()> {
+        self.shares.forget();
         self.relighter.set_transfer(transfer)
+    }
+
+    /// What is worth a look only while the hand rests: a little of it. Returns whether there was anything to do.
+    pub fn rest(&mut self) -> Result<bool> {
+        self.take_lights()?;
+        self.shares.measure(self.desk.history().state(), &mut self.relighter)
     }
 
     pub fn draw(&mut self, view: &ViewState, screen: Screen) -> Result<()> {
@@ -118,7 +129,14 @@ impl Stage {
             Command::Edit(edit) => desk.edit(edit),
             Command::Place => self.with_pick(pointer, Desk::place),
             Command::Aim => self.with_pick(pointer, Desk::aim),
-            Command::Solo => desk.toggle_solo(),
+            Command::NextLightToo => desk.select_next_too(1),
+            Command::AllLights => desk.select_all(),
+            Command::EditGroup(edit) => desk.edit_group(edit),
+            Command::EndSolo => desk.end_solo(),
+            Command::Group => desk.group_selected(),
+            Command::Ungroup => desk.set_group(None),
+            Command::Link => desk.link(),
+            Command::Unlink => desk.unlink(),
             Command::New(kind) => {
                 let target = self.target(pointer);
                 self.desk.add(kind, target, view.exposure);

@@ -56,6 +56,10 @@ struct App {
     asked: bool,
     /// When the interface wants to be drawn again.
     wake: Option<Instant>,
+    /// When the hand will have rested for long enough, if there may be work for that time.
+    rest: Option<Instant>,
+    /// Something was done since then that a frame has to show.
+    rested: bool,
     first_picture: Option<Instant>,
     played: usize,
     recorded: Script,
@@ -67,6 +71,9 @@ struct App {
 /// The interface wants a second look after most events; while they keep coming, the next one is that look.
 const SECOND_LOOK: Duration = Duration::from_millis(40);
 
+/// After so long without an event the hand rests.
+const REST: Duration = Duration::from_millis(150);
+
 impl App {
     fn new(settings: ViewSettings) -> Self {
         let view = ViewState {
@@ -77,6 +84,7 @@ impl App {
             overlay: false,
             help: false,
             dialog: None,
+            search: String::new(),
         };
         Self {
             settings,
@@ -94,6 +102,8 @@ impl App {
             stale: true,
             asked: false,
             wake: None,
+            rest: None,
+            rested: false,
             first_picture: None,
             played: 0,
             recorded: Script::default(),
@@ -317,7 +327,7 @@ impl App {
                         if let Some((what, share)) = loading {
                             controls::baking(ui, what, share);
                         }
-                        controls::panel(ui, &mut stage.desk, view, name, &mut actions)
+                        controls::panel(ui, stage, view, name, &mut actions)
                     });
                     let project = |point| Some(stage.opened.project(placement, point)? / scale);
                     overlay::marks(ui, &stage.desk, project);
@@ -337,6 +347,20 @@ impl App {
         self.wake = Instant::now().checked_add(delay.max(SECOND_LOOK)).filter(|_| delay < Duration::from_secs(3600));
         let primitives = context.tessellate(output.shapes, output.pixels_per_point);
         Ok((UiFrame { primitives, pixels_per_point: output.pixels_per_point }, actions))
+    }
+
+    /// A little of what is done while the hand rests; events come in between.
+    fn rest(&mut self) -> Result<Then> {
+        let Some(stage) = &mut self.stage else { return Ok(Then::Continue) };
+        match stage.rest()? {
+            true => {
+                self.rest = Some(Instant::now());
+                self.rested = true;
+            }
+            false if std::mem::take(&mut self.rested) && self.view.panel => self.ask_for_frame(),
+            false => {}
+        }
+        Ok(Then::Continue)
     }
 
     fn draw(&mut self, ui: Option<&UiFrame>) -> Result<()> {
@@ -369,6 +393,7 @@ impl App {
             }
         }
         self.frames += 1;
+        self.rest = Some(Instant::now() + REST);
         self.stale = graphics.surface.lost_picture();
         if let Some(event) = self.pending.take() {
             self.timings.frame(event, passes);
@@ -467,7 +492,12 @@ impl ApplicationHandler<LoadEvent> for App {
             self.wake = None;
             self.ask_for_frame();
         }
-        let next = [self.wake, self.next_scripted()].into_iter().flatten().filter(|at| !due(at)).min();
+        if self.rest.as_ref().is_some_and(due) {
+            self.rest = None;
+            let outcome = self.rest();
+            self.check(outcome, event_loop);
+        }
+        let next = [self.wake, self.rest, self.next_scripted()].into_iter().flatten().filter(|at| !due(at)).min();
         event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 }

@@ -1,5 +1,7 @@
 //! A display without a screen, a small window manager, and a person's hands: Xvfb, openbox, xdotool.
 
+pub mod pictures;
+
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};

@@ -26,6 +26,7 @@ pub(super) struct Lamp {
 
 impl Lamps {
     pub fn new(scene: &Scene, rig: &Rig) -> Self {
+        let rig = &*rig.shining();
         let lamp = |i: usize| Lamp {
             light: i,
             packed: rig.lights[i].pack(scene.origin),

@@ -46,6 +46,7 @@ impl Numbers {
 }
 
 fn truth(rig: &Rig) -> f32 {
+    let rig = rig.shining();
     let one = |l: &Light| {
         let group = l.group.map_or(1.0, |g| rig.groups[g].scale().x);
         l.position.x as f32 * l.scale().x * group
@@ -54,7 +55,7 @@ fn truth(rig: &Rig) -> f32 {
 }
 
 fn rig(light_count: usize, group_count: usize) -> Rig {
-    let group = |i| LightGroup { name: format!("g{i}"), stops: 0.0, color: Vec3::ONE, enabled: true };
+    let group = |i| LightGroup::new(&format!("g{i}"));
     let light = |i: usize| {
         let group = (!i.is_multiple_of(3) && group_count > 0).then(|| i % group_count.max(1));
         Light { group, ..Light::point(&format!("l{i}"), DVec3::new(i as f64, 0.0, 0.0)) }
@@ -69,7 +70,7 @@ proptest! {
         light_count in 0usize..40,
         group_count in 0usize..4,
         scarce in any::<bool>(),
-        edits in prop::collection::vec((0usize..7, 0usize..1000, 1usize..20), 0..40),
+        edits in prop::collection::vec((0usize..10, 0usize..1000, 1usize..20), 0..40),
     ) {
         let mut rig = rig(light_count, group_count);
         let (fewest, most) = LightCache::slot_range(light_count);
@@ -90,6 +91,8 @@ proptest! {
                         rig.lights[(which + i) % lights].position.x += 1.0;
                     }
                 }
+                7 if lights > 0 => rig.lights[which % lights].solo ^= true,
+                8 if group_count > 0 => rig.groups[which % group_count].solo ^= true,
                 6 if lights > 1 && amount < 10 => drop(rig.lights.remove(which % lights)),
                 6 => {
                     for i in 0..amount {
@@ -103,11 +106,16 @@ proptest! {
             let slot_count = if scarce { fewest } else { most };
             numbers.slots.resize(slot_count.max(numbers.slots.len()), f32::NAN);
             cache.set_rig(&rig, slot_count);
+            if kind == 9 || which % 3 == 0 {
+                let lights = rig.lights.len();
+                cache.select(&(0..lights).filter(|i| (i + which) % (1 + amount / 4) == 0).collect::<Vec<_>>());
+            }
             let plan = cache.plan();
             prop_assert_eq!(numbers.run(&rig, &plan), truth(&rig));
             if !rig.lights.is_empty() {
                 let one = which % rig.lights.len();
                 let alone = cache.plan_light(one);
+                let rig = rig.shining();
                 let light = &rig.lights[one];
                 let group = light.group.map_or(1.0, |g| rig.groups[g].scale().x);
                 prop_assert_eq!(numbers.run(&rig, &alone), light.position.x as f32 * light.scale().x * group);
@@ -122,13 +130,28 @@ fn colour_edits_shade_nothing_and_sum_nothing() {
     let slot_count = LightCache::slot_range(256).1;
     let mut cache = LightCache::new(&rig, slot_count, false);
     cache.plan();
-    cache.select(Some(17));
+    cache.select(&[17]);
     cache.plan();
     rig.lights[17].intensity = 3.0;
     cache.set_rig(&rig, slot_count);
     let plan = cache.plan();
     assert!(plan.steps.is_empty(), "{:?}", plan.steps);
     assert_eq!(plan.picture.len(), 2);
+}
+
+#[test]
+fn a_group_in_focus_is_one_image() {
+    let mut rig = rig(64, 2);
+    let slot_count = LightCache::slot_range(64).1;
+    let mut cache = LightCache::new(&rig, slot_count, false);
+    let members: Vec<usize> = (0..64).filter(|&i| rig.lights[i].group == Some(1)).collect();
+    cache.select(&members);
+    cache.plan();
+    rig.groups[1].stops = 1.0;
+    cache.set_rig(&rig, slot_count);
+    cache.select(&members);
+    let plan = cache.plan();
+    assert_eq!((plan.steps.len(), plan.picture.len()), (0, 2));
 }
 
 #[test]

@@ -18,7 +18,7 @@ use crate::image::file;
 /// its buffers and images.
 ///
 /// A light with a node returns to it, parents' transforms undone; others get nodes of their own. Groups, stops and
-/// switches are folded into intensity and colour; `shadows` has no counterpart in glTF.
+/// switches are folded into intensity and colour, what is solo too; `shadows` has no counterpart in glTF.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
@@ -36,7 +36,7 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let serde_json::Value::Object(mut root) = root else {
         return Err(Error::import(&scene.path, "is not a JSON object"));
     };
-    lights::replace(&mut root, &document, rig)?;
+    lights::replace(&mut root, &document, &rig.shining())?;
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
         tracing::warn!("{}: glTF cannot say that \"{}\" casts no shadows", path.display(), light.name);
     }

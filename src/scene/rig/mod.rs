@@ -8,6 +8,7 @@ mod read;
 mod read_light;
 mod write;
 
+use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
@@ -45,7 +46,38 @@ impl Rig {
         file::write_whole(path, |out| out.write_all(self.to_toml().as_bytes()).map_err(Error::io("write", path)))
     }
 
-    /// What the unit picture of light `index` is multiplied by, its group counted.
+    /// The rig as it shines: where lights or groups are solo, all others are off. What is off stays off.
+    pub fn shining(&self) -> Cow<'_, Self> {
+        let is_solo = |light: &Light| light.solo || light.group.is_some_and(|group| self.groups[group].solo);
+        if !self.lights.iter().any(is_solo) {
+            return Cow::Borrowed(self);
+        }
+        let mut rig = self.clone();
+        rig.lights.iter_mut().for_each(|light| light.enabled &= is_solo(light));
+        Cow::Owned(rig)
+    }
+
+    /// All lights, each after the one that it follows; `Err` names one of a ring of followers.
+    pub fn leaders_first(&self) -> std::result::Result<Vec<usize>, usize> {
+        let mut order = Vec::with_capacity(self.lights.len());
+        let mut is_in = vec![false; self.lights.len()];
+        for light in 0..self.lights.len() {
+            let mut chain = Vec::new();
+            let mut next = Some(light);
+            while let Some(one) = next.filter(|&one| !is_in[one]) {
+                chain.push(one);
+                if chain.len() > self.lights.len() {
+                    return Err(light);
+                }
+                next = self.lights[one].follows;
+            }
+            chain.iter().for_each(|&one| is_in[one] = true);
+            order.extend(chain.iter().rev());
+        }
+        Ok(order)
+    }
+
+    /// What the unit picture of light `index` is multiplied by, its group counted, but not what is solo.
     pub fn scale(&self, index: usize) -> glam::Vec3 {
         let light = &self.lights[index];
         light.scale() * light.group.map_or(glam::Vec3::ONE, |group| self.groups[group].scale())

@@ -42,6 +42,8 @@ struct GroupEntry {
     color: [f32; 3],
     #[serde(default = "yes")]
     enabled: bool,
+    #[serde(default)]
+    solo: bool,
 }
 
 #[derive(Deserialize)]
@@ -62,6 +64,10 @@ pub struct LightEntry {
     pub group: Option<Spanned<String>>,
     #[serde(default = "yes")]
     pub enabled: bool,
+    #[serde(default)]
+    pub solo: bool,
+    /// The name of another light.
+    pub follows: Option<Spanned<String>>,
     #[serde(default = "yes")]
     pub shadows: bool,
     /// The glTF node that the light came from.
@@ -101,15 +107,18 @@ pub fn parse(text: &str) -> Result<Rig, String> {
         }
         rig.groups.push(group);
     }
-    let mut names = std::collections::HashSet::new();
-    for entry in file.light {
+    let mut light_indices = HashMap::new();
+    let mut links = Vec::new();
+    for mut entry in file.light {
         let at = entry.name.span();
+        links.push(entry.follows.take());
         let light = read_light::light(&reader, entry, &group_indices, &rig.groups)?;
-        if !names.insert(light.name.clone()) {
+        if light_indices.insert(light.name.clone(), rig.lights.len()).is_some() {
             return Err(reader.line(at, format!("light \"{}\" is there twice", light.name)));
         }
         rig.lights.push(light);
     }
+    reader.links(&mut rig, &links, &light_indices)?;
     Ok(rig)
 }
 
@@ -147,10 +156,35 @@ impl Reader<'_> {
         Ok(camera)
     }
 
+    /// Who follows whom; a light may follow one that comes later.
+    fn links(
+        &self,
+        rig: &mut Rig,
+        links: &[Option<Spanned<String>>],
+        light_indices: &HashMap<String, usize>,
+    ) -> Result<(), String> {
+        let wrong = |index: usize, rig: &Rig, reason: String| {
+            let at = links[index].as_ref().map(Spanned::span).unwrap_or_default();
+            Err(self.line(at, format!("light \"{}\": {reason}", rig.lights[index].name)))
+        };
+        for (index, link) in links.iter().enumerate() {
+            let Some(name) = link else { continue };
+            let leader = light_indices.get(&without_dots(name.get_ref()));
+            if leader.is_none() {
+                return wrong(index, rig, format!("there is no light \"{}\" to follow", name.get_ref()));
+            }
+            rig.lights[index].follows = leader.copied();
+        }
+        match rig.leaders_first() {
+            Err(index) => wrong(index, rig, "lights follow each other in a ring".into()),
+            Ok(_) => Ok(()),
+        }
+    }
+
     fn group(&self, entry: GroupEntry) -> Result<LightGroup, String> {
         let name = without_dots(entry.name.get_ref());
-        let group =
-            LightGroup { name, stops: entry.stops, color: Vec3::from_array(entry.color), enabled: entry.enabled };
+        let GroupEntry { stops, enabled, solo, .. } = entry;
+        let group = LightGroup { name, stops, color: Vec3::from_array(entry.color), enabled, solo };
         let wrong = |reason: &str| self.line(entry.name.span(), format!("group \"{}\": {reason}", group.name));
         if group.name.is_empty() {
             return Err(wrong("the name is empty"));

@@ -43,6 +43,8 @@ pub fn light(
         },
         group: check.group(entry.group, group_indices)?,
         enabled: entry.enabled,
+        solo: entry.solo,
+        follows: None, // once all names are known
         shadows: entry.shadows,
         node: entry.node,
         name: name.clone(),

@@ -17,7 +17,7 @@ pub fn to_toml(rig: &Rig) -> String {
         out.group(group);
     }
     for light in &rig.lights {
-        out.light(light, &rig.groups);
+        out.light(light, rig);
     }
     out.text
 }
@@ -57,9 +57,12 @@ impl Document {
         self.key("stops", number(group.stops));
         self.key("color", color(group.color));
         self.key("enabled", group.enabled);
+        if group.solo {
+            self.key("solo", true);
+        }
     }
 
-    fn light(&mut self, light: &Light, groups: &[LightGroup]) {
+    fn light(&mut self, light: &Light, rig: &Rig) {
         let kind = match light.kind {
             LightKind::Point => "point",
             LightKind::Spot => "spot",
@@ -86,9 +89,15 @@ impl Document {
             self.key("range", number(range));
         }
         if let Some(group) = light.group {
-            self.key("group", string(&groups[group].name));
+            self.key("group", string(&rig.groups[group].name));
+        }
+        if let Some(leader) = light.follows {
+            self.key("follows", string(&rig.lights[leader].name));
         }
         self.key("enabled", light.enabled);
+        if light.solo {
+            self.key("solo", true);
+        }
         self.key("shadows", light.shadows);
         if let Some(node) = light.node {
             self.key("node", node);

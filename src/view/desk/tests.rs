@@ -1,5 +1,7 @@
+use glam::{DVec3, Vec3};
+
 use super::*;
-use crate::scene::Projection;
+use crate::scene::{LightGroup, LightKind, Projection};
 
 fn desk(count: usize) -> Desk {
     let light = |i: usize| Light::point(&format!("key_{i}"), DVec3::new(i as f64, 1.0, 0.0));
@@ -33,6 +35,17 @@ fn every_edit_can_be_undone_and_redone_exactly() {
         Box::new(Desk::delete),
         Box::new(Desk::delete),
         Box::new(|d| d.edit(LightEdit::Shadows)),
+        Box::new(|d| {
+            d.select_all();
+            d.group_selected();
+        }),
+        Box::new(|d| d.edit_group(GroupEdit::Stops(-1.0))),
+        Box::new(|d| d.edit_group(GroupEdit::Solo)),
+        Box::new(Desk::end_solo),
+        Box::new(Desk::link),
+        Box::new(|d| d.edit(RIGHT)),
+        Box::new(Desk::unlink),
+        Box::new(|d| d.set_group(None)),
     ];
     for edit in &edits {
         desk.end_gesture();
@@ -59,7 +72,7 @@ fn a_held_key_is_one_edit_with_one_name() {
     for _ in 0..5 {
         desk.edit(LightEdit::Stops(0.5));
     }
-    assert_eq!(desk.history().names()[0].as_deref(), Some("key_0: +2.5 stops"));
+    assert_eq!(desk.history().names()[0], Some("key_0: +2.5 stops"));
     desk.end_gesture();
     desk.edit(LightEdit::Stops(-0.5));
     desk.undo();
@@ -77,11 +90,11 @@ fn what_is_saved_is_known_through_undo_and_other_paths() {
     let mut desk = desk(1);
     desk.edit(RIGHT);
     desk.mark_saved();
-    assert!(!desk.history().is_unsaved() && desk.history().focus().is_none());
+    assert!(!desk.history().is_unsaved() && desk.history().focus().is_empty());
     desk.undo();
     assert!(desk.history().is_unsaved());
     desk.edit(LightEdit::Stops(1.0)); // as deep as the saved state, and another
-    assert!(desk.history().is_unsaved() && desk.history().focus() == Some(0));
+    assert!(desk.history().is_unsaved() && desk.history().focus() == [0]);
 }
 
 #[test]
@@ -94,7 +107,7 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
     desk.edit(LightEdit::Stops(1e9));
     assert_eq!(desk.message, "key_0: it would be brighter than numbers go");
     desk.aim(Pick { position: DVec3::ZERO, normal: DVec3::Y });
-    desk.replace(0, Light { name: String::new(), ..first.lights[0].clone() });
+    desk.edit_alike(Light { name: String::new(), ..first.lights[0].clone() });
     assert_eq!(desk.rig(), &first);
     desk.delete();
     for edit in [RIGHT, LightEdit::Toggle] {
@@ -119,7 +132,8 @@ fn names_stay_unique() {
     let unique: std::collections::HashSet<_> = names.iter().collect();
     assert_eq!(unique.len(), 4, "{names:?}");
     let renamed = Light { name: names[0].clone(), ..desk.rig().lights[1].clone() };
-    desk.replace(1, renamed);
+    desk.select(Selection::only(1));
+    desk.edit_alike(renamed);
     assert_eq!(desk.rig().lights[1].name, names[1]);
 }
 
@@ -133,4 +147,156 @@ fn a_new_light_is_as_bright_at_its_target_whatever_the_scale() {
         let lux = light.intensity / light.position.length_squared();
         assert!((lux / (std::f64::consts::FRAC_PI_2 / 2.0) - 1.0).abs() < 0.05, "{scale}: {lux}");
     }
+}
+
+/// Three lights that differ in everything, all selected, the first one last.
+fn several() -> Desk {
+    let mut desk = desk(3);
+    for (index, light) in desk.rig.lights.iter_mut().enumerate() {
+        let i = index as f64;
+        (light.intensity, light.stops, light.kind) = (1.0 + i, i, LightKind::Spot);
+        (light.outer_angle, light.inner_angle) = (0.3 + 0.1 * i, 0.1);
+        light.color = Vec3::new(1.0, 0.5 + 0.1 * i as f32, 0.2);
+        light.enabled = index != 1;
+    }
+    desk.history = History::new(&desk.rig);
+    desk.select(Selection::of([1, 2, 0]));
+    desk
+}
+
+#[test]
+fn several_lights_change_alike_and_keep_what_they_differ_in() {
+    let mut desk = several();
+    let before = desk.rig().lights.clone();
+    let primary = &before[0];
+    desk.edit_alike(Light {
+        position: primary.position + DVec3::Y,
+        intensity: 3.0 * primary.intensity,
+        stops: primary.stops - 0.5,
+        color: primary.color * Vec3::new(0.5, 1.0, 1.0),
+        outer_angle: primary.outer_angle + 0.05,
+        range: Some(4.0),
+        ..primary.clone()
+    });
+    assert!(desk.message.starts_with("key_0 and 2 more: moved 1 m, -0.5 stop, 3 cd, colour"), "{}", desk.message);
+    for (before, after) in before.iter().zip(&desk.rig().lights) {
+        assert_eq!(after.position, before.position + DVec3::Y);
+        assert_eq!((after.intensity, after.stops), (3.0 * before.intensity, before.stops - 0.5));
+        assert_eq!(after.color, before.color * Vec3::new(0.5, 1.0, 1.0));
+        assert!((after.outer_angle - before.outer_angle - 0.05).abs() < 1e-15);
+        assert_eq!((after.range, after.enabled), (Some(4.0), before.enabled));
+    }
+    // A switch makes them all the same.
+    desk.edit(LightEdit::Toggle);
+    assert!(desk.rig().lights.iter().all(|light| !light.enabled));
+    // Whom an edit makes no sense for stays; the others take it.
+    let mut point = desk.rig().lights[2].clone();
+    point.kind = LightKind::Point;
+    desk.select(Selection::only(2));
+    desk.edit_alike(point);
+    desk.select_all();
+    desk.edit(LightEdit::Turn { right: 10.0, up: 0.0 });
+    assert!(desk.rig().lights[2] == desk.history().state().lights[2].as_ref().clone());
+    assert_ne!(desk.rig().lights[0].direction, before[0].direction);
+    desk.delete();
+    assert_eq!((desk.rig().lights.len(), desk.message.as_str()), (0, "key_0 and 2 more: deleted"));
+}
+
+#[test]
+fn a_selection_is_made_of_single_lights_and_ranges() {
+    let mut selection = Selection::only(4);
+    selection.extend_to(2);
+    assert_eq!(selection.iter().collect::<Vec<_>>(), [4, 3, 2]);
+    selection.toggle(3);
+    selection.add(4);
+    assert_eq!((selection.primary(), selection.len()), (Some(4), 2));
+    assert_eq!(selection.within(3).iter().collect::<Vec<_>>(), [2]);
+    let mut desk = desk(3);
+    desk.select_next_too(1);
+    assert_eq!((desk.selection().len(), desk.message.contains("key_1 and 1 more")), (2, true), "{}", desk.message);
+    desk.select_next(1);
+    assert_eq!((desk.selection().len(), desk.selected()), (1, Some(2)));
+}
+
+#[test]
+fn groups_have_a_master_and_go_with_their_last_light() {
+    let mut desk = several();
+    desk.group_selected();
+    assert_eq!(desk.message, "group group: new");
+    for _ in 0..3 {
+        desk.edit_group(GroupEdit::Stops(0.5));
+    }
+    assert_eq!(desk.message, "group group: +1.5 stops");
+    assert_eq!(desk.history().focus(), [0, 1, 2], "who shine through the master are kept out of the sum of the others");
+    desk.replace_group(0, LightGroup { color: Vec3::new(-1.0, 0.0, 0.0), ..desk.rig().groups[0].clone() });
+    assert!(desk.message.contains("brighter than numbers go"), "{}", desk.message);
+    desk.select(Selection::of([0, 1]));
+    desk.group_selected();
+    assert_eq!(desk.rig().groups[1].name, "group_2");
+    desk.select(Selection::only(2));
+    desk.set_group(Some(1));
+    let names: Vec<_> = desk.rig().groups.iter().map(|group| group.name.as_str()).collect();
+    assert_eq!(names, ["group_2"], "the first group has no lights any more");
+    assert!(desk.rig().lights.iter().all(|light| light.group == Some(0)));
+}
+
+#[test]
+fn off_beats_solo() {
+    let mut desk = several(); // the light in the middle is off
+    let shining = |desk: &Desk| desk.rig().shining().lights.iter().map(|light| light.enabled).collect::<Vec<_>>();
+    assert_eq!(shining(&desk), [true, false, true]);
+    desk.select(Selection::of([0, 1]));
+    desk.edit(LightEdit::Solo);
+    assert_eq!(shining(&desk), [true, false, false]);
+    desk.select(Selection::only(2));
+    desk.group_selected();
+    desk.edit_group(GroupEdit::Solo);
+    assert_eq!(shining(&desk), [true, false, true]);
+    desk.end_solo();
+    assert!(!desk.is_solo());
+}
+
+#[test]
+fn followers_go_where_their_leader_goes() {
+    let mut desk = several();
+    desk.select(Selection::of([2, 1]));
+    desk.link(); // 2 follows 1
+    desk.select(Selection::of([1, 0]));
+    desk.link(); // 1 follows 0
+    desk.select(Selection::of([0, 2]));
+    desk.link();
+    assert_eq!(desk.message, "key_2 follows one of them already");
+    let before = desk.rig().lights.clone();
+    desk.select(Selection::only(0));
+    desk.edit(RIGHT);
+    let moved = |desk: &Desk| [0, 1, 2].map(|i| desk.rig().lights[i].position - before[i].position);
+    assert!(moved(&desk).iter().all(|by| (*by - DVec3::X * desk.step()).length() < 1e-12), "{:?}", moved(&desk));
+    desk.select(Selection::only(1));
+    desk.edit(LightEdit::Stops(1.0));
+    assert_eq!([0, 1, 2].map(|i| desk.rig().lights[i].stops - before[i].stops), [0.0, 1.0, 1.0]);
+    desk.delete();
+    assert_eq!(desk.rig().lights.iter().map(|light| light.follows).collect::<Vec<_>>(), [None; 2]);
+    desk.undo();
+    assert_eq!(desk.rig().lights.iter().map(|light| light.follows).collect::<Vec<_>>(), [None, Some(0), Some(1)]);
+}
+
+#[test]
+fn states_of_the_past_are_a_click_away_and_share_what_is_the_same() {
+    let mut desk = several();
+    let mut rigs = vec![desk.rig().clone()];
+    for light in [0, 1, 2, 0] {
+        desk.select(Selection::only(light));
+        desk.edit(RIGHT);
+        rigs.push(desk.rig().clone());
+    }
+    for entry in [2, 0, 4, 1] {
+        desk.go_to(entry);
+        assert_eq!(desk.rig(), &rigs[entry]);
+    }
+    let before = desk.history().state().clone();
+    desk.select(Selection::only(2));
+    desk.edit(RIGHT);
+    let shared = desk.history().state().lights.iter().zip(&before.lights);
+    let shared: Vec<bool> = shared.map(|(a, b)| std::sync::Arc::ptr_eq(a, b)).collect();
+    assert_eq!((shared, desk.history().entries().len()), (vec![true, true, false], 3));
 }

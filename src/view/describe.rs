@@ -1,0 +1,135 @@
+//! What became of lights, in a few words: names for the history, and for people.
+
+use std::sync::Arc;
+
+use super::history::State;
+use crate::scene::{Light, LightGroup, LightKind};
+
+/// "key: +0.5 stop", "key and 2 more: moved 0.1 m", "group rim: off".
+pub fn change(before: &State, after: &State) -> String {
+    let listed = |was: usize, is: usize| was.abs_diff(is);
+    match listed(before.lights.len(), after.lights.len()) {
+        0 => {}
+        count => {
+            let (more, fewer, what) = match after.lights.len() > before.lights.len() {
+                true => (&after.lights, &before.lights, "new"),
+                false => (&before.lights, &after.lights, "deleted"),
+            };
+            let first = more.iter().find(|light| fewer.iter().all(|other| other.name != light.name));
+            return format!("{}: {what}", and_more(first.map_or("lights", |light| &light.name), count));
+        }
+    }
+    if let (false, Some(group)) = (before.groups.len() > after.groups.len(), after.groups.get(before.groups.len())) {
+        return format!("group {}: new", group.name);
+    }
+    let groups = before.groups.iter().zip(&after.groups).find(|(before, after)| before != after);
+    if let (true, Some((before, after))) = (listed(before.groups.len(), after.groups.len()) == 0, groups) {
+        return format!("group {}: {}", before.name, group_difference(before, after));
+    }
+    let lights = || before.lights.iter().zip(&after.lights).filter(|(before, after)| before != after);
+    match lights().next() {
+        Some((before, after)) => {
+            format!("{}: {}", and_more(&before.name, lights().count()), light_difference(before, after))
+        }
+        None => "groups".into(),
+    }
+}
+
+fn and_more(first: &str, count: usize) -> String {
+    if count == 1 { first.to_owned() } else { format!("{first} and {} more", count - 1) }
+}
+
+fn group_difference(before: &LightGroup, after: &LightGroup) -> String {
+    let mut parts = Vec::new();
+    if before.name != after.name {
+        parts.push(format!("renamed {}", after.name));
+    }
+    switches(&mut parts, [before.enabled, after.enabled], [before.solo, after.solo]);
+    stops(&mut parts, before.stops, after.stops);
+    if before.color != after.color {
+        parts.push("tint".into());
+    }
+    parts.join(", ")
+}
+
+fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
+    let mut parts = Vec::new();
+    if before.name != after.name {
+        parts.push(format!("renamed {}", after.name));
+    }
+    if before.kind != after.kind {
+        parts.push(format!("made a {} light", kind_name(after.kind)));
+    }
+    switches(&mut parts, [before.enabled, after.enabled], [before.solo, after.solo]);
+    if before.shadows != after.shadows {
+        parts.push(if after.shadows { "shadows on" } else { "shadows off" }.into());
+    }
+    if before.position != after.position {
+        parts.push(format!("moved {} m", rounded((after.position - before.position).length())));
+    }
+    if before.direction != after.direction {
+        let turned = before.direction.angle_between(after.direction).to_degrees();
+        parts.push(format!("turned {}°", rounded(turned)));
+    }
+    stops(&mut parts, before.stops, after.stops);
+    if before.intensity != after.intensity {
+        parts.push(format!("{} {}", rounded(after.intensity), intensity_unit(after.kind)));
+    }
+    if before.color != after.color {
+        parts.push("colour".into());
+    }
+    if before.outer_angle != after.outer_angle {
+        parts.push(format!("cone {}°", rounded(after.outer_angle.to_degrees())));
+    } else if before.inner_angle != after.inner_angle {
+        parts.push(format!("inner cone {}°", rounded(after.inner_angle.to_degrees())));
+    }
+    if before.range != after.range {
+        parts.push(after.range.map_or("no range".into(), |range| format!("range {} m", rounded(range))));
+    }
+    if before.group != after.group {
+        parts.push("group".into());
+    }
+    if before.follows != after.follows {
+        parts.push(if after.follows.is_some() { "follows" } else { "follows no more" }.into());
+    }
+    parts.join(", ")
+}
+
+fn switches(parts: &mut Vec<String>, enabled: [bool; 2], solo: [bool; 2]) {
+    if enabled[0] != enabled[1] {
+        parts.push(if enabled[1] { "on" } else { "off" }.into());
+    }
+    if solo[0] != solo[1] {
+        parts.push(if solo[1] { "solo" } else { "solo off" }.into());
+    }
+}
+
+fn stops(parts: &mut Vec<String>, before: f64, after: f64) {
+    let by = after - before;
+    if by != 0.0 {
+        let unit = if by.abs() > 1.0 { "stops" } else { "stop" };
+        parts.push(format!("{}{} {unit}", if by > 0.0 { "+" } else { "" }, rounded(by)));
+    }
+}
+
+pub fn kind_name(kind: LightKind) -> &'static str {
+    match kind {
+        LightKind::Point => "point",
+        LightKind::Spot => "spot",
+        LightKind::Directional => "directional",
+    }
+}
+
+pub fn intensity_unit(kind: LightKind) -> &'static str {
+    if kind == LightKind::Directional { "lx" } else { "cd" }
+}
+
+/// Three significant digits, as people write them.
+pub fn rounded(x: f64) -> String {
+    let digits = (2 - x.abs().max(1e-9).log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{x:.digits$}");
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
+}

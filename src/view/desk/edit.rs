@@ -1,0 +1,131 @@
+//! What keys do to the selected lights: each by the same step.
+
+use glam::{DQuat, DVec3, Vec3};
+
+use super::Desk;
+use super::alike::alike;
+use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
+use crate::scene::{Light, LightKind};
+
+/// Whose axes a light moves along.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame {
+    /// Right, up, back.
+    Camera,
+    World,
+}
+
+/// An edit of the selected lights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightEdit {
+    /// In steps along an axis.
+    Move {
+        frame: Frame,
+        axis: DVec3,
+    },
+    /// Degrees to the camera's right, and up.
+    Turn {
+        right: f64,
+        up: f64,
+    },
+    Stops(f64),
+    /// Towards blue, in micro reciprocal kelvin: equal steps look alike at any temperature.
+    Mired(f64),
+    /// Of red, green and blue.
+    Channel(usize, f64),
+    /// Degrees of the spot's half-angles.
+    Outer(f64),
+    Inner(f64),
+    /// Switches: what the light that was selected last is not, all become.
+    Toggle,
+    Solo,
+    Shadows,
+}
+
+impl Desk {
+    /// Edits the selected lights; those that it makes no sense for stay.
+    pub fn edit(&mut self, edit: LightEdit) {
+        self.edit_each(|desk, light| desk.change(light, edit));
+    }
+
+    /// Puts what `change` makes of each selected light in its place; what it refuses stays.
+    pub(super) fn edit_each(&mut self, change: impl Fn(&Self, &Light) -> Result<Light, &'static str>) {
+        let mut rig = self.rig.clone();
+        let mut refused = None;
+        for index in self.selection.iter() {
+            match change(self, &self.rig.lights[index]) {
+                Ok(light) => rig.lights[index] = light,
+                Err(reason) => refused = Some(format!("{}: {reason}", self.rig.lights[index].name)),
+            }
+        }
+        match refused {
+            _ if self.selection.is_empty() => self.message = "no light is selected".into(),
+            Some(refused) if rig == self.rig => self.message = refused,
+            _ => self.commit(rig),
+        }
+    }
+
+    /// The light that was selected last becomes `light`, and the others change alike.
+    pub fn edit_alike(&mut self, light: Light) {
+        let Some(primary) = self.selected() else { return };
+        let before = &self.rig.lights[primary];
+        if *before == light {
+            return;
+        }
+        let mut rig = self.rig.clone();
+        for index in self.selection.iter() {
+            rig.lights[index] = alike(&self.rig.lights[index], before, &light);
+        }
+        rig.lights[primary] = light;
+        self.commit(rig);
+    }
+
+    /// What `edit` makes of a light, or why nothing.
+    fn change(&self, light: &Light, edit: LightEdit) -> Result<Light, &'static str> {
+        let axes = self.camera.world_from_camera;
+        let like = self.selected_light().unwrap_or(light);
+        let mut light = light.clone();
+        match edit {
+            LightEdit::Move { .. } if light.kind == LightKind::Directional => {
+                return Err("a directional light has no place; turn it");
+            }
+            LightEdit::Move { frame: Frame::Camera, axis } => light.position += axes * (axis * self.step),
+            LightEdit::Move { frame: Frame::World, axis } => light.position += axis * self.step,
+            LightEdit::Turn { .. } if light.kind == LightKind::Point => {
+                return Err("a point light shines everywhere; nothing to turn");
+            }
+            LightEdit::Turn { right, up } => {
+                let sideways = DQuat::from_axis_angle(axes.y_axis, -right.to_radians());
+                let upwards = DQuat::from_axis_angle(axes.x_axis, up.to_radians());
+                light.direction = (sideways * upwards * light.direction).normalize();
+            }
+            LightEdit::Stops(by) => light.stops += by,
+            LightEdit::Mired(by) => light.color = shifted(light.color, by),
+            LightEdit::Channel(channel, by) => light.color[channel] = (light.color[channel] + by as f32).max(0.0),
+            LightEdit::Outer(_) | LightEdit::Inner(_) if light.kind != LightKind::Spot => {
+                return Err("only a spot has a cone");
+            }
+            LightEdit::Outer(by) => {
+                light.outer_angle = (light.outer_angle + by.to_radians()).clamp(0.0, std::f64::consts::FRAC_PI_2);
+                light.inner_angle = light.inner_angle.min(light.outer_angle);
+            }
+            LightEdit::Inner(by) => {
+                light.inner_angle = (light.inner_angle + by.to_radians()).clamp(0.0, light.outer_angle);
+            }
+            LightEdit::Toggle => light.enabled = !like.enabled,
+            LightEdit::Solo => light.solo = !like.solo,
+            LightEdit::Shadows => light.shadows = !like.shadows,
+        }
+        Ok(light)
+    }
+}
+
+/// `color` with its temperature shifted, at the same luminance; an off-white tint goes.
+fn shifted(color: Vec3, mired: f64) -> Vec3 {
+    let mired = (1e6 / kelvin_of(color) - mired).clamp(1e6 / KELVIN.end(), 1e6 / KELVIN.start());
+    kelvin_to_rgb(1e6 / mired, 0.0) * luminance(color)
+}
+
+pub fn luminance(color: Vec3) -> f32 {
+    color.dot(Vec3::new(0.2126729, 0.7151522, 0.0721750))
+}

@@ -1,0 +1,103 @@
+//! Lights that come and go.
+
+use glam::DVec3;
+
+use super::Desk;
+use super::selection::Selection;
+use crate::scene::rig::UniqueNames;
+use crate::scene::{Light, LightKind};
+use crate::view::describe::kind_name;
+
+impl Desk {
+    /// A new light that shines over the viewer's shoulder at `target`, as bright there as middle grey at `exposure`.
+    pub fn add(&mut self, kind: LightKind, target: DVec3, exposure: f32) {
+        let axes = self.camera.world_from_camera;
+        let distance = (target - self.camera.position).length().max(self.step);
+        let position = self.camera.position + (axes.x_axis + axes.y_axis) * 0.3 * distance;
+        let mut light = Light::point(&self.light_names().claim(kind_name(kind)), position);
+        light.kind = kind;
+        light.direction = (target - position).normalize();
+        // White of radiance 0.5: E = pi/2 lux at the target.
+        let lux = std::f64::consts::FRAC_PI_2 * f64::from(-exposure).exp2();
+        let at_target = if kind == LightKind::Directional { 1.0 } else { (target - position).length_squared() };
+        light.intensity = two_digits(lux * at_target);
+        (light.inner_angle, light.outer_angle) = match kind {
+            LightKind::Spot => (15f64.to_radians(), 20f64.to_radians()),
+            _ => (light.inner_angle, light.outer_angle),
+        };
+        if kind == LightKind::Directional {
+            light.position = DVec3::ZERO;
+        }
+        self.insert(vec![light]);
+    }
+
+    /// The selected lights once more; the copies are selected then.
+    pub fn duplicate(&mut self) {
+        let mut names = self.light_names();
+        let mut copy = |index: usize| {
+            let light = &self.rig.lights[index];
+            let stem = light.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_');
+            let name = names.claim(if stem.is_empty() { &light.name } else { stem });
+            // It came from no node of the scene.
+            Light { name, node: None, ..light.clone() }
+        };
+        let lights: Vec<Light> = self.selection.iter().map(&mut copy).collect();
+        self.insert(lights);
+    }
+
+    fn insert(&mut self, lights: Vec<Light>) {
+        if lights.is_empty() {
+            self.message = "no light is selected".into();
+            return;
+        }
+        self.history.end_gesture();
+        let mut rig = self.rig.clone();
+        let first = rig.lights.len();
+        rig.lights.extend(lights);
+        let new = Selection::of(first..rig.lights.len());
+        self.commit_as(rig, new, None);
+        self.history.end_gesture();
+    }
+
+    /// Deletes the selected lights; what followed them follows nobody.
+    pub fn delete(&mut self) {
+        let Some(first) = self.selection.iter().min() else {
+            self.message = "no light is selected".into();
+            return;
+        };
+        self.history.end_gesture();
+        let mut rig = self.rig.clone();
+        let mut left = 0;
+        let new_index: Vec<Option<usize>> = (0..rig.lights.len())
+            .map(|light| {
+                let stays = !self.selection.contains(light);
+                left += usize::from(stays);
+                stays.then(|| left - 1)
+            })
+            .collect();
+        let mut index = 0;
+        rig.lights.retain_mut(|light| {
+            light.follows = light.follows.and_then(|leader| new_index[leader]);
+            index += 1;
+            new_index[index - 1].is_some()
+        });
+        let selection = match left {
+            0 => Selection::default(),
+            _ => Selection::only(first.min(left - 1)),
+        };
+        self.commit_as(rig, selection, None);
+    }
+
+    /// The names that lights have.
+    fn light_names(&self) -> UniqueNames {
+        let mut names = UniqueNames::default();
+        for light in &self.rig.lights {
+            names.claim(&light.name);
+        }
+        names
+    }
+}
+
+fn two_digits(x: f64) -> f64 {
+    format!("{x:.1e}").parse().unwrap_or(x)
+}

@@ -1,0 +1,251 @@
+//! The selected lights' values: those of the one selected last, and what differs among the others says so. What a hand
+//! does to them it does to all of them alike.
+
+use egui::{DragValue, Grid, Ui};
+use glam::{DVec3, Vec3};
+
+use super::describe::intensity_unit;
+use super::desk::{Desk, luminance};
+use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
+use crate::scene::{Light, LightGroup, LightKind};
+
+/// The selected lights, the primary last.
+struct Selected<'a> {
+    lights: Vec<&'a Light>,
+}
+
+impl Selected<'_> {
+    fn differ<T: PartialEq>(&self, value: impl Fn(&Light) -> T) -> bool {
+        self.lights.windows(2).any(|pair| value(pair[0]) != value(pair[1]))
+    }
+
+    /// A field for a number, or for a number that stands for several.
+    fn number<'v>(&self, value: &'v mut f64, of: impl Fn(&Light) -> f64) -> DragValue<'v> {
+        let field = DragValue::new(value);
+        match self.differ(&of) {
+            true => field.custom_formatter(|_, _| "mixed".into()),
+            false => field,
+        }
+    }
+
+    fn switch(&self, ui: &mut Ui, value: &mut bool, text: &str, of: impl Fn(&Light) -> bool) {
+        ui.add(egui::Checkbox::new(value, text).indeterminate(self.differ(of)));
+    }
+
+    fn vector(&self, ui: &mut Ui, v: &mut DVec3, speed: f64, of: impl Fn(&Light) -> DVec3) {
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 3.0;
+            for (axis, x) in v.as_mut().iter_mut().enumerate() {
+                ui.add(self.number(x, |light| of(light)[axis]).speed(speed).max_decimals(3));
+            }
+        });
+    }
+
+    fn all_have(&self, kinds: &[LightKind]) -> bool {
+        self.lights.iter().all(|light| kinds.contains(&light.kind))
+    }
+}
+
+pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
+    let Some(primary) = desk.selected_light() else {
+        ui.label("no light is selected");
+        return;
+    };
+    let mut light = primary.clone();
+    let selected = Selected { lights: desk.selection().iter().map(|index| &desk.rig().lights[index]).collect() };
+    if selected.lights.len() > 1 {
+        ui.label(format!("{} lights; what one gets, all get alike", selected.lights.len()));
+    }
+    Grid::new("light").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
+        ui.label("name");
+        name(ui, &mut light.name);
+        ui.end_row();
+
+        ui.label("");
+        ui.horizontal(|ui| {
+            selected.switch(ui, &mut light.enabled, "on", |light| light.enabled);
+            selected.switch(ui, &mut light.solo, "solo", |light| light.solo);
+            selected.switch(ui, &mut light.shadows, "shadows", |light| light.shadows);
+        });
+        ui.end_row();
+
+        strength(ui, &selected, &mut light);
+        color(ui, &selected, &mut light);
+        pose(ui, &selected, &mut light, desk.step());
+        cone(ui, &selected, &mut light);
+        range(ui, &selected, &mut light, desk.step());
+    });
+    desk.edit_alike(light);
+    group_values(ui, desk);
+    link_values(ui, desk);
+}
+
+/// Taken over when the field is left, so that half a name is no edit.
+fn name(ui: &mut Ui, name: &mut String) {
+    let id = ui.id().with(("name", &*name));
+    let mut typed = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_else(|| name.clone());
+    let field = ui.text_edit_singleline(&mut typed);
+    if field.lost_focus() {
+        *name = typed.replace('.', "_");
+        ui.data_mut(|data| data.remove::<String>(id));
+    } else if field.changed() {
+        ui.data_mut(|data| data.insert_temp(id, typed));
+    }
+}
+
+fn strength(ui: &mut Ui, selected: &Selected, light: &mut Light) {
+    ui.label("intensity");
+    let speed = (light.intensity * 0.01).max(1e-6);
+    let unit = intensity_unit(light.kind);
+    let range = 0.0..=f64::from(f32::MAX);
+    let field = selected.number(&mut light.intensity, |light| light.intensity);
+    ui.add(field.speed(speed).range(range).suffix(format!(" {unit}")));
+    ui.end_row();
+    ui.label("stops");
+    let field = selected.number(&mut light.stops, |light| light.stops);
+    ui.add(field.speed(0.02).range(-60.0..=60.0).max_decimals(2));
+    ui.end_row();
+}
+
+fn color(ui: &mut Ui, selected: &Selected, light: &mut Light) {
+    ui.label("kelvin");
+    let before = kelvin_of(light.color);
+    let mut kelvin = before;
+    let field = selected.number(&mut kelvin, |light| kelvin_of(light.color));
+    ui.add(field.speed(20.0).range(KELVIN).max_decimals(0).suffix(" K"));
+    if kelvin != before {
+        light.color = kelvin_to_rgb(kelvin, 0.0) * luminance(light.color);
+    }
+    ui.end_row();
+    ui.label("colour");
+    ui.horizontal(|ui| {
+        let mut color = light.color.to_array();
+        ui.color_edit_button_rgb(&mut color);
+        for (channel, value) in color.iter_mut().enumerate() {
+            let mut wide = f64::from(*value);
+            let field = selected.number(&mut wide, |light| light.color[channel].into());
+            if ui.add(field.speed(0.005).range(0.0..=1e6).max_decimals(3)).changed() {
+                *value = wide as f32;
+            }
+        }
+        light.color = Vec3::from_array(color);
+    });
+    ui.end_row();
+}
+
+fn pose(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
+    if light.kind != LightKind::Directional {
+        ui.label("position");
+        selected.vector(ui, &mut light.position, step * 0.1, |light| light.position);
+        ui.end_row();
+    }
+    if light.kind != LightKind::Point {
+        ui.label("direction");
+        let mut direction = light.direction;
+        selected.vector(ui, &mut direction, 0.005, |light| light.direction);
+        if direction != light.direction
+            && let Some(unit) = direction.try_normalize()
+        {
+            light.direction = unit;
+        }
+        ui.end_row();
+    }
+}
+
+fn cone(ui: &mut Ui, selected: &Selected, light: &mut Light) {
+    if !selected.all_have(&[LightKind::Spot]) {
+        return;
+    }
+    for (text, outer) in [("cone", true), ("inner", false)] {
+        ui.label(text);
+        let of = |light: &Light| if outer { light.outer_angle } else { light.inner_angle }.to_degrees();
+        let before = of(light);
+        let mut deg = before;
+        let most = if outer { 90.0 } else { light.outer_angle.to_degrees() };
+        ui.add(selected.number(&mut deg, of).speed(0.1).range(0.0..=most).max_decimals(2).suffix("°"));
+        if deg != before {
+            *(if outer { &mut light.outer_angle } else { &mut light.inner_angle }) = deg.to_radians();
+            light.inner_angle = light.inner_angle.min(light.outer_angle);
+        }
+        ui.end_row();
+    }
+}
+
+fn range(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
+    ui.label("range");
+    ui.horizontal(|ui| {
+        let mut limited = light.range.is_some();
+        selected.switch(ui, &mut limited, "", |light| light.range.is_some());
+        let mut range = light.range.unwrap_or(100.0 * step);
+        if limited {
+            let field = selected.number(&mut range, |light| light.range.unwrap_or(0.0));
+            ui.add(field.speed(step * 0.1).range(1e-6..=1e12).max_decimals(3).suffix(" m"));
+        }
+        light.range = limited.then_some(range);
+    });
+    ui.end_row();
+}
+
+/// Which group the selected lights are in, and its master.
+fn group_values(ui: &mut Ui, desk: &mut Desk) {
+    ui.separator();
+    let primary_group = desk.group();
+    let is_mixed = desk.selection().iter().any(|light| desk.rig().lights[light].group != primary_group);
+    let shown = match primary_group {
+        _ if is_mixed => "mixed",
+        Some(group) => &desk.rig().groups[group].name,
+        None => "none",
+    };
+    let mut chosen = None;
+    ui.horizontal(|ui| {
+        ui.label("group");
+        egui::ComboBox::from_id_salt("group").selected_text(shown).show_ui(ui, |ui| {
+            let groups = desk.rig().groups.iter().enumerate().map(|(i, group)| (Some(i), group.name.as_str()));
+            for (group, name) in [(None, "none")].into_iter().chain(groups) {
+                if ui.selectable_label(group == primary_group && !is_mixed, name).clicked() {
+                    chosen = Some(group);
+                }
+            }
+        });
+    });
+    if let Some(group) = chosen {
+        desk.set_group(group);
+    }
+    let Some(index) = desk.group() else { return };
+    let mut group: LightGroup = desk.rig().groups[index].clone();
+    Grid::new("group values").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
+        ui.label("name");
+        name(ui, &mut group.name);
+        ui.end_row();
+        ui.label("master");
+        ui.horizontal(|ui| {
+            let field = DragValue::new(&mut group.stops).speed(0.02).range(-60.0..=60.0).max_decimals(2);
+            ui.add(field.suffix(" stops"));
+            ui.checkbox(&mut group.enabled, "on");
+            ui.checkbox(&mut group.solo, "solo");
+        });
+        ui.end_row();
+        ui.label("tint");
+        ui.horizontal(|ui| {
+            let mut color = group.color.to_array();
+            ui.color_edit_button_rgb(&mut color);
+            for channel in &mut color {
+                ui.add(DragValue::new(channel).speed(0.005).range(0.0..=1e6).max_decimals(3));
+            }
+            group.color = Vec3::from_array(color);
+        });
+        ui.end_row();
+    });
+    desk.replace_group(index, group);
+}
+
+/// Whom the light selected last follows.
+fn link_values(ui: &mut Ui, desk: &mut Desk) {
+    let Some(leader) = desk.selected_light().and_then(|light| light.follows) else { return };
+    ui.horizontal(|ui| {
+        ui.label(format!("follows {}", desk.rig().lights[leader].name));
+        if ui.button("end").clicked() {
+            desk.unlink();
+        }
+    });
+}

@@ -1,0 +1,72 @@
+//! What share of the picture's light each light gives. It is measured on the lights' images, one light at a time while
+//! the hand rests, and again only for what changed.
+
+use std::sync::Arc;
+
+use super::desk::luminance;
+use super::history::State;
+use crate::error::Result;
+use crate::relight::{Picture, Relighter};
+use crate::scene::{Light, LightGroup};
+
+#[derive(Default)]
+pub struct Shares {
+    /// By light; those that are gone stay until others take their place.
+    measured: Vec<Option<Measured>>,
+    emission: Option<f64>,
+}
+
+struct Measured {
+    light: Arc<Light>,
+    group: Option<Arc<LightGroup>>,
+    shines: bool,
+    /// Mean over the picture.
+    luminance: f64,
+}
+
+impl Shares {
+    /// Measures one light, or the emitters, if something is out of date; returns whether it was.
+    pub fn measure(&mut self, state: &State, relighter: &mut Relighter) -> Result<bool> {
+        if self.emission.is_none() {
+            self.emission = Some(mean_luminance(relighter.linear(Picture::Emission)?));
+            return Ok(true);
+        }
+        self.measured.resize_with(state.lights.len(), || None);
+        let shines = |relighter: &Relighter, index: usize| relighter.rig().lights[index].enabled;
+        let is_stale = |index: &usize| match &self.measured[*index] {
+            None => true,
+            Some(known) => {
+                let light = &state.lights[*index];
+                let group = light.group.map(|group| &state.groups[group]);
+                let same_group = match (&known.group, group) {
+                    (Some(known), Some(group)) => Arc::ptr_eq(known, group),
+                    (known, group) => known.is_none() && group.is_none(),
+                };
+                !Arc::ptr_eq(&known.light, light) || !same_group || known.shines != shines(relighter, *index)
+            }
+        };
+        let Some(stale) = (0..state.lights.len()).find(is_stale) else { return Ok(false) };
+        let light = state.lights[stale].clone();
+        let group = light.group.map(|group| state.groups[group].clone());
+        let shines = shines(relighter, stale);
+        let luminance = mean_luminance(relighter.linear(Picture::Light(stale))?);
+        self.measured[stale] = Some(Measured { light, group, shines, luminance });
+        Ok(true)
+    }
+
+    /// All of them are out of date.
+    pub fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Of the light in the picture, as last measured; `None` where that is not known yet.
+    pub fn share(&self, light: usize) -> Option<f64> {
+        let lights: Option<f64> = self.measured.iter().map(|one| Some(one.as_ref()?.luminance)).sum();
+        let one = self.measured.get(light)?.as_ref()?.luminance;
+        Some(one / (lights? + self.emission?)).filter(|share| share.is_finite())
+    }
+}
+
+fn mean_luminance(pixels: &[[f32; 3]]) -> f64 {
+    pixels.iter().map(|pixel| f64::from(luminance((*pixel).into()))).sum::<f64>() / pixels.len() as f64
+}
