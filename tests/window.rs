@@ -2,6 +2,7 @@
 
 mod command;
 mod desktop;
+mod window_desk;
 
 use std::path::Path;
 

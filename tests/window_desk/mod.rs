@@ -1,12 +1,10 @@
 //! The lighting desk in the real window, as a lighter uses it.
 
-mod command;
-mod desktop;
-
 use std::path::Path;
 
-use desktop::pictures::{cut, difference, render, scene};
-use desktop::{App, Desktop};
+use crate::command;
+use crate::desktop::pictures::{cut, difference, render, scene};
+use crate::desktop::{App, Desktop};
 use relume::scene::Rig;
 
 const SIZE: [usize; 2] = [360, 240];
