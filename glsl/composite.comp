@@ -12,6 +12,8 @@ layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { CompositePush push; };
 layout(constant_id = 0) const uint OUTPUT = OUTPUT_LINEAR;
 
+#include "lib/display.glsl"
+
 // One workgroup a tile: reads run on in memory, and no pixel divides by the width.
 void main() {
     uint tiles_x = (push.width + TILE_SIZE - 1) / TILE_SIZE;
@@ -32,19 +34,5 @@ void main() {
             c += push.terms[i].scale * term;
         }
     }
-    if (OUTPUT == OUTPUT_LINEAR) {
-        push.target.at[3 * index] = floatBitsToUint(c.r);
-        push.target.at[3 * index + 1] = floatBitsToUint(c.g);
-        push.target.at[3 * index + 2] = floatBitsToUint(c.b);
-        return;
-    }
-    c *= push.exposure;
-    if (OUTPUT == OUTPUT_AGX) {
-        c = agx(c);
-    } else if (OUTPUT == OUTPUT_PBR_NEUTRAL) {
-        c = srgb_from_linear(clamp(pbr_neutral(c), 0.0, 1.0));
-    } else {
-        c = srgb_from_linear(clamp(c, 0.0, 1.0));
-    }
-    push.target.at[index] = packUnorm4x8(vec4(push.blue_first != 0 ? c.bgr : c, 1.0));
+    write_pixel(index, c);
 }

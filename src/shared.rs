@@ -50,14 +50,36 @@ gpu_shared! {
         pub const OUTPUT_AGX: u32 = 2;
         /// Composite writes 8-bit sRGB through Khronos PBR Neutral.
         pub const OUTPUT_PBR_NEUTRAL: u32 = 3;
+        /// Composite writes 8-bit sRGB: [`STOP_COLORS`] by luminance.
+        pub const OUTPUT_FALSE_COLOR: u32 = 4;
         /// How many kinds of output there are.
-        pub const OUTPUT_COUNT: u32 = 4;
+        pub const OUTPUT_COUNT: u32 = 5;
+
+        /// Bands of false colours; each is a stop wide.
+        pub const STOP_COUNT: u32 = 16;
+        /// Which of them has middle grey in its middle.
+        pub const MIDDLE_STOP: u32 = 8;
+        /// Bins of a histogram of luminance: the first holds what is darker than all others, the last what is brighter.
+        pub const HISTOGRAM_BINS: u32 = 66;
+        /// Bins a stop.
+        pub const BINS_A_STOP: u32 = 4;
     }
 
     floats {
         /// What of the light from any direction a gather sample reflects at most: glTF's BRDF exceeds 1 near grazing. As near
         /// to 1 as single precision still tells how far from it, to a thousandth.
         pub const ALBEDO_CAP: f32 = 0.9999;
+        /// Scene-linear luminance of middle grey.
+        pub const MIDDLE_GREY: f32 = 0.18;
+    }
+
+    tables {
+        /// sRGB, red lowest, of each stop of luminance around middle grey, which is grey: violet and blue below, green,
+        /// yellow and red above; the first stands for all that is darker, the last for all that is brighter.
+        pub const STOP_COLORS: [u32; 16] = [
+            0x14000a, 0x4a0a2a, 0x8c1246, 0xc82f3a, 0xe05b2a, 0xd68a1f, 0xb8ae17, 0x869e1e,
+            0x808080, 0x24c06c, 0x1ecfb8, 0x0fc8f2, 0x1494f5, 0x1955ee, 0x241cdd, 0xffffff,
+        ];
     }
 
     structs {
@@ -446,6 +468,46 @@ gpu_shared! {
             pub exposure: f32,
             /// 1: blue in the lowest byte, as the window wants it.
             pub blue_first: u32,
+        }
+
+        /// sheet.comp
+        pub push SheetPush {
+            /// What the cell shows.
+            pub term: SumTerm,
+            /// One packed RGBA8 a pixel, or three floats, row by row.
+            pub target: Write<u32>,
+            /// 1, or 0: the cell is empty.
+            pub term_count: u32,
+            /// Floats a plane of the term.
+            pub pixel_stride: u32,
+            /// Width and height of the picture.
+            pub size: UVec2,
+            /// Left and top of the cell.
+            pub corner: UVec2,
+            /// Its width and height.
+            pub cell: UVec2,
+            /// Linear factor, 2^stops.
+            pub exposure: f32,
+            /// 1: blue in the lowest byte, as the window wants it.
+            pub blue_first: u32,
+        }
+
+        /// inspect.comp
+        pub push InspectPush {
+            /// What is summed.
+            pub terms: [SumTerm; MAX_TERMS as usize],
+            /// [`HISTOGRAM_BINS`] counts of pixels, added to; or the RGB bits of one pixel.
+            pub result: Write<u32>,
+            /// How many terms.
+            pub term_count: u32,
+            /// Floats a plane of the terms.
+            pub pixel_stride: u32,
+            /// Width and height of the picture; of one pixel, its place in tile order.
+            pub pixels: UVec2,
+            /// Linear factor, 2^stops.
+            pub exposure: f32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
         }
 
         /// fit.comp

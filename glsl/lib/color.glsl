@@ -1,5 +1,14 @@
 // From scene-linear Rec. 709 to the display.
 
+float luminance(vec3 c) {
+    return dot(c, vec3(0.2126729, 0.7151522, 0.0721750));
+}
+
+// Stops of luminance above middle grey; below every number where nothing shines.
+float stops(vec3 c) {
+    return log2(max(luminance(c), 1e-30) / MIDDLE_GREY);
+}
+
 vec3 srgb_from_linear(vec3 c) {
     vec3 low = 12.92 * c;
     vec3 high = 1.055 * pow(max(c, vec3(0.0031308)), vec3(1.0 / 2.4)) - 0.055;

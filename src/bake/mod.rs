@@ -3,6 +3,7 @@
 pub mod brdf_factors;
 pub mod bvh;
 pub mod cache;
+pub mod channels;
 pub mod compression;
 pub mod edges;
 pub mod gather_samples;

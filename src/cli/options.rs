@@ -90,6 +90,8 @@ pub enum Tonemap {
     None,
     Agx,
     PbrNeutral,
+    /// A colour a stop of luminance; middle grey is grey.
+    FalseColor,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -114,6 +116,7 @@ impl From<Tonemap> for ToneMap {
             Tonemap::None => Self::None,
             Tonemap::Agx => Self::Agx,
             Tonemap::PbrNeutral => Self::PbrNeutral,
+            Tonemap::FalseColor => Self::FalseColor,
         }
     }
 }

@@ -106,33 +106,58 @@ fn frame(times: &[PassTime]) -> Value {
 const CPU_THREAD: u32 = 1;
 const GPU_THREAD: u32 = 2;
 
-/// The bake's stages, then the passes of each frame, as Chrome's trace events, which Perfetto opens too.
-pub fn trace(bake: &BakeReport, frames: &[Vec<PassTime>]) -> Value {
-    let mut events = Vec::new();
-    let mut end_us = 0.0f64;
-    let mut event = |name: &str, category: &str, thread: u32, start_us: f64, us: f64| {
-        events.push(json!({
+/// Chrome's trace events, which Perfetto opens too; times in microseconds.
+#[derive(Default)]
+struct Events(Vec<Value>);
+
+impl Events {
+    fn add(&mut self, name: &str, category: &str, thread: u32, start_us: f64, us: f64) {
+        self.0.push(json!({
             "name": name, "cat": category, "ph": "X", "pid": 1, "tid": thread, "ts": start_us, "dur": us,
         }));
-        end_us = end_us.max(start_us + us);
+    }
+
+    /// The passes of a frame that began at `begin_us`; returns when the last one of them ended.
+    fn frame(&mut self, begin_us: f64, times: &[PassTime]) -> f64 {
+        let mut end_us = begin_us;
+        for time in times {
+            let thread = if time.site == Site::Gpu { GPU_THREAD } else { CPU_THREAD };
+            let start_us = begin_us + 1e3 * time.start_ms;
+            self.add(time.name, "frame", thread, start_us, 1e3 * time.ms);
+            end_us = end_us.max(start_us + 1e3 * time.ms);
+        }
         end_us
-    };
+    }
+
+    fn json(mut self) -> Value {
+        for (thread, name) in [(CPU_THREAD, "CPU"), (GPU_THREAD, "GPU")] {
+            self.0.push(json!({
+                "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name },
+            }));
+        }
+        json!({ "traceEvents": self.0 })
+    }
+}
+
+/// The bake's stages, then the passes of each frame, one after the other.
+pub fn trace(bake: &BakeReport, frames: &[Vec<PassTime>]) -> Value {
+    let mut events = Events::default();
     let mut begin_us = 0.0;
     for stage in &bake.stages {
-        begin_us = event(stage.name, "bake", CPU_THREAD, begin_us, 1e6 * stage.seconds);
+        events.add(stage.name, "bake", CPU_THREAD, begin_us, 1e6 * stage.seconds);
+        begin_us += 1e6 * stage.seconds;
     }
     for frame in frames {
-        let mut frame_end_us = begin_us;
-        for time in frame {
-            let thread = if time.site == Site::Gpu { GPU_THREAD } else { CPU_THREAD };
-            frame_end_us = event(time.name, "frame", thread, begin_us + 1e3 * time.start_ms, 1e3 * time.ms);
-        }
-        begin_us = frame_end_us;
+        begin_us = events.frame(begin_us, frame);
     }
-    for (thread, name) in [(CPU_THREAD, "CPU"), (GPU_THREAD, "GPU")] {
-        events.push(json!({
-            "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name },
-        }));
+    events.json()
+}
+
+/// The passes of frames that began at these milliseconds.
+pub fn trace_frames(frames: &[(f64, Vec<PassTime>)]) -> Value {
+    let mut events = Events::default();
+    for (begin_ms, times) in frames {
+        events.frame(1e3 * begin_ms, times);
     }
-    json!({ "traceEvents": events })
+    events.json()
 }

@@ -1,6 +1,7 @@
 //! `relume view`
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use relume::Result;
 use relume::gpu::{Validation, Vsync};
@@ -11,6 +12,7 @@ use serde_json::json;
 use super::options::{Exposure, LightOptions, SceneOptions};
 use super::output;
 use super::session::Session;
+use super::stats;
 
 #[derive(clap::Args)]
 #[command(after_help = help_on_keys())]
@@ -32,6 +34,13 @@ pub struct Args {
     /// Writes what frames took as JSON, when the window closes.
     #[arg(long, value_name = "FILE")]
     stats: Option<PathBuf>,
+    /// Writes a trace of every frame's passes, for Perfetto or chrome://tracing.
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Milliseconds that a frame may take while a light is dragged: a picture that takes longer is made coarser, and
+    /// finished when the hand rests. 0 never makes it coarser.
+    #[arg(long, value_name = "MS", default_value_t = 33.0, value_parser = parse_budget)]
+    frame_budget: f64,
     #[command(flatten)]
     scene_options: SceneOptions,
     #[command(flatten)]
@@ -39,7 +48,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    args.stats.iter().chain(&args.record).try_for_each(|path| output::make_parent(path))?;
+    args.stats.iter().chain(&args.record).chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let settings = ViewSettings {
         name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -55,6 +64,8 @@ pub fn run(args: &Args) -> Result<()> {
         vsync: if args.no_vsync { Vsync::Off } else { Vsync::On },
         script,
         record: args.record.clone(),
+        frame_budget: Duration::from_secs_f64(args.frame_budget * 1e-3),
+        trace: args.trace.is_some(),
     };
     let (path, rig, options) = (args.scene.clone(), args.rig.clone(), args.scene_options.clone());
     let report = relume::view::run(settings, move |loader| {
@@ -62,14 +73,24 @@ pub fn run(args: &Args) -> Result<()> {
         let Session { scene, bvh, baked, camera, rig, transfers, .. } = session;
         loader.show(Opened { scene: scene.clone(), bvh: bvh.clone(), baked: baked.clone(), camera, rig });
         match transfers {
-            Some(transfers) => transfers.refine(&scene, &bvh, &baked, loader, |transfer| loader.refine(transfer)),
+            Some(transfers) => {
+                transfers.refine(&scene, &bvh, &baked, loader, |transfer| loader.refine(transfer.with_coarse()))
+            }
             None => Ok(()),
         }
     })?;
     if let Some(path) = &args.stats {
         output::write_json(path, &json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report }))?;
     }
+    if let Some(path) = &args.trace {
+        output::write_json(path, &stats::trace_frames(&report.trace))?;
+    }
     Ok(())
+}
+
+fn parse_budget(text: &str) -> std::result::Result<f64, String> {
+    let ms = text.parse().ok().filter(|ms| (0.0..=60_000.0).contains(ms));
+    ms.ok_or_else(|| "expected milliseconds from 0 to 60000, like 33".into())
 }
 
 /// Every key, below the options.

@@ -96,6 +96,7 @@ macro_rules! gpu_shared {
     (
         constants { $($(#[doc = $const_doc:literal])* pub const $constant:ident: u32 = $value:expr;)* }
         floats { $($(#[doc = $float_doc:literal])* pub const $float:ident: f32 = $float_value:expr;)* }
+        tables { $($(#[doc = $table_doc:literal])* pub const $table:ident: [u32; $length:expr] = $entries:expr;)* }
         structs {
             $($(#[doc = $doc:literal])* pub $kind:ident $name:ident {
                 $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty,)*
@@ -104,6 +105,7 @@ macro_rules! gpu_shared {
     ) => {
         $($(#[doc = $const_doc])* pub const $constant: u32 = $value;)*
         $($(#[doc = $float_doc])* pub const $float: f32 = $float_value;)*
+        $($(#[doc = $table_doc])* pub const $table: [u32; $length] = $entries;)*
         $(
             $(#[doc = $doc])*
             #[repr(C)]
@@ -130,6 +132,11 @@ macro_rules! gpu_shared {
             $(
                 $(glsl += &format!("//{}\n", $float_doc);)*
                 glsl += &format!("const float {} = {:?};\n", stringify!($float), $float);
+            )*
+            $(
+                $(glsl += &format!("//{}\n", $table_doc);)*
+                let entries = $table.map(|entry| format!("{entry}u")).join(", ");
+                glsl += &format!("const uint {0}[{1}] = uint[{1}]({entries});\n", stringify!($table), $table.len());
             )*
             $(
                 $(glsl += &format!("//{}\n", $doc);)*

@@ -32,6 +32,8 @@ embedded![
     "resolve.comp",
     "sum_images.comp",
     "composite.comp",
+    "sheet.comp",
+    "inspect.comp",
     "count_non_finite.comp",
     "fit.comp",
     "yardstick.comp",

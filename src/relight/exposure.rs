@@ -1,7 +1,18 @@
 //! Automatic exposure: exported candela values span six orders of magnitude.
 
-/// Scene-linear luminance that a picture's typical pixel is brought to.
-const MIDDLE_GREY: f64 = 0.18;
+use crate::shared::{MIDDLE_GREY, MIDDLE_STOP, STOP_COLORS, STOP_COUNT};
+
+/// Of a luminance above middle grey; minus infinity of none.
+pub fn stops(luminance: f32) -> f32 {
+    (luminance / MIDDLE_GREY).log2()
+}
+
+/// sRGB of a luminance so many stops above middle grey: [`super::ToneMap::FalseColor`].
+pub fn stop_color(stops: f32) -> [u8; 3] {
+    let band = (stops + 0.5).floor() + MIDDLE_STOP as f32;
+    let [r, g, b, _] = STOP_COLORS[band.clamp(0.0, (STOP_COUNT - 1) as f32) as usize].to_le_bytes();
+    [r, g, b]
+}
 
 /// Stops that bring the geometric mean of the lit pixels' luminance to middle grey [Reinhard 2002, Eq. 1 and 2]; 0 if
 /// nothing is lit.
@@ -19,5 +30,5 @@ pub fn automatic(pixels: &[[f32; 3]]) -> f32 {
     let bright = luminances[(luminances.len() - 1) * 99 / 100];
     let lit = &luminances[luminances.partition_point(|&y| y < 1e-3 * bright)..];
     let mean = lit.iter().map(|y| y.log2()).sum::<f64>() / lit.len() as f64;
-    (MIDDLE_GREY.log2() - mean) as f32
+    (f64::from(MIDDLE_GREY).log2() - mean) as f32
 }

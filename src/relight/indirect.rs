@@ -5,9 +5,10 @@ use std::sync::Arc;
 use glam::{UVec4, Vec4};
 
 use super::haar::HaarTransform;
+use super::light_cache::Detail;
 use super::sparse::SparseProduct;
 use crate::bake::transfer::baked::BakedTransfer;
-use crate::bake::transfer::blocks::Piece;
+use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SparseMatrix;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
@@ -20,6 +21,8 @@ pub struct Indirect {
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
     chain: Vec<Product>,
+    /// A part of the chain, for pictures in a hurry; empty: the chain itself.
+    coarse: Vec<Product>,
     /// Instead of the chain.
     sparse: Vec<SparseProduct>,
 }
@@ -65,13 +68,15 @@ const ROWS_A_THREAD: u32 = 4;
 
 impl Indirect {
     pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
-        let mut chain = Vec::new();
-        for (i, matrix) in transfer.chain.iter().enumerate() {
-            let is_last = i + 1 == transfer.chain.len();
-            for panels in matrix.pieces(PIECE_BYTES) {
-                chain.push(Product::new(context, &matrix.piece(panels), is_last)?);
+        let products = |chain: &[BlockMatrix]| -> Result<Vec<Product>> {
+            let mut products = Vec::new();
+            for (i, matrix) in chain.iter().enumerate() {
+                for panels in matrix.pieces(PIECE_BYTES) {
+                    products.push(Product::new(context, &matrix.piece(panels), i + 1 == chain.len())?);
+                }
             }
-        }
+            Ok(products)
+        };
         let pieces = |m: &SparseMatrix| {
             m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p))).collect()
         };
@@ -81,7 +86,8 @@ impl Indirect {
             lit: LitSamples::new(context, transfer)?,
             vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
             haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.first())).transpose()?,
-            chain,
+            chain: products(&transfer.chain)?,
+            coarse: products(&transfer.coarse)?,
             sparse,
         })
     }
@@ -92,7 +98,14 @@ impl Indirect {
     }
 
     /// Adds the indirect light of `light` to `target`; `visibility` is that of the points.
-    pub fn add(&self, frame: &mut Frame, light: &PackedLight, visibility: &Buffer<u32>, target: &Target) {
+    pub fn add(
+        &self,
+        frame: &mut Frame,
+        light: &PackedLight,
+        visibility: &Buffer<u32>,
+        target: &Target,
+        detail: Detail,
+    ) {
         if self.points.is_empty() {
             return;
         }
@@ -100,7 +113,8 @@ impl Indirect {
         if let Some(haar) = &self.haar {
             haar.run(frame, &self.vector);
         }
-        for product in &self.chain {
+        let coarse = detail == Detail::Coarse && !self.coarse.is_empty();
+        for product in if coarse { &self.coarse } else { &self.chain } {
             product.run(frame, &self.vector, target);
         }
         for product in &self.sparse {

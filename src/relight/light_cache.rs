@@ -34,13 +34,24 @@ pub enum Source {
     Emission,
 }
 
+/// How closely the image of a light is made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Detail {
+    #[default]
+    Exact,
+    /// In a hurry: one shadow ray for four samples where rays are traced, and a part of the compressed transfer.
+    Coarse,
+}
+
 /// A step towards the picture, in the order of [`Plan::steps`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     /// Shade `light` at unit intensity into `slot`.
-    Shade { light: usize, slot: usize },
+    Shade { light: usize, slot: usize, detail: Detail },
     /// Sum `terms` into `target`, in addition to what is there if `accumulate`.
     Sum { target: Source, terms: Vec<Term>, accumulate: bool },
+    /// Put one light's share, or nothing, into a cell of the contact sheet.
+    Show { cell: usize, term: Option<Term> },
 }
 
 /// What a frame has to do.
@@ -67,6 +78,8 @@ pub struct LightCache {
     focus: Vec<usize>,
     /// The sum of all but the focus, and the emission; `None` if it must be made again.
     rest: Option<Vec<Term>>,
+    /// Whether a part of that was made coarsely.
+    rest_is_coarse: bool,
     /// Nodes edited since the last plan.
     edited: Vec<usize>,
     /// What is to be in focus, whatever is edited; ascending.
@@ -74,6 +87,8 @@ pub struct LightCache {
     /// What the last plan that followed an edit took as edited.
     edited_before: Vec<usize>,
     has_emission: bool,
+    /// How closely images are made now.
+    detail: Detail,
     clock: u64,
 }
 
@@ -85,6 +100,8 @@ struct Node {
     group: Option<usize>,
     /// Holds its image, up to date.
     slot: Option<usize>,
+    /// Whether that was made coarsely, or is a sum with such a part.
+    coarse: bool,
 }
 
 impl LightCache {
@@ -107,10 +124,12 @@ impl LightCache {
             slots: Slots::new(slot_count),
             focus: Vec::new(),
             rest: None,
+            rest_is_coarse: false,
             edited: Vec::new(),
             selected: None,
             edited_before: Vec::new(),
             has_emission,
+            detail: Detail::Exact,
             clock: 0,
         };
         cache.build_tree();
@@ -184,6 +203,28 @@ impl LightCache {
         }
         nodes.extend(children.iter().zip(covered).filter(|(_, covered)| *covered).map(|(child, _)| child));
         false
+    }
+
+    /// How closely images are made from now on. Exact: those that were made coarsely are out of date, and what is in focus
+    /// stays so.
+    pub fn set_detail(&mut self, detail: Detail) {
+        let before = std::mem::replace(&mut self.detail, detail);
+        if before == detail || detail == Detail::Coarse {
+            return;
+        }
+        for node in 0..self.nodes.len() {
+            if self.nodes[node].coarse {
+                self.release(node);
+            }
+        }
+        if self.rest_is_coarse {
+            (self.rest, self.rest_is_coarse) = (None, false);
+        }
+    }
+
+    /// Whether any image was made coarsely.
+    pub fn is_coarse(&self) -> bool {
+        self.rest_is_coarse || self.nodes.iter().any(|node| node.coarse)
     }
 
     /// All images are out of date, since other layers are shown.
@@ -271,6 +312,17 @@ impl LightCache {
         plan
     }
 
+    /// The work that puts each light's share into a cell of its own, of `cells`.
+    pub fn plan_sheet(&mut self, cells: usize) -> Plan {
+        let mut plan = Plan::default();
+        for cell in 0..cells {
+            let light = if cell < self.rig.lights.len() { self.plan_light(cell) } else { Plan::default() };
+            plan.steps.extend(light.steps);
+            plan.steps.push(Step::Show { cell, term: light.picture.first().copied() });
+        }
+        plan
+    }
+
     /// Splits the tree into focused nodes and the largest subtrees without any, each with its scale in the picture.
     fn split(
         &self,
@@ -295,6 +347,7 @@ impl LightCache {
 
     /// Sums what is not in focus.
     fn make_rest(&mut self, nodes: &[(usize, Vec3)], steps: &mut Vec<Step>) -> Vec<Term> {
+        self.rest_is_coarse = false;
         let emission = Term { source: Source::Emission, scale: Vec3::ONE };
         let mut terms: Vec<Term> = self.has_emission.then_some(emission).into_iter().collect();
         let nodes: Vec<_> = nodes.iter().filter(|(_, scale)| *scale != Vec3::ZERO).collect();
@@ -304,6 +357,7 @@ impl LightCache {
         let mut accumulate = false;
         for (i, &&(node, scale)) in nodes.iter().enumerate() {
             let slot = self.need(node, steps);
+            self.rest_is_coarse |= self.nodes[node].coarse;
             self.slots.pin(slot);
             terms.push(Term { source: Source::Slot(slot), scale });
             if terms.len() == BATCH || i + 1 == nodes.len() {
@@ -328,19 +382,23 @@ impl LightCache {
         let Some(children) = self.nodes[node].children else {
             let slot = self.take_slot(node);
             let light = self.nodes[node].light.expect("a leaf is a light");
-            steps.push(Step::Shade { light, slot });
+            steps.push(Step::Shade { light, slot, detail: self.detail });
+            self.nodes[node].coarse = self.detail == Detail::Coarse;
             return slot;
         };
         let mut terms = Vec::with_capacity(2);
+        let mut coarse = false;
         for child in children {
             let scale = self.scale(child);
             if scale != Vec3::ZERO {
                 let slot = self.need(child, steps);
+                coarse |= self.nodes[child].coarse;
                 self.slots.pin(slot);
                 terms.push((slot, scale));
             }
         }
         let target = self.take_slot(node);
+        self.nodes[node].coarse = coarse;
         for (slot, _) in &terms {
             self.slots.unpin(*slot);
         }
@@ -353,7 +411,7 @@ impl LightCache {
     fn take_slot(&mut self, node: usize) -> usize {
         let (slot, evicted) = self.slots.take(node, self.clock);
         if let Some(evicted) = evicted {
-            self.nodes[evicted].slot = None;
+            (self.nodes[evicted].slot, self.nodes[evicted].coarse) = (None, false);
         }
         self.nodes[node].slot = Some(slot);
         slot
@@ -361,6 +419,7 @@ impl LightCache {
 
     /// Forgets `node`'s image.
     fn release(&mut self, node: usize) {
+        self.nodes[node].coarse = false;
         if let Some(slot) = self.nodes[node].slot.take() {
             self.slots.clear(slot);
         }
@@ -393,7 +452,8 @@ impl LightCache {
     }
 
     fn build_tree(&mut self) {
-        let leaf = |light| Node { parent: None, children: None, light: Some(light), group: None, slot: None };
+        let leaf =
+            |light| Node { parent: None, children: None, light: Some(light), group: None, slot: None, coarse: false };
         self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
         self.leaf_of = (0..self.rig.lights.len()).collect();
         self.node_of_group = vec![None; self.rig.groups.len()];
@@ -420,7 +480,14 @@ impl LightCache {
                 let (left, right) = nodes.split_at(nodes.len() / 2);
                 let children = [self.balance(left)?, self.balance(right)?];
                 let this = self.nodes.len();
-                self.nodes.push(Node { parent: None, children: Some(children), light: None, group: None, slot: None });
+                self.nodes.push(Node {
+                    parent: None,
+                    children: Some(children),
+                    light: None,
+                    group: None,
+                    slot: None,
+                    coarse: false,
+                });
                 for child in children {
                     self.nodes[child].parent = Some(this);
                 }
@@ -431,20 +498,23 @@ impl LightCache {
 
     /// A new tree after lights came, went or changed groups; unmoved lights keep their images.
     fn rebuild_tree(&mut self, old: &Rig) {
-        let kept: HashMap<&str, (&Light, usize)> = old
+        let kept: HashMap<&str, (&Light, usize, bool)> = old
             .lights
             .iter()
             .enumerate()
-            .filter_map(|(i, light)| Some((light.name.as_str(), (light, self.nodes[self.leaf_of[i]].slot?))))
+            .filter_map(|(i, light)| {
+                let leaf = &self.nodes[self.leaf_of[i]];
+                Some((light.name.as_str(), (light, leaf.slot?, leaf.coarse)))
+            })
             .collect();
         self.build_tree();
         let mut slots = Slots::new(self.slots.len());
         for (i, light) in self.rig.lights.iter().enumerate() {
-            if let Some(&(was, slot)) = kept.get(light.name.as_str())
+            if let Some(&(was, slot, coarse)) = kept.get(light.name.as_str())
                 && same_image(was, light)
             {
                 let leaf = self.leaf_of[i];
-                self.nodes[leaf].slot = Some(slot);
+                (self.nodes[leaf].slot, self.nodes[leaf].coarse) = (Some(slot), coarse);
                 slots.set(slot, leaf, self.slots.last_used(slot));
             }
         }

@@ -4,11 +4,13 @@ pub mod exposure;
 mod gpu_baked;
 mod haar;
 mod indirect;
+pub mod inspect;
 pub mod light_cache;
 pub mod limits;
 mod output;
 mod passes;
 mod shadow_map;
+pub mod sheet;
 mod sparse;
 mod visibility;
 mod watch;
@@ -20,10 +22,13 @@ use glam::{Vec3, Vec4};
 
 use self::gpu_baked::{GpuBaked, upload_emission};
 use self::indirect::Indirect;
+use self::inspect::{Inspection, Inspector};
+pub use self::light_cache::Detail;
 use self::light_cache::{LightCache, Plan, Source, Step, Term};
 use self::output::{Output, Outputs};
-use self::passes::Parts;
+use self::passes::{Parts, Shade};
 use self::shadow_map::ShadowMaps;
+use self::sheet::{Grid, Sheet};
 use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
 use self::watch::Watch;
@@ -41,6 +46,8 @@ pub enum ToneMap {
     None,
     Agx,
     PbrNeutral,
+    /// [`STOP_COLORS`] by luminance: a colour a stop, middle grey at 2^exposure stops being grey.
+    FalseColor,
 }
 
 /// Which part of the picture is made.
@@ -85,6 +92,8 @@ pub enum Picture {
     Light(usize),
     /// Emitters as seen.
     Emission,
+    /// Every light's share, side by side as in a [`Grid`].
+    Sheet,
 }
 
 #[derive(Clone, Debug)]
@@ -120,8 +129,10 @@ pub struct Relighter {
     tone_map: ToneMap,
     layers: Layers,
     watch: Option<Watch>,
+    inspector: Option<Inspector>,
+    sheet: Sheet,
     /// What the last frame showed, and how.
-    shown: Option<(Output, Vec<Term>)>,
+    shown: Option<(Picture, Output, Vec<Term>)>,
     /// Times of the frames that the last call took.
     times: Vec<PassTime>,
 }
@@ -164,7 +175,7 @@ impl Relighter {
             image_budget,
             rest: image("light images (rest)")?,
             extras: Buffer::new(context, "extra samples' radiance", Access::Device, 3 * extra_stride)?,
-            visibility: VisibilityBuffers::new(context, baked)?,
+            visibility: VisibilityBuffers::new(context, baked, traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
             kernels: Kernels {
                 shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(baked.has_specular))])?,
@@ -175,6 +186,8 @@ impl Relighter {
             tone_map: settings.tone_map,
             layers: Layers::All,
             watch: None,
+            inspector: None,
+            sheet: Sheet::default(),
             shown: None,
             times: Vec::new(),
             context: context.clone(),
@@ -186,6 +199,10 @@ impl Relighter {
 
     pub fn rig(&self) -> &Rig {
         self.cache.rig()
+    }
+
+    pub fn baked(&self) -> &Arc<Baked> {
+        &self.baked
     }
 
     pub fn context(&self) -> &Arc<Context> {
@@ -216,7 +233,7 @@ impl Relighter {
     pub fn set_transfer(&mut self, transfer: BakedTransfer) -> Result<()> {
         let indirect = Indirect::new(&self.context, &transfer)?;
         let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
-        self.visibility = VisibilityBuffers::new(&self.context, &baked)?;
+        self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
         self.gpu.emission = upload_emission(&self.context, &baked)?;
         self.indirect = Some(indirect);
         self.baked = baked;
@@ -228,6 +245,16 @@ impl Relighter {
     /// Makes `lights` those that are about to be edited; see [`LightCache::select`].
     pub fn select(&mut self, lights: &[usize]) {
         self.cache.select(lights);
+    }
+
+    /// How closely stale images are made from now on. Exact: those that were made coarsely are stale.
+    pub fn set_detail(&mut self, detail: Detail) {
+        self.cache.set_detail(detail);
+    }
+
+    /// Whether an image that was made coarsely is part of any sum.
+    pub fn is_coarse(&self) -> bool {
+        self.cache.is_coarse()
     }
 
     /// Chooses the part of the picture that is made from now on; emitters belong to the whole.
@@ -247,6 +274,28 @@ impl Relighter {
     /// By pass, how many values were infinite or not a number; of none where nobody watches.
     pub fn non_finite(&self) -> Vec<(&'static str, u32)> {
         self.watch.as_ref().map_or_else(Vec::new, Watch::counts)
+    }
+
+    /// From now on looks into every picture but contact sheets for what is asked for.
+    pub fn inspect(&mut self, wanted: Inspection) -> Result<()> {
+        if wanted != Inspection::default() && self.inspector.is_none() {
+            self.inspector = Some(Inspector::new(&self.context)?);
+        }
+        if let Some(inspector) = &mut self.inspector {
+            inspector.wanted = wanted;
+        }
+        Ok(())
+    }
+
+    /// How many pixels of the last picture have which luminance, exposed: [`BINS_A_STOP`] bins a stop around middle grey,
+    /// and those below and above all of them; of none where nobody asked.
+    pub fn histogram(&self) -> Option<&[u32]> {
+        self.inspector.as_ref()?.counts()
+    }
+
+    /// Pixel and scene-linear radiance where [`Self::inspect`] asked for it.
+    pub fn probed(&self) -> Option<([u32; 2], Vec3)> {
+        self.inspector.as_ref()?.probed()
     }
 
     /// Chooses the curve from scene-linear to display from now on.
@@ -273,6 +322,16 @@ impl Relighter {
         Ok(bytemuck::cast_slice(self.outputs.pixels(Output::Linear).host()))
     }
 
+    /// Pixels that no light changes, in a window.
+    pub fn show_still(&mut self, pixels: Pixels, mut screen: Screen) -> Result<()> {
+        self.times.clear();
+        let mut frame = self.frames.begin()?;
+        frame.draw(&mut screen, Some(pixels))?;
+        frame.finish_on(screen.surface)?;
+        self.times.extend(self.frames.times());
+        Ok(())
+    }
+
     fn plan(&mut self, picture: Picture) -> Plan {
         #[cfg(feature = "hot-reload")]
         if self.reload_changed_kernels() {
@@ -286,27 +345,47 @@ impl Relighter {
                 let emission = Term { source: Source::Emission, scale: Vec3::ONE };
                 Plan { steps: Vec::new(), picture: self.gpu.emission.iter().map(|_| emission).collect() }
             }
+            Picture::Sheet => {
+                let [width, height] = [self.baked.tiling.width, self.baked.tiling.height];
+                self.cache.plan_sheet(Grid::new(self.rig().lights.len(), [width, height]).len())
+            }
         }
     }
 
     /// Makes the picture. After an error no image counts as made.
     fn run(&mut self, picture: Picture, output: Output, screen: Option<Screen>) -> Result<()> {
-        self.outputs.prepare(output)?;
-        let plan = self.plan(picture);
-        let outcome = self.run_frames(&plan, output, screen);
+        let is_sheet = picture == Picture::Sheet;
+        self.outputs.prepare(output, is_sheet)?;
+        let mut plan = self.plan(picture);
+        if !is_sheet || self.shown.as_ref().is_none_or(|(shown, ..)| *shown != picture) {
+            self.sheet.forget();
+        }
+        if is_sheet {
+            self.sheet.thin(&mut plan, output);
+        }
+        let outcome = self.run_frames(&plan, picture, output, screen);
         if outcome.is_err() {
             self.shown = None;
+            self.sheet.forget();
             self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
         }
         outcome
     }
 
     /// One frame, or several if many lights are stale at once.
-    fn run_frames(&mut self, plan: &Plan, output: Output, mut screen: Option<Screen>) -> Result<()> {
+    fn run_frames(&mut self, plan: &Plan, picture: Picture, output: Output, mut screen: Option<Screen>) -> Result<()> {
         self.times.clear();
-        let shown = (output, plan.picture.clone());
+        let shown = (picture, output, plan.picture.clone());
         let unchanged = plan.steps.is_empty() && self.shown.as_ref() == Some(&shown);
-        if unchanged && screen.is_none() {
+        let is_sheet = picture == Picture::Sheet;
+        let mut inspector = self.inspector.as_mut();
+        if let Some(inspector) = &mut inspector
+            && (!unchanged || is_sheet)
+        {
+            inspector.forget();
+        }
+        let looks = inspector.as_ref().is_some_and(|inspector| inspector.wanted != Inspection::default());
+        if unchanged && screen.is_none() && !looks {
             return Ok(()); // it is there already
         }
         self.shown = None;
@@ -335,16 +414,24 @@ impl Relighter {
                 match step {
                     _ if frame.passes_left() < parts.passes_a_step() + LAST_PASSES => break,
                     Step::Shade { .. } if visibility.is_used_up() => break,
-                    Step::Shade { light, slot } => {
-                        parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), *light, *slot)
+                    Step::Shade { light, slot, detail } => {
+                        let shade = Shade { light: *light, slot: *slot, detail: *detail };
+                        parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), &shade);
                     }
                     Step::Sum { target, terms, accumulate } => parts.sum(&mut frame, *target, terms, *accumulate),
+                    Step::Show { cell, term } => parts.show(&mut frame, *cell, *term, outputs, output),
                 }
                 steps.next();
             }
             let done = steps.peek().is_none();
-            if done && !unchanged {
+            if done && !unchanged && !is_sheet {
                 parts.composite(&mut frame, &plan.picture, outputs, output);
+            }
+            if let Some(inspector) = &mut inspector
+                && done
+                && !is_sheet
+            {
+                inspector.run(&mut frame, &parts, &plan.picture, output.exposure());
             }
             match &mut screen {
                 Some(screen) if done => {
@@ -377,5 +464,5 @@ fn slot_count(rig: &Rig, image_budget: usize) -> usize {
     image_budget.clamp(fewest, most)
 }
 
-/// Composite, fit, present, user interface.
-const LAST_PASSES: usize = 4;
+/// Composite, histogram, probe, fit, present, user interface.
+const LAST_PASSES: usize = 6;

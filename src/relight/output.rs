@@ -19,8 +19,9 @@ pub enum Output {
 
 /// Kernels and buffers, each made when it is first asked for.
 pub struct Outputs {
-    /// By `OUTPUT_` constant.
+    /// By `OUTPUT_` constant: of whole pictures, and of cells of the contact sheet.
     kernels: [Option<Kernel>; OUTPUT_COUNT as usize],
+    sheet_kernels: [Option<Kernel>; OUTPUT_COUNT as usize],
     linear: Option<Buffer<u32>>,
     display: Option<Buffer<u32>>,
     screen: Option<Buffer<u32>>,
@@ -36,6 +37,10 @@ impl Output {
         }
     }
 
+    pub fn is_blue_first(self) -> bool {
+        matches!(self, Self::Screen { blue_first: true, .. })
+    }
+
     /// Its `OUTPUT_` constant.
     fn kind(self) -> u32 {
         match self {
@@ -44,6 +49,7 @@ impl Output {
                 ToneMap::None => OUTPUT_CLAMPED,
                 ToneMap::Agx => OUTPUT_AGX,
                 ToneMap::PbrNeutral => OUTPUT_PBR_NEUTRAL,
+                ToneMap::FalseColor => OUTPUT_FALSE_COLOR,
             },
         }
     }
@@ -53,6 +59,7 @@ impl Outputs {
     pub fn new(context: &Arc<Context>, pixel_count: usize) -> Self {
         Self {
             kernels: Default::default(),
+            sheet_kernels: Default::default(),
             linear: None,
             display: None,
             screen: None,
@@ -61,12 +68,13 @@ impl Outputs {
         }
     }
 
-    /// Makes what `output` needs.
-    pub fn prepare(&mut self, output: Output) -> Result<()> {
+    /// Makes what `output` needs, of a contact sheet or else of a whole picture.
+    pub fn prepare(&mut self, output: Output, sheet: bool) -> Result<()> {
         let kind = output.kind();
-        let kernel = &mut self.kernels[kind as usize];
+        let (kernels, name) = if sheet { (&mut self.sheet_kernels, "sheet") } else { (&mut self.kernels, "composite") };
+        let kernel = &mut kernels[kind as usize];
         if kernel.is_none() {
-            *kernel = Some(Kernel::new(&self.context, "composite", &[(0, kind)])?);
+            *kernel = Some(Kernel::new(&self.context, name, &[(0, kind)])?);
         }
         let (buffer, access, words) = match output {
             Output::Linear => (&mut self.linear, Access::HostReads, 3),
@@ -83,6 +91,10 @@ impl Outputs {
         self.kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
+    pub fn sheet_kernel(&self, output: Output) -> &Kernel {
+        self.sheet_kernels[output.kind() as usize].as_ref().expect("prepared")
+    }
+
     pub fn pixels(&self, output: Output) -> &Buffer<u32> {
         let buffer = match output {
             Output::Linear => &self.linear,
@@ -94,6 +106,6 @@ impl Outputs {
 
     #[cfg(feature = "hot-reload")]
     pub fn kernels(&mut self) -> impl Iterator<Item = &mut Kernel> {
-        self.kernels.iter_mut().flatten()
+        self.kernels.iter_mut().chain(&mut self.sheet_kernels).flatten()
     }
 }

@@ -4,10 +4,10 @@ use glam::Vec4;
 
 use super::gpu_baked::GpuBaked;
 use super::indirect::{Indirect, Target};
-use super::light_cache::{Source, Term};
+use super::light_cache::{Detail, Source, Term};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
-use super::visibility::{Visibility, VisibilityBuffers, trace};
+use super::visibility::{Visibility, VisibilityBuffers, trace, trace_half};
 use super::watch::{self, Watch, Watched};
 use super::{Kernels, Layers};
 use crate::bake::Baked;
@@ -36,6 +36,13 @@ pub struct Parts<'a> {
     pub watch: Option<&'a Watch>,
 }
 
+/// One light's image to make.
+pub struct Shade {
+    pub light: usize,
+    pub slot: usize,
+    pub detail: Detail,
+}
+
 impl Parts<'_> {
     /// Passes that a step takes at most.
     pub fn passes_a_step(&self) -> usize {
@@ -49,22 +56,30 @@ impl Parts<'_> {
         frame: &mut Frame,
         visibility: &'v mut VisibilityBuffers,
         shadow_maps: Option<&mut ShadowMaps>,
-        light: &Light,
-        packed: &PackedLight,
+        (light, packed): (&Light, &PackedLight),
+        detail: Detail,
     ) -> &'v Visibility {
         if !light.shadows {
             return visibility.all_seen();
         }
-        let seen = visibility.take();
+        let (seen, half) = visibility.take();
         match shadow_maps {
             None => {
                 if self.layers.direct() {
                     let words = &mut seen.view_samples;
-                    frame.cpu("trace shadows", || trace(words, self.bvh, self.scene, &self.baked.packets, packed));
+                    let half = &mut half.view_samples;
+                    frame.cpu("trace shadows", || match detail {
+                        Detail::Exact => trace(words, self.bvh, self.scene, &self.baked.packets, packed),
+                        Detail::Coarse => trace_half(words, self.bvh, self.scene, half, packed),
+                    });
                 }
                 if let Some(transfer) = self.baked.transfer.as_ref().filter(|_| self.indirect.is_some()) {
                     let words = &mut seen.gather_points;
-                    frame.cpu("trace gather samples", || trace(words, self.bvh, self.scene, &transfer.packets, packed));
+                    let half = &mut half.gather_points;
+                    frame.cpu("trace gather samples", || match detail {
+                        Detail::Exact => trace(words, self.bvh, self.scene, &transfer.packets, packed),
+                        Detail::Coarse => trace_half(words, self.bvh, self.scene, half, packed),
+                    });
                 }
             }
             Some(maps) => {
@@ -83,13 +98,12 @@ impl Parts<'_> {
         frame: &mut Frame,
         visibility: &mut VisibilityBuffers,
         shadow_maps: Option<&mut ShadowMaps>,
-        light: usize,
-        slot: usize,
+        shade: &Shade,
     ) {
-        let light = &self.rig.lights[light];
+        let light = &self.rig.lights[shade.light];
         let packed = light.pack(self.scene.origin);
-        let seen = self.see(frame, visibility, shadow_maps, light, &packed);
-        let image = &self.images[slot];
+        let seen = self.see(frame, visibility, shadow_maps, (light, &packed), shade.detail);
+        let image = &self.images[shade.slot];
         let pixel_stride = self.baked.pixel_stride() as u32;
         let extra_stride = (self.extras.len() / 3) as u32;
         let mut pass = frame.pass("shade light");
@@ -116,7 +130,7 @@ impl Parts<'_> {
 
         if let Some(indirect) = self.indirect {
             let target = Target { image, extras: self.extras, pixel_stride, extra_stride };
-            indirect.add(frame, &packed, &seen.gather_points, &target);
+            indirect.add(frame, &packed, &seen.gather_points, &target, shade.detail);
             count(frame, Watched::Transfer);
         }
 
@@ -178,7 +192,7 @@ impl Parts<'_> {
             width: self.baked.tiling.width,
             height: self.baked.tiling.height,
             exposure: output.exposure().exp2(),
-            blue_first: u32::from(matches!(output, Output::Screen { blue_first: true, .. })),
+            blue_first: u32::from(output.is_blue_first()),
         };
         pass.dispatch(outputs.kernel(output), &push, push.pixel_stride);
         if let Some(watch) = self.watch.filter(|_| output == Output::Linear) {
@@ -187,7 +201,7 @@ impl Parts<'_> {
         }
     }
 
-    fn read_terms(&self, pass: &mut Pass, terms: &[Term]) -> [SumTerm; MAX_TERMS as usize] {
+    pub(super) fn read_terms(&self, pass: &mut Pass, terms: &[Term]) -> [SumTerm; MAX_TERMS as usize] {
         assert!(terms.len() <= MAX_TERMS as usize, "{} terms, push constants hold {MAX_TERMS}", terms.len());
         let mut read: [SumTerm; MAX_TERMS as usize] = bytemuck::Zeroable::zeroed();
         for (read, term) in read.iter_mut().zip(terms) {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
+use crate::bake::packet::half::HalfPackets;
 use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_all};
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
@@ -42,17 +43,25 @@ pub struct Visibility {
     pub gather_points: Buffer<u32>,
 }
 
+/// The same samples at half the resolution, where rays are traced.
+#[derive(Default)]
+pub struct Half {
+    pub view_samples: HalfPackets,
+    pub gather_points: HalfPackets,
+}
+
 /// Lights whose visibility a frame can hold.
 const LIGHTS_A_FRAME: usize = 8;
 
 pub struct VisibilityBuffers {
     buffers: Vec<Visibility>,
     used: usize,
+    half: Half,
     all_seen: Visibility,
 }
 
 impl VisibilityBuffers {
-    pub fn new(context: &Arc<Context>, baked: &Baked) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, baked: &Baked, traced: bool) -> Result<Self> {
         let all_seen = |packets: &[SamplePacket]| -> Result<Buffer<u32>> {
             let words = packets.len() * PACKET_SIZE / 4;
             let mut words = Buffer::new(context, "visibility", Access::HostWrites, words)?;
@@ -63,7 +72,18 @@ impl VisibilityBuffers {
         let new = || -> Result<Visibility> {
             Ok(Visibility { view_samples: all_seen(&baked.packets)?, gather_points: all_seen(gather_packets)? })
         };
-        Ok(Self { buffers: (0..LIGHTS_A_FRAME).map(|_| new()).collect::<Result<_>>()?, used: 0, all_seen: new()? })
+        let half = match traced {
+            true => {
+                Half { view_samples: HalfPackets::new(&baked.packets), gather_points: HalfPackets::new(gather_packets) }
+            }
+            false => Half::default(),
+        };
+        Ok(Self {
+            buffers: (0..LIGHTS_A_FRAME).map(|_| new()).collect::<Result<_>>()?,
+            used: 0,
+            half,
+            all_seen: new()?,
+        })
     }
 
     /// A new frame begins.
@@ -75,15 +95,20 @@ impl VisibilityBuffers {
         self.used == self.buffers.len()
     }
 
-    pub fn take(&mut self) -> &mut Visibility {
+    pub fn take(&mut self) -> (&mut Visibility, &mut Half) {
         self.used += 1;
-        &mut self.buffers[self.used - 1]
+        (&mut self.buffers[self.used - 1], &mut self.half)
     }
 
     /// For lights without shadows.
     pub fn all_seen(&self) -> &Visibility {
         &self.all_seen
     }
+}
+
+/// Traces one sample in four towards `light`, on all cores.
+pub fn trace_half(words: &mut Buffer<u32>, bvh: &Bvh, scene: &Scene, half: &mut HalfPackets, light: &PackedLight) {
+    half.trace(bvh, scene, light, bytemuck::cast_slice_mut(words.host_mut()));
 }
 
 /// Traces `packets` towards `light`, on all cores.

@@ -9,6 +9,7 @@ use super::keys::{Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
 use super::stage::Stage;
+use super::views::{self, Aid, Views};
 use crate::relight::ToneMap;
 use crate::scene::LightKind;
 
@@ -23,6 +24,7 @@ pub struct ViewState {
     pub one_to_one: bool,
     pub panel: bool,
     pub overlay: bool,
+    pub views: Views,
     pub help: bool,
     pub dialog: Option<Dialog>,
     /// What the list of lights is searched for.
@@ -48,7 +50,12 @@ pub enum Action {
 impl ViewState {
     /// Whether anything lies beside or over the picture.
     pub fn has_ui(&self) -> bool {
-        self.panel || self.overlay || self.help || self.dialog.is_some()
+        self.panel || self.overlay || self.help || self.dialog.is_some() || self.views.has_ui()
+    }
+
+    /// From scene-linear to the display.
+    pub fn curve(&self) -> ToneMap {
+        if self.views.has(Aid::FalseColor) { ToneMap::FalseColor } else { self.tone_map }
     }
 }
 
@@ -95,7 +102,7 @@ pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, 
         });
     });
     ui.separator();
-    ScrollArea::vertical().max_height(ui.available_height() - 118.0).auto_shrink([false, true]).show(ui, |ui| {
+    ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk);
         history_list(ui, desk);
     });
@@ -136,6 +143,7 @@ fn history_list(ui: &mut Ui, desk: &mut Desk) {
 }
 
 fn picture_values(ui: &mut Ui, view: &mut ViewState, actions: &mut Vec<Action>) {
+    views::menu(ui, view, actions);
     ui.horizontal(|ui| {
         ui.label("exposure");
         ui.add(DragValue::new(&mut view.exposure).speed(0.02).range(-100.0..=100.0).fixed_decimals(2).suffix(" stops"));
@@ -164,7 +172,7 @@ pub fn help(ui: &mut Ui, view: &mut ViewState) {
             ui.spacing_mut().interact_size.y = 14.0;
             ui.horizontal_top(|ui| {
                 // As many in each column as look even.
-                for sections in [&SECTIONS[..2], &SECTIONS[2..3], &SECTIONS[3..]] {
+                for sections in [&SECTIONS[..2], &SECTIONS[2..4], &SECTIONS[4..]] {
                     ui.vertical(|ui| sections.iter().for_each(|section| help_section(ui, section)));
                     ui.add_space(12.0);
                 }

@@ -4,6 +4,7 @@ use egui::{Key, Modifiers};
 use glam::DVec3;
 
 use super::desk::{Frame, GroupEdit, LightEdit};
+use super::views::{Aid, View};
 use crate::scene::LightKind;
 
 /// What a key does.
@@ -37,6 +38,11 @@ pub enum Command {
     Quit,
     /// One pixel of the picture is one of the screen; else it is fitted.
     OneToOne,
+    View(View),
+    /// Of the deep framebuffer.
+    NextChannel,
+    NextLayer,
+    Aid(Aid),
     Panel,
     Overlay,
     FullScreen,
@@ -128,6 +134,24 @@ pub const SECTIONS: &[Section] = &[
         ],
     },
     Section {
+        title: "Views",
+        bindings: &[
+            once(&[(NONE, Key::F5)], Command::View(View::Beauty), "the picture"),
+            once(&[(NONE, Key::F6)], Command::View(View::Direct), "direct light"),
+            once(&[(NONE, Key::F7)], Command::View(View::Reflection), "reflections"),
+            once(&[(NONE, Key::F8)], Command::View(View::Indirect), "indirect light"),
+            once(&[(NONE, Key::F9)], Command::View(View::Light), "the selected light's share"),
+            once(&[(NONE, Key::F10)], Command::View(View::Lights), "every light's share; a click selects"),
+            once(&[(NONE, Key::F12)], Command::NextChannel, "next channel of the deep framebuffer"),
+            once(&[(Modifiers::SHIFT, Key::F12)], Command::NextLayer, "its next layer: what mirrors show"),
+            once(&[(Modifiers::SHIFT, Key::F8)], Command::View(View::TransferError), "error of indirect light"),
+            once(&[(NONE, Key::F4)], Command::Aid(Aid::FalseColor), "false colours: one a stop"),
+            once(&[(Modifiers::SHIFT, Key::F4)], Command::Aid(Aid::Histogram), "histogram"),
+            once(&[(Modifiers::SHIFT, Key::F5)], Command::Aid(Aid::Probe), "values under the mouse"),
+            once(&[(Modifiers::SHIFT, Key::F6)], Command::Aid(Aid::GatherSamples), "gather samples"),
+        ],
+    },
+    Section {
         title: "Move and aim",
         bindings: &[
             moves(&[(NONE, Key::A)], Frame::Camera, DVec3::NEG_X, "move left, as the camera sees it"),
@@ -179,6 +203,7 @@ pub const SECTIONS: &[Section] = &[
             once(&[(CTRL, Key::Q)], Command::Quit, "quit"),
             once(&[(NONE, Key::F2)], Command::Panel, "panel"),
             once(&[(NONE, Key::F3)], Command::Overlay, "times"),
+            once(&[(Modifiers::SHIFT, Key::F3)], Command::Aid(Aid::Profile), "times as a graph, and memory"),
             once(&[(NONE, Key::F11)], Command::FullScreen, "full screen"),
             once(&[(NONE, Key::F1), (NONE, Key::Questionmark)], Command::Help, "these keys"),
             once(&[(NONE, Key::Escape)], Command::Close, "close what is open"),

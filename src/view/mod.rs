@@ -4,9 +4,11 @@
 //! made of it, and at rest nothing is drawn. Scenes load and bake on another thread, behind a progress bar; indirect light is
 //! baked while direct light can be edited already.
 
+mod aids;
 mod controls;
 mod describe;
 pub mod desk;
+mod gather;
 mod graphics;
 pub mod history;
 pub mod keys;
@@ -14,21 +16,26 @@ mod light_values;
 mod lights_list;
 mod load;
 mod overlay;
+mod pace;
 mod pick;
+mod profile;
 pub mod script;
 pub mod shares;
 mod stage;
+mod still;
 mod timings;
+pub mod views;
 mod window;
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 pub use self::load::Loader;
 pub use self::window::run;
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
-use crate::gpu::{Site, Validation, Vsync};
+use crate::gpu::{PassTime, Site, Validation, Vsync};
 use crate::relight::RelightSettings;
 use crate::scene::{Camera, Rig, Scene};
 
@@ -48,6 +55,10 @@ pub struct ViewSettings {
     /// Events to play, and where to write those that happen.
     pub script: Option<script::Script>,
     pub record: Option<PathBuf>,
+    /// What a frame may take while a hand drags; a picture that takes longer is made coarser, and finished at rest.
+    pub frame_budget: Duration,
+    /// Whether [`ViewReport::trace`] is wanted: it grows with every frame.
+    pub trace: bool,
 }
 
 /// A loaded and baked scene.
@@ -74,6 +85,9 @@ pub struct ViewReport {
     pub latency_ms: Option<Latency>,
     /// Median milliseconds of each pass of those frames.
     pub passes: Vec<PassReport>,
+    /// When each frame began, in milliseconds since the start, and its passes; for `--trace`.
+    #[serde(skip)]
+    pub trace: Vec<(f64, Vec<PassTime>)>,
 }
 
 #[derive(Clone, Debug, serde::Serialize)]

@@ -36,6 +36,12 @@ fn share(placement: Placement, at: [f32; 2]) -> Option<[f64; 2]> {
     ((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y)).then_some([x, y])
 }
 
+/// The pixel of a picture that lies at `at`, physical pixels of the window.
+pub fn pixel(placement: Placement, size: [u32; 2], at: [f32; 2]) -> Option<[u32; 2]> {
+    let shares = share(placement, at)?;
+    Some([0, 1].map(|axis| (shares[axis] * f64::from(size[axis])) as u32))
+}
+
 impl Opened {
     fn aspect(&self) -> f64 {
         f64::from(self.baked.tiling.width) / f64::from(self.baked.tiling.height)

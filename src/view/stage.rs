@@ -2,19 +2,29 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
 use super::Opened;
+use super::aids::{self, Told};
 use super::controls::{Action, Dialog, ViewState};
 use super::describe::rounded;
+use super::desk::selection::Selection;
 use super::desk::{Desk, Pick};
+use super::gather::GatherMarks;
 use super::keys::Command;
+use super::pace::Pace;
+use super::pick::pixel;
 use super::shares::Shares;
+use super::still::Still;
+use super::views::{Aid, View};
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
-use crate::relight::{Picture, RelightSettings, Relighter, ToneMap, exposure};
+use crate::relight::inspect::Inspection;
+use crate::relight::sheet::Grid;
+use crate::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, exposure};
 
 pub struct Stage {
     pub desk: Desk,
@@ -23,6 +33,13 @@ pub struct Stage {
     relighter: Relighter,
     /// The version of the desk's lights that the relighter has, and whether it was unsaved.
     taken: Option<(u64, bool)>,
+    /// What the relighter shows.
+    layers: Layers,
+    pace: Pace,
+    still: Option<Still>,
+    /// What the picture's aids tell.
+    pub told: Told,
+    pub gather_marks: Option<GatherMarks>,
     rig_path: Option<PathBuf>,
     suggested_path: String,
 }
@@ -48,13 +65,27 @@ impl Stage {
         opened: Opened,
         rig_path: Option<PathBuf>,
         settings: &RelightSettings,
+        frame_budget: Duration,
     ) -> Result<Self> {
         let Opened { scene, bvh, baked, camera, rig } = &opened;
         let relighter = Relighter::new(context, scene, bvh, baked, rig, settings)?;
         let desk = Desk::new(rig.clone(), camera.clone(), f64::from(bvh.radius));
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { desk, shares: Shares::default(), relighter, taken: None, rig_path, suggested_path, opened })
+        Ok(Self {
+            desk,
+            shares: Shares::default(),
+            relighter,
+            taken: None,
+            layers: Layers::All,
+            pace: Pace::new(frame_budget),
+            still: None,
+            told: Told::default(),
+            gather_marks: None,
+            rig_path,
+            suggested_path,
+            opened,
+        })
     }
 
     /// Pixels.
@@ -71,6 +102,11 @@ impl Stage {
         self.relighter.times()
     }
 
+    /// Device memory by owner, bytes.
+    pub fn memory(&self) -> Vec<(String, u64)> {
+        self.relighter.context().memory_by_owner()
+    }
+
     /// Hands the lights to the relighter.
     fn take_lights(&mut self) -> Result<()> {
         let version = Some((self.desk.version(), self.desk.history().is_unsaved()));
@@ -85,19 +121,106 @@ impl Stage {
     /// Indirect light takes the place of what there was.
     pub fn refine(&mut self, transfer: BakedTransfer) -> Result<()> {
         self.shares.forget();
-        self.relighter.set_transfer(transfer)
+        self.relighter.set_transfer(transfer)?;
+        self.opened.baked = self.relighter.baked().clone();
+        self.still = None;
+        Ok(())
     }
 
     /// What is worth a look only while the hand rests: a little of it. Returns whether there was anything to do.
     pub fn rest(&mut self) -> Result<bool> {
+        if self.is_coarse() || self.layers != Layers::All {
+            return Ok(false); // images are not those of the whole picture
+        }
         self.take_lights()?;
+        self.relighter.inspect(Inspection::default())?;
         self.shares.measure(self.desk.history().state(), &mut self.relighter)
     }
 
-    pub fn draw(&mut self, view: &ViewState, screen: Screen) -> Result<()> {
+    /// Draws what is to be looked at. Afterwards [`Self::told`] is about it.
+    pub fn draw(&mut self, view: &ViewState, pointer: Pointer, screen: Screen) -> Result<()> {
+        let size = self.picture_size();
+        let under_mouse = pointer.at.and_then(|at| pixel(pointer.placement, size, at));
+        let probe = under_mouse.filter(|_| view.views.has(Aid::Probe));
+        self.told = Told::default();
+        let Some((layers, picture)) = view.views.view.picture(self.desk.selected()) else {
+            let blue_first = screen.surface.wants_blue_first();
+            let context = self.relighter.context();
+            let still = Still::get(self.still.take(), context, &self.opened, &view.views, blue_first)?;
+            self.relighter.show_still(still.pixels(), screen)?;
+            if let Some([x, y]) = probe {
+                let value = still.value([x, y]).map_or("nothing".into(), |v| match v.x == v.y && v.y == v.z {
+                    true => aids::short(v.x),
+                    false => v.to_array().map(aids::short).join("  "),
+                });
+                self.told.probe = vec![format!("pixel {x}, {y}"), format!("{}: {value}", view.views.title())];
+            }
+            self.still = Some(still);
+            return Ok(());
+        };
+        let start = Instant::now();
+        let detail = self.pace.detail(start);
+        let edited = self.taken.is_none_or(|(version, _)| version != self.desk.version());
+        self.relighter.set_detail(detail);
         self.take_lights()?;
-        self.relighter.set_tone_map(view.tone_map);
-        self.relighter.show(Picture::Whole, view.exposure, screen)
+        self.relighter.set_layers(layers);
+        self.layers = layers;
+        self.relighter.set_tone_map(view.curve());
+        self.relighter.inspect(Inspection { histogram: view.views.has(Aid::Histogram), probe })?;
+        self.relighter.show(picture, view.exposure, screen)?;
+        if self.times().iter().any(|pass| pass.name == "shade light") {
+            self.pace.shown(Instant::now(), edited, detail, start.elapsed());
+        }
+        self.told.histogram = self.relighter.histogram().map(<[u32]>::to_vec);
+        self.told.is_coarse = self.relighter.is_coarse();
+        if let Some((pixel, radiance)) = self.relighter.probed() {
+            self.told.probe = aids::radiance_lines(pixel, radiance, view.exposure);
+        }
+        Ok(())
+    }
+
+    /// Draws what lies over the picture to explain it; `scale` physical pixels are a point.
+    pub fn draw_aids(&self, ui: &egui::Ui, view: &ViewState, placement: Placement, scale: f32) {
+        let size = self.picture_size();
+        let point = |x: f32, y: f32| {
+            let left = placement.left as f32 + x * placement.width as f32;
+            let top = placement.top as f32 + y * placement.height as f32;
+            egui::Pos2::new(left / scale, top / scale)
+        };
+        aids::draw(ui, &view.views, &self.told, point(0.0, 1.0));
+        if view.views.view == View::Lights {
+            let grid = Grid::new(self.desk.rig().lights.len(), size);
+            let at = |[x, y]: [u32; 2]| point(x as f32 / size[0] as f32, y as f32 / size[1] as f32);
+            aids::sheet_names(ui, &self.desk, grid, at);
+        }
+        if view.panel || view.overlay {
+            let is_named = !matches!(view.views.view, View::Beauty | View::Lights);
+            let name = is_named.then(|| view.views.title());
+            let state = self.told.is_coarse.then(|| "coarse".to_owned());
+            let text: Vec<String> = name.into_iter().chain(state).collect();
+            if !text.is_empty() {
+                aids::title(ui, &text.join("  -  "), point(0.5, 0.0));
+            }
+        }
+    }
+
+    /// Whether the picture was made in a hurry, and is not finished yet.
+    pub fn is_coarse(&self) -> bool {
+        self.relighter.is_coarse()
+    }
+
+    /// When the picture goes on to become better, if nothing happens until then.
+    pub fn goes_on_at(&self) -> Option<Instant> {
+        self.pace.rests_at().filter(|_| self.is_coarse())
+    }
+
+    /// Selects the light whose cell of the contact sheet lies under the mouse.
+    pub fn select_from_sheet(&mut self, pointer: Pointer) -> bool {
+        let size = self.picture_size();
+        let grid = Grid::new(self.desk.rig().lights.len(), size);
+        let cell = pointer.at.and_then(|at| grid.at(pixel(pointer.placement, size, at)?));
+        let light = cell.filter(|&cell| cell < self.desk.rig().lights.len());
+        light.inspect(|&light| self.desk.select(Selection::only(light))).is_some()
     }
 
     /// Stops that suit the lights as they are.
@@ -157,7 +280,7 @@ impl Stage {
                 view.tone_map = match view.tone_map {
                     ToneMap::Agx => ToneMap::PbrNeutral,
                     ToneMap::PbrNeutral => ToneMap::None,
-                    ToneMap::None => ToneMap::Agx,
+                    ToneMap::None | ToneMap::FalseColor => ToneMap::Agx,
                 };
                 desk.message = format!("tone curve {:?}", view.tone_map);
             }
@@ -176,6 +299,24 @@ impl Stage {
             Command::OneToOne => {
                 view.one_to_one = !view.one_to_one;
                 desk.message = if view.one_to_one { "picture 1:1" } else { "picture fitted" }.into();
+            }
+            Command::View(chosen) => {
+                view.views.view = chosen;
+                desk.message = format!("view: {}", view.views.title());
+            }
+            Command::NextChannel => {
+                view.views.view = view.views.view.next_channel();
+                desk.message = format!("view: {}", view.views.title());
+            }
+            Command::NextLayer => {
+                let layers = self.opened.baked.layers.len().max(1) as u32;
+                view.views.layer = (view.views.layer + 1) % layers;
+                desk.message = format!("view: {}", view.views.title());
+            }
+            Command::Aid(aid) => {
+                view.views.toggle(aid);
+                let state = if view.views.has(aid) { "on" } else { "off" };
+                desk.message = format!("{} {state}", aid.name());
             }
             Command::Panel => view.panel = !view.panel,
             Command::Overlay => view.overlay = !view.overlay,

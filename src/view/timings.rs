@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 use super::PassReport;
 use crate::gpu::{PassTime, Site};
 
+/// Frames that the graph shows.
+const GRAPH_FRAMES: usize = 240;
 /// How far back the overlay looks.
 const WINDOW: Duration = Duration::from_secs(5);
 
@@ -17,6 +19,26 @@ pub struct Timings {
     relit: Vec<f64>,
     /// Passes of frames that relit the picture: milliseconds of all of them, the last frame last.
     passes: Vec<Pass>,
+    /// The last frames that relit the picture.
+    graph: VecDeque<GraphFrame>,
+}
+
+/// One frame that relit the picture.
+#[derive(Default)]
+pub struct GraphFrame {
+    pub latency_ms: f64,
+    /// Index among [`Timings::names`], milliseconds; several of one name added.
+    pub passes: Vec<(usize, f64)>,
+    /// Whether the picture was made in a hurry.
+    pub coarse: bool,
+}
+
+/// How something varied, milliseconds.
+#[derive(Clone, Copy)]
+pub struct Spread {
+    pub median: f64,
+    pub p95: f64,
+    pub max: f64,
 }
 
 /// One pass in all frames that relit the picture.
@@ -32,14 +54,23 @@ struct Pass {
 
 impl Timings {
     /// A frame whose first event came at `event` was shown; `passes` if it relit the picture.
-    pub fn frame(&mut self, event: Instant, passes: Option<&[PassTime]>) {
+    pub fn frame(&mut self, event: Instant, passes: Option<&[PassTime]>, coarse: bool) {
         let now = Instant::now();
         let latency = (now - event).as_secs_f64() * 1e3;
         if let Some(passes) = passes {
             self.relit.push(latency);
+            // The oldest frame's list serves again.
+            let oldest = if self.graph.len() == GRAPH_FRAMES { self.graph.pop_front() } else { None };
+            let mut of_graph = GraphFrame { latency_ms: latency, coarse, ..oldest.unwrap_or_default() };
+            of_graph.passes.clear();
             for pass in passes {
-                self.pass(pass);
+                let index = self.pass(pass);
+                match of_graph.passes.iter_mut().find(|(i, _)| *i == index) {
+                    Some((_, ms)) => *ms += pass.ms,
+                    None => of_graph.passes.push((index, pass.ms)),
+                }
             }
+            self.graph.push_back(of_graph);
         }
         self.recent.push_back((now, latency));
         while self.recent.front().is_some_and(|(at, _)| now - *at > WINDOW) {
@@ -47,9 +78,12 @@ impl Timings {
         }
     }
 
-    fn pass(&mut self, time: &PassTime) {
+    /// Returns the pass's index.
+    fn pass(&mut self, time: &PassTime) -> usize {
         let frame = self.relit.len();
-        match self.passes.iter_mut().find(|pass| (pass.name, pass.site) == (time.name, time.site)) {
+        let found = self.passes.iter().position(|pass| (pass.name, pass.site) == (time.name, time.site));
+        let index = found.unwrap_or(self.passes.len());
+        match self.passes.get_mut(index) {
             Some(pass) if pass.frame == frame => *pass.ms.last_mut().expect("it was in this frame") += time.ms,
             Some(pass) => {
                 (pass.frame, pass.start_ms) = (frame, time.start_ms);
@@ -60,6 +94,32 @@ impl Timings {
                 self.passes.push(Pass { name, site, frame, start_ms, ms: vec![ms] });
             }
         }
+        index
+    }
+
+    /// The frames of the graph, the oldest first; at most [`Self::capacity`].
+    pub fn frames(&self) -> impl Iterator<Item = &GraphFrame> {
+        self.graph.iter()
+    }
+
+    pub fn capacity(&self) -> usize {
+        GRAPH_FRAMES
+    }
+
+    /// Every pass that there was.
+    pub fn names(&self) -> impl Iterator<Item = (&'static str, Site)> {
+        self.passes.iter().map(|pass| (pass.name, pass.site))
+    }
+
+    /// Of one pass, in those frames of the graph that had it.
+    pub fn pass_spread(&self, index: usize) -> Option<Spread> {
+        let of_pass = |frame: &GraphFrame| frame.passes.iter().find(|(i, _)| *i == index).map(|(_, ms)| *ms);
+        Spread::new(self.graph.iter().filter_map(of_pass).collect())
+    }
+
+    /// From event to presentation, in the frames of the graph.
+    pub fn latency_spread(&self) -> Option<Spread> {
+        Spread::new(self.graph.iter().map(|frame| frame.latency_ms).collect())
     }
 
     /// Passes of the last relit frame in their order, several of one name added.
@@ -95,9 +155,39 @@ impl Timings {
     }
 }
 
+impl Spread {
+    /// `None` of nothing.
+    fn new(mut values: Vec<f64>) -> Option<Self> {
+        quantiles(&mut values, [0.5, 0.95, 1.0]).map(|[median, p95, max]| Self { median, p95, max })
+    }
+}
+
 /// Nearest ranks; `None` of nothing.
 fn quantiles<const N: usize>(values: &mut [f64], shares: [f64; N]) -> Option<[f64; N]> {
     values.sort_by(f64::total_cmp);
     let last = values.len().checked_sub(1)?;
     Some(shares.map(|share| values[(share * last as f64).round() as usize]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_graph_keeps_the_last_frames_and_adds_passes_of_one_name() {
+        let mut timings = Timings::default();
+        let time = |name, start_ms, ms| PassTime { name, site: Site::Gpu, start_ms, ms };
+        for frame in 0..GRAPH_FRAMES + 10 {
+            let passes = [time("shade", 0.0, frame as f64), time("shade", 1.0, 1.0), time("sum", 2.0, 0.5)];
+            timings.frame(Instant::now(), Some(&passes), frame % 2 == 1);
+        }
+        timings.frame(Instant::now(), None, false); // nothing was relit
+        assert_eq!(timings.frames().count(), timings.capacity());
+        let first = timings.frames().next().unwrap();
+        assert_eq!((first.passes.as_slice(), first.coarse), (&[(0, 11.0), (1, 0.5)][..], false));
+        let spread = timings.pass_spread(0).unwrap();
+        assert_eq!((spread.max, spread.median), (250.0, 131.0));
+        assert!(spread.p95 > 235.0 && spread.p95 < 240.0, "{}", spread.p95);
+        assert!(timings.pass_spread(2).is_none());
+    }
 }

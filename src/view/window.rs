@@ -10,6 +10,7 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::window::{Fullscreen, WindowId};
 
 use super::controls::{self, Action, PANEL_WIDTH, ViewState};
+use super::gather::GatherMarks;
 use super::graphics::Graphics;
 use super::keys::{self, Command};
 use super::load::{LoadEvent, Loader};
@@ -17,9 +18,11 @@ use super::pick::placement;
 use super::script::Script;
 use super::stage::{Pointer, Stage, Then};
 use super::timings::Timings;
-use super::{Latency, Opened, ViewReport, ViewSettings, overlay};
+use super::views::{Aid, View, Views};
+use super::{Latency, Opened, ViewReport, ViewSettings, overlay, profile};
 use crate::error::{Cause, Error, Result};
-use crate::gpu::{Placement, Screen, UiFrame};
+use crate::gpu::{PassTime, Placement, Screen, UiFrame};
+use crate::relight::ToneMap;
 
 /// Opens a window and runs it until it is closed. `load` runs on a thread of its own and shows what it has loaded.
 pub fn run(settings: ViewSettings, load: impl FnOnce(&Loader) -> Result<()> + Send + 'static) -> Result<ViewReport> {
@@ -65,6 +68,8 @@ struct App {
     recorded: Script,
     timings: Timings,
     frames: usize,
+    /// When frames began, milliseconds, and their passes; empty unless it is wanted.
+    trace: Vec<(f64, Vec<PassTime>)>,
     outcome: Result<()>,
 }
 
@@ -78,10 +83,14 @@ impl App {
     fn new(settings: ViewSettings) -> Self {
         let view = ViewState {
             exposure: settings.exposure.unwrap_or(0.0),
-            tone_map: settings.relight.tone_map,
+            tone_map: match settings.relight.tone_map {
+                ToneMap::FalseColor => ToneMap::Agx,
+                curve => curve,
+            },
             one_to_one: false,
             panel: true,
             overlay: false,
+            views: Views::new(settings.relight.tone_map),
             help: false,
             dialog: None,
             search: String::new(),
@@ -109,6 +118,7 @@ impl App {
             recorded: Script::default(),
             timings: Timings::default(),
             frames: 0,
+            trace: Vec::new(),
             outcome: Ok(()),
         }
     }
@@ -132,6 +142,7 @@ impl App {
             relit_frames,
             latency_ms: latency.map(|[best, median, p95]| Latency { best, median, p95 }),
             passes: self.timings.median_passes(),
+            trace: self.trace,
         })
     }
 
@@ -151,7 +162,13 @@ impl App {
     fn open(&mut self, opened: Opened) -> Result<()> {
         let Some(graphics) = &self.graphics else { return Ok(()) };
         let start = Instant::now();
-        let mut stage = Stage::new(&graphics.context, opened, self.settings.rig_path.clone(), &self.settings.relight)?;
+        let mut stage = Stage::new(
+            &graphics.context,
+            opened,
+            self.settings.rig_path.clone(),
+            &self.settings.relight,
+            self.settings.frame_budget,
+        )?;
         self.device_time += start.elapsed();
         if self.settings.exposure.is_none() {
             self.view.exposure = stage.automatic_exposure()?;
@@ -233,6 +250,9 @@ impl App {
         let ui_wants_keys = self.graphics.as_ref().is_some_and(|graphics| {
             self.view.dialog.is_some() || graphics.egui.egui_ctx().egui_wants_keyboard_input() && self.view.has_ui()
         });
+        let ui_wants_pointer =
+            self.graphics.as_ref().is_some_and(|graphics| graphics.egui.egui_ctx().egui_wants_pointer_input());
+        let pointer = self.pointer();
         let mut actions = Vec::new();
         events.retain(|event| match event {
             Event::PointerMoved(at) => {
@@ -254,6 +274,11 @@ impl App {
                 true
             }
             Event::PointerButton { button, pressed, .. } => {
+                if let (View::Lights, PointerButton::Primary, true, Some(stage)) =
+                    (self.view.views.view, *button, *pressed && !ui_wants_pointer, &mut self.stage)
+                {
+                    self.stale |= stage.select_from_sheet(pointer);
+                }
                 self.panning = *button == PointerButton::Middle && *pressed && self.view.one_to_one;
                 if let Some(stage) = &mut self.stage {
                     stage.desk.end_gesture();
@@ -314,6 +339,7 @@ impl App {
         let graphics = self.graphics.as_mut().expect("frames begin with graphics");
         let (view, stage, timings) = (&mut self.view, &mut self.stage, &self.timings);
         let (name, loading) = (&self.settings.name, self.loading);
+        let budget_ms = self.settings.frame_budget.as_secs_f64() * 1e3;
         let context = graphics.egui.egui_ctx().clone();
         let scale = graphics.pixels_per_point();
         let mut actions = Vec::new();
@@ -329,11 +355,23 @@ impl App {
                         }
                         controls::panel(ui, stage, view, name, &mut actions)
                     });
-                    let project = |point| Some(stage.opened.project(placement, point)? / scale);
+                }
+                let project = |point| Some(stage.opened.project(placement, point)? / scale);
+                if view.views.has(Aid::GatherSamples) {
+                    let mut marks = GatherMarks::get(stage.gather_marks.take(), &stage.opened);
+                    marks.draw(ui, project);
+                    stage.gather_marks = Some(marks);
+                }
+                if view.panel && view.views.view != View::Lights {
                     overlay::marks(ui, &stage.desk, project);
                 }
+                stage.draw_aids(ui, view, placement, scale);
                 if view.overlay {
                     overlay::times(ui, timings, &stage.desk, egui::Pos2::ZERO);
+                }
+                if view.views.has(Aid::Profile) {
+                    let right = (placement.left as f32 + placement.width as f32) / scale;
+                    profile::draw(ui, timings, &stage.memory(), budget_ms, egui::Pos2::new(right, 0.0));
                 }
                 if view.help {
                     controls::help(ui, view);
@@ -364,7 +402,7 @@ impl App {
     }
 
     fn draw(&mut self, ui: Option<&UiFrame>) -> Result<()> {
-        let placement = self.placement();
+        let (placement, pointer) = (self.placement(), self.pointer());
         let graphics = self.graphics.as_mut().expect("frames begin with graphics");
         let PhysicalSize { width, height } = graphics.window.inner_size();
         if width == 0 || height == 0 {
@@ -374,9 +412,17 @@ impl App {
         let mut screen =
             Screen { surface: &mut graphics.surface, placement, ui: ui.map(|frame| (&mut graphics.ui, frame)) };
         let mut passes = None;
+        let (mut told_anew, mut coarse) = (false, false);
         match &mut self.stage {
             Some(stage) => {
-                stage.draw(&self.view, screen)?;
+                let told = stage.told.clone();
+                let began_ms = self.began.elapsed().as_secs_f64() * 1e3;
+                stage.draw(&self.view, pointer, screen)?;
+                if self.settings.trace {
+                    self.trace.push((began_ms, stage.times().to_vec()));
+                }
+                coarse = stage.is_coarse();
+                told_anew = stage.told != told;
                 passes = Some(stage.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
                 let star = if stage.desk.history().is_unsaved() { "*" } else { "" };
                 let message = &stage.desk.message;
@@ -396,9 +442,9 @@ impl App {
         self.rest = Some(Instant::now() + REST);
         self.stale = graphics.surface.lost_picture();
         if let Some(event) = self.pending.take() {
-            self.timings.frame(event, passes);
+            self.timings.frame(event, passes, coarse);
         }
-        if self.stale {
+        if self.stale || told_anew {
             self.ask_for_frame();
         }
         Ok(())
@@ -488,7 +534,10 @@ impl ApplicationHandler<LoadEvent> for App {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let now = Instant::now();
         let due = |at: &Instant| *at <= now;
-        if self.wake.as_ref().is_some_and(due) || self.next_scripted().as_ref().is_some_and(due) {
+        let goes_on = self.stage.as_ref().and_then(Stage::goes_on_at);
+        let is_due = goes_on.as_ref().is_some_and(due);
+        self.stale |= is_due;
+        if is_due || self.wake.as_ref().is_some_and(due) || self.next_scripted().as_ref().is_some_and(due) {
             self.wake = None;
             self.ask_for_frame();
         }
@@ -497,7 +546,8 @@ impl ApplicationHandler<LoadEvent> for App {
             let outcome = self.rest();
             self.check(outcome, event_loop);
         }
-        let next = [self.wake, self.rest, self.next_scripted()].into_iter().flatten().filter(|at| !due(at)).min();
+        let next =
+            [self.wake, self.rest, self.next_scripted(), goes_on].into_iter().flatten().filter(|at| !due(at)).min();
         event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 }

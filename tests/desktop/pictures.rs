@@ -23,11 +23,14 @@ pub fn difference(a: &[[u8; 3]], b: &[[u8; 3]]) -> f64 {
 }
 
 pub fn render(scene: &Path, rig: Option<&Path>, output: &Path) -> Vec<[u8; 3]> {
+    let rig: Vec<_> = rig.iter().flat_map(|rig| ["--rig", rig.to_str().unwrap()]).collect();
+    render_with(scene, &[&["--exposure", "0.5", "--size", "360x240"], &rig[..]].concat(), output)
+}
+
+/// What `relume render` makes of a scene and further arguments.
+pub fn render_with(scene: &Path, arguments: &[&str], output: &Path) -> Vec<[u8; 3]> {
     let mut command = crate::command::relume();
-    command.arg("render").arg(scene).arg("-o").arg(output).args(["--exposure", "0.5", "--size", "360x240"]);
-    if let Some(rig) = rig {
-        command.arg("--rig").arg(rig);
-    }
+    command.arg("render").arg(scene).arg("-o").arg(output).args(arguments);
     crate::command::Run::of(&mut command).silent();
     let mut reader =
         png::Decoder::new(std::io::BufReader::new(std::fs::File::open(output).unwrap())).read_info().unwrap();

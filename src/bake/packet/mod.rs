@@ -7,6 +7,7 @@
 //! finds the widest registers of the machine; products and sums are rounded one by one, so that all give the same.
 
 pub mod fan;
+pub mod half;
 mod rays;
 mod triangle;
 

@@ -223,7 +223,7 @@ impl BlockMatrix {
     }
 
     /// Eight columns of row `r`, RGB, before the panel's scale.
-    fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
+    pub(super) fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
         let of_channel = |channel: usize| -> [f16; PANEL_COLUMNS as usize] {
             let octet = octet * self.channels as usize + channel % self.channels as usize;
             bytemuck::cast(self.values[panel.first_value as usize + octet * stride(panel) + r])

@@ -1,6 +1,7 @@
 //! What pictures need of a transfer, whatever its method: gather samples that lights shine on, and the chain of block
 //! matrices from there to view samples.
 
+mod coarse;
 mod dense;
 mod haar;
 mod nested;
@@ -44,6 +45,8 @@ pub struct BakedTransfer {
     pub haar: bool,
     /// The last one's results are view samples.
     pub chain: Vec<BlockMatrix>,
+    /// What stands for the chain while a picture is made in a hurry; empty: the chain itself. Not kept in the cache.
+    pub coarse: Vec<BlockMatrix>,
     /// What takes λ0 to view samples where there is no chain.
     pub sparse: Option<SparseMatrix>,
     /// Indirect radiance of emitters at each view sample; empty without emitters.

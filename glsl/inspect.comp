@@ -1,0 +1,65 @@
+// What the eye cannot read off a picture: how many pixels have which luminance, or the radiance of one.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+#include "lib/thread.glsl"
+#include "lib/color.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { InspectPush push; };
+// A histogram of all pixels; else one pixel.
+layout(constant_id = 0) const bool HISTOGRAM = true;
+
+shared uint bins[HISTOGRAM_BINS];
+
+vec3 radiance(uint at) {
+    vec3 c = vec3(0.0);
+    [[unroll]] for (uint i = 0; i < MAX_TERMS; ++i) {
+        if (i < push.term_count) {
+            Read_float image = Read_float(push.terms[i].image);
+            vec3 term = vec3(image.at[at], image.at[at + push.pixel_stride], image.at[at + 2 * push.pixel_stride]);
+            c += push.terms[i].scale * term;
+        }
+    }
+    return c;
+}
+
+// Tiles that a workgroup counts before it adds to the common counts.
+const uint TILES = 16;
+
+void main() {
+    if (!HISTOGRAM) {
+        if (thread_index() == 0) {
+            vec3 c = radiance(push.pixels.x);
+            push.result.at[0] = floatBitsToUint(c.r);
+            push.result.at[1] = floatBitsToUint(c.g);
+            push.result.at[2] = floatBitsToUint(c.b);
+        }
+        return;
+    }
+    uint lane = gl_LocalInvocationIndex;
+    for (uint bin = lane; bin < HISTOGRAM_BINS; bin += GROUP_SIZE) {
+        bins[bin] = 0;
+    }
+    barrier();
+    uint tiles_x = (push.pixels.x + TILE_SIZE - 1) / TILE_SIZE;
+    for (uint i = 0; i < TILES; ++i) {
+        uint tile = group_index() * TILES + i;
+        uvec2 pixel = uvec2(tile % tiles_x, tile / tiles_x) * TILE_SIZE + uvec2(lane % TILE_SIZE, lane / TILE_SIZE);
+        if (pixel.x < push.pixels.x && pixel.y < push.pixels.y) {
+            // Without the first and the last bin, as many on either side of middle grey.
+            float above = stops(push.exposure * radiance(tile * GROUP_SIZE + lane));
+            float bin = floor(above * float(BINS_A_STOP)) + float(HISTOGRAM_BINS / 2);
+            atomicAdd(bins[uint(clamp(bin, 0.0, float(HISTOGRAM_BINS - 1)))], 1);
+        }
+    }
+    barrier();
+    for (uint bin = lane; bin < HISTOGRAM_BINS; bin += GROUP_SIZE) {
+        if (bins[bin] != 0) {
+            atomicAdd(push.result.at[bin], bins[bin]);
+        }
+    }
+}

@@ -1,0 +1,38 @@
+// One light's image -> its cell of the contact sheet: means of the pixels that each pixel of the cell stands for.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+#include "lib/thread.glsl"
+#include "lib/tiles.glsl"
+#include "lib/color.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { SheetPush push; };
+layout(constant_id = 0) const uint OUTPUT = OUTPUT_LINEAR;
+
+#include "lib/display.glsl"
+
+void main() {
+    uint thread = thread_index();
+    if (thread >= push.cell.x * push.cell.y) {
+        return;
+    }
+    uvec2 inside = uvec2(thread % push.cell.x, thread / push.cell.x);
+    vec3 sum = vec3(0.0);
+    if (push.term_count != 0) {
+        Read_float image = Read_float(push.term.image);
+        uvec2 first = inside * push.size / push.cell;
+        uvec2 end = min(max((inside + 1) * push.size / push.cell, first + 1), push.size);
+        for (uint y = first.y; y < end.y; ++y) {
+            for (uint x = first.x; x < end.x; ++x) {
+                uint at = tiled(uvec2(x, y), push.size.x);
+                sum += vec3(image.at[at], image.at[at + push.pixel_stride], image.at[at + 2 * push.pixel_stride]);
+            }
+        }
+        sum *= push.term.scale / float((end.x - first.x) * (end.y - first.y));
+    }
+    uvec2 pixel = push.corner + inside;
+    write_pixel(pixel.y * push.size.x + pixel.x, sum);
+}

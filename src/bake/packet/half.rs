@@ -1,0 +1,62 @@
+//! Visibility at half the resolution: one sample in four is traced, for its neighbours too.
+
+use glam::Vec3;
+
+use super::{PACKET_SIZE, SamplePacket, trace_all};
+use crate::bake::bvh::Bvh;
+use crate::scene::Scene;
+use crate::shared::{PackedLight, TILE_SIZE};
+
+/// One sample of each block of 2x2 pixels of a tile, or of four in a list, as packets of their own.
+#[derive(Default)]
+pub struct HalfPackets {
+    packets: Vec<SamplePacket>,
+    /// Visibility of those.
+    seen: Vec<u8>,
+}
+
+/// Blocks of a packet; so many packets give one.
+const BLOCKS: usize = PACKET_SIZE / 4;
+
+/// Lanes of a block.
+fn lanes(block: usize) -> [usize; 4] {
+    let side = TILE_SIZE as usize;
+    let (x, y) = (2 * (block % (side / 2)), 2 * (block / (side / 2)));
+    [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| (y + dy) * side + x + dx)
+}
+
+impl HalfPackets {
+    pub fn new(packets: &[SamplePacket]) -> Self {
+        let gather = |four: &[SamplePacket]| {
+            let mut half = SamplePacket::default();
+            for (i, packet) in four.iter().enumerate() {
+                for block in 0..BLOCKS {
+                    // The first sample that reflects light speaks for its block.
+                    let normal = |lane: usize| Vec3::from_array([0, 1, 2].map(|axis| packet.normal[axis][lane]));
+                    let lanes = lanes(block);
+                    let lane = lanes.into_iter().find(|&lane| normal(lane) != Vec3::ZERO).unwrap_or(lanes[0]);
+                    let to = i * BLOCKS + block;
+                    for axis in 0..3 {
+                        half.position[axis][to] = packet.position[axis][lane];
+                        half.normal[axis][to] = packet.normal[axis][lane];
+                        half.geometric_normal[axis][to] = packet.geometric_normal[axis][lane];
+                    }
+                }
+            }
+            half
+        };
+        let packets: Vec<_> = packets.chunks(PACKET_SIZE / BLOCKS).map(gather).collect();
+        Self { seen: vec![0; packets.len() * PACKET_SIZE], packets }
+    }
+
+    /// Traces them towards `light`, on all cores; `visibility` gets 64 values for each of the packets that these were made
+    /// of.
+    pub fn trace(&mut self, bvh: &Bvh, scene: &Scene, light: &PackedLight, visibility: &mut [u8]) {
+        trace_all(bvh, scene, light, &self.packets, &mut self.seen);
+        for (packet, seen) in visibility.chunks_mut(PACKET_SIZE).zip(self.seen.chunks(BLOCKS)) {
+            for (block, &seen) in seen.iter().enumerate() {
+                lanes(block).into_iter().for_each(|lane| packet[lane] = seen);
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! What the eye cannot read off a picture: the radiance of a pixel, and how many pixels have which luminance.
+
+use std::sync::Arc;
+
+use glam::{UVec2, Vec3};
+
+use super::light_cache::Term;
+use super::passes::Parts;
+use crate::error::Result;
+use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
+use crate::shared::*;
+
+/// What is wanted of each picture besides its pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Inspection {
+    /// See [`super::Relighter::histogram`].
+    pub histogram: bool,
+    /// Pixel, from the top left; see [`super::Relighter::probed`].
+    pub probe: Option<[u32; 2]>,
+}
+
+/// Kernels and what they count, made when they are first asked for.
+pub(super) struct Inspector {
+    histogram: Kernel,
+    probe: Kernel,
+    counts: Buffer<u32>,
+    radiance: Buffer<u32>,
+    pub wanted: Inspection,
+    /// Whether `counts` are those of the picture that is shown.
+    pub counted: bool,
+    /// The pixel whose radiance was read.
+    probed: Option<[u32; 2]>,
+}
+
+/// Tiles that a workgroup counts.
+const TILES_A_GROUP: u32 = 16;
+
+impl Inspector {
+    pub fn new(context: &Arc<Context>) -> Result<Self> {
+        let buffer = |count| Buffer::new(context, "inspection", Access::HostWrites, count);
+        Ok(Self {
+            histogram: Kernel::new(context, "inspect", &[(0, 1)])?,
+            probe: Kernel::new(context, "inspect", &[(0, 0)])?,
+            counts: buffer(HISTOGRAM_BINS as usize)?,
+            radiance: buffer(3)?,
+            wanted: Inspection::default(),
+            counted: false,
+            probed: None,
+        })
+    }
+
+    /// Looks at the picture that is the sum of `terms`, as far as it is wanted and not known.
+    pub fn run(&mut self, frame: &mut Frame, parts: &Parts, terms: &[Term], exposure: f32) {
+        let tiling = parts.baked.tiling;
+        if self.wanted.histogram && !self.counted {
+            self.counts.host_mut().fill(0);
+            let size = UVec2::new(tiling.width, tiling.height);
+            let threads = (tiling.len() as u32).div_ceil(TILES_A_GROUP);
+            look(
+                frame,
+                parts,
+                terms,
+                &Look { kernel: &self.histogram, result: &self.counts, pixels: size, exposure, threads },
+            );
+            self.counted = true;
+        }
+        self.probed = self.wanted.probe.filter(|&[x, y]| tiling.contains((x, y)));
+        if let Some([x, y]) = self.probed {
+            let pixels = UVec2::new(tiling.index(x, y) as u32, 0);
+            look(
+                frame,
+                parts,
+                terms,
+                &Look { kernel: &self.probe, result: &self.radiance, pixels, exposure: 1.0, threads: 1 },
+            );
+        }
+    }
+
+    /// The picture is another one now, or one that nobody looks into.
+    pub fn forget(&mut self) {
+        (self.counted, self.probed) = (false, None);
+    }
+
+    pub fn counts(&self) -> Option<&[u32]> {
+        self.counted.then(|| self.counts.host())
+    }
+
+    pub fn probed(&self) -> Option<([u32; 2], Vec3)> {
+        let bits = self.radiance.host();
+        self.probed.map(|pixel| (pixel, Vec3::from_array([0, 1, 2].map(|c| f32::from_bits(bits[c])))))
+    }
+}
+
+/// One look at a picture.
+struct Look<'a> {
+    kernel: &'a Kernel,
+    result: &'a Buffer<u32>,
+    pixels: UVec2,
+    exposure: f32,
+    threads: u32,
+}
+
+fn look(frame: &mut Frame, parts: &Parts, terms: &[Term], look: &Look) {
+    let mut pass = frame.pass("inspect");
+    let push = InspectPush {
+        term_count: terms.len() as u32,
+        terms: parts.read_terms(&mut pass, terms),
+        result: pass.write(look.result),
+        pixel_stride: parts.baked.pixel_stride() as u32,
+        pixels: look.pixels,
+        exposure: look.exposure.exp2(),
+        unused: 0,
+    };
+    pass.dispatch(look.kernel, &push, look.threads);
+}

@@ -1,0 +1,135 @@
+//! The contact sheet: every light's share of the picture, side by side.
+
+use glam::{UVec2, Vec3};
+
+use super::light_cache::{Plan, Source, Step, Term};
+use super::output::{Output, Outputs};
+use super::passes::Parts;
+use crate::gpu::Frame;
+use crate::shared::{SheetPush, SumTerm};
+
+/// How lights are laid out over a picture: row by row, as many rows as columns at most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grid {
+    columns: u32,
+    size: [u32; 2],
+}
+
+impl Grid {
+    pub fn new(light_count: usize, size: [u32; 2]) -> Self {
+        let columns = (1..).find(|&columns: &u32| columns as usize * columns as usize >= light_count);
+        Self { columns: columns.expect("some number is large enough"), size }
+    }
+
+    /// Cells, empty ones included.
+    pub fn len(self) -> usize {
+        (self.columns * self.columns) as usize
+    }
+
+    pub fn is_empty(self) -> bool {
+        self.len() == 0
+    }
+
+    /// Left, top, width and height of a cell, pixels. All cells together are the picture.
+    pub fn cell(self, index: usize) -> [u32; 4] {
+        let (column, row) = (index as u32 % self.columns, index as u32 / self.columns);
+        let edge = |axis: usize, i: u32| self.size[axis] * i / self.columns;
+        let [left, top] = [edge(0, column), edge(1, row)];
+        [left, top, edge(0, column + 1) - left, edge(1, row + 1) - top]
+    }
+
+    /// The cell that a pixel lies in.
+    pub fn at(self, [x, y]: [u32; 2]) -> Option<usize> {
+        (0..self.len()).find(|&index| {
+            let [left, top, width, height] = self.cell(index);
+            (left..left + width).contains(&x) && (top..top + height).contains(&y)
+        })
+    }
+}
+
+/// What the cells hold.
+#[derive(Default)]
+pub(super) struct Sheet {
+    output: Option<Output>,
+    cells: Vec<Option<Term>>,
+}
+
+impl Sheet {
+    /// Leaves cells out of a plan that are there already.
+    pub fn thin(&mut self, plan: &mut Plan, output: Output) {
+        if self.output != Some(output) {
+            (self.output, self.cells) = (Some(output), Vec::new());
+        }
+        let mut shaded = Vec::new();
+        plan.steps.retain(|step| match *step {
+            Step::Shade { slot, .. } => {
+                shaded.push(Source::Slot(slot));
+                true
+            }
+            Step::Sum { .. } => true,
+            Step::Show { cell, term } => {
+                if self.cells.len() <= cell {
+                    self.cells.resize(cell + 1, None);
+                }
+                let is_new = term.is_some_and(|term| shaded.contains(&term.source));
+                // An unlit cell differs from one that was never drawn.
+                let term = term.unwrap_or(Term { source: Source::Rest, scale: Vec3::ZERO });
+                self.cells[cell].replace(term) != Some(term) || is_new
+            }
+        });
+    }
+
+    /// Something else was drawn over it.
+    pub fn forget(&mut self) {
+        self.output = None;
+    }
+}
+
+impl Parts<'_> {
+    /// Draws one light's share, or nothing, into its cell.
+    pub(super) fn show(&self, frame: &mut Frame, cell: usize, term: Option<Term>, outputs: &Outputs, output: Output) {
+        let tiling = self.baked.tiling;
+        let [left, top, width, height] = Grid::new(self.rig.lights.len(), [tiling.width, tiling.height]).cell(cell);
+        if width == 0 || height == 0 {
+            return; // more lights than pixels
+        }
+        let mut pass = frame.pass("contact sheet");
+        let blank: SumTerm = bytemuck::Zeroable::zeroed();
+        let push = SheetPush {
+            term_count: u32::from(term.is_some()),
+            term: term.map_or(blank, |term| self.read_terms(&mut pass, &[term])[0]),
+            target: pass.write(outputs.pixels(output)),
+            pixel_stride: self.baked.pixel_stride() as u32,
+            size: UVec2::new(tiling.width, tiling.height),
+            corner: UVec2::new(left, top),
+            cell: UVec2::new(width, height),
+            exposure: output.exposure().exp2(),
+            blue_first: u32::from(output.is_blue_first()),
+        };
+        pass.dispatch(outputs.sheet_kernel(output), &push, width * height);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_cover_the_picture_once() {
+        for lights in [0, 1, 2, 4, 5, 16, 17, 100] {
+            let grid = Grid::new(lights, [73, 41]);
+            assert!(grid.len() >= lights);
+            let mut covered = vec![0; 73 * 41];
+            for index in 0..grid.len() {
+                let [left, top, width, height] = grid.cell(index);
+                for y in top..top + height {
+                    for x in left..left + width {
+                        covered[(y * 73 + x) as usize] += 1;
+                        assert_eq!(grid.at([x, y]), Some(index));
+                    }
+                }
+            }
+            assert!(covered.iter().all(|&count| count == 1), "{lights} lights");
+        }
+    }
+}

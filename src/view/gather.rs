@@ -1,0 +1,71 @@
+//! Gather samples where the camera sees them, drawn over the picture.
+
+use std::sync::Arc;
+
+use egui::{Color32, Mesh, Pos2, Rect, Shape, Ui, Vec2};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::Opened;
+use crate::bake::Baked;
+
+/// Those that the camera sees, and their marks.
+pub struct GatherMarks {
+    baked: Arc<Baked>,
+    /// World space.
+    seen: Vec<DVec3>,
+    /// Where the first and the last of them were when the marks were made.
+    drawn_at: Option<[Pos2; 2]>,
+    mesh: Arc<Mesh>,
+}
+
+/// Half the side of a mark, and of its dark edge, points.
+const SIZES: [(f32, Color32); 2] = [(1.75, Color32::from_black_alpha(170)), (1.0, Color32::from_rgb(120, 230, 255))];
+
+impl GatherMarks {
+    /// Of what is open; those there are, if they are of that.
+    pub fn get(marks: Option<Self>, opened: &Opened) -> Self {
+        match marks {
+            Some(marks) if Arc::ptr_eq(&marks.baked, &opened.baked) => marks,
+            _ => Self { baked: opened.baked.clone(), seen: seen(opened), drawn_at: None, mesh: Arc::default() },
+        }
+    }
+
+    /// `at` places a point of the scene, in points of the window.
+    pub fn draw(&mut self, ui: &Ui, at: impl Fn(DVec3) -> Option<Pos2>) {
+        let ends = self.seen.first().zip(self.seen.last());
+        let now = ends.and_then(|(first, last)| Some([at(*first)?, at(*last)?]));
+        if now.is_none() || now != self.drawn_at {
+            let mut mesh = Mesh::default();
+            for (half, color) in SIZES {
+                for at in self.seen.iter().filter_map(|&position| at(position)) {
+                    mesh.add_colored_rect(Rect::from_center_size(at, Vec2::splat(2.0 * half)), color);
+                }
+            }
+            (self.mesh, self.drawn_at) = (Arc::new(mesh), now);
+        }
+        ui.ctx().layer_painter(egui::LayerId::background()).add(Shape::Mesh(self.mesh.clone()));
+    }
+}
+
+/// Samples whose first point nothing hides from the camera.
+fn seen(opened: &Opened) -> Vec<DVec3> {
+    let Some(transfer) = &opened.baked.transfer else { return Vec::new() };
+    let (scene, bvh, camera) = (&opened.scene, &opened.bvh, &opened.camera);
+    let aspect = f64::from(opened.baked.tiling.width) / f64::from(opened.baked.tiling.height);
+    let visible = |position: &Vec3| -> Option<DVec3> {
+        let world = scene.origin + position.as_dvec3();
+        let [x, y] = camera.project(world, aspect)?;
+        let (origin, direction) = camera.ray(x, y, aspect);
+        let distance = (world - origin).dot(direction);
+        let from = (origin - scene.origin).as_vec3();
+        let hit = bvh.closest_hit(scene, from, direction.as_vec3(), f32::INFINITY)?;
+        let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
+        (inside && f64::from(hit.distance) > distance * (1.0 - NEAR) - f64::from(bvh.radius) * 1e-4).then_some(world)
+    };
+    let points = transfer.points.par_chunks(transfer.points_per_sample.max(1));
+    points.filter_map(|points| visible(&points[0].position)).collect()
+}
+
+/// What a surface may lie in front of its own sample by, as a share of the distance: samples are rounded.
+const NEAR: f64 = 1e-3;

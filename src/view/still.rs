@@ -1,0 +1,91 @@
+//! Pictures that no light changes: channels of the deep framebuffer, errors of indirect light.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::Opened;
+use super::views::{View, Views};
+use crate::bake::channels::Channel;
+use crate::error::Result;
+use crate::gpu::{Buffer, Context, Pixels};
+use crate::image::png::srgb8_from_linear;
+use crate::relight::exposure::stop_color;
+
+/// A picture, and the values behind its colours.
+pub struct Still {
+    view: View,
+    layer: u32,
+    values: Vec<Option<Vec3>>,
+    pixels: Buffer<u32>,
+    size: [u32; 2],
+}
+
+/// Of pixels that have no value: a grey that is no channel's usual one.
+const NOTHING: [u8; 3] = [28, 28, 34];
+/// The error that legends and colours have in the middle.
+pub const MIDDLE_ERROR: f32 = 0.01;
+
+impl Still {
+    /// The still that `views` asks for; the one there is, if it is that.
+    pub fn get(
+        still: Option<Self>,
+        context: &Arc<Context>,
+        opened: &Opened,
+        views: &Views,
+        blue_first: bool,
+    ) -> Result<Self> {
+        if let Some(still) = still
+            && (still.view, still.layer) == (views.view, views.layer)
+        {
+            return Ok(still);
+        }
+        let baked = &opened.baked;
+        let size = [baked.tiling.width, baked.tiling.height];
+        let nothing = || vec![None; (size[0] * size[1]) as usize];
+        let (values, colors): (Vec<Option<Vec3>>, Vec<[u8; 3]>) = match views.view {
+            View::Channel(channel) => {
+                let values = baked.channel(channel, views.layer, &opened.camera, opened.scene.origin);
+                let colors = channel_colors(channel, &values);
+                (values, colors)
+            }
+            _ => {
+                let errors = baked.transfer_errors();
+                let values = errors.map_or_else(nothing, |e| e.into_iter().map(|e| e.map(Vec3::splat)).collect());
+                let color = |value: &Option<Vec3>| value.map_or(NOTHING, |v| stop_color((v.x / MIDDLE_ERROR).log2()));
+                let colors = values.iter().map(color).collect();
+                (values, colors)
+            }
+        };
+        let order = |[r, g, b]: [u8; 3]| if blue_first { [b, g, r, 255] } else { [r, g, b, 255] };
+        let words: Vec<u32> = colors.into_iter().map(|color| u32::from_le_bytes(order(color))).collect();
+        let pixels = Buffer::from_slice(context, "pictures (still)", &words)?;
+        Ok(Self { view: views.view, layer: views.layer, values, pixels, size })
+    }
+
+    pub fn pixels(&self) -> Pixels<'_> {
+        Pixels { buffer: &self.pixels, width: self.size[0], height: self.size[1] }
+    }
+
+    pub fn value(&self, [x, y]: [u32; 2]) -> Option<Vec3> {
+        *self.values.get((y * self.size[0] + x) as usize)?
+    }
+}
+
+fn channel_colors(channel: Channel, values: &[Option<Vec3>]) -> Vec<[u8; 3]> {
+    let known = || values.iter().flatten().copied();
+    let low = known().reduce(Vec3::min).unwrap_or_default();
+    let high = known().reduce(Vec3::max).unwrap_or_default();
+    let size = (high - low).max(Vec3::splat(f32::MIN_POSITIVE));
+    let plain = |v: Vec3| v.clamp(Vec3::ZERO, Vec3::ONE).to_array().map(|x| (255.0 * x).round() as u8);
+    let color = |v: Vec3| match channel {
+        Channel::Normal | Channel::GeometricNormal => plain(0.5 + 0.5 * v),
+        // Near is bright.
+        Channel::Distance => plain((high - v) / size),
+        Channel::Position => plain((v - low) / size),
+        Channel::BaseColor | Channel::Weight => v.to_array().map(srgb8_from_linear),
+        Channel::Metallic | Channel::Roughness => plain(v),
+        Channel::Layers | Channel::Samples => plain(v / high.max(Vec3::ONE)),
+    };
+    values.iter().map(|value| value.map_or(NOTHING, color)).collect()
+}

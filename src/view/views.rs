@@ -1,0 +1,178 @@
+//! What the window shows in place of the picture, and what it lays over it.
+
+use egui::{ComboBox, Ui};
+
+use super::controls::{Action, ViewState};
+use super::keys::Command;
+use crate::bake::channels::Channel;
+use crate::relight::{Layers, Picture, ToneMap};
+
+/// Something to look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    Beauty,
+    Direct,
+    Reflection,
+    Indirect,
+    Emission,
+    /// What the selected light does.
+    Light,
+    /// What each light does, side by side.
+    Lights,
+    /// How far off each tile's indirect light is.
+    TransferError,
+    /// Of the deep framebuffer.
+    Channel(Channel),
+}
+
+/// Something to lay over what is shown, or to show it by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Aid {
+    /// A colour a stop of luminance.
+    FalseColor,
+    Histogram,
+    /// The values of the pixel under the mouse.
+    Probe,
+    /// Gather samples where the camera sees them.
+    GatherSamples,
+    /// What frames took, as a graph.
+    Profile,
+}
+
+/// What is looked at, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Views {
+    pub view: View,
+    /// Of the deep framebuffer, from 0.
+    pub layer: u32,
+    aids: [bool; 5],
+}
+
+impl View {
+    /// In the order of the menu; channels follow.
+    const PICTURES: [Self; 8] = [
+        Self::Beauty,
+        Self::Direct,
+        Self::Reflection,
+        Self::Indirect,
+        Self::Emission,
+        Self::Light,
+        Self::Lights,
+        Self::TransferError,
+    ];
+
+    pub fn all() -> impl Iterator<Item = Self> {
+        Self::PICTURES.into_iter().chain(Channel::ALL.map(Self::Channel))
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Beauty => "beauty",
+            Self::Direct => "direct",
+            Self::Reflection => "reflection",
+            Self::Indirect => "indirect",
+            Self::Emission => "emission",
+            Self::Light => "selected light",
+            Self::Lights => "every light",
+            Self::TransferError => "error of indirect light",
+            Self::Channel(channel) => channel.name(),
+        }
+    }
+
+    /// What the relighter makes of it; `None` of what no light changes.
+    pub fn picture(self, selected: Option<usize>) -> Option<(Layers, Picture)> {
+        Some(match self {
+            Self::Beauty => (Layers::All, Picture::Whole),
+            Self::Direct => (Layers::Direct, Picture::Whole),
+            Self::Reflection => (Layers::Reflection, Picture::Whole),
+            Self::Indirect => (Layers::Indirect, Picture::Whole),
+            Self::Emission => (Layers::All, Picture::Emission),
+            Self::Light => (Layers::All, selected.map_or(Picture::Whole, Picture::Light)),
+            Self::Lights => (Layers::All, Picture::Sheet),
+            Self::TransferError | Self::Channel(_) => return None,
+        })
+    }
+
+    /// The next channel of the deep framebuffer.
+    pub fn next_channel(self) -> Self {
+        let at = Channel::ALL.iter().position(|&channel| self == Self::Channel(channel));
+        Self::Channel(Channel::ALL[at.map_or(0, |at| (at + 1) % Channel::ALL.len())])
+    }
+}
+
+impl Aid {
+    const ALL: [(Self, &'static str, &'static str); 5] = [
+        (Self::FalseColor, "stops", "false colours: one a stop of luminance"),
+        (Self::Histogram, "histogram", "how many pixels have which luminance"),
+        (Self::Probe, "probe", "the values of the pixel under the mouse"),
+        (Self::GatherSamples, "gather", "gather samples where the camera sees them"),
+        (Self::Profile, "profile", "what frames took, as a graph, and who holds memory"),
+    ];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FalseColor => "false colours",
+            Self::Histogram => "histogram",
+            Self::Probe => "probe",
+            Self::GatherSamples => "gather samples",
+            Self::Profile => "profile",
+        }
+    }
+}
+
+impl Views {
+    pub fn new(tone_map: ToneMap) -> Self {
+        let mut views = Self { view: View::Beauty, layer: 0, aids: [false; 5] };
+        views.aids[Aid::FalseColor as usize] = tone_map == ToneMap::FalseColor;
+        views
+    }
+
+    pub fn has(&self, aid: Aid) -> bool {
+        self.aids[aid as usize]
+    }
+
+    pub fn toggle(&mut self, aid: Aid) {
+        self.aids[aid as usize] ^= true;
+    }
+
+    /// Whether anything lies over the picture whatever else does.
+    pub fn has_ui(&self) -> bool {
+        [Aid::Histogram, Aid::Probe, Aid::GatherSamples, Aid::Profile].iter().any(|&aid| self.has(aid))
+    }
+
+    /// What is shown, with its layer.
+    pub fn title(&self) -> String {
+        match self.view {
+            View::Channel(channel) if channel.has_layers() => format!("{}, layer {}", channel.name(), self.layer + 1),
+            view => view.name().into(),
+        }
+    }
+}
+
+/// Chooses view and aids.
+pub fn menu(ui: &mut Ui, view: &ViewState, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.label("view");
+        let shown = ComboBox::from_id_salt("view").selected_text(view.views.title()).width(150.0).height(420.0);
+        shown.show_ui(ui, |ui| {
+            for choice in View::all() {
+                if ui.selectable_label(view.views.view == choice, choice.name()).clicked() {
+                    actions.push(Action::Do(Command::View(choice)));
+                }
+            }
+        });
+        if matches!(view.views.view, View::Channel(channel) if channel.has_layers())
+            && ui.button("layer").on_hover_text("the next layer of the deep framebuffer").clicked()
+        {
+            actions.push(Action::Do(Command::NextLayer));
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (aid, text, hint) in Aid::ALL {
+            if ui.selectable_label(view.views.has(aid), text).on_hover_text(hint).clicked() {
+                actions.push(Action::Do(Command::Aid(aid)));
+            }
+        }
+    });
+}
