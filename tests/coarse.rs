@@ -77,7 +77,7 @@ fn what_is_finished_is_the_exact_picture() {
         assert!(hurried.is_coarse());
         let mut exact = relighter(&gpu, &stage, &rig);
         let error = apart(&coarse, &whole(&mut exact));
-        assert!((1e-6..0.1).contains(&error), "step {step}: {error}");
+        assert!((1e-6..0.2).contains(&error), "step {step}: {error}");
         assert!(apart(&coarse, &first) > 1e-3, "the edit shows");
     }
     hurried.set_detail(Detail::Exact);
@@ -113,5 +113,6 @@ fn a_part_of_the_transfer_is_near_all_of_it_and_smaller() {
     }
     let error = apart(&whole(&mut coarse), &whole(&mut exact));
     println!("indirect light in a hurry: {error:.4} off with {part} of {whole_size} bytes");
-    assert!((1e-5..0.15).contains(&error), "{error}");
+    // Rows of few rays are noisy, and directions that hold noise are the first to go.
+    assert!((1e-5..0.3).contains(&error), "{error}");
 }

@@ -100,6 +100,75 @@ fn every_view_is_what_render_makes_of_it() {
     window.ends_silently();
 }
 
+/// Until the window shows `wanted`, bit for bit.
+#[track_caller]
+fn wait_for_picture(window: &App, wanted: &[[u8; 3]]) {
+    let start = std::time::Instant::now();
+    loop {
+        let apart = difference(&picture(window), wanted);
+        if apart == 0.0 {
+            return;
+        }
+        assert!(start.elapsed().as_secs() < 60, "the picture stays {apart} from what it is to become");
+    }
+}
+
+#[test]
+fn at_rest_pictures_become_what_render_makes_of_more_samples() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (output, rig) = (folder.path().join("best.png"), folder.path().join("moved.toml"));
+    let (plain, best) = (render(&output, &[]), render(&output, &["--samples", "8"]));
+    assert!(difference(&plain, &best) > 0.1, "edges are smoother");
+    let rig_text = rig.to_str().unwrap();
+    command::Run::of(command::relume().args(["rig", balls().to_str().unwrap(), "-o", rig_text])).done();
+    let window = open(&desktop, &["--samples", "8", "--rig", rig_text]);
+    wait_for_picture(&window, &best);
+    // A recoloured light leaves edges where they are; a moved one takes them along.
+    window.key("r", "colour");
+    window.key("D", "moved");
+    window.key("ctrl+s", "saved");
+    let moved = render(&output, &["--samples", "8", "--rig", rig_text]);
+    assert!(difference(&moved, &best) > 1.0, "the edits show");
+    wait_for_picture(&window, &moved);
+    window.key("ctrl+z", "undone");
+    window.key("ctrl+z", "undone");
+    wait_for_picture(&window, &best);
+    window.keys(&["ctrl+q"]);
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    window.keys(&["q"]);
+    window.ends_silently();
+}
+
+#[test]
+fn a_slow_drag_is_coarse_and_finished_exactly() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (script, stats, rig) = (path("a.script"), path("stats.json"), path("rig.toml"));
+    let balls = balls();
+    let mut text = String::from("0.2 press D\n");
+    (1..20).for_each(|i| text += &format!("{:.2} repeat D\n", 0.2 + 0.05 * f64::from(i)));
+    std::fs::write(&script, text + "1.3 release D\n2.5 key Ctrl+S\n").unwrap();
+    command::Run::of(command::relume().args(["rig", balls.to_str().unwrap(), "-o", &rig])).done();
+    // Bakes indirect light, which the window then finds.
+    render(&folder.path().join("first.png"), &["--rig", &rig]);
+    // No frame fits a thousandth of a millisecond.
+    let budget = ["--frame-budget", "0.001", "--script", &script, "--stats", &stats, "--rig", &rig];
+    let mut window = desktop.relume(&[&["view", balls.to_str().unwrap()], &SETTINGS[..], &budget].concat());
+    window.wait_for_window();
+    window.wait_for_title("saved");
+    window.key("F2", "saved");
+    window.key("1", "picture 1:1");
+    let finished = picture(&window);
+    let headless = render(&folder.path().join("finished.png"), &["--rig", &rig]);
+    assert_eq!(difference(&finished, &headless), 0.0);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+    let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(&stats).unwrap()).unwrap();
+    assert!(stats["view"]["coarse_frames"].as_u64().unwrap() > 3, "{stats}");
+}
+
 #[test]
 fn scripts_reach_views_and_a_trace_tells_of_every_frame() {
     let Some(desktop) = Desktop::start() else { return };

@@ -1,5 +1,6 @@
 //! Scene -> [`Baked`]: everything that does not depend on the lights, one call per stage, in order.
 
+mod background;
 pub mod brdf_factors;
 pub mod bvh;
 pub mod cache;
@@ -10,11 +11,14 @@ pub mod gather_samples;
 pub mod octahedral;
 pub mod packet;
 pub mod point_tree;
+pub mod spread;
 pub mod surface;
 pub mod transfer;
 pub mod view_samples;
 
 use glam::Vec3;
+
+pub use self::background::low_priority;
 
 use self::bvh::Bvh;
 use self::packet::SamplePacket;

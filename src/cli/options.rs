@@ -38,9 +38,9 @@ pub struct ViewOptions {
 pub struct SceneOptions {
     #[command(flatten)]
     pub view: ViewOptions,
-    /// View samples a pixel; more than one only where edges lie.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub samples: u32,
+    /// View samples a pixel; more than one only where edges lie [default: 1; of a window 8, once lights rest].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub samples: Option<u32>,
     /// Leaves nothing out, not even what the scene does not need; the picture is the same.
     #[arg(long)]
     pub force_all: bool,
@@ -133,6 +133,11 @@ impl LightOptions {
 }
 
 impl SceneOptions {
+    /// View samples of a pixel on an edge.
+    pub fn samples(&self) -> u32 {
+        self.samples.unwrap_or(1)
+    }
+
     /// The cache directory, or `None` if nothing is kept.
     pub fn cache_dir(&self) -> Option<PathBuf> {
         if self.no_cache { None } else { self.cache.clone().or_else(user_cache_dir) }

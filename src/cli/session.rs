@@ -6,11 +6,12 @@ use std::time::Instant;
 
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::verify::Verdict;
+use relume::bake::spread::spread;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::ThesisSettings;
 use relume::bake::transfer::{Outgoing, TransferSettings};
-use relume::bake::{BakeSettings, Baked, bake, cache};
+use relume::bake::{BakeSettings, Baked, bake, cache, low_priority};
 use relume::gpu::{Context, Validation};
 use relume::relight::Relighter;
 use relume::relight::light_cache::LightCache;
@@ -37,6 +38,8 @@ pub struct Session {
     pub not_stored: Option<Error>,
     /// Absent without indirect light.
     pub transfers: Option<Transfers>,
+    /// One sample a pixel, to which indirect light is baked, where `baked` has more.
+    plain: Option<Arc<Baked>>,
 }
 
 /// Where transfers to one deep framebuffer come from.
@@ -64,7 +67,7 @@ impl Transfers {
     }
 
     /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
-    /// of its own, one less than there are cores, so that lights can be edited meanwhile.
+    /// of its own, so that lights can be edited meanwhile.
     pub fn refine(
         &self,
         scene: &Scene,
@@ -78,10 +81,7 @@ impl Transfers {
             show(transfer);
             return Ok(());
         }
-        let threads = rayon::current_num_threads().saturating_sub(1).max(1);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|e| Error::invalid("--threads", format!("cannot start {threads} threads: {e}")))?;
-        pool.install(|| {
+        low_priority(|| {
             if let Some(coarse) = self.plan.coarse() {
                 show(coarse.bake(scene, bvh, baked, Lobe::All, &mut report, progress)?);
             }
@@ -190,15 +190,28 @@ impl Session {
     pub fn open(path: &Path, rig_path: Option<&Path>, options: &SceneOptions) -> Result<Self> {
         let progress = Terminal::default();
         let mut session = Self::open_direct(path, rig_path, options, &progress)?;
-        let Some(transfers) = &session.transfers else { return Ok(session) };
+        if session.transfers.is_none() {
+            return Ok(session);
+        }
         let start = Instant::now();
         let cpu_start = cpu_seconds();
-        let transfer =
-            transfers.get(&session.scene, &session.bvh, &session.baked, Lobe::All, &mut session.bake, &progress)?;
+        let transfer = session.transfer(Lobe::All, &progress)?;
         Arc::make_mut(&mut session.baked).transfer = Some(transfer);
         session.bake.seconds += start.elapsed().as_secs_f64();
         session.bake.cpu_seconds += cpu_seconds() - cpu_start;
         Ok(session)
+    }
+
+    /// Indirect light from the cache, or baked: to one sample a pixel, whose rows serve its further samples, so that it does
+    /// not depend on where the lights' shadow edges lie.
+    fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<BakedTransfer> {
+        let Self { scene, bvh, baked, bake, transfers, plain, .. } = self;
+        let transfers = transfers.as_ref().expect("there is indirect light");
+        let Some(plain) = plain else { return transfers.get(scene, bvh, baked, lobe, bake, progress) };
+        let transfer = transfers.get(scene, bvh, plain, lobe, bake, progress)?;
+        let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
+        let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
+        spread.ok_or_else(|| Error::invalid("--samples", "wavelets of each row serve one sample a pixel"))
     }
 
     /// How far indirect light is from rows gathered anew, under points and spots.
@@ -221,39 +234,44 @@ impl Session {
         let cpu_start = cpu_seconds();
         let opened = report.stage("load", || Opened::new(path, rig_path, &options.view, progress))?;
         let plan = options.transfer.plan(&options.view, opened.size)?;
-        check_memory(opened.size, options.samples, opened.rig.lights.len(), path)?;
+        check_memory(opened.size, options.samples(), opened.rig.lights.len(), path)?;
         let bvh = report.stage("build BVH", || opened.build_bvh(progress));
         let Opened { scene, rig, camera, size: [width, height] } = opened;
-        let settings = BakeSettings { width, height, layers: options.view.layers, samples: options.samples };
+        let settings = BakeSettings { width, height, layers: options.view.layers, samples: options.samples() };
         let cache_dir = options.cache_dir();
-        let key = cache::key(&scene, &camera, &rig, &settings);
-        let stored =
-            cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key, &settings)));
-        report.cached = stored.is_some();
         let mut not_stored = None;
-        let mut baked = match stored {
-            Some(baked) => baked,
-            None => {
-                let passes = if settings.samples > 1 { 2 } else { 1 };
-                progress.begin("deep framebuffer", passes * settings.tile_count());
-                let advance = |tiles| progress.advance(tiles);
-                let baked = report.stage("deep framebuffer", || bake(&scene, &bvh, &camera, &rig, &settings, &advance));
-                progress.end();
-                if let Some(dir) = &cache_dir
-                    && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
-                {
-                    tracing::info!("not kept: {error}"); // a read-only cache works
-                    not_stored = Some(error);
-                }
-                baked
+        let mut framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> (cache::Key, Baked) {
+            let key = cache::key(&scene, &camera, &rig, settings);
+            let stored =
+                cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key, settings)));
+            report.cached = stored.is_some();
+            if let Some(baked) = stored {
+                return (key, baked);
             }
+            let passes = if settings.samples > 1 { 2 } else { 1 };
+            progress.begin("deep framebuffer", passes * settings.tile_count());
+            let advance = |tiles| progress.advance(tiles);
+            let baked = report.stage("deep framebuffer", || bake(&scene, &bvh, &camera, &rig, settings, &advance));
+            progress.end();
+            if let Some(dir) = &cache_dir
+                && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
+            {
+                tracing::info!("not kept: {error}"); // a read-only cache works
+                not_stored = Some(error);
+            }
+            (key, baked)
         };
+        let plain = (settings.samples > 1 && plan.is_some())
+            .then(|| framebuffer(&BakeSettings { samples: 1, ..settings.clone() }, &mut report));
+        let (key, mut baked) = framebuffer(&settings, &mut report);
         baked.has_specular |= options.force_all;
-        let transfers = plan.map(|plan| Transfers { plan, key: key.clone(), dir: cache_dir.clone() });
+        let plain_key = plain.as_ref().map_or(&key, |(key, _)| key).clone();
+        let transfers = plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone() });
+        let plain = plain.map(|(_, baked)| Arc::new(baked));
         report.seconds = start.elapsed().as_secs_f64();
         report.cpu_seconds = cpu_seconds() - cpu_start;
         let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
-        Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir, not_stored, transfers })
+        Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir, not_stored, transfers, plain })
     }
 
     pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {
@@ -267,9 +285,7 @@ impl Session {
 
     /// A relighter whose indirect light is what the pixels' specular lobes make of it.
     pub fn glossy_relighter(&mut self, context: &Arc<Context>, rig: &Rig, options: &LightOptions) -> Result<Relighter> {
-        let transfers = self.transfers.as_ref().expect("the pass was refused without indirect light");
-        let (lobe, progress) = (Lobe::Specular, Terminal::default());
-        let transfer = transfers.get(&self.scene, &self.bvh, &self.baked, lobe, &mut self.bake, &progress)?;
+        let transfer = self.transfer(Lobe::Specular, &Terminal::default())?;
         let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
         Relighter::new(context, &self.scene, &self.bvh, &baked, rig, &options.relight_settings())
     }

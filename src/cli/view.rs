@@ -65,9 +65,11 @@ pub fn run(args: &Args) -> Result<()> {
         script,
         record: args.record.clone(),
         frame_budget: Duration::from_secs_f64(args.frame_budget * 1e-3),
+        rest_samples: args.scene_options.samples.unwrap_or(REST_SAMPLES),
         trace: args.trace.is_some(),
     };
-    let (path, rig, options) = (args.scene.clone(), args.rig.clone(), args.scene_options.clone());
+    let (path, rig) = (args.scene.clone(), args.rig.clone());
+    let options = SceneOptions { samples: Some(1), ..args.scene_options.clone() };
     let report = relume::view::run(settings, move |loader| {
         let session = Session::open_direct(&path, rig.as_deref(), &options, loader)?;
         let Session { scene, bvh, baked, camera, rig, transfers, .. } = session;
@@ -87,6 +89,9 @@ pub fn run(args: &Args) -> Result<()> {
     }
     Ok(())
 }
+
+/// View samples of a pixel on an edge, once lights rest.
+const REST_SAMPLES: u32 = 8;
 
 fn parse_budget(text: &str) -> std::result::Result<f64, String> {
     let ms = text.parse().ok().filter(|ms| (0.0..=60_000.0).contains(ms));

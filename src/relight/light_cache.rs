@@ -295,6 +295,17 @@ impl LightCache {
         }
     }
 
+    /// How many lights a whole picture needs that no image holds, and the first of them.
+    pub fn pending(&self) -> (usize, Option<usize>) {
+        let held = |node: usize| {
+            let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
+            above.any(|n| self.nodes[n].slot.is_some() || self.scale(n) == Vec3::ZERO)
+        };
+        let mut pending = (0..self.leaf_of.len()).filter(|&light| !held(self.leaf_of[light]));
+        let first = pending.next();
+        (usize::from(first.is_some()) + pending.count(), first)
+    }
+
     /// The work that makes the picture of one light alone.
     pub fn plan_light(&mut self, light: usize) -> Plan {
         self.clock += 1;

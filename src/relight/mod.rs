@@ -137,6 +137,13 @@ pub struct Relighter {
     times: Vec<PassTime>,
 }
 
+/// How making images ends.
+struct Last<'a> {
+    picture: Picture,
+    output: Output,
+    screen: Option<Screen<'a>>,
+}
+
 struct Kernels {
     shade_light: Kernel,
     resolve: Kernel,
@@ -153,7 +160,6 @@ impl Relighter {
         settings: &RelightSettings,
     ) -> Result<Self> {
         let pixel_stride = baked.pixel_stride();
-        let extra_stride = baked.extra_samples.len().next_multiple_of(4);
         let image_bytes = 12 * pixel_stride as u64;
         let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4);
         let image_budget = (budget / image_bytes) as usize;
@@ -174,7 +180,7 @@ impl Relighter {
             images: (0..slot_count).map(|_| image("light images")).collect::<Result<_>>()?,
             image_budget,
             rest: image("light images (rest)")?,
-            extras: Buffer::new(context, "extra samples' radiance", Access::Device, 3 * extra_stride)?,
+            extras: extra_planes(context, baked)?,
             visibility: VisibilityBuffers::new(context, baked, traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
             kernels: Kernels {
@@ -237,9 +243,50 @@ impl Relighter {
         self.gpu.emission = upload_emission(&self.context, &baked)?;
         self.indirect = Some(indirect);
         self.baked = baked;
+        self.start_anew();
+        Ok(())
+    }
+
+    /// Takes over another bake of the same view of the same scene; the next picture shows it.
+    pub fn set_baked(&mut self, baked: Arc<Baked>) -> Result<()> {
+        let size = |baked: &Baked| (baked.tiling.width, baked.tiling.height);
+        assert_eq!(size(&baked), size(&self.baked), "light images have the size of the first bake");
+        if baked.has_specular != self.baked.has_specular {
+            let specialization = [(0, u32::from(baked.has_specular))];
+            self.kernels.shade_light = Kernel::new(&self.context, "shade_light", &specialization)?;
+        }
+        let transfer = baked.transfer.as_ref();
+        self.indirect = transfer.map(|transfer| Indirect::new(&self.context, transfer)).transpose()?;
+        self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
+        self.gpu = GpuBaked::new(&self.context, &baked)?;
+        self.extras = extra_planes(&self.context, &baked)?;
+        self.baked = baked;
+        self.start_anew();
+        Ok(())
+    }
+
+    /// No image is up to date any more.
+    fn start_anew(&mut self) {
         self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
         self.shown = None;
-        Ok(())
+        self.sheet.forget();
+    }
+
+    /// Lights of which a whole picture has yet to make images; 0 where images are too many to keep.
+    pub fn pending(&self) -> usize {
+        if self.keeps_all() { self.cache.pending().0 } else { 0 }
+    }
+
+    /// Makes the image of one light that is [pending](Self::pending), so that a whole picture has less to do.
+    pub fn prepare(&mut self) -> Result<()> {
+        let Some(light) = self.cache.pending().1.filter(|_| self.keeps_all()) else { return Ok(()) };
+        let plan = self.cache.plan_light(light);
+        self.run_or_start_anew(&plan, None)
+    }
+
+    /// Whether every image has its place.
+    fn keeps_all(&self) -> bool {
+        self.images.len() >= LightCache::slot_range(self.rig().lights.len()).1
     }
 
     /// Makes `lights` those that are about to be edited; see [`LightCache::select`].
@@ -335,8 +382,7 @@ impl Relighter {
     fn plan(&mut self, picture: Picture) -> Plan {
         #[cfg(feature = "hot-reload")]
         if self.reload_changed_kernels() {
-            self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
-            self.shown = None;
+            self.start_anew();
         }
         match picture {
             Picture::Whole => self.cache.plan(),
@@ -352,7 +398,7 @@ impl Relighter {
         }
     }
 
-    /// Makes the picture. After an error no image counts as made.
+    /// Makes the picture.
     fn run(&mut self, picture: Picture, output: Output, screen: Option<Screen>) -> Result<()> {
         let is_sheet = picture == Picture::Sheet;
         self.outputs.prepare(output, is_sheet)?;
@@ -363,29 +409,29 @@ impl Relighter {
         if is_sheet {
             self.sheet.thin(&mut plan, output);
         }
-        let outcome = self.run_frames(&plan, picture, output, screen);
+        self.run_or_start_anew(&plan, Some(Last { picture, output, screen }))
+    }
+
+    /// After an error no image counts as made.
+    fn run_or_start_anew(&mut self, plan: &Plan, last: Option<Last>) -> Result<()> {
+        let outcome = self.run_frames(plan, last);
         if outcome.is_err() {
-            self.shown = None;
-            self.sheet.forget();
-            self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
+            self.start_anew();
         }
         outcome
     }
 
-    /// One frame, or several if many lights are stale at once.
-    fn run_frames(&mut self, plan: &Plan, picture: Picture, output: Output, mut screen: Option<Screen>) -> Result<()> {
+    /// One frame, or several if many lights are stale at once. Without an end, images alone are made.
+    fn run_frames(&mut self, plan: &Plan, mut last: Option<Last>) -> Result<()> {
         self.times.clear();
-        let shown = (picture, output, plan.picture.clone());
-        let unchanged = plan.steps.is_empty() && self.shown.as_ref() == Some(&shown);
-        let is_sheet = picture == Picture::Sheet;
+        let shown = last.as_ref().map(|last| (last.picture, last.output, plan.picture.clone()));
+        let unchanged = plan.steps.is_empty() && shown.is_some() && self.shown == shown;
         let mut inspector = self.inspector.as_mut();
-        if let Some(inspector) = &mut inspector
-            && (!unchanged || is_sheet)
-        {
+        if let Some(inspector) = inspector.as_mut().filter(|_| !unchanged) {
             inspector.forget();
         }
         let looks = inspector.as_ref().is_some_and(|inspector| inspector.wanted != Inspection::default());
-        if unchanged && screen.is_none() && !looks {
+        if unchanged && !looks && last.as_ref().is_none_or(|last| last.screen.is_none()) {
             return Ok(()); // it is there already
         }
         self.shown = None;
@@ -419,31 +465,37 @@ impl Relighter {
                         parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), &shade);
                     }
                     Step::Sum { target, terms, accumulate } => parts.sum(&mut frame, *target, terms, *accumulate),
-                    Step::Show { cell, term } => parts.show(&mut frame, *cell, *term, outputs, output),
+                    Step::Show { cell, term } => {
+                        let output = last.as_ref().expect("sheets are shown").output;
+                        parts.show(&mut frame, *cell, *term, outputs, output);
+                    }
                 }
                 steps.next();
             }
             let done = steps.peek().is_none();
-            if done && !unchanged && !is_sheet {
-                parts.composite(&mut frame, &plan.picture, outputs, output);
-            }
-            if let Some(inspector) = &mut inspector
-                && done
-                && !is_sheet
-            {
-                inspector.run(&mut frame, &parts, &plan.picture, output.exposure());
-            }
-            match &mut screen {
-                Some(screen) if done => {
-                    let [width, height] = [self.baked.tiling.width, self.baked.tiling.height];
-                    frame.draw(screen, Some(Pixels { buffer: outputs.pixels(output), width, height }))?;
-                    frame.finish_on(screen.surface)?;
+            match last.as_mut().filter(|_| done) {
+                Some(Last { picture, output, screen }) => {
+                    let is_sheet = *picture == Picture::Sheet;
+                    if !unchanged && !is_sheet {
+                        parts.composite(&mut frame, &plan.picture, outputs, *output);
+                    }
+                    if let Some(inspector) = inspector.as_mut().filter(|_| !is_sheet) {
+                        inspector.run(&mut frame, &parts, &plan.picture, output.exposure());
+                    }
+                    match screen {
+                        Some(screen) => {
+                            let [width, height] = [self.baked.tiling.width, self.baked.tiling.height];
+                            frame.draw(screen, Some(Pixels { buffer: outputs.pixels(*output), width, height }))?;
+                            frame.finish_on(screen.surface)?;
+                        }
+                        None => frame.finish()?,
+                    }
                 }
-                _ => frame.finish()?,
+                None => frame.finish()?,
             }
             times.extend(frames.times().iter().map(|time| PassTime { start_ms: begin_ms + time.start_ms, ..*time }));
             if done {
-                self.shown = Some(shown);
+                self.shown = shown;
                 return Ok(());
             }
         }
@@ -456,6 +508,12 @@ impl Relighter {
         let kernels = [shade_light, resolve, sum_images].into_iter().chain(self.outputs.kernels());
         kernels.fold(false, |changed, kernel| kernel.reload_if_changed() | changed)
     }
+}
+
+/// Planes R, G, B for the radiance of extra samples.
+fn extra_planes(context: &Arc<Context>, baked: &Baked) -> Result<Buffer<f32>> {
+    let stride = baked.extra_samples.len().next_multiple_of(4);
+    Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride)
 }
 
 /// How many light images are kept for a rig, where the budget has room for so many.

@@ -3,6 +3,7 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, Vec2};
 use glam::Vec3;
 
+use super::converge::Progress;
 use super::desk::{Desk, luminance};
 use super::still::MIDDLE_ERROR;
 use super::views::{Aid, View, Views};
@@ -19,12 +20,26 @@ pub struct Told {
     pub histogram: Option<Vec<u32>>,
     /// It was made in a hurry.
     pub is_coarse: bool,
+    /// How far it is on its way to more samples where edges lie.
+    pub progress: Progress,
 }
 
 /// Points.
 const WIDTH: f32 = 16.0 * STOP_COUNT as f32;
 const HISTOGRAM_HEIGHT: f32 = 70.0;
 const TEXT: Color32 = Color32::from_gray(220);
+
+impl Told {
+    /// What becomes of the picture, unless it rests as it is.
+    pub fn state(&self) -> Option<String> {
+        match self.progress {
+            _ if self.is_coarse => Some("coarse".into()),
+            Progress::Bakes(share) => Some(format!("edges {:.0} %", 100.0 * share)),
+            Progress::Shades(done, of) => Some(format!("edges, light {} of {of}", done + 1)),
+            Progress::Waits | Progress::Done => None,
+        }
+    }
+}
 
 /// Draws what `views` asks for, its lower left corner at `corner`.
 pub fn draw(ui: &Ui, views: &Views, told: &Told, corner: Pos2) {

@@ -172,7 +172,7 @@ pub fn help(ui: &mut Ui, view: &mut ViewState) {
             ui.spacing_mut().interact_size.y = 14.0;
             ui.horizontal_top(|ui| {
                 // As many in each column as look even.
-                for sections in [&SECTIONS[..2], &SECTIONS[2..4], &SECTIONS[4..]] {
+                for sections in [&SECTIONS[..3], &SECTIONS[3..5], &SECTIONS[5..]] {
                     ui.vertical(|ui| sections.iter().for_each(|section| help_section(ui, section)));
                     ui.add_space(12.0);
                 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
+use super::converge::Sharper;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 
@@ -17,6 +18,8 @@ pub enum LoadEvent {
     },
     Opened(Box<Opened>),
     Refined(Box<BakedTransfer>),
+    /// More samples where edges lie, as lights rest.
+    Sharper(Box<Sharper>),
     /// The thread has ended, with all done or with an error.
     Ended(Result<()>),
 }

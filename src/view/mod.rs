@@ -6,6 +6,7 @@
 
 mod aids;
 mod controls;
+mod converge;
 mod describe;
 pub mod desk;
 mod gather;
@@ -57,6 +58,8 @@ pub struct ViewSettings {
     pub record: Option<PathBuf>,
     /// What a frame may take while a hand drags; a picture that takes longer is made coarser, and finished at rest.
     pub frame_budget: Duration,
+    /// View samples of a pixel on an edge once lights rest; 1: no more than while they move.
+    pub rest_samples: u32,
     /// Whether [`ViewReport::trace`] is wanted: it grows with every frame.
     pub trace: bool,
 }
@@ -81,6 +84,8 @@ pub struct ViewReport {
     /// Frames drawn, and those among them that relit the picture.
     pub frames: usize,
     pub relit_frames: usize,
+    /// Of these, those that were made coarsely to keep up with a hand.
+    pub coarse_frames: usize,
     /// From a frame's first event to the return of its presentation, of frames that relit the picture.
     pub latency_ms: Option<Latency>,
     /// Median milliseconds of each pass of those frames.

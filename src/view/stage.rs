@@ -2,29 +2,32 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use glam::DVec3;
+use winit::event_loop::EventLoopProxy;
 
-use super::Opened;
 use super::aids::{self, Told};
 use super::controls::{Action, Dialog, ViewState};
+use super::converge::{Converge, Sharper};
 use super::describe::rounded;
 use super::desk::selection::Selection;
 use super::desk::{Desk, Pick};
 use super::gather::GatherMarks;
 use super::keys::Command;
+use super::load::LoadEvent;
 use super::pace::Pace;
 use super::pick::pixel;
 use super::shares::Shares;
 use super::still::Still;
 use super::views::{Aid, View};
+use super::{Opened, ViewSettings};
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
-use crate::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, exposure};
+use crate::relight::{Layers, Picture, Relighter, ToneMap, exposure};
 
 pub struct Stage {
     pub desk: Desk,
@@ -36,6 +39,11 @@ pub struct Stage {
     /// What the relighter shows.
     layers: Layers,
     pace: Pace,
+    converge: Converge,
+    /// Whether the picture has more samples on edges.
+    is_sharp: bool,
+    /// The version of the desk's lights that the picture shows.
+    drawn: Option<u64>,
     still: Option<Still>,
     /// What the picture's aids tell.
     pub told: Told,
@@ -63,12 +71,11 @@ impl Stage {
     pub fn new(
         context: &Arc<Context>,
         opened: Opened,
-        rig_path: Option<PathBuf>,
-        settings: &RelightSettings,
-        frame_budget: Duration,
+        settings: &ViewSettings,
+        proxy: EventLoopProxy<LoadEvent>,
     ) -> Result<Self> {
         let Opened { scene, bvh, baked, camera, rig } = &opened;
-        let relighter = Relighter::new(context, scene, bvh, baked, rig, settings)?;
+        let relighter = Relighter::new(context, scene, bvh, baked, rig, &settings.relight)?;
         let desk = Desk::new(rig.clone(), camera.clone(), f64::from(bvh.radius));
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -78,11 +85,14 @@ impl Stage {
             relighter,
             taken: None,
             layers: Layers::All,
-            pace: Pace::new(frame_budget),
+            pace: Pace::new(settings.frame_budget),
+            converge: Converge::new(context, proxy, &settings.relight, settings.rest_samples),
+            is_sharp: false,
+            drawn: None,
             still: None,
             told: Told::default(),
             gather_marks: None,
-            rig_path,
+            rig_path: settings.rig_path.clone(),
             suggested_path,
             opened,
         })
@@ -99,7 +109,17 @@ impl Stage {
 
     /// What the passes of the last picture took.
     pub fn times(&self) -> &[PassTime] {
-        self.relighter.times()
+        self.sharp().map_or(&self.relighter, |sharp| sharp).times()
+    }
+
+    /// The relighter with more samples, if it made the picture.
+    fn sharp(&self) -> Option<&Relighter> {
+        self.converge.relighter().filter(|_| self.is_sharp)
+    }
+
+    /// Takes over more samples where edges lie.
+    pub fn sharpen(&mut self, sharper: Sharper) -> Result<()> {
+        self.converge.take(sharper, &self.opened, self.desk.rig())
     }
 
     /// Device memory by owner, bytes.
@@ -129,7 +149,7 @@ impl Stage {
 
     /// What is worth a look only while the hand rests: a little of it. Returns whether there was anything to do.
     pub fn rest(&mut self) -> Result<bool> {
-        if self.is_coarse() || self.layers != Layers::All {
+        if self.relighter.is_coarse() || self.layers != Layers::All {
             return Ok(false); // images are not those of the whole picture
         }
         self.take_lights()?;
@@ -160,21 +180,38 @@ impl Stage {
         };
         let start = Instant::now();
         let detail = self.pace.detail(start);
-        let edited = self.taken.is_none_or(|(version, _)| version != self.desk.version());
-        self.relighter.set_detail(detail);
-        self.take_lights()?;
-        self.relighter.set_layers(layers);
-        self.layers = layers;
-        self.relighter.set_tone_map(view.curve());
-        self.relighter.inspect(Inspection { histogram: view.views.has(Aid::Histogram), probe })?;
-        self.relighter.show(picture, view.exposure, screen)?;
+        let edited = self.drawn.replace(self.desk.version()) != Some(self.desk.version());
+        if edited {
+            self.converge.restart(start);
+        } else if !self.relighter.is_coarse() {
+            self.converge.go_on(&self.opened, self.desk.rig())?;
+        }
+        let sharp = self.converge.ready(&self.opened, self.desk.rig(), layers)?;
+        self.is_sharp = sharp.is_some();
+        let relighter = match sharp {
+            Some(sharp) => {
+                sharp.select(self.desk.history().focus());
+                sharp
+            }
+            None => {
+                self.relighter.set_detail(detail);
+                self.take_lights()?;
+                self.relighter.set_layers(layers);
+                self.layers = layers;
+                &mut self.relighter
+            }
+        };
+        relighter.set_tone_map(view.curve());
+        relighter.inspect(Inspection { histogram: view.views.has(Aid::Histogram), probe })?;
+        relighter.show(picture, view.exposure, screen)?;
+        self.told.histogram = relighter.histogram().map(<[u32]>::to_vec);
+        self.told.is_coarse = relighter.is_coarse();
+        if let Some((pixel, radiance)) = relighter.probed() {
+            self.told.probe = aids::radiance_lines(pixel, radiance, view.exposure);
+        }
+        self.told.progress = self.converge.progress(&self.opened, self.desk.rig());
         if self.times().iter().any(|pass| pass.name == "shade light") {
             self.pace.shown(Instant::now(), edited, detail, start.elapsed());
-        }
-        self.told.histogram = self.relighter.histogram().map(<[u32]>::to_vec);
-        self.told.is_coarse = self.relighter.is_coarse();
-        if let Some((pixel, radiance)) = self.relighter.probed() {
-            self.told.probe = aids::radiance_lines(pixel, radiance, view.exposure);
         }
         Ok(())
     }
@@ -196,7 +233,7 @@ impl Stage {
         if view.panel || view.overlay {
             let is_named = !matches!(view.views.view, View::Beauty | View::Lights);
             let name = is_named.then(|| view.views.title());
-            let state = self.told.is_coarse.then(|| "coarse".to_owned());
+            let state = self.told.state();
             let text: Vec<String> = name.into_iter().chain(state).collect();
             if !text.is_empty() {
                 aids::title(ui, &text.join("  -  "), point(0.5, 0.0));
@@ -206,12 +243,16 @@ impl Stage {
 
     /// Whether the picture was made in a hurry, and is not finished yet.
     pub fn is_coarse(&self) -> bool {
-        self.relighter.is_coarse()
+        !self.is_sharp && self.relighter.is_coarse()
     }
 
     /// When the picture goes on to become better, if nothing happens until then.
-    pub fn goes_on_at(&self) -> Option<Instant> {
-        self.pace.rests_at().filter(|_| self.is_coarse())
+    pub fn goes_on_at(&self, view: &ViewState) -> Option<Instant> {
+        view.views.view.picture(None)?;
+        match self.is_coarse() {
+            true => self.pace.rests_at(),
+            false => self.converge.goes_on_at(&self.opened, self.desk.rig(), view.panel || view.overlay),
+        }
     }
 
     /// Selects the light whose cell of the contact sheet lies under the mouse.

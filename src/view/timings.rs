@@ -19,6 +19,7 @@ pub struct Timings {
     relit: Vec<f64>,
     /// Passes of frames that relit the picture: milliseconds of all of them, the last frame last.
     passes: Vec<Pass>,
+    coarse_frames: usize,
     /// The last frames that relit the picture.
     graph: VecDeque<GraphFrame>,
 }
@@ -59,6 +60,7 @@ impl Timings {
         let latency = (now - event).as_secs_f64() * 1e3;
         if let Some(passes) = passes {
             self.relit.push(latency);
+            self.coarse_frames += usize::from(coarse);
             // The oldest frame's list serves again.
             let oldest = if self.graph.len() == GRAPH_FRAMES { self.graph.pop_front() } else { None };
             let mut of_graph = GraphFrame { latency_ms: latency, coarse, ..oldest.unwrap_or_default() };
@@ -95,6 +97,11 @@ impl Timings {
             }
         }
         index
+    }
+
+    /// Relit frames that were made coarsely.
+    pub fn coarse_frames(&self) -> usize {
+        self.coarse_frames
     }
 
     /// The frames of the graph, the oldest first; at most [`Self::capacity`].

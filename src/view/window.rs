@@ -6,7 +6,7 @@ use egui::{Event, PointerButton, ViewportId};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
-use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Fullscreen, WindowId};
 
 use super::controls::{self, Action, PANEL_WIDTH, ViewState};
@@ -29,7 +29,7 @@ pub fn run(settings: ViewSettings, load: impl FnOnce(&Loader) -> Result<()> + Se
     let no_window = |source: Cause| Error::NoWindow { source };
     let event_loop = EventLoop::<LoadEvent>::with_user_event().build().map_err(|e| no_window(e.into()))?;
     let loader = Loader::new(event_loop.create_proxy());
-    let mut app = App::new(settings);
+    let mut app = App::new(settings, event_loop.create_proxy());
     // Not joined: who closes the window during a long bake does not wait for it.
     std::thread::spawn(move || loader.end(load(&loader)));
     event_loop.run_app(&mut app).map_err(|e| no_window(e.into()))?;
@@ -38,6 +38,7 @@ pub fn run(settings: ViewSettings, load: impl FnOnce(&Loader) -> Result<()> + Se
 
 struct App {
     settings: ViewSettings,
+    proxy: EventLoopProxy<LoadEvent>,
     began: Instant,
     device_time: Duration,
     view: ViewState,
@@ -80,7 +81,7 @@ const SECOND_LOOK: Duration = Duration::from_millis(40);
 const REST: Duration = Duration::from_millis(150);
 
 impl App {
-    fn new(settings: ViewSettings) -> Self {
+    fn new(settings: ViewSettings, proxy: EventLoopProxy<LoadEvent>) -> Self {
         let view = ViewState {
             exposure: settings.exposure.unwrap_or(0.0),
             tone_map: match settings.relight.tone_map {
@@ -97,6 +98,7 @@ impl App {
         };
         Self {
             settings,
+            proxy,
             began: Instant::now(),
             device_time: Duration::ZERO,
             view,
@@ -140,6 +142,7 @@ impl App {
             device_ms: ms(self.device_time),
             frames: self.frames,
             relit_frames,
+            coarse_frames: self.timings.coarse_frames(),
             latency_ms: latency.map(|[best, median, p95]| Latency { best, median, p95 }),
             passes: self.timings.median_passes(),
             trace: self.trace,
@@ -162,13 +165,7 @@ impl App {
     fn open(&mut self, opened: Opened) -> Result<()> {
         let Some(graphics) = &self.graphics else { return Ok(()) };
         let start = Instant::now();
-        let mut stage = Stage::new(
-            &graphics.context,
-            opened,
-            self.settings.rig_path.clone(),
-            &self.settings.relight,
-            self.settings.frame_budget,
-        )?;
+        let mut stage = Stage::new(&graphics.context, opened, &self.settings, self.proxy.clone())?;
         self.device_time += start.elapsed();
         if self.settings.exposure.is_none() {
             self.view.exposure = stage.automatic_exposure()?;
@@ -491,6 +488,11 @@ impl ApplicationHandler<LoadEvent> for App {
                 self.stale = true;
                 self.check(outcome.map(|()| Then::Continue), event_loop);
             }
+            LoadEvent::Sharper(sharper) => {
+                let outcome = self.stage.as_mut().map_or(Ok(()), |stage| stage.sharpen(*sharper));
+                self.stale = true;
+                self.check(outcome.map(|()| Then::Continue), event_loop);
+            }
             LoadEvent::Ended(outcome) => {
                 self.loading = None;
                 match (&mut self.stage, outcome) {
@@ -534,7 +536,7 @@ impl ApplicationHandler<LoadEvent> for App {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let now = Instant::now();
         let due = |at: &Instant| *at <= now;
-        let goes_on = self.stage.as_ref().and_then(Stage::goes_on_at);
+        let goes_on = self.stage.as_ref().and_then(|stage| stage.goes_on_at(&self.view));
         let is_due = goes_on.as_ref().is_some_and(due);
         self.stale |= is_due;
         if is_due || self.wake.as_ref().is_some_and(due) || self.next_scripted().as_ref().is_some_and(due) {

@@ -147,6 +147,81 @@ impl BlockMatrix {
             })
     }
 
+    /// Shares of the first rows and columns of what was [pushed](Self::push) together, in whole octets.
+    pub fn leading(&self, rows: f64, columns: f64) -> Self {
+        let mut all = Self::new(self.channels, self.input_count as usize, self.output_count as usize);
+        let values = all.values.to_mut();
+        for block in self.panels.chunk_by(|a, b| a.first_input == b.first_input) {
+            let row_count: u32 = block.iter().map(|p| p.row_count).sum();
+            let mut rows_left = ((rows * f64::from(row_count)).ceil() as u32).next_multiple_of(PANEL_COLUMNS);
+            let octet_count = (columns * f64::from(block[0].octet_count)).ceil() as u32;
+            let first_input = all.inputs.len() as u32;
+            let inputs = &self.inputs[block[0].first_input as usize..];
+            all.inputs.extend(&inputs[..(octet_count * PANEL_COLUMNS) as usize]);
+            for panel in block {
+                let row_count = panel.row_count.min(rows_left);
+                rows_left -= row_count;
+                if row_count == 0 {
+                    break;
+                }
+                let part = Panel {
+                    first_value: values.len() as u32,
+                    first_input,
+                    first_output: all.outputs.len() as u32,
+                    row_count,
+                    octet_count,
+                    scale: panel.scale,
+                };
+                let outputs = &self.outputs[panel.first_output as usize..];
+                all.outputs.extend(&outputs[..row_count as usize]);
+                for octet in 0..(octet_count * self.channels) as usize {
+                    let from = &self.values[panel.first_value as usize + octet * stride(panel)..];
+                    // Rows beyond the last one are as good as padding: nobody reads them.
+                    values.extend(&from[..stride(&part)]);
+                }
+                all.panels.push(part);
+            }
+        }
+        all
+    }
+
+    /// The matrix whose row i is this one's row `sources[i]`, or nothing.
+    pub fn with_rows(&self, sources: &[Option<u32>]) -> Self {
+        let mut takers = vec![Vec::new(); self.output_count as usize];
+        for (row, source) in sources.iter().enumerate() {
+            if let Some(source) = source {
+                takers[*source as usize].push(row as u32);
+            }
+        }
+        let mut all =
+            Self { inputs: self.inputs.clone(), ..Self::new(self.channels, self.input_count as usize, sources.len()) };
+        let values = all.values.to_mut();
+        for panel in &self.panels {
+            let outputs = &self.outputs[panel.first_output as usize..][..panel.row_count as usize];
+            let rows: Vec<(usize, u32)> = outputs
+                .iter()
+                .enumerate()
+                .flat_map(|(r, &o)| takers[o as usize].iter().map(move |&t| (r, t)))
+                .collect();
+            for rows in rows.chunks(PANEL_ROWS as usize) {
+                all.panels.push(Panel {
+                    first_value: values.len() as u32,
+                    first_output: all.outputs.len() as u32,
+                    row_count: rows.len() as u32,
+                    ..*panel
+                });
+                all.outputs.extend(rows.iter().map(|&(_, taker)| taker));
+                let padding = rows.len().next_multiple_of(ROW_ALIGNMENT as usize) - rows.len();
+                for octet in 0..(panel.octet_count * self.channels) as usize {
+                    let from = &self.values[panel.first_value as usize + octet * stride(panel)..];
+                    values.extend(rows.iter().map(|&(r, _)| from[r]));
+                    values.extend(std::iter::repeat_n(UVec4::ZERO, padding));
+                }
+            }
+        }
+        all
+    }
+
     /// Ranges of panels whose factors take at most `bytes`, or that are one panel.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
         pieces(self.panels.iter().map(|panel| self.value_count(panel) * size_of::<UVec4>()), bytes)
@@ -223,7 +298,7 @@ impl BlockMatrix {
     }
 
     /// Eight columns of row `r`, RGB, before the panel's scale.
-    pub(super) fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
+    fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
         let of_channel = |channel: usize| -> [f16; PANEL_COLUMNS as usize] {
             let octet = octet * self.channels as usize + channel % self.channels as usize;
             bytemuck::cast(self.values[panel.first_value as usize + octet * stride(panel) + r])

@@ -132,7 +132,7 @@ impl<'a> Lab<'a> {
 pub fn scene_options(view: &ViewOptions, transfer: Option<TransferOptions>) -> SceneOptions {
     let none = TransferOptions { gi: Gi::Off, ..ours(None, 1024, 0.01, Form::Auto) };
     let transfer = transfer.unwrap_or(none);
-    SceneOptions { view: view.clone(), samples: 1, force_all: false, cache: None, no_cache: true, transfer }
+    SceneOptions { view: view.clone(), samples: Some(1), force_all: false, cache: None, no_cache: true, transfer }
 }
 
 /// Our indirect light.

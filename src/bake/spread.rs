@@ -1,0 +1,84 @@
+//! Indirect light for anti-aliasing: the transfer to one sample a pixel serves the other samples too.
+//!
+//! More samples lie on edges, some of which are those of shadows and move with the lights, while indirect light is baked
+//! once. Where edges lie it is that of the surface on either side: each further sample takes the row of the sample that is
+//! likest among those of its own pixel and of the pixels around it.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::transfer::baked::BakedTransfer;
+use super::{Baked, octahedral};
+use crate::shared::NO_BRDF;
+
+/// Parts of the scene's radius that a normal opposite, and another material, are as far apart as.
+const NORMAL: f32 = 0.02;
+const MATERIAL: f32 = 0.1;
+
+/// The transfer of `from`, which has one sample a pixel, for `to`, the same view of the same scene with more; `radius` is the
+/// scene's. `None` without a transfer, or with one of wavelets, whose rows have no blocks.
+pub fn spread(from: &Baked, to: &Baked, radius: f32) -> Option<BakedTransfer> {
+    let transfer = from.transfer.as_ref()?;
+    let (last, inner) = transfer.chain.split_last()?;
+    let sources = sources(from, to, radius);
+    let mut chain = inner.to_vec();
+    chain.push(last.with_rows(&sources));
+    let emission = match transfer.emission.is_empty() {
+        true => Vec::new(),
+        false => sources.iter().map(|s| s.map_or(Vec3::ZERO, |s| transfer.emission[s as usize])).collect(),
+    };
+    Some(BakedTransfer { chain, coarse: Vec::new(), emission, ..transfer.clone() })
+}
+
+/// For each view sample of `to`, that of `from` whose indirect light it gets.
+fn sources(from: &Baked, to: &Baked, radius: f32) -> Vec<Option<u32>> {
+    assert_eq!((from.tiling.width, from.tiling.height), (to.tiling.width, to.tiling.height));
+    let pixels = from.pixel_stride();
+    let mut lists: Vec<&[u32]> = vec![&[]; pixels];
+    for p in &from.extra_pixels {
+        lists[p.pixel as usize] = &from.extra_indices[p.first as usize..(p.first + p.count) as usize];
+    }
+    let mut sources: Vec<Option<u32>> = (0..pixels as u32).map(Some).collect();
+    sources.resize(to.samples.len(), None);
+    let likest = |pixel: u32, extra: u32| -> Option<u32> {
+        let layer = to.extra_samples[extra as usize].layer;
+        let (x, y) = to.tiling.pixel(pixel as usize);
+        let around =
+            (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy))));
+        let places = around.filter(|&at| to.tiling.contains(at)).map(|(x, y)| to.tiling.index(x, y));
+        let of_layer = places.flat_map(|place| {
+            let deeper = lists[place].iter().filter(move |_| layer > 0);
+            let deeper =
+                deeper.filter(|&&i| from.extra_samples[i as usize].layer == layer).map(|&i| (pixels as u32) + i);
+            (layer == 0).then_some(place as u32).into_iter().chain(deeper)
+        });
+        let lit = of_layer.filter(|&i| from.samples[i as usize].brdf != NO_BRDF);
+        let distance = |i: u32| apart(from, i, to, pixels as u32 + extra, radius);
+        lit.map(|i| (distance(i), i)).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).map(|(_, i)| i)
+    };
+    let found: Vec<(u32, Option<u32>)> = to
+        .extra_pixels
+        .par_iter()
+        .flat_map_iter(|p| {
+            let list = &to.extra_indices[p.first as usize..(p.first + p.count) as usize];
+            list.iter().map(|&extra| (extra, likest(p.pixel, extra)))
+        })
+        .collect();
+    for (extra, source) in found {
+        sources[pixels + extra as usize] = source;
+    }
+    sources
+}
+
+/// How unlike two samples are; a squared length.
+fn apart(from: &Baked, i: u32, to: &Baked, j: u32, radius: f32) -> f32 {
+    let (a, b) = (&from.samples[i as usize], &to.samples[j as usize]);
+    let normals = octahedral::decode(a.normal) - octahedral::decode(b.normal);
+    // Products of materials are compared: textured samples have BRDFs of their own.
+    let (p, q) = (&from.brdfs[a.brdf as usize], &to.brdfs[b.brdf as usize]);
+    let material =
+        (p.diffuse - q.diffuse).length_squared() + (p.f0 - q.f0).length_squared() + (p.alpha - q.alpha).powi(2);
+    (a.position - b.position).length_squared()
+        + (NORMAL * radius).powi(2) * normals.length_squared()
+        + (MATERIAL * radius).powi(2) * material
+}
