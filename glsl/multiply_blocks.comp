@@ -1,8 +1,9 @@
-// A block matrix times a vector of RGB: ROWS rows of a panel a thread. Twin: src/bake/transfer/blocks.rs.
+// A block matrix times a vector of RGB: a panel a workgroup. Twin: src/bake/transfer/blocks.rs.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
+#extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
 #include "lib/thread.glsl"
@@ -13,12 +14,13 @@ layout(push_constant, scalar) uniform Block { MultiplyBlocksPush push; };
 layout(constant_id = 0) const uint CHANNELS = 1;
 // Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
 layout(constant_id = 1) const bool TO_VIEW_SAMPLES = false;
-// PANEL_ROWS / GROUP_SIZE or less.
-layout(constant_id = 2) const uint ROWS = 1;
 
 #include "lib/add_radiance.glsl"
 
-const uint PARTS = PANEL_ROWS / (GROUP_SIZE * ROWS);
+// Threads that share a strip. Without a GPU each read of 16 bytes becomes four gathers: the first ones together touch every cache
+// line that the rest need, so that a strip waits for memory once an octet.
+const uint LANES = PANEL_COLUMNS;
+const uint ROWS = STRIP_ROWS / LANES;
 
 void store(uint output_index, vec3 sum) {
     if (!TO_VIEW_SAMPLES) {
@@ -30,31 +32,38 @@ void store(uint output_index, vec3 sum) {
 
 void main() {
     uint group = group_index();
-    if (group / PARTS >= push.panel_count) {
+    if (group >= push.panel_count) {
         return;
     }
-    Panel panel = push.panels.at[group / PARTS];
-    uint row = ((group % PARTS) * GROUP_SIZE + gl_LocalInvocationIndex) * ROWS;
-    if (row >= panel.row_count) {
+    Panel panel = push.panels.at[group];
+    uint lane = gl_SubgroupInvocationID % LANES;
+    uint strip = (gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID) / LANES * STRIP_ROWS;
+    if (strip >= panel.row_count) {
         return;
     }
-    uint stride = (panel.row_count + ROW_ALIGNMENT - 1) & ~(ROW_ALIGNMENT - 1);
+    uint stride = min(panel.row_count - strip, STRIP_ROWS);
+    uint value = panel.first_value + CHANNELS * panel.octet_count * strip;
     vec3 sums[ROWS];
     [[unroll]] for (uint r = 0; r < ROWS; ++r) {
         sums[r] = vec3(0.0);
     }
     for (uint octet = 0; octet < panel.octet_count; ++octet) {
-        uint first = panel.first_input + octet * PANEL_COLUMNS;
+        // Each lane reads one column's input, for all.
+        vec3 own = push.vector.at[push.inputs.at[panel.first_input + octet * PANEL_COLUMNS + lane]].rgb;
         vec3 x[PANEL_COLUMNS];
         [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
-            x[k] = push.vector.at[push.inputs.at[first + k]].rgb;
+            x[k] = subgroupBroadcast(own, k);
         }
-        uint value = panel.first_value + octet * CHANNELS * stride + row;
         [[unroll]] for (uint r = 0; r < ROWS; ++r) {
+            // Lanes beyond the last row read that.
+            uint place = value + min(lane * ROWS + r, stride - 1);
+            uvec4 packed[CHANNELS];
             [[unroll]] for (uint c = 0; c < CHANNELS; ++c) {
-                uvec4 packed = push.values.at[value + c * stride + r];
+                packed[c] = push.values.at[place + c * stride];
+            }
+            [[unroll]] for (uint c = 0; c < CHANNELS; ++c) {
                 [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
-                    vec2 pair = unpackHalf2x16(packed[k]);
+                    vec2 pair = unpackHalf2x16(packed[c][k]);
                     if (CHANNELS == 1) {
                         sums[r] += pair.x * x[2 * k] + pair.y * x[2 * k + 1];
                     } else {
@@ -63,10 +72,12 @@ void main() {
                 }
             }
         }
+        value += CHANNELS * stride;
     }
     [[unroll]] for (uint r = 0; r < ROWS; ++r) {
-        if (row + r < panel.row_count) {
-            store(push.outputs.at[panel.first_output + row + r], panel.scale * sums[r]);
+        uint row = strip + lane * ROWS + r;
+        if (row < panel.row_count) {
+            store(push.outputs.at[panel.first_output + row], panel.scale * sums[r]);
         }
     }
 }

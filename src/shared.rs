@@ -28,8 +28,8 @@ gpu_shared! {
 
         /// Rows of a [`Panel`] at most.
         pub const PANEL_ROWS: u32 = 256;
-        /// Factors of a panel are stored for a multiple of so many rows: what a thread takes at most.
-        pub const ROW_ALIGNMENT: u32 = 4;
+        /// Rows of a panel whose factors lie together: those of neighbouring threads, so that these read on and on.
+        pub const STRIP_ROWS: u32 = 32;
         /// Columns that are read at once: 16 bytes of float16.
         pub const PANEL_COLUMNS: u32 = 8;
 
@@ -192,7 +192,8 @@ gpu_shared! {
 
         /// Rows of a block matrix that share their columns.
         pub struct Panel {
-            /// Where its factors begin, in units of eight: octet by octet of columns, channel by channel, row by row.
+            /// Where its factors begin, in units of eight: strip by strip of [`STRIP_ROWS`], octet by octet of columns, channel by
+            /// channel, row by row.
             pub first_value: u32,
             /// Where its list of inputs begins, one a column.
             pub first_input: u32,

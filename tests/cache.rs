@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use command::{Run, folder, json, names_in, relume, shipped};
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
@@ -43,7 +44,7 @@ fn only_whole_files_are_taken() {
     };
     let transfer = Transfer::new(&scene, &bvh, &baked, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.1, lights: 32, lobe: Lobe::All, seed: 1 };
-    let transfer = BakedTransfer::nested(&transfer, &compression, &|_| ());
+    let transfer = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
 
     let key = cache::key(&scene, camera, &scene.rig, &settings);
     cache::store(dir, &key, "a", &baked).unwrap();

@@ -8,6 +8,7 @@ use common::stage::{Setup, Stage};
 use common::{Gpu, gpu, shipped};
 use relume::bake::Baked;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
@@ -35,7 +36,7 @@ fn stage(name: &str) -> Stage {
     };
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
     let settings = CompressionSettings { error: 0.02, lights: 128, lobe: Lobe::All, seed: 1 };
-    let nested = BakedTransfer::nested(&transfer, &settings, &|_| ()).with_coarse();
+    let nested = BakedTransfer::nested(&transfer, &settings, &mut Journal::default(), &|_| ()).with_coarse();
     stage.baked = Arc::new(Baked { transfer: Some(nested), ..Baked::clone(&stage.baked) });
     stage
 }

@@ -461,8 +461,12 @@ fn bake_list_prune() {
     run!("bake", &scene, "--size", "32x24", "--cache", &cache).silent();
     let list = run!("bake", "--list", "--cache", &cache).silent().stdout;
     assert!(list.lines().count() == 2 && list.contains("64x48") && list.contains("balls-2"), "{list}");
+    // What bakes leave that were killed.
+    fs::write(cache.join("bake-1.journal"), "").unwrap();
+    fs::write(cache.join(".relume-1.part"), "").unwrap();
     let pruned = run!("bake", "--prune", "--cache", &cache).silent().stdout;
-    assert!(pruned.starts_with("removed 2 files"), "{pruned}");
+    assert!(pruned.starts_with("removed 4 files"), "{pruned}");
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 0);
     assert_eq!(run!("bake", "--list", "--cache", &cache).silent().stdout, "");
     run!("bake", "--list", "--no-cache").failed(&["--no-cache"]);
     run!("bake", &scene, "--size", "64x48", "--no-cache").silent();

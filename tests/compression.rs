@@ -14,6 +14,7 @@ use relume::bake::compression::haar::Haar;
 use relume::bake::compression::lights::{Kind, RandomLights};
 use relume::bake::compression::verify::{Judge, judge};
 use relume::bake::compression::{CompressionSettings, Compressor, Report};
+use relume::bake::journal::Journal;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
@@ -71,7 +72,7 @@ impl Stage {
     fn compress(&self, transfer: &Transfer, error: f64) -> (Compressed, Report) {
         let settings = CompressionSettings { error, lights: 96, lobe: Lobe::All, seed: 1 };
         let direct = |light: &PackedLight| self.direct(transfer, light);
-        Compressor::new(transfer, &direct, &settings).compress(&|_| ())
+        Compressor::new(transfer, &direct, &settings).compress(&mut Journal::default(), &|_| ())
     }
 }
 

@@ -13,6 +13,7 @@ use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::journal::Journal;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::blocks::{BlockMatrix, Dense};
@@ -51,14 +52,9 @@ fn multiply_blocks() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(9);
-    for (channels, outputs, to_view, rows_a_thread) in [
-        (1, 1, false, 1),
-        (3, 130, true, 1),
-        (1, 3001, true, 2),
-        (3, 700, false, 4),
-        (1, 700, true, 4),
-        (3, 65, true, 4),
-    ] {
+    for (channels, outputs, to_view) in
+        [(1, 1, false), (3, 130, true), (1, 3001, true), (3, 700, false), (1, 700, true), (3, 65, true)]
+    {
         let inputs = 333;
         let extras: usize = if to_view { outputs / 3 } else { 0 };
         let (pixel_count, extra_stride) = (outputs - extras, extras.next_multiple_of(4));
@@ -78,9 +74,7 @@ fn multiply_blocks() {
         image.host_mut()[..3 * pixel_count].fill(0.5);
         let mut extra_image = output(&gpu, 3 * extra_stride);
         extra_image.host_mut()[..3 * extra_stride].fill(0.5);
-        let kernel =
-            Kernel::new(&gpu, "multiply_blocks", &[(0, channels), (1, u32::from(to_view)), (2, rows_a_thread)])
-                .unwrap();
+        let kernel = Kernel::new(&gpu, "multiply_blocks", &[(0, channels), (1, u32::from(to_view))]).unwrap();
         let panels = Buffer::from_slice(&gpu, "test panels", &matrix.panels).unwrap();
         let factors = Buffer::from_slice(&gpu, "test factors", &matrix.values).unwrap();
         let input_list = Buffer::from_slice(&gpu, "test inputs", &matrix.inputs).unwrap();
@@ -100,7 +94,7 @@ fn multiply_blocks() {
                 extra_stride: extra_stride as u32,
                 unused: 0,
             };
-            pass.dispatch(&kernel, &push, push.panel_count * PANEL_ROWS / rows_a_thread);
+            pass.dispatch(&kernel, &push, push.panel_count * GROUP_SIZE);
         });
         let exact: Vec<DVec3> = values.iter().map(|v| v.truncate().as_dvec3()).collect();
         let want = matrix.multiply(&exact);
@@ -379,7 +373,7 @@ fn compressed_pictures_are_what_the_factors_say() {
     let (scene, bvh, baked) = (stage.scene.clone(), stage.bvh.clone(), stage.baked.clone());
     let transfer = Transfer::new(&scene, &bvh, &baked, &settings(900, 200), &|_| ());
     let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
-    let nested = BakedTransfer::nested(&transfer, &compression, &|_| ());
+    let nested = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
     assert!(nested.is_consistent(baked.samples.len()) && nested.haar && nested.chain.len() == 3);
     let by_emitters = resolved(&stage, &nested.emission.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
     stage.baked = Arc::new(Baked { transfer: Some(nested), ..(*baked).clone() });

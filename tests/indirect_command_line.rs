@@ -2,8 +2,11 @@
 
 mod command;
 
+use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
 
 use command::{Run, difference, folder, json, layer, mean, names_in, read_exr, relume, shipped};
 use relume::image::Image;
@@ -178,4 +181,43 @@ fn options_that_exclude_each_other() {
         render(&out, &[option, value]).refused(option);
     }
     assert!(names_in(folder.path()).is_empty(), "refused before anything is written");
+}
+
+#[test]
+fn a_bake_that_was_killed_goes_on() {
+    let folder = folder();
+    let bake = |cache: &Path| {
+        let mut command = relume();
+        command.arg("bake").arg(shipped("cornell-glossy.glb")).args(["-v", "--gi", "glossy", "--threads", "1"]);
+        command.args(["--gather", "120", "--rays", "64", "--size", "128x96", "--cache"]).arg(cache);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    };
+    let in_cache = |cache: &Path, end: &str| -> Vec<PathBuf> {
+        let all = fs::read_dir(cache).into_iter().flatten().map(|entry| entry.unwrap().path());
+        let mut found: Vec<_> = all.filter(|path| path.to_string_lossy().ends_with(end)).collect();
+        found.sort();
+        found
+    };
+    let [whole, stopped] = ["whole", "stopped"].map(|name| folder.path().join(name));
+    Run::of(&mut bake(&whole)).done();
+
+    let mut child = bake(&stopped).spawn().unwrap();
+    let mut lengths = BTreeSet::new();
+    while lengths.len() < 3 {
+        lengths.extend(in_cache(&stopped, ".journal").iter().map(|path| fs::metadata(path).unwrap().len()));
+        assert!(child.try_wait().unwrap().is_none(), "ended before it could be killed");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let again = Run::of(&mut bake(&stopped)).done();
+    assert!(again.stderr.contains("goes on where a bake was stopped"), "{}", again.stderr);
+    assert!(in_cache(&stopped, ".journal").is_empty());
+    let transfers = [&whole, &stopped].map(|cache| in_cache(cache, ".safetensors"));
+    assert_eq!(transfers[0].len(), 2);
+    for (a, b) in transfers[0].iter().zip(&transfers[1]) {
+        assert_eq!(a.file_name(), b.file_name());
+        assert!(fs::read(a).unwrap() == fs::read(b).unwrap(), "{}", a.display());
+    }
 }

@@ -11,6 +11,7 @@ use common::{mutants, shipped};
 use glam::DVec3;
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
@@ -190,7 +191,7 @@ fn cache_files_with_the_right_checksum() {
     };
     let transfer = Transfer::new(&scene, &bvh, &baked, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.3, lights: 32, lobe: Lobe::All, seed: 1 };
-    let transfer = BakedTransfer::nested(&transfer, &compression, &|_| ());
+    let transfer = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
     let transfer_key = cache::transfer_key(&key, "mutants");
     cache::store_transfer(dir, &transfer_key, "a", &baked, &transfer).unwrap();
     let of_transfer = files().into_iter().find(|path| *path != framebuffer).unwrap();

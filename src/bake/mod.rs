@@ -8,6 +8,7 @@ pub mod channels;
 pub mod compression;
 pub mod edges;
 pub mod gather_samples;
+pub mod journal;
 pub mod octahedral;
 pub mod packet;
 pub mod point_tree;

@@ -20,7 +20,7 @@ use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions, ViewOptions, check_size};
 use super::progress::{Progress, Terminal};
-use super::transfer::TransferPlan;
+use super::transfer::{Seen, TransferPlan};
 
 /// A scene with its BVH, baked for one camera.
 pub struct Session {
@@ -68,48 +68,34 @@ impl Transfers {
 
     /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
     /// of its own, so that lights can be edited meanwhile.
-    pub fn refine(
-        &self,
-        scene: &Scene,
-        bvh: &Bvh,
-        baked: &Baked,
-        progress: &dyn Progress,
-        show: impl Fn(BakedTransfer) + Sync,
-    ) -> Result<()> {
+    pub fn refine(&self, seen: Seen, progress: &dyn Progress, show: impl Fn(BakedTransfer) + Sync) -> Result<()> {
         let mut report = BakeReport::default();
-        if let Some(transfer) = self.stored(baked, Lobe::All, &mut report) {
+        if let Some(transfer) = self.stored(seen.baked, Lobe::All, &mut report) {
             show(transfer);
             return Ok(());
         }
         low_priority(|| {
             if let Some(coarse) = self.plan.coarse() {
-                show(coarse.bake(scene, bvh, baked, Lobe::All, &mut report, progress)?);
+                show(coarse.bake(seen, Lobe::All, None, &mut report, progress)?);
             }
-            show(self.get(scene, bvh, baked, Lobe::All, &mut report, progress)?);
+            show(self.get(seen, Lobe::All, &mut report, progress)?);
             Ok(())
         })
     }
 
     /// From the cache, or baked and kept there.
-    fn get(
-        &self,
-        scene: &Scene,
-        bvh: &Bvh,
-        baked: &Baked,
-        lobe: Lobe,
-        report: &mut BakeReport,
-        progress: &dyn Progress,
-    ) -> Result<BakedTransfer> {
-        let stored = self.stored(baked, lobe, report);
+    fn get(&self, seen: Seen, lobe: Lobe, report: &mut BakeReport, progress: &dyn Progress) -> Result<BakedTransfer> {
+        let stored = self.stored(seen.baked, lobe, report);
         report.cached &= stored.is_some();
         if let Some(transfer) = stored {
             return Ok(transfer);
         }
         let key = self.key(lobe);
-        let transfer = self.plan.bake(scene, bvh, baked, lobe, report, progress)?;
+        let journal = self.dir.as_ref().map(|dir| cache::journal(dir, &key));
+        let transfer = self.plan.bake(seen, lobe, journal.as_deref(), report, progress)?;
         if let Some(dir) = &self.dir
-            && let Err(error) =
-                report.stage("write cache", || cache::store_transfer(dir, &key, &scene.name(), baked, &transfer))
+            && let Err(error) = report
+                .stage("write cache", || cache::store_transfer(dir, &key, &seen.scene.name(), seen.baked, &transfer))
         {
             tracing::info!("not kept: {error}"); // a read-only cache works
         }
@@ -207,8 +193,8 @@ impl Session {
     fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<BakedTransfer> {
         let Self { scene, bvh, baked, bake, transfers, plain, .. } = self;
         let transfers = transfers.as_ref().expect("there is indirect light");
-        let Some(plain) = plain else { return transfers.get(scene, bvh, baked, lobe, bake, progress) };
-        let transfer = transfers.get(scene, bvh, plain, lobe, bake, progress)?;
+        let Some(plain) = plain else { return transfers.get(Seen { scene, bvh, baked }, lobe, bake, progress) };
+        let transfer = transfers.get(Seen { scene, bvh, baked: plain }, lobe, bake, progress)?;
         let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
         let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
         spread.ok_or_else(|| Error::invalid("--samples", "wavelets of each row serve one sample a pixel"))
@@ -219,7 +205,7 @@ impl Session {
         let (Some(transfers), Some(transfer)) = (&self.transfers, &self.baked.transfer) else {
             return Err(Error::invalid("--verify", "with --gi off there is nothing to verify"));
         };
-        transfers.plan.verify(&self.scene, &self.bvh, &self.baked, transfer, &Terminal::default())
+        transfers.plan.verify(self.seen(), transfer, &Terminal::default())
     }
 
     /// All but indirect light.
@@ -295,6 +281,10 @@ impl Session {
         let mut layers = self.baked.layers.clone();
         layers.resize(self.baked.asked_layers as usize, 0);
         layers
+    }
+
+    pub fn seen(&self) -> Seen<'_> {
+        Seen { scene: &self.scene, bvh: &self.bvh, baked: &self.baked }
     }
 
     pub fn size(&self) -> (usize, usize) {

@@ -1,11 +1,14 @@
 //! Options of indirect light, and its bake.
 
+use std::path::Path;
+
 use clap::ValueEnum;
 use relume::bake::Baked;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::compression::verify::{self, Judge, Verdict};
+use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
@@ -86,6 +89,14 @@ pub enum Basis {
 pub enum TransferPlan {
     Robust(TransferSettings, Stored),
     Thesis(ThesisSettings),
+}
+
+/// A scene, and what of it is seen.
+#[derive(Clone, Copy)]
+pub struct Seen<'a> {
+    pub scene: &'a Scene,
+    pub bvh: &'a Bvh,
+    pub baked: &'a Baked,
 }
 
 /// How our operator is kept; compressed to a relative error.
@@ -217,9 +228,7 @@ impl TransferPlan {
     /// How far an operator of ours is from rows gathered anew, under points and spots.
     pub fn verify(
         &self,
-        scene: &Scene,
-        bvh: &Bvh,
-        baked: &Baked,
+        Seen { scene, bvh, baked }: Seen,
         operator: &BakedTransfer,
         progress: &dyn Progress,
     ) -> Result<[Verdict; 2]> {
@@ -240,13 +249,12 @@ impl TransferPlan {
         Ok(verdicts)
     }
 
-    /// Bakes the operator of a scene.
+    /// Bakes the operator; `journal` is where it keeps what it would go on from if it was stopped.
     pub fn bake(
         &self,
-        scene: &Scene,
-        bvh: &Bvh,
-        baked: &Baked,
+        Seen { scene, bvh, baked }: Seen,
         lobe: Lobe,
+        journal: Option<&Path>,
         report: &mut BakeReport,
         progress: &dyn Progress,
     ) -> Result<BakedTransfer> {
@@ -270,7 +278,12 @@ impl TransferPlan {
                 let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
                 let made = report.stage("transfer", || match *stored {
                     Stored::Dense => Ok(BakedTransfer::dense(&transfer, baked, lobe, &advance)),
-                    Stored::Nested(error) => Ok(BakedTransfer::nested(&transfer, &to(error), &advance)),
+                    Stored::Nested(error) => {
+                        let mut journal = journal.map_or_else(Journal::default, Journal::open);
+                        let nested = BakedTransfer::nested(&transfer, &to(error), &mut journal, &advance);
+                        journal.remove();
+                        Ok(nested)
+                    }
                     Stored::Haar(error) => {
                         BakedTransfer::haar(&transfer, &to(error), |bytes| check_wavelets(bytes, scene), &advance)
                     }

@@ -73,7 +73,8 @@ fn enumerate(instance: &ash::Instance) -> Result<Vec<DeviceInfo>> {
 
 fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) -> DeviceInfo {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
-    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver);
+    let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver).push_next(&mut subgroups);
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
     let mut features13 = vk::PhysicalDeviceVulkan13Features::default();
     // SAFETY: the handle comes from this instance, and the structs chain what the calls fill.
@@ -99,6 +100,14 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
         ("synchronization2", features13.synchronization2 == vk::TRUE),
         ("dynamicRendering", features13.dynamic_rendering == vk::TRUE),
         ("depthClamp", core.depth_clamp == vk::TRUE),
+        (
+            "subgroups of 8 that broadcast",
+            subgroups.subgroup_size >= 8 && {
+                let operations = subgroups.supported_operations;
+                operations.contains(vk::SubgroupFeatureFlags::BALLOT)
+                    && subgroups.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+            },
+        ),
         ("timestamps", properties.limits.timestamp_compute_and_graphics == vk::TRUE),
     ];
     let text = |bytes: Option<&CStr>| bytes.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();

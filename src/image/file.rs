@@ -47,9 +47,17 @@ pub fn open(path: &Path) -> Result<(File, u64)> {
     Ok((file, kind.len()))
 }
 
+/// Whether a file has the name of one that [`write_whole`] was stopped in, or is at.
+pub fn is_temporary(name: &str) -> bool {
+    name.starts_with(PREFIX) && name.ends_with(SUFFIX)
+}
+
+const PREFIX: &str = ".relume-";
+const SUFFIX: &str = ".part";
+
 fn temporary() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".relume-").suffix(".part");
+    builder.prefix(PREFIX).suffix(SUFFIX);
     // tempfile's own default is 0600; with this the kernel takes the umask off, as for any new file.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));

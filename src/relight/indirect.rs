@@ -63,8 +63,6 @@ pub struct Target<'a> {
 
 /// Factors that lie in one buffer: lavapipe allocates no more than 2 GiB at once.
 const PIECE_BYTES: usize = 1 << 30;
-/// Rows of a panel that a thread takes.
-const ROWS_A_THREAD: u32 = 4;
 
 impl Indirect {
     pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
@@ -184,7 +182,7 @@ impl LitSamples {
 
 impl Product {
     fn new(context: &Arc<Context>, matrix: &Piece, is_last: bool) -> Result<Self> {
-        let constants = [(0, matrix.channels), (1, u32::from(is_last)), (2, ROWS_A_THREAD)];
+        let constants = [(0, matrix.channels), (1, u32::from(is_last))];
         Ok(Self {
             name: if is_last { "transfer to pixels" } else { "transfer" },
             panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
@@ -210,6 +208,6 @@ impl Product {
             extra_stride: target.extra_stride,
             unused: 0,
         };
-        pass.dispatch(&self.kernel, &push, push.panel_count * PANEL_ROWS / ROWS_A_THREAD);
+        pass.dispatch(&self.kernel, &push, push.panel_count * GROUP_SIZE);
     }
 }

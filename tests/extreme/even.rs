@@ -5,6 +5,7 @@ use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
@@ -78,7 +79,7 @@ impl Stage {
 
 pub fn compressed(transfer: &Transfer, error: f64) -> BakedTransfer {
     let settings = CompressionSettings { error, lights: 64, lobe: Lobe::All, seed: 1 };
-    BakedTransfer::nested(transfer, &settings, &|_| ())
+    BakedTransfer::nested(transfer, &settings, &mut Journal::default(), &|_| ())
 }
 
 /// Relative errors of indirect light, root mean square over pixels.

@@ -16,11 +16,11 @@ pub use self::transfer::{load_transfer, store_transfer, transfer_key};
 use super::BakeSettings;
 use crate::error::{Cause, Error, Result};
 use crate::gpu::mapped::{Elements, Mapping};
-use crate::image::file::{open, write_whole};
+use crate::image::file::{is_temporary, open, write_whole};
 use crate::scene::{Camera, Rig, Scene};
 
 /// Counts changes of what a file holds.
-const FORMAT: &str = "8";
+const FORMAT: &str = "9";
 
 /// Name of what a bake depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -75,10 +75,15 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
     Key(hasher.finalize().to_hex()[..32].to_owned())
 }
 
-/// Everything in a cache directory; only the files' headers are read.
+/// Where the bake of a key keeps what it has finished.
+pub fn journal(dir: &Path, key: &Key) -> PathBuf {
+    dir.join(format!("bake-{}.journal", key.0))
+}
+
+/// Every bake in a cache directory; only the files' headers are read.
 pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     let mut entries = Vec::new();
-    for path in files(dir)? {
+    for path in files(dir, |name| name.starts_with("bake-") && name.ends_with(".safetensors"))? {
         let (opened, bytes) = open(&path)?;
         let reader = Reader::new(Mapping::new(&opened).map_err(Error::io("read", &path))?);
         let field = |name: &str| reader.as_ref().and_then(|r| r.text(name)).unwrap_or("?").to_owned();
@@ -89,10 +94,11 @@ pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     Ok(entries)
 }
 
-/// Removes every bake from a cache directory; returns how many files and bytes that were.
+/// Removes every bake from a cache directory, and what those left that were stopped; returns how many files and bytes that
+/// were.
 pub fn prune(dir: &Path) -> Result<(usize, u64)> {
     let mut bytes = 0;
-    let files = files(dir)?;
+    let files = files(dir, |name| name.starts_with("bake-") || is_temporary(name))?;
     for path in &files {
         bytes += path.metadata().map_or(0, |m| m.len());
         std::fs::remove_file(path).map_err(Error::io("remove", path))?;
@@ -121,15 +127,12 @@ fn read<T: Send>(dir: &Path, key: &Key, decode: impl Fn(&Reader) -> Option<T> + 
     None
 }
 
-fn files(dir: &Path) -> Result<Vec<PathBuf>> {
+fn files(dir: &Path, chosen: impl Fn(&str) -> bool) -> Result<Vec<PathBuf>> {
     let listed = match std::fs::read_dir(dir) {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         listed => listed.map_err(Error::io("list", dir))?,
     };
-    let ours = |path: &PathBuf| {
-        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-        name.starts_with("bake-") && name.ends_with(".safetensors")
-    };
+    let ours = |path: &PathBuf| path.file_name().and_then(|name| name.to_str()).is_some_and(&chosen);
     let mut files: Vec<_> = listed.flatten().map(|entry| entry.path()).filter(ours).collect();
     files.sort();
     Ok(files)
@@ -179,7 +182,9 @@ impl<'a> Writer<'a> {
         let tensors = self.tensors.iter().map(info).collect();
         let ours = [("relume", FORMAT.to_owned()), ("blake3", NO_CHECKSUM.to_owned())];
         let all = ours.iter().chain(metadata).map(|(k, v)| ((*k).to_owned(), v.clone()));
-        let mut header = serde_json::to_string(&Metadata::new(Some(all.collect()), tensors)?)?;
+        let mut header = serde_json::to_value(Metadata::new(Some(all.collect()), tensors)?)?;
+        header.sort_all_objects(); // the same bytes for the same bake
+        let mut header = header.to_string();
         header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(8) - header.len()));
         Ok(header)
     }

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use faer::{Mat, MatRef};
 use half::f16;
+use serde::{Deserialize, Serialize};
 
 use super::Found;
 use super::bounces::Thinned;
@@ -67,6 +68,7 @@ pub struct Anew<'a> {
 }
 
 /// Factors of one supercluster; V as it is multiplied with terms, B after V, U after B.
+#[derive(Serialize, Deserialize)]
 pub struct Factors {
     pub list: Vec<u32>,
     pub rank: usize,
@@ -75,6 +77,7 @@ pub struct Factors {
     pub tiles: Vec<TileFactors>,
 }
 
+#[derive(Serialize, Deserialize)]
 pub struct TileFactors {
     pub rank: usize,
     /// rank x the supercluster's rank.

@@ -33,6 +33,7 @@ use std::ops::Range;
 use glam::DVec3;
 use half::f16;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use self::bounces::Bounces;
 use self::clusters::Clusters;
@@ -43,6 +44,7 @@ use self::lights::Kind;
 use self::panels::WIDTH;
 use self::report::Errors;
 use self::training::{Direct, Group, Trainer};
+use super::journal::Journal;
 use super::transfer::Transfer;
 use super::transfer::rows::Lobe;
 use crate::sequence::Points;
@@ -73,6 +75,7 @@ pub struct Compressor<'a> {
 pub type Found = Vec<Vec<[f64; 2]>>;
 
 /// A supercluster and what it was fitted by.
+#[derive(Serialize, Deserialize)]
 pub struct Fitted {
     pub factors: Factors,
     pub found: Found,
@@ -96,25 +99,57 @@ impl<'a> Compressor<'a> {
         Self { transfer, settings: settings.clone(), clusters, inputs, emitted }
     }
 
-    /// Compresses all view samples that reflect anything; `progress` counts them.
-    pub fn compress(&self, progress: &dyn Fn(usize)) -> (Compressed, Report) {
+    /// Compresses all view samples that reflect anything; `progress` counts them. What `journal` has is not fitted again.
+    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (Compressed, Report) {
         let mut compressed = Compressed { coefficients: self.transfer.fine.coefficient_count(), ..Default::default() };
         let mut u = Vec::new();
         let mut errors = Errors::new(&self.clusters);
+        let mut add = |fitted: Fitted, tiles: &Range<usize>| {
+            errors.add(&fitted, tiles);
+            let rows = self.clusters.rows(tiles);
+            let samples = &self.clusters.samples[rows.clone()];
+            compressed.emission.extend(fitted.emission);
+            append(&mut compressed, &mut u, fitted.factors, &self.within(tiles), samples);
+            progress(rows.len());
+        };
         let superclusters: Vec<Range<usize>> = self.clusters.superclusters().collect();
-        for some in superclusters.chunks(rayon::current_num_threads()) {
+        let mut left = &superclusters[..];
+        while let [first, others @ ..] = left
+            && let Some(fitted) = journal.replay(|fitted| self.is_of(fitted, first))
+        {
+            add(fitted, first);
+            left = others;
+        }
+        let [done, all] = [superclusters.len() - left.len(), superclusters.len()];
+        if done > 0 {
+            tracing::info!("goes on where a bake was stopped: {done} of {all} superclusters are fitted");
+        }
+        for some in left.chunks(rayon::current_num_threads()) {
             let fitted: Vec<Fitted> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
             for (fitted, tiles) in fitted.into_iter().zip(some) {
-                errors.add(&fitted, tiles);
-                let rows = self.clusters.rows(tiles);
-                let samples = &self.clusters.samples[rows.clone()];
-                compressed.emission.extend(fitted.emission);
-                append(&mut compressed, &mut u, fitted.factors, &self.within(tiles), samples);
-                progress(rows.len());
+                journal.add(&fitted);
+                add(fitted, tiles);
             }
         }
         round(&mut compressed, &u);
         (compressed, errors.report())
+    }
+
+    /// Whether what was read from a file has the shape of that supercluster.
+    fn is_of(&self, Fitted { factors, found, emission, .. }: &Fitted, tiles: &Range<usize>) -> bool {
+        let rows = self.within(tiles);
+        let samples: usize = rows.iter().map(|rows| rows.len()).sum();
+        factors.tiles.len() == rows.len()
+            && factors
+                .tiles
+                .iter()
+                .zip(&rows)
+                .all(|(tile, rows)| [tile.b.len(), tile.u.len()] == [tile.rank * factors.rank, tile.rank * rows.len()])
+            && factors.v.iter().all(|v| v.len() == factors.rank * factors.list.len())
+            && factors.list.iter().all(|&term| (term as usize) < self.transfer.fine.coefficient_count())
+            && found.len() == rows.len()
+            && found.iter().all(|lights| lights.len() == SPOTS.end)
+            && emission.len() == if self.emitted.is_some() { samples } else { 0 }
     }
 
     /// Gathers the rows of a supercluster, once, and fits it as closely as the error allows, not much more closely.

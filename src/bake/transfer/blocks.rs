@@ -12,7 +12,7 @@ use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use crate::gpu::mapped::Elements;
-use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, ROW_ALIGNMENT};
+use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, STRIP_ROWS};
 
 /// Rows of a panel before it is packed.
 pub struct Dense<'a> {
@@ -38,7 +38,7 @@ pub struct BlockMatrix {
     pub inputs: Vec<u32>,
     /// Output of each panel's rows.
     pub outputs: Vec<u32>,
-    /// Of each panel: `[columns / 8][channel][row]`, eight columns each, rows padded to [`ROW_ALIGNMENT`].
+    /// Of each panel: `[rows / STRIP_ROWS][columns / 8][channel][row]`, eight columns each.
     pub values: Elements<UVec4>,
 }
 
@@ -92,16 +92,10 @@ impl BlockMatrix {
                 scale,
             });
             self.outputs.extend(of_panel);
-            let padding = of_panel.len().next_multiple_of(ROW_ALIGNMENT as usize) - of_panel.len();
-            for octet in 0..octets {
-                for channel in 0..channels {
-                    for r in 0..of_panel.len() {
-                        let from = &row(channel, r)[octet * PANEL_COLUMNS as usize..];
-                        packed.push(pack(from, scale));
-                    }
-                    packed.extend(std::iter::repeat_n(UVec4::ZERO, padding));
-                }
-            }
+            let [octet_count, row_count] = [octets, of_panel.len()];
+            lay_out(packed, [octet_count, channels, row_count], |octet, channel, r| {
+                pack(&row(channel, r)[octet * PANEL_COLUMNS as usize..], scale)
+            });
         }
     }
 
@@ -141,7 +135,7 @@ impl BlockMatrix {
                     && within(p.first_output, p.row_count as usize, self.outputs.len())
                     && within(
                         p.first_value,
-                        p.octet_count as usize * self.channels as usize * stride(p),
+                        p.octet_count as usize * self.channels as usize * p.row_count as usize,
                         self.values.len(),
                     )
             })
@@ -174,11 +168,8 @@ impl BlockMatrix {
                 };
                 let outputs = &self.outputs[panel.first_output as usize..];
                 all.outputs.extend(&outputs[..row_count as usize]);
-                for octet in 0..(octet_count * self.channels) as usize {
-                    let from = &self.values[panel.first_value as usize + octet * stride(panel)..];
-                    // Rows beyond the last one are as good as padding: nobody reads them.
-                    values.extend(&from[..stride(&part)]);
-                }
+                let shape = [octet_count, self.channels, row_count].map(|n| n as usize);
+                lay_out(values, shape, |octet, channel, r| self.values[self.place(panel, octet, channel, r)]);
                 all.panels.push(part);
             }
         }
@@ -211,12 +202,8 @@ impl BlockMatrix {
                     ..*panel
                 });
                 all.outputs.extend(rows.iter().map(|&(_, taker)| taker));
-                let padding = rows.len().next_multiple_of(ROW_ALIGNMENT as usize) - rows.len();
-                for octet in 0..(panel.octet_count * self.channels) as usize {
-                    let from = &self.values[panel.first_value as usize + octet * stride(panel)..];
-                    values.extend(rows.iter().map(|&(r, _)| from[r]));
-                    values.extend(std::iter::repeat_n(UVec4::ZERO, padding));
-                }
+                let shape = [panel.octet_count as usize, self.channels as usize, rows.len()];
+                lay_out(values, shape, |octet, channel, r| self.values[self.place(panel, octet, channel, rows[r].0)]);
             }
         }
         all
@@ -252,7 +239,7 @@ impl BlockMatrix {
 
     /// Octets of factors of a panel.
     fn value_count(&self, panel: &Panel) -> usize {
-        panel.octet_count as usize * self.channels as usize * stride(panel)
+        panel.octet_count as usize * self.channels as usize * panel.row_count as usize
     }
 
     /// Bytes that a multiplication reads: factors and indices.
@@ -297,11 +284,19 @@ impl BlockMatrix {
         result
     }
 
+    /// Index of eight columns of row `r`.
+    fn place(&self, panel: &Panel, octet: usize, channel: usize, r: usize) -> usize {
+        let [octet_count, row_count] = [panel.octet_count, panel.row_count].map(|n| n as usize);
+        let channels = self.channels as usize;
+        let strip = r - r % STRIP_ROWS as usize;
+        let stride = (row_count - strip).min(STRIP_ROWS as usize);
+        panel.first_value as usize + channels * octet_count * strip + (octet * channels + channel) * stride + r - strip
+    }
+
     /// Eight columns of row `r`, RGB, before the panel's scale.
     fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
         let of_channel = |channel: usize| -> [f16; PANEL_COLUMNS as usize] {
-            let octet = octet * self.channels as usize + channel % self.channels as usize;
-            bytemuck::cast(self.values[panel.first_value as usize + octet * stride(panel) + r])
+            bytemuck::cast(self.values[self.place(panel, octet, channel % self.channels as usize, r)])
         };
         let [red, green, blue] = [0, 1, 2].map(of_channel);
         std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()))
@@ -333,9 +328,17 @@ pub(super) fn pieces(sizes: impl Iterator<Item = usize>, most: usize) -> Vec<Ran
     pieces
 }
 
-/// Rows that a panel has factors for.
-fn stride(panel: &Panel) -> usize {
-    panel.row_count.next_multiple_of(ROW_ALIGNMENT) as usize
+/// Adds the factors of a panel of that many octets of columns, channels and rows: `value(octet, channel, row)`.
+fn lay_out(
+    values: &mut Vec<UVec4>,
+    [octets, channels, rows]: [usize; 3],
+    value: impl Fn(usize, usize, usize) -> UVec4,
+) {
+    for strip in (0..rows).step_by(STRIP_ROWS as usize) {
+        for (octet, channel) in (0..octets).flat_map(|o| (0..channels).map(move |c| (o, c))) {
+            values.extend((strip..rows.min(strip + STRIP_ROWS as usize)).map(|r| value(octet, channel, r)));
+        }
+    }
 }
 
 /// The first eight of `factors`, or all followed by zeros, over `scale`.

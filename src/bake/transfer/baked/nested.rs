@@ -7,16 +7,22 @@ use half::slice::HalfFloatSliceExt;
 use super::{BakedTransfer, TransferReport};
 use crate::bake::compression::data::{Compressed, Supercluster};
 use crate::bake::compression::{CompressionSettings, Compressor};
+use crate::bake::journal::Journal;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Dense};
 use crate::reference::gather;
 use crate::shared::PackedLight;
 
 impl BakedTransfer {
-    /// Our operator, compressed. `progress` counts view samples.
-    pub fn nested(transfer: &Transfer, settings: &CompressionSettings, progress: &dyn Fn(usize)) -> Self {
+    /// Our operator, compressed; what `journal` has is not done again. `progress` counts view samples.
+    pub fn nested(
+        transfer: &Transfer,
+        settings: &CompressionSettings,
+        journal: &mut Journal,
+        progress: &dyn Fn(usize),
+    ) -> Self {
         let direct = |light: &PackedLight| gather::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
-        let (compressed, held_out) = Compressor::new(transfer, &direct, settings).compress(progress);
+        let (compressed, held_out) = Compressor::new(transfer, &direct, settings).compress(journal, progress);
         let report = TransferReport {
             method: "robust".into(),
             form: "nested".into(),

@@ -1,0 +1,100 @@
+//! Criterion benchmarks of the products that indirect light takes, by shape and bytes; set them against `relume bench`'s copy rate.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use glam::Vec4;
+use relume::bake::transfer::blocks::{BlockMatrix, Dense};
+use relume::gpu::{Access, Buffer, Context, Frames, Kernel, Validation};
+use relume::shared::*;
+
+/// Blocks alike: how many, rows and columns of each, channels.
+const SHAPES: [(&str, usize, usize, usize, u32); 3] =
+    [("project", 60, 200, 1000, 3), ("tiles", 1300, 48, 200, 1), ("pixels", 1300, 256, 48, 1)];
+
+fn products(criterion: &mut Criterion) {
+    let context = Context::new(None, Validation::Off, None).expect("a Vulkan device");
+    let mut group = criterion.benchmark_group("products");
+    for (name, blocks, rows, columns, channels) in SHAPES {
+        let matrix = matrix(blocks, rows, columns, channels);
+        group.throughput(Throughput::Bytes(matrix.bytes() as u64));
+        let shape = format!("{blocks} of {rows}x{columns}x{channels}");
+        let mut product = Product::new(&context, &matrix);
+        group.bench_function(BenchmarkId::new(name, shape), |bencher| {
+            bencher.iter_custom(|iterations| (0..iterations).map(|_| product.run()).sum());
+        });
+    }
+}
+
+/// Inputs are strewn over a vector of 65,536.
+fn matrix(blocks: usize, rows: usize, columns: usize, channels: u32) -> BlockMatrix {
+    let inputs = 1 << 16;
+    let mut matrix = BlockMatrix::new(channels, inputs + blocks * rows, inputs + blocks * rows);
+    let values: Vec<f32> = (0..channels as usize * rows * columns).map(|i| (i % 17) as f32 - 8.0).collect();
+    for block in 0..blocks {
+        let columns: Vec<u32> = (0..columns).map(|c| ((block + c) * 40_503 % inputs) as u32).collect();
+        let rows: Vec<u32> = (0..rows).map(|r| (inputs + block * rows + r) as u32).collect();
+        matrix.push(&Dense { columns: &columns, rows: &rows, values: &values });
+    }
+    matrix
+}
+
+struct Product {
+    frames: Frames,
+    kernel: Kernel,
+    panels: Buffer<Panel>,
+    values: Buffer<glam::UVec4>,
+    inputs: Buffer<u32>,
+    outputs: Buffer<u32>,
+    vector: Buffer<Vec4>,
+    image: Buffer<f32>,
+    extras: Buffer<f32>,
+}
+
+impl Product {
+    fn new(context: &Arc<Context>, matrix: &BlockMatrix) -> Self {
+        let buffers = || -> relume::error::Result<Self> {
+            Ok(Self {
+                frames: Frames::new(context)?,
+                kernel: Kernel::new(context, "multiply_blocks", &[(0, matrix.channels), (1, 0)])?,
+                panels: Buffer::from_slice(context, "panels", &matrix.panels)?,
+                values: Buffer::from_slice(context, "values", &matrix.values)?,
+                inputs: Buffer::from_slice(context, "inputs", &matrix.inputs)?,
+                outputs: Buffer::from_slice(context, "outputs", &matrix.outputs)?,
+                vector: Buffer::from_slice(context, "vector", &vec![Vec4::ONE; matrix.input_count as usize])?,
+                image: Buffer::new(context, "image", Access::Device, 4)?,
+                extras: Buffer::new(context, "extras", Access::Device, 4)?,
+            })
+        };
+        buffers().expect("the device has memory for a small matrix")
+    }
+
+    fn run(&mut self) -> Duration {
+        let mut frame = self.frames.begin().expect("it did before");
+        let mut pass = frame.pass("multiply");
+        let push = MultiplyBlocksPush {
+            panels: pass.read(&self.panels),
+            values: pass.read(&self.values),
+            inputs: pass.read(&self.inputs),
+            outputs: pass.read(&self.outputs),
+            vector: pass.write(&self.vector),
+            image: pass.write(&self.image),
+            extras: pass.write(&self.extras),
+            panel_count: self.panels.len() as u32,
+            pixel_stride: 0,
+            extra_stride: 0,
+            unused: 0,
+        };
+        pass.dispatch(&self.kernel, &push, push.panel_count * GROUP_SIZE);
+        frame.finish().expect("it did before");
+        Duration::from_secs_f64(self.frames.times()[0].ms * 1e-3)
+    }
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().sample_size(20).measurement_time(Duration::from_secs(2));
+    targets = products
+}
+criterion_main!(benches);
