@@ -13,7 +13,7 @@ fn named(text: &str) -> impl Iterator<Item = &str> {
 fn files_named_in_the_documentation_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut checked = 0;
-    for document in ["README.md", "docs/brdf.md", "docs/extreme.md", "scenes/README.md", "src/lib.rs"] {
+    for document in ["README.md", "docs/brdf.md", "docs/desk.md", "docs/extreme.md", "scenes/README.md", "src/lib.rs"] {
         let text = std::fs::read_to_string(root.join(document)).unwrap();
         let folder = root.join(document).parent().unwrap().to_owned();
         for name in named(&text) {

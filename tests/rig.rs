@@ -497,3 +497,31 @@ fn the_shared_scenes_round_trip() {
     assert_same_geometry(&scene, &back);
     assert_same_lights(&back.rig, &scene.rig);
 }
+
+#[test]
+fn what_we_export_we_read_back_to_the_last_bit() {
+    let gltf = lit();
+    let mut rig = rig_of(&gltf);
+    rig.groups.push(LightGroup { stops: 0.3, color: Vec3::new(0.7, 2.0, 0.9), ..LightGroup::new("rim") });
+    (rig.lights[0].group, rig.lights[0].stops, rig.lights[0].position.x) = (Some(0), 1.0 / 3.0, 0.1);
+    rig.lights[1].enabled = false;
+    rig.lights[2].follows = Some(0);
+    rig.lights.push(Light { solo: true, intensity: 7.0, ..Light::point("new", DVec3::new(1.0, 2.0, 3.3)) });
+    for name in ["out.glb", "out.gltf"] {
+        let (_, mut back, mut json) = export(&gltf, &rig, name);
+        let nodes = |rig: &Rig| rig.lights.iter().map(|light| light.node).collect::<Vec<_>>();
+        assert_eq!(nodes(&back.rig)[..3], nodes(&rig)[..3]);
+        assert!(back.rig.lights[3].node.is_some());
+        back.rig.lights[3].node = None;
+        assert_eq!(back.rig, rig);
+        // Somebody else moves a light: what the file's nodes say counts.
+        let node = json["nodes"].as_array().unwrap().iter().position(|node| node["name"] == "new").unwrap();
+        json["nodes"][node]["translation"][0] = 5.into();
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), "moved.gltf", &serde_json::to_vec(&json).unwrap());
+        if name.ends_with(".gltf") {
+            let moved = Scene::load(&path).unwrap().rig;
+            assert!(moved.groups.is_empty() && moved.lights.iter().any(|light| light.position.x == 5.0));
+        }
+    }
+}

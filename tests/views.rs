@@ -81,7 +81,7 @@ fn every_view_is_what_render_makes_of_it() {
     }
     window.key("F10", "view: every light");
     window.key("F5", "view: beauty");
-    window.mouse_to(400, 200);
+    window.mouse_to(400, 350);
     for (key, title) in [
         ("shift+F4", "histogram on"),
         ("shift+F5", "probe on"),

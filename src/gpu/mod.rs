@@ -20,7 +20,7 @@ pub use device::{DeviceInfo, list_devices};
 pub use frame::{Frame, Frames, Pass, PassTime, Site};
 pub use kernel::{Kernel, Specialization};
 pub use memory::{Access, Buffer};
-pub use present::{Pixels, Placement, Screen};
+pub use present::{Over, Pixels, Placement, Screen};
 pub use raster::{DepthArray, DepthKernel};
 pub use surface::{Surface, Vsync, Window};
 pub use ui::{UiFrame, UiRenderer};

@@ -27,6 +27,8 @@ pub struct Placement {
 pub struct Screen<'a> {
     pub surface: &'a mut Surface,
     pub placement: Placement,
+    /// Covers the picture from its left edge on.
+    pub over: Option<Over<'a>>,
     pub ui: Option<(&'a mut UiRenderer, &'a UiFrame)>,
 }
 
@@ -38,20 +40,29 @@ pub struct Pixels<'a> {
     pub height: u32,
 }
 
+/// Another picture over the left of the picture, as large as it.
+#[derive(Clone, Copy)]
+pub struct Over<'a> {
+    pub pixels: Pixels<'a>,
+    /// Of the picture's width, 0 to 1.
+    pub share: f32,
+}
+
 /// Of the window around the picture: dark and neutral, so that eyes judge the picture alone.
 const BACKGROUND: [f32; 4] = [0.055, 0.055, 0.055, 1.0];
 
 impl Surface {
-    /// The kernel that scales and where to, made if they are not there.
-    fn fit(&mut self, context: &Arc<Context>, shrinks: bool, pixels: usize) -> Result<(&Kernel, &Buffer<u32>)> {
+    /// Makes the kernel that scales and where to, if they are not there: of the picture, or of the one over it.
+    fn prepare_fit(&mut self, context: &Arc<Context>, shrinks: bool, pixels: usize, is_over: bool) -> Result<()> {
         let kernel = &mut self.fit[usize::from(shrinks)];
         if kernel.is_none() {
             *kernel = Some(Kernel::new(context, "fit", &[(0, u32::from(shrinks))])?);
         }
-        if self.fitted.as_ref().is_none_or(|fitted| fitted.len() < pixels) {
-            self.fitted = Some(Buffer::new(context, "pictures (fitted)", Access::Device, pixels)?);
+        let fitted = &mut self.fitted[usize::from(is_over)];
+        if fitted.as_ref().is_none_or(|fitted| fitted.len() < pixels) {
+            *fitted = Some(Buffer::new(context, "pictures (fitted)", Access::Device, pixels)?);
         }
-        Ok((kernel.as_ref().expect("made above"), self.fitted.as_ref().expect("made above")))
+        Ok(())
     }
 }
 
@@ -59,7 +70,7 @@ impl Frame<'_> {
     /// Draws picture and interface into the window's next image; [`Frame::finish_on`] shows it. While the window has no
     /// pixels nothing is drawn.
     pub fn draw(&mut self, screen: &mut Screen, pixels: Option<Pixels>) -> Result<()> {
-        let Screen { surface, placement, ui } = screen;
+        let Screen { surface, placement, over, ui } = screen;
         let placement = *placement;
         let context = self.context().clone();
         let Some(index) = surface.acquire()? else { return Ok(()) };
@@ -67,19 +78,29 @@ impl Frame<'_> {
         let (image, view, extent) = (target.image, target.view, surface.extent);
         self.will_present(Presenting { index, acquired: surface.acquired, rendered: target.rendered });
 
-        let shown = match pixels {
-            Some(pixels) if [pixels.width, pixels.height] != [placement.width, placement.height] => {
-                let shrinks = pixels.width > placement.width || pixels.height > placement.height;
+        let over = over.filter(|_| pixels.is_some());
+        let both = [pixels, over.map(|over| over.pixels)];
+        let needs_fit = |pixels: &Pixels| [pixels.width, pixels.height] != [placement.width, placement.height];
+        let shrinks = |pixels: &Pixels| pixels.width > placement.width || pixels.height > placement.height;
+        for (index, pixels) in both.iter().enumerate() {
+            if let Some(pixels) = pixels.filter(needs_fit) {
                 let room = placement.width as usize * placement.height as usize;
-                let (kernel, fitted) = surface.fit(&context, shrinks, room)?;
-                self.fit(pixels, placement, kernel, fitted);
-                Some(fitted)
+                surface.prepare_fit(&context, shrinks(&pixels), room, index == 1)?;
             }
-            Some(pixels) => Some(pixels.buffer),
-            None => None,
+        }
+        let mut fitted = |index: usize| {
+            let pixels: Pixels = both[index]?;
+            if !needs_fit(&pixels) {
+                return Some(pixels.buffer);
+            }
+            let kernel = surface.fit[usize::from(shrinks(&pixels))].as_ref().expect("prepared");
+            let target = surface.fitted[index].as_ref().expect("prepared");
+            self.fit(pixels, placement, kernel, target);
+            Some(target)
         };
+        let (shown, shown_over) = (fitted(0), fitted(1));
         let mut pass = self.pass("present");
-        if let Some(pixels) = shown {
+        for pixels in [shown, shown_over].into_iter().flatten() {
             let _ = pass.read(pixels);
         }
         let after = if ui.is_some() { DRAWN } else { SHOWN };
@@ -92,7 +113,12 @@ impl Frame<'_> {
                 recorder.transition(image, COPIED, COPIED);
             }
             if let Some((pixels, part)) = shown.zip(visible) {
-                recorder.copy(pixels, placement, part, image);
+                let [left, right] = split(placement, part, over.map_or(0.0, |over| over.share));
+                for (pixels, part) in [(shown_over, left), (Some(pixels), right)] {
+                    if let Some((pixels, part)) = pixels.zip(part) {
+                        recorder.copy(pixels, placement, part, image);
+                    }
+                }
             }
             recorder.transition(image, COPIED, after);
         });
@@ -200,6 +226,19 @@ impl Recorder<'_> {
         // SAFETY: rendering was begun.
         unsafe { self.device.cmd_end_rendering(self.commands) };
     }
+}
+
+/// A visible part of the picture, left and right of a share of the picture's width.
+fn split(placement: Placement, part: vk::Rect2D, share: f32) -> [Option<vk::Rect2D>; 2] {
+    let line = placement.left + (share.clamp(0.0, 1.0) * placement.width as f32).round() as i32;
+    let (start, end) = (part.offset.x, part.offset.x + part.extent.width as i32);
+    let line = line.clamp(start, end);
+    let between = |start: i32, end: i32| {
+        let offset = vk::Offset2D { x: start, y: part.offset.y };
+        let extent = vk::Extent2D { width: (end - start) as u32, height: part.extent.height };
+        (end > start).then_some(vk::Rect2D { offset, extent })
+    };
+    [between(start, line), between(line, end)]
 }
 
 /// The part of the window that the picture covers.

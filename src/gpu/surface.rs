@@ -38,7 +38,7 @@ pub struct Surface {
     pub(super) acquired: vk::Semaphore,
     /// Kernels that let the picture grow and shrink, and where to; made when they are first needed.
     pub(super) fit: [Option<Kernel>; 2],
-    pub(super) fitted: Option<Buffer<u32>>,
+    pub(super) fitted: [Option<Buffer<u32>>; 2],
     surfaces: khr::surface::Instance,
     swapchains: khr::swapchain::Device,
     context: Arc<Context>,
@@ -74,7 +74,7 @@ impl Surface {
             targets: Vec::new(),
             acquired: vk::Semaphore::null(),
             fit: [None, None],
-            fitted: None,
+            fitted: [None, None],
             surfaces,
             swapchains: khr::swapchain::Device::new(&context.instance, &context.device),
             context: context.clone(),

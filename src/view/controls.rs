@@ -4,14 +4,17 @@ use std::path::{Path, PathBuf};
 
 use egui::{Color32, DragValue, Grid, RichText, ScrollArea, Ui};
 
+use super::compare::Comparing;
 use super::desk::{Desk, GroupEdit, LightEdit};
+use super::gizmo::Grab;
 use super::keys::{Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
+use super::snapshots::snapshots;
 use super::stage::Stage;
 use super::views::{self, Aid, Views};
 use crate::relight::ToneMap;
-use crate::scene::LightKind;
+use crate::scene::{LightKind, Rig};
 
 /// Points.
 pub const PANEL_WIDTH: f32 = 290.0;
@@ -29,6 +32,10 @@ pub struct ViewState {
     pub dialog: Option<Dialog>,
     /// What the list of lights is searched for.
     pub search: String,
+    /// What the picture is compared with.
+    pub comparing: Option<Comparing>,
+    /// Whether a light is looked through.
+    pub look: bool,
 }
 
 pub enum Dialog {
@@ -36,6 +43,8 @@ pub enum Dialog {
     SaveAs(String),
     /// Unsaved edits would be lost.
     Quit,
+    /// These are the lights that a crash left.
+    Recover(Box<Rig>),
 }
 
 /// What a hand asked of the window.
@@ -45,12 +54,20 @@ pub enum Action {
     SaveTo(PathBuf),
     SaveAndQuit,
     QuitUnsaved,
+    /// Takes over what a crash left, or lets it go.
+    Recover(Box<Rig>),
+    Forget,
+    /// Follows the mouse with a handle.
+    Drag(Grab),
+    /// Something else is to be seen.
+    Show,
 }
 
 impl ViewState {
     /// Whether anything lies beside or over the picture.
     pub fn has_ui(&self) -> bool {
-        self.panel || self.overlay || self.help || self.dialog.is_some() || self.views.has_ui()
+        let over = self.look || self.comparing.is_some() || self.views.has_ui();
+        self.panel || self.overlay || self.help || over || self.dialog.is_some()
     }
 
     /// From scene-linear to the display.
@@ -69,7 +86,7 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
 
 /// The panel: lights, the selected ones' values, picture, history.
 pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
-    let Stage { desk, shares, .. } = stage;
+    let Stage { desk, shares, thumbnails, .. } = stage;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {
             actions.push(Action::Do(command));
@@ -104,6 +121,7 @@ pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, 
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk);
+        snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);
     });
     ui.with_layout(egui::Layout::bottom_up(egui::Align::Min), |ui| {
@@ -202,7 +220,7 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
     egui::Modal::new(egui::Id::new("dialog")).show(ui.ctx(), |ui| match dialog {
         Dialog::SaveAs(path) => {
             ui.set_width(420.0);
-            ui.label("Save the rig as");
+            ui.label("Save the rig as .toml, or export the scene with its lights as .glb or .gltf");
             let field = ui.add(egui::TextEdit::singleline(path).desired_width(f32::INFINITY));
             let entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
             if !entered {
@@ -214,6 +232,20 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
                     close = true;
                 }
                 close |= ui.button("Cancel").clicked();
+            });
+        }
+        Dialog::Recover(rig) => {
+            ui.label("Edits were found that nobody saved: a window ended without closing, or is still open.");
+            ui.label(format!("They leave {} lights.", rig.lights.len()));
+            ui.horizontal(|ui| {
+                let pressed = |ui: &Ui, key| ui.input(|input| input.key_pressed(key));
+                if ui.button("Recover them (R)").clicked() || pressed(ui, egui::Key::R) {
+                    actions.push(Action::Recover(rig.clone()));
+                    close = true;
+                } else if ui.button("Let them go (D)").clicked() || pressed(ui, egui::Key::D) {
+                    actions.push(Action::Forget);
+                    close = true;
+                }
             });
         }
         Dialog::Quit => {

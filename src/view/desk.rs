@@ -7,11 +7,13 @@ mod groups;
 mod lists;
 mod place;
 pub mod selection;
+pub mod snapshots;
 
 pub use self::edit::{Frame, LightEdit, luminance};
 pub use self::groups::GroupEdit;
 pub use self::place::Pick;
 use self::selection::Selection;
+use self::snapshots::Snapshots;
 use super::describe::{kind_name, rounded};
 use super::history::History;
 use crate::scene::{Camera, Light, Rig};
@@ -20,6 +22,7 @@ pub struct Desk {
     rig: Rig,
     selection: Selection,
     history: History,
+    snapshots: Snapshots,
     /// Counts the states that the rig went through.
     version: u64,
     camera: Camera,
@@ -37,6 +40,7 @@ impl Desk {
         let mut desk = Self {
             selection: Selection::of((!rig.lights.is_empty()).then_some(0)),
             history: History::new(&rig),
+            snapshots: Snapshots::default(),
             rig,
             version: 0,
             camera,
@@ -150,6 +154,11 @@ impl Desk {
     /// [`Self::commit`], with another selection, and under a name of its own.
     fn commit_as(&mut self, mut rig: Rig, selection: Selection, name: Option<String>) {
         alike::carry_to_followers(&self.rig, &mut rig);
+        self.become_rig(rig, selection, name);
+    }
+
+    /// [`Self::commit_as`], with nobody following.
+    fn become_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
         if rig == self.rig {
             return;
         }

@@ -13,7 +13,7 @@ use crate::error::{Cause, Error, Result};
 use crate::gpu::{Context, Frames, Surface, UiRenderer};
 
 /// Points; less, and the panel is all scroll bars.
-const MIN_HEIGHT: f64 = 480.0;
+const MIN_HEIGHT: f64 = 700.0;
 
 /// The window and what draws into it.
 pub struct Graphics {

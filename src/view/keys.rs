@@ -3,6 +3,7 @@
 use egui::{Key, Modifiers};
 use glam::DVec3;
 
+use super::desk::snapshots::SLOTS;
 use super::desk::{Frame, GroupEdit, LightEdit};
 use super::views::{Aid, View};
 use crate::scene::LightKind;
@@ -20,6 +21,15 @@ pub enum Command {
     /// At the point under the mouse, and along with it while the key is held.
     Place,
     Aim,
+    Highlight,
+    /// Of the point under the mouse, to where the mouse goes while the key is held.
+    Shadow,
+    LookThrough,
+    /// A snapshot, by its slot.
+    Keep(usize),
+    Recall(usize),
+    Wipe,
+    Difference,
     EndSolo,
     Group,
     Ungroup,
@@ -35,6 +45,7 @@ pub enum Command {
     ToneMap,
     Save,
     SaveAs,
+    Export,
     Quit,
     /// One pixel of the picture is one of the screen; else it is fitted.
     OneToOne,
@@ -83,6 +94,21 @@ const fn moves(keys: &'static [(Modifiers, Key)], frame: Frame, axis: DVec3, tex
 const fn master(keys: &'static [(Modifiers, Key)], sign: f64, text: &'static str) -> Binding {
     Binding { keys, command: Command::EditGroup(GroupEdit::Stops(sign)), text, steps: Some(STOPS) }
 }
+
+/// Digits 1 to 9 with `modifiers` held.
+const fn digits(modifiers: Modifiers) -> [(Modifiers, Key); SLOTS] {
+    let digits = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
+    let mut keys = [(modifiers, Key::Num1); SLOTS];
+    let mut slot = 0;
+    while slot < SLOTS {
+        keys[slot].1 = digits[slot];
+        slot += 1;
+    }
+    keys
+}
+
+const RECALL: [(Modifiers, Key); SLOTS] = digits(Modifiers::ALT);
+const KEEP: [(Modifiers, Key); SLOTS] = digits(Modifiers { alt: true, ..Modifiers::COMMAND });
 
 const TURN: [f64; 3] = [0.2, 2.0, 15.0];
 const STOPS: [f64; 3] = [0.1, 0.5, 1.0];
@@ -168,6 +194,9 @@ pub const SECTIONS: &[Section] = &[
             moves(&[(NONE, Key::ArrowDown)], Frame::World, DVec3::Z, "move along +z"),
             once(&[(NONE, Key::P)], Command::Place, "to the point under the mouse; hold to drag"),
             once(&[(NONE, Key::O)], Command::Aim, "aim at the point under the mouse; hold to drag"),
+            once(&[(NONE, Key::U)], Command::Highlight, "its highlight to the point under the mouse; hold to drag"),
+            once(&[(NONE, Key::B)], Command::Shadow, "hold on what casts a shadow, drag to where it falls"),
+            once(&[(NONE, Key::V)], Command::LookThrough, "look through the light"),
             steps(&[(NONE, Key::J)], LightEdit::Turn { right: -1.0, up: 0.0 }, "turn left", TURN),
             steps(&[(NONE, Key::L)], LightEdit::Turn { right: 1.0, up: 0.0 }, "turn right", TURN),
             steps(&[(NONE, Key::I)], LightEdit::Turn { right: 0.0, up: 1.0 }, "turn up", TURN),
@@ -194,12 +223,22 @@ pub const SECTIONS: &[Section] = &[
         ],
     },
     Section {
+        title: "Snapshots",
+        bindings: &[
+            once(&KEEP, Command::Keep(0), "keep the lights as they are"),
+            once(&RECALL, Command::Recall(0), "recall them"),
+            once(&[(NONE, Key::C)], Command::Wipe, "the last one beside the lights as they are"),
+            once(&[(Modifiers::SHIFT, Key::C)], Command::Difference, "what differs between them"),
+        ],
+    },
+    Section {
         title: "Desk",
         bindings: &[
             once(&[(CTRL, Key::Z)], Command::Undo, "undo"),
             once(&[(CTRL_SHIFT, Key::Z), (CTRL, Key::Y)], Command::Redo, "redo"),
             once(&[(CTRL, Key::S)], Command::Save, "save the rig"),
             once(&[(CTRL_SHIFT, Key::S)], Command::SaveAs, "save the rig as"),
+            once(&[(CTRL, Key::E)], Command::Export, "export the scene with these lights, as glTF"),
             once(&[(CTRL, Key::Q)], Command::Quit, "quit"),
             once(&[(NONE, Key::F2)], Command::Panel, "panel"),
             once(&[(NONE, Key::F3)], Command::Overlay, "times"),
@@ -224,7 +263,7 @@ pub fn command(modifiers: Modifiers, key: Key) -> Option<Command> {
         binding.keys.iter().any(|&(wanted, k)| k == key && held.matches_exact(wanted))
     };
     if let Some(binding) = all().find(|binding| is(binding, modifiers)) {
-        return Some(binding.scaled(1));
+        return Some(binding.numbered(key).unwrap_or_else(|| binding.scaled(1)));
     }
     let (bare, index) = match modifiers {
         Modifiers { alt: true, shift: false, .. } => (Modifiers { alt: false, ..modifiers }, 0),
@@ -235,6 +274,16 @@ pub fn command(modifiers: Modifiers, key: Key) -> Option<Command> {
 }
 
 impl Binding {
+    /// The command with the slot that the key stands for, where keys stand for slots.
+    fn numbered(&self, key: Key) -> Option<Command> {
+        let slot = self.keys.iter().position(|&(_, k)| k == key)?;
+        match self.command {
+            Command::Keep(_) => Some(Command::Keep(slot)),
+            Command::Recall(_) => Some(Command::Recall(slot)),
+            _ => None,
+        }
+    }
+
     fn scaled(&self, index: usize) -> Command {
         let Some(step) = self.steps.map(|steps| steps[index]) else { return self.command };
         match self.command {
@@ -255,6 +304,11 @@ impl Binding {
 
     /// "Ctrl+Shift+Z, Ctrl+Y"
     pub fn keys_text(&self) -> String {
+        if let (SLOTS, Some(&(modifiers, first)), Some((_, last))) =
+            (self.keys.len(), self.keys.first(), self.keys.last())
+        {
+            return format!("{}...{}", chord_text(modifiers, first), key_text(*last));
+        }
         let texts: Vec<_> = self.keys.iter().map(|&(modifiers, key)| chord_text(modifiers, key)).collect();
         texts.join(", ")
     }
@@ -314,7 +368,8 @@ mod tests {
     fn every_key_finds_its_own_command_and_no_other() {
         for binding in all() {
             for &(modifiers, key) in binding.keys {
-                assert_eq!(command(modifiers, key), Some(binding.scaled(1)), "{}", chord_text(modifiers, key));
+                let own = binding.numbered(key).unwrap_or_else(|| binding.scaled(1));
+                assert_eq!(command(modifiers, key), Some(own), "{}", chord_text(modifiers, key));
                 assert_eq!(parse_chord(&chord_text(modifiers, key)).map(|(_, key)| key), Some(key));
             }
         }

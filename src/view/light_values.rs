@@ -119,8 +119,7 @@ fn color(ui: &mut Ui, selected: &Selected, light: &mut Light) {
     ui.end_row();
     ui.label("colour");
     ui.horizontal(|ui| {
-        let mut color = light.color.to_array();
-        ui.color_edit_button_rgb(&mut color);
+        let mut color = color_button(ui, light.color);
         for (channel, value) in color.iter_mut().enumerate() {
             let mut wide = f64::from(*value);
             let field = selected.number(&mut wide, |light| light.color[channel].into());
@@ -131,6 +130,13 @@ fn color(ui: &mut Ui, selected: &Selected, light: &mut Light) {
         light.color = Vec3::from_array(color);
     });
     ui.end_row();
+}
+
+/// A button with a colour, and what somebody makes of it; on its own it would round what nobody touched.
+fn color_button(ui: &mut Ui, color: Vec3) -> [f32; 3] {
+    let mut edited = color.to_array();
+    let is_edited = ui.color_edit_button_rgb(&mut edited).changed();
+    if is_edited { edited } else { color.to_array() }
 }
 
 fn pose(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
@@ -227,8 +233,7 @@ fn group_values(ui: &mut Ui, desk: &mut Desk) {
         ui.end_row();
         ui.label("tint");
         ui.horizontal(|ui| {
-            let mut color = group.color.to_array();
-            ui.color_edit_button_rgb(&mut color);
+            let mut color = color_button(ui, group.color);
             for channel in &mut color {
                 ui.add(DragValue::new(channel).speed(0.005).range(0.0..=1e6).max_decimals(3));
             }

@@ -5,28 +5,34 @@
 //! baked while direct light can be edited already.
 
 mod aids;
+mod autosave;
+mod compare;
 mod controls;
 mod converge;
 mod describe;
 pub mod desk;
 mod gather;
+mod gizmo;
 mod graphics;
 pub mod history;
 pub mod keys;
 mod light_values;
 mod lights_list;
 mod load;
+mod look;
 mod overlay;
 mod pace;
 mod pick;
 mod profile;
 pub mod script;
 pub mod shares;
+mod snapshots;
 mod stage;
 mod still;
 mod timings;
 pub mod views;
 mod window;
+mod wipe;
 
 use std::path::PathBuf;
 use std::sync::Arc;

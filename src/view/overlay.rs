@@ -1,12 +1,10 @@
-//! Figures and marks over the picture.
+//! Figures over the picture.
 
-use egui::{Align2, Color32, FontId, Pos2, RichText, Stroke, Ui};
+use egui::{Color32, Pos2, RichText, Ui};
 
 use super::desk::Desk;
-use super::lights_list::chip;
 use super::timings::Timings;
 use crate::gpu::Site;
-use crate::scene::LightKind;
 
 /// What passes took, latency, and what is selected.
 pub fn times(ui: &Ui, timings: &Timings, desk: &Desk, corner: Pos2) {
@@ -27,25 +25,4 @@ pub fn times(ui: &Ui, timings: &Timings, desk: &Desk, corner: Pos2) {
             line(ui, desk.summary());
         });
     });
-}
-
-/// A mark for each light where the picture has it; the selected one is named. `at` places a light, in points.
-pub fn marks(ui: &Ui, desk: &Desk, at: impl Fn(glam::DVec3) -> Option<Pos2>) {
-    let painter = ui.ctx().layer_painter(egui::LayerId::background());
-    for (index, light) in desk.rig().lights.iter().enumerate() {
-        if light.kind == LightKind::Directional {
-            continue;
-        }
-        let Some(at) = at(light.position) else { continue };
-        let selected = desk.selection().contains(index);
-        let color = if light.enabled { chip(light.color) } else { Color32::DARK_GRAY };
-        painter.circle(at, if selected { 6.0 } else { 4.0 }, color, Stroke::new(1.5, Color32::BLACK));
-        if selected {
-            painter.circle_stroke(at, 8.5, Stroke::new(1.5, Color32::from_rgb(255, 190, 60)));
-            let shadow = at + egui::vec2(13.0, 1.0);
-            let font = FontId::proportional(13.0);
-            painter.text(shadow, Align2::LEFT_CENTER, &light.name, font.clone(), Color32::BLACK);
-            painter.text(at + egui::vec2(12.0, 0.0), Align2::LEFT_CENTER, &light.name, font, Color32::WHITE);
-        }
-    }
 }

@@ -5,6 +5,7 @@ use glam::{DVec3, Vec3};
 
 use super::Opened;
 use super::desk::Pick;
+use crate::bake::surface::SurfacePoint;
 use crate::gpu::Placement;
 
 /// The picture in the window: `area` physical pixels from the top left are free for it.
@@ -29,10 +30,16 @@ pub fn placement(picture: [u32; 2], area: [u32; 2], one_to_one: bool, pan: [i32;
     Placement { left: start(0), top: start(1), width: size[0], height: size[1] }
 }
 
-/// A window's point in physical pixels as a share of the picture, if it lies on it.
-fn share(placement: Placement, at: [f32; 2]) -> Option<[f64; 2]> {
+/// A window's point in physical pixels as shares of the picture's width and height.
+fn shares(placement: Placement, at: [f32; 2]) -> [f64; 2] {
     let x = (f64::from(at[0]) - f64::from(placement.left)) / f64::from(placement.width);
     let y = (f64::from(at[1]) - f64::from(placement.top)) / f64::from(placement.height);
+    [x, y]
+}
+
+/// The same if it lies on the picture.
+fn share(placement: Placement, at: [f32; 2]) -> Option<[f64; 2]> {
+    let [x, y] = shares(placement, at);
     ((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y)).then_some([x, y])
 }
 
@@ -58,21 +65,60 @@ impl Opened {
         let (origin, direction) = self.camera.ray(x, y, self.aspect());
         let from = (origin - self.scene.origin).as_vec3();
         let hit = self.bvh.closest_hit(&self.scene, from, direction.as_vec3(), f32::INFINITY)?;
-        let mesh = &self.scene.mesh;
-        let [a, b, c]: [Vec3; 3] = mesh.triangles[hit.triangle as usize].map(|v| mesh.positions[v as usize]);
-        let normal = (b - a).cross(c - a).as_dvec3().try_normalize().unwrap_or(-direction);
-        let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
-        Some(Pick { position: origin + direction * f64::from(hit.distance), normal })
+        let seen = SurfacePoint::new(&self.scene, &hit, direction.as_vec3(), 0.0);
+        let facing = |normal: Vec3| {
+            let normal = normal.as_dvec3().try_normalize().unwrap_or(-direction);
+            if normal.dot(direction) > 0.0 { -normal } else { normal }
+        };
+        Some(Pick {
+            position: origin + direction * f64::from(hit.distance),
+            normal: facing(seen.geometric_normal),
+            shading_normal: facing(seen.normal),
+            to_eye: -direction,
+        })
+    }
+
+    /// How far it is from a point to the next surface along a unit direction; to the far side of the scene where there is
+    /// none. A surface at the point itself does not count.
+    pub fn free_along(&self, from: DVec3, direction: DVec3) -> f64 {
+        let radius = f64::from(self.bvh.radius);
+        let start = from + direction * 1e-4 * radius;
+        let hit = self.bvh.closest_hit(
+            &self.scene,
+            (start - self.scene.origin).as_vec3(),
+            direction.as_vec3(),
+            f32::INFINITY,
+        );
+        let far = (from - self.scene.origin).length() + radius;
+        hit.map_or(far, |hit| f64::from(hit.distance) + 1e-4 * radius)
+    }
+
+    /// The point under `at`, physical pixels, on the plane through `point` that faces the camera.
+    pub fn beside(&self, placement: Placement, at: [f32; 2], point: DVec3) -> Option<DVec3> {
+        let [x, y] = shares(placement, at);
+        let (origin, direction) = self.camera.ray(x, y, self.aspect());
+        let back = self.camera.world_from_camera.z_axis;
+        let distance = back.dot(point - origin) / back.dot(direction);
+        (distance.is_finite() && distance > 0.0).then(|| origin + direction * distance)
+    }
+
+    /// What directional lights turn around: the surface in the middle of the picture, else the middle of the scene.
+    pub fn pivot(&self) -> DVec3 {
+        self.pick_share(0.5, 0.5).map_or(self.scene.origin, |pick| pick.position)
     }
 
     /// Where the picture has a world-space point, in physical pixels of the window.
     pub fn project(&self, placement: Placement, point: DVec3) -> Option<Pos2> {
+        self.project_beyond(placement, point).filter(|at| share(placement, [at.x, at.y]).is_some())
+    }
+
+    /// Where it would be in a picture that had no edges; `None` behind the camera.
+    pub fn project_beyond(&self, placement: Placement, point: DVec3) -> Option<Pos2> {
         let [x, y] = self.camera.project(point, self.aspect())?;
-        let at = Pos2::new(
+        Some(Pos2::new(
             (f64::from(placement.left) + x * f64::from(placement.width)) as f32,
             (f64::from(placement.top) + y * f64::from(placement.height)) as f32,
-        );
-        share(placement, [at.x, at.y]).map(|_| at)
+        ))
     }
 }
 

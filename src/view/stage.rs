@@ -1,5 +1,8 @@
 //! A scene in its window: desk, relighter, and what commands do to them.
 
+mod compare;
+mod hand;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -8,17 +11,22 @@ use glam::DVec3;
 use winit::event_loop::EventLoopProxy;
 
 use super::aids::{self, Told};
+use super::autosave::Autosave;
+use super::compare::{Comparison, Overlaid};
 use super::controls::{Action, Dialog, ViewState};
 use super::converge::{Converge, Sharper};
 use super::describe::rounded;
 use super::desk::selection::Selection;
+use super::desk::snapshots::SLOTS;
 use super::desk::{Desk, Pick};
 use super::gather::GatherMarks;
 use super::keys::Command;
 use super::load::LoadEvent;
+use super::look::Look;
 use super::pace::Pace;
 use super::pick::pixel;
 use super::shares::Shares;
+use super::snapshots::Thumbnail;
 use super::still::Still;
 use super::views::{Aid, View};
 use super::{Opened, ViewSettings};
@@ -28,12 +36,14 @@ use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
 use crate::relight::{Layers, Picture, Relighter, ToneMap, exposure};
+use crate::scene::{Rig, export_gltf};
 
 pub struct Stage {
     pub desk: Desk,
     pub opened: Opened,
     pub shares: Shares,
     relighter: Relighter,
+    shows_look: bool,
     /// The version of the desk's lights that the relighter has, and whether it was unsaved.
     taken: Option<(u64, bool)>,
     /// What the relighter shows.
@@ -48,6 +58,12 @@ pub struct Stage {
     /// What the picture's aids tell.
     pub told: Told,
     pub gather_marks: Option<GatherMarks>,
+    pub thumbnails: [Option<Thumbnail>; SLOTS],
+    overlaid: Option<Overlaid>,
+    pub look: Look,
+    /// What casts the shadow that is being dragged.
+    caster: Option<DVec3>,
+    autosave: Autosave,
     rig_path: Option<PathBuf>,
     suggested_path: String,
 }
@@ -83,6 +99,7 @@ impl Stage {
             desk,
             shares: Shares::default(),
             relighter,
+            shows_look: false,
             taken: None,
             layers: Layers::All,
             pace: Pace::new(settings.frame_budget),
@@ -92,6 +109,11 @@ impl Stage {
             still: None,
             told: Told::default(),
             gather_marks: None,
+            thumbnails: Default::default(),
+            overlaid: None,
+            look: Look::default(),
+            caster: None,
+            autosave: Autosave::new(Autosave::path(settings.rig_path.as_deref(), &scene.path)),
             rig_path: settings.rig_path.clone(),
             suggested_path,
             opened,
@@ -141,6 +163,7 @@ impl Stage {
     /// Indirect light takes the place of what there was.
     pub fn refine(&mut self, transfer: BakedTransfer) -> Result<()> {
         self.shares.forget();
+        self.overlaid.iter_mut().for_each(Overlaid::forget);
         self.relighter.set_transfer(transfer)?;
         self.opened.baked = self.relighter.baked().clone();
         self.still = None;
@@ -149,6 +172,13 @@ impl Stage {
 
     /// What is worth a look only while the hand rests: a little of it. Returns whether there was anything to do.
     pub fn rest(&mut self) -> Result<bool> {
+        self.note_edits();
+        if self.shows_look
+            && let Some(light) = self.desk.selected_light()
+            && self.look.make(&self.opened, light, true)
+        {
+            return Ok(true);
+        }
         if self.relighter.is_coarse() || self.layers != Layers::All {
             return Ok(false); // images are not those of the whole picture
         }
@@ -159,6 +189,8 @@ impl Stage {
 
     /// Draws what is to be looked at. Afterwards [`Self::told`] is about it.
     pub fn draw(&mut self, view: &ViewState, pointer: Pointer, screen: Screen) -> Result<()> {
+        self.shows_look = view.look;
+        self.note_edits();
         let size = self.picture_size();
         let under_mouse = pointer.at.and_then(|at| pixel(pointer.placement, size, at));
         let probe = under_mouse.filter(|_| view.views.has(Aid::Probe));
@@ -186,7 +218,12 @@ impl Stage {
         } else if !self.relighter.is_coarse() {
             self.converge.go_on(&self.opened, self.desk.rig())?;
         }
-        let sharp = self.converge.ready(&self.opened, self.desk.rig(), layers)?;
+        let comparing = self.compare(view, screen.surface.wants_blue_first())?;
+        // Both sides of a comparison are made alike.
+        let sharp = match comparing {
+            Some(_) => None,
+            None => self.converge.ready(&self.opened, self.desk.rig(), layers)?,
+        };
         self.is_sharp = sharp.is_some();
         let relighter = match sharp {
             Some(sharp) => {
@@ -203,7 +240,8 @@ impl Stage {
         };
         relighter.set_tone_map(view.curve());
         relighter.inspect(Inspection { histogram: view.views.has(Aid::Histogram), probe })?;
-        relighter.show(picture, view.exposure, screen)?;
+        let over = comparing.and_then(|comparing| Some(self.overlaid.as_ref()?.over(comparing.kind)));
+        relighter.show(picture, view.exposure, Screen { over, ..screen })?;
         self.told.histogram = relighter.histogram().map(<[u32]>::to_vec);
         self.told.is_coarse = relighter.is_coarse();
         if let Some((pixel, radiance)) = relighter.probed() {
@@ -264,6 +302,30 @@ impl Stage {
         light.inspect(|&light| self.desk.select(Selection::only(light))).is_some()
     }
 
+    /// Hands edits to the file that a crash leaves.
+    pub(super) fn note_edits(&mut self) {
+        if let Err(error) = self.autosave.note(&self.desk) {
+            self.desk.message = format!("edits are NOT kept for a crash: {error}");
+        }
+    }
+
+    /// Asks whether to take over what a crash left.
+    pub fn ask_to_recover(&mut self, view: &mut ViewState) {
+        match self.autosave.found(self.desk.rig()) {
+            None => {}
+            Some(Ok(rig)) => {
+                self.desk.message = "unsaved edits were found".into();
+                view.dialog = Some(Dialog::Recover(Box::new(rig)));
+            }
+            Some(Err(error)) => self.desk.message = format!("unsaved edits were found, but {error}"),
+        }
+    }
+
+    /// The window closes as it should: nothing needs to be recovered.
+    pub fn close(self) -> Result<()> {
+        self.autosave.remove()
+    }
+
     /// Stops that suit the lights as they are.
     pub fn automatic_exposure(&mut self) -> Result<f32> {
         self.take_lights()?;
@@ -281,6 +343,10 @@ impl Stage {
                 return Ok(if saved { Then::Quit } else { Then::Continue });
             }
             Action::QuitUnsaved => return Ok(Then::Quit),
+            Action::Recover(rig) => self.desk.recover(Rig::clone(rig)),
+            Action::Forget => self.autosave.forget(),
+            Action::Drag(grab) => self.drag(*grab, pointer),
+            Action::Show => {}
         }
         Ok(Then::Continue)
     }
@@ -293,6 +359,16 @@ impl Stage {
             Command::Edit(edit) => desk.edit(edit),
             Command::Place => self.with_pick(pointer, Desk::place),
             Command::Aim => self.with_pick(pointer, Desk::aim),
+            Command::Highlight => {
+                let free = self.pick(pointer).map(|at| self.opened.free_along(at.position, Desk::highlight_way(at)));
+                self.with_pick(pointer, |desk, at| desk.place_highlight(at, free.unwrap_or(f64::INFINITY)));
+            }
+            Command::Shadow => self.drag_shadow(pointer),
+            Command::LookThrough => view.look = !view.look,
+            Command::Keep(slot) => self.keep(slot, view.exposure)?,
+            Command::Recall(slot) => desk.recall(slot),
+            Command::Wipe => self.toggle_comparison(view, Comparison::Wipe { at: 0.5 }),
+            Command::Difference => self.toggle_comparison(view, Comparison::Difference),
             Command::NextLightToo => desk.select_next_too(1),
             Command::AllLights => desk.select_all(),
             Command::EditGroup(edit) => desk.edit_group(edit),
@@ -333,6 +409,11 @@ impl Stage {
                 let path = self.rig_path.as_ref().map(|path| path.display().to_string());
                 view.dialog = Some(Dialog::SaveAs(path.unwrap_or_else(|| self.suggested_path.clone())));
             }
+            Command::Export => {
+                let path = self.opened.scene.path.with_extension("lit.glb");
+                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                view.dialog = Some(Dialog::SaveAs(name));
+            }
             Command::Quit if desk.history().is_unsaved() && !matches!(view.dialog, Some(Dialog::Quit)) => {
                 view.dialog = Some(Dialog::Quit);
             }
@@ -362,6 +443,7 @@ impl Stage {
             Command::Panel => view.panel = !view.panel,
             Command::Overlay => view.overlay = !view.overlay,
             Command::Help => view.help = !view.help,
+            Command::Close if matches!(view.dialog, Some(Dialog::Recover(_))) => {} // it waits for an answer
             Command::Close => {
                 if view.dialog.take().is_none() {
                     view.help = false;
@@ -386,10 +468,25 @@ impl Stage {
         pick.map_or(self.opened.scene.origin, |pick| pick.position)
     }
 
-    /// Writes the rig; a failure is told, and nothing is lost.
+    /// Writes the rig, or exports the scene with it, by the path's extension; a failure is told, and nothing is lost.
     fn save(&mut self, path: PathBuf) -> bool {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        if matches!(extension.as_str(), "glb" | "gltf") {
+            let exported = export_gltf(&self.opened.scene, self.desk.rig(), &path);
+            self.desk.message = match &exported {
+                Ok(()) => format!("exported {}; Blender's cones fade in a way of their own", path.display()),
+                Err(error) => format!("NOT EXPORTED: {error}"),
+            };
+            return exported.is_ok();
+        }
         match self.desk.rig().save(&path) {
             Ok(()) => {
+                if self.rig_path.as_deref() != Some(&*path) {
+                    let beside_it = Autosave::new(Autosave::path(Some(&path), &self.opened.scene.path));
+                    if let Err(error) = std::mem::replace(&mut self.autosave, beside_it).remove() {
+                        tracing::warn!("{error}");
+                    }
+                }
                 self.desk.mark_saved();
                 self.desk.message = format!("saved {}", path.display());
                 self.rig_path = Some(path);

@@ -9,8 +9,9 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Fullscreen, WindowId};
 
-use super::controls::{self, Action, PANEL_WIDTH, ViewState};
+use super::controls::{self, Action, Dialog, PANEL_WIDTH, ViewState};
 use super::gather::GatherMarks;
+use super::gizmo::Grab;
 use super::graphics::Graphics;
 use super::keys::{self, Command};
 use super::load::{LoadEvent, Loader};
@@ -19,7 +20,7 @@ use super::script::Script;
 use super::stage::{Pointer, Stage, Then};
 use super::timings::Timings;
 use super::views::{Aid, View, Views};
-use super::{Latency, Opened, ViewReport, ViewSettings, overlay, profile};
+use super::{Latency, Opened, ViewReport, ViewSettings, overlay, profile, wipe};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 use crate::relight::ToneMap;
@@ -52,6 +53,8 @@ struct App {
     pan: [f32; 2],
     /// A key that is held and follows the mouse.
     dragging: Option<(egui::Key, Command)>,
+    /// What the mouse took hold of in the picture.
+    grabbed: Option<Grab>,
     /// When the first event came that no frame has shown yet.
     pending: Option<Instant>,
     /// Something changed that a frame has to show.
@@ -95,6 +98,8 @@ impl App {
             help: false,
             dialog: None,
             search: String::new(),
+            comparing: None,
+            look: false,
         };
         Self {
             settings,
@@ -109,6 +114,7 @@ impl App {
             panning: false,
             pan: [0.0; 2],
             dragging: None,
+            grabbed: None,
             pending: None,
             stale: true,
             asked: false,
@@ -129,8 +135,10 @@ impl App {
         let (relit_frames, latency) = self.timings.relit();
         let info = self.graphics.as_ref().map(|graphics| graphics.context.info.clone());
         // Before the graphics, whose device it uses.
-        drop(self.stage.take());
-        self.outcome?;
+        let stage = self.stage.take();
+        self.outcome?; // what a crash leaves stays
+        let is_answered = !matches!(self.view.dialog, Some(Dialog::Recover(_)));
+        stage.filter(|_| is_answered).map_or(Ok(()), Stage::close)?;
         if let Some(path) = &self.settings.record {
             self.recorded.save(path)?;
         }
@@ -171,6 +179,7 @@ impl App {
             self.view.exposure = stage.automatic_exposure()?;
         }
         graphics.make_room(stage.picture_size());
+        stage.ask_to_recover(&mut self.view);
         self.stage = Some(stage);
         self.stale = true;
         Ok(())
@@ -264,27 +273,35 @@ impl App {
                     actions.retain(|action| *action != Action::Do(command));
                     actions.push(Action::Do(command));
                 }
+                if let Some(grab) = self.grabbed {
+                    actions.retain(|action| *action != Action::Drag(grab));
+                    actions.push(Action::Drag(grab));
+                }
                 true
             }
             Event::PointerGone => {
                 self.pointer = None;
                 true
             }
-            Event::PointerButton { button, pressed, .. } => {
-                if let (View::Lights, PointerButton::Primary, true, Some(stage)) =
-                    (self.view.views.view, *button, *pressed && !ui_wants_pointer, &mut self.stage)
-                {
-                    self.stale |= stage.select_from_sheet(pointer);
-                }
+            Event::PointerButton { button, pressed, modifiers, .. } => {
                 self.panning = *button == PointerButton::Middle && *pressed && self.view.one_to_one;
+                self.grabbed = None;
                 if let Some(stage) = &mut self.stage {
-                    stage.desk.end_gesture();
+                    stage.let_go();
+                    let presses_picture = *button == PointerButton::Primary && *pressed && !ui_wants_pointer;
+                    if presses_picture && self.view.views.view == View::Lights {
+                        self.stale |= stage.select_from_sheet(pointer);
+                    } else if presses_picture && self.view.panel {
+                        self.grabbed = stage.grab(pointer, *modifiers);
+                        self.stale = true;
+                    }
                 }
                 true
             }
             Event::Key { key, pressed: false, .. } => {
                 if self.dragging.is_some_and(|(held, _)| held == *key) {
                     self.dragging = None;
+                    self.stage.iter_mut().for_each(Stage::let_go);
                 }
                 true
             }
@@ -299,7 +316,7 @@ impl App {
                 if !repeat && let Some(stage) = &mut self.stage {
                     stage.desk.end_gesture();
                 }
-                if matches!(command, Command::Place | Command::Aim) {
+                if matches!(command, Command::Place | Command::Aim | Command::Highlight | Command::Shadow) {
                     self.dragging = Some((*key, command));
                 }
                 actions.push(Action::Do(command));
@@ -360,7 +377,15 @@ impl App {
                     stage.gather_marks = Some(marks);
                 }
                 if view.panel && view.views.view != View::Lights {
-                    overlay::marks(ui, &stage.desk, project);
+                    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+                    stage.gizmos(placement).draw(&painter, scale);
+                }
+                if view.views.view == View::Beauty {
+                    wipe::draw(ui, view, &stage.desk, placement, scale);
+                }
+                if view.look {
+                    let Stage { look, opened, desk, .. } = stage;
+                    look.show(ui, opened, desk);
                 }
                 stage.draw_aids(ui, view, placement, scale);
                 if view.overlay {
@@ -406,8 +431,12 @@ impl App {
             return Ok(()); // minimised: `stale` stays
         }
         graphics.surface.resize([width, height]);
-        let mut screen =
-            Screen { surface: &mut graphics.surface, placement, ui: ui.map(|frame| (&mut graphics.ui, frame)) };
+        let mut screen = Screen {
+            surface: &mut graphics.surface,
+            placement,
+            over: None,
+            ui: ui.map(|frame| (&mut graphics.ui, frame)),
+        };
         let mut passes = None;
         let (mut told_anew, mut coarse) = (false, false);
         match &mut self.stage {

@@ -123,6 +123,11 @@ pub struct Shot {
 impl App<'_> {
     /// Waits for the window, activates it, and waits for its first picture.
     pub fn wait_for_window(&mut self) {
+        self.wait_for_window_saying("stops");
+    }
+
+    /// [`Self::wait_for_window`], whose title holds `says`.
+    pub fn wait_for_window_saying(&mut self, says: &str) {
         let start = Instant::now();
         while self.window.is_empty() {
             let ended = self.child.try_wait().unwrap();
@@ -132,7 +137,7 @@ impl App<'_> {
             std::thread::sleep(Duration::from_millis(50));
         }
         self.desktop.xdotool(&["windowactivate", "--sync", &self.window]);
-        self.wait_for_title("stops");
+        self.wait_for_title(says);
     }
 
     /// The title tells what was done last.
@@ -166,6 +171,26 @@ impl App<'_> {
 
     pub fn mouse_to(&self, x: i32, y: i32) {
         self.desktop.xdotool(&["mousemove", "--window", &self.window, &x.to_string(), &y.to_string()]);
+    }
+
+    /// Presses the mouse's button at one point of the window, and lets it go at another.
+    pub fn drag(&self, from: [i32; 2], to: [i32; 2]) {
+        let pause = || std::thread::sleep(Duration::from_millis(200));
+        self.mouse_to(from[0], from[1]);
+        pause(); // the interface sees where the mouse is one frame later
+        self.desktop.xdotool(&["mousedown", "1"]);
+        for step in 1..=4 {
+            pause();
+            self.mouse_to(from[0] + (to[0] - from[0]) * step / 4, from[1] + (to[1] - from[1]) * step / 4);
+        }
+        pause();
+        self.desktop.xdotool(&["mouseup", "1"]);
+    }
+
+    /// Ends the program as a crash does, without a word to it.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
     }
 
     pub fn do_with_window(&self, verb: &str, arguments: &[&str]) {

@@ -71,3 +71,155 @@ fn several_lights_and_groups_are_edited_together() {
     }
     assert_eq!(difference(&picture(&window), &first), 0.0, "undone all the way, bit for bit");
 }
+
+/// Rows at the picture's top and bottom that words lie over, and columns on either side of the line.
+const WORDS: usize = 24;
+const LINE: usize = 8;
+
+/// Mean difference of some columns, between the words.
+fn columns_differ(a: &[[u8; 3]], b: &[[u8; 3]], columns: std::ops::Range<usize>) -> f64 {
+    let cut = |pixels: &[[u8; 3]]| -> Vec<[u8; 3]> {
+        let rows = pixels.chunks(SIZE[0]).skip(WORDS).take(SIZE[1] - 2 * WORDS);
+        rows.flat_map(|row| row[columns.clone()].to_vec()).collect()
+    };
+    difference(&cut(a), &cut(b))
+}
+
+#[test]
+fn snapshots_are_recalled_and_compared() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let window = open(&desktop, &rig);
+    let a = picture(&window);
+    window.key("c", "keep a snapshot first");
+    window.key("ctrl+alt+1", "kept in slot 1");
+    window.key("ctrl+a", "and 15 more");
+    window.key("comma", "colour");
+    window.key("d", "moved");
+    window.key("shift+minus", "-1 stop");
+    saved_is_rendered(&window, &rig);
+    let b = picture(&window);
+    assert!(difference(&a, &b) > 5.0);
+    window.key("ctrl+alt+2", "kept in slot 2");
+
+    window.key("alt+1", "recalled 1");
+    assert!(difference(&picture(&window), &a) < 1e-3);
+    window.key("c", "beside snapshot 1");
+    window.key("alt+2", "recalled 2");
+    window.key("ctrl+z", "undone: recalled 2");
+    window.key("ctrl+z", "undone: recalled 1"); // the saved state
+    let wiped = picture(&window);
+    let middle = SIZE[0] / 2;
+    assert_eq!(columns_differ(&wiped, &a, 0..middle - LINE), 0.0, "on the left is what was kept, bit for bit");
+    assert_eq!(columns_differ(&wiped, &b, middle + LINE..SIZE[0]), 0.0, "on the right what is, bit for bit");
+    let shot = window.screenshot();
+    let (x, y) = (shot.width as i32 / 2, shot.height as i32 / 2);
+    window.drag([x, y], [x + 90, y]);
+    let wiped = picture(&window);
+    assert_eq!(columns_differ(&wiped, &a, 0..middle + 90 - LINE), 0.0, "the line follows the mouse");
+    assert_eq!(columns_differ(&wiped, &b, middle + 90 + LINE..SIZE[0]), 0.0);
+
+    window.key("shift+c", "difference from snapshot 1");
+    assert!(columns_differ(&picture(&window), &vec![[0; 3]; a.len()], 0..SIZE[0]) > 1.0);
+    window.key("alt+1", "recalled 1");
+    let nothing = columns_differ(&picture(&window), &vec![[0; 3]; a.len()], 0..SIZE[0]);
+    assert!(nothing < 0.1, "the same lights differ by nothing but rounding: {nothing}");
+    window.key("shift+c", "comparing no more");
+    assert!(difference(&picture(&window), &a) < 1e-3);
+}
+
+#[test]
+fn what_was_not_saved_survives_a_crash() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let kept = rig.with_extension("autosave.toml");
+    let window = open(&desktop, &rig);
+    let saved = Rig::load(&rig).unwrap();
+    window.key("ctrl+Tab", "and 1 more");
+    window.key("w", "moved");
+    window.key("ctrl+g", "new");
+    let lost = picture(&window);
+    let is_kept = || Rig::load(&kept).is_ok_and(|rig| rig.groups.len() == 1);
+    assert!((0..500).any(|_| is_kept() || {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        false
+    }));
+    window.kill();
+    assert_eq!(Rig::load(&rig).unwrap(), saved, "the rig itself is what was saved");
+
+    let scene = scene("balls-16.glb");
+    let arguments =
+        ["view", scene.to_str().unwrap(), "--rig", rig.to_str().unwrap(), "--exposure", "0.5", "--size", "360x240"];
+    // Who does not answer is asked again.
+    let mut unanswered = desktop.relume(&arguments);
+    unanswered.wait_for_window_saying("unsaved edits were found");
+    unanswered.kill();
+    let mut window = desktop.relume(&arguments);
+    window.wait_for_window_saying("unsaved edits were found");
+    window.key("r", "recovered");
+    window.key("F2", "recovered");
+    window.key("1", "picture 1:1");
+    assert!(difference(&picture(&window), &lost) < 1e-3);
+    let recovered = saved_is_rendered(&window, &rig);
+    assert_eq!((recovered.groups.len(), recovered.lights[0].group), (1, Some(0)));
+    window.key("d", "moved");
+    window.keys(&["ctrl+q"]);
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    window.keys(&["q"]);
+    window.ends_silently();
+    assert!(!kept.exists(), "who quits has decided");
+}
+
+#[test]
+fn what_is_exported_is_opened_again_as_the_same_picture() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (rig, exported) = (folder.path().join("rig.toml"), folder.path().join("lit.glb"));
+    let window = open(&desktop, &rig);
+    window.key("ctrl+Tab", "and 1 more");
+    window.key("ctrl+g", "new");
+    window.key("ctrl+plus", "+0.5 stop");
+    window.key("e", "moved");
+    window.key("comma", "colour");
+    saved_is_rendered(&window, &rig);
+    let shown = picture(&window);
+    window.keys(&["ctrl+e"]);
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    window.keys(&["ctrl+a", "BackSpace"]);
+    window.text(exported.to_str().unwrap());
+    window.key("Return", "exported");
+    let again = render(&exported, None, &folder.path().join("again.png"));
+    assert_eq!(difference(&again, &shown), 0.0, "bit for bit");
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+}
+
+#[test]
+fn a_light_is_dragged_in_the_picture() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let window = open(&desktop, &rig);
+    window.key("F2", "picture 1:1"); // the panel, and with it the handles
+    let camera = relume::scene::Scene::load(&scene("balls-16.glb")).unwrap().cameras[0].clone();
+    let aspect = SIZE[0] as f64 / SIZE[1] as f64;
+    let pixel = |rig: &Rig, light: usize| {
+        let [x, y] = camera.project(rig.lights[light].position, aspect).unwrap();
+        [x * SIZE[0] as f64, y * SIZE[1] as f64]
+    };
+    let shot = window.screenshot();
+    window.mouse_to((shot.width as i32 - 290) / 2, shot.height as i32 / 2 + 40);
+    window.key("p", "moved"); // the lights of this scene stand beside the picture
+    window.key("ctrl+s", "saved");
+    let (before, light) = (Rig::load(&rig).unwrap(), 0);
+    let corner = [(shot.width - 290 - SIZE[0]) / 2, (shot.height - SIZE[1]) / 2];
+    let from = [0, 1].map(|axis| corner[axis] as i32 + pixel(&before, light)[axis].round() as i32);
+    window.drag(from, [from[0] + 40, from[1] + 20]);
+    window.wait_for_title(&format!("{}: moved", before.lights[light].name));
+    window.key("ctrl+s", "saved");
+    let after = Rig::load(&rig).unwrap();
+    let moved = [0, 1].map(|axis| pixel(&after, light)[axis] - pixel(&before, light)[axis]);
+    assert!((moved[0] - 40.0).abs() < 1.5 && (moved[1] - 20.0).abs() < 1.5, "{moved:?}");
+}

@@ -3,6 +3,7 @@
 mod accessor;
 pub mod container;
 pub mod document;
+pub mod kept_rig;
 mod lights;
 mod materials;
 pub mod nodes;
@@ -14,8 +15,8 @@ use container::Container;
 use document::Document;
 use materials::Materials;
 
+use super::Scene;
 use super::mesh_builder::MeshBuilder;
-use super::{Rig, Scene};
 use crate::error::Result;
 
 // A picture wider than this is a mistake in the file.
@@ -27,7 +28,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     let mut materials = Materials::new(&document);
     let mut builder = MeshBuilder::default();
     let left_out = primitives::import_meshes(&document, &placed, &mut materials, &mut builder)?;
-    let rig = Rig { lights: document.import_lights(&placed)?, ..Rig::default() };
+    let rig = kept_rig::rig(&document, document.import_lights(&placed)?);
     let cameras = document.import_cameras(&placed)?;
     let (materials, textures) = materials.finish()?;
     let (mesh, origin) = builder.finish().map_err(|reason| document.error(reason))?;

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use super::gltf::container::{Container, MAGIC};
 use super::gltf::document::Document;
+use super::gltf::kept_rig;
 use super::{Rig, Scene};
 use crate::error::{Error, Result};
 use crate::image::file;
@@ -18,7 +19,8 @@ use crate::image::file;
 /// its buffers and images.
 ///
 /// A light with a node returns to it, parents' transforms undone; others get nodes of their own. Groups, stops and
-/// switches are folded into intensity and colour, what is solo too; `shadows` has no counterpart in glTF.
+/// switches are folded into intensity and colour, what is solo too; `shadows` has no counterpart in glTF. Beside them
+/// the rig is kept as it is: opened again by us the file has it to the last bit, unless its lights were edited since.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
@@ -37,6 +39,7 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
         return Err(Error::import(&scene.path, "is not a JSON object"));
     };
     lights::replace(&mut root, &document, &rig.shining())?;
+    keep(&mut root, &document, rig);
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
         tracing::warn!("{}: glTF cannot say that \"{}\" casts no shadows", path.display(), light.name);
     }
@@ -52,6 +55,15 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
 
 fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
     serde_json::to_vec(root).map_err(|e| Error::Export { path: path.to_owned(), source: e.into() })
+}
+
+/// The rig as it is, for [`kept_rig`] to find.
+fn keep(root: &mut json::Object, document: &Document, rig: &Rig) {
+    let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
+    if scene.get("extras").is_none_or(serde_json::Value::is_object) {
+        let rig = Rig { camera: None, ..rig.clone() };
+        json::object(scene, "extras").insert(kept_rig::KEY.into(), rig.to_toml().into());
+    }
 }
 
 /// Header, JSON chunk, binary chunk if there is anything in it [glTF 2.0, 4.4].

@@ -31,7 +31,12 @@ impl Rig {
     pub fn load(path: &Path) -> Result<Self> {
         let text = super::files::read(path)?;
         let text = String::from_utf8(text).map_err(|e| Error::import_from(path, "is not UTF-8 text", e))?;
-        read::parse(&text).map_err(|reason| Error::import(path, reason))
+        Self::from_toml(&text).map_err(|reason| Error::import(path, reason))
+    }
+
+    /// The rig that a TOML document describes; an error begins with its line.
+    pub fn from_toml(text: &str) -> std::result::Result<Self, String> {
+        read::parse(text)
     }
 
     /// The rig as a TOML document that [`Rig::load`] reads back equal.

@@ -17,7 +17,8 @@ const RIGHT: LightEdit = LightEdit::Move { frame: Frame::Camera, axis: DVec3::X 
 fn every_edit_can_be_undone_and_redone_exactly() {
     let mut desk = desk(3);
     let first = desk.rig().clone();
-    let pick = Pick { position: DVec3::new(0.3, 0.0, 0.2), normal: DVec3::Y };
+    let pick =
+        Pick { position: DVec3::new(0.3, 0.0, 0.2), normal: DVec3::Y, shading_normal: DVec3::Y, to_eye: DVec3::Y };
     let mut states = vec![first.clone()];
     type Edit = Box<dyn Fn(&mut Desk)>;
     let edits: Vec<Edit> = vec![
@@ -106,7 +107,8 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
     desk.edit(LightEdit::Outer(1.0));
     desk.edit(LightEdit::Stops(1e9));
     assert_eq!(desk.message, "key_0: it would be brighter than numbers go");
-    desk.aim(Pick { position: DVec3::ZERO, normal: DVec3::Y });
+    let up = DVec3::Y;
+    desk.aim(Pick { position: DVec3::ZERO, normal: up, shading_normal: up, to_eye: up });
     desk.edit_alike(Light { name: String::new(), ..first.lights[0].clone() });
     assert_eq!(desk.rig(), &first);
     desk.delete();
@@ -299,4 +301,57 @@ fn states_of_the_past_are_a_click_away_and_share_what_is_the_same() {
     let shared = desk.history().state().lights.iter().zip(&before.lights);
     let shared: Vec<bool> = shared.map(|(a, b)| std::sync::Arc::ptr_eq(a, b)).collect();
     assert_eq!((shared, desk.history().entries().len()), (vec![true, true, false], 3));
+}
+
+/// A floor seen from above at 45 degrees.
+fn floor(position: DVec3) -> Pick {
+    Pick { position, normal: DVec3::Y, shading_normal: DVec3::Y, to_eye: DVec3::new(0.0, 1.0, 1.0).normalize() }
+}
+
+#[test]
+fn highlights_and_shadows_fall_where_somebody_points() {
+    let mut desk = several();
+    desk.select(Selection::only(0));
+    let (at, caster) = (DVec3::new(0.5, 0.0, 0.5), DVec3::new(0.5, 1.0, 0.0));
+    let distance = (desk.rig().lights[0].position - at).length();
+    desk.place_highlight(floor(at), 100.0);
+    let light = desk.rig().lights[0].clone();
+    let mirrored = DVec3::new(0.0, 1.0, -1.0).normalize();
+    assert!(
+        (light.position - at - distance * mirrored).length() < 1e-12 && (light.direction + mirrored).length() < 1e-12
+    );
+    desk.place_highlight(floor(at), 0.5);
+    assert!(((desk.rig().lights[0].position - at).length() - 0.45).abs() < 1e-12, "it stays before what is in the way");
+    let from_below = Pick { to_eye: DVec3::new(0.0, -0.1, 1.0).normalize(), ..floor(at) };
+    desk.place_highlight(from_below, 1.0);
+    assert!(desk.message.contains("no highlight falls there"), "{}", desk.message);
+
+    desk.place_shadow(caster, floor(at), 100.0);
+    let light = desk.rig().lights[0].clone();
+    let ray = (caster - at).normalize();
+    assert!((light.position - caster).normalize().dot(ray) > 1.0 - 1e-12 && light.direction.dot(ray) < -1.0 + 1e-12);
+    desk.place_shadow(DVec3::NEG_Y, floor(at), 1.0);
+    assert!(desk.message.contains("no shadow of that point"), "{}", desk.message);
+}
+
+#[test]
+fn snapshots_are_kept_recalled_and_undone() {
+    let mut desk = several();
+    let kept = desk.rig().clone();
+    desk.recall(3);
+    assert_eq!(desk.message, "slot 4 is empty");
+    desk.keep(3);
+    desk.annotate(3, "cold".into());
+    desk.select_all();
+    desk.delete();
+    desk.add(LightKind::Point, DVec3::ZERO, 0.0);
+    let other = desk.rig().clone();
+    desk.recall(3);
+    assert_eq!((desk.rig(), desk.message.as_str()), (&kept, "recalled 4: cold"));
+    desk.undo();
+    assert_eq!(desk.rig(), &other);
+    let id = desk.snapshots().get(3).map(|snapshot| snapshot.id);
+    desk.keep(3);
+    let again = desk.snapshots().get(3).unwrap();
+    assert!(Some(again.id) != id && again.note == "cold" && desk.kept_rig(3).as_ref() == Some(&other));
 }

@@ -1,0 +1,61 @@
+//! The rig that an export of ours keeps beside the lights it became: groups, links, switches and what else glTF has no
+//! words for, to the last bit. It counts only while the file's lights still are what it says.
+
+use std::collections::HashMap;
+
+use super::document::Document;
+use crate::scene::{Light, LightKind, Rig};
+
+/// In the extras of the scene that is shown, as the text of a rig file.
+pub const KEY: &str = "relume_rig";
+
+/// Relative; what single precision on the way through another program leaves.
+const NEAR: f64 = 1e-5;
+
+/// The rig of a file whose nodes hold `lights`.
+pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
+    let extras = document.poses.scenes.get(document.shown_scene()).and_then(|scene| scene.extras.as_ref());
+    let loaded = Rig { lights, ..Rig::default() };
+    let Some(text) = extras.and_then(|extras| extras.get(KEY)).and_then(|text| text.as_str()) else { return loaded };
+    let kept = Rig::from_toml(text).ok().and_then(|kept| at_home(kept, &loaded));
+    kept.unwrap_or_else(|| {
+        let path = document.path.display();
+        tracing::info!("{path}: its lights were edited since relume wrote them; groups and links are gone");
+        loaded
+    })
+}
+
+/// `kept` with the nodes that its lights have in the file, if they are the same lights.
+fn at_home(mut kept: Rig, loaded: &Rig) -> Option<Rig> {
+    let by_name: HashMap<&str, &Light> = loaded.lights.iter().map(|light| (light.name.as_str(), light)).collect();
+    if kept.lights.len() != loaded.lights.len() {
+        return None;
+    }
+    let shining = kept.shining().into_owned();
+    for (index, light) in kept.lights.iter_mut().enumerate() {
+        let found = by_name.get(light.name.as_str()).filter(|found| is_same(&shining, index, found))?;
+        light.node = found.node;
+    }
+    Some(kept)
+}
+
+/// Whether light `index` of `rig` is what glTF says of it.
+fn is_same(rig: &Rig, index: usize, found: &Light) -> bool {
+    let light = &rig.lights[index];
+    let near = |a: f64, b: f64| (a - b).abs() <= NEAR * a.abs().max(b.abs()).max(NEAR);
+    let (want, got) = (rig.scale(index).as_dvec3(), found.scale().as_dvec3());
+    let same_strength = want.distance(got) <= NEAR * want.length();
+    let same_place = light.position.distance(found.position) <= NEAR * (1.0 + light.position.length());
+    let same_direction = light.direction.distance(found.direction) <= NEAR;
+    let same_cone = near(light.outer_angle, found.outer_angle) && (light.inner_angle - found.inner_angle).abs() <= NEAR;
+    let same_range = match (light.range, found.range) {
+        (Some(a), Some(b)) => near(a, b),
+        (a, b) => a == b,
+    };
+    let same_pose = match light.kind {
+        LightKind::Point => same_place && same_range,
+        LightKind::Spot => same_place && same_range && same_direction && same_cone,
+        LightKind::Directional => same_direction,
+    };
+    light.kind == found.kind && same_strength && same_pose
+}

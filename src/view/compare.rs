@@ -1,0 +1,134 @@
+//! The picture beside that of a snapshot, or what differs between them.
+
+use std::sync::Arc;
+
+use super::desk::Desk;
+use crate::error::Result;
+use crate::gpu::{Access, Buffer, Context, Over, Pixels};
+use crate::relight::light_cache::Detail;
+use crate::relight::{Layers, Picture, Relighter, ToneMap};
+
+/// What the window shows of a snapshot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Comparing {
+    pub slot: usize,
+    pub kind: Comparison,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Comparison {
+    /// The snapshot up to this share of the picture's width, the lights as they are from there on.
+    Wipe { at: f32 },
+    /// How far apart the two are, channel by channel, exposed but with no tone curve.
+    Difference,
+}
+
+/// Pixels over the picture, and what they were made for.
+pub struct Overlaid {
+    buffer: Buffer<u32>,
+    size: [u32; 2],
+    made_for: Option<MadeFor>,
+    /// Scene-linear pixels of a snapshot, by its id.
+    linear: Option<(u64, Vec<[f32; 3]>)>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+struct MadeFor {
+    snapshot: u64,
+    exposure: f32,
+    blue_first: bool,
+    /// Of a wipe.
+    tone_map: Option<ToneMap>,
+    /// Of a difference.
+    version: Option<u64>,
+}
+
+impl Overlaid {
+    pub fn new(context: &Arc<Context>, size: [u32; 2]) -> Result<Self> {
+        let count = size[0] as usize * size[1] as usize;
+        let buffer = Buffer::new(context, "pictures (compared)", Access::HostWrites, count)?;
+        Ok(Self { buffer, size, made_for: None, linear: None })
+    }
+
+    /// The light images changed for another reason than edits.
+    pub fn forget(&mut self) {
+        self.made_for = None;
+        self.linear = None;
+    }
+
+    /// Makes the pixels if they are out of date. The relighter may be left with the snapshot's lights: then it returns
+    /// true.
+    pub fn make(
+        &mut self,
+        comparing: Comparing,
+        desk: &Desk,
+        relighter: &mut Relighter,
+        (exposure, tone_map, blue_first): (f32, ToneMap, bool),
+    ) -> Result<bool> {
+        let Some((snapshot, rig)) = desk.snapshots().get(comparing.slot).zip(desk.kept_rig(comparing.slot)) else {
+            return Ok(false);
+        };
+        let is_wipe = matches!(comparing.kind, Comparison::Wipe { .. });
+        let wanted = MadeFor {
+            snapshot: snapshot.id,
+            exposure,
+            blue_first,
+            tone_map: is_wipe.then_some(tone_map),
+            version: (!is_wipe).then_some(desk.version()),
+        };
+        if self.made_for == Some(wanted) {
+            return Ok(false);
+        }
+        relighter.set_detail(Detail::Exact);
+        relighter.set_layers(Layers::All);
+        let mut relit = false;
+        if is_wipe {
+            relighter.set_rig(&rig)?;
+            relighter.select(&[]);
+            relighter.set_tone_map(tone_map);
+            let pixels = relighter.display(Picture::Whole, exposure)?;
+            write(&mut self.buffer, pixels.iter().copied(), blue_first);
+            relit = true;
+        } else {
+            // First of the lights as they are, which the relighter has.
+            let now = relighter.linear(Picture::Whole)?.to_vec();
+            if self.linear.as_ref().is_none_or(|(id, _)| *id != snapshot.id) {
+                relighter.set_rig(&rig)?;
+                relighter.select(&[]);
+                self.linear = Some((snapshot.id, relighter.linear(Picture::Whole)?.to_vec()));
+                relit = true;
+            }
+            let (_, then) = self.linear.as_ref().expect("made above");
+            let scale = exposure.exp2();
+            let apart = |(a, b): (&[f32; 3], &[f32; 3])| {
+                let channel = |c: usize| encoded(scale * (a[c] - b[c]).abs());
+                [channel(0), channel(1), channel(2), 255]
+            };
+            write(&mut self.buffer, now.iter().zip(then).map(apart), blue_first);
+        }
+        self.made_for = Some(wanted);
+        Ok(relit)
+    }
+
+    /// What the window draws over the picture.
+    pub fn over(&self, comparison: Comparison) -> Over<'_> {
+        let share = match comparison {
+            Comparison::Wipe { at } => at,
+            Comparison::Difference => 1.0,
+        };
+        Over { pixels: Pixels { buffer: &self.buffer, width: self.size[0], height: self.size[1] }, share }
+    }
+}
+
+fn write(buffer: &mut Buffer<u32>, pixels: impl Iterator<Item = [u8; 4]>, blue_first: bool) {
+    for (word, [r, g, b, a]) in buffer.host_mut().iter_mut().zip(pixels) {
+        *word = u32::from_le_bytes(if blue_first { [b, g, r, a] } else { [r, g, b, a] });
+    }
+}
+
+/// sRGB of a linear value.
+fn encoded(x: f32) -> u8 {
+    let x = x.clamp(0.0, 1.0);
+    let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    (255.0 * encoded).round() as u8
+}

@@ -1,0 +1,102 @@
+//! States of the lights kept to come back to, and to compare with.
+
+use super::Desk;
+use super::selection::Selection;
+use crate::scene::Rig;
+use crate::view::history::State;
+
+/// How many there are room for.
+pub const SLOTS: usize = 9;
+
+pub struct Snapshot {
+    /// What somebody wrote on it.
+    pub note: String,
+    state: State,
+    /// Tells it from what was in its slot before.
+    pub id: u64,
+}
+
+#[derive(Default)]
+pub struct Snapshots {
+    slots: [Option<Snapshot>; SLOTS],
+    /// Which was kept or recalled last.
+    last: Option<usize>,
+    kept: u64,
+}
+
+impl Snapshots {
+    pub fn get(&self, slot: usize) -> Option<&Snapshot> {
+        self.slots[slot].as_ref()
+    }
+
+    /// The slot that was kept or recalled last.
+    pub fn last(&self) -> Option<usize> {
+        self.last
+    }
+}
+
+impl Snapshot {
+    /// "3" or "3: warmer key"
+    pub fn label(&self, slot: usize) -> String {
+        if self.note.is_empty() { format!("{}", slot + 1) } else { format!("{}: {}", slot + 1, self.note) }
+    }
+}
+
+impl Desk {
+    pub fn snapshots(&self) -> &Snapshots {
+        &self.snapshots
+    }
+
+    /// Keeps the lights as they are, in the place of what the slot had; its note stays.
+    pub fn keep(&mut self, slot: usize) {
+        self.history.end_gesture();
+        let Snapshots { slots, last, kept } = &mut self.snapshots;
+        *kept += 1;
+        let note = slots[slot].take().map(|old| old.note).unwrap_or_default();
+        slots[slot] = Some(Snapshot { note, state: self.history.state().clone(), id: *kept });
+        *last = Some(slot);
+        self.message = format!("kept in slot {}", slot + 1);
+    }
+
+    /// The lights become those of a snapshot, which can be undone like any edit.
+    pub fn recall(&mut self, slot: usize) {
+        self.history.end_gesture();
+        let Some(snapshot) = &self.snapshots.slots[slot] else {
+            self.message = format!("slot {} is empty", slot + 1);
+            return;
+        };
+        let name = format!("recalled {}", snapshot.label(slot));
+        let rig = self.kept_rig(slot).expect("it is there");
+        let selection = self.selection.clone().within(rig.lights.len());
+        self.snapshots.last = Some(slot);
+        self.become_rig(rig, selection, Some(name));
+        self.history.end_gesture();
+    }
+
+    pub fn annotate(&mut self, slot: usize, note: String) {
+        if let Some(snapshot) = &mut self.snapshots.slots[slot] {
+            snapshot.note = note;
+        }
+    }
+
+    /// A snapshot's lights.
+    pub fn kept_rig(&self, slot: usize) -> Option<Rig> {
+        let snapshot = self.snapshots.get(slot)?;
+        let mut rig = Rig { camera: self.rig.camera.clone(), ..Rig::default() };
+        snapshot.state.put_into(&mut rig);
+        Some(rig)
+    }
+
+    /// The lights become those that a crash left.
+    pub fn recover(&mut self, rig: Rig) {
+        let count = rig.lights.len();
+        let selection = match count {
+            0 => Selection::default(),
+            _ if self.selection.is_empty() => Selection::only(0),
+            _ => self.selection.clone().within(count),
+        };
+        let rig = Rig { camera: self.rig.camera.clone(), ..rig };
+        self.become_rig(rig, selection, Some("recovered".into()));
+        self.history.end_gesture();
+    }
+}

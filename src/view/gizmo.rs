@@ -1,0 +1,212 @@
+//! Handles in the picture: a light's place, what it aims at, how wide its cone is.
+
+use egui::{Color32, Painter, Pos2, Rect, Stroke};
+use glam::DVec3;
+
+use super::Opened;
+use super::desk::Desk;
+use super::lights_list::chip;
+use crate::gpu::Placement;
+use crate::scene::{Light, LightKind};
+
+/// What a hand takes hold of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Handle {
+    Position,
+    Aim,
+    Cone,
+}
+
+/// A handle in the hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grab {
+    pub light: usize,
+    pub handle: Handle,
+    /// From the mouse to the handle, physical pixels.
+    offset: [f32; 2],
+}
+
+/// How near the mouse must be, physical pixels.
+const REACH: f32 = 9.0;
+/// Corners of a drawn circle.
+const CORNERS: usize = 48;
+const GOLD: Color32 = Color32::from_rgb(255, 190, 60);
+
+/// The lights in the picture.
+pub struct Gizmos<'a> {
+    pub opened: &'a Opened,
+    pub desk: &'a Desk,
+    pub placement: Placement,
+}
+
+impl Gizmos<'_> {
+    /// The handle under the mouse: of the light selected last, or else the place of any light.
+    pub fn grab(&self, at: [f32; 2]) -> Option<Grab> {
+        let mut handles = Vec::new();
+        if let (Some(index), Some(light)) = (self.desk.selected(), self.desk.selected_light()) {
+            handles.extend(self.handles(light).into_iter().map(|(handle, point)| (index, handle, point)));
+        }
+        for (index, light) in self.desk.rig().lights.iter().enumerate() {
+            if light.kind != LightKind::Directional {
+                handles.push((index, Handle::Position, light.position));
+            }
+        }
+        let grabs = handles.into_iter().filter_map(|(light, handle, point)| {
+            let there = self.opened.project(self.placement, point)?;
+            let offset = [there.x - at[0], there.y - at[1]];
+            Some((offset[0].hypot(offset[1]), Grab { light, handle, offset }))
+        });
+        // Of those as near as each other the first: the selected light's.
+        let nearest = grabs.filter(|(distance, _)| *distance <= REACH).min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.map(|(_, grab)| grab)
+    }
+
+    /// What the grabbed light becomes with the mouse at `at`.
+    pub fn dragged(&self, grab: Grab, at: [f32; 2]) -> Option<Light> {
+        let light = self.desk.rig().lights.get(grab.light)?;
+        let at = [at[0] + grab.offset[0], at[1] + grab.offset[1]];
+        let mut light = light.clone();
+        match grab.handle {
+            Handle::Position => light.position = self.opened.beside(self.placement, at, light.position)?,
+            Handle::Aim if light.kind == LightKind::Directional => {
+                // Its handle is the arrow's tail; the tip stays.
+                let tip = self.opened.pivot();
+                let tail = self.opened.beside(self.placement, at, self.tail(&light))?;
+                light.direction = (tip - tail).try_normalize()?;
+            }
+            Handle::Aim => {
+                let surface = self.opened.pick(self.placement, at).map(|pick| pick.position);
+                let there = surface.or_else(|| self.opened.beside(self.placement, at, self.aim(&light)))?;
+                light.direction = (there - light.position).try_normalize()?;
+            }
+            Handle::Cone => {
+                let there = self.opened.beside(self.placement, at, self.aim(&light))?;
+                let angle = light.direction.angle_between(there - light.position);
+                let outer = angle.clamp(0.001, std::f64::consts::FRAC_PI_2);
+                let share = if light.outer_angle > 0.0 { light.inner_angle / light.outer_angle } else { 0.0 };
+                (light.outer_angle, light.inner_angle) = (outer, outer * share);
+            }
+        }
+        Some(light)
+    }
+
+    fn handles(&self, light: &Light) -> Vec<(Handle, DVec3)> {
+        match light.kind {
+            LightKind::Point => vec![(Handle::Position, light.position)],
+            LightKind::Directional => vec![(Handle::Aim, self.tail(light))],
+            LightKind::Spot => {
+                let cone = self.ring(light, light.outer_angle).next();
+                let cone = cone.map(|point| (Handle::Cone, point));
+                let ends = [(Handle::Position, light.position), (Handle::Aim, self.aim(light))];
+                ends.into_iter().chain(cone).collect()
+            }
+        }
+    }
+
+    /// What a spot's axis meets first.
+    fn aim(&self, light: &Light) -> DVec3 {
+        light.position + light.direction * self.opened.free_along(light.position, light.direction)
+    }
+
+    /// Where the arrow of a directional light begins.
+    fn tail(&self, light: &Light) -> DVec3 {
+        self.opened.pivot() - light.direction * 0.5 * f64::from(self.opened.bvh.radius)
+    }
+
+    /// The circle that the cone cuts out around what it aims at, from the camera's right on; none where it is too wide.
+    fn ring(&self, light: &Light, angle: f64) -> impl Iterator<Item = DVec3> {
+        let center = self.aim(light);
+        let radius = (center - light.position).length() * angle.tan();
+        let right = self.opened.camera.world_from_camera.x_axis;
+        let x = right - light.direction * right.dot(light.direction);
+        let x = x.try_normalize().unwrap_or_else(|| light.direction.any_orthonormal_vector());
+        let y = light.direction.cross(x);
+        let corners = if angle < 1.5 { 0..CORNERS } else { 0..0 };
+        corners.map(move |i| {
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / CORNERS as f64).sin_cos();
+            center + radius * (cos * x + sin * y)
+        })
+    }
+
+    /// Draws marks for all lights, handles for the selected ones; `scale` physical pixels are a point.
+    pub fn draw(&self, painter: &Painter, scale: f32) {
+        let Placement { left, top, width, height } = self.placement;
+        let rect = Rect::from_min_size(
+            Pos2::new(left as f32, top as f32) / scale,
+            egui::vec2(width as f32, height as f32) / scale,
+        );
+        let drawing =
+            Drawing { gizmos: self, painter: painter.with_clip_rect(rect.intersect(painter.clip_rect())), scale };
+        for (index, light) in self.desk.rig().lights.iter().enumerate() {
+            let is_selected = self.desk.selection().contains(index);
+            if is_selected {
+                drawing.gizmo(light);
+            }
+            if light.kind != LightKind::Directional {
+                drawing.mark(light, is_selected);
+            }
+        }
+    }
+}
+
+struct Drawing<'a> {
+    gizmos: &'a Gizmos<'a>,
+    painter: Painter,
+    scale: f32,
+}
+
+impl Drawing<'_> {
+    fn at(&self, point: DVec3) -> Option<Pos2> {
+        Some(self.gizmos.opened.project_beyond(self.gizmos.placement, point)? / self.scale)
+    }
+
+    fn gizmo(&self, light: &Light) {
+        let gizmos = self.gizmos;
+        match light.kind {
+            LightKind::Point => {}
+            LightKind::Directional => {
+                self.line(gizmos.tail(light), gizmos.opened.pivot(), 2.0);
+                self.square(gizmos.tail(light));
+            }
+            LightKind::Spot => {
+                self.line(light.position, gizmos.aim(light), 1.0);
+                for (angle, width) in [(light.outer_angle, 1.5), (light.inner_angle, 0.75)] {
+                    let ring: Vec<DVec3> = gizmos.ring(light, angle).collect();
+                    let next = ring.iter().cycle().skip(1);
+                    ring.iter().zip(next).for_each(|(a, b)| self.line(*a, *b, width));
+                    if angle == light.outer_angle {
+                        ring.iter().step_by(CORNERS / 4).for_each(|point| self.line(light.position, *point, 0.75));
+                        ring.first().into_iter().for_each(|point| self.square(*point));
+                    }
+                }
+                self.square(gizmos.aim(light));
+            }
+        }
+    }
+
+    fn line(&self, a: DVec3, b: DVec3, width: f32) {
+        if let (Some(a), Some(b)) = (self.at(a), self.at(b)) {
+            self.painter.line_segment([a, b], Stroke::new(width + 1.5, Color32::from_black_alpha(120)));
+            self.painter.line_segment([a, b], Stroke::new(width, GOLD));
+        }
+    }
+
+    fn square(&self, point: DVec3) {
+        let Some(at) = self.at(point) else { return };
+        let rect = Rect::from_center_size(at, egui::Vec2::splat(8.0));
+        self.painter.rect(rect, 1.0, GOLD, Stroke::new(1.5, Color32::BLACK), egui::StrokeKind::Middle);
+    }
+
+    fn mark(&self, light: &Light, is_selected: bool) {
+        let Some(at) = self.at(light.position) else { return };
+        let color = if light.enabled { chip(light.color) } else { Color32::DARK_GRAY };
+        self.painter.circle(at, if is_selected { 6.0 } else { 4.0 }, color, Stroke::new(1.5, Color32::BLACK));
+        if is_selected {
+            self.painter.circle_stroke(at, 8.5, Stroke::new(1.5, GOLD));
+            let font = egui::FontId::proportional(13.0);
+            for (offset, color) in [(egui::vec2(13.0, 1.0), Color32::BLACK), (egui::vec2(12.0, 0.0), Color32::WHITE)] {
+                self.painter.text(at + offset, egui::Align2::LEFT_CENTER, &light.name, font.clone(), color);
+            }
+        }
+    }
+}

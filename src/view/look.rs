@@ -1,0 +1,127 @@
+//! What a light sees: the surfaces that it lights, cast from where it is, coarse while it moves and finer at rest.
+
+use egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
+use glam::{DVec2, DVec3, Vec3};
+
+use super::Opened;
+use super::desk::Desk;
+use crate::bake::surface::SurfacePoint;
+use crate::scene::{Camera, Light, LightKind, Projection};
+
+/// Pixels: while something moves, and at rest.
+const COARSE: [usize; 2] = [60, 40];
+const FINE: [usize; 2] = [240, 160];
+/// Points.
+const SHOWN: [f32; 2] = [240.0, 160.0];
+
+/// The picture as the light sees it.
+#[derive(Default)]
+pub struct Look {
+    texture: Option<TextureHandle>,
+    image: Option<ColorImage>,
+    /// The light that it was made for, and how fine.
+    made_for: Option<(Light, [usize; 2])>,
+}
+
+impl Look {
+    /// Makes the picture anew if the light has changed; finer than it is if the hand `rests`. Returns whether it did.
+    pub fn make(&mut self, opened: &Opened, light: &Light, rests: bool) -> bool {
+        let is_same = self.made_for.as_ref().is_some_and(|(made_for, _)| made_for == light);
+        let is_fine = self.made_for.as_ref().is_some_and(|(_, size)| *size == FINE);
+        if is_same && (is_fine || !rests) {
+            return false;
+        }
+        let size = if rests { FINE } else { COARSE };
+        self.image = Some(ColorImage::new(size, cast(opened, light, size)));
+        self.made_for = Some((light.clone(), size));
+        true
+    }
+
+    /// The window with it; a drag in it turns the light.
+    pub fn show(&mut self, ui: &mut Ui, opened: &Opened, desk: &mut Desk) {
+        let Some(light) = desk.selected_light().cloned() else { return };
+        if light.kind == LightKind::Point {
+            self.made_for = None;
+        }
+        self.make(opened, &light, false);
+        if let Some(image) = self.image.take() {
+            match &mut self.texture {
+                Some(texture) => texture.set(image, TextureOptions::LINEAR),
+                None => self.texture = Some(ui.ctx().load_texture("look", image, TextureOptions::LINEAR)),
+            }
+        }
+        let Some(texture) = &self.texture else { return };
+        let title = format!("Through {}", light.name);
+        let window = egui::Window::new(title).id("look".into()).collapsible(false).resizable(false);
+        window.default_pos([8.0, 8.0]).show(ui.ctx(), |ui| {
+            let image = egui::Image::new(texture).fit_to_exact_size(SHOWN.into()).sense(egui::Sense::drag());
+            let response = ui.add(image).on_hover_text("drag: turns the light");
+            if light.kind == LightKind::Spot {
+                let view = view(opened, &light);
+                let Projection::Perspective { yfov } = view.projection else { return };
+                let radius = (light.outer_angle.tan() / (yfov / 2.0).tan()) as f32 * SHOWN[1] / 2.0;
+                let stroke = egui::Stroke::new(1.5, Color32::from_rgb(255, 190, 60));
+                ui.painter().with_clip_rect(response.rect).circle_stroke(response.rect.center(), radius, stroke);
+            }
+            let by = response.drag_delta();
+            if by != egui::Vec2::ZERO && light.kind != LightKind::Point {
+                let center = DVec2::splat(0.5) - DVec2::new((by.x / SHOWN[0]).into(), (by.y / SHOWN[1]).into());
+                // What was under the hand goes with it.
+                let view = view(opened, &light);
+                let direction = match light.kind {
+                    LightKind::Directional => {
+                        let turn = 0.5 * (DVec2::splat(0.5) - center);
+                        let axes = view.world_from_camera;
+                        light.direction - axes.x_axis * turn.x + axes.y_axis * turn.y
+                    }
+                    _ => view.ray(center.x, center.y, aspect()).1,
+                };
+                desk.edit_alike(Light { direction: direction.normalize(), ..light.clone() });
+            }
+        });
+    }
+}
+
+fn aspect() -> f64 {
+    f64::from(SHOWN[0]) / f64::from(SHOWN[1])
+}
+
+/// Where the light is, looking along it: a spot's whole cone, the whole scene from a directional light, a wide view towards
+/// the middle of the scene from a point.
+fn view(opened: &Opened, light: &Light) -> Camera {
+    let radius = f64::from(opened.bvh.radius).max(1e-6);
+    let middle = opened.scene.origin;
+    let (position, direction, projection) = match light.kind {
+        LightKind::Directional => {
+            (middle - light.direction * 2.0 * radius, light.direction, Projection::Orthographic { ymag: radius })
+        }
+        LightKind::Spot => {
+            let yfov = (2.2 * light.outer_angle).clamp(0.05, 2.6);
+            (light.position, light.direction, Projection::Perspective { yfov })
+        }
+        LightKind::Point => {
+            let towards = (middle - light.position).try_normalize().unwrap_or(DVec3::NEG_Y);
+            (light.position, towards, Projection::Perspective { yfov: 1.6 })
+        }
+    };
+    let up = if direction.y.abs() > 0.999 { DVec3::NEG_Z } else { DVec3::Y };
+    let camera = Camera::look_at(position, position + direction * radius, up, projection);
+    camera.expect("up is not along the direction")
+}
+
+fn cast(opened: &Opened, light: &Light, [width, height]: [usize; 2]) -> Vec<Color32> {
+    let view = view(opened, light);
+    let scene = &*opened.scene;
+    let pixel = |i: usize| {
+        let share = |at: usize, of: usize| (at as f64 + 0.5) / of as f64;
+        let (origin, direction) = view.ray(share(i % width, width), share(i / width, height), aspect());
+        let (from, along) = ((origin - scene.origin).as_vec3(), direction.as_vec3());
+        let Some(hit) = opened.bvh.closest_hit(scene, from, along, f32::INFINITY) else { return Color32::BLACK };
+        let point = SurfacePoint::new(scene, &hit, along, 0.0);
+        let base = scene.materials[point.material as usize].base_color.truncate();
+        let lit = base * (0.15 + 0.85 * point.normal.dot(-along).max(0.0));
+        let [r, g, b] = lit.max(Vec3::ZERO).powf(1.0 / 2.2).to_array().map(|c| (255.0 * c.min(1.0)).round() as u8);
+        Color32::from_rgb(r, g, b)
+    };
+    (0..width * height).map(pixel).collect()
+}

@@ -1,0 +1,125 @@
+//! Snapshots in the panel: what each looked like, what is written on it, and comparing with it.
+
+use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui};
+
+use super::compare::{Comparing, Comparison};
+use super::controls::{Action, ViewState};
+use super::desk::Desk;
+use super::desk::snapshots::SLOTS;
+use super::keys::Command;
+
+/// Pixels.
+const WIDTH: usize = 84;
+
+/// What a snapshot looked like when it was kept.
+pub enum Thumbnail {
+    Fresh(ColorImage),
+    Loaded(TextureHandle),
+}
+
+impl Thumbnail {
+    /// The mean of the pixels that each of its own stands for.
+    pub fn of(pixels: &[[u8; 4]], size: [u32; 2]) -> Self {
+        let [width, height] = size.map(|side| side as usize);
+        let small = [WIDTH.min(width), (height * WIDTH.min(width) / width).max(1)];
+        let mean = |x: usize, y: usize| {
+            let columns = x * width / small[0]..((x + 1) * width / small[0]).max(x * width / small[0] + 1);
+            let rows = y * height / small[1]..((y + 1) * height / small[1]).max(y * height / small[1] + 1);
+            let count = (columns.len() * rows.len()) as u32;
+            let inside = rows.flat_map(|row| columns.clone().map(move |column| pixels[row * width + column]));
+            let sum = inside.fold([0u32; 3], |sum, pixel| [0, 1, 2].map(|c| sum[c] + u32::from(pixel[c])));
+            let [r, g, b] = sum.map(|sum| (sum / count) as u8);
+            Color32::from_rgb(r, g, b)
+        };
+        let colors = (0..small[1]).flat_map(|y| (0..small[0]).map(move |x| mean(x, y))).collect();
+        Self::Fresh(ColorImage::new(small, colors))
+    }
+
+    fn texture(&mut self, ui: &Ui) -> &TextureHandle {
+        if let Self::Fresh(image) = self {
+            let texture = ui.ctx().load_texture("snapshot", std::mem::take(image), TextureOptions::LINEAR);
+            *self = Self::Loaded(texture);
+        }
+        match self {
+            Self::Loaded(texture) => texture,
+            Self::Fresh(_) => unreachable!("it was loaded above"),
+        }
+    }
+}
+
+pub fn snapshots(
+    ui: &mut Ui,
+    desk: &mut Desk,
+    thumbnails: &mut [Option<Thumbnail>; SLOTS],
+    view: &mut ViewState,
+    actions: &mut Vec<Action>,
+) {
+    egui::CollapsingHeader::new("Snapshots").default_open(true).show(ui, |ui| {
+        ui.horizontal_wrapped(|ui| {
+            for (slot, thumbnail) in thumbnails.iter_mut().enumerate() {
+                match thumbnail {
+                    None => {
+                        if ui.button(format!("{}", slot + 1)).on_hover_text("keeps the lights as they are").clicked() {
+                            actions.push(Action::Do(Command::Keep(slot)));
+                        }
+                    }
+                    Some(thumbnail) => {
+                        ui.vertical(|ui| kept(ui, desk, slot, thumbnail, view, actions));
+                    }
+                }
+            }
+        });
+        let Some(slot) = desk.snapshots().last() else { return };
+        let Some(mut note) = desk.snapshots().get(slot).map(|snapshot| snapshot.note.clone()) else { return };
+        ui.horizontal(|ui| {
+            ui.label(format!("note on {}", slot + 1));
+            if ui.add(egui::TextEdit::singleline(&mut note).desired_width(f32::INFINITY)).changed() {
+                desk.annotate(slot, note);
+            }
+        });
+    });
+}
+
+fn kept(
+    ui: &mut Ui,
+    desk: &Desk,
+    slot: usize,
+    thumbnail: &mut Thumbnail,
+    view: &mut ViewState,
+    actions: &mut Vec<Action>,
+) {
+    let Some(snapshot) = desk.snapshots().get(slot) else { return };
+    let image = egui::Image::new(thumbnail.texture(ui)).max_width(WIDTH as f32);
+    let label = format!("{}: a click recalls it", snapshot.label(slot));
+    if ui.add(egui::Button::image(image)).on_hover_text(label).clicked() {
+        actions.push(Action::Do(Command::Recall(slot)));
+    }
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 2.0;
+        ui.label(RichText::new(format!("{}", slot + 1)).small());
+        if ui.small_button("keep").on_hover_text("keeps the lights as they are instead").clicked() {
+            actions.push(Action::Do(Command::Keep(slot)));
+        }
+        let comparing = view.comparing.filter(|comparing| comparing.slot == slot).map(|comparing| comparing.kind);
+        let choices = [
+            (
+                "A|B",
+                Comparison::Wipe { at: 0.5 },
+                matches!(comparing, Some(Comparison::Wipe { .. })),
+                "beside the lights as they are",
+            ),
+            (
+                "±",
+                Comparison::Difference,
+                comparing == Some(Comparison::Difference),
+                "what differs from the lights as they are",
+            ),
+        ];
+        for (text, kind, is_on, hint) in choices {
+            if ui.selectable_label(is_on, RichText::new(text).small()).on_hover_text(hint).clicked() {
+                view.comparing = (!is_on).then_some(Comparing { slot, kind });
+                actions.push(Action::Show);
+            }
+        }
+    });
+}

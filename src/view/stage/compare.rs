@@ -1,0 +1,58 @@
+//! Snapshots with what they look like, and the picture beside them.
+
+use super::Stage;
+use crate::error::Result;
+use crate::relight::light_cache::Detail;
+use crate::relight::{Layers, Picture};
+use crate::view::compare::{Comparing, Comparison, Overlaid};
+use crate::view::controls::ViewState;
+use crate::view::snapshots::Thumbnail;
+use crate::view::views::View;
+
+impl Stage {
+    /// What the whole picture is compared with, if that is there; makes the picture that lies over it.
+    pub(super) fn compare(&mut self, view: &ViewState, blue_first: bool) -> Result<Option<Comparing>> {
+        let is_there = |comparing: &Comparing| self.desk.snapshots().get(comparing.slot).is_some();
+        let comparing = view.comparing.filter(|_| view.views.view == View::Beauty).filter(is_there);
+        let Some(comparing) = comparing else { return Ok(None) };
+        self.take_lights()?;
+        if self.overlaid.is_none() {
+            self.overlaid = Some(Overlaid::new(self.relighter.context(), self.picture_size())?);
+        }
+        let overlaid = self.overlaid.as_mut().expect("made above");
+        let display = (view.exposure, view.curve(), blue_first);
+        if overlaid.make(comparing, &self.desk, &mut self.relighter, display)? {
+            self.taken = None;
+        }
+        Ok(Some(comparing))
+    }
+
+    /// Keeps the lights in a slot, with what they look like.
+    pub(super) fn keep(&mut self, slot: usize, exposure: f32) -> Result<()> {
+        self.desk.keep(slot);
+        self.take_lights()?;
+        self.relighter.set_detail(Detail::Exact);
+        self.relighter.set_layers(Layers::All);
+        self.layers = Layers::All;
+        let size = self.picture_size();
+        self.thumbnails[slot] = Some(Thumbnail::of(self.relighter.display(Picture::Whole, exposure)?, size));
+        Ok(())
+    }
+
+    /// Compares with the snapshot that was kept or recalled last, or ends that.
+    pub(super) fn toggle_comparison(&mut self, view: &mut ViewState, kind: Comparison) {
+        let is_on = view.comparing.is_some_and(|on| std::mem::discriminant(&on.kind) == std::mem::discriminant(&kind));
+        let slot = view.comparing.map(|on| on.slot).or_else(|| self.desk.snapshots().last());
+        let wanted = slot.filter(|_| !is_on).map(|slot| Comparing { slot, kind });
+        self.desk.message = match (&wanted, is_on) {
+            (Some(on), _) => {
+                let label = self.desk.snapshots().get(on.slot).map(|snapshot| snapshot.label(on.slot));
+                let what = if kind == Comparison::Difference { "difference from" } else { "beside" };
+                format!("{what} snapshot {}", label.unwrap_or_default())
+            }
+            (None, true) => "comparing no more".into(),
+            (None, false) => "keep a snapshot first: Ctrl+Alt+1".into(),
+        };
+        view.comparing = wanted;
+    }
+}
