@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use command::{Run, difference, folder, json, layer, mean, names_in, read_exr, relume, shipped};
 use relume::image::Image;
+use serde_json::Value;
 
 /// Few samples and rays: what is tested does not depend on them.
 const SMALL: [&str; 6] = ["--gather", "120", "--rays", "32", "--size", "40x30"];
@@ -148,6 +149,9 @@ fn figures_of_the_transfer() {
     let radius = transfer["spectral_radius"].as_f64().unwrap();
     assert!(radius > 0.1 && radius < 1.0, "{radius}");
     assert!(transfer["macs_per_pixel"].as_f64().unwrap() > 10.0);
+    // Solved in single precision.
+    let residual = |transfer: &Value| transfer["residual"].as_f64().unwrap();
+    assert!(residual(transfer) > 0.0 && residual(transfer) < 1e-5, "{}", residual(transfer));
     assert!(figures["samples"]["gather"].as_u64().unwrap() > 100);
     let passes: Vec<&str> =
         figures["frame"]["passes"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
@@ -158,11 +162,13 @@ fn figures_of_the_transfer() {
     render(&folder.path().join("a.png"), &dense).done();
     let of_dense = json(&stats)["transfer"].clone();
     assert_eq!(of_dense["form"], "dense");
+    assert!(residual(&of_dense) < 1e-9, "{}", residual(&of_dense));
     assert!(of_dense["macs_per_pixel"].as_f64() > transfer["macs_per_pixel"].as_f64());
     let thesis = [&arguments[..], &["--method", "thesis"]].concat();
     render(&folder.path().join("a.png"), &thesis).done();
     assert_eq!(json(&stats)["transfer"]["method"], "thesis");
     assert_eq!(json(&stats)["transfer"]["bounces"], 5);
+    assert!(json(&stats)["transfer"]["residual"].is_null(), "a truncated sum has none");
 }
 
 #[test]

@@ -65,9 +65,10 @@ pub fn run(args: &Args) -> Result<()> {
     out!("view samples by layer: {:?}", session.layers())?;
     if let Some(transfer) = &session.baked.transfer {
         let (bytes, multiply_adds) = transfer.cost();
-        let TransferReport { method, form, spectral_radius, held_out, .. } = &transfer.report;
+        let TransferReport { method, form, spectral_radius, residual, held_out, .. } = &transfer.report;
         out!("transfer: {} gather samples, {method}, {form}, {:.1} MB", transfer.sample_count(), bytes as f64 * 1e-6)?;
-        out!("spectral radius: {spectral_radius:.4}")?;
+        let residual = residual.map_or(String::new(), |residual| format!("; residual of all bounces: {residual:.0e}"));
+        out!("spectral radius: {spectral_radius:.4}{residual}")?;
         if let Some(held_out) = held_out {
             let Report { point, spot, worst, noise, refined, missed, .. } = held_out;
             out!(

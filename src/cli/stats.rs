@@ -77,7 +77,7 @@ fn figures_of_transfer(baked: &Baked) -> Value {
         ),
         "spectral_radius": report.spectral_radius,
         "bounces": report.bounces.map_or(json!("inf"), |bounces| json!(bounces)),
-        "residual": null,
+        "residual": report.residual,
         "capped": report.capped,
     })
 }

@@ -1,6 +1,7 @@
 //! S applied to many vectors at once, and its transpose in Haar terms: T = Φ_f + Φ_c S.
 
 use faer::Mat;
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::haar::Haar;
@@ -59,6 +60,14 @@ impl<'a> Bounces<'a> {
     /// S `direct`.
     pub fn further(&self, direct: &Panels) -> Panels {
         panels::multiply(self.first, direct).map(|channel, panel| self.series[channel].times(panel, false))
+    }
+
+    /// See [`Transfer::residual`].
+    pub fn residual(&self, transfer: &Transfer) -> Option<f64> {
+        let even = transfer.even_light();
+        let further = self.further(&Panels::from_fn(even.len(), 1, |channel, i, _| even[i][channel] as f32));
+        let of = |i: usize| DVec3::from_array([0, 1, 2].map(|c: usize| f64::from(further.channels[c][0][i][0])));
+        transfer.residual(&(0..transfer.among.len()).map(of).collect::<Vec<_>>())
     }
 
     /// What rows of Φ multiply, from direct light and [`Self::further`].

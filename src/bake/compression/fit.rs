@@ -18,6 +18,8 @@ use crate::bake::transfer::rows::Rows;
 /// What all superclusters are made of.
 pub struct Inputs {
     pub bounces: Thinned,
+    /// See [`crate::bake::transfer::Transfer::residual`].
+    pub residual: Option<f64>,
     pub haar: Haar,
     /// What Φ multiplies: random combinations of the lights to learn from.
     pub combinations: Panels,

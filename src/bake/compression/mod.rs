@@ -99,6 +99,11 @@ impl<'a> Compressor<'a> {
         Self { transfer, settings: settings.clone(), clusters, inputs, emitted }
     }
 
+    /// See [`Transfer::residual`].
+    pub fn residual(&self) -> Option<f64> {
+        self.inputs.residual
+    }
+
     /// Compresses all view samples that reflect anything; `progress` counts them. What `journal` has is not fitted again.
     pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (Compressed, Report) {
         let mut compressed = Compressed { coefficients: self.transfer.fine.coefficient_count(), ..Default::default() };
@@ -243,6 +248,7 @@ const ROUNDS: usize = 5;
 /// Learns from lights what view samples `samples` see.
 fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &CompressionSettings) -> Inputs {
     let bounces = Bounces::new(transfer);
+    let residual = bounces.residual(transfer);
     let haar = Haar::new(&transfer.fine.first);
     let seed = |purpose: u64| settings.seed ^ (16 + purpose) << 32;
     let scouts = some(samples, SCOUTS, seed(0));
@@ -266,7 +272,7 @@ fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &Compr
     checks.for_each_mut(|_, panel| haar.transform(panel));
     let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
     let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
-    Inputs { bounces, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
+    Inputs { bounces, residual, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
 }
 
 /// As many random ones of `samples`, or as many as there are.

@@ -74,6 +74,11 @@ impl<'a> RowWavelets<'a> {
         made
     }
 
+    /// See [`Transfer::residual`].
+    pub fn residual(&self) -> Option<f64> {
+        self.inputs.residual
+    }
+
     /// Finds how much may be left out, so that on average over deciding lights what rows make of them is as far off as is
     /// asked for, and as the noise of `rows` is, which those gathered `anew` tell.
     fn decide(&mut self, rows: &Rows, anew: &Rows, samples: &[u32], error: f64) {

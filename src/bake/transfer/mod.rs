@@ -33,7 +33,7 @@ use super::Baked;
 use super::brdf_factors::harmonics::MAX_FUNCTIONS;
 use super::brdf_factors::{ALBEDO_CAP, Projection};
 use super::bvh::Bvh;
-use super::gather_samples::{GatherSamples, Placement};
+use super::gather_samples::{GatherSample, GatherSamples, Placement};
 use crate::scene::Scene;
 use crate::shared::Brdf;
 
@@ -219,6 +219,19 @@ impl<'a> Transfer<'a> {
         solve::explicit(&self.among, right, self.fine.coefficient_count(), terms)
     }
 
+    /// How well `further`, what all further bounces are said to make of [even light](Self::even_light), balances it:
+    /// |b - (I - G) x| / |b|, the worst of the channels. Absent for a given number of bounces.
+    pub fn residual(&self, further: &[DVec3]) -> Option<f64> {
+        let even = self.even_light();
+        let b = self.from_fine.as_ref().unwrap_or(&self.among).multiply(&even);
+        self.settings.bounces.is_none().then(|| solve::relative_residual(&self.among, &b, further))
+    }
+
+    /// λ0 of a light that makes all samples radiate evenly, with radiance 1.
+    pub fn even_light(&self) -> Vec<DVec3> {
+        self.radiating(|_| DVec3::ONE)
+    }
+
     /// Indirect radiance of view samples under several lights, from the lights' direct light at the fine level; Φ is
     /// gathered once, a few rows at a time that are multiplied and forgotten. `progress` counts view samples.
     pub fn apply(
@@ -240,12 +253,17 @@ impl<'a> Transfer<'a> {
 
     /// λ0 of everything that emits: one more light.
     pub fn emission(&self) -> Vec<DVec3> {
-        let mut emission = vec![DVec3::ZERO; self.fine.coefficient_count()];
+        self.radiating(|sample| sample.emission.as_dvec3())
+    }
+
+    /// Coefficients of samples that radiate so much, in all directions alike.
+    fn radiating(&self, radiance: impl Fn(&GatherSample) -> DVec3) -> Vec<DVec3> {
+        let mut coefficients = vec![DVec3::ZERO; self.fine.coefficient_count()];
         for (i, sample) in self.fine.samples.samples.iter().enumerate() {
             // Even radiance L lies along the first function, 1/sqrt(pi).
-            emission[self.fine.coefficients(i).start] = sample.emission.as_dvec3() * std::f64::consts::PI.sqrt();
+            coefficients[self.fine.coefficients(i).start] = radiance(sample) * std::f64::consts::PI.sqrt();
         }
-        emission
+        coefficients
     }
 }
 

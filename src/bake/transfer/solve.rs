@@ -40,7 +40,7 @@ pub fn solve(g: &Rows, b: &[DVec3], tolerance: f64) -> Solution {
         }
         steps += correct(g, &r, size, tolerance * scale, &mut x);
     }
-    let residual = (norm(&residual(g, b, &x)) * inverse).max_element();
+    let residual = relative_residual(g, b, &x);
     Solution { coefficients: x, residual, steps }
 }
 
@@ -133,6 +133,11 @@ pub fn spectral_radius(g: &Rows) -> f64 {
         }
     }
     radius
+}
+
+/// |b - (I - G) x| / |b|, the worst of the channels.
+pub fn relative_residual(g: &Rows, b: &[DVec3], x: &[DVec3]) -> f64 {
+    (norm(&residual(g, b, x)) * reciprocal(norm(b))).max_element()
 }
 
 fn residual(g: &Rows, b: &[DVec3], x: &[DVec3]) -> Vec<DVec3> {

@@ -32,14 +32,12 @@ impl BakedTransfer {
         let none = transfer.bounces() == Some(0);
         let gather = |samples: &[u32]| if none { Rows::empty(samples.len()) } else { transfer.rows(samples, lobe) };
         let (last, emission) = last_matrix(baked, vector_length, offset, &emitted, gather, progress);
-        let report = TransferReport {
-            method: "robust".into(),
-            form: "dense".into(),
-            spectral_radius: transfer.certificate.spectral_radius,
-            capped: transfer.certificate.capped,
-            bounces: transfer.bounces(),
-            held_out: None,
+        let even = transfer.even_light();
+        let of_even = |row: usize| {
+            DVec3::from_array([0, 1, 2].map(|c: usize| (0..fine).map(|i| further[c][(row, i)] * even[i][c]).sum()))
         };
+        let residual = transfer.residual(&(0..further[0].nrows()).map(of_even).collect::<Vec<_>>());
+        let report = TransferReport::robust("dense", transfer, residual, None);
         let transfer = Self { emission, report, ..Self::new(&transfer.fine, vector_length, vec![bounce, last]) };
         transfer.with_packets()
     }

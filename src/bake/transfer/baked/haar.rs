@@ -22,15 +22,9 @@ impl BakedTransfer {
         let wavelets = RowWavelets::new(transfer, &direct, settings);
         // On the host and on the device.
         fits(2.0 * (TERM_BYTES * wavelets.samples.len()) as f64 * wavelets.kept)?;
+        let residual = wavelets.residual();
         let (sparse, emission, held_out) = wavelets.compress(progress);
-        let report = TransferReport {
-            method: "robust".into(),
-            form: "haar".into(),
-            spectral_radius: transfer.certificate.spectral_radius,
-            capped: transfer.certificate.capped,
-            bounces: transfer.bounces(),
-            held_out: Some(held_out),
-        };
+        let report = TransferReport::robust("haar", transfer, residual, Some(held_out));
         let plain = Self::new(&transfer.fine, transfer.fine.coefficient_count(), Vec::new());
         Ok(Self { haar: true, sparse: Some(sparse), emission, report, ..plain })
     }

@@ -9,6 +9,7 @@ mod nested;
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3, Vec4};
 
+use super::Transfer;
 use super::blocks::BlockMatrix;
 use super::level::Level;
 use super::sparse::SparseMatrix;
@@ -61,12 +62,29 @@ pub struct TransferReport {
     pub form: String,
     /// Largest absolute eigenvalue of G.
     pub spectral_radius: f64,
+    /// How well light after all bounces is in balance: see [`Transfer::residual`]; absent for a given number of bounces.
+    pub residual: Option<f64>,
     /// Share of all reflected light that was scaled away, since glTF's BRDF reflects more than it gets near grazing.
     pub capped: f64,
     /// Indirect bounces counted at the pixel; without, all of them.
     pub bounces: Option<u32>,
     /// Of the compressed form.
     pub held_out: Option<compression::Report>,
+}
+
+impl TransferReport {
+    /// Of our operator, stored as `form`.
+    fn robust(form: &str, transfer: &Transfer, residual: Option<f64>, held_out: Option<compression::Report>) -> Self {
+        Self {
+            method: "robust".into(),
+            form: form.into(),
+            spectral_radius: transfer.certificate.spectral_radius,
+            residual,
+            capped: transfer.certificate.capped,
+            bounces: transfer.bounces(),
+            held_out,
+        }
+    }
 }
 
 impl BakedTransfer {

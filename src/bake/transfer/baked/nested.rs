@@ -22,15 +22,9 @@ impl BakedTransfer {
         progress: &dyn Fn(usize),
     ) -> Self {
         let direct = |light: &PackedLight| gather::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
-        let (compressed, held_out) = Compressor::new(transfer, &direct, settings).compress(journal, progress);
-        let report = TransferReport {
-            method: "robust".into(),
-            form: "nested".into(),
-            spectral_radius: transfer.certificate.spectral_radius,
-            capped: transfer.certificate.capped,
-            bounces: transfer.bounces(),
-            held_out: Some(held_out),
-        };
+        let compressor = Compressor::new(transfer, &direct, settings);
+        let (compressed, held_out) = compressor.compress(journal, progress);
+        let report = TransferReport::robust("nested", transfer, compressor.residual(), Some(held_out));
         let (vector_length, chain) = chain(&compressed, transfer.baked().samples.len());
         let plain = Self::new(&transfer.fine, vector_length, chain);
         let mut emission = Vec::new();
