@@ -38,7 +38,7 @@ pub struct Session {
     pub not_stored: Option<Error>,
     /// Absent without indirect light.
     pub transfers: Option<Transfers>,
-    /// One sample a pixel, to which indirect light is baked, where `baked` has more.
+    /// One sample a pixel, to which indirect light is baked where `baked` has more and can take it over.
     plain: Option<Arc<Baked>>,
 }
 
@@ -197,7 +197,7 @@ impl Session {
         let transfer = transfers.get(Seen { scene, bvh, baked: plain }, lobe, bake, progress)?;
         let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
         let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
-        spread.ok_or_else(|| Error::invalid("--samples", "wavelets of each row serve one sample a pixel"))
+        Ok(spread.expect("such a transfer has no plain bake"))
     }
 
     /// How far indirect light is from rows gathered anew, under points and spots.
@@ -247,7 +247,7 @@ impl Session {
             }
             (key, baked)
         };
-        let plain = (settings.samples > 1 && plan.is_some())
+        let plain = (settings.samples > 1 && plan.as_ref().is_some_and(TransferPlan::spreads))
             .then(|| framebuffer(&BakeSettings { samples: 1, ..settings.clone() }, &mut report));
         let (key, mut baked) = framebuffer(&settings, &mut report);
         baked.has_specular |= options.force_all;

@@ -215,6 +215,11 @@ impl TransferPlan {
         }
     }
 
+    /// Whether rows baked to one sample a pixel can serve further samples.
+    pub fn spreads(&self) -> bool {
+        !matches!(self, Self::Robust(_, Stored::Haar(_)))
+    }
+
     /// What takes seconds and tells where the light goes; for a compressed form.
     pub fn coarse(&self) -> Option<Self> {
         let Self::Robust(settings, Stored::Nested(error) | Stored::Haar(error)) = self else { return None };

@@ -20,10 +20,13 @@ pub struct Indirect {
     /// λ0, then what the chain makes of it; of one light at a time.
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
-    chain: Vec<Product>,
-    /// A part of the chain, for pictures in a hurry; empty: the chain itself.
+    /// All of the chain but its last matrix.
+    inner: Vec<Product>,
+    /// What stands for these in pictures made in a hurry; empty: they themselves.
     coarse: Vec<Product>,
-    /// Instead of the chain.
+    /// To view samples.
+    last: Vec<Product>,
+    /// Instead of all of these.
     sparse: Vec<SparseProduct>,
 }
 
@@ -66,15 +69,16 @@ const PIECE_BYTES: usize = 1 << 30;
 
 impl Indirect {
     pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
-        let products = |chain: &[BlockMatrix]| -> Result<Vec<Product>> {
+        let products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
             let mut products = Vec::new();
-            for (i, matrix) in chain.iter().enumerate() {
+            for matrix in matrices {
                 for panels in matrix.pieces(PIECE_BYTES) {
-                    products.push(Product::new(context, &matrix.piece(panels), i + 1 == chain.len())?);
+                    products.push(Product::new(context, &matrix.piece(panels), are_last)?);
                 }
             }
             Ok(products)
         };
+        let (inner, last) = transfer.chain.split_at(transfer.chain.len().saturating_sub(1));
         let pieces = |m: &SparseMatrix| {
             m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p))).collect()
         };
@@ -84,15 +88,17 @@ impl Indirect {
             lit: LitSamples::new(context, transfer)?,
             vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
             haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.first())).transpose()?,
-            chain: products(&transfer.chain)?,
-            coarse: products(&transfer.coarse)?,
+            inner: products(inner, false)?,
+            coarse: products(&transfer.coarse, false)?,
+            last: products(last, true)?,
             sparse,
         })
     }
 
     /// Passes that [`Self::add`] records.
     pub fn pass_count(&self) -> usize {
-        1 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + self.chain.len() + self.sparse.len()
+        let inner = self.inner.len().max(self.coarse.len());
+        1 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len()
     }
 
     /// Adds the indirect light of `light` to `target`; `visibility` is that of the points.
@@ -112,7 +118,7 @@ impl Indirect {
             haar.run(frame, &self.vector);
         }
         let coarse = detail == Detail::Coarse && !self.coarse.is_empty();
-        for product in if coarse { &self.coarse } else { &self.chain } {
+        for product in if coarse { &self.coarse } else { &self.inner }.iter().chain(&self.last) {
             product.run(frame, &self.vector, target);
         }
         for product in &self.sparse {

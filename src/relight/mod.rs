@@ -272,20 +272,20 @@ impl Relighter {
         self.sheet.forget();
     }
 
-    /// Lights of which a whole picture has yet to make images; 0 where images are too many to keep.
+    /// Lights of which a whole picture has yet to make images.
     pub fn pending(&self) -> usize {
-        if self.keeps_all() { self.cache.pending().0 } else { 0 }
+        self.cache.pending().0
     }
 
     /// Makes the image of one light that is [pending](Self::pending), so that a whole picture has less to do.
     pub fn prepare(&mut self) -> Result<()> {
-        let Some(light) = self.cache.pending().1.filter(|_| self.keeps_all()) else { return Ok(()) };
+        let Some(light) = self.cache.pending().1 else { return Ok(()) };
         let plan = self.cache.plan_light(light);
         self.run_or_start_anew(&plan, None)
     }
 
-    /// Whether every image has its place.
-    fn keeps_all(&self) -> bool {
+    /// Whether every image has its place, so that none is made twice.
+    pub fn keeps_all(&self) -> bool {
         self.images.len() >= LightCache::slot_range(self.rig().lights.len()).1
     }
 

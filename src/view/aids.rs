@@ -162,7 +162,9 @@ pub fn short(value: f32) -> String {
 
 /// The view's name, over the upper middle of the picture.
 pub fn title(ui: &Ui, text: &str, at: Pos2) {
-    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+    // Over all windows: it tells of the picture that they hide.
+    let layer = egui::LayerId::new(egui::Order::Foreground, egui::Id::new("title"));
+    let painter = ui.ctx().layer_painter(layer);
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), TEXT);
     let place = Align2::CENTER_TOP.anchor_size(at + Vec2::new(0.0, 6.0), galley.size());
     painter.rect_filled(place.expand2(Vec2::new(8.0, 3.0)), 4.0, Color32::from_black_alpha(200));

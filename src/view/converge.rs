@@ -124,8 +124,10 @@ impl Converge {
 
     /// Whether there can be more samples.
     fn is_wanted(&self, opened: &Opened) -> bool {
-        // Rows of wavelets serve one sample a pixel.
-        self.samples > 1 && opened.baked.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
+        // Rows of wavelets serve one sample a pixel; images that take each other's place are never all there.
+        self.samples > 1
+            && self.relighter.as_ref().is_none_or(Relighter::keeps_all)
+            && opened.baked.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
     }
 
     /// When there is something to do, or to show to one who looks at it, if nothing happens until then.

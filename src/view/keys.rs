@@ -167,11 +167,11 @@ pub const SECTIONS: &[Section] = &[
             once(&[(NONE, Key::F7)], Command::View(View::Reflection), "reflections"),
             once(&[(NONE, Key::F8)], Command::View(View::Indirect), "indirect light"),
             once(&[(NONE, Key::F9)], Command::View(View::Light), "the selected light's share"),
-            once(&[(NONE, Key::F10)], Command::View(View::Lights), "every light's share; a click selects"),
-            once(&[(NONE, Key::F12)], Command::NextChannel, "next channel of the deep framebuffer"),
-            once(&[(Modifiers::SHIFT, Key::F12)], Command::NextLayer, "its next layer: what mirrors show"),
+            once(&[(NONE, Key::F10)], Command::View(View::Lights), "each light's share; a click selects"),
+            once(&[(NONE, Key::F12)], Command::NextChannel, "deep framebuffer: next channel"),
+            once(&[(Modifiers::SHIFT, Key::F12)], Command::NextLayer, "next layer: in mirrors"),
             once(&[(Modifiers::SHIFT, Key::F8)], Command::View(View::TransferError), "error of indirect light"),
-            once(&[(NONE, Key::F4)], Command::Aid(Aid::FalseColor), "false colours: one a stop"),
+            once(&[(NONE, Key::F4)], Command::Aid(Aid::FalseColor), "false colours, one a stop"),
             once(&[(Modifiers::SHIFT, Key::F4)], Command::Aid(Aid::Histogram), "histogram"),
             once(&[(Modifiers::SHIFT, Key::F5)], Command::Aid(Aid::Probe), "values under the mouse"),
             once(&[(Modifiers::SHIFT, Key::F6)], Command::Aid(Aid::GatherSamples), "gather samples"),
@@ -245,7 +245,7 @@ pub const SECTIONS: &[Section] = &[
             once(&[(Modifiers::SHIFT, Key::F3)], Command::Aid(Aid::Profile), "times as a graph, and memory"),
             once(&[(NONE, Key::F11)], Command::FullScreen, "full screen"),
             once(&[(NONE, Key::F1), (NONE, Key::Questionmark)], Command::Help, "these keys"),
-            once(&[(NONE, Key::Escape)], Command::Close, "close what is open"),
+            once(&[(NONE, Key::Escape)], Command::Close, "close; back to the picture"),
         ],
     },
 ];
@@ -312,6 +312,12 @@ impl Binding {
         let texts: Vec<_> = self.keys.iter().map(|&(modifiers, key)| chord_text(modifiers, key)).collect();
         texts.join(", ")
     }
+}
+
+/// What a command does and which key does it, for who points at its button.
+pub fn hint(command: Command) -> Option<String> {
+    let binding = SECTIONS.iter().flat_map(|section| section.bindings).find(|binding| binding.command == command)?;
+    Some(format!("{} ({})", binding.text, binding.keys_text()))
 }
 
 /// "Ctrl+Shift+Z", as scripts write it too.

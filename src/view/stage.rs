@@ -445,8 +445,8 @@ impl Stage {
             Command::Help => view.help = !view.help,
             Command::Close if matches!(view.dialog, Some(Dialog::Recover(_))) => {} // it waits for an answer
             Command::Close => {
-                if view.dialog.take().is_none() {
-                    view.help = false;
+                if view.dialog.take().is_none() && !std::mem::take(&mut view.help) {
+                    view.views.view = View::Beauty;
                 }
             }
             Command::FullScreen => {} // the window's own

@@ -3,7 +3,7 @@
 use egui::{ComboBox, Ui};
 
 use super::controls::{Action, ViewState};
-use super::keys::Command;
+use super::keys::{self, Command};
 use crate::bake::channels::Channel;
 use crate::relight::{Layers, Picture, ToneMap};
 
@@ -101,12 +101,13 @@ impl View {
 }
 
 impl Aid {
-    const ALL: [(Self, &'static str, &'static str); 5] = [
-        (Self::FalseColor, "stops", "false colours: one a stop of luminance"),
-        (Self::Histogram, "histogram", "how many pixels have which luminance"),
-        (Self::Probe, "probe", "the values of the pixel under the mouse"),
-        (Self::GatherSamples, "gather", "gather samples where the camera sees them"),
-        (Self::Profile, "profile", "what frames took, as a graph, and who holds memory"),
+    /// What their buttons say.
+    const ALL: [(Self, &'static str); 5] = [
+        (Self::FalseColor, "stops"),
+        (Self::Histogram, "histogram"),
+        (Self::Probe, "probe"),
+        (Self::GatherSamples, "gather"),
+        (Self::Profile, "profile"),
     ];
 
     pub fn name(self) -> &'static str {
@@ -156,7 +157,12 @@ pub fn menu(ui: &mut Ui, view: &ViewState, actions: &mut Vec<Action>) {
         let shown = ComboBox::from_id_salt("view").selected_text(view.views.title()).width(150.0).height(420.0);
         shown.show_ui(ui, |ui| {
             for choice in View::all() {
-                if ui.selectable_label(view.views.view == choice, choice.name()).clicked() {
+                let label = ui.selectable_label(view.views.view == choice, choice.name());
+                let label = match keys::hint(Command::View(choice)) {
+                    Some(hint) => label.on_hover_text(hint),
+                    None => label,
+                };
+                if label.clicked() {
                     actions.push(Action::Do(Command::View(choice)));
                 }
             }
@@ -169,7 +175,8 @@ pub fn menu(ui: &mut Ui, view: &ViewState, actions: &mut Vec<Action>) {
     });
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        for (aid, text, hint) in Aid::ALL {
+        for (aid, text) in Aid::ALL {
+            let hint = keys::hint(Command::Aid(aid)).unwrap_or_default();
             if ui.selectable_label(view.views.has(aid), text).on_hover_text(hint).clicked() {
                 actions.push(Action::Do(Command::Aid(aid)));
             }

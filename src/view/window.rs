@@ -63,6 +63,8 @@ struct App {
     asked: bool,
     /// When the interface wants to be drawn again.
     wake: Option<Instant>,
+    /// Frames of the interface since the last event.
+    looks: u32,
     /// When the hand will have rested for long enough, if there may be work for that time.
     rest: Option<Instant>,
     /// Something was done since then that a frame has to show.
@@ -77,6 +79,9 @@ struct App {
     outcome: Result<()>,
 }
 
+/// How often the interface may be drawn again without an event: what comes newly over the picture is first measured, then
+/// seen, and what it tells may come with the picture.
+const LOOKS: u32 = 2;
 /// The interface wants a second look after most events; while they keep coming, the next one is that look.
 const SECOND_LOOK: Duration = Duration::from_millis(40);
 
@@ -119,6 +124,7 @@ impl App {
             stale: true,
             asked: false,
             wake: None,
+            looks: 0,
             rest: None,
             rested: false,
             first_picture: None,
@@ -230,7 +236,8 @@ impl App {
         let has_ui = self.view.has_ui() || self.stage.is_none();
         let drawn = if has_ui {
             let (ui, actions) = self.run_ui(input)?;
-            if !had_events {
+            self.looks = if had_events { 0 } else { self.looks + 1 };
+            if self.looks > LOOKS {
                 self.wake = None; // it would ask for ever
             }
             if !actions.is_empty() {

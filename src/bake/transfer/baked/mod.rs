@@ -46,7 +46,8 @@ pub struct BakedTransfer {
     pub haar: bool,
     /// The last one's results are view samples.
     pub chain: Vec<BlockMatrix>,
-    /// What stands for the chain while a picture is made in a hurry; empty: the chain itself. Not kept in the cache.
+    /// What stands for all of the chain but its last matrix while a picture is made in a hurry; empty: the chain itself. Not
+    /// kept in the cache.
     pub coarse: Vec<BlockMatrix>,
     /// What takes λ0 to view samples where there is no chain.
     pub sparse: Option<SparseMatrix>,
