@@ -189,8 +189,11 @@ pub fn help(ui: &mut Ui, view: &mut ViewState) {
         ScrollArea::both().auto_shrink([true, true]).show(ui, |ui| {
             ui.spacing_mut().interact_size.y = 14.0;
             ui.horizontal_top(|ui| {
-                // As many in each column as look even.
-                for sections in [&SECTIONS[..3], &SECTIONS[3..5], &SECTIONS[5..]] {
+                // As many columns as fit, as many sections in each as look even.
+                let ends: &[usize] = if room.x < 1200.0 { &[4, SECTIONS.len()] } else { &[3, 5, SECTIONS.len()] };
+                let mut first = 0;
+                for &end in ends {
+                    let sections = &SECTIONS[std::mem::replace(&mut first, end)..end];
                     ui.vertical(|ui| sections.iter().for_each(|section| help_section(ui, section)));
                     ui.add_space(12.0);
                 }
