@@ -2,25 +2,25 @@
 
 use std::time::{Duration, Instant};
 
-use egui::{Event, PointerButton, ViewportId};
+use egui::{Event, ViewportId};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Fullscreen, WindowId};
 
-use super::controls::{self, Action, Dialog, PANEL_WIDTH, ViewState};
-use super::gather::GatherMarks;
-use super::gizmo::Grab;
+use super::controls::{Action, Dialog, PANEL_WIDTH, ViewState};
 use super::graphics::Graphics;
-use super::keys::{self, Command};
+use super::hand::{Around, Hand, Taken};
+use super::interface::{Interface, loading_bar};
+use super::keys::Command;
 use super::load::{LoadEvent, Loader};
 use super::pick::placement;
 use super::script::Script;
 use super::stage::{Pointer, Stage, Then};
 use super::timings::Timings;
-use super::views::{Aid, View, Views};
-use super::{Latency, Opened, ViewReport, ViewSettings, overlay, profile, wipe};
+use super::views::Views;
+use super::{Latency, Opened, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 use crate::relight::ToneMap;
@@ -48,13 +48,7 @@ struct App {
     graphics: Option<Graphics>,
     /// What the loading thread does, and how far it is.
     loading: Option<(&'static str, f32)>,
-    pointer: Option<egui::Pos2>,
-    panning: bool,
-    pan: [f32; 2],
-    /// A key that is held and follows the mouse.
-    dragging: Option<(egui::Key, Command)>,
-    /// What the mouse took hold of in the picture.
-    grabbed: Option<Grab>,
+    hand: Hand,
     /// When the first event came that no frame has shown yet.
     pending: Option<Instant>,
     /// Something changed that a frame has to show.
@@ -115,11 +109,7 @@ impl App {
             stage: None,
             graphics: None,
             loading: Some(("loading", 0.0)),
-            pointer: None,
-            panning: false,
-            pan: [0.0; 2],
-            dragging: None,
-            grabbed: None,
+            hand: Hand::default(),
             pending: None,
             stale: true,
             asked: false,
@@ -197,12 +187,12 @@ impl App {
         let PhysicalSize { width, height } = graphics.window.inner_size();
         let panel = if self.view.panel { (PANEL_WIDTH * graphics.pixels_per_point()).ceil() as u32 } else { 0 };
         let area = [width.saturating_sub(panel), height];
-        placement(stage.picture_size(), area, self.view.one_to_one, self.pan.map(|x| x as i32))
+        placement(stage.picture_size(), area, self.view.one_to_one, self.hand.pan.map(|x| x as i32))
     }
 
     fn pointer(&self) -> Pointer {
         let scale = self.graphics.as_ref().map_or(1.0, Graphics::pixels_per_point);
-        Pointer { placement: self.placement(), at: self.pointer.map(|at| [at.x * scale, at.y * scale]) }
+        Pointer { placement: self.placement(), at: self.hand.at.map(|at| [at.x * scale, at.y * scale]) }
     }
 
     /// Events that the script has for now.
@@ -260,77 +250,19 @@ impl App {
 
     /// What the events mean; those that mean something to us are taken out.
     fn take_events(&mut self, events: &mut Vec<Event>) -> Vec<Action> {
-        let ui_wants_keys = self.graphics.as_ref().is_some_and(|graphics| {
-            self.view.dialog.is_some() || graphics.egui.egui_ctx().egui_wants_keyboard_input() && self.view.has_ui()
-        });
-        let ui_wants_pointer =
-            self.graphics.as_ref().is_some_and(|graphics| graphics.egui.egui_ctx().egui_wants_pointer_input());
         let pointer = self.pointer();
-        let mut actions = Vec::new();
-        events.retain(|event| match event {
-            Event::PointerMoved(at) => {
-                let before = self.pointer.replace(*at);
-                if let (true, Some(before), Some(graphics)) = (self.panning, before, &self.graphics) {
-                    let moved = (*at - before) * graphics.pixels_per_point();
-                    self.pan = [self.pan[0] + moved.x, self.pan[1] + moved.y];
-                    self.stale = true;
-                }
-                // One edit for all moves of a frame: the last one counts.
-                if let Some((_, command)) = self.dragging {
-                    actions.retain(|action| *action != Action::Do(command));
-                    actions.push(Action::Do(command));
-                }
-                if let Some(grab) = self.grabbed {
-                    actions.retain(|action| *action != Action::Drag(grab));
-                    actions.push(Action::Drag(grab));
-                }
-                true
-            }
-            Event::PointerGone => {
-                self.pointer = None;
-                true
-            }
-            Event::PointerButton { button, pressed, modifiers, .. } => {
-                self.panning = *button == PointerButton::Middle && *pressed && self.view.one_to_one;
-                self.grabbed = None;
-                if let Some(stage) = &mut self.stage {
-                    stage.let_go();
-                    let presses_picture = *button == PointerButton::Primary && *pressed && !ui_wants_pointer;
-                    if presses_picture && self.view.views.view == View::Lights {
-                        self.stale |= stage.select_from_sheet(pointer);
-                    } else if presses_picture && self.view.panel {
-                        self.grabbed = stage.grab(pointer, *modifiers);
-                        self.stale = true;
-                    }
-                }
-                true
-            }
-            Event::Key { key, pressed: false, .. } => {
-                if self.dragging.is_some_and(|(held, _)| held == *key) {
-                    self.dragging = None;
-                    self.stage.iter_mut().for_each(Stage::let_go);
-                }
-                true
-            }
-            Event::Key { key, pressed: true, repeat, modifiers, .. } => {
-                let Some(command) = keys::command(*modifiers, *key) else { return true };
-                if ui_wants_keys && !controls::works_always(command) {
-                    return true;
-                }
-                if *repeat && !controls::repeats(command) {
-                    return false;
-                }
-                if !repeat && let Some(stage) = &mut self.stage {
-                    stage.desk.end_gesture();
-                }
-                if matches!(command, Command::Place | Command::Aim | Command::Highlight | Command::Shadow) {
-                    self.dragging = Some((*key, command));
-                }
-                actions.push(Action::Do(command));
-                false
-            }
-            _ => true,
-        });
+        let graphics = self.graphics.as_ref().expect("frames begin with graphics");
+        let context = graphics.egui.egui_ctx();
+        let around = Around {
+            stage: self.stage.as_mut(),
+            view: &self.view,
+            pointer,
+            pixels_per_point: graphics.pixels_per_point(),
+            ui_wants_keys: self.view.dialog.is_some() || context.egui_wants_keyboard_input() && self.view.has_ui(),
+            ui_wants_pointer: context.egui_wants_pointer_input(),
+        };
+        let Taken { actions, stale } = self.hand.take(events, around);
+        self.stale |= stale;
         actions
     }
 
@@ -367,45 +299,8 @@ impl App {
         let output = context.run_ui(input, |ui| match stage {
             None => loading_bar(ui, name, loading.unwrap_or_default()),
             Some(stage) => {
-                let rig_path = stage.rig_path().map(ToOwned::to_owned);
-                if view.panel {
-                    let side = egui::Panel::right("panel").exact_size(PANEL_WIDTH).resizable(false);
-                    side.show(ui, |ui| {
-                        if let Some((what, share)) = loading {
-                            controls::baking(ui, what, share);
-                        }
-                        controls::panel(ui, stage, view, name, &mut actions)
-                    });
-                }
-                let project = |point| Some(stage.opened.project(placement, point)? / scale);
-                if view.views.has(Aid::GatherSamples) {
-                    let mut marks = GatherMarks::get(stage.gather_marks.take(), &stage.opened);
-                    marks.draw(ui, project);
-                    stage.gather_marks = Some(marks);
-                }
-                if view.panel && view.views.view != View::Lights {
-                    let painter = ui.ctx().layer_painter(egui::LayerId::background());
-                    stage.gizmos(placement).draw(&painter, scale);
-                }
-                if view.views.view == View::Beauty {
-                    wipe::draw(ui, view, &stage.desk, placement, scale);
-                }
-                if view.look {
-                    let Stage { look, opened, desk, .. } = stage;
-                    look.show(ui, opened, desk);
-                }
-                stage.draw_aids(ui, view, placement, scale);
-                if view.overlay {
-                    overlay::times(ui, timings, &stage.desk, egui::Pos2::ZERO);
-                }
-                if view.views.has(Aid::Profile) {
-                    let right = (placement.left as f32 + placement.width as f32) / scale;
-                    profile::draw(ui, timings, &stage.memory(), budget_ms, egui::Pos2::new(right, 0.0));
-                }
-                if view.help {
-                    controls::help(ui, view);
-                }
-                controls::dialog(ui, view, rig_path.as_deref(), &mut actions);
+                let view = &mut *view;
+                Interface { stage, view, timings, name, loading, budget_ms, placement, scale }.draw(ui, &mut actions);
             }
         });
         graphics.egui.handle_platform_output(&graphics.window, output.platform_output);
@@ -588,14 +483,4 @@ impl ApplicationHandler<LoadEvent> for App {
             [self.wake, self.rest, self.next_scripted(), goes_on].into_iter().flatten().filter(|at| !due(at)).min();
         event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
-}
-
-fn loading_bar(ui: &mut egui::Ui, name: &str, (what, share): (&str, f32)) {
-    ui.vertical_centered(|ui| {
-        ui.add_space(ui.available_height() * 0.4);
-        ui.heading(name);
-        ui.add_space(8.0);
-        ui.label(what);
-        ui.add(egui::ProgressBar::new(share).desired_width(320.0).show_percentage());
-    });
 }

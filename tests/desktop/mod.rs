@@ -137,6 +137,11 @@ impl App<'_> {
             std::thread::sleep(Duration::from_millis(50));
         }
         self.desktop.xdotool(&["windowactivate", "--sync", &self.window]);
+        // The manager calls a window active before keys go to it.
+        while self.desktop.xdotool(&["getwindowfocus"]) != self.window {
+            assert!(start.elapsed() < PATIENCE, "the window gets no keys");
+            std::thread::sleep(Duration::from_millis(20));
+        }
         self.wait_for_title(says);
     }
 

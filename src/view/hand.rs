@@ -1,0 +1,114 @@
+//! The hand on mouse and keys: what its events mean.
+
+use egui::{Event, Key, PointerButton, Pos2};
+
+use super::controls::{self, Action, ViewState};
+use super::gizmo::Grab;
+use super::keys::{self, Command};
+use super::stage::{Pointer, Stage};
+use super::views::View;
+
+#[derive(Default)]
+pub struct Hand {
+    /// Where the mouse is.
+    pub at: Option<Pos2>,
+    /// How far the picture was pulled, pixels.
+    pub pan: [f32; 2],
+    panning: bool,
+    /// A key that is held and follows the mouse.
+    dragging: Option<(Key, Command)>,
+    /// What the mouse took hold of in the picture.
+    grabbed: Option<Grab>,
+}
+
+/// What events come upon.
+pub struct Around<'a> {
+    pub stage: Option<&'a mut Stage>,
+    pub view: &'a ViewState,
+    /// Where the mouse was before them.
+    pub pointer: Pointer,
+    pub pixels_per_point: f32,
+    pub ui_wants_keys: bool,
+    pub ui_wants_pointer: bool,
+}
+
+/// What events ask for.
+#[derive(Default)]
+pub struct Taken {
+    pub actions: Vec<Action>,
+    /// Whether there is something new to be seen, whatever the actions do.
+    pub stale: bool,
+}
+
+impl Hand {
+    /// What the events mean; those that mean something to us are taken out.
+    pub fn take(&mut self, events: &mut Vec<Event>, mut around: Around) -> Taken {
+        let mut taken = Taken::default();
+        events.retain(|event| match event {
+            Event::PointerMoved(at) => {
+                self.moved(*at, around.pixels_per_point, &mut taken);
+                true
+            }
+            Event::PointerGone => {
+                self.at = None;
+                true
+            }
+            Event::PointerButton { button, pressed, modifiers, .. } => {
+                self.panning = *button == PointerButton::Middle && *pressed && around.view.one_to_one;
+                self.grabbed = None;
+                if let Some(stage) = &mut around.stage {
+                    stage.let_go();
+                    let presses_picture = *button == PointerButton::Primary && *pressed && !around.ui_wants_pointer;
+                    if presses_picture && around.view.views.view == View::Lights {
+                        taken.stale |= stage.select_from_sheet(around.pointer);
+                    } else if presses_picture && around.view.panel {
+                        self.grabbed = stage.grab(around.pointer, *modifiers);
+                        taken.stale = true;
+                    }
+                }
+                true
+            }
+            Event::Key { key, pressed: false, .. } => {
+                if self.dragging.is_some_and(|(held, _)| held == *key) {
+                    self.dragging = None;
+                    around.stage.iter_mut().for_each(|stage| stage.let_go());
+                }
+                true
+            }
+            Event::Key { key, pressed: true, repeat, modifiers, .. } => {
+                let Some(command) = keys::command(*modifiers, *key) else { return true };
+                if around.ui_wants_keys && !controls::works_always(command) {
+                    return true;
+                }
+                if *repeat && !controls::repeats(command) {
+                    return false;
+                }
+                if !repeat && let Some(stage) = &mut around.stage {
+                    stage.desk.end_gesture();
+                }
+                if matches!(command, Command::Place | Command::Aim | Command::Highlight | Command::Shadow) {
+                    self.dragging = Some((*key, command));
+                }
+                taken.actions.push(Action::Do(command));
+                false
+            }
+            _ => true,
+        });
+        taken
+    }
+
+    fn moved(&mut self, at: Pos2, pixels_per_point: f32, taken: &mut Taken) {
+        let before = self.at.replace(at);
+        if let (true, Some(before)) = (self.panning, before) {
+            let moved = (at - before) * pixels_per_point;
+            self.pan = [self.pan[0] + moved.x, self.pan[1] + moved.y];
+            taken.stale = true;
+        }
+        // One edit for all moves of a frame: the last one counts.
+        let held = self.dragging.map(|(_, command)| Action::Do(command));
+        for action in held.into_iter().chain(self.grabbed.map(Action::Drag)) {
+            taken.actions.retain(|other| *other != action);
+            taken.actions.push(action);
+        }
+    }
+}

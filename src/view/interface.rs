@@ -1,0 +1,85 @@
+//! What is drawn over and beside the picture: one state of the interface.
+
+use egui::Ui;
+
+use super::controls::{self, Action, PANEL_WIDTH, ViewState};
+use super::gather::GatherMarks;
+use super::stage::Stage;
+use super::timings::Timings;
+use super::views::{Aid, View};
+use super::{overlay, profile, wipe};
+use crate::gpu::Placement;
+
+/// What the interface shows and changes.
+pub struct Interface<'a> {
+    pub stage: &'a mut Stage,
+    pub view: &'a mut ViewState,
+    pub timings: &'a Timings,
+    /// Of the scene.
+    pub name: &'a str,
+    /// What the loading thread does, and how far it is.
+    pub loading: Option<(&'static str, f32)>,
+    /// Milliseconds that a frame may take.
+    pub budget_ms: f64,
+    /// Where the picture lies.
+    pub placement: Placement,
+    /// Pixels of the screen for each point of the interface.
+    pub scale: f32,
+}
+
+impl Interface<'_> {
+    /// `actions` are added that hands ask for.
+    pub fn draw(self, ui: &mut Ui, actions: &mut Vec<Action>) {
+        let Self { stage, view, timings, name, loading, budget_ms, placement, scale } = self;
+        let rig_path = stage.rig_path().map(ToOwned::to_owned);
+        if view.panel {
+            let side = egui::Panel::right("panel").exact_size(PANEL_WIDTH).resizable(false);
+            side.show(ui, |ui| {
+                if let Some((what, share)) = loading {
+                    controls::baking(ui, what, share);
+                }
+                controls::panel(ui, stage, view, name, actions)
+            });
+        }
+        let project = |point| Some(stage.opened.project(placement, point)? / scale);
+        if view.views.has(Aid::GatherSamples) {
+            let mut marks = GatherMarks::get(stage.gather_marks.take(), &stage.opened);
+            marks.draw(ui, project);
+            stage.gather_marks = Some(marks);
+        }
+        if view.panel && view.views.view != View::Lights {
+            let painter = ui.ctx().layer_painter(egui::LayerId::background());
+            stage.gizmos(placement).draw(&painter, scale);
+        }
+        if view.views.view == View::Beauty {
+            wipe::draw(ui, view, &stage.desk, placement, scale);
+        }
+        if view.look {
+            let Stage { look, opened, desk, .. } = stage;
+            look.show(ui, opened, desk);
+        }
+        stage.draw_aids(ui, view, placement, scale);
+        if view.overlay {
+            overlay::times(ui, timings, &stage.desk, egui::Pos2::ZERO);
+        }
+        if view.views.has(Aid::Profile) {
+            let right = (placement.left as f32 + placement.width as f32) / scale;
+            profile::draw(ui, timings, &stage.memory(), budget_ms, egui::Pos2::new(right, 0.0));
+        }
+        if view.help {
+            controls::help(ui, view);
+        }
+        controls::dialog(ui, view, rig_path.as_deref(), actions);
+    }
+}
+
+/// Before there is a picture.
+pub fn loading_bar(ui: &mut Ui, name: &str, (what, share): (&str, f32)) {
+    ui.vertical_centered(|ui| {
+        ui.add_space(ui.available_height() * 0.4);
+        ui.heading(name);
+        ui.add_space(8.0);
+        ui.label(what);
+        ui.add(egui::ProgressBar::new(share).desired_width(320.0).show_percentage());
+    });
+}
