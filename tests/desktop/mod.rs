@@ -8,6 +8,7 @@ pub mod pictures;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::command::without_indirect;
@@ -24,9 +25,13 @@ pub struct Desktop {
 /// Longest that a window may take to do anything; machines are shared.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Servers that come and go at the same time take the same number for free.
+static TURN: Mutex<()> = Mutex::new(());
+
 impl Desktop {
     /// `None`, and a line that says so, where the programs are missing.
     pub fn start() -> Option<Self> {
+        let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let mut server = match Command::new("Xvfb")
             .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp"])
             .stdout(Stdio::piped())
@@ -98,10 +103,12 @@ impl Desktop {
 
 impl Drop for Desktop {
     fn drop(&mut self) {
-        for child in [&mut self.manager, &mut self.server] {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
+        let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let _ = self.manager.kill();
+        let _ = self.manager.wait();
+        // Asked, not killed: it takes its socket and its lock with it.
+        let _ = Command::new("kill").arg(self.server.id().to_string()).status();
+        let _ = self.server.wait();
     }
 }
 
@@ -131,7 +138,12 @@ impl App<'_> {
         let start = Instant::now();
         while self.window.is_empty() {
             let ended = self.child.try_wait().unwrap();
-            assert!(start.elapsed() < PATIENCE && ended.is_none(), "no window came; the program ended: {ended:?}");
+            if let Some(status) = ended {
+                let mut said = String::new();
+                self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+                panic!("{status}, and no window: {said}");
+            }
+            assert!(start.elapsed() < PATIENCE, "no window came");
             let found = self.desktop.xdotool(&["search", "--onlyvisible", "--name", "relume$"]);
             self.window = found.lines().next().unwrap_or_default().to_owned();
             std::thread::sleep(Duration::from_millis(50));
@@ -140,7 +152,8 @@ impl App<'_> {
         // The manager calls a window active before keys go to it.
         while self.desktop.xdotool(&["getwindowfocus"]) != self.window {
             assert!(start.elapsed() < PATIENCE, "the window gets no keys");
-            std::thread::sleep(Duration::from_millis(20));
+            std::thread::sleep(Duration::from_millis(100));
+            self.desktop.xdotool(&["windowactivate", &self.window]);
         }
         self.wait_for_title(says);
     }
