@@ -135,10 +135,7 @@ fn at_rest_pictures_become_what_render_makes_of_more_samples() {
     window.key("ctrl+z", "undone");
     window.key("ctrl+z", "undone");
     wait_for_picture(&window, &best);
-    window.keys(&["ctrl+q"]);
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    window.keys(&["q"]);
-    window.ends_silently();
+    window.quits_unsaved();
 }
 
 #[test]

@@ -73,10 +73,7 @@ fn a_person_sets_up_lights() {
     window.keys(&["ctrl+q"]);
     window.keys(&["Escape"]);
     window.key("Tab", "of 2");
-    window.keys(&["ctrl+q"]);
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    window.keys(&["q"]);
-    window.ends_silently();
+    window.quits_unsaved();
     assert_eq!(Rig::load(&rig).unwrap(), after);
 }
 

@@ -253,6 +253,19 @@ impl App<'_> {
         Shot { width: usize::from(width), height: usize::from(height), rgb }
     }
 
+    pub fn click(&self, x: i32, y: i32) {
+        self.drag([x, y], [x, y]);
+    }
+
+    /// Quits, and when asked what shall become of unsaved edits, lets them go.
+    #[track_caller]
+    pub fn quits_unsaved(self) {
+        self.keys(&["ctrl+q"]);
+        std::thread::sleep(Duration::from_millis(300));
+        self.keys(&["q"]);
+        self.ends_silently();
+    }
+
     /// Waits for the end: a clean one, without a word from anybody.
     #[track_caller]
     pub fn ends_silently(mut self) {

@@ -165,10 +165,7 @@ fn what_was_not_saved_survives_a_crash() {
     let recovered = saved_is_rendered(&window, &rig);
     assert_eq!((recovered.groups.len(), recovered.lights[0].group), (1, Some(0)));
     window.key("d", "moved");
-    window.keys(&["ctrl+q"]);
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    window.keys(&["q"]);
-    window.ends_silently();
+    window.quits_unsaved();
     assert!(!kept.exists(), "who quits has decided");
 }
 
@@ -223,3 +220,37 @@ fn a_light_is_dragged_in_the_picture() {
     let moved = [0, 1].map(|axis| pixel(&after, light)[axis] - pixel(&before, light)[axis]);
     assert!((moved[0] - 40.0).abs() < 1.5 && (moved[1] - 20.0).abs() < 1.5, "{moved:?}");
 }
+
+#[test]
+fn history_is_a_list_to_click() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let window = open(&desktop, &rig);
+    let opened = picture(&window);
+    window.key("d", "moved 0.1 m");
+    let moved = picture(&window);
+    window.key("plus", "+0.5 stop");
+    window.key("comma", "colour");
+    let colored = picture(&window);
+    assert!(difference(&opened, &moved) > 0.0 && difference(&moved, &colored) > 0.0);
+    window.key("F2", "colour"); // the panel
+    let in_panel = |x: i32, y: i32| {
+        let shot = window.screenshot();
+        window.click(shot.width as i32 + x, y);
+    };
+    in_panel(HISTORY[0], HISTORY[1]);
+    // "opened", then a line an edit.
+    for (line, says, shown) in [(1, "moved 0.1 m", &moved), (0, "opened", &opened), (3, "colour", &colored)] {
+        in_panel(HISTORY[0], HISTORY[1] + 21 + 21 * line);
+        window.wait_for_title(says);
+        window.key("F2", says);
+        assert_eq!(difference(&picture(&window), shown), 0.0, "{says}");
+        window.key("F2", says);
+    }
+    window.key("ctrl+z", "+0.5 stop");
+    window.quits_unsaved();
+}
+
+/// Where the panel's heading "History" lies: from the window's right edge, from its top.
+const HISTORY: [i32; 2] = [-245, 409];
