@@ -8,14 +8,15 @@ use common::stage::{Build, lambert, mirror};
 use common::{assert_near, shared};
 use glam::{DVec3, Vec3};
 use relume::bake::bvh::Bvh;
-use relume::bake::gather_samples::{GatherSamples, Placement};
+use relume::bake::gather_samples::{GatherSamples, Placement, Surfaces};
 use relume::bake::point_tree::middle;
 use relume::scene::{Material, Scene};
 
 const CLUSTERED: Placement = Placement::Clustered { points: 4 };
 
 fn place(scene: &Scene, placement: Placement, count: usize, seed: u64) -> GatherSamples {
-    GatherSamples::place(scene, &Bvh::build(scene), placement, count, seed)
+    let bvh = Bvh::build(scene);
+    GatherSamples::place(scene, &bvh, &Surfaces::even(scene, &bvh), placement, count, seed)
 }
 
 fn room(half: f64) -> Build {

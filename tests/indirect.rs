@@ -314,7 +314,7 @@ fn pictures_are_what_the_operator_says() {
         let (scene, bvh) = (stage.scene.clone(), stage.bvh.clone());
         let baked = stage.baked.clone();
         let transfer = Transfer::new(&scene, &bvh, &baked, &settings(300, coarse_samples), &|_| ());
-        let dense = BakedTransfer::dense(&transfer, &baked, Lobe::All, &|_| ());
+        let dense = BakedTransfer::dense(&transfer, &baked, Lobe::All, &mut Journal::default(), &|_| ());
         assert!(dense.is_consistent(baked.samples.len()));
         assert!(!baked.extra_samples.is_empty(), "the mirror shows something");
         let without = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::All);
@@ -416,7 +416,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
         seed: 1,
     };
     let thesis = Thesis::new(&scene, &bvh, &baked, &settings, &|_| ());
-    let transfer = BakedTransfer::thesis(&thesis, &baked, Lobe::All, &|_| ());
+    let transfer = BakedTransfer::thesis(&thesis, &baked, Lobe::All, &mut Journal::default(), &|_| ());
     assert!(transfer.is_consistent(baked.samples.len()) && !transfer.factored.is_empty());
     stage.baked = Arc::new(Baked { transfer: Some(transfer), ..(*baked).clone() });
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);
@@ -442,7 +442,7 @@ fn shadow_maps_light_gather_samples() {
     let setup = Setup::new(24, 24);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(300, 300), &|_| ());
-    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &|_| ());
+    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
     let baked = Baked { transfer: Some(dense), ..(*stage.baked).clone() };
     drop(transfer);
     stage.baked = Arc::new(baked);
@@ -464,7 +464,7 @@ fn scenes_where_nothing_reflects_have_no_indirect_light() {
     let setup = Setup::new(16, 16);
     let mut stage = Stage::new(build.scene(), &camera, &lights(), &setup);
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(100, 100), &|_| ());
-    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &|_| ());
+    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
     assert!(dense.is_consistent(stage.baked.samples.len()));
     let baked = Baked { transfer: Some(dense), ..(*stage.baked).clone() };
     drop(transfer);

@@ -16,6 +16,7 @@ use relume::bake::Baked;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::compression::haar::Haar;
 use relume::bake::compression::row_wavelets::RowWavelets;
+use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::{Lobe, Rows};
 use relume::bake::transfer::sparse::SparseMatrix;
@@ -217,7 +218,7 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
         let dense = transfer.apply(std::slice::from_ref(&light), &all, Lobe::All, &|_| ()).remove(0);
         let wavelets = RowWavelets::new(&transfer, &direct, &to(0.02));
 
-        let (fewer, _, report) = wavelets.compress(&|_| ());
+        let (fewer, _, report) = wavelets.compress(&mut Journal::default(), &|_| ());
         let asked = report.noise.hypot(0.02);
         let error = relative(&fewer.multiply(&haar.terms(&light)), &dense);
         println!("{samples}: {} terms, {error:.4}, {report:?}", wavelets.kept);
@@ -228,7 +229,7 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
 
         let mut wavelets = RowWavelets::new(&transfer, &direct, &to(1e-6));
         wavelets.left_out = 0.0;
-        let (whole, _, report) = wavelets.compress(&|_| ());
+        let (whole, _, report) = wavelets.compress(&mut Journal::default(), &|_| ());
         let error = relative(&whole.multiply(&haar.terms(&light)), &dense);
         println!("all: {} terms, {error:.2e}, {report:?}", wavelets.kept);
         // Factors in float16 are off by 2^-11 of themselves at most, at random.
@@ -248,7 +249,9 @@ fn pictures_are_what_the_terms_say() {
     let transfer = Transfer::new(&scene, &bvh, &baked, &settings(700, 100), &|_| ());
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| BakedTransfer::haar(&transfer, &to(0.05), |_| Ok(()), &|_| ()).unwrap())
+        pool.install(|| {
+            BakedTransfer::haar(&transfer, &to(0.05), |_| Ok(()), &mut Journal::default(), &|_| ()).unwrap()
+        })
     };
     let haar = on(1);
     assert!(haar.is_consistent(baked.samples.len()) && haar.haar && haar.chain.is_empty());

@@ -8,6 +8,7 @@ use common::stage::{Setup, Stage};
 use common::{gpu, shipped};
 use glam::DVec3;
 use relume::bake::Baked;
+use relume::bake::journal::Journal;
 use relume::bake::spread::spread;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
@@ -25,7 +26,9 @@ fn stage(name: &str, samples: u32) -> Stage {
     Stage::new(scene, &camera, &rig, &setup(samples))
 }
 
-fn with_transfer(stage: &Stage) -> Arc<Baked> {
+/// The deep framebuffers of `stages`, of one scene, with indirect light off the same gather samples: those of the first.
+fn with_transfer<const N: usize>(stages: [&Stage; N]) -> [Arc<Baked>; N] {
+    let stage = stages[0];
     let settings = TransferSettings {
         outgoing: Outgoing::Glossy { functions: Some(9) },
         samples: 256,
@@ -37,14 +40,16 @@ fn with_transfer(stage: &Stage) -> Arc<Baked> {
         seed: 1,
     };
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
-    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &|_| ());
-    Arc::new(Baked { transfer: Some(dense), ..Baked::clone(&stage.baked) })
+    stages.map(|stage| {
+        let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
+        Arc::new(Baked { transfer: Some(dense), ..Baked::clone(&stage.baked) })
+    })
 }
 
 #[test]
 fn rows_come_along_unchanged() {
     let stage = stage("balls-2.glb", 1);
-    let plain = with_transfer(&stage);
+    let [plain] = with_transfer([&stage]);
     let light: Vec<DVec3> = {
         let count = plain.transfer.as_ref().unwrap().first().last().copied().unwrap();
         (0..count).map(|i| DVec3::splat(1.0 + f64::from(i % 7))).collect()
@@ -59,11 +64,10 @@ fn rows_come_along_unchanged() {
 fn edges_get_the_light_of_the_surface_on_either_side() {
     let gpu = gpu();
     let (one, many) = (stage("balls-2.glb", 1), stage("balls-2.glb", 8));
-    let plain = with_transfer(&one);
+    let [plain, of_its_own] = with_transfer([&one, &many]);
     let spread = spread(&plain, &many.baked, one.bvh.radius).unwrap();
     assert!(spread.is_consistent(many.baked.samples.len()));
-    let (of_its_own, spread) =
-        (with_transfer(&many), Arc::new(Baked { transfer: Some(spread), ..Baked::clone(&many.baked) }));
+    let spread = Arc::new(Baked { transfer: Some(spread), ..Baked::clone(&many.baked) });
     let rig = many.scene.rig.clone();
     let picture = |baked: &Arc<Baked>| {
         let stage = Stage { scene: many.scene.clone(), bvh: many.bvh.clone(), baked: baked.clone() };

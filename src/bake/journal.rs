@@ -43,6 +43,19 @@ impl Journal {
         record
     }
 
+    /// [`Self::replay`], or what `make` makes, which is added.
+    pub fn next<T: Serialize + DeserializeOwned>(
+        &mut self,
+        as_expected: impl Fn(&T) -> bool,
+        make: impl FnOnce() -> T,
+    ) -> T {
+        self.replay(as_expected).unwrap_or_else(|| {
+            let record = make();
+            self.add(&record);
+            record
+        })
+    }
+
     /// Adds a record.
     pub fn add<T: Serialize>(&mut self, record: &T) {
         let Some((path, file)) = &mut self.open else { return };

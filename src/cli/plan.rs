@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use relume::Result;
+use relume::bake::transfer::TransferSettings;
+use relume::bake::transfer::importance::Importance;
 use serde_json::json;
 
 use super::options::SceneOptions;
@@ -32,9 +34,14 @@ pub struct LeftOut {
     pub saves: String,
 }
 
-/// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn. `indirect`: there is, or will be,
-/// indirect light.
-pub fn left_out(session: &Session, traced: bool, indirect: bool) -> Vec<LeftOut> {
+/// Share of the surfaces that is not worth a word.
+const LITTLE: f64 = 0.01;
+/// Paths from the eye that tell how much of the scene is seen.
+const PATHS: usize = 16_384;
+
+/// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn. `unseen`: share of surfaces that no
+/// pixel sees, even over bounces, if there is, or will be, indirect light.
+pub fn left_out(session: &Session, traced: bool, unseen: Option<f64>) -> Vec<LeftOut> {
     let baked = &session.baked;
     let pixels = baked.pixel_stride();
     let mut list = Vec::new();
@@ -54,8 +61,13 @@ pub fn left_out(session: &Session, traced: bool, indirect: bool) -> Vec<LeftOut>
     if !baked.has_specular {
         add("the specular lobe", "no visible surface has one", "its share of the shading kernel".into());
     }
-    if !indirect {
-        add("indirect light", "--gi off", "gather samples, their transfer, and its passes".into());
+    match unseen {
+        None => add("indirect light", "--gi off", "gather samples, their transfer, and its passes".into()),
+        Some(unseen) if unseen > LITTLE => {
+            let saves = format!("the samples of {:.0} % of all surfaces", 100.0 * unseen);
+            add("gather samples nobody sees", "no light reaches the eye from there, over any bounces", saves);
+        }
+        Some(_) => (),
     }
     if baked.emission.is_empty() {
         add("emission", "no emitter is visible", megabytes(12 * pixels));
@@ -82,7 +94,13 @@ pub fn run(args: &Args) -> Result<()> {
     let transfer = args.options.transfer.plan(&args.options.view, [baked.tiling.width, baked.tiling.height])?;
     let images = 2 * session.rig.lights.len() * 12 * baked.pixel_stride();
     // Whether maps are drawn depends on the device, which a plan does not open.
-    let left_out = left_out(&session, false, transfer.is_some());
+    let unseen = match &transfer {
+        Some(TransferPlan::Robust(TransferSettings { layers, seed, .. }, _)) => {
+            Some(Importance::new(&session.scene, &session.bvh, baked, *layers, PATHS, *seed).unseen)
+        }
+        other => other.as_ref().map(|_| 0.0),
+    };
+    let left_out = left_out(&session, false, unseen);
     if args.json {
         let plan = json!({
             "schema": 1,

@@ -49,7 +49,7 @@ pub fn figures(session: &Session, relighters: &Relighters, written: &Written) ->
         "non_finite_passes": non_finite.into_iter().collect::<BTreeMap<_, _>>(),
         "negative": written.negative,
         "memory": memory,
-        "left_out": left_out(session, relighter.traces(), transfer.is_some()),
+        "left_out": left_out(session, relighter.traces(), transfer.map(|t| t.report.unseen)),
     })
 }
 

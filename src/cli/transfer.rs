@@ -264,7 +264,8 @@ impl TransferPlan {
         progress: &dyn Progress,
     ) -> Result<BakedTransfer> {
         let advance = |count| progress.advance(count);
-        match self {
+        let mut journal = journal.map_or_else(Journal::default, Journal::open);
+        let baked = match self {
             Self::Robust(settings, stored) => {
                 progress.begin("bounces", settings.coarse_samples.min(settings.samples));
                 let transfer = report.stage("bounces", || Transfer::new(scene, bvh, baked, settings, &advance));
@@ -282,19 +283,15 @@ impl TransferPlan {
                 progress.begin("transfer", baked.samples.len());
                 let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
                 let made = report.stage("transfer", || match *stored {
-                    Stored::Dense => Ok(BakedTransfer::dense(&transfer, baked, lobe, &advance)),
-                    Stored::Nested(error) => {
-                        let mut journal = journal.map_or_else(Journal::default, Journal::open);
-                        let nested = BakedTransfer::nested(&transfer, &to(error), &mut journal, &advance);
-                        journal.remove();
-                        Ok(nested)
-                    }
+                    Stored::Dense => Ok(BakedTransfer::dense(&transfer, baked, lobe, &mut journal, &advance)),
+                    Stored::Nested(error) => Ok(BakedTransfer::nested(&transfer, &to(error), &mut journal, &advance)),
                     Stored::Haar(error) => {
-                        BakedTransfer::haar(&transfer, &to(error), |bytes| check_wavelets(bytes, scene), &advance)
+                        let fits = |bytes| check_wavelets(bytes, scene);
+                        BakedTransfer::haar(&transfer, &to(error), fits, &mut journal, &advance)
                     }
                 });
                 progress.end();
-                made
+                made.inspect_err(|_| journal.remove())?
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);
@@ -309,11 +306,14 @@ impl TransferPlan {
                     );
                 }
                 progress.begin("transfer", baked.samples.len());
-                let dense = report.stage("transfer", || BakedTransfer::thesis(&thesis, baked, lobe, &advance));
+                let make = || BakedTransfer::thesis(&thesis, baked, lobe, &mut journal, &advance);
+                let dense = report.stage("transfer", make);
                 progress.end();
-                Ok(dense)
+                dense
             }
-        }
+        };
+        journal.remove();
+        Ok(baked)
     }
 }
 

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
 
-use crate::bake::gather_samples::GatherSamples;
+use crate::bake::gather_samples::{GatherSample, GatherSamples};
 use crate::scene::{Light, LightKind};
 use crate::sequence::Points;
 use crate::shared::PackedLight;
@@ -20,6 +20,8 @@ pub enum Kind {
 /// Draws lights around the surfaces of a scene.
 pub struct RandomLights<'a> {
     samples: &'a GatherSamples,
+    /// Areas up to and with each sample, in square metres.
+    areas: Vec<f64>,
     low: Vec3,
     high: Vec3,
     diagonal: f32,
@@ -39,7 +41,13 @@ impl<'a> RandomLights<'a> {
             (positions().fold(Vec3::INFINITY, Vec3::min), positions().fold(Vec3::NEG_INFINITY, Vec3::max));
         let diagonal = low.distance(high);
         let beyond = Vec3::splat(BEYOND * diagonal);
-        Self { samples, low: low - beyond, high: high + beyond, diagonal, points: Points::new(seed, 0) }
+        let mut area = 0.0;
+        let add = |s: &GatherSample| {
+            area += f64::from(s.area);
+            area
+        };
+        let areas = samples.samples.iter().map(add).collect();
+        Self { samples, areas, low: low - beyond, high: high + beyond, diagonal, points: Points::new(seed, 0) }
     }
 
     /// Light number `index`, in mesh space, unless it is too close to a surface; it may be where it lights nothing. Every
@@ -79,8 +87,9 @@ impl<'a> RandomLights<'a> {
 
     /// A point of some surface, and its normal.
     fn pick(&self, random: f64) -> (DVec3, DVec3) {
-        let count = self.samples.len();
-        let sample = &self.samples.samples[((random * count as f64) as usize).min(count - 1)];
+        let last = self.samples.len() - 1;
+        let sample = self.areas.partition_point(|&area| area <= random * self.areas[last]);
+        let sample = &self.samples.samples[sample.min(last)];
         (sample.position.as_dvec3(), sample.normal.as_dvec3())
     }
 }

@@ -9,12 +9,14 @@
 //! follows from `--error`.
 
 use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
 use super::fit::Inputs;
 use super::largest::largest;
 use super::panels::{self, Panels, WIDTH};
 use super::training::Direct;
 use super::{BIAS, CompressionSettings, DECIDING, POINTS, Report, SPOTS, learn, some};
+use crate::bake::journal::Journal;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::{RowGatherer, Rows};
 use crate::bake::transfer::sparse::SparseMatrix;
@@ -36,6 +38,16 @@ pub struct RowWavelets<'a> {
     pub kept: f64,
     /// Relative noise of the rows under deciding lights.
     noise: f64,
+}
+
+/// Rows that were cut.
+#[derive(Serialize, Deserialize)]
+struct Cut {
+    rows: Rows,
+    /// Indirect radiance of emitters, exactly; empty without any.
+    emission: Vec<Vec3>,
+    /// For each light to check with: squared error and square of the image of the rows that were checked.
+    found: Vec<[f64; 2]>,
 }
 
 /// View samples that tell how noisy rows are.
@@ -101,33 +113,46 @@ impl<'a> RowWavelets<'a> {
     }
 
     /// Rows of all view samples that reflect anything; indirect radiance of emitters at all view samples, exactly, or
-    /// nothing without any; and how the rows do. `progress` counts view samples.
-    pub fn compress(&self, progress: &dyn Fn(usize)) -> (SparseMatrix, Vec<Vec3>, Report) {
+    /// nothing without any; and how the rows do. What `journal` has is not done again. `progress` counts view samples.
+    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SparseMatrix, Vec<Vec3>, Report) {
         let all = self.gatherer.baked.samples.len();
         let mut matrix = SparseMatrix::new(self.weights.len(), all);
         let mut emission = vec![Vec3::ZERO; if self.emitted.is_some() { all } else { 0 }];
         let mut errors = Errors(vec![[0.0; 2]; SPOTS.end]);
         for window in self.samples.chunks(WINDOW) {
-            let mut parts = Vec::new();
-            for (i, samples) in window.chunks(AT_ONCE).enumerate() {
-                let rows = self.gatherer.gather(samples);
-                let kept = self.largest(&self.terms(&rows), self.left_out);
-                if i % CHECKED == 0 {
-                    let Inputs { checked, checks, .. } = &self.inputs;
-                    let [want, got] =
-                        [(&rows, checked), (&kept, checks)].map(|(rows, lights)| panels::multiply(rows, lights));
-                    errors.add(&want, &got);
-                }
-                if let Some(emitted) = &self.emitted {
-                    let emitted = rows.multiply(emitted);
-                    samples.iter().zip(emitted).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
-                }
-                parts.push(kept);
-                progress(samples.len());
-            }
-            matrix.push(&Rows::concatenated(parts), window);
+            let is_of = |cut: &Cut| {
+                cut.rows.is_consistent(window.len(), self.weights.len())
+                    && cut.emission.len() == if self.emitted.is_some() { window.len() } else { 0 }
+                    && cut.found.len() == SPOTS.end
+            };
+            let cut = journal.next(is_of, || self.cut(window));
+            errors.0.iter_mut().zip(cut.found).for_each(|(sum, found)| *sum = [0, 1].map(|i| sum[i] + found[i]));
+            window.iter().zip(cut.emission).for_each(|(&i, e)| emission[i as usize] = e);
+            matrix.push(&cut.rows, window);
+            progress(window.len());
         }
         (matrix, emission, errors.report(self.noise))
+    }
+
+    /// What is kept of some rows.
+    fn cut(&self, window: &[u32]) -> Cut {
+        let mut errors = Errors(vec![[0.0; 2]; SPOTS.end]);
+        let (mut parts, mut emission) = (Vec::new(), Vec::new());
+        for (i, samples) in window.chunks(AT_ONCE).enumerate() {
+            let rows = self.gatherer.gather(samples);
+            let kept = self.largest(&self.terms(&rows), self.left_out);
+            if i % CHECKED == 0 {
+                let Inputs { checked, checks, .. } = &self.inputs;
+                let [want, got] =
+                    [(&rows, checked), (&kept, checks)].map(|(rows, lights)| panels::multiply(rows, lights));
+                errors.add(&want, &got);
+            }
+            if let Some(emitted) = &self.emitted {
+                emission.extend(rows.multiply(emitted).into_iter().map(DVec3::as_vec3));
+            }
+            parts.push(kept);
+        }
+        Cut { rows: Rows::concatenated(parts), emission, found: errors.0 }
     }
 
     /// Rows of T in Haar terms, as vectors.

@@ -6,10 +6,10 @@ mod surface_points;
 use glam::Vec3;
 use rayon::prelude::*;
 
-pub use self::surface_points::{Place, is_back, is_from_behind};
+pub use self::surface_points::{Patch, Place, Surfaces, is_back, is_from_behind, sides};
 
 use self::clusters::Clusters;
-use self::surface_points::{Sides, is_enclosed};
+use self::surface_points::is_enclosed;
 use super::brdf_factors::NEAR_MIRROR_ALPHA;
 use super::bvh::Bvh;
 use super::packet::{PACKET_SIZE, SamplePacket};
@@ -39,6 +39,8 @@ pub struct GatherSample {
     pub area: f32,
     /// Unit; its directions are counted in the frame that [`GatherSample::frame`] gives.
     pub normal: Vec3,
+    /// The mesh's triangle that `position` lies on.
+    pub triangle: u32,
     /// Radiance that it emits, the same in all directions.
     pub emission: Vec3,
     /// Index into the scene's materials; of the middle, if there are several.
@@ -71,13 +73,20 @@ pub struct GatherSamples {
 /// Points of the surface for each cluster.
 const CANDIDATES: usize = 32;
 
+/// One of these.
+struct Candidate {
+    triangle: u32,
+    /// Square metres that it stands for.
+    area: f64,
+    surface: SurfacePoint,
+}
+
 impl GatherSamples {
     /// At most `count` samples: fewer where less surface reflects light. Everything random follows from `seed`.
-    pub fn place(scene: &Scene, bvh: &Bvh, placement: Placement, count: usize, seed: u64) -> Self {
-        let sides = Sides::new(scene, bvh);
+    pub fn place(scene: &Scene, bvh: &Bvh, surfaces: &Surfaces, placement: Placement, count: usize, seed: u64) -> Self {
         match placement {
-            Placement::Random => random(scene, &sides, count, seed),
-            Placement::Clustered { points } => clustered(scene, bvh, &sides, count, points, seed),
+            Placement::Random => random(scene, surfaces, count, seed),
+            Placement::Clustered { points } => clustered(scene, bvh, surfaces, count, points, seed),
         }
     }
 
@@ -92,11 +101,6 @@ impl GatherSamples {
     /// Square metres.
     pub fn area(&self) -> f64 {
         self.samples.iter().map(|s| f64::from(s.area)).sum()
-    }
-
-    /// How far apart opposite faces count when samples are compared: twice a sample's width. Scale-free.
-    pub fn normal_length(&self) -> f32 {
-        normal_length(self.area(), self.len())
     }
 
     /// All points, as shadow rays want them.
@@ -122,8 +126,7 @@ impl GatherSamples {
 
     /// Puts samples, each with its points, into the order of the tree.
     fn in_tree_order(samples: Vec<(GatherSample, Vec<GatherPoint>)>, points_per_sample: usize) -> Self {
-        let area = samples.iter().map(|(s, _)| f64::from(s.area)).sum();
-        let length = normal_length(area, samples.len());
+        let length = normal_length(samples.iter().map(|(s, _)| s.area));
         let places: Vec<_> = samples.iter().map(|(s, _)| point(s.position, s.normal, length)).collect();
         let tree = PointTree::new(&places);
         let in_order = || tree.order().iter().map(|&i| &samples[i as usize]);
@@ -135,8 +138,10 @@ impl GatherSamples {
     }
 }
 
-fn normal_length(area: f64, count: usize) -> f32 {
-    2.0 * (area / count.max(1) as f64).sqrt() as f32
+/// How far apart opposite faces count when samples of such areas are compared: twice their mean width. Scale-free.
+fn normal_length(areas: impl ExactSizeIterator<Item = f32>) -> f32 {
+    let count = areas.len().max(1) as f64;
+    2.0 * (areas.map(|area| f64::from(area.sqrt())).sum::<f64>() / count) as f32
 }
 
 impl GatherSample {
@@ -161,14 +166,15 @@ impl GatherPoint {
     }
 }
 
-fn random(scene: &Scene, sides: &Sides, count: usize, seed: u64) -> GatherSamples {
-    let area = (sides.area() / count as f64) as f32;
+fn random(scene: &Scene, surfaces: &Surfaces, count: usize, seed: u64) -> GatherSamples {
+    let area = (surfaces.area() / count as f64) as f32;
     let sample = |place: &Place| {
         let surface = place.surface(scene, area.sqrt());
         let SurfacePoint { position, normal, emission, brdf, material, .. } = surface;
-        (GatherSample { position, area, normal, emission, material, brdf }, vec![GatherPoint::new(&surface)])
+        let triangle = place.triangle;
+        (GatherSample { position, area, normal, triangle, emission, material, brdf }, vec![GatherPoint::new(&surface)])
     };
-    let places = sides.random(Points::new(seed, 0), count);
+    let places = surfaces.random(Points::new(seed, 0), count);
     let samples = places.par_iter().filter(|place| !place.is_hole(scene)).map(sample).collect();
     GatherSamples::in_tree_order(samples, 1)
 }
@@ -176,27 +182,28 @@ fn random(scene: &Scene, sides: &Sides, count: usize, seed: u64) -> GatherSample
 fn clustered(
     scene: &Scene,
     bvh: &Bvh,
-    sides: &Sides,
+    surfaces: &Surfaces,
     count: usize,
     points_per_sample: usize,
     seed: u64,
 ) -> GatherSamples {
     let candidate_count = count * CANDIDATES;
-    let area_each = sides.area() / candidate_count as f64;
-    let footprint = area_each.sqrt() as f32;
-    let candidates: Vec<SurfacePoint> = sides
+    let candidates: Vec<Candidate> = surfaces
         .stratified(Points::new(seed, 0), candidate_count)
         .into_par_iter()
         .enumerate()
-        .filter(|(_, place)| !place.is_hole(scene))
-        .map(|(i, place)| (i, place.surface(scene, footprint)))
-        .filter(|(i, surface)| {
+        .filter(|(_, (place, _))| !place.is_hole(scene))
+        .map(|(i, (place, area))| {
+            let surface = place.surface(scene, area.sqrt() as f32);
+            (i, Candidate { triangle: place.triangle, area, surface })
+        })
+        .filter(|(i, Candidate { surface, .. })| {
             carries_light(surface) && !is_enclosed(scene, bvh, surface, Points::new(seed, 1 + *i as u64))
         })
-        .map(|(_, surface)| surface)
+        .map(|(_, candidate)| candidate)
         .collect();
-    let length = normal_length(candidates.len() as f64 * area_each, count);
-    let places: Vec<_> = candidates.par_iter().map(|c| point(c.position, c.normal, length)).collect();
+    let length = normal_length(candidates.iter().map(|c| c.area as f32 * CANDIDATES as f32));
+    let places: Vec<_> = candidates.par_iter().map(|c| point(c.surface.position, c.surface.normal, length)).collect();
     let clusters = Clusters::new(&places, count);
     let sample = |cluster: usize| {
         let members = clusters.members(cluster);
@@ -204,19 +211,31 @@ fn clustered(
             places[i as usize].iter().zip(&clusters.means[cluster]).map(|(a, b)| (a - b) * (a - b)).sum()
         };
         let nearest = members.iter().min_by(|a, b| distance2(a).total_cmp(&distance2(b))).expect("none is empty");
-        let centre = &candidates[*nearest as usize];
+        let Candidate { triangle, surface: centre, .. } = &candidates[*nearest as usize];
         let of_members = || members.iter().map(|&i| &candidates[i as usize]);
+        let weight = |c: &Candidate| c.area as f32;
+        let area: f64 = of_members().map(|c| c.area).sum();
+        let normal: Vec3 = of_members().map(|c| weight(c) * c.surface.normal).sum();
         let sample = GatherSample {
             position: centre.position,
-            area: (members.len() as f64 * area_each) as f32,
-            normal: of_members().map(|c| c.normal).sum::<Vec3>().try_normalize().unwrap_or(centre.normal),
+            area: area as f32,
+            normal: normal.try_normalize().unwrap_or(centre.normal),
+            triangle: *triangle,
             material: centre.material,
-            emission: of_members().map(|c| c.emission).sum::<Vec3>() / members.len() as f32,
-            brdf: average(of_members().map(|c| &c.brdf), members.len()),
+            emission: of_members().map(|c| weight(c) * c.surface.emission).sum::<Vec3>() / area as f32,
+            brdf: average(of_members().map(|c| (&c.surface.brdf, weight(c)))),
         };
-        // Members lie in tree order: points picked evenly among them are spread over the cluster.
-        let pick = |i: usize| members[(2 * i + 1) * members.len() / (2 * points_per_sample)];
-        let points = (0..points_per_sample).map(|i| GatherPoint::new(&candidates[pick(i) as usize])).collect();
+        // Members lie in tree order: points picked evenly among their areas are spread over the cluster.
+        let mut points = Vec::with_capacity(points_per_sample);
+        let mut covered = 0.0;
+        for member in of_members() {
+            covered += member.area * points_per_sample as f64 / area;
+            while points.len() < points_per_sample && points.len() as f64 + 0.5 < covered {
+                points.push(GatherPoint::new(&member.surface));
+            }
+        }
+        // Where rounding leaves the last one out.
+        points.resize(points_per_sample, GatherPoint::new(centre));
         (sample, points)
     };
     GatherSamples::in_tree_order((0..clusters.len()).into_par_iter().map(sample).collect(), points_per_sample)
@@ -232,34 +251,36 @@ pub fn held(brdf: &Brdf) -> Brdf {
     if brdf.alpha >= NEAR_MIRROR_ALPHA { *brdf } else { Brdf { alpha: 0.0, ..*brdf } }
 }
 
-/// The mean of BRDFs: of every reflectance, and of roughness over those that have a lobe. Among these mirrors reflect
-/// diffusely alone.
-pub fn average<'a>(brdfs: impl Iterator<Item = &'a Brdf>, count: usize) -> Brdf {
+/// The mean of BRDFs, each with its weight: of every reflectance, and of roughness over those that have a lobe. Among these
+/// mirrors reflect diffusely alone.
+pub fn average<'a>(brdfs: impl Iterator<Item = (&'a Brdf, f32)>) -> Brdf {
     let mut sum =
         Brdf { diffuse: Vec3::ZERO, alpha: 0.0, f0: Vec3::ZERO, f90: 0.0, dielectric_f0: 0.0, dielectric_f90: 0.0 };
-    let (mut roughness, mut lobes) = (0.0, 0);
+    let (mut all, mut roughness, mut lobes) = (0.0, 0.0, 0.0);
     let mut mirrors = (Vec3::ZERO, 0.0);
-    for brdf in brdfs.map(held) {
-        sum.diffuse += brdf.diffuse;
-        sum.dielectric_f0 += brdf.dielectric_f0;
-        sum.dielectric_f90 += brdf.dielectric_f90;
+    for (brdf, weight) in brdfs {
+        let brdf = held(brdf);
+        all += weight;
+        sum.diffuse += weight * brdf.diffuse;
+        sum.dielectric_f0 += weight * brdf.dielectric_f0;
+        sum.dielectric_f90 += weight * brdf.dielectric_f90;
         if brdf.has_lobe() {
-            sum.f0 += brdf.f0;
-            sum.f90 += brdf.f90;
-            roughness += brdf.alpha.sqrt();
-            lobes += 1;
+            sum.f0 += weight * brdf.f0;
+            sum.f90 += weight * brdf.f90;
+            roughness += weight * brdf.alpha.sqrt();
+            lobes += weight;
         } else {
-            mirrors.0 += brdf.f0;
-            mirrors.1 += brdf.f90;
+            mirrors.0 += weight * brdf.f0;
+            mirrors.1 += weight * brdf.f90;
         }
     }
-    if lobes == 0 {
+    if lobes == 0.0 {
         (sum.f0, sum.f90) = mirrors;
     }
-    let share = 1.0 / count as f32;
+    let share = 1.0 / all;
     Brdf {
         diffuse: sum.diffuse * share,
-        alpha: if lobes > 0 { (roughness / lobes as f32).powi(2) } else { 0.0 },
+        alpha: if lobes > 0.0 { (roughness / lobes).powi(2) } else { 0.0 },
         f0: sum.f0 * share,
         f90: sum.f90 * share,
         dielectric_f0: sum.dielectric_f0 * share,

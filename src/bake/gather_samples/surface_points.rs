@@ -20,64 +20,134 @@ pub struct Place {
     pub back: bool,
 }
 
-/// The sides of triangles that reflect light, with the sum of their areas up to each.
-pub struct Sides {
-    sides: Vec<(u32, bool)>,
-    cumulative: Vec<f64>,
+/// A side of a triangle, or a part of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Patch {
+    /// Twice the triangle, and 1 for its back.
+    pub side: u32,
+    /// 1: all of it. The four quarters of part p, cut between the middles of its edges, are 4p to 4p + 3; the last lies in
+    /// the middle.
+    pub part: u32,
 }
 
-impl Sides {
-    /// Sides lie in the order of the BVH's leaves: neighbours are near each other.
-    pub fn new(scene: &Scene, bvh: &Bvh) -> Self {
-        let mut total = 0.0;
-        let (mut sides, mut cumulative) = (Vec::new(), Vec::new());
-        for triangle in bvh.triangle_order() {
-            let [a, b, c] =
-                scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize].as_dvec3());
-            let area = 0.5 * (b - a).cross(c - a).length();
-            let material = &scene.materials[scene.mesh.triangle_materials[triangle as usize] as usize];
-            for back in [false, true] {
-                if !back || material.double_sided {
-                    total += area;
-                    sides.push((triangle, back));
-                    cumulative.push(total);
-                }
-            }
+impl Patch {
+    /// How often a side can be cut.
+    pub const DEEPEST: u32 = 14;
+
+    /// The part of a side, `depth` cuts deep, in which a point lies.
+    pub fn around(side: u32, barycentric: Vec2, depth: u32) -> Self {
+        let (mut at, mut part) = (barycentric, 1);
+        for _ in 0..depth {
+            at *= 2.0;
+            let quarter = match at {
+                Vec2 { x, .. } if x >= 1.0 => 1,
+                Vec2 { y, .. } if y >= 1.0 => 2,
+                Vec2 { x, y } if x + y < 1.0 => 0,
+                _ => 3,
+            };
+            at = match quarter {
+                0 => at,
+                1 => at - Vec2::X,
+                2 => at - Vec2::Y,
+                _ => 1.0 - at,
+            };
+            part = 4 * part + quarter;
         }
-        Self { sides, cumulative }
+        Self { side, part }
+    }
+
+    /// A point of the patch, from barycentric coordinates within it.
+    pub fn place(&self, barycentric: Vec2) -> Place {
+        let (mut at, mut part) = (barycentric, self.part);
+        while part > 1 {
+            at = 0.5
+                * match part % 4 {
+                    0 => at,
+                    1 => at + Vec2::X,
+                    2 => at + Vec2::Y,
+                    _ => 1.0 - at,
+                };
+            part /= 4;
+        }
+        Place { triangle: self.side / 2, barycentric: at, back: self.side % 2 == 1 }
+    }
+}
+
+/// The sides of triangles that reflect light, in the order of the BVH's leaves: neighbours are near each other. Each comes
+/// with its area in square metres; double-sided triangles have two.
+pub fn sides(scene: &Scene, bvh: &Bvh) -> Vec<(u32, f64)> {
+    let of_triangle = |triangle: u32| {
+        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize].as_dvec3());
+        let area = 0.5 * (b - a).cross(c - a).length();
+        let material = &scene.materials[scene.mesh.triangle_materials[triangle as usize] as usize];
+        (0..1 + u32::from(material.double_sided)).map(move |back| (2 * triangle + back, area))
+    };
+    bvh.triangle_order().flat_map(of_triangle).collect()
+}
+
+/// Surfaces that points are spread over, and how densely.
+pub struct Surfaces {
+    /// Patches with the points a square metre that they get, relative to each other.
+    patches: Vec<(Patch, f32)>,
+    /// Areas times densities up to and with each patch.
+    cumulative: Vec<f64>,
+    /// Square metres.
+    area: f64,
+}
+
+impl Surfaces {
+    /// Of patches with their areas and densities. Those of density 0 get no points.
+    pub fn new(patches: impl Iterator<Item = (Patch, f64, f32)>) -> Self {
+        let mut surfaces = Self { patches: Vec::new(), cumulative: Vec::new(), area: 0.0 };
+        let mut total = 0.0;
+        for (patch, area, density) in patches.filter(|&(_, area, density)| area > 0.0 && density > 0.0) {
+            total += area * f64::from(density);
+            surfaces.area += area;
+            surfaces.patches.push((patch, density));
+            surfaces.cumulative.push(total);
+        }
+        surfaces
+    }
+
+    /// All of a scene's, alike.
+    pub fn even(scene: &Scene, bvh: &Bvh) -> Self {
+        Self::new(sides(scene, bvh).into_iter().map(|(side, area)| (Patch { side, part: 1 }, area, 1.0)))
     }
 
     /// Square metres, double-sided triangles counted twice.
     pub fn area(&self) -> f64 {
-        self.cumulative.last().copied().unwrap_or(0.0)
+        self.area
     }
 
-    /// The place at a share of the whole area, and at a point of the unit square over the triangle that is there.
-    fn place(&self, share: f64, [u, v]: [f64; 2]) -> Place {
-        let at = share * self.area();
-        let side = self.cumulative.partition_point(|&sum| sum <= at).min(self.sides.len() - 1);
-        let (triangle, back) = self.sides[side];
+    /// The place at a share of all points, at a point of the unit square over the patch that is there, with the points a
+    /// square metre.
+    fn place(&self, share: f64, [u, v]: [f64; 2]) -> (Place, f64) {
+        let total = self.cumulative[self.cumulative.len() - 1];
+        let at = share * total;
+        let patch = self.cumulative.partition_point(|&sum| sum <= at).min(self.patches.len() - 1);
+        let (patch, density) = self.patches[patch];
         // Folding the square along its diagonal keeps neighbours together.
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-        Place { triangle, barycentric: Vec2::new(u as f32, v as f32), back }
+        (patch.place(Vec2::new(u as f32, v as f32)), f64::from(density) / total)
     }
 
-    /// `count` random points, each on its own [Yang 2007, Section 4.1].
+    /// `count` random points, each on its own, at most: where surfaces are even [Yang 2007, Section 4.1].
     pub fn random(&self, points: Points, count: usize) -> Vec<Place> {
         let place = |i: usize| {
             let [share, u, v, _] = points.at(0, i as u32);
-            self.place(share, [u, v])
+            self.place(share, [u, v]).0
         };
-        if self.area() > 0.0 { (0..count).into_par_iter().map(place).collect() } else { Vec::new() }
+        if self.patches.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
 
-    /// `count` points, one in each of as many equal shares of the area.
-    pub fn stratified(&self, points: Points, count: usize) -> Vec<Place> {
+    /// `count` points, one in each of as many equal shares of all, with the square metres that each stands for.
+    pub fn stratified(&self, points: Points, count: usize) -> Vec<(Place, f64)> {
         let place = |i: usize| {
             let [jitter, u, v, _] = points.at(i as u32, 0);
-            self.place((i as f64 + jitter) / count as f64, [u, v])
+            let (place, density) = self.place((i as f64 + jitter) / count as f64, [u, v]);
+            (place, 1.0 / (density * count as f64))
         };
-        if self.area() > 0.0 { (0..count).into_par_iter().map(place).collect() } else { Vec::new() }
+        if self.patches.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
 }
 

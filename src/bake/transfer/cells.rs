@@ -4,7 +4,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::bake::gather_samples::{GatherSamples, Place, carries_light};
+use crate::bake::gather_samples::{GatherSample, GatherSamples, Place, carries_light};
 use crate::bake::point_tree::{PointTree, point};
 use crate::scene::Scene;
 
@@ -44,7 +44,8 @@ pub struct Cells {
 
 impl Cells {
     pub fn new(scene: &Scene, samples: &GatherSamples) -> Self {
-        let width = (samples.area() / samples.len().max(1) as f64).sqrt() as f32 / CELLS_A_SAMPLE;
+        let neighbours = Neighbours::new(samples);
+        let widths = widths(scene, samples, &neighbours);
         let mut first = 0;
         let grids: Vec<Grid> = (0..2 * scene.mesh.triangles.len() as u32)
             .map(|side| {
@@ -52,14 +53,13 @@ impl Cells {
                 if samples.is_empty() || (side % 2 == 1 && !scene.materials[material].double_sided) {
                     return Grid::default();
                 }
-                let grid = Grid { first, ..Grid::new(scene, side / 2, width) };
+                let grid = Grid { first, ..Grid::new(scene, side / 2, widths[side as usize / 2]) };
                 first += u32::from(grid.columns) * u32::from(grid.rows);
                 grid
             })
             .collect();
-        let neighbours = Neighbours::new(samples);
         let cells_of = |(side, grid): (usize, &Grid)| {
-            let (grid, neighbours) = (*grid, &neighbours);
+            let (grid, neighbours, width) = (*grid, &neighbours, widths[side / 2]);
             (0..grid.rows).flat_map(move |row| (0..grid.columns).map(move |column| (column, row))).map(
                 move |(column, row)| {
                     let place = Place {
@@ -89,6 +89,33 @@ impl Cells {
     }
 }
 
+/// How wide cells of each triangle shall be, in metres: a share of the samples' width, of the narrowest one's unless the
+/// others are much wider.
+fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Vec<f32> {
+    let triangle_count = scene.mesh.triangles.len();
+    if samples.is_empty() {
+        return vec![0.0; triangle_count];
+    }
+    let mut counts = vec![0u32; triangle_count];
+    let mut least = vec![f32::INFINITY; triangle_count];
+    for sample in &samples.samples {
+        counts[sample.triangle as usize] += 1;
+        least[sample.triangle as usize] = least[sample.triangle as usize].min(sample.area);
+    }
+    let width = |triangle: usize| {
+        let [a, b, c] = scene.mesh.triangles[triangle].map(|v| scene.mesh.positions[v as usize]);
+        let sample_area = match counts[triangle] {
+            0 => neighbours.nearest((a + b + c) / 3.0).area,
+            count => least[triangle].max(0.5 * (b - a).cross(c - a).length() / (MOST_UNEVEN * count as f32)),
+        };
+        sample_area.sqrt() / CELLS_A_SAMPLE
+    };
+    (0..triangle_count).into_par_iter().map(width).collect()
+}
+
+/// Cells are so much smaller, at most, than even samples would need.
+const MOST_UNEVEN: f32 = 4.0;
+
 /// Finds the samples around a point.
 pub struct Neighbours<'a> {
     samples: &'a GatherSamples,
@@ -100,6 +127,12 @@ impl<'a> Neighbours<'a> {
     pub fn new(samples: &'a GatherSamples) -> Self {
         let positions: Vec<_> = samples.samples.iter().map(|s| point(s.position, Vec3::ZERO, 0.0)).collect();
         Self { samples, tree: PointTree::new(&positions) }
+    }
+
+    /// The nearest sample, whatever its orientation. There must be one.
+    fn nearest(&self, position: Vec3) -> &GatherSample {
+        let found = self.tree.nearest::<1>(&point(position, Vec3::ZERO, 0.0), |_| true);
+        &self.samples.samples[found.items()[0].1 as usize]
     }
 
     /// The nearest samples of like orientation, falling to nothing at the next further one. There must be a sample.

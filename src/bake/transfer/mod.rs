@@ -15,6 +15,7 @@ pub mod baked;
 pub mod blocks;
 pub mod cells;
 pub mod directions;
+pub mod importance;
 pub mod level;
 pub mod paths;
 pub mod rows;
@@ -25,6 +26,7 @@ pub mod transport;
 
 use glam::{DVec3, Vec3};
 
+use self::importance::Importance;
 use self::level::Level;
 use self::paths::Paths;
 use self::rows::{Lobe, RowGatherer, Rows};
@@ -76,6 +78,8 @@ pub struct Certificate {
     pub capped: f64,
     /// Mean share of a sample's rays that met nothing that reflects.
     pub escaped: f64,
+    /// Share of all surfaces, by area, that no pixel sees, even over bounces: no sample lies there.
+    pub unseen: f64,
 }
 
 /// Transfer of one scene and camera.
@@ -106,14 +110,17 @@ impl<'a> Transfer<'a> {
         settings: &TransferSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
+        let paths = PATHS_A_SAMPLE * settings.samples;
+        let importance = Importance::new(scene, bvh, baked, settings.layers, paths, settings.seed ^ 4 << 32);
         let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
             let placement = Placement::Clustered { points };
-            let mut samples = GatherSamples::place(scene, bvh, placement, count, seed);
+            let mut samples = GatherSamples::place(scene, bvh, &importance.surfaces, placement, count, seed);
             if settings.outgoing == Outgoing::Diffuse {
                 samples.samples.iter_mut().for_each(|s| s.brdf = lambert(&s.brdf));
             }
             let with = |most: u8| -> Vec<u8> {
-                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most)).collect()
+                let dropped = |s: &GatherSample| DROPPED * (MUCH / importance.shares[s.material as usize]).max(1.0);
+                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most, dropped(s))).collect()
             };
             let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
             let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
@@ -144,6 +151,7 @@ impl<'a> Transfer<'a> {
             imbalance,
             capped: capped(&receivers.samples),
             escaped: escaped.iter().sum::<f64>() / escaped.len().max(1) as f64,
+            unseen: importance.unseen,
         };
         let from_fine = bounces.next();
         Self { scene, bvh, baked, settings: settings.clone(), fine, coarse, among, from_fine, certificate }
@@ -267,6 +275,8 @@ impl<'a> Transfer<'a> {
     }
 }
 
+/// Paths from the eye that tell where samples are needed, for each of them.
+const PATHS_A_SAMPLE: usize = 8;
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
 
@@ -277,8 +287,8 @@ fn lambert(brdf: &Brdf) -> Brdf {
     Brdf { diffuse, alpha: 0.0, f0, f90, dielectric_f0: 0.0, dielectric_f90: 0.0 }
 }
 
-/// How many functions a material gets, of at most `most`.
-fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
+/// How many functions a material gets, of at most `most`; they may drop so much of its energy.
+fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
     match *outgoing {
         Outgoing::Diffuse => 1,
         Outgoing::Glossy { functions: Some(count) } => {
@@ -290,7 +300,7 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
             let all: f32 = energy.iter().sum();
             let enough = |functions: &u8| {
                 let degrees = functions.isqrt() as usize;
-                energy[degrees..].iter().sum::<f32>() <= DROPPED * all
+                energy[degrees..].iter().sum::<f32>() <= dropped * all
             };
             [1, 4, 9, 16, 25, 36].into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
         }
@@ -299,6 +309,8 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8) -> u8 {
 
 /// Share of a material's energy beyond its functions, at most.
 const DROPPED: f32 = 0.01;
+/// Materials with less than this share of the picture's indirect light may drop as much more.
+const MUCH: f32 = 0.1;
 /// Functions of a fine sample at most, for direct light, the first that fits: highlights that it casts.
 const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
 /// Coefficients of the fine level, or six a sample: hundreds of lights are learned from, each with as many.

@@ -39,6 +39,8 @@ pub struct Arrival {
     pub wo: Vec3,
     /// What the mirrors on the way leave of its light.
     pub tint: Vec3,
+    /// Length of the way, in metres.
+    pub distance: f32,
 }
 
 impl<'a> Paths<'a> {
@@ -81,13 +83,15 @@ impl<'a> Paths<'a> {
         mut arrive: impl FnMut(&Arrival),
     ) {
         let mut tint = Vec3::ONE;
+        let mut distance = 0.0;
         for layer in 0..=self.layers {
             let place = Place { triangle: hit.triangle, barycentric: hit.barycentric, back };
             let sides = self.sides[self.scene.mesh.triangle_materials[hit.triangle as usize] as usize];
             if back && !sides.double {
                 return;
             }
-            arrive(&Arrival { place, wo: -direction, tint });
+            distance += hit.distance;
+            arrive(&Arrival { place, wo: -direction, tint, distance });
             if !sides.goes_on || layer == self.layers {
                 return;
             }

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::directions::Directions;
 use super::level::Level;
@@ -16,7 +17,7 @@ use crate::sequence::{BLOCK, Points, ShiftedPoints};
 use crate::shared::NO_BRDF;
 
 /// Sparse rows, one a view sample.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Rows {
     /// Entries of row r: `first[r]..first[r + 1]`.
     pub first: Vec<usize>,
@@ -294,6 +295,16 @@ impl Rows {
     /// Rows without entries.
     pub fn empty(count: usize) -> Rows {
         Rows { first: vec![0; count + 1], ..Default::default() }
+    }
+
+    /// Whether these are so many rows of so many columns.
+    pub fn is_consistent(&self, rows: usize, columns: usize) -> bool {
+        self.first.len() == rows + 1
+            && self.first[0] == 0
+            && self.first[rows] == self.columns.len()
+            && self.first.is_sorted()
+            && self.columns.len() == self.values.len()
+            && self.columns.iter().all(|&column| (column as usize) < columns)
     }
 
     /// All rows of `parts` in turn.

@@ -17,7 +17,7 @@ use crate::bake::Baked;
 use crate::bake::brdf_factors::svd::{Factors, Terms};
 use crate::bake::brdf_factors::{ALBEDO_CAP, Projection};
 use crate::bake::bvh::Bvh;
-use crate::bake::gather_samples::{GatherSample, GatherSamples, Placement, average};
+use crate::bake::gather_samples::{GatherSample, GatherSamples, Placement, Surfaces, average};
 use crate::bake::octahedral;
 use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 use crate::brdf::Lobes;
@@ -96,7 +96,14 @@ impl<'a> Thesis<'a> {
         settings: &ThesisSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
-        let samples = GatherSamples::place(scene, bvh, Placement::Random, settings.samples, settings.seed);
+        let samples = GatherSamples::place(
+            scene,
+            bvh,
+            &Surfaces::even(scene, bvh),
+            Placement::Random,
+            settings.samples,
+            settings.seed,
+        );
         let reflections: Vec<Option<Reflection>> =
             (0..scene.materials.len()).map(|material| reflection(&samples, material as u32, settings)).collect();
         let mut first = vec![0];
@@ -298,12 +305,9 @@ struct Scratch<'a> {
 }
 
 fn reflection(samples: &GatherSamples, material: u32, settings: &ThesisSettings) -> Option<Reflection> {
-    let of_material = || samples.samples.iter().filter(|s| s.material == material).map(|s| &s.brdf);
-    let count = of_material().count();
-    if count == 0 {
-        return None;
-    }
-    let brdf = average(of_material(), count);
+    let of_material = || samples.samples.iter().filter(|s| s.material == material).map(|s| (&s.brdf, s.area));
+    of_material().next()?;
+    let brdf = average(of_material());
     Some(match settings.outgoing {
         Outgoing::Diffuse => {
             Reflection::Even(Projection::get().hemispherical_albedo(&brdf, ALBEDO_CAP) / std::f32::consts::PI)

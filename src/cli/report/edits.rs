@@ -55,7 +55,7 @@ impl Lab<'_> {
             let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;
             times.push(limits.told(&record));
         }
-        let items = left_out(&session, relighter.traces(), true);
+        let items = left_out(&session, relighter.traces(), session.baked.transfer.as_ref().map(|t| t.report.unseen));
         let left_out = items.into_iter().map(|i| LeftOut { what: i.what.into(), why: i.why, saves: i.saves }).collect();
         // The other way to shadows, beside the one that was chosen.
         let other = if relighter.traces() { Visibility::Map } else { Visibility::Traced };

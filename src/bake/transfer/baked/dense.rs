@@ -1,20 +1,31 @@
 //! The dense form: G* and Φ as they are, for few gather samples.
 
+use bytemuck::{cast_slice, pod_collect_to_vec};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::{BakedTransfer, TransferReport};
 use crate::bake::Baked;
+use crate::bake::journal::Journal;
 use crate::bake::packet::PACKET_SIZE;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Dense};
-use crate::bake::transfer::rows::{Lobe, Rows};
+use crate::bake::transfer::rows::{Lobe, RowGatherer, Rows};
 use crate::bake::transfer::thesis::Thesis;
+use crate::gpu::mapped::Elements;
 use crate::shared::{FactoredSample, NO_BRDF};
 
 impl BakedTransfer {
-    /// Our operator in dense form: G* explicitly, then Φ. `progress` counts view samples.
-    pub fn dense(transfer: &Transfer, baked: &Baked, lobe: Lobe, progress: &(dyn Fn(usize) + Sync)) -> Self {
+    /// Our operator in dense form, to the view samples of `baked`: G* explicitly, then Φ; rows of Φ that `journal` has are not gathered again. `progress`
+    /// counts view samples.
+    pub fn dense(
+        transfer: &Transfer,
+        baked: &Baked,
+        lobe: Lobe,
+        journal: &mut Journal,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Self {
         let fine = transfer.fine.coefficient_count();
         let further = transfer.further_bounces();
         let one_level = transfer.coarse.is_none();
@@ -30,8 +41,9 @@ impl BakedTransfer {
         let emitted = if emits { transfer.bounce(&emitted).0 } else { Vec::new() };
         let offset = if one_level { fine as u32 } else { 0 };
         let none = transfer.bounces() == Some(0);
-        let gather = |samples: &[u32]| if none { Rows::empty(samples.len()) } else { transfer.rows(samples, lobe) };
-        let (last, emission) = last_matrix(baked, vector_length, offset, &emitted, gather, progress);
+        let gatherer = RowGatherer { baked, ..transfer.row_gatherer(lobe) };
+        let gather = |samples: &[u32]| if none { Rows::empty(samples.len()) } else { gatherer.gather(samples) };
+        let (last, emission) = last_matrix(baked, vector_length, offset, &emitted, gather, journal, progress);
         let even = transfer.even_light();
         let of_even = |row: usize| {
             DVec3::from_array([0, 1, 2].map(|c: usize| (0..fine).map(|i| further[c][(row, i)] * even[i][c]).sum()))
@@ -42,13 +54,20 @@ impl BakedTransfer {
         transfer.with_packets()
     }
 
-    /// The thesis's operator: G* and Φ [Yang 2007, Eq. 4.5 to 4.9]. `progress` counts view samples.
-    pub fn thesis(thesis: &Thesis, baked: &Baked, lobe: Lobe, progress: &(dyn Fn(usize) + Sync)) -> Self {
+    /// The thesis's operator: G* and Φ [Yang 2007, Eq. 4.5 to 4.9]; rows of Φ that `journal` has are not gathered again.
+    /// `progress` counts view samples.
+    pub fn thesis(
+        thesis: &Thesis,
+        baked: &Baked,
+        lobe: Lobe,
+        journal: &mut Journal,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Self {
         let count = thesis.column_count();
         let all = thesis.all_bounces();
         let bounce = explicit(count, count, |row, column| all.each_ref().map(|matrix| matrix[(row, column)]));
         let gather = |samples: &[u32]| thesis.rows(samples, lobe);
-        let (last, _) = last_matrix(baked, 2 * count, count as u32, &[], gather, progress);
+        let (last, _) = last_matrix(baked, 2 * count, count as u32, &[], gather, journal, progress);
         let (tables, table_of) = thesis.k_tables();
         let sample = |i: usize| FactoredSample {
             normal: thesis.frames[i][2],
@@ -108,27 +127,77 @@ fn last_matrix(
     offset: u32,
     emitted: &[DVec3],
     gather: impl Fn(&[u32]) -> Rows,
+    journal: &mut Journal,
     progress: &(dyn Fn(usize) + Sync),
 ) -> (BlockMatrix, Vec<Vec3>) {
-    let mut matrix = BlockMatrix::new(3, vector_length, baked.samples.len());
+    let empty = || BlockMatrix::new(3, vector_length, baked.samples.len());
+    let mut matrix = empty();
     let mut emission = vec![Vec3::ZERO; if emitted.is_empty() { 0 } else { baked.samples.len() }];
     let reflecting: Vec<u32> =
         (0..baked.samples.len() as u32).filter(|&i| baked.samples[i as usize].brdf != NO_BRDF).collect();
     for piece in reflecting.chunks(ROWS_A_BLOCK * BLOCKS_AT_ONCE) {
-        let rows = gather(piece);
-        if !emitted.is_empty() {
-            piece.iter().zip(rows.multiply(emitted)).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
-        }
-        let block = |(block, samples): (usize, &[u32])| {
-            let mut part = BlockMatrix::new(3, vector_length, baked.samples.len());
-            push_block(&mut part, &rows, block * ROWS_A_BLOCK, samples, offset);
-            part
+        let make = || {
+            let rows = gather(piece);
+            let block = |(block, samples): (usize, &[u32])| {
+                let mut part = empty();
+                push_block(&mut part, &rows, block * ROWS_A_BLOCK, samples, offset);
+                part
+            };
+            let blocks: Vec<_> = piece.par_chunks(ROWS_A_BLOCK).enumerate().map(block).collect();
+            let mut all = empty();
+            blocks.into_iter().for_each(|block| all.append(block));
+            let emission = if emitted.is_empty() { Vec::new() } else { rows.multiply(emitted) };
+            Recorded::new(&all, emission.into_iter().map(DVec3::as_vec3).collect())
         };
-        let parts: Vec<_> = piece.par_chunks(ROWS_A_BLOCK).enumerate().map(block).collect();
-        parts.into_iter().for_each(|part| matrix.append(part));
+        let is_of = |record: &Recorded| {
+            let part = record.matrix(empty());
+            part.is_consistent()
+                && part.outputs.iter().all(|output| piece.binary_search(output).is_ok())
+                && record.emission.len() == if emitted.is_empty() { 0 } else { piece.len() }
+        };
+        let record = journal.next(is_of, make);
+        matrix.append(record.matrix(empty()));
+        piece.iter().zip(record.emission).for_each(|(&i, e)| emission[i as usize] = e);
         progress(piece.len());
     }
     (matrix, emission)
+}
+
+/// Some rows of a matrix in a journal, with the light of emitters there: panels, inputs, outputs and values are bytes.
+#[derive(Serialize, Deserialize)]
+struct Recorded {
+    #[serde(with = "serde_bytes")]
+    panels: Vec<u8>,
+    #[serde(with = "serde_bytes")]
+    inputs: Vec<u8>,
+    #[serde(with = "serde_bytes")]
+    outputs: Vec<u8>,
+    #[serde(with = "serde_bytes")]
+    values: Vec<u8>,
+    emission: Vec<Vec3>,
+}
+
+impl Recorded {
+    fn new(matrix: &BlockMatrix, emission: Vec<Vec3>) -> Self {
+        Self {
+            panels: cast_slice(&matrix.panels).to_vec(),
+            inputs: cast_slice(&matrix.inputs).to_vec(),
+            outputs: cast_slice(&matrix.outputs).to_vec(),
+            values: cast_slice(&matrix.values).to_vec(),
+            emission,
+        }
+    }
+
+    /// The rows, as part of a matrix like an `empty` one.
+    fn matrix(&self, empty: BlockMatrix) -> BlockMatrix {
+        BlockMatrix {
+            panels: pod_collect_to_vec(&self.panels),
+            inputs: pod_collect_to_vec(&self.inputs),
+            outputs: pod_collect_to_vec(&self.outputs),
+            values: Elements::Owned(pod_collect_to_vec(&self.values)),
+            ..empty
+        }
+    }
 }
 
 /// Adds the rows of `samples`, which begin at `first`, with the union of their columns.

@@ -67,6 +67,8 @@ pub struct TransferReport {
     pub residual: Option<f64>,
     /// Share of all reflected light that was scaled away, since glTF's BRDF reflects more than it gets near grazing.
     pub capped: f64,
+    /// Share of all surfaces, by area, that no pixel sees, even over bounces.
+    pub unseen: f64,
     /// Indirect bounces counted at the pixel; without, all of them.
     pub bounces: Option<u32>,
     /// Of the compressed form.
@@ -82,6 +84,7 @@ impl TransferReport {
             spectral_radius: transfer.certificate.spectral_radius,
             residual,
             capped: transfer.certificate.capped,
+            unseen: transfer.certificate.unseen,
             bounces: transfer.bounces(),
             held_out,
         }

@@ -1,0 +1,236 @@
+//! Where the picture's indirect light comes from: paths from the eye, the way back that light came [Christensen 2003].
+
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::paths::{Arrival, Paths};
+use crate::bake::bvh::{Bvh, Hit};
+use crate::bake::gather_samples::{Patch, Surfaces, held, sides};
+use crate::bake::surface::SurfacePoint;
+use crate::bake::{Baked, octahedral};
+use crate::brdf::Lobes;
+use crate::scene::Scene;
+use crate::sequence::Points;
+use crate::shared::{Brdf, NO_BRDF};
+
+/// What paths from the eye tell of a scene's surfaces.
+pub struct Importance {
+    /// Those that light can reach the eye from by way of others, as densely as gather samples shall lie there.
+    pub surfaces: Surfaces,
+    /// Share of the indirect light that each material sends on, of lights that reach everything alike.
+    pub shares: Vec<f32>,
+    /// Share of all surfaces, by area, that no path has met.
+    pub unseen: f64,
+}
+
+/// Where a path met a surface.
+struct Visit {
+    side: u32,
+    barycentric: Vec2,
+    /// Share of the pixel's light that comes from there.
+    light: f32,
+    /// How far the surface before it is, in metres.
+    distance: f32,
+}
+
+/// A surface that a path goes on from.
+struct Corner {
+    position: Vec3,
+    geometric_normal: Vec3,
+    normal: DVec3,
+    wo: DVec3,
+    brdf: Brdf,
+}
+
+/// Bounces of a path at most.
+const BOUNCES: u32 = 6;
+/// A path ends when it has a smaller share of the pixel's light.
+const LEAST_LIGHT: f32 = 0.01;
+/// Visits to a patch above which it is quartered, and to neighbouring patches above which these have densities of their own.
+const VISITS: usize = 32;
+/// Standard deviations by which visits to patches of one density may differ from what their areas ask for.
+const DEVIATIONS: f64 = 4.0;
+/// Patches near which nobody looks get as many samples as if this share of all need for them were spread evenly.
+const EVENLY: f64 = 0.1;
+
+impl Importance {
+    /// Of what `baked` sees, by so many paths that go on through at most `layers` mirrors.
+    pub fn new(scene: &Scene, bvh: &Bvh, baked: &Baked, layers: u32, paths: usize, seed: u64) -> Self {
+        let visits = Tracer { paths: Paths::new(scene, bvh, layers), baked, seed }.trace(paths);
+        let mut shares = vec![0.0; scene.materials.len()];
+        for visit in &visits {
+            shares[scene.mesh.triangle_materials[visit.side as usize / 2] as usize] += visit.light;
+        }
+        let all: f32 = shares.iter().sum();
+        shares.iter_mut().for_each(|share| *share /= all.max(f32::MIN_POSITIVE));
+        let (surfaces, unseen) = spread(scene, bvh, visits);
+        Self { surfaces, shares, unseen }
+    }
+}
+
+struct Tracer<'a> {
+    paths: Paths<'a>,
+    baked: &'a Baked,
+    seed: u64,
+}
+
+impl Tracer<'_> {
+    fn trace(&self, count: usize) -> Vec<Visit> {
+        let reflects = |&i: &u32| self.baked.samples[i as usize].brdf != NO_BRDF;
+        let seen: Vec<u32> = (0..self.baked.samples.len() as u32).filter(reflects).collect();
+        if seen.is_empty() {
+            return Vec::new();
+        }
+        let path = |i: usize| self.path(seen[i * seen.len() / count], i as u64);
+        (0..count).into_par_iter().flat_map_iter(path).collect()
+    }
+
+    fn path(&self, sample: u32, stream: u64) -> Vec<Visit> {
+        let points = Points::new(self.seed, stream);
+        let mut visits = Vec::new();
+        let mut arrivals = Vec::new();
+        let mut corner = Some(self.eye_sees(sample));
+        let mut light = Vec3::ONE;
+        for bounce in 0..BOUNCES {
+            let numbers = |layer: u32| points.at(layer, bounce);
+            let [u, v, w, which] = numbers(0);
+            let Some(from) = corner.take() else { break };
+            let Some(lobes) = Lobes::new(&from.brdf, from.normal, from.wo) else { break };
+            let Some(direction) = lobes.sample([u, v, w]) else { break };
+            let reflected = lobes.at(direction);
+            light *= (reflected.sum() / reflected.density).as_vec3();
+            let random = |layer: u32| {
+                let [u, v, w, _] = numbers(1 + layer);
+                [u, v, w]
+            };
+            arrivals.clear();
+            let arrive = |arrival: &Arrival| arrivals.push(*arrival);
+            self.paths.follow(from.position, from.geometric_normal, direction.as_vec3(), random, arrive);
+            visits.extend(arrivals.iter().map(|arrival| Visit {
+                side: 2 * arrival.place.triangle + u32::from(arrival.place.back),
+                barycentric: arrival.place.barycentric,
+                light: (light * arrival.tint).element_sum() / 3.0,
+                distance: arrival.distance,
+            }));
+            // Mirrors pass on what lies behind them, and reflect by themselves.
+            let Some(arrival) = arrivals.get((which * arrivals.len() as f64) as usize) else { break };
+            light *= arrival.tint * arrivals.len() as f32;
+            corner = (light.max_element() > LEAST_LIGHT).then(|| self.goes_on(arrival));
+        }
+        visits
+    }
+
+    fn eye_sees(&self, sample: u32) -> Corner {
+        let view = &self.baked.samples[sample as usize];
+        Corner {
+            position: view.position,
+            geometric_normal: self.baked.geometric_normals[sample as usize],
+            normal: octahedral::decode(view.normal).as_dvec3().normalize(),
+            wo: octahedral::decode(view.wo).as_dvec3().normalize(),
+            brdf: self.baked.brdfs[view.brdf as usize],
+        }
+    }
+
+    fn goes_on(&self, arrival: &Arrival) -> Corner {
+        let place = arrival.place;
+        let hit = Hit { triangle: place.triangle, barycentric: place.barycentric, distance: 0.0 };
+        let surface = SurfacePoint::new(self.paths.scene, &hit, -arrival.wo, 0.0);
+        Corner {
+            position: surface.position,
+            geometric_normal: surface.geometric_normal,
+            normal: surface.normal.as_dvec3().normalize(),
+            wo: arrival.wo.as_dvec3().normalize(),
+            brdf: held(&surface.brdf),
+        }
+    }
+}
+
+/// Patches of like density, and the share of all area that has none.
+///
+/// Light that comes from `distance` away is wrong by the angle under which a sample's width is seen: the squares of its
+/// share times width over distance add up to the error, which so many samples make least if their density is the root of
+/// the squares' sum without the width.
+fn spread(scene: &Scene, bvh: &Bvh, visits: Vec<Visit>) -> (Surfaces, f64) {
+    let mut sides = sides(scene, bvh);
+    // Neighbours that face the same way stay together.
+    sides.sort_by_cached_key(|&(side, _)| facing(scene, side));
+    let area: f64 = sides.iter().map(|(_, area)| area).sum();
+    let least_distance = 0.25 * (area * VISITS as f64 / visits.len().max(1) as f64).sqrt() as f32;
+    let need = |visit: &Visit| f64::from((visit.light / visit.distance.max(least_distance)).powi(2));
+
+    let mut by_side: Vec<Vec<(u32, f64)>> = Vec::new();
+    by_side.resize_with(2 * scene.mesh.triangles.len(), Vec::new);
+    for visit in &visits {
+        let deepest = Patch::around(visit.side, visit.barycentric, Patch::DEEPEST).part;
+        by_side[visit.side as usize].push((deepest, need(visit)));
+    }
+    let mut patches = Vec::new();
+    for (side, area) in sides {
+        let mut visits = std::mem::take(&mut by_side[side as usize]);
+        visits.sort_by_key(|&(part, _)| part);
+        quarter(Patch { side, part: 1 }, area, 0, &visits, &mut patches);
+    }
+    let evenly = EVENLY * patches.iter().map(|p| p.need).sum::<f64>() / area;
+    let mut densities = vec![0.0; patches.len()];
+    fill(&patches, &mut densities, evenly);
+    let unseen: f64 = patches.iter().zip(&densities).filter(|(_, density)| **density == 0.0).map(|(p, _)| p.area).sum();
+    let surfaces = Surfaces::new(patches.iter().zip(densities).map(|(p, density)| (p.patch, p.area, density)));
+    (surfaces, unseen.abs() / area.max(f64::MIN_POSITIVE))
+}
+
+/// A patch with what was counted there.
+struct Counted {
+    patch: Patch,
+    area: f64,
+    visits: usize,
+    need: f64,
+}
+
+/// Cuts a patch, `depth` cuts deep, until few visits went to each; `visits` are in the order of parts.
+fn quarter(patch: Patch, area: f64, depth: u32, visits: &[(u32, f64)], patches: &mut Vec<Counted>) {
+    if visits.len() <= VISITS || depth == Patch::DEEPEST {
+        let need = visits.iter().map(|(_, need)| need).sum();
+        patches.push(Counted { patch, area, visits: visits.len(), need });
+        return;
+    }
+    let mut rest = visits;
+    for part in 4 * patch.part..4 * patch.part + 4 {
+        let below = 2 * (Patch::DEEPEST - depth - 1);
+        let (here, others) = rest.split_at(rest.partition_point(|&(deepest, _)| deepest >> below <= part));
+        rest = others;
+        quarter(Patch { part, ..patch }, 0.25 * area, depth + 1, here, patches);
+    }
+}
+
+/// Densities of neighbouring patches: the same where few visits went to them together, about as many as their areas ask for.
+fn fill(patches: &[Counted], densities: &mut [f32], evenly: f64) {
+    let count = |patches: &[Counted]| -> (f64, f64) {
+        patches.iter().fold((0.0, 0.0), |(visits, area), p| (visits + p.visits as f64, area + p.area))
+    };
+    let (visits, area) = count(patches);
+    if visits == 0.0 {
+        return;
+    }
+    let middle = patches.len() / 2;
+    let alike = || {
+        let (in_left, left_area) = count(&patches[..middle]);
+        let share = left_area / area;
+        (in_left - share * visits).powi(2) <= DEVIATIONS.powi(2) * share * (1.0 - share) * visits
+    };
+    if patches.len() == 1 || (visits <= VISITS as f64 && alike()) {
+        let need: f64 = patches.iter().map(|p| p.need).sum();
+        densities.fill((need / area.max(f64::MIN_POSITIVE) + evenly).sqrt() as f32);
+        return;
+    }
+    let (left, right) = densities.split_at_mut(middle);
+    fill(&patches[..middle], left, evenly);
+    fill(&patches[middle..], right, evenly);
+}
+
+/// Which of six ways a side faces mostly.
+fn facing(scene: &Scene, side: u32) -> u8 {
+    let [a, b, c] = scene.mesh.triangles[side as usize / 2].map(|v| scene.mesh.positions[v as usize]);
+    let normal = (b - a).cross(c - a);
+    let axis = normal.abs().max_position();
+    2 * axis as u8 + u8::from((normal[axis] < 0.0) != (side % 2 == 1))
+}

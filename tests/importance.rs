@@ -1,0 +1,124 @@
+//! Where gather samples are needed: what paths from the eye find.
+
+mod common;
+
+use common::assert_near;
+use common::stage::{Build, Setup, Stage, lambert, look, mirror, rig};
+use glam::{DVec3, Vec2, Vec3};
+use relume::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
+use relume::bake::gather_samples::{GatherSamples, Patch, Placement};
+use relume::bake::transfer::importance::Importance;
+use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::scene::{Material, Projection};
+
+/// What a camera sees.
+fn stage(build: &Build, from: DVec3, to: DVec3) -> Stage {
+    let camera = look(from, to, DVec3::Y, Projection::Perspective { yfov: 1.0 });
+    Stage::new(build.scene(), &camera, &rig(Vec::new()), &Setup::new(64, 64))
+}
+
+fn importance(stage: &Stage) -> Importance {
+    Importance::new(&stage.scene, &stage.bvh, &stage.baked, 4, 16_384, 1)
+}
+
+fn samples(stage: &Stage, importance: &Importance) -> GatherSamples {
+    let clustered = Placement::Clustered { points: 4 };
+    GatherSamples::place(&stage.scene, &stage.bvh, &importance.surfaces, clustered, 2000, 1)
+}
+
+/// Of two closed rooms the eye is in one: the other gets nothing, and that one's area is all there.
+#[test]
+fn what_no_light_comes_from_gets_no_samples() {
+    let mut build = Build::default();
+    let white = build.material(lambert(Vec3::splat(0.7)));
+    build.room(DVec3::ZERO, 1.0, white).room(DVec3::X * 5.0, 1.0, white);
+    let stage = stage(&build, DVec3::new(0.2, 0.1, -0.9), DVec3::ZERO);
+    let importance = importance(&stage);
+    assert_near(importance.unseen, 0.5, 1e-9, "unseen");
+    let samples = samples(&stage, &importance);
+    assert_near(samples.area(), 24.0, 1e-4, "area");
+    assert!(samples.samples.iter().all(|s| f64::from(s.position.x) + stage.scene.origin.x < 1.1));
+}
+
+/// Through a mirror, and round a corner that only light gets around, surfaces are seen.
+#[test]
+fn mirrors_and_bounces_lead_to_surfaces() {
+    let mut build = Build::default();
+    let white = build.material(lambert(Vec3::splat(0.7)));
+    let silver = build.material(mirror(Vec3::ONE, 1.0));
+    build.quad(DVec3::Z, DVec3::Y, DVec3::X, silver); // faces the eye, and what lies behind that
+    build.quad(DVec3::Z * -5.0, DVec3::X, DVec3::Y, white);
+    build.quad(DVec3::new(9.0, 0.0, -2.0), DVec3::Z, DVec3::Y, white); // sees the other, no mirror
+    let stage = stage(&build, DVec3::ZERO, DVec3::Z);
+    let importance = importance(&stage);
+    assert_near(importance.unseen, 0.0, 0.0, "unseen");
+    assert_near(samples(&stage, &importance).area(), 8.0, 1e-4, "area without the mirror");
+}
+
+/// A box of a metre on open ground of a hectare, seen from near: even samples would be ten within four metres.
+#[test]
+fn samples_gather_where_the_picture_needs_them() {
+    let mut build = Build::default();
+    let white = build.material(lambert(Vec3::splat(0.7)));
+    build.quad(DVec3::ZERO, DVec3::Z * 50.0, DVec3::X * 50.0, white);
+    for (axis, sign) in [(DVec3::X, 1.0), (DVec3::X, -1.0), (DVec3::Z, 1.0), (DVec3::Z, -1.0), (DVec3::Y, 1.0)] {
+        let (u, v) = (0.5 * DVec3::new(axis.y, axis.z, axis.x), 0.5 * sign * DVec3::new(axis.z, axis.x, axis.y));
+        build.quad(DVec3::Y * 0.5 + axis * (0.5 * sign), v, u, white);
+    }
+    let stage = stage(&build, DVec3::new(2.0, 1.5, 3.0), DVec3::Y * 0.5);
+    let importance = importance(&stage);
+    let samples = samples(&stage, &importance);
+    let near = |s: &Vec3| (s.as_dvec3() + stage.scene.origin).length() < 4.0;
+    let count = samples.samples.iter().filter(|s| near(&s.position)).count();
+    assert!(count > 150, "{count} of {} samples lie within 4 m of the box", samples.len());
+    // The back of the box and the ground behind it count as well: light from there reaches what is seen.
+    assert!(importance.unseen < 0.2, "{} unseen", importance.unseen);
+    let ground = f64::from(samples.samples.iter().filter(|s| s.normal.y > 0.9).map(|s| s.area).sum::<f32>());
+    assert_near(ground, 1e4 * (1.0 - importance.unseen), 0.05, "area of the ground");
+}
+
+/// The statue's functions are many, those of the wall behind it, as rough, as few as little light comes from there.
+#[test]
+fn materials_that_hardly_count_get_fewer_functions() {
+    let mut build = Build::default();
+    let metal = |roughness: f32| Material { roughness, ..mirror(Vec3::splat(0.9), 1.0) };
+    let (floor, trinket) = (build.material(metal(0.5)), build.material(metal(0.5)));
+    let white = build.material(lambert(Vec3::splat(0.7)));
+    build.room(DVec3::ZERO, 1.0, white);
+    build.quad(DVec3::Y * -0.99, DVec3::Z, DVec3::X, floor);
+    build.quad(DVec3::new(0.85, -0.95, 0.85), DVec3::Z * 0.1, DVec3::X * 0.1, trinket);
+    let stage = stage(&build, DVec3::new(0.0, 0.2, -0.9), DVec3::ZERO);
+    let settings = TransferSettings {
+        outgoing: Outgoing::Glossy { functions: None },
+        samples: 2000,
+        coarse_samples: 100,
+        points: 4,
+        rays: 16,
+        layers: 1,
+        bounces: None,
+        seed: 1,
+    };
+    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
+    let level = &transfer.fine;
+    let functions = |material: usize| {
+        let of = |i: &usize| level.samples.samples[*i].material as usize == material;
+        (0..level.samples.len()).filter(of).map(|i| level.coefficients(i).len()).max().unwrap()
+    };
+    assert!(functions(floor) > functions(trinket), "{} and {}", functions(floor), functions(trinket));
+    assert!(functions(floor) <= MAX_FUNCTIONS && functions(white) == 1);
+}
+
+/// Quarters of quarters, found from a point and drawn from.
+#[test]
+fn patches_hold_the_points_around_which_they_are() {
+    for (u, v) in [(0.1, 0.1), (0.7, 0.2), (0.2, 0.7), (0.3, 0.4), (0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0)] {
+        let all = Patch::around(6, Vec2::new(u, v), Patch::DEEPEST);
+        for depth in 0..=Patch::DEEPEST {
+            let patch = Patch::around(6, Vec2::new(u, v), depth);
+            assert_eq!(patch.part, all.part >> (2 * (Patch::DEEPEST - depth)));
+            let place = patch.place(Vec2::splat(1.0 / 3.0));
+            assert!(place.barycentric.distance(Vec2::new(u, v)) < 1.01 * 0.5f32.powi(depth as i32));
+            assert_eq!((place.triangle, place.back), (3, false));
+        }
+    }
+}
