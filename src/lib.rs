@@ -55,6 +55,7 @@
 //!
 //! - [Andersson 2020] Andersson et al., FLIP: a difference evaluator for alternating images, Proc. ACM CGIT 3(2).
 //! - [Burley 2020] Burley, Practical hash-based Owen scrambling, JCGT 9(4).
+//! - [Christensen 2003] Christensen, Adjoints and importance in rendering: an overview, IEEE TVCG 9(3).
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
 //! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
 //! - [Dupuy 2023] Dupuy, Benyoub, Sampling visible GGX normals with spherical caps, Computer Graphics Forum 42(8).

@@ -70,7 +70,7 @@ impl Stage {
     }
 
     fn compress(&self, transfer: &Transfer, error: f64) -> (Compressed, Report) {
-        let settings = CompressionSettings { error, lights: 96, lobe: Lobe::All, seed: 1 };
+        let settings = CompressionSettings { error, lights: 192, lobe: Lobe::All, seed: 1 };
         let direct = |light: &PackedLight| self.direct(transfer, light);
         Compressor::new(transfer, &direct, &settings).compress(&mut Journal::default(), &|_| ())
     }
@@ -88,7 +88,7 @@ fn held_out(stage: &Stage, transfer: &Transfer, compressed: &Compressed) -> f64 
     let random = RandomLights::new(&transfer.fine.samples, 12345);
     let lit = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(transfer, &light));
     let lights: Vec<Vec<DVec3>> =
-        lit.filter(|light| light.iter().filter(|x| **x != DVec3::ZERO).count() > light.len() / 4).take(24).collect();
+        lit.filter(|light| light.iter().filter(|x| **x != DVec3::ZERO).count() > light.len() / 4).take(64).collect();
     let dense = transfer.apply(&lights, &compressed.samples, Lobe::All, &|_| ());
     let error = |(light, dense): (&Vec<DVec3>, &Vec<DVec3>)| relative(&compressed.relight(&haar, light), dense);
     lights.iter().zip(&dense).map(error).sum::<f64>() / lights.len() as f64

@@ -3,7 +3,7 @@
 mod clusters;
 mod surface_points;
 
-use glam::Vec3;
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 pub use self::surface_points::{Patch, Place, Surfaces, is_back, is_from_behind, sides};
@@ -223,7 +223,7 @@ fn clustered(
             triangle: *triangle,
             material: centre.material,
             emission: of_members().map(|c| weight(c) * c.surface.emission).sum::<Vec3>() / area as f32,
-            brdf: average(of_members().map(|c| (&c.surface.brdf, weight(c)))),
+            brdf: average(of_members().map(|c| (&c.surface.brdf, c.area))),
         };
         // Members lie in tree order: points picked evenly among their areas are spread over the cluster.
         let mut points = Vec::with_capacity(points_per_sample);
@@ -253,37 +253,32 @@ pub fn held(brdf: &Brdf) -> Brdf {
 
 /// The mean of BRDFs, each with its weight: of every reflectance, and of roughness over those that have a lobe. Among these
 /// mirrors reflect diffusely alone.
-pub fn average<'a>(brdfs: impl Iterator<Item = (&'a Brdf, f32)>) -> Brdf {
-    let mut sum =
-        Brdf { diffuse: Vec3::ZERO, alpha: 0.0, f0: Vec3::ZERO, f90: 0.0, dielectric_f0: 0.0, dielectric_f90: 0.0 };
-    let (mut all, mut roughness, mut lobes) = (0.0, 0.0, 0.0);
-    let mut mirrors = (Vec3::ZERO, 0.0);
+pub fn average<'a>(brdfs: impl Iterator<Item = (&'a Brdf, f64)>) -> Brdf {
+    let (mut all, mut diffuse, mut dielectric) = (0.0, DVec3::ZERO, DVec2::ZERO);
+    // F0 and F90 of lobes and of mirrors.
+    let (mut lobes, mut mirrors) = ([DVec3::ZERO; 2], [DVec3::ZERO; 2]);
+    let (mut roughness, mut rough) = (0.0, 0.0);
     for (brdf, weight) in brdfs {
         let brdf = held(brdf);
         all += weight;
-        sum.diffuse += weight * brdf.diffuse;
-        sum.dielectric_f0 += weight * brdf.dielectric_f0;
-        sum.dielectric_f90 += weight * brdf.dielectric_f90;
+        diffuse += weight * brdf.diffuse.as_dvec3();
+        dielectric += weight * DVec2::new(brdf.dielectric_f0.into(), brdf.dielectric_f90.into());
+        let specular = [brdf.f0, Vec3::splat(brdf.f90)].map(|f| weight * f.as_dvec3());
+        let sums = if brdf.has_lobe() { &mut lobes } else { &mut mirrors };
+        sums.iter_mut().zip(specular).for_each(|(sum, f)| *sum += f);
         if brdf.has_lobe() {
-            sum.f0 += weight * brdf.f0;
-            sum.f90 += weight * brdf.f90;
-            roughness += weight * brdf.alpha.sqrt();
-            lobes += weight;
-        } else {
-            mirrors.0 += weight * brdf.f0;
-            mirrors.1 += weight * brdf.f90;
+            roughness += weight * f64::from(brdf.alpha.sqrt());
+            rough += weight;
         }
     }
-    if lobes == 0.0 {
-        (sum.f0, sum.f90) = mirrors;
-    }
-    let share = 1.0 / all;
+    let [f0, f90] = if rough > 0.0 { lobes } else { mirrors }.map(|f| (f / all).as_vec3());
+    let dielectric = (dielectric / all).as_vec2();
     Brdf {
-        diffuse: sum.diffuse * share,
-        alpha: if lobes > 0.0 { (roughness / lobes).powi(2) } else { 0.0 },
-        f0: sum.f0 * share,
-        f90: sum.f90 * share,
-        dielectric_f0: sum.dielectric_f0 * share,
-        dielectric_f90: sum.dielectric_f90 * share,
+        diffuse: (diffuse / all).as_vec3(),
+        alpha: if rough > 0.0 { (roughness / rough).powi(2) as f32 } else { 0.0 },
+        f0,
+        f90: f90.x,
+        dielectric_f0: dielectric.x,
+        dielectric_f90: dielectric.y,
     }
 }

@@ -87,23 +87,21 @@ pub fn sides(scene: &Scene, bvh: &Bvh) -> Vec<(u32, f64)> {
 
 /// Surfaces that points are spread over, and how densely.
 pub struct Surfaces {
-    /// Patches with the points a square metre that they get, relative to each other.
-    patches: Vec<(Patch, f32)>,
+    /// Patches with their areas, in square metres.
+    patches: Vec<(Patch, f64)>,
     /// Areas times densities up to and with each patch.
     cumulative: Vec<f64>,
-    /// Square metres.
-    area: f64,
 }
 
 impl Surfaces {
-    /// Of patches with their areas and densities. Those of density 0 get no points.
+    /// Of patches with their areas and the points a square metre that they get, relative to each other. Those of density 0
+    /// are left out.
     pub fn new(patches: impl Iterator<Item = (Patch, f64, f32)>) -> Self {
-        let mut surfaces = Self { patches: Vec::new(), cumulative: Vec::new(), area: 0.0 };
+        let mut surfaces = Self { patches: Vec::new(), cumulative: Vec::new() };
         let mut total = 0.0;
         for (patch, area, density) in patches.filter(|&(_, area, density)| area > 0.0 && density > 0.0) {
             total += area * f64::from(density);
-            surfaces.area += area;
-            surfaces.patches.push((patch, density));
+            surfaces.patches.push((patch, area));
             surfaces.cumulative.push(total);
         }
         surfaces
@@ -116,38 +114,53 @@ impl Surfaces {
 
     /// Square metres, double-sided triangles counted twice.
     pub fn area(&self) -> f64 {
-        self.area
+        self.patches.iter().map(|(_, area)| area).sum()
     }
 
-    /// The place at a share of all points, at a point of the unit square over the patch that is there, with the points a
-    /// square metre.
-    fn place(&self, share: f64, [u, v]: [f64; 2]) -> (Place, f64) {
-        let total = self.cumulative[self.cumulative.len() - 1];
-        let at = share * total;
-        let patch = self.cumulative.partition_point(|&sum| sum <= at).min(self.patches.len() - 1);
-        let (patch, density) = self.patches[patch];
+    /// Index of the patch at a share of all points.
+    fn at(&self, share: f64) -> usize {
+        let at = share * self.cumulative[self.cumulative.len() - 1];
+        self.cumulative.partition_point(|&sum| sum <= at).min(self.patches.len() - 1)
+    }
+
+    /// The place at a point of the unit square over a patch.
+    fn place(&self, patch: usize, [u, v]: [f64; 2]) -> Place {
         // Folding the square along its diagonal keeps neighbours together.
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-        (patch.place(Vec2::new(u as f32, v as f32)), f64::from(density) / total)
+        self.patches[patch].0.place(Vec2::new(u as f32, v as f32))
     }
 
-    /// `count` random points, each on its own, at most: where surfaces are even [Yang 2007, Section 4.1].
+    /// `count` random points, each on its own, if there is any surface: where it is even [Yang 2007, Section 4.1].
     pub fn random(&self, points: Points, count: usize) -> Vec<Place> {
         let place = |i: usize| {
             let [share, u, v, _] = points.at(0, i as u32);
-            self.place(share, [u, v]).0
+            self.place(self.at(share), [u, v])
         };
         if self.patches.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
 
-    /// `count` points, one in each of as many equal shares of all, with the square metres that each stands for.
+    /// `count` points, one in each of as many equal shares of all, if there is any surface; each with the square metres that
+    /// it stands for: those of a patch are shared out evenly, those of one without points go to the next.
     pub fn stratified(&self, points: Points, count: usize) -> Vec<(Place, f64)> {
+        if self.patches.is_empty() {
+            return Vec::new();
+        }
         let place = |i: usize| {
             let [jitter, u, v, _] = points.at(i as u32, 0);
-            let (place, density) = self.place((i as f64 + jitter) / count as f64, [u, v]);
-            (place, 1.0 / (density * count as f64))
+            let patch = self.at((i as f64 + jitter) / count as f64);
+            (patch, self.place(patch, [u, v]))
         };
-        if self.patches.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
+        let places: Vec<(usize, Place)> = (0..count).into_par_iter().map(place).collect();
+        let mut first = 0;
+        let mut areas = Vec::with_capacity(count);
+        for of_patch in places.chunk_by(|a, b| a.0 == b.0) {
+            let last_of_all = areas.len() + of_patch.len() == count;
+            let end = if last_of_all { self.patches.len() } else { of_patch[0].0 + 1 };
+            let area: f64 = self.patches[first..end].iter().map(|(_, area)| area).sum();
+            areas.extend(std::iter::repeat_n(area / of_patch.len() as f64, of_patch.len()));
+            first = end;
+        }
+        places.into_iter().map(|(_, place)| place).zip(areas).collect()
     }
 }
 

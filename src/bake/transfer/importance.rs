@@ -47,7 +47,9 @@ const BOUNCES: u32 = 6;
 /// A path ends when it has a smaller share of the pixel's light.
 const LEAST_LIGHT: f32 = 0.01;
 /// Visits to a patch above which it is quartered, and to neighbouring patches above which these have densities of their own.
-const VISITS: usize = 32;
+const VISITS: usize = 64;
+/// Quarters of which one needs no more than so many times what another does are alike.
+const ALIKE: f64 = 4.0;
 /// Standard deviations by which visits to patches of one density may differ from what their areas ask for.
 const DEVIATIONS: f64 = 4.0;
 /// Patches near which nobody looks get as many samples as if this share of all need for them were spread evenly.
@@ -186,19 +188,28 @@ struct Counted {
     need: f64,
 }
 
-/// Cuts a patch, `depth` cuts deep, until few visits went to each; `visits` are in the order of parts.
+/// Cuts a patch, `depth` cuts deep, until few visits went to each, and leaves together what is alike: points lie more regularly
+/// on large patches. `visits` are in the order of parts.
 fn quarter(patch: Patch, area: f64, depth: u32, visits: &[(u32, f64)], patches: &mut Vec<Counted>) {
     if visits.len() <= VISITS || depth == Patch::DEEPEST {
         let need = visits.iter().map(|(_, need)| need).sum();
         patches.push(Counted { patch, area, visits: visits.len(), need });
         return;
     }
+    let first = patches.len();
     let mut rest = visits;
     for part in 4 * patch.part..4 * patch.part + 4 {
         let below = 2 * (Patch::DEEPEST - depth - 1);
         let (here, others) = rest.split_at(rest.partition_point(|&(deepest, _)| deepest >> below <= part));
         rest = others;
         quarter(Patch { part, ..patch }, 0.25 * area, depth + 1, here, patches);
+    }
+    let quarters = &patches[first..];
+    let (low, high) = quarters.iter().fold((f64::MAX, 0.0f64), |(low, high), q| (low.min(q.need), high.max(q.need)));
+    if quarters.len() == 4 && high <= ALIKE * low {
+        let need = quarters.iter().map(|q| q.need).sum();
+        patches.truncate(first);
+        patches.push(Counted { patch, area, visits: visits.len(), need });
     }
 }
 

@@ -74,7 +74,8 @@ pub struct Certificate {
     pub spectral_radius: f64,
     /// Largest relative error of a column of geometric factors after balancing.
     pub imbalance: f64,
-    /// Share of all reflected light, under even light from everywhere, that [`ALBEDO_CAP`] took away.
+    /// Share of all reflected light, under even light from everywhere, that was taken away lest a bounce reflects more than
+    /// [`ALBEDO_CAP`].
     pub capped: f64,
     /// Mean share of a sample's rays that met nothing that reflects.
     pub escaped: f64,
@@ -145,11 +146,17 @@ impl<'a> Transfer<'a> {
         };
         let imbalance = bounces.iter().map(|b| b.imbalance).fold(0.0, f64::max);
         let mut bounces = bounces.into_iter().map(|Bounce { rows, .. }| rows);
-        let among = bounces.next().expect("one a sender");
+        let mut among = bounces.next().expect("one a sender");
+        let found = solve::spectral_radius(&among);
+        // Rows of few rays that mirrors pass on may give more than they get.
+        let kept = (f64::from(ALBEDO_CAP) / found).min(1.0);
+        if kept < 1.0 {
+            among.scale(kept);
+        }
         let certificate = Certificate {
-            spectral_radius: solve::spectral_radius(&among),
+            spectral_radius: kept * found,
             imbalance,
-            capped: capped(&receivers.samples),
+            capped: 1.0 - kept * (1.0 - capped(&receivers.samples)),
             escaped: escaped.iter().sum::<f64>() / escaped.len().max(1) as f64,
             unseen: importance.unseen,
         };
@@ -276,7 +283,7 @@ impl<'a> Transfer<'a> {
 }
 
 /// Paths from the eye that tell where samples are needed, for each of them.
-const PATHS_A_SAMPLE: usize = 8;
+const PATHS_A_SAMPLE: usize = 16;
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
 

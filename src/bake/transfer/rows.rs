@@ -307,6 +307,10 @@ impl Rows {
             && self.columns.iter().all(|&column| (column as usize) < columns)
     }
 
+    pub fn scale(&mut self, factor: f64) {
+        self.values.iter_mut().flatten().for_each(|value| *value = (f64::from(*value) * factor) as f32);
+    }
+
     /// All rows of `parts` in turn.
     pub fn concatenated(parts: Vec<Rows>) -> Self {
         let entries = parts.iter().map(|part| part.columns.len()).sum();

@@ -151,8 +151,8 @@ impl BounceGatherer<'_> {
             let start = rows.columns.len();
             rows.first.extend(found.rows.first[1..].iter().map(|end| start + end));
             rows.values.extend(found.rows.columns.iter().zip(&found.rows.values).map(|(&column, value)| {
-                let scale = (row_scale * scale_of_column[column as usize]) as f32;
-                value.map(|v| v * scale)
+                let scale = row_scale * scale_of_column[column as usize];
+                value.map(|v| (f64::from(v) * scale) as f32)
             }));
             rows.columns.extend(found.rows.columns);
         }
