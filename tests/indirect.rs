@@ -327,6 +327,10 @@ fn pictures_are_what_the_operator_says() {
         // Factors in float16 are off by 2^-11 of themselves at most, at random.
         let error = distance(&indirect, &want);
         assert!(error < 2e-4, "{coarse_samples} coarse samples: off by {error:.2e}");
+        // Factors that the budget has no room for are read from host memory.
+        let mut streamed = stage.relighter(&gpu, &lights(), &Setup { budget_bytes: Some(1), ..setup.clone() });
+        assert_eq!(pixels(&mut streamed, Layers::Indirect), indirect);
+        drop(streamed);
 
         // Passes add up: emitters' own image holds their indirect light.
         let all = pixels(&mut relighter, Layers::All);

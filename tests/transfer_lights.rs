@@ -77,16 +77,18 @@ fn drawn_lights_against_the_truth() {
         return not_run("truths of drawn lights take a quarter of an hour: RELUME_FULL=1");
     }
     println!("| scene | N | coarse | K | light | rel_rmse | 4x4 | bias | FLIP | its floor |");
-    for (name, coarse_samples) in [
-        ("cornell-diffuse", 9216),
-        ("cornell-diffuse", 2304),
-        ("cornell-glossy-floor-rougher", 1152),
-        ("cornell-glossy", 1152),
-        ("buddha", 1152),
+    for (name, samples, coarse_samples) in [
+        ("cornell-diffuse", 9216, 9216),
+        ("cornell-diffuse", 9216, 2304),
+        ("cornell-glossy-floor-rougher", 9216, 1152),
+        ("cornell-glossy", 9216, 1152),
+        ("buddha", 9216, 1152),
+        ("buddha", 16_384, 1152),
+        ("buddha", 65_536, 1152),
     ] {
         let settings = TransferSettings {
             outgoing: Outgoing::Glossy { functions: None },
-            samples: 9216,
+            samples,
             coarse_samples,
             points: 16,
             rays: 1024,

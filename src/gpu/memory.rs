@@ -22,6 +22,8 @@ pub enum Access {
     HostWrites,
     /// Kernels write it, the host reads it.
     HostReads,
+    /// The host writes it once; kernels read it where it is, in host memory.
+    Streamed,
 }
 
 /// `[T]` in device memory, addressed by pointer.
@@ -56,8 +58,13 @@ impl<T: Glsl> Buffer<T> {
     /// A buffer that holds `data` and is only read from now on.
     pub fn from_slice(context: &Arc<Context>, name: &str, data: &[T]) -> Result<Self> {
         let access = if context.is_cpu() { Access::HostWrites } else { Access::Device };
+        Self::holding(context, name, access, data)
+    }
+
+    /// [`Self::from_slice`] with another access.
+    pub fn holding(context: &Arc<Context>, name: &str, access: Access, data: &[T]) -> Result<Self> {
         let mut buffer = Self::new(context, name, access, data.len())?;
-        if access == Access::HostWrites {
+        if access != Access::Device {
             copy(buffer.host_mut(), data);
         } else if !data.is_empty() {
             let mut staging = Self::new(context, "staging", Access::HostWrites, data.len())?;
@@ -76,13 +83,13 @@ impl<T: Glsl> Buffer<T> {
         self.len == 0
     }
 
-    /// What kernels wrote; only with [`Access::HostReads`] or [`Access::HostWrites`].
+    /// What kernels wrote; not with [`Access::Device`].
     pub fn host(&self) -> &[T] {
         let bytes = self.raw.mapped().unwrap_or_else(|| panic!("{} is not host memory", self.raw.name));
         bytemuck::cast_slice(&bytes[..self.len * size_of::<T>()])
     }
 
-    /// For the host to write before the frame that reads it is recorded; only with [`Access::HostWrites`].
+    /// For the host to write before the frame that reads it is recorded; not with [`Access::Device`].
     pub fn host_mut(&mut self) -> &mut [T] {
         self.raw.written.store(true, Ordering::Relaxed);
         let bytes = self.len * size_of::<T>();
@@ -174,7 +181,8 @@ pub(super) fn allocate(
     let location = match access {
         Access::Device => MemoryLocation::GpuOnly,
         Access::HostWrites => MemoryLocation::CpuToGpu,
-        Access::HostReads => MemoryLocation::GpuToCpu,
+        // No part of what little memory belongs to both.
+        Access::HostReads | Access::Streamed => MemoryLocation::GpuToCpu,
     };
     let mut allocator = context.allocator.lock().expect(UNPOISONED);
     let allocator = allocator.as_mut().expect("held until the context drops");

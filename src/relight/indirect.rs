@@ -28,6 +28,8 @@ pub struct Indirect {
     last: Vec<Product>,
     /// Instead of all of these.
     sparse: Vec<SparseProduct>,
+    /// What factors take of the budget.
+    pub device_bytes: u64,
 }
 
 /// Gather samples as light finds them.
@@ -56,6 +58,25 @@ struct Product {
     kernel: Kernel,
 }
 
+/// Bytes of device memory that factors may take, and those that found none.
+pub struct Room {
+    left: u64,
+    streamed: u64,
+}
+
+impl Room {
+    /// Holds factors on the device, or where they are streamed from.
+    pub fn hold(&mut self, context: &Arc<Context>, name: &str, factors: &[UVec4]) -> Result<Buffer<UVec4>> {
+        let bytes = size_of_val(factors) as u64;
+        if bytes <= self.left {
+            self.left -= bytes;
+            return Buffer::from_slice(context, name, factors);
+        }
+        self.streamed += bytes;
+        Buffer::holding(context, name, Access::Streamed, factors)
+    }
+}
+
 /// Where the light of view samples is added.
 pub struct Target<'a> {
     pub image: &'a Buffer<Vec4>,
@@ -68,29 +89,40 @@ pub struct Target<'a> {
 const PIECE_BYTES: usize = 1 << 30;
 
 impl Indirect {
-    pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
-        let products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
+    /// Factors beyond `budget` bytes stay in host memory, from which kernels read them in every frame.
+    pub fn new(context: &Arc<Context>, transfer: &BakedTransfer, budget: u64) -> Result<Self> {
+        let room = &mut Room { left: budget, streamed: 0 };
+        let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
             let mut products = Vec::new();
             for matrix in matrices {
                 for panels in matrix.pieces(PIECE_BYTES) {
-                    products.push(Product::new(context, &matrix.piece(panels), are_last)?);
+                    products.push(Product::new(context, &matrix.piece(panels), are_last, room)?);
                 }
             }
             Ok(products)
         };
         let (inner, last) = transfer.chain.split_at(transfer.chain.len().saturating_sub(1));
+        let (inner, coarse, last) =
+            (products(inner, false)?, products(&transfer.coarse, false)?, products(last, true)?);
         let pieces = |m: &SparseMatrix| {
-            m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p))).collect()
+            m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p), room)).collect()
         };
         let sparse = transfer.sparse.as_ref().map_or(Ok(Vec::new()), pieces)?;
+        if room.streamed > 0 {
+            let [streamed, budget] = [room.streamed, budget].map(|bytes| bytes as f64 * 1e-6);
+            tracing::info!(
+                "{streamed:.0} MB of transfer are read from host memory in every frame: the budget has {budget:.0} MB for it"
+            );
+        }
         Ok(Self {
+            device_bytes: budget - room.left,
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             lit: LitSamples::new(context, transfer)?,
             vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
             haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.first())).transpose()?,
-            inner: products(inner, false)?,
-            coarse: products(&transfer.coarse, false)?,
-            last: products(last, true)?,
+            inner,
+            coarse,
+            last,
             sparse,
         })
     }
@@ -187,12 +219,12 @@ impl LitSamples {
 }
 
 impl Product {
-    fn new(context: &Arc<Context>, matrix: &Piece, is_last: bool) -> Result<Self> {
+    fn new(context: &Arc<Context>, matrix: &Piece, is_last: bool, room: &mut Room) -> Result<Self> {
         let constants = [(0, matrix.channels), (1, u32::from(is_last))];
         Ok(Self {
             name: if is_last { "transfer to pixels" } else { "transfer" },
             panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
-            values: Buffer::from_slice(context, "transfer (factors)", matrix.values)?,
+            values: room.hold(context, "transfer (factors)", matrix.values)?,
             inputs: Buffer::from_slice(context, "transfer (inputs)", matrix.inputs)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
             kernel: Kernel::new(context, "multiply_blocks", &constants)?,

@@ -119,6 +119,8 @@ pub struct Relighter {
     images: Vec<Buffer<Vec4>>,
     /// Light images that the budget has room for.
     image_budget: usize,
+    /// Bytes of device memory that factors of indirect light may take.
+    transfer_budget: u64,
     rest: Buffer<Vec4>,
     /// Planes of the extra samples' radiance, of the light being shaded.
     extras: Buffer<f32>,
@@ -161,8 +163,12 @@ impl Relighter {
     ) -> Result<Self> {
         let pixel_stride = baked.pixel_stride();
         let image_bytes = 12 * pixel_stride as u64;
-        let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4);
-        let image_budget = (budget / image_bytes) as usize;
+        let fewest = slot_count(rig, 0);
+        let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4 * 3);
+        let transfer_budget = budget.saturating_sub(fewest as u64 * image_bytes);
+        let indirect = baked.transfer.as_ref().map(|t| Indirect::new(context, t, transfer_budget)).transpose()?;
+        let taken = indirect.as_ref().map_or(0, |indirect| indirect.device_bytes);
+        let image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
         let slot_count = slot_count(rig, image_budget);
         if image_budget < slot_count {
             tracing::warn!(
@@ -176,9 +182,10 @@ impl Relighter {
             frames: Frames::new(context)?,
             cache: LightCache::new(rig, slot_count, gpu.emission.is_some()),
             gpu,
-            indirect: baked.transfer.as_ref().map(|transfer| Indirect::new(context, transfer)).transpose()?,
+            indirect,
             images: (0..slot_count).map(|_| image("light images")).collect::<Result<_>>()?,
             image_budget,
+            transfer_budget,
             rest: image("light images (rest)")?,
             extras: extra_planes(context, baked)?,
             visibility: VisibilityBuffers::new(context, baked, traced)?,
@@ -237,7 +244,7 @@ impl Relighter {
 
     /// Takes over another transfer to the same view samples; the next picture shows it.
     pub fn set_transfer(&mut self, transfer: BakedTransfer) -> Result<()> {
-        let indirect = Indirect::new(&self.context, &transfer)?;
+        let indirect = Indirect::new(&self.context, &transfer, self.transfer_budget)?;
         let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
         self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
         self.gpu.emission = upload_emission(&self.context, &baked)?;
@@ -256,7 +263,7 @@ impl Relighter {
             self.kernels.shade_light = Kernel::new(&self.context, "shade_light", &specialization)?;
         }
         let transfer = baked.transfer.as_ref();
-        self.indirect = transfer.map(|transfer| Indirect::new(&self.context, transfer)).transpose()?;
+        self.indirect = transfer.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
         self.gpu = GpuBaked::new(&self.context, &baked)?;
         self.extras = extra_planes(&self.context, &baked)?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
 
-use super::indirect::Target;
+use super::indirect::{Room, Target};
 use crate::bake::transfer::sparse::Piece;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame, Kernel};
@@ -18,10 +18,10 @@ pub struct SparseProduct {
 }
 
 impl SparseProduct {
-    pub fn new(context: &Arc<Context>, matrix: &Piece) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, matrix: &Piece, room: &mut Room) -> Result<Self> {
         Ok(Self {
             slices: Buffer::from_slice(context, "transfer (slices)", &matrix.slices)?,
-            values: Buffer::from_slice(context, "transfer (terms)", matrix.values)?,
+            values: room.hold(context, "transfer (terms)", matrix.values)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
             kernel: Kernel::new(context, "multiply_sparse", &[])?,
         })

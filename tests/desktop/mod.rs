@@ -254,7 +254,9 @@ impl App<'_> {
     }
 
     pub fn click(&self, x: i32, y: i32) {
-        self.drag([x, y], [x, y]);
+        self.mouse_to(x, y);
+        std::thread::sleep(Duration::from_millis(200)); // the interface sees where the mouse is one frame later
+        self.desktop.xdotool(&["click", "1"]);
     }
 
     /// Quits, and when asked what shall become of unsaved edits, lets them go.
