@@ -13,7 +13,8 @@ use serde::de::DeserializeOwned;
 #[derive(Default)]
 pub struct Journal {
     open: Option<(PathBuf, File)>,
-    /// Whether all records of an earlier bake were read.
+    /// Records read of an earlier bake, and whether these are all.
+    replayed: usize,
     is_at_end: bool,
 }
 
@@ -22,7 +23,7 @@ impl Journal {
     pub fn open(path: &Path) -> Self {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).ok();
         let file = file.filter(|file| file.try_lock().is_ok());
-        Self { open: file.map(|file| (path.to_owned(), file)), is_at_end: false }
+        Self { open: file.map(|file| (path.to_owned(), file)), replayed: 0, is_at_end: false }
     }
 
     /// The next record of a bake that was stopped. After the last one, or one that is damaged or not `as_expected`, `None`:
@@ -34,8 +35,12 @@ impl Journal {
         }
         let start = file.stream_position().ok()?;
         let record = read(file).and_then(|bytes| postcard::from_bytes(&bytes).ok()).filter(as_expected);
+        self.replayed += usize::from(record.is_some());
         if record.is_none() {
             self.is_at_end = true;
+            if self.replayed > 0 {
+                tracing::info!("goes on where a bake was stopped: {} parts of it are done", self.replayed);
+            }
             if file.seek(SeekFrom::Start(start)).and_then(|_| file.set_len(start)).is_err() {
                 self.open = None;
             }

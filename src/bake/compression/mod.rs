@@ -125,10 +125,6 @@ impl<'a> Compressor<'a> {
             add(fitted, first);
             left = others;
         }
-        let [done, all] = [superclusters.len() - left.len(), superclusters.len()];
-        if done > 0 {
-            tracing::info!("goes on where a bake was stopped: {done} of {all} superclusters are fitted");
-        }
         for some in left.chunks(rayon::current_num_threads()) {
             let fitted: Vec<Fitted> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
             for (fitted, tiles) in fitted.into_iter().zip(some) {

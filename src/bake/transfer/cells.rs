@@ -114,7 +114,7 @@ fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Ve
 }
 
 /// Cells are so much smaller, at most, than even samples would need.
-const MOST_UNEVEN: f32 = 4.0;
+const MOST_UNEVEN: f32 = 2.0;
 
 /// Finds the samples around a point.
 pub struct Neighbours<'a> {

@@ -9,7 +9,7 @@
 //!
 //! with direct light at a fine level of samples (f) and further bounces among coarse ones (c). With one level they are
 //! the same samples, and Φ (I - G)⁻¹ λ0 is left. Rows of G and Φ are final gathers: nothing here divides by a squared
-//! distance, and no row sum exceeds the albedo.
+//! distance, and no row sum exceeds the albedo. Samples lie where the picture [needs them](importance).
 
 pub mod baked;
 pub mod blocks;
