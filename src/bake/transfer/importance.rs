@@ -160,17 +160,17 @@ fn spread(scene: &Scene, bvh: &Bvh, visits: Vec<Visit>) -> (Surfaces, f64) {
     let least_distance = 0.25 * (area * VISITS as f64 / visits.len().max(1) as f64).sqrt() as f32;
     let need = |visit: &Visit| f64::from((visit.light / visit.distance.max(least_distance)).powi(2));
 
-    let mut by_side: Vec<Vec<(u32, f64)>> = Vec::new();
-    by_side.resize_with(2 * scene.mesh.triangles.len(), Vec::new);
-    for visit in &visits {
-        let deepest = Patch::around(visit.side, visit.barycentric, Patch::DEEPEST).part;
-        by_side[visit.side as usize].push((deepest, need(visit)));
-    }
+    let deepest = |visit: &Visit| Patch::around(visit.side, visit.barycentric, Patch::DEEPEST);
+    let mut visits: Vec<(Patch, f64)> = visits.par_iter().map(|visit| (deepest(visit), need(visit))).collect();
+    visits.par_sort_by_key(|&(patch, _)| patch);
+    // Visits to each side: `first[side]..first[side + 1]`.
+    let mut first = vec![0u32; 2 * scene.mesh.triangles.len() + 1];
+    visits.iter().for_each(|(patch, _)| first[patch.side as usize + 1] += 1);
+    (1..first.len()).for_each(|i| first[i] += first[i - 1]);
     let mut patches = Vec::new();
     for (side, area) in sides {
-        let mut visits = std::mem::take(&mut by_side[side as usize]);
-        visits.sort_by_key(|&(part, _)| part);
-        quarter(Patch { side, part: 1 }, area, 0, &visits, &mut patches);
+        let here = &visits[first[side as usize] as usize..first[side as usize + 1] as usize];
+        quarter(Patch { side, part: 1 }, area, 0, here, &mut patches);
     }
     let evenly = EVENLY * patches.iter().map(|p| p.need).sum::<f64>() / area;
     let mut densities = vec![0.0; patches.len()];
@@ -190,7 +190,7 @@ struct Counted {
 
 /// Cuts a patch, `depth` cuts deep, until few visits went to each, and leaves together what is alike: points lie more regularly
 /// on large patches. `visits` are in the order of parts.
-fn quarter(patch: Patch, area: f64, depth: u32, visits: &[(u32, f64)], patches: &mut Vec<Counted>) {
+fn quarter(patch: Patch, area: f64, depth: u32, visits: &[(Patch, f64)], patches: &mut Vec<Counted>) {
     if visits.len() <= VISITS || depth == Patch::DEEPEST {
         let need = visits.iter().map(|(_, need)| need).sum();
         patches.push(Counted { patch, area, visits: visits.len(), need });
@@ -200,7 +200,7 @@ fn quarter(patch: Patch, area: f64, depth: u32, visits: &[(u32, f64)], patches: 
     let mut rest = visits;
     for part in 4 * patch.part..4 * patch.part + 4 {
         let below = 2 * (Patch::DEEPEST - depth - 1);
-        let (here, others) = rest.split_at(rest.partition_point(|&(deepest, _)| deepest >> below <= part));
+        let (here, others) = rest.split_at(rest.partition_point(|(deepest, _)| deepest.part >> below <= part));
         rest = others;
         quarter(Patch { part, ..patch }, 0.25 * area, depth + 1, here, patches);
     }
