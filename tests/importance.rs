@@ -77,7 +77,7 @@ fn samples_gather_where_the_picture_needs_them() {
     assert_near(ground, 1e4 * (1.0 - importance.unseen), 0.05, "area of the ground");
 }
 
-/// The statue's functions are many, those of the wall behind it, as rough, as few as little light comes from there.
+/// Of two metals as rough the floor gets many functions, a trinket fewer.
 #[test]
 fn materials_that_hardly_count_get_fewer_functions() {
     let mut build = Build::default();

@@ -65,7 +65,8 @@ pub struct TransferReport {
     pub spectral_radius: f64,
     /// How well light after all bounces is in balance: see [`Transfer::residual`]; absent for a given number of bounces.
     pub residual: Option<f64>,
-    /// Share of all reflected light that was scaled away, since glTF's BRDF reflects more than it gets near grazing.
+    /// Share of all reflected light that was scaled away, lest a bounce gives more than it gets: see
+    /// [`Certificate::capped`](super::Certificate::capped).
     pub capped: f64,
     /// Share of all surfaces, by area, that no pixel sees, even over bounces.
     pub unseen: f64,
