@@ -5,7 +5,7 @@ mod desktop;
 
 use std::path::{Path, PathBuf};
 
-use desktop::pictures::{cut, difference, render_with, scene};
+use desktop::pictures::{cut, difference, render_with, scene, scene_in};
 use desktop::{App, Desktop};
 use relume::scene::Scene;
 
@@ -176,7 +176,7 @@ fn scripts_reach_views_and_a_trace_tells_of_every_frame() {
     let text = "0.1 key F2\n0.2 key F6\n0.4 key F10\n0.6 mouse 300 200\n0.7 down left\n0.8 up left\n0.9 key F5\n\
                 1.0 press D\n1.1 repeat D\n1.2 release D\n2.0 key Ctrl+Q\n2.2 key Q\n";
     std::fs::write(&script, text).unwrap();
-    let balls = balls();
+    let balls = scene_in(folder.path(), "balls-2.glb");
     let window = desktop.relume(&[
         "view",
         balls.to_str().unwrap(),

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{Color32, DragValue, Grid, RichText, ScrollArea, Ui};
+use egui::{Color32, DragValue, Grid, Key, Modifiers, RichText, ScrollArea, Ui};
 
 use super::compare::Comparing;
 use super::desk::{Desk, GroupEdit, LightEdit};
 use super::gizmo::Grab;
-use super::keys::{Command, SECTIONS, STEPS_TEXT, Section};
+use super::keys::{self, Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
 use super::snapshots::snapshots;
@@ -225,7 +225,7 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
             ui.set_width(420.0);
             ui.label("Save the rig as .toml, or export the scene with its lights as .glb or .gltf");
             let field = ui.add(egui::TextEdit::singleline(path).desired_width(f32::INFINITY));
-            let entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+            let entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             if !entered {
                 field.request_focus();
             }
@@ -242,10 +242,10 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
             ui.label(format!("They leave {} lights.", rig.lights.len()));
             ui.horizontal(|ui| {
                 let pressed = |ui: &Ui, key| ui.input(|input| input.key_pressed(key));
-                if ui.button("Recover them (R)").clicked() || pressed(ui, egui::Key::R) {
+                if ui.button("Recover them (R)").clicked() || pressed(ui, Key::R) {
                     actions.push(Action::Recover(rig.clone()));
                     close = true;
-                } else if ui.button("Let them go (D)").clicked() || pressed(ui, egui::Key::D) {
+                } else if ui.button("Let them go (D)").clicked() || pressed(ui, Key::D) {
                     actions.push(Action::Forget);
                     close = true;
                 }
@@ -259,10 +259,10 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
                     None => "Save as... (S)".into(),
                 };
                 let pressed = |ui: &Ui, key| ui.input(|input| input.key_pressed(key));
-                if ui.button(save).clicked() || pressed(ui, egui::Key::S) {
+                if ui.button(save).clicked() || pressed(ui, Key::S) {
                     actions.push(if rig_path.is_some() { Action::SaveAndQuit } else { Action::Do(Command::SaveAs) });
                     close = true;
-                } else if ui.button("Quit without saving (Q)").clicked() || pressed(ui, egui::Key::Q) {
+                } else if ui.button("Quit without saving (Q)").clicked() || pressed(ui, Key::Q) {
                     actions.push(Action::QuitUnsaved);
                     close = true;
                 }
@@ -278,6 +278,14 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
 /// What a key may do while a dialog or a text field takes the others.
 pub fn works_always(command: Command) -> bool {
     matches!(command, Command::Close | Command::Quit)
+}
+
+/// Whether a key may open or close a dialog, or leave a text field: those after it are for somebody else.
+pub fn hands_over(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modifiers, key: Key) -> bool {
+    let leaves = ui_wants_keys && matches!(key, Key::Enter | Key::Escape | Key::Tab);
+    let answers = matches!(dialog, Some(Dialog::Quit | Dialog::Recover(_)));
+    let commands = [Command::Close, Command::Quit, Command::Save, Command::SaveAs, Command::Export];
+    leaves || answers || keys::command(modifiers, key).is_some_and(|command| commands.contains(&command))
 }
 
 /// Whether a held key repeats its command.

@@ -2,7 +2,7 @@
 
 use egui::{Event, Key, PointerButton, Pos2};
 
-use super::controls::{self, Action, ViewState};
+use super::controls::{self, Action, Dialog, ViewState};
 use super::gizmo::Grab;
 use super::keys::{self, Command};
 use super::stage::{Pointer, Stage};
@@ -19,6 +19,8 @@ pub struct Hand {
     dragging: Option<(Key, Command)>,
     /// What the mouse took hold of in the picture.
     grabbed: Option<Grab>,
+    /// Typed before it was known whom it is for.
+    ahead: Vec<Event>,
 }
 
 /// What events come upon.
@@ -41,6 +43,22 @@ pub struct Taken {
 }
 
 impl Hand {
+    /// Leaves the events up to the one that changes whom keys are for, and keeps what was typed ahead for the next frame.
+    /// Tells whether there is such.
+    pub fn in_turn(&mut self, events: &mut Vec<Event>, dialog: Option<&Dialog>, ui_wants_keys: bool) -> bool {
+        events.splice(0..0, self.ahead.drain(..));
+        let hands_over = |event: &Event| match event {
+            Event::Key { key, pressed: true, modifiers, .. } => {
+                controls::hands_over(dialog, ui_wants_keys, *modifiers, *key)
+            }
+            _ => false,
+        };
+        if let Some(last) = events.iter().position(hands_over) {
+            self.ahead = events.split_off(last + 1);
+        }
+        !self.ahead.is_empty()
+    }
+
     /// What the events mean; those that mean something to us are taken out.
     pub fn take(&mut self, events: &mut Vec<Event>, mut around: Around) -> Taken {
         let mut taken = Taken::default();
@@ -110,5 +128,33 @@ impl Hand {
             taken.actions.retain(|other| *other != action);
             taken.actions.push(action);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui::Modifiers;
+
+    use super::*;
+
+    fn press(key: Key, modifiers: Modifiers) -> Event {
+        Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers }
+    }
+
+    #[test]
+    fn what_is_typed_ahead_waits_for_whom_it_is_for() {
+        let mut hand = Hand::default();
+        let save = press(Key::S, Modifiers::COMMAND);
+        let move_right = press(Key::D, Modifiers::NONE);
+        let mut events = vec![move_right.clone(), save.clone(), move_right.clone(), press(Key::Enter, Modifiers::NONE)];
+        assert!(hand.in_turn(&mut events, None, false));
+        assert_eq!(events, [move_right.clone(), save.clone()]);
+        // The dialog is open now; Enter will close it.
+        let mut events = vec![save.clone()];
+        assert!(hand.in_turn(&mut events, Some(&Dialog::SaveAs(String::new())), true));
+        assert_eq!(events, [move_right, press(Key::Enter, Modifiers::NONE)]);
+        let mut events = vec![];
+        assert!(!hand.in_turn(&mut events, None, false));
+        assert_eq!(events, [save]);
     }
 }

@@ -253,16 +253,22 @@ impl App {
         let pointer = self.pointer();
         let graphics = self.graphics.as_ref().expect("frames begin with graphics");
         let context = graphics.egui.egui_ctx();
+        let is_typed_to = context.egui_wants_keyboard_input() && self.view.has_ui();
+        let ui_wants_keys = self.view.dialog.is_some() || is_typed_to;
+        let has_more = self.hand.in_turn(events, self.view.dialog.as_ref(), ui_wants_keys);
         let around = Around {
             stage: self.stage.as_mut(),
             view: &self.view,
             pointer,
             pixels_per_point: graphics.pixels_per_point(),
-            ui_wants_keys: self.view.dialog.is_some() || context.egui_wants_keyboard_input() && self.view.has_ui(),
+            ui_wants_keys,
             ui_wants_pointer: context.egui_wants_pointer_input(),
         };
         let Taken { actions, stale } = self.hand.take(events, around);
         self.stale |= stale;
+        if has_more {
+            self.ask_for_frame();
+        }
         actions
     }
 

@@ -33,7 +33,7 @@ impl Desktop {
     pub fn start() -> Option<Self> {
         let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let mut server = match Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp"])
+            .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp", "-r"]) // no key repeats by itself
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -226,20 +226,33 @@ impl App<'_> {
         }
     }
 
-    /// What the window shows, once two looks at it agree.
+    /// What the window shows, once two looks at it agree and nobody worked on another picture in between.
     pub fn screenshot(&self) -> Shot {
         let (connection, _) = RustConnection::connect(Some(&self.desktop.display)).unwrap();
         let start = Instant::now();
         let mut last = None;
         loop {
-            std::thread::sleep(Duration::from_millis(300));
+            let rested = (0..15).fold(true, |rested, _| {
+                std::thread::sleep(Duration::from_millis(20));
+                rested && !self.works()
+            });
             let shot = self.look(&connection);
-            if last.as_ref() == Some(&shot) {
+            if rested && last.as_ref() == Some(&shot) {
                 return shot;
             }
             assert!(start.elapsed() < PATIENCE, "the window never rests");
             last = Some(shot);
         }
+    }
+
+    /// Whether a thread runs, or waits for a processor.
+    fn works(&self) -> bool {
+        let threads = std::fs::read_dir(format!("/proc/{}/task", self.child.id())).unwrap();
+        let state = |thread: std::io::Result<std::fs::DirEntry>| {
+            let stat = std::fs::read_to_string(thread.ok()?.path().join("stat")).ok()?;
+            stat[stat.rfind(')')? + 2..].chars().next()
+        };
+        threads.filter_map(state).any(|state| state != 'S')
     }
 
     fn look(&self, connection: &RustConnection) -> Shot {
@@ -262,9 +275,7 @@ impl App<'_> {
     /// Quits, and when asked what shall become of unsaved edits, lets them go.
     #[track_caller]
     pub fn quits_unsaved(self) {
-        self.keys(&["ctrl+q"]);
-        std::thread::sleep(Duration::from_millis(300));
-        self.keys(&["q"]);
+        self.keys(&["ctrl+q", "q"]);
         self.ends_silently();
     }
 

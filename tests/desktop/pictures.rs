@@ -8,6 +8,13 @@ pub fn scene(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
+/// A scene in a folder of its own, and with it what windows that save nowhere keep beside their scene.
+pub fn scene_in(folder: &Path, name: &str) -> PathBuf {
+    let copy = folder.join(name);
+    std::fs::copy(scene(name), &copy).unwrap();
+    copy
+}
+
 /// The picture where it is shown 1:1 and centred.
 pub fn cut(shot: &Shot, [width, height]: [usize; 2]) -> Vec<[u8; 3]> {
     let (left, top) = ((shot.width - width) / 2, (shot.height - height) / 2);

@@ -186,9 +186,7 @@ fn what_is_exported_is_opened_again_as_the_same_picture() {
     window.key("comma", "colour");
     saved_is_rendered(&window, &rig);
     let shown = picture(&window);
-    window.keys(&["ctrl+e"]);
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    window.keys(&["ctrl+a", "BackSpace"]);
+    window.keys(&["ctrl+e", "ctrl+a", "BackSpace"]);
     window.text(exported.to_str().unwrap());
     window.key("Return", "exported");
     let again = render(&exported, None, &folder.path().join("again.png"));
