@@ -149,11 +149,11 @@ impl App<'_> {
             std::thread::sleep(Duration::from_millis(50));
         }
         self.desktop.xdotool(&["windowactivate", "--sync", &self.window]);
-        // The manager calls a window active before keys go to it.
+        // The manager calls a window active before keys go to it, and rarely does not hear at all.
         while self.desktop.xdotool(&["getwindowfocus"]) != self.window {
             assert!(start.elapsed() < PATIENCE, "the window gets no keys");
             std::thread::sleep(Duration::from_millis(100));
-            self.desktop.xdotool(&["windowactivate", &self.window]);
+            self.desktop.xdotool(&["windowfocus", &self.window]);
         }
         self.wait_for_title(says);
     }
