@@ -20,10 +20,12 @@ fn products(criterion: &mut Criterion) {
         let matrix = matrix(blocks, rows, columns, channels);
         group.throughput(Throughput::Bytes(matrix.bytes() as u64));
         let shape = format!("{blocks} of {rows}x{columns}x{channels}");
-        let mut product = Product::new(&context, &matrix);
-        group.bench_function(BenchmarkId::new(name, shape), |bencher| {
-            bencher.iter_custom(|iterations| (0..iterations).map(|_| product.run()).sum());
-        });
+        for lights in [1, LIGHTS_A_PASS] {
+            let mut product = Product::new(&context, &matrix, lights);
+            group.bench_function(BenchmarkId::new(name, format!("{shape}, {lights} lights")), |bencher| {
+                bencher.iter_custom(|iterations| (0..iterations).map(|_| product.run()).sum());
+            });
+        }
     }
 }
 
@@ -53,16 +55,17 @@ struct Product {
 }
 
 impl Product {
-    fn new(context: &Arc<Context>, matrix: &BlockMatrix) -> Self {
+    fn new(context: &Arc<Context>, matrix: &BlockMatrix, lights: u32) -> Self {
+        let vector = vec![Vec4::ONE; (lights * matrix.input_count) as usize];
         let buffers = || -> relume::error::Result<Self> {
             Ok(Self {
                 frames: Frames::new(context)?,
-                kernel: Kernel::new(context, "multiply_blocks", &[(0, matrix.channels), (1, 0)])?,
+                kernel: Kernel::new(context, "multiply_blocks", &[(0, matrix.channels), (1, 0), (2, lights)])?,
                 panels: Buffer::from_slice(context, "panels", &matrix.panels)?,
                 values: Buffer::from_slice(context, "values", &matrix.values)?,
                 inputs: Buffer::from_slice(context, "inputs", &matrix.inputs)?,
                 outputs: Buffer::from_slice(context, "outputs", &matrix.outputs)?,
-                vector: Buffer::from_slice(context, "vector", &vec![Vec4::ONE; matrix.input_count as usize])?,
+                vector: Buffer::from_slice(context, "vector", &vector)?,
                 image: Buffer::new(context, "image", Access::Device, 4)?,
                 extras: Buffer::new(context, "extras", Access::Device, 4)?,
             })
@@ -79,12 +82,12 @@ impl Product {
             inputs: pass.read(&self.inputs),
             outputs: pass.read(&self.outputs),
             vector: pass.write(&self.vector),
-            image: pass.write(&self.image),
-            extras: pass.write(&self.extras),
+            images: [pass.write(&self.image); LIGHTS_A_PASS as usize],
+            extras: [pass.write(&self.extras); LIGHTS_A_PASS as usize],
             panel_count: self.panels.len() as u32,
             pixel_stride: 0,
             extra_stride: 0,
-            unused: 0,
+            light_count: 0,
         };
         pass.dispatch(&self.kernel, &push, push.panel_count * GROUP_SIZE);
         frame.finish().expect("it did before");

@@ -1,14 +1,16 @@
-// Haar wavelets over subtrees of gather samples, in place, from the bottom up: a subtree a workgroup.
+// Haar wavelets over subtrees of gather samples, in place, from the bottom up, under some lights: a subtree a workgroup.
 // Twin: src/bake/compression/haar.rs.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { HaarPush push; };
+layout(constant_id = 0) const uint LIGHTS = 1;
 
 void main() {
     uint group = group_index();
@@ -20,10 +22,14 @@ void main() {
         uint end = push.ranges.at[first + height + 1];
         for (uint i = push.ranges.at[first + height] + gl_LocalInvocationIndex; i < end; i += GROUP_SIZE) {
             Rotation r = push.rotations.at[i];
-            vec3 left = push.vector.at[r.sum].rgb;
-            vec3 right = push.vector.at[r.term].rgb;
-            push.vector.at[r.sum].rgb = r.cosine * left + r.sine * right;
-            push.vector.at[r.term].rgb = r.sine * left - r.cosine * right;
+            [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+                uint sum = r.sum * LIGHTS + l;
+                uint term = r.term * LIGHTS + l;
+                vec3 left = push.vector.at[sum].rgb;
+                vec3 right = push.vector.at[term].rgb;
+                push.vector.at[sum].rgb = r.cosine * left + r.sine * right;
+                push.vector.at[term].rgb = r.sine * left - r.cosine * right;
+            }
         }
         // What one height wrote, other threads of the workgroup read at the next.
         memoryBarrierBuffer();

@@ -1,4 +1,4 @@
-// A block matrix times a vector of RGB: a panel a workgroup. Twin: src/bake/transfer/blocks.rs.
+// A block matrix times the vectors of some lights, RGB: a panel a workgroup. Twin: src/bake/transfer/blocks.rs.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
@@ -14,6 +14,8 @@ layout(push_constant, scalar) uniform Block { MultiplyBlocksPush push; };
 layout(constant_id = 0) const uint CHANNELS = 1;
 // Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
 layout(constant_id = 1) const bool TO_VIEW_SAMPLES = false;
+// Vectors, element by element side by side: factors are read once for all.
+layout(constant_id = 2) const uint LIGHTS = 1;
 
 #include "lib/add_radiance.glsl"
 
@@ -22,11 +24,11 @@ layout(constant_id = 1) const bool TO_VIEW_SAMPLES = false;
 const uint LANES = PANEL_COLUMNS;
 const uint ROWS = STRIP_ROWS / LANES;
 
-void store(uint output_index, vec3 sum) {
+void store(uint output_index, uint light, vec3 sum) {
     if (!TO_VIEW_SAMPLES) {
-        push.vector.at[output_index] = vec4(sum, 0.0);
+        push.vector.at[output_index * LIGHTS + light] = vec4(sum, 0.0);
     } else {
-        add_radiance(output_index, sum);
+        add_radiance(output_index, light, sum);
     }
 }
 
@@ -43,16 +45,21 @@ void main() {
     }
     uint stride = min(panel.row_count - strip, STRIP_ROWS);
     uint value = panel.first_value + CHANNELS * panel.octet_count * strip;
-    vec3 sums[ROWS];
-    [[unroll]] for (uint r = 0; r < ROWS; ++r) {
-        sums[r] = vec3(0.0);
+    vec3 sums[LIGHTS][ROWS];
+    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+        [[unroll]] for (uint r = 0; r < ROWS; ++r) {
+            sums[l][r] = vec3(0.0);
+        }
     }
     for (uint octet = 0; octet < panel.octet_count; ++octet) {
         // Each lane reads one column's input, for all.
-        vec3 own = push.vector.at[push.inputs.at[panel.first_input + octet * PANEL_COLUMNS + lane]].rgb;
-        vec3 x[PANEL_COLUMNS];
-        [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
-            x[k] = subgroupBroadcast(own, k);
+        uint input_index = push.inputs.at[panel.first_input + octet * PANEL_COLUMNS + lane];
+        vec3 x[LIGHTS][PANEL_COLUMNS];
+        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+            vec3 own = push.vector.at[input_index * LIGHTS + l].rgb;
+            [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
+                x[l][k] = subgroupBroadcast(own, k);
+            }
         }
         [[unroll]] for (uint r = 0; r < ROWS; ++r) {
             // Lanes beyond the last row read that.
@@ -64,10 +71,12 @@ void main() {
             [[unroll]] for (uint c = 0; c < CHANNELS; ++c) {
                 [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
                     vec2 pair = unpackHalf2x16(packed[c][k]);
-                    if (CHANNELS == 1) {
-                        sums[r] += pair.x * x[2 * k] + pair.y * x[2 * k + 1];
-                    } else {
-                        sums[r][c] += pair.x * x[2 * k][c] + pair.y * x[2 * k + 1][c];
+                    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+                        if (CHANNELS == 1) {
+                            sums[l][r] += pair.x * x[l][2 * k] + pair.y * x[l][2 * k + 1];
+                        } else {
+                            sums[l][r][c] += pair.x * x[l][2 * k][c] + pair.y * x[l][2 * k + 1][c];
+                        }
                     }
                 }
             }
@@ -77,7 +86,9 @@ void main() {
     [[unroll]] for (uint r = 0; r < ROWS; ++r) {
         uint row = strip + lane * ROWS + r;
         if (row < panel.row_count) {
-            store(push.outputs.at[panel.first_output + row], panel.scale * sums[r]);
+            [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+                store(push.outputs.at[panel.first_output + row], l, panel.scale * sums[l][r]);
+            }
         }
     }
 }

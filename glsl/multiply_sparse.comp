@@ -1,4 +1,4 @@
-// A sparse matrix times a vector of RGB, added to view samples: a row a thread. Twin: src/bake/transfer/sparse.rs.
+// A sparse matrix times the vectors of some lights, RGB, added to view samples: a row a thread. Twin: src/bake/transfer/sparse.rs.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
@@ -9,6 +9,7 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { MultiplySparsePush push; };
+layout(constant_id = 0) const uint LIGHTS = 1;
 
 #include "lib/add_radiance.glsl"
 
@@ -22,7 +23,10 @@ void main() {
     if (row >= slice.row_count) {
         return;
     }
-    vec3 sum = vec3(0.0);
+    vec3 sums[LIGHTS];
+    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+        sums[l] = vec3(0.0);
+    }
     uint column = 0;
     uint value = slice.first_value + row;
     for (uint pair = 0; pair < slice.pair_count; ++pair, value += GROUP_SIZE) {
@@ -30,8 +34,12 @@ void main() {
         [[unroll]] for (uint k = 0; k < 4; k += 2) {
             column += packed[k + 1] >> 16;
             vec3 factors = vec3(unpackHalf2x16(packed[k]), unpackHalf2x16(packed[k + 1]).x);
-            sum += factors * push.vector.at[column].rgb;
+            [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+                sums[l] += factors * push.vector.at[column * LIGHTS + l].rgb;
+            }
         }
     }
-    add_radiance(push.outputs.at[slice.first_output + row], slice.scale * sum);
+    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+        add_radiance(push.outputs.at[slice.first_output + row], l, slice.scale * sums[l]);
+    }
 }

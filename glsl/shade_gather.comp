@@ -68,8 +68,13 @@ vec3 half_turn(vec3 axis, vec3 v) {
     return 2.0 * dot(axis, v) * axis - v;
 }
 
+// Where a coefficient of this light lies.
+uint element(uint index) {
+    return index * push.lights + push.light_index;
+}
+
 void add(uint index, vec3 value) {
-    push.coefficients.at[index].rgb += value;
+    push.coefficients.at[element(index)].rgb += value;
 }
 
 void main() {
@@ -79,7 +84,7 @@ void main() {
     }
     LightSample s = push.samples.at[index];
     for (uint i = 0; i < s.degrees * s.degrees; ++i) {
-        push.coefficients.at[s.first + i] = vec4(0.0);
+        push.coefficients.at[element(s.first + i)] = vec4(0.0);
     }
     vec3 first = vec3(0.0);
     Lookup at;
@@ -128,5 +133,5 @@ void main() {
             }
         }
     }
-    push.coefficients.at[s.first].rgb = first;
+    push.coefficients.at[element(s.first)].rgb = first;
 }

@@ -37,6 +37,8 @@ gpu_shared! {
         pub const HARMONIC_DEGREES: u32 = 7;
         /// Texels along each side of the map of directions to a disc [Yang 2007, Figure 4.2 b].
         pub const DISC_SIDE: u32 = 32;
+        /// Lights whose products a pass takes at once, at most.
+        pub const LIGHTS_A_PASS: u32 = 4;
         /// Rows of the tables of k, over roughness.
         pub const TABLE_ROUGHNESSES: u32 = 25;
         /// Columns of the tables of k, over the square root of the cosine.
@@ -247,7 +249,7 @@ gpu_shared! {
             pub visibility: Read<u32>,
             /// Tables of k: `Projection::tables`.
             pub tables: Read<f32>,
-            /// Coefficients of all samples, RGB and nothing.
+            /// Coefficients of all samples, RGB and nothing, of each light in turn.
             pub coefficients: Write<Vec4>,
             /// At unit intensity.
             pub light: PackedLight,
@@ -255,6 +257,10 @@ gpu_shared! {
             pub sample_count: u32,
             /// How many of each.
             pub points_per_sample: u32,
+            /// How many lights have coefficients.
+            pub lights: u32,
+            /// Which of them this is.
+            pub light_index: u32,
         }
 
         /// A gather sample of the thesis; mesh space.
@@ -281,12 +287,16 @@ gpu_shared! {
             pub visibility: Read<u32>,
             /// RGB of k, and 1 where the texel lies on the disc.
             pub tables: Read<Vec4>,
-            /// Coefficients of all samples, RGB and nothing.
+            /// Coefficients of all samples, RGB and nothing, of each light in turn.
             pub coefficients: Write<Vec4>,
             /// At unit intensity.
             pub light: PackedLight,
             /// How many samples.
             pub sample_count: u32,
+            /// How many lights have coefficients.
+            pub lights: u32,
+            /// Which of them this is.
+            pub light_index: u32,
             /// Keeps the size a multiple of eight.
             pub unused: u32,
         }
@@ -309,7 +319,7 @@ gpu_shared! {
             pub rotations: Read<Rotation>,
             /// Where the rotations of each height begin, and where the last ones end: `height_count` + 1 a subtree.
             pub ranges: Read<u32>,
-            /// RGB and nothing.
+            /// RGB and nothing, of each light in turn.
             pub vector: Write<Vec4>,
             /// One a workgroup.
             pub subtree_count: u32,
@@ -325,20 +335,20 @@ gpu_shared! {
             pub values: Read<UVec4>,
             /// Indices of view samples.
             pub outputs: Read<u32>,
-            /// RGB and nothing: what is multiplied.
+            /// RGB and nothing, of each light in turn: what is multiplied.
             pub vector: Read<Vec4>,
-            /// Planes R, G, B of `pixel_stride` floats, added to.
-            pub image: Write<f32>,
-            /// Planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
-            pub extras: Write<f32>,
+            /// Of each light, planes R, G, B of `pixel_stride` floats, added to.
+            pub images: [Write<f32>; LIGHTS_A_PASS as usize],
+            /// Of each light, planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
+            pub extras: [Write<f32>; LIGHTS_A_PASS as usize],
             /// How many slices.
             pub slice_count: u32,
             /// Samples of layer 1.
             pub pixel_stride: u32,
             /// Extra samples, padded.
             pub extra_stride: u32,
-            /// Keeps the size a multiple of eight.
-            pub unused: u32,
+            /// Lights whose images are there.
+            pub light_count: u32,
         }
 
         /// multiply_blocks.comp
@@ -351,20 +361,20 @@ gpu_shared! {
             pub inputs: Read<u32>,
             /// Indices into `vector`, or of view samples.
             pub outputs: Read<u32>,
-            /// RGB and nothing: what is multiplied, and what results if no view samples do.
+            /// RGB and nothing, of each light in turn: what is multiplied, and what results if no view samples do.
             pub vector: Write<Vec4>,
-            /// Planes R, G, B of `pixel_stride` floats, added to.
-            pub image: Write<f32>,
-            /// Planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
-            pub extras: Write<f32>,
+            /// Of each light, planes R, G, B of `pixel_stride` floats, added to.
+            pub images: [Write<f32>; LIGHTS_A_PASS as usize],
+            /// Of each light, planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
+            pub extras: [Write<f32>; LIGHTS_A_PASS as usize],
             /// How many panels.
             pub panel_count: u32,
             /// Samples of layer 1.
             pub pixel_stride: u32,
             /// Extra samples, padded.
             pub extra_stride: u32,
-            /// Keeps the size a multiple of eight.
-            pub unused: u32,
+            /// Lights whose images are there.
+            pub light_count: u32,
         }
 
         /// shadow_pcf.comp

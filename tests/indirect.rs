@@ -20,7 +20,8 @@ use relume::bake::transfer::blocks::{BlockMatrix, Dense};
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::gpu::{Access, Buffer, Frames, Kernel};
+use relume::gpu::gpu_struct::Write;
+use relume::gpu::{Access, Buffer, Frames, Kernel, Pass};
 use relume::reference::{gather, resolve};
 use relume::relight::{Layers, Picture, VisibilityMethod};
 use relume::scene::rig::Rig;
@@ -47,13 +48,20 @@ fn random_matrix(random: &mut Random, channels: u32, inputs: usize, outputs: usi
     matrix
 }
 
+/// Of absent lights that of the first.
+fn addresses(pass: &mut Pass, buffers: &[Buffer<f32>]) -> [Write<f32>; LIGHTS_A_PASS as usize] {
+    let written: Vec<_> = buffers.iter().map(|buffer| pass.write(buffer)).collect();
+    std::array::from_fn(|light| *written.get(light).unwrap_or(&written[0]))
+}
+
 #[test]
 fn multiply_blocks() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(9);
-    for (channels, outputs, to_view) in
-        [(1, 1, false), (3, 130, true), (1, 3001, true), (3, 700, false), (1, 700, true), (3, 65, true)]
+    let shapes = [(1, 1, false), (3, 130, true), (1, 3001, true), (3, 700, false), (1, 700, true), (3, 65, true)];
+    // Alone, or with one of several lights absent.
+    for ((channels, outputs, to_view), (lights, places)) in shapes.into_iter().flat_map(|s| [(s, (1, 1)), (s, (3, 4))])
     {
         let inputs = 333;
         let extras: usize = if to_view { outputs / 3 } else { 0 };
@@ -66,15 +74,20 @@ fn multiply_blocks() {
             matrix.outputs.iter_mut().for_each(|o| *o += inputs as u32);
         }
         assert!(matrix.is_consistent());
-        let of_input = |i| if i < inputs { random.vector(-1.0, 1.0).as_vec3().extend(0.0) } else { Vec4::ZERO };
-        let mut vector = Buffer::new(&gpu, "test vector", Access::HostWrites, length).unwrap();
-        let values: Vec<Vec4> = (0..length).map(of_input).collect();
+        let of_element =
+            |i| if i < places * inputs { random.vector(-1.0, 1.0).as_vec3().extend(0.0) } else { Vec4::ZERO };
+        let mut vector = Buffer::new(&gpu, "test vector", Access::HostWrites, places * length).unwrap();
+        let values: Vec<Vec4> = (0..places * length).map(of_element).collect();
         vector.host_mut().copy_from_slice(&values);
-        let mut image = output(&gpu, 3 * pixel_count);
-        image.host_mut()[..3 * pixel_count].fill(0.5);
-        let mut extra_image = output(&gpu, 3 * extra_stride);
-        extra_image.host_mut()[..3 * extra_stride].fill(0.5);
-        let kernel = Kernel::new(&gpu, "multiply_blocks", &[(0, channels), (1, u32::from(to_view))]).unwrap();
+        let image = |length: usize| {
+            let mut image = output(&gpu, length);
+            image.host_mut()[..length].fill(0.5);
+            image
+        };
+        let images: Vec<_> = (0..lights).map(|_| image(3 * pixel_count)).collect();
+        let extra_images: Vec<_> = (0..lights).map(|_| image(3 * extra_stride)).collect();
+        let constants = [(0, channels), (1, u32::from(to_view)), (2, places as u32)];
+        let kernel = Kernel::new(&gpu, "multiply_blocks", &constants).unwrap();
         let panels = Buffer::from_slice(&gpu, "test panels", &matrix.panels).unwrap();
         let factors = Buffer::from_slice(&gpu, "test factors", &matrix.values).unwrap();
         let input_list = Buffer::from_slice(&gpu, "test inputs", &matrix.inputs).unwrap();
@@ -87,31 +100,37 @@ fn multiply_blocks() {
                 inputs: pass.read(&input_list),
                 outputs: pass.read(&output_list),
                 vector: pass.write(&vector),
-                image: pass.write(&image),
-                extras: pass.write(&extra_image),
+                images: addresses(&mut pass, &images),
+                extras: addresses(&mut pass, &extra_images),
                 panel_count: panels.len() as u32,
                 pixel_stride: pixel_count as u32,
                 extra_stride: extra_stride as u32,
-                unused: 0,
+                light_count: lights as u32,
             };
             pass.dispatch(&kernel, &push, push.panel_count * GROUP_SIZE);
         });
-        let exact: Vec<DVec3> = values.iter().map(|v| v.truncate().as_dvec3()).collect();
-        let want = matrix.multiply(&exact);
-        let largest = matrix.multiply_magnitudes(&exact);
-        for row in 0..outputs {
-            let (got, before, place) = match () {
-                () if !to_view => (vector.host()[inputs + row].truncate().as_dvec3(), 0.0, inputs + row),
-                () if row < pixel_count => (pixel(image.host(), pixel_count, row), 0.5, row),
-                () => (pixel(extra_image.host(), extra_stride, row - pixel_count), 0.5, row),
-            };
-            // A rounding for each of at most 130 sums, and those of what was there before.
-            let tolerance = 140.0 * ROUNDING * (largest[place].max_element() + before);
-            let error = (got - want[place] - before).abs().max_element();
-            assert!(error <= tolerance, "row {row} of {outputs}: off by {error:.3e}, tolerance {tolerance:.3e}");
-        }
-        for buffer in [(&image, 3 * pixel_count), (&extra_image, 3 * extra_stride)] {
-            assert!(buffer.0.host()[buffer.1..].iter().all(|&x| x == SENTINEL), "wrote past {} floats", buffer.1);
+        for light in 0..lights {
+            let exact: Vec<DVec3> =
+                values.iter().skip(light).step_by(places).map(|v| v.truncate().as_dvec3()).collect();
+            let want = matrix.multiply(&exact);
+            let largest = matrix.multiply_magnitudes(&exact);
+            for row in 0..outputs {
+                let (got, before, place) = match () {
+                    () if !to_view => {
+                        let element = vector.host()[(inputs + row) * places + light];
+                        (element.truncate().as_dvec3(), 0.0, inputs + row)
+                    }
+                    () if row < pixel_count => (pixel(images[light].host(), pixel_count, row), 0.5, row),
+                    () => (pixel(extra_images[light].host(), extra_stride, row - pixel_count), 0.5, row),
+                };
+                // A rounding for each of at most 130 sums, and those of what was there before.
+                let tolerance = 140.0 * ROUNDING * (largest[place].max_element() + before);
+                let error = (got - want[place] - before).abs().max_element();
+                assert!(error <= tolerance, "row {row} of {outputs}: off by {error:.3e}, tolerance {tolerance:.3e}");
+            }
+            for buffer in [(&images[light], 3 * pixel_count), (&extra_images[light], 3 * extra_stride)] {
+                assert!(buffer.0.host()[buffer.1..].iter().all(|&x| x == SENTINEL), "wrote past {} floats", buffer.1);
+            }
         }
     }
 }
@@ -252,6 +271,8 @@ fn shade_gather() {
                 light: packed,
                 sample_count: samples.len() as u32,
                 points_per_sample: baked.points_per_sample as u32,
+                lights: 1,
+                light_index: 0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
         });
@@ -383,6 +404,21 @@ fn compressed_pictures_are_what_the_factors_say() {
     stage.baked = Arc::new(Baked { transfer: Some(nested), ..(*baked).clone() });
     let nested = stage.baked.transfer.as_ref().unwrap();
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);
+    // Lights that are made together with others are the same to the last bit.
+    let mut many = lights();
+    for i in 0..3 {
+        many.lights.extend(lights().lights.into_iter().map(|light| Light {
+            name: format!("{} {i}", light.name),
+            position: light.position + DVec3::new(0.0, 0.01 * f64::from(i), 0.0),
+            ..light
+        }));
+    }
+    let alone = |light| stage.relighter(&gpu, &many, &setup).linear(Picture::Light(light)).unwrap().to_vec();
+    let mut together = stage.relighter(&gpu, &many, &setup);
+    together.linear(Picture::Whole).unwrap();
+    for light in 0..many.lights.len() {
+        assert_eq!(together.linear(Picture::Light(light)).unwrap(), alone(light), "light {light}");
+    }
     relighter.set_layers(Layers::Indirect);
     for (i, light) in lights().lights.iter().enumerate() {
         let scale = light.scale().as_dvec3();

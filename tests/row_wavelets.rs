@@ -80,12 +80,12 @@ fn multiply_sparse() {
                 values: pass.read(&terms),
                 outputs: pass.read(&output_list),
                 vector: pass.read(&vector),
-                image: pass.write(&image),
-                extras: pass.write(&extra_image),
+                images: [pass.write(&image); LIGHTS_A_PASS as usize],
+                extras: [pass.write(&extra_image); LIGHTS_A_PASS as usize],
                 slice_count: slices.len() as u32,
                 pixel_stride: pixel_count as u32,
                 extra_stride: extra_stride as u32,
-                unused: 0,
+                light_count: 1,
             };
             pass.dispatch(&kernel, &push, push.slice_count * GROUP_SIZE);
         });

@@ -1,14 +1,18 @@
-// Radiance of a view sample, added to the image or to the extra samples; for kernels whose `push` has both.
+// Radiance of a view sample under one of the lights, added to its image or to its extra samples; for kernels whose `push` has
+// both.
 
-void add_radiance(uint view_sample, vec3 radiance) {
+void add_radiance(uint view_sample, uint light, vec3 radiance) {
+    if (light >= push.light_count) {
+        return;
+    }
     if (view_sample < push.pixel_stride) {
-        push.image.at[view_sample] += radiance.r;
-        push.image.at[view_sample + push.pixel_stride] += radiance.g;
-        push.image.at[view_sample + 2 * push.pixel_stride] += radiance.b;
+        push.images[light].at[view_sample] += radiance.r;
+        push.images[light].at[view_sample + push.pixel_stride] += radiance.g;
+        push.images[light].at[view_sample + 2 * push.pixel_stride] += radiance.b;
     } else {
         uint extra = view_sample - push.pixel_stride;
-        push.extras.at[extra] += radiance.r;
-        push.extras.at[extra + push.extra_stride] += radiance.g;
-        push.extras.at[extra + 2 * push.extra_stride] += radiance.b;
+        push.extras[light].at[extra] += radiance.r;
+        push.extras[light].at[extra + push.extra_stride] += radiance.g;
+        push.extras[light].at[extra + 2 * push.extra_stride] += radiance.b;
     }
 }

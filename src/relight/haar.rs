@@ -4,16 +4,17 @@ use std::sync::Arc;
 
 use glam::Vec4;
 
+use super::indirect::ByLights;
 use crate::bake::compression::haar::Haar;
 use crate::bake::point_tree::middle;
 use crate::error::Result;
-use crate::gpu::{Buffer, Context, Frame, Kernel};
+use crate::gpu::{Buffer, Context, Frame};
 use crate::shared::{GROUP_SIZE, HaarPush, Rotation};
 
 pub struct HaarTransform {
     rotations: Buffer<Rotation>,
     launches: Vec<Launch>,
-    kernel: Kernel,
+    kernels: ByLights,
 }
 
 /// Subtrees of the same height.
@@ -41,7 +42,7 @@ impl HaarTransform {
         Ok(Self {
             rotations: Buffer::from_slice(context, "transfer (Haar rotations)", &order.rotations)?,
             launches: order.launches.iter().map(launch).collect::<Result<_>>()?,
-            kernel: Kernel::new(context, "haar", &[])?,
+            kernels: ByLights::new(context, "haar", [])?,
         })
     }
 
@@ -49,8 +50,8 @@ impl HaarTransform {
         self.launches.len()
     }
 
-    /// Transforms the beginning of `vector`, in place.
-    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>) {
+    /// Transforms the beginning of `vector`, in place, under so many lights.
+    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, light_count: usize) {
         for launch in &self.launches {
             let mut pass = frame.pass("Haar transform");
             let push = HaarPush {
@@ -60,7 +61,7 @@ impl HaarTransform {
                 subtree_count: launch.subtree_count,
                 height_count: launch.height_count,
             };
-            pass.dispatch(&self.kernel, &push, launch.subtree_count * GROUP_SIZE);
+            pass.dispatch(self.kernels.get(light_count), &push, launch.subtree_count * GROUP_SIZE);
         }
     }
 }

@@ -7,17 +7,19 @@ use glam::{UVec4, Vec4};
 use super::haar::HaarTransform;
 use super::light_cache::Detail;
 use super::sparse::SparseProduct;
+use super::visibility::Visibility;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SparseMatrix;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
+use crate::gpu::gpu_struct::Write;
+use crate::gpu::{Access, Buffer, Context, Frame, Kernel, Pass};
 use crate::shared::*;
 
 pub struct Indirect {
     pub points: Buffer<ViewSample>,
     lit: LitSamples,
-    /// λ0, then what the chain makes of it; of one light at a time.
+    /// λ0, then what the chain makes of it; of one light, or element by element of [`LIGHTS_A_PASS`].
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
     /// All of the chain but its last matrix.
@@ -55,7 +57,25 @@ struct Product {
     values: Buffer<UVec4>,
     inputs: Buffer<u32>,
     outputs: Buffer<u32>,
-    kernel: Kernel,
+    kernels: ByLights,
+}
+
+/// A kernel for one light, and for [`LIGHTS_A_PASS`] of which some may be absent.
+pub struct ByLights([Kernel; 2]);
+
+impl ByLights {
+    /// The last constant of each kernel is the number of lights.
+    pub fn new<const N: usize>(context: &Arc<Context>, name: &'static str, constants: [u32; N]) -> Result<Self> {
+        let kernel = |lights: u32| {
+            let all: Vec<(u32, u32)> = (0..).zip(constants.into_iter().chain([lights])).collect();
+            Kernel::new(context, name, &all)
+        };
+        Ok(Self([kernel(1)?, kernel(LIGHTS_A_PASS)?]))
+    }
+
+    pub fn get(&self, light_count: usize) -> &Kernel {
+        &self.0[usize::from(light_count > 1)]
+    }
 }
 
 /// Bytes of device memory that factors may take, and those that found none.
@@ -77,12 +97,35 @@ impl Room {
     }
 }
 
-/// Where the light of view samples is added.
-pub struct Target<'a> {
+/// A light, and where its light on view samples is added.
+pub struct Lit<'a> {
+    pub light: PackedLight,
+    pub visibility: &'a Visibility,
     pub image: &'a Buffer<Vec4>,
     pub extras: &'a Buffer<f32>,
+}
+
+/// One to [`LIGHTS_A_PASS`] lights, whose factors are read once.
+pub struct Targets<'a> {
+    pub lights: &'a [Lit<'a>],
     pub pixel_stride: u32,
     pub extra_stride: u32,
+}
+
+impl Targets<'_> {
+    /// Of absent lights that of the first.
+    fn addresses<T: Copy>(&self, mut of: impl FnMut(&Lit) -> T) -> [T; LIGHTS_A_PASS as usize] {
+        let first = of(&self.lights[0]);
+        std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, &mut of) })
+    }
+
+    pub fn images(&self, pass: &mut Pass) -> [Write<f32>; LIGHTS_A_PASS as usize] {
+        self.addresses(|lit| pass.write_as(lit.image))
+    }
+
+    pub fn extras(&self, pass: &mut Pass) -> [Write<f32>; LIGHTS_A_PASS as usize] {
+        self.addresses(|lit| pass.write(lit.extras))
+    }
 }
 
 /// Factors that lie in one buffer: lavapipe allocates no more than 2 GiB at once.
@@ -118,7 +161,12 @@ impl Indirect {
             device_bytes: budget - room.left,
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             lit: LitSamples::new(context, transfer)?,
-            vector: Buffer::new(context, "transfer (vector)", Access::Device, transfer.vector_length)?,
+            vector: Buffer::new(
+                context,
+                "transfer (vector)",
+                Access::Device,
+                LIGHTS_A_PASS as usize * transfer.vector_length,
+            )?,
             haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.first())).transpose()?,
             inner,
             coarse,
@@ -127,36 +175,37 @@ impl Indirect {
         })
     }
 
-    /// Passes that [`Self::add`] records.
+    /// Passes that [`Self::add`] records for one light; never more for each of several.
     pub fn pass_count(&self) -> usize {
         let inner = self.inner.len().max(self.coarse.len());
         1 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len()
     }
 
-    /// Adds the indirect light of `light` to `target`; `visibility` is that of the points.
-    pub fn add(
-        &self,
-        frame: &mut Frame,
-        light: &PackedLight,
-        visibility: &Buffer<u32>,
-        target: &Target,
-        detail: Detail,
-    ) {
+    /// Adds the indirect light of each light to its image.
+    pub fn add(&self, frame: &mut Frame, targets: &Targets, detail: Detail) {
         if self.points.is_empty() {
             return;
         }
-        self.lit.shade(frame, light, &self.points, visibility, &self.vector);
+        let count = targets.lights.len();
+        for (index, lit) in targets.lights.iter().enumerate() {
+            self.lit.shade(frame, lit, &self.points, &self.vector, [index as u32, vectors(count)]);
+        }
         if let Some(haar) = &self.haar {
-            haar.run(frame, &self.vector);
+            haar.run(frame, &self.vector, count);
         }
         let coarse = detail == Detail::Coarse && !self.coarse.is_empty();
         for product in if coarse { &self.coarse } else { &self.inner }.iter().chain(&self.last) {
-            product.run(frame, &self.vector, target);
+            product.run(frame, &self.vector, targets);
         }
         for product in &self.sparse {
-            product.run(frame, &self.vector, target);
+            product.run(frame, &self.vector, targets);
         }
     }
+}
+
+/// How many vectors lie side by side.
+fn vectors(light_count: usize) -> u32 {
+    if light_count > 1 { LIGHTS_A_PASS } else { 1 }
 }
 
 impl LitSamples {
@@ -177,14 +226,14 @@ impl LitSamples {
         })
     }
 
-    /// λ0 of one light.
+    /// λ0 of one light, which is the `light_index`th of `lights` whose vectors lie side by side.
     fn shade(
         &self,
         frame: &mut Frame,
-        light: &PackedLight,
+        lit: &Lit,
         points: &Buffer<ViewSample>,
-        visibility: &Buffer<u32>,
         vector: &Buffer<Vec4>,
+        [light_index, lights]: [u32; 2],
     ) {
         let mut pass = frame.pass("shade gather samples");
         match self {
@@ -192,12 +241,14 @@ impl LitSamples {
                 let push = ShadeGatherPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
-                    visibility: pass.read(visibility),
+                    visibility: pass.read(&lit.visibility.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector),
-                    light: *light,
+                    light: lit.light,
                     sample_count: samples.len() as u32,
                     points_per_sample: *points_per_sample,
+                    lights,
+                    light_index,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }
@@ -205,11 +256,13 @@ impl LitSamples {
                 let push = ShadeFactoredPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
-                    visibility: pass.read(visibility),
+                    visibility: pass.read(&lit.visibility.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector),
-                    light: *light,
+                    light: lit.light,
                     sample_count: samples.len() as u32,
+                    lights,
+                    light_index,
                     unused: 0,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
@@ -220,18 +273,18 @@ impl LitSamples {
 
 impl Product {
     fn new(context: &Arc<Context>, matrix: &Piece, is_last: bool, room: &mut Room) -> Result<Self> {
-        let constants = [(0, matrix.channels), (1, u32::from(is_last))];
+        let constants = [matrix.channels, u32::from(is_last)];
         Ok(Self {
             name: if is_last { "transfer to pixels" } else { "transfer" },
             panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
             values: room.hold(context, "transfer (factors)", matrix.values)?,
             inputs: Buffer::from_slice(context, "transfer (inputs)", matrix.inputs)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
-            kernel: Kernel::new(context, "multiply_blocks", &constants)?,
+            kernels: ByLights::new(context, "multiply_blocks", constants)?,
         })
     }
 
-    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, target: &Target) {
+    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &Targets) {
         let mut pass = frame.pass(self.name);
         let push = MultiplyBlocksPush {
             panels: pass.read(&self.panels),
@@ -239,13 +292,13 @@ impl Product {
             inputs: pass.read(&self.inputs),
             outputs: pass.read(&self.outputs),
             vector: pass.write(vector),
-            image: pass.write_as(target.image),
-            extras: pass.write(target.extras),
+            images: targets.images(&mut pass),
+            extras: targets.extras(&mut pass),
             panel_count: self.panels.len() as u32,
-            pixel_stride: target.pixel_stride,
-            extra_stride: target.extra_stride,
-            unused: 0,
+            pixel_stride: targets.pixel_stride,
+            extra_stride: targets.extra_stride,
+            light_count: targets.lights.len() as u32,
         };
-        pass.dispatch(&self.kernel, &push, push.panel_count * GROUP_SIZE);
+        pass.dispatch(self.kernels.get(targets.lights.len()), &push, push.panel_count * GROUP_SIZE);
     }
 }

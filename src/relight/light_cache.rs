@@ -9,6 +9,7 @@
 //! when it is needed. This module only decides; [`LightCache::plan`] lists the work, and the relighter does it.
 
 mod slots;
+mod together;
 
 use std::collections::HashMap;
 
@@ -43,15 +44,38 @@ pub enum Detail {
     Coarse,
 }
 
+/// Shade `light` at unit intensity into `slot`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shade {
+    pub light: usize,
+    pub slot: usize,
+    pub detail: Detail,
+}
+
 /// A step towards the picture, in the order of [`Plan::steps`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
-    /// Shade `light` at unit intensity into `slot`.
-    Shade { light: usize, slot: usize, detail: Detail },
+    Shade(Shade),
     /// Sum `terms` into `target`, in addition to what is there if `accumulate`.
-    Sum { target: Source, terms: Vec<Term>, accumulate: bool },
+    Sum {
+        target: Source,
+        terms: Vec<Term>,
+        accumulate: bool,
+    },
     /// Put one light's share, or nothing, into a cell of the contact sheet.
-    Show { cell: usize, term: Option<Term> },
+    Show {
+        cell: usize,
+        term: Option<Term>,
+    },
+}
+
+impl Step {
+    pub fn as_shade(&self) -> Option<&Shade> {
+        match self {
+            Self::Shade(shade) => Some(shade),
+            _ => None,
+        }
+    }
 }
 
 /// What a frame has to do.
@@ -393,7 +417,7 @@ impl LightCache {
         let Some(children) = self.nodes[node].children else {
             let slot = self.take_slot(node);
             let light = self.nodes[node].light.expect("a leaf is a light");
-            steps.push(Step::Shade { light, slot, detail: self.detail });
+            steps.push(Step::Shade(Shade { light, slot, detail: self.detail }));
             self.nodes[node].coarse = self.detail == Detail::Coarse;
             return slot;
         };

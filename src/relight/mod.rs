@@ -26,7 +26,7 @@ use self::inspect::{Inspection, Inspector};
 pub use self::light_cache::Detail;
 use self::light_cache::{LightCache, Plan, Source, Step, Term};
 use self::output::{Output, Outputs};
-use self::passes::{Parts, Shade};
+use self::passes::Parts;
 use self::shadow_map::ShadowMaps;
 use self::sheet::{Grid, Sheet};
 use self::visibility::VisibilityBuffers;
@@ -38,6 +38,7 @@ use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::{Rig, Scene};
+use crate::shared::LIGHTS_A_PASS;
 
 /// How pictures leave the relighter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,8 +123,8 @@ pub struct Relighter {
     /// Bytes of device memory that factors of indirect light may take.
     transfer_budget: u64,
     rest: Buffer<Vec4>,
-    /// Planes of the extra samples' radiance, of the light being shaded.
-    extras: Buffer<f32>,
+    /// Planes of the extra samples' radiance, of each light that is shaded together with others.
+    extras: Vec<Buffer<f32>>,
     visibility: VisibilityBuffers,
     shadow_maps: Option<ShadowMaps>,
     kernels: Kernels,
@@ -416,6 +417,7 @@ impl Relighter {
         if is_sheet {
             self.sheet.thin(&mut plan, output);
         }
+        plan.bring_shades_together();
         self.run_or_start_anew(&plan, Some(Last { picture, output, screen }))
     }
 
@@ -458,28 +460,37 @@ impl Relighter {
             layers: self.layers,
             watch: self.watch.as_ref(),
         };
-        let mut steps = plan.steps.iter().peekable();
+        let mut steps = &plan.steps[..];
         loop {
             visibility.restart();
             let begin_ms = began.elapsed().as_secs_f64() * 1e3;
             let mut frame = frames.begin()?;
-            while let Some(step) = steps.peek() {
-                match step {
-                    _ if frame.passes_left() < parts.passes_a_step() + LAST_PASSES => break,
-                    Step::Shade { .. } if visibility.is_used_up() => break,
-                    Step::Shade { light, slot, detail } => {
-                        let shade = Shade { light: *light, slot: *slot, detail: *detail };
-                        parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), &shade);
+            while let Some(step) = steps.first() {
+                let room = frame.passes_left().saturating_sub(LAST_PASSES) / parts.passes_a_step();
+                let taken = match step {
+                    _ if room == 0 => break,
+                    Step::Shade(_) => {
+                        let most = room.min(visibility.left()).min(LIGHTS_A_PASS as usize);
+                        let shades = steps.iter().map_while(Step::as_shade).take(most).copied().collect::<Vec<_>>();
+                        if shades.is_empty() {
+                            break;
+                        }
+                        parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), &shades);
+                        shades.len()
                     }
-                    Step::Sum { target, terms, accumulate } => parts.sum(&mut frame, *target, terms, *accumulate),
+                    Step::Sum { target, terms, accumulate } => {
+                        parts.sum(&mut frame, *target, terms, *accumulate);
+                        1
+                    }
                     Step::Show { cell, term } => {
                         let output = last.as_ref().expect("sheets are shown").output;
                         parts.show(&mut frame, *cell, *term, outputs, output);
+                        1
                     }
-                }
-                steps.next();
+                };
+                steps = &steps[taken..];
             }
-            let done = steps.peek().is_none();
+            let done = steps.is_empty();
             match last.as_mut().filter(|_| done) {
                 Some(Last { picture, output, screen }) => {
                     let is_sheet = *picture == Picture::Sheet;
@@ -517,10 +528,11 @@ impl Relighter {
     }
 }
 
-/// Planes R, G, B for the radiance of extra samples.
-fn extra_planes(context: &Arc<Context>, baked: &Baked) -> Result<Buffer<f32>> {
+/// Planes R, G, B for the radiance of extra samples, of each light that is shaded together with others.
+fn extra_planes(context: &Arc<Context>, baked: &Baked) -> Result<Vec<Buffer<f32>>> {
     let stride = baked.extra_samples.len().next_multiple_of(4);
-    Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride)
+    let planes = |_| Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride);
+    (0..LIGHTS_A_PASS).map(planes).collect()
 }
 
 /// How many light images are kept for a rig, where the budget has room for so many.

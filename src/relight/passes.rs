@@ -3,11 +3,11 @@
 use glam::Vec4;
 
 use super::gpu_baked::GpuBaked;
-use super::indirect::{Indirect, Target};
-use super::light_cache::{Detail, Source, Term};
+use super::indirect::{Indirect, Lit, Targets};
+use super::light_cache::{Detail, Shade, Source, Term};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
-use super::visibility::{Visibility, VisibilityBuffers, trace, trace_half};
+use super::visibility::{Seen, VisibilityBuffers, trace, trace_half};
 use super::watch::{self, Watch, Watched};
 use super::{Kernels, Layers};
 use crate::bake::Baked;
@@ -29,40 +29,34 @@ pub struct Parts<'a> {
     pub indirect: Option<&'a Indirect>,
     pub images: &'a [Buffer<Vec4>],
     pub rest: &'a Buffer<Vec4>,
-    pub extras: &'a Buffer<f32>,
+    /// Of each light that is shaded together with others.
+    pub extras: &'a [Buffer<f32>],
     pub kernels: &'a Kernels,
     pub rig: &'a Rig,
     pub layers: Layers,
     pub watch: Option<&'a Watch>,
 }
 
-/// One light's image to make.
-pub struct Shade {
-    pub light: usize,
-    pub slot: usize,
-    pub detail: Detail,
-}
-
 impl Parts<'_> {
-    /// Passes that a step takes at most.
+    /// Passes that a step takes at most, and each light of those that are shaded together.
     pub fn passes_a_step(&self) -> usize {
         let counts = self.watch.map_or(0, |_| watch::PASSES_A_STEP);
         PASSES_A_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
     }
 
     /// What view samples and gather samples see of a light; unchanged where only indirect light is shown.
-    fn see<'v>(
+    fn see(
         &self,
         frame: &mut Frame,
-        visibility: &'v mut VisibilityBuffers,
+        visibility: &mut VisibilityBuffers,
         shadow_maps: Option<&mut ShadowMaps>,
         (light, packed): (&Light, &PackedLight),
         detail: Detail,
-    ) -> &'v Visibility {
+    ) -> Seen {
         if !light.shadows {
-            return visibility.all_seen();
+            return Seen::ALL;
         }
-        let (seen, half) = visibility.take();
+        let (index, seen, half) = visibility.take();
         match shadow_maps {
             None => {
                 if self.layers.direct() {
@@ -89,69 +83,92 @@ impl Parts<'_> {
                 maps.run(frame, light, packed, &lists);
             }
         }
-        seen
+        index
     }
 
-    /// Visibility and shading of one light at unit intensity into the image `slot`.
+    /// Visibility and shading of one to [`LIGHTS_A_PASS`] lights at unit intensity, each into the image of its slot.
     pub fn shade(
         &self,
         frame: &mut Frame,
         visibility: &mut VisibilityBuffers,
-        shadow_maps: Option<&mut ShadowMaps>,
-        shade: &Shade,
+        mut shadow_maps: Option<&mut ShadowMaps>,
+        shades: &[Shade],
     ) {
-        let light = &self.rig.lights[shade.light];
-        let packed = light.pack(self.scene.origin);
-        let seen = self.see(frame, visibility, shadow_maps, (light, &packed), shade.detail);
-        let image = &self.images[shade.slot];
-        let pixel_stride = self.baked.pixel_stride() as u32;
-        let extra_stride = (self.extras.len() / 3) as u32;
+        let detail = shades[0].detail;
+        let see = |shade: &Shade| {
+            let light = &self.rig.lights[shade.light];
+            let packed = light.pack(self.scene.origin);
+            (packed, self.see(frame, visibility, shadow_maps.as_deref_mut(), (light, &packed), detail))
+        };
+        let seen: Vec<(PackedLight, Seen)> = shades.iter().map(see).collect();
+        let lit = |(i, &(light, seen)): (usize, &(PackedLight, Seen))| Lit {
+            light,
+            visibility: visibility.get(seen),
+            image: &self.images[shades[i].slot],
+            extras: &self.extras[i],
+        };
+        let lights: Vec<Lit> = seen.iter().enumerate().map(lit).collect();
+        lights.iter().for_each(|lit| self.shade_view_samples(frame, lit));
+        if let Some(indirect) = self.indirect {
+            let (pixel_stride, extra_stride) = (self.baked.pixel_stride() as u32, self.extra_stride());
+            indirect.add(frame, &Targets { lights: &lights, pixel_stride, extra_stride }, detail);
+            lights.iter().for_each(|lit| self.count(frame, Watched::Transfer, lit));
+        }
+        lights.iter().for_each(|lit| self.resolve(frame, lit));
+    }
+
+    /// Light that comes straight from a light.
+    fn shade_view_samples(&self, frame: &mut Frame, lit: &Lit) {
         let mut pass = frame.pass("shade light");
         let push = ShadeLightPush {
             samples: pass.read(&self.gpu.samples),
             brdfs: pass.read(&self.gpu.brdfs),
-            visibility: pass.read(&seen.view_samples),
-            image: pass.write_as(image),
-            extras: pass.write(self.extras),
-            light: packed,
+            visibility: pass.read(&lit.visibility.view_samples),
+            image: pass.write_as(lit.image),
+            extras: pass.write(lit.extras),
+            light: lit.light,
             sample_count: self.baked.samples.len() as u32,
-            pixel_stride,
-            extra_stride,
+            pixel_stride: self.baked.pixel_stride() as u32,
+            extra_stride: self.extra_stride(),
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
-        let count = |frame: &mut Frame, watched: Watched| {
-            let Some(watch) = self.watch else { return };
-            watch.planes(frame, watched, image, pixel_stride, pixel_stride);
-            let extras = self.baked.extra_samples.len() as u32;
-            watch.planes(frame, watched, self.extras, extras, extra_stride);
-        };
-        count(frame, Watched::ShadeLight);
+        self.count(frame, Watched::ShadeLight, lit);
+    }
 
-        if let Some(indirect) = self.indirect {
-            let target = Target { image, extras: self.extras, pixel_stride, extra_stride };
-            indirect.add(frame, &packed, &seen.gather_points, &target, shade.detail);
-            count(frame, Watched::Transfer);
-        }
+    /// Counts what is not finite in the radiance of all samples, if somebody watches.
+    fn count(&self, frame: &mut Frame, watched: Watched, lit: &Lit) {
+        let Some(watch) = self.watch else { return };
+        let pixel_stride = self.baked.pixel_stride() as u32;
+        watch.planes(frame, watched, lit.image, pixel_stride, pixel_stride);
+        watch.planes(frame, watched, lit.extras, self.baked.extra_samples.len() as u32, self.extra_stride());
+    }
 
+    fn extra_stride(&self) -> u32 {
+        (self.extras[0].len() / 3) as u32
+    }
+
+    /// Adds extra samples to their pixels.
+    fn resolve(&self, frame: &mut Frame, lit: &Lit) {
         if self.gpu.extra_pixels.is_empty() {
             return;
         }
+        let pixel_stride = self.baked.pixel_stride() as u32;
         let mut pass = frame.pass("resolve");
         let push = ResolvePush {
             pixels: pass.read(&self.gpu.extra_pixels),
             indices: pass.read(&self.gpu.extra_indices),
             samples: pass.read(&self.gpu.extra_samples),
-            extras: pass.read(self.extras),
-            image: pass.write_as(image),
+            extras: pass.read(lit.extras),
+            image: pass.write_as(lit.image),
             pixel_count: self.gpu.extra_pixels.len() as u32,
             pixel_stride,
-            extra_stride,
+            extra_stride: self.extra_stride(),
             layers: self.layers.mask(),
         };
         pass.dispatch(&self.kernels.resolve, &push, push.pixel_count);
         if let Some(watch) = self.watch {
-            watch.planes(frame, Watched::Resolve, image, pixel_stride, pixel_stride);
+            watch.planes(frame, Watched::Resolve, lit.image, pixel_stride, pixel_stride);
         }
     }
 

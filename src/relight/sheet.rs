@@ -2,7 +2,7 @@
 
 use glam::{UVec2, Vec3};
 
-use super::light_cache::{Plan, Source, Step, Term};
+use super::light_cache::{Plan, Shade, Source, Step, Term};
 use super::output::{Output, Outputs};
 use super::passes::Parts;
 use crate::gpu::Frame;
@@ -62,7 +62,7 @@ impl Sheet {
         }
         let mut shaded = Vec::new();
         plan.steps.retain(|step| match *step {
-            Step::Shade { slot, .. } => {
+            Step::Shade(Shade { slot, .. }) => {
                 shaded.push(Source::Slot(slot));
                 true
             }

@@ -4,17 +4,17 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
 
-use super::indirect::{Room, Target};
+use super::indirect::{ByLights, Room, Targets};
 use crate::bake::transfer::sparse::Piece;
 use crate::error::Result;
-use crate::gpu::{Buffer, Context, Frame, Kernel};
+use crate::gpu::{Buffer, Context, Frame};
 use crate::shared::{GROUP_SIZE, MultiplySparsePush, Slice};
 
 pub struct SparseProduct {
     slices: Buffer<Slice>,
     values: Buffer<UVec4>,
     outputs: Buffer<u32>,
-    kernel: Kernel,
+    kernels: ByLights,
 }
 
 impl SparseProduct {
@@ -23,24 +23,24 @@ impl SparseProduct {
             slices: Buffer::from_slice(context, "transfer (slices)", &matrix.slices)?,
             values: room.hold(context, "transfer (terms)", matrix.values)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
-            kernel: Kernel::new(context, "multiply_sparse", &[])?,
+            kernels: ByLights::new(context, "multiply_sparse", [])?,
         })
     }
 
-    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, target: &Target) {
+    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &Targets) {
         let mut pass = frame.pass("transfer to pixels");
         let push = MultiplySparsePush {
             slices: pass.read(&self.slices),
             values: pass.read(&self.values),
             outputs: pass.read(&self.outputs),
             vector: pass.read(vector),
-            image: pass.write_as(target.image),
-            extras: pass.write(target.extras),
+            images: targets.images(&mut pass),
+            extras: targets.extras(&mut pass),
             slice_count: self.slices.len() as u32,
-            pixel_stride: target.pixel_stride,
-            extra_stride: target.extra_stride,
-            unused: 0,
+            pixel_stride: targets.pixel_stride,
+            extra_stride: targets.extra_stride,
+            light_count: targets.lights.len() as u32,
         };
-        pass.dispatch(&self.kernel, &push, push.slice_count * GROUP_SIZE);
+        pass.dispatch(self.kernels.get(targets.lights.len()), &push, push.slice_count * GROUP_SIZE);
     }
 }

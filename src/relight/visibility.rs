@@ -43,6 +43,15 @@ pub struct Visibility {
     pub gather_points: Buffer<u32>,
 }
 
+/// Whose visibility this is in a frame.
+#[derive(Clone, Copy)]
+pub struct Seen(Option<usize>);
+
+impl Seen {
+    /// Of lights without shadows.
+    pub const ALL: Self = Self(None);
+}
+
 /// The same samples at half the resolution, where rays are traced.
 #[derive(Default)]
 pub struct Half {
@@ -91,18 +100,19 @@ impl VisibilityBuffers {
         self.used = 0;
     }
 
-    pub fn is_used_up(&self) -> bool {
-        self.used == self.buffers.len()
+    /// Lights for which this frame has room yet.
+    pub fn left(&self) -> usize {
+        self.buffers.len() - self.used
     }
 
-    pub fn take(&mut self) -> (&mut Visibility, &mut Half) {
+    pub fn take(&mut self) -> (Seen, &mut Visibility, &mut Half) {
         self.used += 1;
-        (&mut self.buffers[self.used - 1], &mut self.half)
+        let index = self.used - 1;
+        (Seen(Some(index)), &mut self.buffers[index], &mut self.half)
     }
 
-    /// For lights without shadows.
-    pub fn all_seen(&self) -> &Visibility {
-        &self.all_seen
+    pub fn get(&self, seen: Seen) -> &Visibility {
+        seen.0.map_or(&self.all_seen, |index| &self.buffers[index])
     }
 }
 
