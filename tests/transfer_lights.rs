@@ -5,68 +5,87 @@ mod common;
 use common::drawn::{self, Drawn};
 use common::not_run;
 use glam::{DVec3, Vec3};
+use relume::bake::compression::CompressionSettings;
+use relume::bake::journal::Journal;
+use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::bake::{BakeSettings, bake};
+use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::Image;
 use relume::image::compare::{Figures, Pictures, Settings};
 use relume::reference::gather;
+use relume::scene::{Light, LightKind};
 
-const SIZE: u32 = 256;
+/// Samples a pixel in each half of a truth.
+const SAMPLES: u32 = 128;
 
-/// Figures of indirect light by pixel, and of indirect light and the whole picture on 4x4 means.
-fn figures(indirect: &[DVec3], [a, b]: &[Image; 2]) -> [Figures; 3] {
-    let layer = |image: &Image, name: &str| image.layer(name).expect("truths have it").pixels.clone();
-    let sum = |a: Vec<[f32; 3]>, b: &[[f32; 3]]| -> Vec<[f32; 3]> {
-        a.into_iter().zip(b).map(|(a, b)| (Vec3::from(a) + Vec3::from(*b)).to_array()).collect()
-    };
-    let size = SIZE as usize;
-    let ours: Vec<[f32; 3]> = indirect.iter().map(|p| p.as_vec3().to_array()).collect();
-    let [reference, second] = [a, b].map(|truth| layer(truth, "indirect"));
-    let of = |image, reference, second, block| {
-        let second = Some(second);
-        Pictures { width: size, height: size, image, reference, second, mask: None }
-            .figures(Settings { block, trim: 0.0 })
-    };
-    let whole = |indirect: &[[f32; 3]]| sum(layer(a, "direct"), indirect);
-    [
-        of(ours.clone(), reference.clone(), second.clone(), 1),
-        of(ours.clone(), reference.clone(), second.clone(), 4),
-        of(whole(&ours), whole(&reference), whole(&second), 4),
-    ]
+/// A scene under drawn lights, and the operator without compression.
+struct Lit<'a> {
+    drawn: &'a Drawn,
+    baked: &'a Baked,
+    transfer: Transfer<'a>,
 }
 
-/// Prints a line a light. `samples` a pixel in each half of the truth.
-fn measure(name: &str, settings: &TransferSettings, samples: u32) {
-    let Some(Drawn { scene, bvh, lights }) = drawn::load(name) else { return };
-    let size = BakeSettings { width: SIZE, height: SIZE, layers: 4, samples: 1 };
-    let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &size, &|_| ());
-    let transfer = Transfer::new(&scene, &bvh, &baked, settings, &|_| ());
-    let direct: Vec<_> =
-        lights.iter().map(|light| gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.origin))).collect();
-    let pixels: Vec<u32> = (0..baked.tiling.len() as u32).collect();
-    let images = transfer.apply(&direct, &pixels, Lobe::All, &|_| ());
-    for (light, image) in lights.iter().zip(images) {
-        let rows = (0..SIZE).flat_map(|y| (0..SIZE).map(move |x| (x, y)));
-        let image: Vec<DVec3> = rows.map(|(x, y)| image[baked.tiling.index(x, y)]).collect();
-        let truth = drawn::truth(&scene, &bvh, light, SIZE, samples);
-        let [by_pixel, on_blocks, beauty] = figures(&image, &truth);
-        let percent = |x: Option<f64>| 100.0 * x.unwrap_or(f64::NAN);
-        println!(
-            "| {name} | {} | {} | {} | {:?} | {:.2} % | {:.2} % | {:+.2} % | {:.3} | {:.3} |",
-            settings.samples,
-            settings.coarse_samples,
-            settings.rays,
-            light.kind,
-            percent(by_pixel.rel_rmse),
-            percent(on_blocks.rel_rmse),
-            percent(by_pixel.bias),
-            beauty.flip_mean.unwrap_or(f64::NAN),
-            beauty.flip_floor.unwrap_or(f64::NAN),
-        );
-        // What all scenes keep to; the page tells how far each is from its goals.
-        let bias = by_pixel.bias.expect("there is light");
-        assert!(by_pixel.non_finite == 0 && bias.abs() < 0.05, "{name}, {}: bias {bias}", light.name);
+fn bake_drawn(Drawn { scene, bvh, .. }: &Drawn, size: u32) -> Baked {
+    let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
+    bake(scene, bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ())
+}
+
+impl<'a> Lit<'a> {
+    fn new(drawn: &'a Drawn, baked: &'a Baked, settings: &TransferSettings) -> Self {
+        let transfer = Transfer::new(&drawn.scene, &drawn.bvh, baked, settings, &|_| ());
+        Self { drawn, baked, transfer }
+    }
+
+    /// What each light leaves in gather samples.
+    fn direct(&self) -> Vec<Vec<DVec3>> {
+        let Drawn { scene, bvh, lights } = self.drawn;
+        let shade = |light: &Light| gather::shade(scene, bvh, &self.transfer.fine, &light.pack(scene.origin));
+        lights.iter().map(shade).collect()
+    }
+
+    /// Each light's indirect light on what is seen straight, by the operator without compression.
+    fn rows(&self, direct: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
+        let pixels: Vec<u32> = (0..self.baked.tiling.len() as u32).collect();
+        self.transfer.apply(direct, &pixels, Lobe::All, &|_| ())
+    }
+
+    /// Figures of an image in tile order: indirect light by pixel, indirect light and the whole picture on 4x4 means.
+    fn figures(&self, light: &Light, image: &[DVec3]) -> [Figures; 3] {
+        let tiling = self.baked.tiling;
+        let [width, height] = [tiling.width, tiling.height];
+        let [a, b] = drawn::truth(&self.drawn.scene, &self.drawn.bvh, light, width, SAMPLES);
+        let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let ours: Vec<[f32; 3]> = rows.map(|(x, y)| image[tiling.index(x, y)].as_vec3().to_array()).collect();
+        let layer = |image: &Image, name: &str| image.layer(name).expect("truths have it").pixels.clone();
+        let [direct, reference, second] =
+            [(&a, "direct"), (&a, "indirect"), (&b, "indirect")].map(|(image, name)| layer(image, name));
+        let whole = |indirect: &[[f32; 3]]| -> Vec<[f32; 3]> {
+            indirect.iter().zip(&direct).map(|(a, b)| (Vec3::from(*a) + Vec3::from(*b)).to_array()).collect()
+        };
+        let of = |[image, reference, second]: [Vec<[f32; 3]>; 3], block| {
+            let (width, height, second) = (width as usize, height as usize, Some(second));
+            Pictures { width, height, image, reference, second, mask: None }.figures(Settings { block, trim: 0.0 })
+        };
+        let indirect = || [ours.clone(), reference.clone(), second.clone()];
+        [of(indirect(), 1), of(indirect(), 4), of(indirect().map(|image| whole(&image)), 4)]
+    }
+}
+
+fn percent(x: Option<f64>) -> f64 {
+    100.0 * x.unwrap_or(f64::NAN)
+}
+
+fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
+    TransferSettings {
+        outgoing: Outgoing::Glossy { functions: None },
+        samples,
+        coarse_samples,
+        points: 16,
+        rays: 1024,
+        layers: 4,
+        bounces: None,
+        seed: 1,
     }
 }
 
@@ -86,16 +105,57 @@ fn drawn_lights_against_the_truth() {
         ("buddha", 16_384, 1152),
         ("buddha", 65_536, 1152),
     ] {
-        let settings = TransferSettings {
-            outgoing: Outgoing::Glossy { functions: None },
-            samples,
-            coarse_samples,
-            points: 16,
-            rays: 1024,
-            layers: 4,
-            bounces: None,
-            seed: 1,
-        };
-        measure(name, &settings, 128);
+        let settings = settings(samples, coarse_samples);
+        let Some(drawn) = drawn::load(name) else { return };
+        let baked = bake_drawn(&drawn, 256);
+        let lit = Lit::new(&drawn, &baked, &settings);
+        for (light, image) in drawn.lights.iter().zip(lit.rows(&lit.direct())) {
+            let [by_pixel, on_blocks, beauty] = lit.figures(light, &image);
+            println!(
+                "| {name} | {samples} | {coarse_samples} | {} | {:?} | {:.2} % | {:.2} % | {:+.2} % | {:.3} | {:.3} |",
+                settings.rays,
+                light.kind,
+                percent(by_pixel.rel_rmse),
+                percent(on_blocks.rel_rmse),
+                percent(by_pixel.bias),
+                beauty.flip_mean.unwrap_or(f64::NAN),
+                beauty.flip_floor.unwrap_or(f64::NAN),
+            );
+            // What all scenes keep to; the page tells how far each is from its goals.
+            let bias = by_pixel.bias.expect("there is light");
+            assert!(by_pixel.non_finite == 0 && bias.abs() < 0.05, "{name}, {}: bias {bias}", light.name);
+        }
+    }
+}
+
+/// The table of docs/compression.md, "End to end".
+#[test]
+fn compressed_light_against_the_truth() {
+    if std::env::var_os("RELUME_FULL").is_none() {
+        return not_run("compressed light against the truth takes a quarter of an hour: RELUME_FULL=1");
+    }
+    println!("| scene | size | light | rows | compressed | rows, 4x4 | compressed, 4x4 |");
+    for (name, size) in [("cornell-diffuse", 256), ("cornell-glossy", 128), ("bunny-dragon-2", 128), ("buddha", 128)] {
+        let Some(drawn) = drawn::load(name) else { return };
+        let baked = bake_drawn(&drawn, size);
+        let lit = Lit::new(&drawn, &baked, &settings(16_384, 2304));
+        let compression = CompressionSettings { error: 0.01, lights: 256, lobe: Lobe::All, seed: 1 };
+        let nested = BakedTransfer::nested(&lit.transfer, &compression, &mut Journal::default(), &|_| ());
+        let direct = lit.direct();
+        let mut farther = Vec::new();
+        for ((light, rows), direct) in drawn.lights.iter().zip(lit.rows(&direct)).zip(&direct) {
+            let [rows, compressed] = [&rows, &nested.apply(direct)].map(|image| lit.figures(light, image));
+            let [pixel, block] = [0, 1].map(|i| [&rows, &compressed].map(|figures| percent(figures[i].rel_rmse)));
+            println!(
+                "| {name} | {size} | {:?} | {:.2} % | {:.2} % | {:.2} % | {:.2} % |",
+                light.kind, pixel[0], pixel[1], block[0], block[1]
+            );
+            if light.kind == LightKind::Point {
+                farther.push(pixel[1] - pixel[0]);
+            }
+        }
+        let mean = farther.iter().sum::<f64>() / farther.len() as f64;
+        println!("{name}: {mean:+.2} points under point lights");
+        assert!(mean < 1.0, "{name}: compression adds {mean:.2} points of error");
     }
 }
