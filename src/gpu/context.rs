@@ -7,11 +7,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use ash::{ext, khr, vk};
+use gpu_allocator::AllocationError;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use raw_window_handle::HasDisplayHandle;
 
 use super::device::{self, DeviceInfo};
-use crate::error::{Error, Result};
+use super::faults;
+use crate::error::{Cause, Error, Result};
 
 /// Whether the Khronos validation layer watches, synchronization included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,8 +59,26 @@ where
     E: std::error::Error + Send + Sync + 'static,
 {
     let action = action.into();
-    move |source| Error::Vulkan { action, source: Box::new(source) }
+    move |source| {
+        let source = remedy(&source).map_or_else(|| Cause::from(source), Cause::from);
+        Error::Vulkan { action, source }
+    }
 }
+
+/// What to do about it, where a person can do something.
+fn remedy(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+    let is_full = matches!(error.downcast_ref(), Some(AllocationError::OutOfMemory));
+    match error.downcast_ref() {
+        Some(&vk::Result::ERROR_DEVICE_LOST) => {
+            Some("the device was lost: its driver gave up; `relume devices` lists others for --device")
+        }
+        Some(&vk::Result::ERROR_OUT_OF_DEVICE_MEMORY) => Some(OUT_OF_MEMORY),
+        _ if is_full => Some(OUT_OF_MEMORY),
+        _ => None,
+    }
+}
+
+const OUT_OF_MEMORY: &str = "the device is out of memory; a smaller picture (--size) or --budget, or fewer gather samples (--gather), take less";
 
 /// Where windows are to be opened, if any.
 type Display<'a> = Option<&'a dyn HasDisplayHandle>;
@@ -94,7 +114,7 @@ pub(super) fn create_instance(validation: Validation, display: Display) -> Resul
     // SAFETY: all pointers outlive the call.
     let instance = unsafe { entry.create_instance(&create, None) }
         .map_err(|e| no_device("Vulkan does not start; tools/setup installs a driver")(e.into()))?;
-    Ok((entry, instance, validate))
+    Ok((entry, faults::instance(instance)?, validate))
 }
 
 impl Context {

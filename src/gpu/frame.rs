@@ -396,7 +396,11 @@ impl Frame<'_> {
         };
         // SAFETY: as above; the fence was handed to the submission.
         unsafe {
-            device.wait_for_fences(&[frames.fence], true, u64::MAX).map_err(vulkan("wait for a frame"))?;
+            device.wait_for_fences(&[frames.fence], true, u64::MAX).map_err(|error| {
+                // What the frame uses may be dropped now: nothing runs on a lost device, else this waits for it.
+                let _ = device.device_wait_idle();
+                vulkan("wait for a frame")(error)
+            })?;
             device.reset_fences(&[frames.fence]).map_err(vulkan("reset a fence"))?;
         }
         frames.collect_times(submitted_ms)?;

@@ -5,6 +5,7 @@
 mod compile;
 pub mod context;
 pub mod device;
+mod faults;
 pub mod frame;
 pub mod gpu_struct;
 pub mod kernel;

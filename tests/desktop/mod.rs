@@ -74,6 +74,11 @@ impl Desktop {
         self.command(arguments).output().unwrap()
     }
 
+    /// Runs relume here to its end, with a fault that it is to meet.
+    pub fn faulty(&self, arguments: &[&str], fault: &str) -> std::process::Output {
+        self.command(arguments).env("RELUME_FAULT", fault).output().unwrap()
+    }
+
     fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_relume"));
         command
