@@ -13,6 +13,7 @@ use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::Image;
 use relume::image::compare::{Figures, Pictures, Settings};
+use relume::reference::resolve;
 use relume::reference::gather;
 use relume::scene::{Light, LightKind};
 
@@ -44,15 +45,19 @@ impl<'a> Lit<'a> {
         lights.iter().map(shade).collect()
     }
 
-    /// Each light's indirect light on what is seen straight, by the operator without compression.
+    /// Each light's indirect light on view samples, by the operator without compression.
     fn rows(&self, direct: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
-        let pixels: Vec<u32> = (0..self.baked.tiling.len() as u32).collect();
-        self.transfer.apply(direct, &pixels, Lobe::All, &|_| ())
+        let all: Vec<u32> = (0..self.baked.samples.len() as u32).collect();
+        self.transfer.apply(direct, &all, Lobe::All, &|_| ())
     }
 
-    /// Figures of an image in tile order: indirect light by pixel, indirect light and the whole picture on 4x4 means.
-    fn figures(&self, light: &Light, image: &[DVec3]) -> [Figures; 3] {
-        let tiling = self.baked.tiling;
+    /// Figures of light on view samples: indirect light by pixel, indirect light and the whole picture on 4x4 means.
+    fn figures(&self, light: &Light, radiance: &[DVec3]) -> [Figures; 3] {
+        let baked = self.baked;
+        let tiling = baked.tiling;
+        let (pixels, extras) = radiance.split_at(baked.pixel_stride());
+        let mut image = pixels.to_vec();
+        resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
         let [width, height] = [tiling.width, tiling.height];
         let [a, b] = drawn::truth(&self.drawn.scene, &self.drawn.bvh, light, width, SAMPLES);
         let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
