@@ -13,8 +13,8 @@ use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::Image;
 use relume::image::compare::{Figures, Pictures, Settings};
-use relume::reference::resolve;
 use relume::reference::gather;
+use relume::reference::resolve;
 use relume::scene::{Light, LightKind};
 
 /// Samples a pixel in each half of a truth.

@@ -8,83 +8,17 @@
 //! Images live in a fixed number of slots. When they run out, the least recently used image goes, and is made again
 //! when it is needed. This module only decides; [`LightCache::plan`] lists the work, and the relighter does it.
 
+mod plan;
 mod slots;
-mod together;
 
 use std::collections::HashMap;
 
 use glam::Vec3;
 
+pub use self::plan::{Detail, Plan, Shade, Source, Step, Term};
 use self::slots::Slots;
 use crate::scene::{Light, Rig};
 use crate::shared::MAX_TERMS;
-
-/// One image of a sum.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Term {
-    pub source: Source,
-    pub scale: Vec3,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Source {
-    Slot(usize),
-    /// The sum of all that is not being edited.
-    Rest,
-    /// Emitters, which never change.
-    Emission,
-}
-
-/// How closely the image of a light is made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Detail {
-    #[default]
-    Exact,
-    /// In a hurry: one shadow ray for four samples where rays are traced, and a part of the compressed transfer.
-    Coarse,
-}
-
-/// Shade `light` at unit intensity into `slot`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shade {
-    pub light: usize,
-    pub slot: usize,
-    pub detail: Detail,
-}
-
-/// A step towards the picture, in the order of [`Plan::steps`].
-#[derive(Clone, Debug, PartialEq)]
-pub enum Step {
-    Shade(Shade),
-    /// Sum `terms` into `target`, in addition to what is there if `accumulate`.
-    Sum {
-        target: Source,
-        terms: Vec<Term>,
-        accumulate: bool,
-    },
-    /// Put one light's share, or nothing, into a cell of the contact sheet.
-    Show {
-        cell: usize,
-        term: Option<Term>,
-    },
-}
-
-impl Step {
-    pub fn as_shade(&self) -> Option<&Shade> {
-        match self {
-            Self::Shade(shade) => Some(shade),
-            _ => None,
-        }
-    }
-}
-
-/// What a frame has to do.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Plan {
-    pub steps: Vec<Step>,
-    /// The picture is the sum of these.
-    pub picture: Vec<Term>,
-}
 
 /// More edited lights than this, and nothing is in focus: the picture is the rest alone.
 const MAX_FOCUS: usize = MAX_TERMS as usize - 1;
