@@ -1,7 +1,8 @@
-// Counts values of an image's planes that are infinite or not a number.
+// Counts values of an image's planes that are infinite or not a number: the same place of all three a thread.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
 #include "lib/thread.glsl"
@@ -11,13 +12,15 @@ layout(push_constant, scalar) uniform Block { CountNonFinitePush push; };
 
 void main() {
     uint index = thread_index();
-    if (index >= 3 * push.plane_length) {
+    if (index >= push.plane_length) {
         return;
     }
-    uint plane = index / push.plane_length;
-    uint bits = push.values.at[plane * push.plane_stride + index % push.plane_length];
-    // By the exponent: no compiler takes that for always false.
-    if ((bits & 0x7f800000) == 0x7f800000) {
-        atomicAdd(push.counts.at[push.slot], 1);
+    uint count = 0;
+    [[unroll]] for (uint plane = 0; plane < 3; ++plane) {
+        // By the exponent: no compiler takes that for always false.
+        count += uint((push.values.at[plane * push.plane_stride + index] & 0x7f800000) == 0x7f800000);
+    }
+    if (count > 0) {
+        atomicAdd(push.counts.at[push.slot], count);
     }
 }

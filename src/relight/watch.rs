@@ -54,6 +54,6 @@ impl Watch {
             slot: watched as u32,
             unused: 0,
         };
-        pass.dispatch(&self.kernel, &push, 3 * length);
+        pass.dispatch(&self.kernel, &push, length);
     }
 }
