@@ -70,7 +70,7 @@ vec3 half_turn(vec3 axis, vec3 v) {
 
 // Where a coefficient of this light lies.
 uint element(uint index) {
-    return index * push.lights + push.light_index;
+    return index * push.stride + push.offset;
 }
 
 void add(uint index, vec3 value) {

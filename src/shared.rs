@@ -249,7 +249,7 @@ gpu_shared! {
             pub visibility: Read<u32>,
             /// Tables of k: `Projection::tables`.
             pub tables: Read<f32>,
-            /// Coefficients of all samples, RGB and nothing, of each light in turn.
+            /// Coefficients of all samples, RGB and nothing, of several lights side by side, element by element.
             pub coefficients: Write<Vec4>,
             /// At unit intensity.
             pub light: PackedLight,
@@ -257,10 +257,10 @@ gpu_shared! {
             pub sample_count: u32,
             /// How many of each.
             pub points_per_sample: u32,
-            /// How many lights have coefficients.
-            pub lights: u32,
-            /// Which of them this is.
-            pub light_index: u32,
+            /// From one coefficient of this light to its next.
+            pub stride: u32,
+            /// Where its first lies.
+            pub offset: u32,
         }
 
         /// A gather sample of the thesis; mesh space.
@@ -287,16 +287,16 @@ gpu_shared! {
             pub visibility: Read<u32>,
             /// RGB of k, and 1 where the texel lies on the disc.
             pub tables: Read<Vec4>,
-            /// Coefficients of all samples, RGB and nothing, of each light in turn.
+            /// Coefficients of all samples, RGB and nothing, of several lights side by side, element by element.
             pub coefficients: Write<Vec4>,
             /// At unit intensity.
             pub light: PackedLight,
             /// How many samples.
             pub sample_count: u32,
-            /// How many lights have coefficients.
-            pub lights: u32,
-            /// Which of them this is.
-            pub light_index: u32,
+            /// From one coefficient of this light to its next.
+            pub stride: u32,
+            /// Where its first lies.
+            pub offset: u32,
             /// Keeps the size a multiple of eight.
             pub unused: u32,
         }
@@ -319,7 +319,7 @@ gpu_shared! {
             pub rotations: Read<Rotation>,
             /// Where the rotations of each height begin, and where the last ones end: `height_count` + 1 a subtree.
             pub ranges: Read<u32>,
-            /// RGB and nothing, of each light in turn.
+            /// RGB and nothing, of several lights side by side, element by element.
             pub vector: Write<Vec4>,
             /// One a workgroup.
             pub subtree_count: u32,
@@ -335,7 +335,7 @@ gpu_shared! {
             pub values: Read<UVec4>,
             /// Indices of view samples.
             pub outputs: Read<u32>,
-            /// RGB and nothing, of each light in turn: what is multiplied.
+            /// RGB and nothing, of several lights side by side, element by element: what is multiplied.
             pub vector: Read<Vec4>,
             /// Of each light, planes R, G, B of `pixel_stride` floats, added to.
             pub images: [Write<f32>; LIGHTS_A_PASS as usize],
@@ -361,7 +361,7 @@ gpu_shared! {
             pub inputs: Read<u32>,
             /// Indices into `vector`, or of view samples.
             pub outputs: Read<u32>,
-            /// RGB and nothing, of each light in turn: what is multiplied, and what results if no view samples do.
+            /// RGB and nothing, of several lights side by side, element by element: what is multiplied, and what results if no view samples do.
             pub vector: Write<Vec4>,
             /// Of each light, planes R, G, B of `pixel_stride` floats, added to.
             pub images: [Write<f32>; LIGHTS_A_PASS as usize],

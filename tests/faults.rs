@@ -10,7 +10,7 @@ use command::{Run, relume};
 use desktop::Desktop;
 use desktop::pictures::scene;
 
-/// Calls of every picture, then those of shadow maps alone.
+/// Calls of every picture; below, those of shadow maps, which are drawn on the device.
 const CALLS: [&str; 22] = [
     "vkCreateDescriptorSetLayout",
     "vkCreatePipelineLayout",
@@ -48,10 +48,10 @@ const MAP_CALLS: [&str; 8] = [
 
 /// What such a call fails with where it does.
 fn result(call: &str) -> &'static str {
-    let waits =
+    let loses_device =
         ["vkQueueSubmit2", "vkWaitForFences", "vkGetQueryPoolResults", "vkDeviceWaitIdle", "vkAcquireNextImageKHR"];
     match call {
-        _ if waits.contains(&call) => "device-lost",
+        _ if loses_device.contains(&call) => "device-lost",
         "vkAllocateMemory" | "vkCreateBuffer" | "vkCreateImage" => "out-of-device-memory",
         _ => "out-of-host-memory",
     }
@@ -63,7 +63,14 @@ fn render(output: &Path, visibility: &str, fault: &str) -> Run {
     command.arg("render").arg(scene("balls-2.glb")).arg("-o").arg(output).env("RELUME_FAULT", fault);
     command.args(["--size", "64x48", "--gi", "glossy", "--gather", "64", "--rays", "16", "--visibility", visibility]);
     command.env("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation");
-    Run::of(&mut command)
+    command.env("VK_LAYER_ENABLES", "VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT");
+    objects_to_nothing(Run::of(&mut command))
+}
+
+/// The validation layer speaks on standard output, of what was left behind, too.
+fn objects_to_nothing(run: Run) -> Run {
+    assert_eq!(run.stdout, "", "{}", run.stderr);
+    run
 }
 
 /// Makes calls of each kind fail from the first on, from the second, the fourth and so forth until none is left to fail.
@@ -110,8 +117,10 @@ fn calls_of_shadow_maps() {
 #[test]
 fn a_fault_that_is_none() {
     let folder = tempfile::tempdir().unwrap();
-    for fault in ["", "vkQueueSubmit2", "vkQueueSubmit2:x:device-lost", "vkFoo:1:device-lost", "vkQueueSubmit2:1:tired"]
-    {
+    let calls = ["", "vkQueueSubmit2", "vkFoo:1:device-lost"];
+    let counts = ["vkQueueSubmit2:x:device-lost", "vkQueueSubmit2:0:device-lost"];
+    let results = ["vkQueueSubmit2:1:tired", "vkQueueSubmit2:1:device-lost:1"];
+    for fault in [&calls[..], &counts, &results].concat() {
         render(&folder.path().join("picture.png"), "traced", fault).failed(&["RELUME_FAULT"]);
     }
 }
@@ -140,7 +149,7 @@ fn calls_of_a_window() {
         ("vkWaitForFences", 30),
     ] {
         let output = desktop.faulty(&arguments, &format!("{call}:{first}:{}", result(call)));
-        Run::from(output).failed(&["Vulkan could not"]);
+        objects_to_nothing(Run::from(output)).failed(&["Vulkan could not"]);
         assert_eq!(kept.exists(), first == 30, "{call}");
         let _ = std::fs::remove_file(&kept);
     }

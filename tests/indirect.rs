@@ -271,8 +271,8 @@ fn shade_gather() {
                 light: packed,
                 sample_count: samples.len() as u32,
                 points_per_sample: baked.points_per_sample as u32,
-                lights: 1,
-                light_index: 0,
+                stride: 1,
+                offset: 0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
         });
@@ -463,6 +463,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
     relighter.set_layers(Layers::Indirect);
     let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
     let rows = thesis.rows(&all, Lobe::All);
+    relighter.linear(Picture::Whole).unwrap(); // all lights together; each is looked at below
     for (i, light) in lights().lights.iter().enumerate() {
         let direct = gather::shade_thesis(&scene, &bvh, &thesis, &light.pack(scene.origin));
         let scale = light.scale().as_dvec3();

@@ -461,18 +461,24 @@ fn with_includes(source: &str, folder: &std::path::Path) -> String {
 
 #[test]
 fn stores_through_read_references_are_found() {
-    let shared = "pub push P { pub a: Read<f32>, pub b: Write<f32>, }";
+    let shared = "pub push P { pub a: Read<f32>, pub b: Write<f32>, pub c: [Write<f32>; 4], pub d: [Read<f32>; 4], }";
     let block = "uniform Block { P push; };";
     let check = |code: &str| {
         let source = format!("{block} void main() {{ {code} }}");
         stores_not_declared(&stores(&source), &source, shared)
     };
-    let fine = ["push.b.at[i] = 1.0;", "push.b.at[i + n[2]].x += push.a.at[3];", "if (push.a.at[0] == 1.0) {}"];
+    let fine = [
+        "push.b.at[i] = 1.0;",
+        "push.b.at[i + n[2]].x += push.a.at[3];",
+        "if (push.a.at[0] == 1.0) {}",
+        "push.c[n[1]].at[i] += push.d[2].at[0];",
+    ];
     for code in fine {
         assert!(check(code).is_empty(), "{code}");
     }
     let wrong = [
         "push.a.at[i] = 1.0;",
+        "push.d[l].at[i] = 1.0;",
         "push.a.at[push.a.at[0]].xy *= 2.0;",
         "push.a.at[i]++;",
         "++push.a.at[i];",
@@ -550,8 +556,11 @@ fn stores_not_declared(stores: &[String], source: &str, shared: &str) -> Vec<Str
     let push = source.split("uniform Block {").nth(1).and_then(|s| s.split_whitespace().next()).unwrap_or("none");
     let fields = shared.split(&format!("pub push {push} {{")).nth(1).and_then(|s| s.split('}').next()).unwrap_or("");
     let is_written = |base: &str| {
-        let field = base.strip_prefix("push.").unwrap_or("");
-        !field.is_empty() && fields.contains(&format!("pub {field}: Write<"))
+        let (field, array) = match base.strip_prefix("push.").unwrap_or("").split_once('[') {
+            Some((field, _)) => (field, "["),
+            None => (base.strip_prefix("push.").unwrap_or(""), ""),
+        };
+        !field.is_empty() && fields.contains(&format!("pub {field}: {array}Write<"))
     };
     stores.iter().filter(|base| !is_written(base)).cloned().collect()
 }

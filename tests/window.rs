@@ -88,7 +88,7 @@ fn dialogs_and_the_panel_take_what_is_typed() {
     window.key("ctrl+1", "new");
     window.key("question", "new");
     window.key("Escape", "new");
-    window.keys(&["ctrl+s", "ctrl+a", "BackSpace"]);
+    window.keys(&["ctrl+q", "s", "ctrl+a", "BackSpace"]);
     // Letters that are keys of the desk go into the field.
     window.text(saved.to_str().unwrap());
     window.key("Return", "saved");

@@ -114,7 +114,7 @@ const SAMPLES: usize = 16_384;
 /// Pixels for each of them.
 const PIXELS_A_SAMPLE: usize = 4;
 /// Random lights that compression learns from.
-const LIGHTS: usize = 256;
+const LIGHTS: usize = 512;
 /// Gather samples among which light bounces on.
 const COARSE_SAMPLES: usize = 2304;
 /// Points of all gather samples at which light is looked at.

@@ -6,6 +6,7 @@ use std::ffi::{CStr, c_char, c_void};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
+use ash::vk::Handle;
 use ash::{ext, khr, vk};
 use gpu_allocator::AllocationError;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -40,10 +41,15 @@ pub struct Context {
     /// Device memory in use, by the first word of the owner's name.
     memory: Mutex<BTreeMap<String, u64>>,
     pipeline_cache_file: Option<PathBuf>,
+    pub(super) instance: Instance,
+}
+
+/// Vulkan itself, and the validation layer's messages.
+pub(super) struct Instance {
     messages: Box<Messages>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    pub(super) instance: ash::Instance,
-    pub(super) entry: ash::Entry,
+    pub handle: ash::Instance,
+    pub entry: ash::Entry,
 }
 
 /// Why a lock cannot fail: no holder of one of our locks panics.
@@ -60,20 +66,33 @@ where
 {
     let action = action.into();
     move |source| {
-        let source = remedy(&source).map_or_else(|| Cause::from(source), Cause::from);
+        let source: Cause = match remedy(&source) {
+            Some(remedy) => Box::new(Remedied { remedy, source: Box::new(source) }),
+            None => Box::new(source),
+        };
         Error::Vulkan { action, source }
     }
 }
 
+/// A cause, and before it what to do about it.
+#[derive(Debug, thiserror::Error)]
+#[error("{remedy}")]
+struct Remedied {
+    remedy: &'static str,
+    source: Cause,
+}
+
 /// What to do about it, where a person can do something.
 fn remedy(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
-    let is_full = matches!(error.downcast_ref(), Some(AllocationError::OutOfMemory));
-    match error.downcast_ref() {
-        Some(&vk::Result::ERROR_DEVICE_LOST) => {
+    let result = match error.downcast_ref() {
+        Some(AllocationError::OutOfMemory) => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
+        _ => *error.downcast_ref()?,
+    };
+    match result {
+        vk::Result::ERROR_DEVICE_LOST => {
             Some("the device was lost: its driver gave up; `relume devices` lists others for --device")
         }
-        Some(&vk::Result::ERROR_OUT_OF_DEVICE_MEMORY) => Some(OUT_OF_MEMORY),
-        _ if is_full => Some(OUT_OF_MEMORY),
+        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => Some(OUT_OF_MEMORY),
         _ => None,
     }
 }
@@ -83,7 +102,31 @@ const OUT_OF_MEMORY: &str = "the device is out of memory; a smaller picture (--s
 /// Where windows are to be opened, if any.
 type Display<'a> = Option<&'a dyn HasDisplayHandle>;
 
-pub(super) fn create_instance(validation: Validation, display: Display) -> Result<(ash::Entry, ash::Instance, bool)> {
+impl Instance {
+    pub fn new(validation: Validation, display: Display) -> Result<Self> {
+        let (entry, handle, validate) = create_instance(validation, display)?;
+        let mut instance = Self { messages: Box::default(), messenger: None, handle, entry };
+        if validate {
+            instance.messenger = Some(create_messenger(&instance.entry, &instance.handle, &instance.messages)?);
+        }
+        faults::install(&mut instance.handle)?;
+        Ok(instance)
+    }
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        // SAFETY: whoever makes something of an instance drops that before.
+        unsafe {
+            if let Some((loader, messenger)) = self.messenger.take() {
+                loader.destroy_debug_utils_messenger(messenger, None);
+            }
+            self.handle.destroy_instance(None);
+        }
+    }
+}
+
+fn create_instance(validation: Validation, display: Display) -> Result<(ash::Entry, ash::Instance, bool)> {
     let no_device = |reason: &str| {
         let reason = reason.to_owned();
         |source: Box<dyn std::error::Error + Send + Sync>| Error::NoDevice { reason, source: Some(source) }
@@ -114,7 +157,7 @@ pub(super) fn create_instance(validation: Validation, display: Display) -> Resul
     // SAFETY: all pointers outlive the call.
     let instance = unsafe { entry.create_instance(&create, None) }
         .map_err(|e| no_device("Vulkan does not start; tools/setup installs a driver")(e.into()))?;
-    Ok((entry, faults::instance(instance)?, validate))
+    Ok((entry, instance, validate))
 }
 
 impl Context {
@@ -141,26 +184,16 @@ impl Context {
         cache_dir: Option<&Path>,
         display: Display,
     ) -> Result<Arc<Self>> {
-        let (entry, instance, validate) = create_instance(validation, display)?;
-        let info = match device::choose(&instance, wanted) {
-            Ok(info) => info,
-            Err(error) => {
-                // SAFETY: nothing was created from the instance.
-                unsafe { instance.destroy_instance(None) };
-                return Err(error);
-            }
-        };
+        let instance = Instance::new(validation, display)?;
+        let info = device::choose(&instance.handle, wanted)?;
         tracing::info!("device: {} ({})", info.name, info.driver);
         warn_of_slow_lavapipe(&info);
-
-        let messages = Box::<Messages>::default();
-        let messenger = if validate { Some(create_messenger(&entry, &instance, &messages)?) } else { None };
 
         // SAFETY: the handle comes from this instance.
         let (limits, families) = unsafe {
             (
-                instance.get_physical_device_properties(info.handle).limits,
-                instance.get_physical_device_queue_family_properties(info.handle),
+                instance.handle.get_physical_device_properties(info.handle).limits,
+                instance.handle.get_physical_device_queue_family_properties(info.handle),
             )
         };
         let both = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
@@ -183,41 +216,62 @@ impl Context {
             .push_next(&mut features12)
             .push_next(&mut features13);
         // SAFETY: `choose` checked every feature asked for; all pointers outlive the call.
-        let device =
-            unsafe { instance.create_device(info.handle, &create, None) }.map_err(vulkan("create the device"))?;
-        // SAFETY: the queue was asked for above.
-        let queue = unsafe { device.get_device_queue(queue_family, 0) };
+        let device = unsafe { instance.handle.create_device(info.handle, &create, None) }
+            .map_err(vulkan("create the device"))?;
+        let is_validated = instance.messenger.is_some();
+        // What is not made yet is null; dropping that does nothing.
+        let mut context = Self {
+            timestamp_period: f64::from(limits.timestamp_period),
+            // SAFETY: the queue was asked for above.
+            queue: unsafe { device.get_device_queue(queue_family, 0) },
+            queue_family,
+            debug_utils: is_validated.then(|| ext::debug_utils::Device::new(&instance.handle, &device)),
+            pipeline_cache: vk::PipelineCache::null(),
+            pipeline_layout: vk::PipelineLayout::null(),
+            set_layout: vk::DescriptorSetLayout::null(),
+            allocator: Mutex::default(),
+            memory: Mutex::default(),
+            pipeline_cache_file: cache_dir.map(|dir| dir.join(pipeline_cache_name(&info))),
+            device,
+            instance,
+            info,
+        };
+        context.fill()?;
+        Ok(Arc::new(context))
+    }
+
+    /// Makes what every kernel and buffer needs.
+    fn fill(&mut self) -> Result<()> {
         let allocator = Allocator::new(&AllocatorCreateDesc {
-            instance: instance.clone(),
-            device: device.clone(),
-            physical_device: info.handle,
+            instance: self.instance.handle.clone(),
+            device: self.device.clone(),
+            physical_device: self.info.handle,
             debug_settings: Default::default(),
             buffer_device_address: true,
             allocation_sizes: Default::default(),
         })
         .map_err(vulkan("create the allocator"))?;
-        let (set_layout, pipeline_layout) = create_layouts(&device)?;
-        let pipeline_cache_file = cache_dir.map(|dir| dir.join(pipeline_cache_name(&info)));
-        let pipeline_cache = create_pipeline_cache(&device, pipeline_cache_file.as_deref())?;
-        let debug_utils = validate.then(|| ext::debug_utils::Device::new(&instance, &device));
-        Ok(Arc::new(Self {
-            timestamp_period: f64::from(limits.timestamp_period),
-            device,
-            queue,
-            queue_family,
-            debug_utils,
-            pipeline_cache,
-            pipeline_layout,
-            set_layout,
-            allocator: Mutex::new(Some(allocator)),
-            memory: Mutex::default(),
-            pipeline_cache_file,
-            messages,
-            messenger,
-            instance,
-            entry,
-            info,
-        }))
+        self.allocator = Mutex::new(Some(allocator));
+        let bindings = [vk::DescriptorSetLayoutBinding::default()
+            .binding(0)
+            .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+            .descriptor_count(1)
+            .stage_flags(vk::ShaderStageFlags::COMPUTE)];
+        let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        // SAFETY: all pointers outlive the call.
+        self.set_layout = unsafe { self.device.create_descriptor_set_layout(&create, None) }
+            .map_err(vulkan("create the descriptor set layout"))?;
+        let push = [vk::PushConstantRange::default()
+            .stage_flags(vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT)
+            .size(128)];
+        let create = vk::PipelineLayoutCreateInfo::default()
+            .set_layouts(std::slice::from_ref(&self.set_layout))
+            .push_constant_ranges(&push);
+        // SAFETY: as above.
+        self.pipeline_layout = unsafe { self.device.create_pipeline_layout(&create, None) }
+            .map_err(vulkan("create the pipeline layout"))?;
+        self.pipeline_cache = create_pipeline_cache(&self.device, self.pipeline_cache_file.as_deref())?;
+        Ok(())
     }
 
     /// Whether kernels run on this machine's CPU, which then is better at tracing rays than at rasterising.
@@ -227,12 +281,12 @@ impl Context {
 
     /// Whether the validation layer watches: it may not be installed.
     pub fn is_validated(&self) -> bool {
-        self.messenger.is_some()
+        self.instance.messenger.is_some()
     }
 
     /// Everything that the validation layer said so far. Tests assert that it is empty.
     pub fn validation_messages(&self) -> Vec<String> {
-        self.messages.0.lock().expect(UNPOISONED).clone()
+        self.instance.messages.0.lock().expect(UNPOISONED).clone()
     }
 
     /// Device memory in use as (owner, bytes).
@@ -263,7 +317,9 @@ impl Context {
     }
 
     fn save_pipeline_cache(&self) -> Result<()> {
-        let Some(file) = &self.pipeline_cache_file else { return Ok(()) };
+        let Some(file) = self.pipeline_cache_file.as_ref().filter(|_| !self.pipeline_cache.is_null()) else {
+            return Ok(());
+        };
         // SAFETY: the cache is alive.
         let data = unsafe { self.device.get_pipeline_cache_data(self.pipeline_cache) }
             .map_err(vulkan("read the pipeline cache"))?;
@@ -288,10 +344,6 @@ impl Drop for Context {
             self.device.destroy_descriptor_set_layout(self.set_layout, None);
             drop(self.allocator.lock().expect(UNPOISONED).take());
             self.device.destroy_device(None);
-            if let Some((loader, messenger)) = self.messenger.take() {
-                loader.destroy_debug_utils_messenger(messenger, None);
-            }
-            self.instance.destroy_instance(None);
         }
     }
 }
@@ -329,28 +381,6 @@ fn create_pipeline_cache(device: &ash::Device, file: Option<&Path>) -> Result<vk
     let create = vk::PipelineCacheCreateInfo::default().initial_data(&data);
     // SAFETY: the data outlives the call; drivers check its header and ignore what isn't theirs.
     unsafe { device.create_pipeline_cache(&create, None) }.map_err(vulkan("create the pipeline cache"))
-}
-
-fn create_layouts(device: &ash::Device) -> Result<(vk::DescriptorSetLayout, vk::PipelineLayout)> {
-    let bindings = [vk::DescriptorSetLayoutBinding::default()
-        .binding(0)
-        .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
-        .descriptor_count(1)
-        .stage_flags(vk::ShaderStageFlags::COMPUTE)];
-    let push = [vk::PushConstantRange::default()
-        .stage_flags(vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT)
-        .size(128)];
-    // SAFETY: all pointers outlive the calls.
-    unsafe {
-        let set_layout = device
-            .create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
-            .map_err(vulkan("create the descriptor set layout"))?;
-        let create = vk::PipelineLayoutCreateInfo::default()
-            .set_layouts(std::slice::from_ref(&set_layout))
-            .push_constant_ranges(&push);
-        let layout = device.create_pipeline_layout(&create, None).map_err(vulkan("create the pipeline layout"))?;
-        Ok((set_layout, layout))
-    }
 }
 
 fn create_messenger(

@@ -4,7 +4,7 @@ use std::ffi::CStr;
 
 use ash::vk;
 
-use super::context::create_instance;
+use super::context::Instance;
 use super::{Validation, context::vulkan};
 use crate::error::{Error, Result};
 
@@ -27,11 +27,7 @@ pub struct DeviceInfo {
 
 /// All devices, in Vulkan's order.
 pub fn list_devices() -> Result<Vec<DeviceInfo>> {
-    let (_entry, instance, _) = create_instance(Validation::Off, None)?;
-    let devices = enumerate(&instance);
-    // SAFETY: nothing was created from the instance.
-    unsafe { instance.destroy_instance(None) };
-    devices
+    enumerate(&Instance::new(Validation::Off, None)?.handle)
 }
 
 /// Finds the device that `wanted` names by index or by part of its name; without a wish the best real GPU, else a CPU.

@@ -28,12 +28,13 @@ const RESULTS: [(&str, vk::Result); 3] = [
     ("out-of-host-memory", vk::Result::ERROR_OUT_OF_HOST_MEMORY),
 ];
 
-/// The instance as it is, or if the environment asks for a fault, one whose device has our functions.
-pub(super) fn instance(instance: ash::Instance) -> Result<ash::Instance> {
-    let Some(wanted) = std::env::var_os("RELUME_FAULT") else { return Ok(instance) };
+/// If the environment asks for a fault, devices made from `instance` get our functions. One device a process: functions of the
+/// first driver are called.
+pub(super) fn install(instance: &mut ash::Instance) -> Result<()> {
+    let Some(wanted) = std::env::var_os("RELUME_FAULT") else { return Ok(()) };
     let wanted = wanted.to_string_lossy();
     let fault = parse(&wanted).ok_or_else(|| Error::NoDevice {
-        reason: format!("RELUME_FAULT={wanted} is not CALL:COUNT:RESULT, as in vkQueueSubmit2:3:device-lost"),
+        reason: format!("RELUME_FAULT={wanted} is not CALL:FIRST:RESULT, as in vkQueueSubmit2:3:device-lost"),
         source: None,
     })?;
     FAULT.get_or_init(|| fault);
@@ -41,12 +42,14 @@ pub(super) fn instance(instance: ash::Instance) -> Result<ash::Instance> {
     DRIVER.get_or_init(|| table.get_device_proc_addr);
     table.get_device_proc_addr = route;
     let (table_1_1, table_1_3) = (instance.fp_v1_1().clone(), instance.fp_v1_3().clone());
-    Ok(ash::Instance::from_parts_1_3(instance.handle(), table, table_1_1, table_1_3))
+    *instance = ash::Instance::from_parts_1_3(instance.handle(), table, table_1_1, table_1_3);
+    Ok(())
 }
 
 fn parse(wanted: &str) -> Option<Fault> {
-    let mut parts = wanted.split(':');
-    let (call, first, result) = (parts.next()?, parts.next()?.parse().ok()?, parts.next()?);
+    let parts: Vec<&str> = wanted.split(':').collect();
+    let [call, first, result] = parts[..] else { return None };
+    let first = first.parse().ok().filter(|&first| first > 0)?;
     let (_, result) = *RESULTS.iter().find(|(name, _)| *name == result)?;
     CALLS.contains(&call).then(|| Fault { call: call.into(), first, made: AtomicU32::new(0), result })
 }

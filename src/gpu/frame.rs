@@ -388,6 +388,7 @@ impl Frame<'_> {
         // SAFETY: the commands were recorded from live objects, whose owners outlive this wait.
         unsafe {
             device.end_command_buffer(frames.commands).map_err(vulkan("end a frame"))?;
+            device.reset_fences(&[frames.fence]).map_err(vulkan("reset a fence"))?;
             device.queue_submit2(frames.context.queue, &submit, frames.fence).map_err(vulkan("submit a frame"))?;
         }
         let shown = match (surface, presenting) {
@@ -401,7 +402,6 @@ impl Frame<'_> {
                 let _ = device.device_wait_idle();
                 vulkan("wait for a frame")(error)
             })?;
-            device.reset_fences(&[frames.fence]).map_err(vulkan("reset a fence"))?;
         }
         frames.collect_times(submitted_ms)?;
         shown

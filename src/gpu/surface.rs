@@ -59,10 +59,12 @@ impl Surface {
         let unusable = |reason: &str| Error::invalid("the window", reason);
         let display = window.display_handle().map_err(|e| unusable(&e.to_string()))?.as_raw();
         let handle = window.window_handle().map_err(|e| unusable(&e.to_string()))?.as_raw();
-        let surfaces = khr::surface::Instance::new(&context.entry, &context.instance);
+        let surfaces = khr::surface::Instance::new(&context.instance.entry, &context.instance.handle);
         // SAFETY: both handles are alive: the surface keeps the window.
-        let surface = unsafe { ash_window::create_surface(&context.entry, &context.instance, display, handle, None) }
-            .map_err(vulkan("create the window's surface"))?;
+        let surface = unsafe {
+            ash_window::create_surface(&context.instance.entry, &context.instance.handle, display, handle, None)
+        }
+        .map_err(vulkan("create the window's surface"))?;
         let mut this = Self {
             surface,
             swapchain: vk::SwapchainKHR::null(),
@@ -76,7 +78,7 @@ impl Surface {
             fit: [None, None],
             fitted: [None, None],
             surfaces,
-            swapchains: khr::swapchain::Device::new(&context.instance, &context.device),
+            swapchains: khr::swapchain::Device::new(&context.instance.handle, &context.device),
             context: context.clone(),
             _window: window,
         };

@@ -36,7 +36,7 @@ impl UiRenderer {
             stencil_attachment_format: None,
         });
         let options = Options { srgb_framebuffer: surface.is_srgb(), ..Options::default() };
-        let (instance, device) = (&context.instance, context.device.clone());
+        let (instance, device) = (&context.instance.handle, context.device.clone());
         let renderer = Renderer::with_default_allocator(instance, context.info.handle, device, mode, options)
             .map_err(vulkan("set up the user interface"))?;
         let pool_info = vk::CommandPoolCreateInfo::default()

@@ -1,5 +1,7 @@
 //! Indirect light on the device: λ0 of a light, then the chain of block matrices, added to its image.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
@@ -18,7 +20,7 @@ use crate::shared::*;
 
 pub struct Indirect {
     pub points: Buffer<ViewSample>,
-    lit: LitSamples,
+    samples: LitSamples,
     /// λ0, then what the chain makes of it; of one light, or element by element of [`LIGHTS_A_PASS`].
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
@@ -57,11 +59,16 @@ struct Product {
     values: Buffer<UVec4>,
     inputs: Buffer<u32>,
     outputs: Buffer<u32>,
-    kernels: ByLights,
+    kernels: Arc<ByLights>,
 }
 
 /// A kernel for one light, and for [`LIGHTS_A_PASS`] of which some may be absent.
 pub struct ByLights([Kernel; 2]);
+
+/// How many vectors lie side by side.
+fn vectors(light_count: usize) -> u32 {
+    if light_count > 1 { LIGHTS_A_PASS } else { 1 }
+}
 
 impl ByLights {
     /// The last constant of each kernel is the number of lights.
@@ -74,7 +81,7 @@ impl ByLights {
     }
 
     pub fn get(&self, light_count: usize) -> &Kernel {
-        &self.0[usize::from(light_count > 1)]
+        &self.0[usize::from(vectors(light_count) > 1)]
     }
 }
 
@@ -103,6 +110,13 @@ pub struct Lit<'a> {
     pub visibility: &'a Visibility,
     pub image: &'a Buffer<Vec4>,
     pub extras: &'a Buffer<f32>,
+}
+
+/// One light's vector among others.
+struct Strided<'a> {
+    buffer: &'a Buffer<Vec4>,
+    stride: u32,
+    offset: u32,
 }
 
 /// One to [`LIGHTS_A_PASS`] lights, whose factors are read once.
@@ -135,11 +149,20 @@ impl Indirect {
     /// Factors beyond `budget` bytes stay in host memory, from which kernels read them in every frame.
     pub fn new(context: &Arc<Context>, transfer: &BakedTransfer, budget: u64) -> Result<Self> {
         let room = &mut Room { left: budget, streamed: 0 };
+        let mut kernels: HashMap<[u32; 2], Arc<ByLights>> = HashMap::new();
         let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
             let mut products = Vec::new();
             for matrix in matrices {
+                let kernel = match kernels.entry([matrix.channels, u32::from(are_last)]) {
+                    Entry::Occupied(made) => made.get().clone(),
+                    Entry::Vacant(place) => {
+                        let kernel = ByLights::new(context, "multiply_blocks", *place.key())?;
+                        place.insert(Arc::new(kernel)).clone()
+                    }
+                };
                 for panels in matrix.pieces(PIECE_BYTES) {
-                    products.push(Product::new(context, &matrix.piece(panels), are_last, room)?);
+                    let name = if are_last { "transfer to pixels" } else { "transfer" };
+                    products.push(Product::new(context, name, &matrix.piece(panels), kernel.clone(), room)?);
                 }
             }
             Ok(products)
@@ -160,7 +183,7 @@ impl Indirect {
         Ok(Self {
             device_bytes: budget - room.left,
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
-            lit: LitSamples::new(context, transfer)?,
+            samples: LitSamples::new(context, transfer)?,
             vector: Buffer::new(
                 context,
                 "transfer (vector)",
@@ -187,8 +210,9 @@ impl Indirect {
             return;
         }
         let count = targets.lights.len();
-        for (index, lit) in targets.lights.iter().enumerate() {
-            self.lit.shade(frame, lit, &self.points, &self.vector, [index as u32, vectors(count)]);
+        for (offset, lit) in targets.lights.iter().enumerate() {
+            let vector = Strided { buffer: &self.vector, stride: vectors(count), offset: offset as u32 };
+            self.samples.shade(frame, lit, &self.points, &vector);
         }
         if let Some(haar) = &self.haar {
             haar.run(frame, &self.vector, count);
@@ -201,11 +225,6 @@ impl Indirect {
             product.run(frame, &self.vector, targets);
         }
     }
-}
-
-/// How many vectors lie side by side.
-fn vectors(light_count: usize) -> u32 {
-    if light_count > 1 { LIGHTS_A_PASS } else { 1 }
 }
 
 impl LitSamples {
@@ -226,15 +245,8 @@ impl LitSamples {
         })
     }
 
-    /// λ0 of one light, which is the `light_index`th of `lights` whose vectors lie side by side.
-    fn shade(
-        &self,
-        frame: &mut Frame,
-        lit: &Lit,
-        points: &Buffer<ViewSample>,
-        vector: &Buffer<Vec4>,
-        [light_index, lights]: [u32; 2],
-    ) {
+    /// λ0 of one light.
+    fn shade(&self, frame: &mut Frame, lit: &Lit, points: &Buffer<ViewSample>, vector: &Strided) {
         let mut pass = frame.pass("shade gather samples");
         match self {
             Self::Projected { samples, points_per_sample, tables, kernel } => {
@@ -243,12 +255,12 @@ impl LitSamples {
                     points: pass.read(points),
                     visibility: pass.read(&lit.visibility.gather_points),
                     tables: pass.read(tables),
-                    coefficients: pass.write(vector),
+                    coefficients: pass.write(vector.buffer),
                     light: lit.light,
                     sample_count: samples.len() as u32,
                     points_per_sample: *points_per_sample,
-                    lights,
-                    light_index,
+                    stride: vector.stride,
+                    offset: vector.offset,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }
@@ -258,11 +270,11 @@ impl LitSamples {
                     points: pass.read(points),
                     visibility: pass.read(&lit.visibility.gather_points),
                     tables: pass.read(tables),
-                    coefficients: pass.write(vector),
+                    coefficients: pass.write(vector.buffer),
                     light: lit.light,
                     sample_count: samples.len() as u32,
-                    lights,
-                    light_index,
+                    stride: vector.stride,
+                    offset: vector.offset,
                     unused: 0,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
@@ -272,15 +284,20 @@ impl LitSamples {
 }
 
 impl Product {
-    fn new(context: &Arc<Context>, matrix: &Piece, is_last: bool, room: &mut Room) -> Result<Self> {
-        let constants = [matrix.channels, u32::from(is_last)];
+    fn new(
+        context: &Arc<Context>,
+        name: &'static str,
+        matrix: &Piece,
+        kernels: Arc<ByLights>,
+        room: &mut Room,
+    ) -> Result<Self> {
         Ok(Self {
-            name: if is_last { "transfer to pixels" } else { "transfer" },
+            name,
             panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
             values: room.hold(context, "transfer (factors)", matrix.values)?,
             inputs: Buffer::from_slice(context, "transfer (inputs)", matrix.inputs)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
-            kernels: ByLights::new(context, "multiply_blocks", constants)?,
+            kernels,
         })
     }
 

@@ -103,7 +103,7 @@ pub struct RelightSettings {
     /// Side of a shadow map in texels.
     pub shadow_size: u32,
     pub tone_map: ToneMap,
-    /// Device memory for light images; `None` takes a quarter of what the device has.
+    /// Device memory for light images; `None` takes three quarters of what the device has.
     pub budget_bytes: Option<u64>,
 }
 

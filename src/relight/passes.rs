@@ -56,11 +56,11 @@ impl Parts<'_> {
         if !light.shadows {
             return Seen::ALL;
         }
-        let (index, seen, half) = visibility.take();
+        let (seen, bytes, half) = visibility.take();
         match shadow_maps {
             None => {
                 if self.layers.direct() {
-                    let words = &mut seen.view_samples;
+                    let words = &mut bytes.view_samples;
                     let half = &mut half.view_samples;
                     frame.cpu("trace shadows", || match detail {
                         Detail::Exact => trace(words, self.bvh, self.scene, &self.baked.packets, packed),
@@ -68,7 +68,7 @@ impl Parts<'_> {
                     });
                 }
                 if let Some(transfer) = self.baked.transfer.as_ref().filter(|_| self.indirect.is_some()) {
-                    let words = &mut seen.gather_points;
+                    let words = &mut bytes.gather_points;
                     let half = &mut half.gather_points;
                     frame.cpu("trace gather samples", || match detail {
                         Detail::Exact => trace(words, self.bvh, self.scene, &transfer.packets, packed),
@@ -77,13 +77,13 @@ impl Parts<'_> {
                 }
             }
             Some(maps) => {
-                let view = self.layers.direct().then_some((&self.gpu.samples, &seen.view_samples));
-                let gather = self.indirect.map(|indirect| (&indirect.points, &seen.gather_points));
+                let view = self.layers.direct().then_some((&self.gpu.samples, &bytes.view_samples));
+                let gather = self.indirect.map(|indirect| (&indirect.points, &bytes.gather_points));
                 let lists: Vec<_> = view.into_iter().chain(gather).collect();
                 maps.run(frame, light, packed, &lists);
             }
         }
-        index
+        seen
     }
 
     /// Visibility and shading of one to [`LIGHTS_A_PASS`] lights at unit intensity, each into the image of its slot.
@@ -95,6 +95,7 @@ impl Parts<'_> {
         shades: &[Shade],
     ) {
         let detail = shades[0].detail;
+        debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
         let see = |shade: &Shade| {
             let light = &self.rig.lights[shade.light];
             let packed = light.pack(self.scene.origin);

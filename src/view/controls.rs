@@ -282,10 +282,14 @@ pub fn works_always(command: Command) -> bool {
 
 /// Whether a key may open or close a dialog, or leave a text field: those after it are for somebody else.
 pub fn hands_over(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modifiers, key: Key) -> bool {
-    let leaves = ui_wants_keys && matches!(key, Key::Enter | Key::Escape | Key::Tab);
-    let answers = matches!(dialog, Some(Dialog::Quit | Dialog::Recover(_)));
+    let leaves = ui_wants_keys && matches!(key, Key::Enter | Key::Tab);
+    let answers = is_answered_by_keys(dialog);
     let commands = [Command::Close, Command::Quit, Command::Save, Command::SaveAs, Command::Export];
     leaves || answers || keys::command(modifiers, key).is_some_and(|command| commands.contains(&command))
+}
+
+pub fn is_answered_by_keys(dialog: Option<&Dialog>) -> bool {
+    matches!(dialog, Some(Dialog::Quit | Dialog::Recover(_)))
 }
 
 /// Whether a held key repeats its command.

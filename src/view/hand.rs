@@ -21,6 +21,8 @@ pub struct Hand {
     grabbed: Option<Grab>,
     /// Typed before it was known whom it is for.
     ahead: Vec<Event>,
+    /// Whether the last frame showed a dialog.
+    pub dialog_is_shown: bool,
 }
 
 /// What events come upon.
@@ -43,19 +45,33 @@ pub struct Taken {
 }
 
 impl Hand {
-    /// Leaves the events up to the one that changes whom keys are for, and keeps what was typed ahead for the next frame.
-    /// Tells whether there is such.
-    pub fn in_turn(&mut self, events: &mut Vec<Event>, dialog: Option<&Dialog>, ui_wants_keys: bool) -> bool {
+    /// Leaves the events up to the one that changes whom later ones are for, and keeps these for the next frame: who types ahead of a
+    /// dialog types into it.
+    pub fn in_turn(&mut self, events: &mut Vec<Event>, dialog: Option<&Dialog>, ui_wants_keys: bool) {
         events.splice(0..0, self.ahead.drain(..));
+        if dialog.is_some() && !self.dialog_is_shown {
+            // It takes no key before it is there.
+            self.ahead = events.extract_if(.., |event| matches!(event, Event::Key { .. } | Event::Text(_))).collect();
+            return;
+        }
         let hands_over = |event: &Event| match event {
             Event::Key { key, pressed: true, modifiers, .. } => {
                 controls::hands_over(dialog, ui_wants_keys, *modifiers, *key)
             }
+            Event::PointerButton { pressed, .. } => !pressed,
             _ => false,
         };
         if let Some(last) = events.iter().position(hands_over) {
             self.ahead = events.split_off(last + 1);
+            // The letter of a key that was an answer is none of the next one's.
+            if controls::is_answered_by_keys(dialog) && matches!(self.ahead.first(), Some(Event::Text(_))) {
+                self.ahead.remove(0);
+            }
         }
+    }
+
+    /// Whether something was typed ahead.
+    pub fn has_more(&self) -> bool {
         !self.ahead.is_empty()
     }
 
@@ -146,15 +162,25 @@ mod tests {
         let mut hand = Hand::default();
         let save = press(Key::S, Modifiers::COMMAND);
         let move_right = press(Key::D, Modifiers::NONE);
-        let mut events = vec![move_right.clone(), save.clone(), move_right.clone(), press(Key::Enter, Modifiers::NONE)];
-        assert!(hand.in_turn(&mut events, None, false));
+        let enter = press(Key::Enter, Modifiers::NONE);
+        let mut events = vec![move_right.clone(), save.clone(), move_right.clone(), enter.clone()];
+        hand.in_turn(&mut events, None, false);
         assert_eq!(events, [move_right.clone(), save.clone()]);
-        // The dialog is open now; Enter will close it.
+        // The dialog is open, but no frame has shown it yet.
+        let dialog = Some(Dialog::SaveAs(String::new()));
+        let mut events = vec![Event::PointerGone];
+        hand.in_turn(&mut events, dialog.as_ref(), true);
+        assert_eq!(events, [Event::PointerGone]);
+        hand.dialog_is_shown = true;
         let mut events = vec![save.clone()];
-        assert!(hand.in_turn(&mut events, Some(&Dialog::SaveAs(String::new())), true));
-        assert_eq!(events, [move_right, press(Key::Enter, Modifiers::NONE)]);
+        hand.in_turn(&mut events, dialog.as_ref(), true);
+        assert_eq!(events, [move_right, enter], "Enter closes it");
         let mut events = vec![];
-        assert!(!hand.in_turn(&mut events, None, false));
-        assert_eq!(events, [save]);
+        hand.in_turn(&mut events, None, false);
+        assert!(events == [save] && !hand.has_more());
+        // What answers a question is no letter for the next dialog.
+        let mut events = vec![press(Key::S, Modifiers::NONE), Event::Text("s".into()), Event::Text("a".into())];
+        hand.in_turn(&mut events, Some(&Dialog::Quit), true);
+        assert!(events.len() == 1 && hand.ahead == [Event::Text("a".into())]);
     }
 }

@@ -226,6 +226,7 @@ impl App {
         let has_ui = self.view.has_ui() || self.stage.is_none();
         let drawn = if has_ui {
             let (ui, actions) = self.run_ui(input)?;
+            self.hand.dialog_is_shown = self.view.dialog.is_some();
             self.looks = if had_events { 0 } else { self.looks + 1 };
             if self.looks > LOOKS {
                 self.wake = None; // it would ask for ever
@@ -255,7 +256,7 @@ impl App {
         let context = graphics.egui.egui_ctx();
         let is_typed_to = context.egui_wants_keyboard_input() && self.view.has_ui();
         let ui_wants_keys = self.view.dialog.is_some() || is_typed_to;
-        let has_more = self.hand.in_turn(events, self.view.dialog.as_ref(), ui_wants_keys);
+        self.hand.in_turn(events, self.view.dialog.as_ref(), ui_wants_keys);
         let around = Around {
             stage: self.stage.as_mut(),
             view: &self.view,
@@ -266,9 +267,6 @@ impl App {
         };
         let Taken { actions, stale } = self.hand.take(events, around);
         self.stale |= stale;
-        if has_more {
-            self.ask_for_frame();
-        }
         actions
     }
 
@@ -446,7 +444,12 @@ impl ApplicationHandler<LoadEvent> for App {
         match &event {
             WindowEvent::RedrawRequested => {
                 self.stale |= !std::mem::take(&mut self.asked);
+                let since = self.pending;
                 let outcome = self.frame();
+                if self.hand.has_more() {
+                    self.pending = since; // a part of that is yet to be shown
+                    self.ask_for_frame();
+                }
                 return self.check(outcome, event_loop);
             }
             WindowEvent::CloseRequested => {

@@ -73,7 +73,7 @@ pub struct Plan {
 
 impl Plan {
     /// Brings each shade forward past the steps that do not touch its slot: several lights together pass through the transfer for
-    /// little more than one.
+    /// half of what they take one by one.
     pub fn bring_shades_together(&mut self) {
         let mut together = Vec::with_capacity(self.steps.len());
         let mut later = Vec::new();
