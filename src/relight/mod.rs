@@ -188,7 +188,7 @@ impl Relighter {
             image_budget,
             transfer_budget,
             rest: image("light images (rest)")?,
-            extras: extra_planes(context, baked)?,
+            extras: (0..together(rig)).map(|_| extra_planes(context, baked)).collect::<Result<_>>()?,
             visibility: VisibilityBuffers::new(context, baked, traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
             kernels: Kernels {
@@ -239,6 +239,9 @@ impl Relighter {
             let elements = 3 * self.baked.pixel_stride() / 4;
             self.images.push(Buffer::new(&self.context, "light images", Access::Device, elements)?);
         }
+        for _ in self.extras.len()..together(rig) {
+            self.extras.push(extra_planes(&self.context, &self.baked)?);
+        }
         self.cache.set_rig(rig, self.images.len());
         Ok(())
     }
@@ -267,7 +270,9 @@ impl Relighter {
         self.indirect = transfer.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
         self.gpu = GpuBaked::new(&self.context, &baked)?;
-        self.extras = extra_planes(&self.context, &baked)?;
+        for extras in &mut self.extras {
+            *extras = extra_planes(&self.context, &baked)?;
+        }
         self.baked = baked;
         self.start_anew();
         Ok(())
@@ -470,7 +475,7 @@ impl Relighter {
                 let taken = match step {
                     _ if room == 0 => break,
                     Step::Shade(_) => {
-                        let most = room.min(visibility.left()).min(LIGHTS_A_PASS as usize);
+                        let most = room.min(visibility.left()).min(self.extras.len());
                         let shades = steps.iter().map_while(Step::as_shade).take(most).copied().collect::<Vec<_>>();
                         if shades.is_empty() {
                             break;
@@ -528,11 +533,15 @@ impl Relighter {
     }
 }
 
-/// Planes R, G, B for the radiance of extra samples, of each light that is shaded together with others.
-fn extra_planes(context: &Arc<Context>, baked: &Baked) -> Result<Vec<Buffer<f32>>> {
+/// Planes R, G, B for the radiance of extra samples.
+fn extra_planes(context: &Arc<Context>, baked: &Baked) -> Result<Buffer<f32>> {
     let stride = baked.extra_samples.len().next_multiple_of(4);
-    let planes = |_| Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride);
-    (0..LIGHTS_A_PASS).map(planes).collect()
+    Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride)
+}
+
+/// How many lights of a rig are shaded together.
+fn together(rig: &Rig) -> usize {
+    rig.lights.len().clamp(1, LIGHTS_A_PASS as usize)
 }
 
 /// How many light images are kept for a rig, where the budget has room for so many.
