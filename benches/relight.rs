@@ -93,7 +93,7 @@ fn frame_with_moved_light(relighter: &mut Relighter, frame: u64, pass: Option<&s
 /// On one thread: the same rays in packets and singly.
 fn shadow_rays(criterion: &mut Criterion) {
     let setup = Setup::new();
-    let light = setup.scene.rig.lights[0].pack(setup.scene.origin);
+    let light = setup.scene.rig.lights[0].pack(setup.scene.space);
     let (bvh, scene, packets) = (&*setup.bvh, &*setup.scene, &setup.baked.packets);
     let mut visibility = vec![0; packets.len() * PACKET_SIZE];
     let mut group = criterion.benchmark_group("shadow rays");

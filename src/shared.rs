@@ -118,18 +118,20 @@ gpu_shared! {
 
         /// A light at unit intensity in mesh space.
         pub struct PackedLight {
-            /// Metres; for directional lights unused.
+            /// Mesh space; for directional lights unused.
             pub position: Vec3,
             /// One of the `LIGHT_` constants.
             pub kind: u32,
             /// Unit; along the light.
             pub direction: Vec3,
-            /// 1/range, 0 without one.
+            /// 1/range in mesh space, 0 without one.
             pub inverse_range: f32,
             /// 1 / max(0.001, cos inner - cos outer) [KHR_lights_punctual].
             pub cone_scale: f32,
             /// 1 - cos outer: compared with 1 - cos of the angle, which stays exact for narrow cones.
             pub cone_versine: f32,
+            /// Irradiance at normal incidence, of one candela, one unit of mesh space away; for directional lights unused.
+            pub strength: f32,
         }
 
         /// View samples beyond layer 1 of a pixel, or beyond its first sample.
@@ -190,6 +192,8 @@ gpu_shared! {
             pub extra_stride: u32,
             /// Bit l: layer l counts. Bit 0 matters here, and whether any does; deeper layers are weighed by resolve.comp.
             pub layers: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
         }
 
         /// Rows of a block matrix that share their columns.
@@ -261,6 +265,8 @@ gpu_shared! {
             pub stride: u32,
             /// Where its first lies.
             pub offset: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
         }
 
         /// A gather sample of the thesis; mesh space.
@@ -297,8 +303,6 @@ gpu_shared! {
             pub stride: u32,
             /// Where its first lies.
             pub offset: u32,
-            /// Keeps the size a multiple of eight.
-            pub unused: u32,
         }
 
         /// One step of a Haar transform: a plane rotation of two elements of a vector.

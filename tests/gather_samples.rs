@@ -19,6 +19,11 @@ fn place(scene: &Scene, placement: Placement, count: usize, seed: u64) -> Gather
     GatherSamples::place(scene, &bvh, &Surfaces::even(scene, &bvh), placement, count, seed)
 }
 
+/// Square metres.
+fn area(scene: &Scene, samples: &GatherSamples) -> f64 {
+    samples.area() * scene.space.unit.powi(2)
+}
+
 fn room(half: f64) -> Build {
     let mut build = Build::default();
     let white = build.material(lambert(Vec3::ONE));
@@ -38,15 +43,17 @@ fn spread(samples: &GatherSamples) -> f32 {
 #[test]
 fn samples_share_out_the_area() {
     for (half, placement) in [(1.0, CLUSTERED), (1e-3, CLUSTERED), (1e3, CLUSTERED), (1.0, Placement::Random)] {
-        let samples = place(&room(half).scene(), placement, 500, 1);
+        let scene = room(half).scene();
+        let samples = place(&scene, placement, 500, 1);
         assert!((490..=500).contains(&samples.len()), "{} samples", samples.len());
         assert_near(
-            samples.area(),
+            area(&scene, &samples),
             24.0 * half * half,
             0.02 * f64::from(placement == Placement::Random) + 1e-5,
             "area",
         );
-        assert!(samples.samples.iter().all(|s| s.position.abs().max_element() <= half as f32 * 1.0001));
+        let off = |p: Vec3| (scene.space.to_world(p) - scene.space.origin).abs().max_element();
+        assert!(samples.samples.iter().all(|s| off(s.position) <= half * 1.0001));
         if placement == CLUSTERED {
             let mean = samples.area() / samples.len() as f64;
             let areas = samples.samples.iter().map(|s| f64::from(s.area) / mean);
@@ -90,10 +97,14 @@ fn enclosed_surfaces_and_mirrors_get_none() {
         build.quad(floor + DVec3::Y * 0.4 + axis * 0.4, v, u, material);
         build.quad(floor + DVec3::Y * 0.4 - axis * 0.4, u, v, material);
     }
-    let samples = place(&build.scene(), CLUSTERED, 2000, 1);
+    let scene = build.scene();
+    let samples = place(&scene, CLUSTERED, 2000, 1);
     // Walls and ceiling, the floor around the box, the box's top; and its bottom, which faces the void below the floor.
-    assert_near(samples.area(), 24.0 - 0.64 + 0.64 + 0.64, 0.002, "area");
-    let under = |p: Vec3| p.x.abs() < 0.39 && p.z.abs() < 0.39 && p.y < -0.99;
+    assert_near(area(&scene, &samples), 24.0 - 0.64 + 0.64 + 0.64, 0.002, "area");
+    let under = |p: Vec3| {
+        let p = scene.space.to_world(p) - scene.space.origin;
+        p.x.abs() < 0.39 && p.z.abs() < 0.39 && p.y < -0.99
+    };
     assert!(!samples.points.iter().any(|p| p.normal.y > 0.0 && under(p.position)), "a sample lies under the box");
 }
 
@@ -102,8 +113,9 @@ fn both_sides_of_a_double_sided_face_get_samples() {
     let mut build = Build::default();
     let sheet = build.material(Material { double_sided: true, ..lambert(Vec3::ONE) });
     build.quad(DVec3::ZERO, DVec3::X, DVec3::Y, sheet);
-    let samples = place(&build.scene(), CLUSTERED, 200, 1);
-    assert_near(samples.area(), 8.0, 1e-5, "area");
+    let scene = build.scene();
+    let samples = place(&scene, CLUSTERED, 200, 1);
+    assert_near(area(&scene, &samples), 8.0, 1e-5, "area");
     let up = samples.samples.iter().filter(|s| s.normal.z > 0.9).count();
     let down = samples.samples.iter().filter(|s| s.normal.z < -0.9).count();
     assert!(up + down == samples.len() && up.abs_diff(down) < 20, "{up} and {down} of {}", samples.len());

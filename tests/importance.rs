@@ -21,6 +21,11 @@ fn importance(stage: &Stage) -> Importance {
     Importance::new(&stage.scene, &stage.bvh, &stage.baked, 4, 16_384, 1)
 }
 
+/// Square metres.
+fn area(stage: &Stage, samples: &GatherSamples) -> f64 {
+    samples.area() * stage.scene.space.unit.powi(2)
+}
+
 fn samples(stage: &Stage, importance: &Importance) -> GatherSamples {
     let clustered = Placement::Clustered { points: 4 };
     GatherSamples::place(&stage.scene, &stage.bvh, &importance.surfaces, clustered, 2000, 1)
@@ -36,8 +41,8 @@ fn what_no_light_comes_from_gets_no_samples() {
     let importance = importance(&stage);
     assert_near(importance.unseen, 0.5, 1e-9, "unseen");
     let samples = samples(&stage, &importance);
-    assert_near(samples.area(), 24.0, 1e-4, "area");
-    assert!(samples.samples.iter().all(|s| f64::from(s.position.x) + stage.scene.origin.x < 1.1));
+    assert_near(area(&stage, &samples), 24.0, 1e-4, "area");
+    assert!(samples.samples.iter().all(|s| stage.scene.space.to_world(s.position).x < 1.1));
 }
 
 /// Through a mirror, and round a corner that only light gets around, surfaces are seen.
@@ -52,7 +57,7 @@ fn mirrors_and_bounces_lead_to_surfaces() {
     let stage = stage(&build, DVec3::ZERO, DVec3::Z);
     let importance = importance(&stage);
     assert_near(importance.unseen, 0.0, 0.0, "unseen");
-    assert_near(samples(&stage, &importance).area(), 8.0, 1e-4, "area without the mirror");
+    assert_near(area(&stage, &samples(&stage, &importance)), 8.0, 1e-4, "area without the mirror");
 }
 
 /// A box of a metre on open ground of a hectare, seen from near: even samples would be ten within four metres.
@@ -68,12 +73,13 @@ fn samples_gather_where_the_picture_needs_them() {
     let stage = stage(&build, DVec3::new(2.0, 1.5, 3.0), DVec3::Y * 0.5);
     let importance = importance(&stage);
     let samples = samples(&stage, &importance);
-    let near = |s: &Vec3| (s.as_dvec3() + stage.scene.origin).length() < 4.0;
+    let near = |s: &Vec3| stage.scene.space.to_world(*s).length() < 4.0;
     let count = samples.samples.iter().filter(|s| near(&s.position)).count();
     assert!(count > 150, "{count} of {} samples lie within 4 m of the box", samples.len());
     // The back of the box and the ground behind it count as well: light from there reaches what is seen.
     assert!(importance.unseen < 0.2, "{} unseen", importance.unseen);
-    let ground = f64::from(samples.samples.iter().filter(|s| s.normal.y > 0.9).map(|s| s.area).sum::<f32>());
+    let ground = samples.samples.iter().filter(|s| s.normal.y > 0.9).map(|s| s.area).sum::<f32>();
+    let ground = f64::from(ground) * stage.scene.space.unit.powi(2);
     assert_near(ground, 1e4 * (1.0 - importance.unseen), 0.05, "area of the ground");
 }
 

@@ -254,7 +254,7 @@ fn shade_gather() {
         ..lights().lights[0].clone()
     };
     for light in lights().lights.iter().chain([&sun]) {
-        let packed = light.pack(stage.scene.origin);
+        let packed = light.pack(stage.scene.space);
         let mut visibility =
             Buffer::new(&gpu, "test visibility", Access::HostWrites, baked.packets.len() * PACKET_SIZE / 4).unwrap();
         trace_all(&stage.bvh, &stage.scene, &packed, &baked.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
@@ -273,6 +273,7 @@ fn shade_gather() {
                 points_per_sample: baked.points_per_sample as u32,
                 stride: 1,
                 offset: 0,
+                unused: 0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
         });
@@ -294,7 +295,7 @@ fn expected(stage: &Stage, transfer: &Transfer, rig: &Rig) -> Vec<DVec3> {
     let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
     let mut direct = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
     for light in &rig.lights {
-        let unit = gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.origin));
+        let unit = gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space));
         direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     resolved(stage, &transfer.apply(&[direct], &all, Lobe::All, &|_| ())[0])
@@ -386,7 +387,7 @@ fn pictures_are_what_the_operator_says() {
 
 /// What the device does with a transfer, in double precision.
 fn applied(stage: &Stage, transfer: &Transfer, baked: &BakedTransfer, light: &Light) -> Vec<DVec3> {
-    baked.apply(&gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.origin)))
+    baked.apply(&gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space)))
 }
 
 #[test]
@@ -465,7 +466,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
     let rows = thesis.rows(&all, Lobe::All);
     relighter.linear(Picture::Whole).unwrap(); // all lights together; each is looked at below
     for (i, light) in lights().lights.iter().enumerate() {
-        let direct = gather::shade_thesis(&scene, &bvh, &thesis, &light.pack(scene.origin));
+        let direct = gather::shade_thesis(&scene, &bvh, &thesis, &light.pack(scene.space));
         let scale = light.scale().as_dvec3();
         let want: Vec<DVec3> =
             resolved(&stage, &rows.multiply(&thesis.bounce(&direct))).into_iter().map(|p| scale * p).collect();

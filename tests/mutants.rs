@@ -16,7 +16,7 @@ use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, bake, cache};
-use relume::scene::{Rig, Scene};
+use relume::scene::{MeshSpace, Rig, Scene};
 use relume::view::script::Script;
 
 /// A text with numbers replaced; or with words, lines and bytes replaced, repeated or left out.
@@ -82,7 +82,7 @@ fn rigs() {
             Ok(rig) => {
                 taken += 1;
                 for light in &rig.lights {
-                    let packed = light.pack(DVec3::ZERO);
+                    let packed = light.pack(MeshSpace::WORLD);
                     assert!(packed.direction.is_finite() && packed.inverse_range.is_finite(), "{light:?}");
                     assert!(light.scale().is_finite() && light.position.is_finite(), "{light:?}");
                 }

@@ -122,7 +122,7 @@ fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
     let bvh = Bvh::build(scene);
     let tiling = Tiling { width, height };
     let eye = EyeRays { scene, bvh: &bvh, camera: &scene.cameras[0], tiling, layers: 1 };
-    let lights: Vec<_> = scene.rig.lights.iter().map(|light| light.pack(scene.origin)).collect();
+    let lights: Vec<_> = scene.rig.lights.iter().map(|light| light.pack(scene.space)).collect();
     let seen = |x: f64, y: f64| {
         let mut seen = None;
         eye.follow(x, y, |vertex| seen = Some(vertex.point));

@@ -221,7 +221,7 @@ fn packets_see_what_single_rays_see() {
         let straight = Light { direction: DVec3::NEG_Y, ..sun.clone() };
         for light in scene.rig.lights.iter().chain([&sun, &straight]) {
             let light_name = &light.name;
-            let light = light.pack(scene.origin);
+            let light = light.pack(scene.space);
             let mut visibility = vec![7u8; baked.packets.len() * PACKET_SIZE];
             trace_packets(bvh, scene, &light, &baked.packets, &mut visibility);
             let lanes =

@@ -317,7 +317,7 @@ fn assert_same_geometry(a: &Scene, b: &Scene) {
         positions.chain(scene.mesh.triangles.iter().flatten().copied()).collect::<Vec<u32>>()
     };
     assert_eq!(bytes(a), bytes(b));
-    assert_eq!((a.origin, a.mesh.normals.len()), (b.origin, b.mesh.normals.len()));
+    assert_eq!((a.space, a.mesh.normals.len()), (b.space, b.mesh.normals.len()));
 }
 
 #[test]

@@ -214,7 +214,7 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
         let direct = |light: &PackedLight| gather::shade(&stage.scene, &stage.bvh, &transfer.fine, light);
         let haar = Haar::new(&transfer.fine.first);
         let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
-        let light = direct(&lights().lights[0].pack(stage.scene.origin));
+        let light = direct(&lights().lights[0].pack(stage.scene.space));
         let dense = transfer.apply(std::slice::from_ref(&light), &all, Lobe::All, &|_| ()).remove(0);
         let wavelets = RowWavelets::new(&transfer, &direct, &to(0.02));
 
@@ -260,7 +260,7 @@ fn pictures_are_what_the_terms_say() {
 
     let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
     for light in &lights().lights {
-        let unit = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.origin));
+        let unit = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
         sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let radiance = one.multiply(&Haar::new(&transfer.fine.first).terms(&sum));

@@ -17,9 +17,10 @@ fn load(gltf: &Gltf) -> Scene {
     }
 }
 
-/// World positions of one triangle.
+/// World positions of one triangle, to the micrometre.
 fn world(scene: &Scene, triangle: usize) -> [DVec3; 3] {
-    scene.mesh.triangles[triangle].map(|i| scene.origin + scene.mesh.positions[i as usize].as_dvec3())
+    let position = |i: u32| scene.space.to_world(scene.mesh.positions[i as usize]);
+    scene.mesh.triangles[triangle].map(|i| (position(i) * 1e6).round() / 1e6)
 }
 
 fn face_normal(scene: &Scene, triangle: usize) -> DVec3 {
@@ -78,7 +79,7 @@ fn a_square() {
     let scene = load(&Gltf::square());
     assert_eq!(scene.mesh.triangles.len(), 2);
     assert_eq!(scene.mesh.positions.len(), 4);
-    assert_eq!(scene.origin, DVec3::new(0.5, 0.5, 0.0));
+    assert_eq!(scene.space.origin, DVec3::new(0.5, 0.5, 0.0));
     assert_eq!(scene.mesh.normals, [Vec3::Z; 4]);
     assert_eq!(face_normal(&scene, 0), DVec3::Z);
     assert_eq!(scene.materials.len(), 1);
@@ -90,8 +91,10 @@ fn a_scene_far_from_its_origin_keeps_its_shape() {
     let mut gltf = Gltf::square();
     gltf.json["nodes"][0]["translation"] = json!([4_500_000.125, -10_000_000.0, 3.0]);
     let scene = load(&gltf);
-    assert_eq!(scene.origin, DVec3::new(4_500_000.625, -9_999_999.5, 3.0));
-    assert_eq!(scene.mesh.positions[0], Vec3::new(-0.5, -0.5, 0.0));
+    assert_eq!(scene.space.origin, DVec3::new(4_500_000.625, -9_999_999.5, 3.0));
+    // Half the square's diagonal is the unit.
+    assert_eq!(scene.space.unit, 0.5f64.sqrt());
+    assert!(scene.mesh.positions[0].distance(Vec3::new(-0.5f32.sqrt(), -0.5f32.sqrt(), 0.0)) < 1e-7);
 }
 
 #[test]
@@ -116,7 +119,7 @@ fn instances() {
     gltf.root(json!({"mesh": 0, "translation": [3.0, 0.0, 0.0]}));
     let scene = load(&gltf);
     assert_eq!(scene.mesh.triangles.len(), 4);
-    assert_eq!(scene.origin, DVec3::new(2.0, 0.5, 0.0));
+    assert_eq!(scene.space.origin, DVec3::new(2.0, 0.5, 0.0));
 }
 
 #[test]
@@ -194,7 +197,7 @@ fn degenerate_triangles_are_dropped() {
     let scene = load(&gltf);
     assert_eq!(scene.mesh.triangles.len(), 2);
     assert_eq!(scene.mesh.positions.len(), 6);
-    assert_eq!(scene.origin, DVec3::new(0.5, 0.5, 0.0));
+    assert_eq!(scene.space.origin, DVec3::new(0.5, 0.5, 0.0));
 }
 
 #[test]
@@ -268,7 +271,7 @@ fn quantised_attributes() {
         gltf.uses("KHR_mesh_quantization");
         gltf.json["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
         let scene = load(&gltf);
-        let width = (scene.mesh.bounds().1 - scene.mesh.bounds().0).x;
+        let width = scene.space.unit as f32 * (scene.mesh.bounds().1 - scene.mesh.bounds().0).x;
         assert!((width - 100.0 * one).abs() < 1e-5 * width, "{component} {normalized}: {width}");
         assert_eq!(scene.mesh.normals, [Vec3::Z; 4]);
     }
@@ -504,11 +507,11 @@ fn the_default_scene_is_shown() {
     assert_eq!(load(&gltf).image_size, Some([64, 48]));
     gltf.json["scene"] = 1.into();
     let scene = load(&gltf);
-    assert_eq!((scene.image_size, scene.origin.z), (Some([320, 200]), 7.0));
+    assert_eq!((scene.image_size, scene.space.origin.z), (Some([320, 200]), 7.0));
     gltf.json["scenes"][1]["extras"]["width"] = json!(-5);
     assert_eq!(load(&gltf).image_size, None);
     gltf.json["scene"] = json!(null);
-    assert_eq!(load(&gltf).origin.z, 0.0);
+    assert_eq!(load(&gltf).space.origin.z, 0.0);
 }
 
 #[test]
@@ -518,7 +521,7 @@ fn a_deep_chain_of_nodes() {
         gltf.node(json!({"children": [i], "translation": [0.0, 0.0, 1.0]}));
     }
     gltf.json["scenes"][0]["nodes"] = json!([100_000]);
-    assert_eq!(load(&gltf).origin.z, 100_000.0);
+    assert_eq!(load(&gltf).space.origin.z, 100_000.0);
 }
 
 #[test]
@@ -556,7 +559,7 @@ fn obj_faces() {
     assert!(area > 0.5 && (0..4).all(|t| face_normal(&scene, t).z > 0.99));
     assert!(scene.cameras.is_empty() && scene.rig.lights.is_empty());
     assert_eq!((scene.materials[0].roughness, scene.materials[0].metallic), (1.0, 0.0));
-    assert_eq!(scene.origin, DVec3::new(0.5, 1.0, 0.0));
+    assert_eq!(scene.space.origin, DVec3::new(0.5, 1.0, 0.0));
 }
 
 #[test]

@@ -15,7 +15,7 @@ use relume::bake::surface::brdf;
 use relume::brdf::{Angles, f_of_angles};
 use relume::gpu::{Buffer, Frames, Kernel};
 use relume::reference::{self, light};
-use relume::scene::{Light, LightKind, Surface};
+use relume::scene::{Light, LightKind, MeshSpace, Surface};
 use relume::shared::*;
 
 /// Relative error of some 30 float32 operations on the way to a radiance: square roots and divisions included.
@@ -147,7 +147,7 @@ fn bounds_hold_the_twin_itself() {
     let mut random = Random::new(5);
     let brdfs: Vec<Brdf> = (0..64).map(|_| brdf(&random_surface(&mut random))).collect();
     for light in lights(&mut random) {
-        let light = light.pack(DVec3::ZERO);
+        let light = light.pack(MeshSpace::WORLD);
         let mut lit = 0;
         for _ in 0..2000 {
             let sample = random_sample(&mut random, &light, brdfs.len());
@@ -174,7 +174,7 @@ fn shade_light() {
     let (mut lit, mut tight) = (0, 0);
     for (light_index, light) in lights(&mut random).iter().enumerate() {
         for (size_index, &count) in RAGGED.iter().enumerate() {
-            let light = light.pack(DVec3::ZERO);
+            let light = light.pack(MeshSpace::WORLD);
             let specular = (light_index + size_index) % 4 != 0;
             // All in layer 1, nearly all, few.
             let pixels = [count, count - count / 3, count.min(1)][size_index % 3];
@@ -201,6 +201,7 @@ fn shade_light() {
                     pixel_stride: pixels as u32,
                     extra_stride: extras as u32,
                     layers,
+                    unused: 0,
                 };
                 pass.dispatch(&kernels[usize::from(specular)], &push, push.sample_count);
             });
@@ -254,6 +255,7 @@ fn shaded(gpu: &common::Gpu, samples: &[ViewSample], brdfs: &[Brdf], lights: &[P
                 pixel_stride: count as u32,
                 extra_stride: 0,
                 layers: 1,
+                unused: 0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
         });
@@ -272,7 +274,7 @@ fn shade_light_is_exact_where_nothing_is_narrow() {
         Surface { roughness, ior: 1.5, specular: 1.0, diffuse_weight: 1.0, ..random_surface(random) }
     };
     let brdfs: Vec<Brdf> = (0..50).map(|_| brdf(&ordinary(&mut random))).collect();
-    let light = Light::point("light", DVec3::new(0.0, 2.0, 0.0)).pack(DVec3::ZERO);
+    let light = Light::point("light", DVec3::new(0.0, 2.0, 0.0)).pack(MeshSpace::WORLD);
     let count = 4097usize;
     let samples: Vec<ViewSample> = (0..count)
         .map(|_| {
@@ -327,7 +329,7 @@ fn shade_light_over_a_grid_of_angles_and_roughness() {
     }
     let lights = GRID_ANGLES.map(|degrees| {
         let base = Light::point("light", DVec3::ZERO);
-        Light { kind: LightKind::Directional, direction: -direction(degrees, 0.0), ..base }.pack(DVec3::ZERO)
+        Light { kind: LightKind::Directional, direction: -direction(degrees, 0.0), ..base }.pack(MeshSpace::WORLD)
     });
     let (mut lit, mut tight, mut black) = (0, 0, 0);
     for (light, shaded) in lights.iter().zip(shaded(&gpu, &samples, &brdfs, &lights)) {

@@ -56,7 +56,7 @@ impl Stage {
     fn direct(&self, transfer: &Transfer, lights: &[Light]) -> Vec<DVec3> {
         let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
         for light in lights {
-            let unit = gather::shade(&self.scene, &self.bvh, &transfer.fine, &light.pack(self.scene.origin));
+            let unit = gather::shade(&self.scene, &self.bvh, &transfer.fine, &light.pack(self.scene.space));
             sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
         }
         sum
@@ -185,7 +185,7 @@ fn compare_thesis(scene: &str, step: usize, settings: &ThesisSettings) -> Option
     let gathered = cpu_seconds();
     let mut direct = vec![DVec3::ZERO; thesis.column_count()];
     for light in &stage.scene.rig.lights {
-        let unit = gather::shade_thesis(&stage.scene, &stage.bvh, &thesis, &light.pack(stage.scene.origin));
+        let unit = gather::shade_thesis(&stage.scene, &stage.bvh, &thesis, &light.pack(stage.scene.space));
         direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let all = thesis.bounce(&direct);
@@ -307,7 +307,7 @@ impl Stage {
     /// A scene made in code, seen from its middle.
     fn inside(scene: Scene) -> Self {
         let bvh = Bvh::build(&scene);
-        let eye = scene.origin;
+        let eye = scene.space.origin;
         let camera = look(eye, eye + DVec3::new(0.2, -0.1, 1.0), DVec3::Y, Projection::Perspective { yfov: 1.5 });
         let size = BakeSettings { width: 16, height: 16, layers: 1, samples: 1 };
         let baked = bake(&scene, &bvh, &camera, &scene.rig, &size, &|_| ());
@@ -315,7 +315,7 @@ impl Stage {
     }
 }
 
-/// What leaves all samples of the fine level.
+/// What leaves all samples of the fine level, by areas in mesh space.
 fn flux(transfer: &Transfer, coefficients: &[DVec3]) -> f64 {
     let level = &transfer.fine;
     let of = |i: usize| coefficients[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
@@ -333,7 +333,7 @@ fn spot_power(light: &Light) -> f64 {
 /// In a closed room each bounce leaves the share ρ of its light: ρ/(1-ρ) of the lights' power in all, at any albedo.
 #[test]
 fn closed_rooms_keep_all_energy() {
-    let center = |scene: &Scene| scene.origin;
+    let center = |scene: &Scene| scene.space.origin;
     for albedo in [0.1, 0.5, 0.9, 0.99, 0.999f32] {
         let grey = || lambert(Vec3::new(albedo, 0.5 * albedo, 0.0));
         for (what, scene) in [("box", room(grey(), grey())), ("ball", ball(12, grey()))] {
@@ -356,7 +356,8 @@ fn closed_rooms_keep_all_energy() {
                 let rho = f64::from(albedo);
                 let what = format!("{what}, albedo {albedo}, {}", light.name);
                 // What remains is how well points of the samples add the light up.
-                assert_near(flux(&transfer, &direct), 2.0 * PI * power * rho, 5e-3, format!("{what}: direct"));
+                let square = stage.scene.space.unit.powi(2);
+                assert_near(square * flux(&transfer, &direct), 2.0 * PI * power * rho, 5e-3, format!("{what}: direct"));
                 assert_near(flux(&transfer, &all), flux(&transfer, &direct) / (1.0 - rho), 1e-3, &what);
                 assert!(residual < 1e-6, "{what}: residual {residual}");
             }
@@ -421,7 +422,7 @@ fn further_bounces_as_a_matrix() {
     let stage = Stage::inside(room(lambert(Vec3::new(0.9, 0.5, 0.1)), lambert(Vec3::splat(0.8))));
     for coarse_samples in [300, 60] {
         let transfer = stage.transfer(&TransferSettings { coarse_samples, ..settings(300, 128) });
-        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.origin)]);
+        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.space.origin)]);
         let (all, _) = transfer.bounce(&direct);
         let [_, green, _] = transfer.further_bounces();
         let first = if transfer.coarse.is_some() { direct.len() } else { 0 };
@@ -438,7 +439,7 @@ fn black_rooms_stay_black() {
     let stage = Stage::inside(room(lambert(Vec3::ZERO), lambert(Vec3::ZERO)));
     for coarse_samples in [100, 0] {
         let transfer = stage.transfer(&TransferSettings { coarse_samples, ..settings(100, 16) });
-        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.origin)]);
+        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.space.origin)]);
         let image = transfer.apply(&[direct], &[0, 100], Lobe::All, &|_| ()).remove(0);
         assert_eq!(image, [DVec3::ZERO; 2]);
         assert!(transfer.fine.samples.is_empty() && transfer.certificate.spectral_radius == 0.0);
@@ -471,7 +472,7 @@ fn the_specular_lobe_is_a_part() {
     ] {
         let stage = Stage::inside(room(lambert(Vec3::splat(0.8)), material));
         let transfer = stage.transfer(&settings(300, 256));
-        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.origin)]);
+        let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.space.origin)]);
         let sum = |lobe: Lobe| -> f64 {
             let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
             transfer.apply(std::slice::from_ref(&direct), &all, lobe, &|_| ())[0].iter().map(|p| p.y).sum()

@@ -41,7 +41,7 @@ impl<'a> Lit<'a> {
     /// What each light leaves in gather samples.
     fn direct(&self) -> Vec<Vec<DVec3>> {
         let Drawn { scene, bvh, lights } = self.drawn;
-        let shade = |light: &Light| gather::shade(scene, bvh, &self.transfer.fine, &light.pack(scene.origin));
+        let shade = |light: &Light| gather::shade(scene, bvh, &self.transfer.fine, &light.pack(scene.space));
         lights.iter().map(shade).collect()
     }
 

@@ -14,7 +14,7 @@ float incident(PackedLight light, vec3 position, out vec3 wi) {
     }
     wi = to_light / sqrt(d2);
     float x2 = d2 * light.inverse_range * light.inverse_range;
-    float irradiance = clamp(1.0 - x2 * x2, 0.0, 1.0) / d2;
+    float irradiance = light.strength * clamp(1.0 - x2 * x2, 0.0, 1.0) / d2;
     if (light.kind == LIGHT_SPOT) {
         // 1 - cos of the angle off the axis is half the squared chord: exact for narrow cones.
         vec3 chord = wi + light.direction;

@@ -1,10 +1,10 @@
 //! The deep framebuffer as pictures: what each of its layers holds at every pixel.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::compression::clusters::Clusters;
 use super::{Baked, octahedral};
-use crate::scene::Camera;
+use crate::scene::{Camera, MeshSpace};
 use crate::shared::{Brdf, NO_BRDF};
 
 /// One thing that view samples hold, or that is known of pixels.
@@ -68,8 +68,8 @@ impl Channel {
 
 impl Baked {
     /// A value a pixel, row by row, of the first sample that the pixel has in `layer`, from 0; `None` where it has none or
-    /// a surface that reflects no light of its own has no such value. `origin` is that of mesh space.
-    pub fn channel(&self, channel: Channel, layer: u32, camera: &Camera, origin: DVec3) -> Vec<Option<Vec3>> {
+    /// a surface that reflects no light of its own has no such value.
+    pub fn channel(&self, channel: Channel, layer: u32, camera: &Camera, space: MeshSpace) -> Vec<Option<Vec3>> {
         let places = self.places(layer);
         let pixels = |y: u32| (0..self.tiling.width).map(move |x| self.tiling.index(x, y));
         let all = (0..self.tiling.height).flat_map(pixels);
@@ -81,7 +81,7 @@ impl Baked {
             _ => all
                 .map(|pixel| {
                     let (sample, weight) = places[pixel]?;
-                    self.value(channel, sample as usize, weight, camera, origin)
+                    self.value(channel, sample as usize, weight, camera, space)
                 })
                 .collect(),
         }
@@ -117,9 +117,9 @@ impl Baked {
         counts
     }
 
-    fn value(&self, channel: Channel, i: usize, weight: Vec3, camera: &Camera, origin: DVec3) -> Option<Vec3> {
+    fn value(&self, channel: Channel, i: usize, weight: Vec3, camera: &Camera, space: MeshSpace) -> Option<Vec3> {
         let sample = &self.samples[i];
-        let position = origin + sample.position.as_dvec3();
+        let position = space.to_world(sample.position);
         let brdf = || (sample.brdf != NO_BRDF).then(|| &self.brdfs[sample.brdf as usize]);
         Some(match channel {
             Channel::Distance => Vec3::splat((position - camera.position).length() as f32),

@@ -19,7 +19,7 @@ const PLANE_SLOPE: f32 = 0.2;
 pub(super) fn find(eye: &EyeRays, baked: &Baked, rig: &Rig) -> Vec<u32> {
     let mut visible: Vec<Vec<u8>> = Vec::new();
     for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
-        let light = light.pack(eye.scene.origin);
+        let light = light.pack(eye.scene.space);
         let mut visibility = vec![0u8; baked.packets.len() * PACKET_SIZE];
         trace_all(eye.bvh, eye.scene, &light, &baked.packets, &mut visibility);
         visible.push(visibility);

@@ -84,14 +84,15 @@ impl EyeRays<'_> {
         let (width, height) = (f64::from(self.tiling.width), f64::from(self.tiling.height));
         let (origin, direction) = self.camera.ray(x / width, y / height, width / height);
         // Up to the scene in double precision: a long way to it costs no digits.
-        let origin = origin - self.scene.origin;
+        let space = self.scene.space;
+        let origin = space.from_world(origin);
         let start = (-origin.dot(direction) - f64::from(self.bvh.radius)).max(0.0);
         let mut origin = (origin + start * direction).as_vec3();
         let mut direction = direction.as_vec3();
         // Width of a pixel at distance d: fixed + growing * d.
         let (fixed, growing) = match self.camera.projection {
             Projection::Perspective { yfov } => (0.0, (2.0 * (yfov / 2.0).tan() / height) as f32),
-            Projection::Orthographic { ymag } => ((2.0 * ymag / height) as f32, 0.0),
+            Projection::Orthographic { ymag } => ((2.0 * ymag / height / space.unit) as f32, 0.0),
         };
         let mut distance = start as f32;
         let mut weight = Vec3::ONE;

@@ -27,7 +27,7 @@ const REPETITIONS: usize = 9;
 const PACKETS_A_TASK: usize = 16;
 
 pub fn measure(session: &Session) -> RayTimes {
-    let lights: Vec<PackedLight> = session.rig.lights.iter().take(4).map(|l| l.pack(session.scene.origin)).collect();
+    let lights: Vec<PackedLight> = session.rig.lights.iter().take(4).map(|l| l.pack(session.scene.space)).collect();
     let baked = &session.baked;
     let (bvh, scene) = (&*session.bvh, &*session.scene);
     let mut visibility = vec![vec![0u8; baked.packets.len() * PACKET_SIZE]; lights.len()];

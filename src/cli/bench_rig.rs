@@ -10,7 +10,8 @@ pub fn light_like_scene(session: &Session, count: usize, seed: u64) -> Rig {
     let mut rig = session.rig.clone();
     rig.lights.truncate(count);
     let (lo, hi) = session.scene.mesh.bounds();
-    let (center, half) = ((lo + hi).as_dvec3() / 2.0 + session.scene.origin, (hi - lo).as_dvec3() / 2.0);
+    let space = session.scene.space;
+    let (center, half) = (space.to_world((lo + hi) / 2.0), space.unit * (hi - lo).as_dvec3() / 2.0);
     let mut random = Random(seed);
     for i in rig.lights.len()..count {
         let position = center + half * DVec3::new(random.signed(), random.signed().abs(), random.signed());
@@ -30,9 +31,8 @@ pub fn light_like_scene(session: &Session, count: usize, seed: u64) -> Rig {
 
 /// Moves `light` off `original` by some percent of the scene's size.
 pub fn nudge(light: &mut Light, original: &Light, session: &Session, step: f64) {
-    let size = f64::from(session.bvh.radius);
     let offset = DVec3::new((step * 0.7).sin(), 0.5 * (step * 1.3).sin(), (step * 1.9).sin()) * 0.03;
-    light.position = original.position + offset * size;
+    light.position = original.position + offset * session.scene.space.unit;
     light.direction = (original.direction + 0.3 * offset).normalize();
 }
 

@@ -309,7 +309,7 @@ fn choose_camera(scene: &Scene, rig: &Rig, options: &ViewOptions) -> Result<Came
         return Ok(camera.clone());
     }
     tracing::warn!("{}: no camera, so the view is framed by the scene's bounds", scene.path.display());
-    Ok(Camera::framing(&scene.mesh, scene.origin))
+    Ok(Camera::framing(&scene.mesh, scene.space))
 }
 
 /// Bytes that a sample takes at the least: view sample, normal and packet, twice while they are collected; the samples

@@ -25,14 +25,14 @@ pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
         return None;
     }
     let wi = to_light * inverse;
-    let mut irradiance = window(light, distance) * inverse * inverse;
+    let mut irradiance = f64::from(light.strength) * window(light, distance) * inverse * inverse;
     if light.kind == LIGHT_SPOT {
         irradiance *= smooth(light, 0.5 * chord(light, wi).length_squared());
     }
     Some(Incident { wi, irradiance })
 }
 
-/// The fall to zero at the light's range: max(0, min(1, 1 - (d/range)⁴)).
+/// The fall to zero at the light's range, by a distance in mesh space: max(0, min(1, 1 - (d/range)⁴)).
 pub fn window(light: &PackedLight, distance: f64) -> f64 {
     (1.0 - (distance * f64::from(light.inverse_range)).powi(4)).clamp(0.0, 1.0)
 }

@@ -261,6 +261,7 @@ impl LitSamples {
                     points_per_sample: *points_per_sample,
                     stride: vector.stride,
                     offset: vector.offset,
+                    unused: 0,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }
@@ -275,7 +276,6 @@ impl LitSamples {
                     sample_count: samples.len() as u32,
                     stride: vector.stride,
                     offset: vector.offset,
-                    unused: 0,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }

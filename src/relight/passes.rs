@@ -98,7 +98,7 @@ impl Parts<'_> {
         debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
         let see = |shade: &Shade| {
             let light = &self.rig.lights[shade.light];
-            let packed = light.pack(self.scene.origin);
+            let packed = light.pack(self.scene.space);
             (packed, self.see(frame, visibility, shadow_maps.as_deref_mut(), (light, &packed), detail))
         };
         let seen: Vec<(PackedLight, Seen)> = shades.iter().map(see).collect();
@@ -132,6 +132,7 @@ impl Parts<'_> {
             pixel_stride: self.baked.pixel_stride() as u32,
             extra_stride: self.extra_stride(),
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
+            unused: 0,
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
         self.count(frame, Watched::ShadeLight, lit);

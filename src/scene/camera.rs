@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::Mesh;
+use super::{Mesh, MeshSpace};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
@@ -34,11 +34,10 @@ impl Camera {
     }
 
     /// A camera that sees all of `mesh` from the front, slightly above.
-    pub fn framing(mesh: &Mesh, origin: DVec3) -> Self {
+    pub fn framing(mesh: &Mesh, space: MeshSpace) -> Self {
         let (lo, hi) = mesh.bounds();
-        let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
-        let center = origin + (lo + hi) / 2.0;
-        let radius = ((hi - lo).length() / 2.0).max(f64::MIN_POSITIVE.sqrt());
+        let center = space.to_world((lo + hi) / 2.0);
+        let radius = space.unit * f64::from((hi - lo).length() / 2.0);
         let yfov = 40f64.to_radians();
         let back = DVec3::new(0.0, 0.25, 1.0).normalize();
         let position = center + back * radius / (yfov / 2.0).sin();

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use super::MeshSpace;
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, PackedLight};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -87,21 +88,22 @@ impl Light {
 }
 
 impl Light {
-    /// This light at unit intensity and white, in the mesh space around `origin`.
-    pub fn pack(&self, origin: DVec3) -> PackedLight {
+    /// This light at unit intensity and white, in mesh space.
+    pub fn pack(&self, space: MeshSpace) -> PackedLight {
         let (inner, outer) = (self.inner_angle.cos(), self.outer_angle.cos());
         PackedLight {
-            position: (self.position - origin).as_vec3(),
+            position: space.from_world(self.position).as_vec3(),
             kind: match self.kind {
                 LightKind::Point => LIGHT_POINT,
                 LightKind::Spot => LIGHT_SPOT,
                 LightKind::Directional => LIGHT_DIRECTIONAL,
             },
             direction: self.direction.as_vec3(),
-            inverse_range: self.range.map_or(0.0, f64::recip) as f32,
+            inverse_range: self.range.map_or(0.0, |range| space.unit / range) as f32,
             cone_scale: (inner - outer).max(0.001).recip() as f32,
             // 1 - cos without cancellation.
             cone_versine: (2.0 * (self.outer_angle / 2.0).sin().powi(2)) as f32,
+            strength: space.unit.powi(-2) as f32,
         }
     }
 }

@@ -1,9 +1,9 @@
-//! Collects triangles in world space, in double precision, and makes one recentred [`Mesh`] of them.
+//! Collects triangles in world space, in double precision, and makes one [`Mesh`] of unit size of them.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-use super::Mesh;
 use super::tangents::{self, perpendicular};
+use super::{Mesh, MeshSpace};
 
 /// Triangles of one material in world space. Optional attributes are empty, or as long as `positions`.
 #[derive(Default)]
@@ -30,6 +30,9 @@ pub struct MeshBuilder {
     dropped: usize,
     mended_normals: usize,
 }
+
+/// Widths of scenes in metres: of these a candela's irradiance, one over the square, is well within single precision.
+const WIDTHS: std::ops::RangeInclusive<f64> = 1e-15..=1e18;
 
 impl MeshBuilder {
     pub fn add(&mut self, mut part: Part) {
@@ -66,13 +69,13 @@ impl MeshBuilder {
         append_optional(&mut mesh.colors, &part.colors, first, count, Vec4::ONE);
         append_optional(&mut mesh.tangents, &part.tangents, first, count, Vec4::new(1.0, 0.0, 0.0, 1.0));
         self.positions.extend(part.positions);
-        mesh.normals.extend(part.normals);
+        mesh.normals.extend(part.normals.into_iter().map(without_rounding));
         mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first as u32)));
         mesh.triangle_materials.resize(mesh.triangles.len(), part.material);
     }
 
-    /// The mesh and the world position of its (0, 0, 0), or why there is none.
-    pub fn finish(mut self) -> Result<(Mesh, DVec3), String> {
+    /// The mesh and its space, or why there is none.
+    pub fn finish(mut self) -> Result<(Mesh, MeshSpace), String> {
         let mut used = self.mesh.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
         let Some(first) = used.next() else {
             return Err(match self.dropped {
@@ -81,12 +84,13 @@ impl MeshBuilder {
             });
         };
         let (lo, hi) = used.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
-        let origin = lo + (hi - lo) / 2.0;
-        // Squared distances stay finite in single precision: the square root of 3.4e38 is 1.8e19.
-        if !(hi - lo).is_finite() || (hi - lo).max_element() > 1e18 {
-            return Err(format!("is {:e} metres wide: too large", (hi - lo).max_element()));
+        let width = (hi - lo).max_element();
+        if !WIDTHS.contains(&width) {
+            let how = if width < *WIDTHS.start() { "small" } else { "large" };
+            return Err(format!("is {width:e} metres wide: too {how}"));
         }
-        let positions: Vec<Vec3> = self.positions.iter().map(|&p| (p - origin).as_vec3()).collect();
+        let space = MeshSpace::around(lo, hi);
+        let positions: Vec<Vec3> = self.positions.iter().map(|&p| space.from_world(p).as_vec3()).collect();
         self.mesh.positions = positions;
         self.drop_degenerate();
         if self.mesh.triangles.is_empty() {
@@ -102,7 +106,7 @@ impl MeshBuilder {
         if self.mended_normals > 0 {
             tracing::warn!("{} normals of zero length were replaced by their faces'", self.mended_normals);
         }
-        Ok((self.mesh, origin))
+        Ok((self.mesh, space))
     }
 
     /// Drops what has lost its area to single precision.
@@ -177,6 +181,11 @@ pub fn is_degenerate([a, b, c]: [DVec3; 3]) -> bool {
     // a sliver narrower than 1e-10 of its length is below single precision. Below f32's smallest normal number its
     // area would be zero to whoever computes it in single precision.
     !(doubled_area > f64::from(f32::MIN_POSITIVE) && doubled_area > 1e-10 * longest)
+}
+
+/// A unit vector without components that rounding has left of nothing: what they are depends on a scene's size and place.
+fn without_rounding(unit: Vec3) -> Vec3 {
+    Vec3::select(unit.abs().cmplt(Vec3::splat(1e-12)), Vec3::ZERO, unit)
 }
 
 fn gather<T: Copy>(values: &mut Vec<T>, indices: &[usize]) {

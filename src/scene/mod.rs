@@ -1,7 +1,7 @@
 //! Scene: what an importer hands to the bake. Plain data in mesh space, no handles.
 //!
-//! World space is the file's, in double precision. Mesh space is world space minus [`Scene::origin`], in single
-//! precision: a scene far from its own origin loses nothing. Lights and cameras stay in world space.
+//! World space is the file's, in double precision. [Mesh space](MeshSpace) is recentred and of unit size, in single precision.
+//! Lights and cameras stay in world space.
 
 pub mod camera;
 pub mod light;
@@ -12,18 +12,20 @@ pub(crate) mod files;
 mod gltf;
 mod gltf_export;
 mod mesh_builder;
+mod mesh_space;
 mod obj;
 pub mod rig;
 mod tangents;
 
 use std::path::{Path, PathBuf};
 
-use glam::{DVec3, Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 
 pub use camera::{Camera, Projection};
 pub use gltf_export::export_gltf;
 pub use light::{Light, LightGroup, LightKind};
 pub use material::{AlphaMode, Material, Surface, TextureRef};
+pub use mesh_space::MeshSpace;
 pub use rig::Rig;
 pub use texture::{Encoding, Texture, Wrap};
 
@@ -33,8 +35,8 @@ use crate::error::{Error, Result};
 pub struct Scene {
     pub path: PathBuf,
     pub mesh: Mesh,
-    /// World position of mesh space's (0, 0, 0): the centre of the bounds.
-    pub origin: DVec3,
+    /// Around the bounds.
+    pub space: MeshSpace,
     /// Never empty: index 0 is glTF's default material if the file names none.
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,

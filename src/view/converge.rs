@@ -32,7 +32,7 @@ type Edges = Vec<u8>;
 
 fn edges(scene: &Scene, rig: &Rig) -> Edges {
     let casts = rig.lights.iter().filter(|light| light.enabled && light.shadows);
-    casts.flat_map(|light| bytemuck::bytes_of(&light.pack(scene.origin)).to_vec()).collect()
+    casts.flat_map(|light| bytemuck::bytes_of(&light.pack(scene.space)).to_vec()).collect()
 }
 
 pub struct Converge {

@@ -54,14 +54,14 @@ fn seen(opened: &Opened) -> Vec<DVec3> {
     let (scene, bvh, camera) = (&opened.scene, &opened.bvh, &opened.camera);
     let aspect = f64::from(opened.baked.tiling.width) / f64::from(opened.baked.tiling.height);
     let visible = |position: &Vec3| -> Option<DVec3> {
-        let world = scene.origin + position.as_dvec3();
+        let world = scene.space.to_world(*position);
         let [x, y] = camera.project(world, aspect)?;
         let (origin, direction) = camera.ray(x, y, aspect);
-        let distance = (world - origin).dot(direction);
-        let from = (origin - scene.origin).as_vec3();
+        let distance = (world - origin).dot(direction) / scene.space.unit;
+        let from = scene.space.from_world(origin).as_vec3();
         let hit = bvh.closest_hit(scene, from, direction.as_vec3(), f32::INFINITY)?;
         let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
-        (inside && f64::from(hit.distance) > distance * (1.0 - NEAR) - f64::from(bvh.radius) * 1e-4).then_some(world)
+        (inside && f64::from(hit.distance) > distance * (1.0 - NEAR) - 1e-4).then_some(world)
     };
     let points = transfer.points.par_chunks(transfer.points_per_sample.max(1));
     points.filter_map(|points| visible(&points[0].position)).collect()

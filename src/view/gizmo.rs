@@ -110,7 +110,7 @@ impl Gizmos<'_> {
 
     /// Where the arrow of a directional light begins.
     fn tail(&self, light: &Light) -> DVec3 {
-        self.opened.pivot() - light.direction * 0.5 * f64::from(self.opened.bvh.radius)
+        self.opened.pivot() - light.direction * 0.5 * self.opened.scene.space.unit
     }
 
     /// The circle that the cone cuts out around what it aims at, from the camera's right on; none where it is too wide.

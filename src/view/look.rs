@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, Vec3};
 use super::Opened;
 use super::desk::Desk;
 use crate::bake::surface::SurfacePoint;
-use crate::scene::{Camera, Light, LightKind, Projection};
+use crate::scene::{Camera, Light, LightKind, MeshSpace, Projection};
 
 /// Pixels: while something moves, and at rest.
 const COARSE: [usize; 2] = [60, 40];
@@ -89,8 +89,7 @@ fn aspect() -> f64 {
 /// Where the light is, looking along it: a spot's whole cone, the whole scene from a directional light, a wide view towards
 /// the middle of the scene from a point.
 fn view(opened: &Opened, light: &Light) -> Camera {
-    let radius = f64::from(opened.bvh.radius).max(1e-6);
-    let middle = opened.scene.origin;
+    let MeshSpace { origin: middle, unit: radius } = opened.scene.space;
     let (position, direction, projection) = match light.kind {
         LightKind::Directional => {
             (middle - light.direction * 2.0 * radius, light.direction, Projection::Orthographic { ymag: radius })
@@ -115,7 +114,7 @@ fn cast(opened: &Opened, light: &Light, [width, height]: [usize; 2]) -> Vec<Colo
     let pixel = |i: usize| {
         let share = |at: usize, of: usize| (at as f64 + 0.5) / of as f64;
         let (origin, direction) = view.ray(share(i % width, width), share(i / width, height), aspect());
-        let (from, along) = ((origin - scene.origin).as_vec3(), direction.as_vec3());
+        let (from, along) = (scene.space.from_world(origin).as_vec3(), direction.as_vec3());
         let Some(hit) = opened.bvh.closest_hit(scene, from, along, f32::INFINITY) else { return Color32::BLACK };
         let point = SurfacePoint::new(scene, &hit, along, 0.0);
         let base = scene.materials[point.material as usize].base_color.truncate();

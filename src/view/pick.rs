@@ -43,6 +43,9 @@ fn share(placement: Placement, at: [f32; 2]) -> Option<[f64; 2]> {
     ((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y)).then_some([x, y])
 }
 
+/// What lies nearer to a point than this is the surface that the point lies on; mesh space.
+const OFF: f64 = 1e-4;
+
 /// The pixel of a picture that lies at `at`, physical pixels of the window.
 pub fn pixel(placement: Placement, size: [u32; 2], at: [f32; 2]) -> Option<[u32; 2]> {
     let shares = share(placement, at)?;
@@ -63,7 +66,8 @@ impl Opened {
     /// The surface point at a share of the picture, y down.
     pub fn pick_share(&self, x: f64, y: f64) -> Option<Pick> {
         let (origin, direction) = self.camera.ray(x, y, self.aspect());
-        let from = (origin - self.scene.origin).as_vec3();
+        let space = self.scene.space;
+        let from = space.from_world(origin).as_vec3();
         let hit = self.bvh.closest_hit(&self.scene, from, direction.as_vec3(), f32::INFINITY)?;
         let seen = SurfacePoint::new(&self.scene, &hit, direction.as_vec3(), 0.0);
         let facing = |normal: Vec3| {
@@ -71,7 +75,7 @@ impl Opened {
             if normal.dot(direction) > 0.0 { -normal } else { normal }
         };
         Some(Pick {
-            position: origin + direction * f64::from(hit.distance),
+            position: origin + direction * f64::from(hit.distance) * space.unit,
             normal: facing(seen.geometric_normal),
             shading_normal: facing(seen.normal),
             to_eye: -direction,
@@ -81,16 +85,11 @@ impl Opened {
     /// How far it is from a point to the next surface along a unit direction; to the far side of the scene where there is
     /// none. A surface at the point itself does not count.
     pub fn free_along(&self, from: DVec3, direction: DVec3) -> f64 {
-        let radius = f64::from(self.bvh.radius);
-        let start = from + direction * 1e-4 * radius;
-        let hit = self.bvh.closest_hit(
-            &self.scene,
-            (start - self.scene.origin).as_vec3(),
-            direction.as_vec3(),
-            f32::INFINITY,
-        );
-        let far = (from - self.scene.origin).length() + radius;
-        hit.map_or(far, |hit| f64::from(hit.distance) + 1e-4 * radius)
+        let space = self.scene.space;
+        let from = space.from_world(from);
+        let start = (from + direction * OFF).as_vec3();
+        let hit = self.bvh.closest_hit(&self.scene, start, direction.as_vec3(), f32::INFINITY);
+        space.unit * hit.map_or(from.length() + 1.0, |hit| f64::from(hit.distance) + OFF)
     }
 
     /// The point under `at`, physical pixels, on the plane through `point` that faces the camera.
@@ -104,7 +103,7 @@ impl Opened {
 
     /// What directional lights turn around: the surface in the middle of the picture, else the middle of the scene.
     pub fn pivot(&self) -> DVec3 {
-        self.pick_share(0.5, 0.5).map_or(self.scene.origin, |pick| pick.position)
+        self.pick_share(0.5, 0.5).map_or(self.scene.space.origin, |pick| pick.position)
     }
 
     /// Where the picture has a world-space point, in physical pixels of the window.

@@ -92,7 +92,7 @@ impl Stage {
     ) -> Result<Self> {
         let Opened { scene, bvh, baked, camera, rig } = &opened;
         let relighter = Relighter::new(context, scene, bvh, baked, rig, &settings.relight)?;
-        let desk = Desk::new(rig.clone(), camera.clone(), f64::from(bvh.radius));
+        let desk = Desk::new(rig.clone(), camera.clone(), scene.space.unit);
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self {
@@ -465,7 +465,7 @@ impl Stage {
     fn target(&self, pointer: Pointer) -> DVec3 {
         let under_mouse = pointer.at.and_then(|at| self.opened.pick(pointer.placement, at));
         let pick = under_mouse.or_else(|| self.opened.pick_share(0.5, 0.5));
-        pick.map_or(self.opened.scene.origin, |pick| pick.position)
+        pick.map_or(self.opened.scene.space.origin, |pick| pick.position)
     }
 
     /// Writes the rig, or exports the scene with it, by the path's extension; a failure is told, and nothing is lost.

@@ -45,7 +45,7 @@ impl Still {
         let nothing = || vec![None; (size[0] * size[1]) as usize];
         let (values, colors): (Vec<Option<Vec3>>, Vec<[u8; 3]>) = match views.view {
             View::Channel(channel) => {
-                let values = baked.channel(channel, views.layer, &opened.camera, opened.scene.origin);
+                let values = baked.channel(channel, views.layer, &opened.camera, opened.scene.space);
                 let colors = channel_colors(channel, &values);
                 (values, colors)
             }

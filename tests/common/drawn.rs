@@ -58,7 +58,7 @@ fn lights(scene: &Scene, bvh: &Bvh, seed: u64) -> Vec<Light> {
         if !is_free(at) || (lights.len() >= 3 && sees(at, direction).is_none()) {
             continue;
         }
-        let mut light = Light::point(&format!("drawn {candidate}"), scene.origin + at.as_dvec3());
+        let mut light = Light::point(&format!("drawn {candidate}"), scene.space.to_world(at));
         if lights.len() >= 3 {
             let outer_angle = (15.0 + 20.0 * angle).to_radians();
             light = Light {

@@ -8,7 +8,7 @@ use relume::bake::bvh::Bvh;
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::rig::Rig;
-use relume::scene::{Camera, Light, Material, Projection, Scene};
+use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene};
 
 use super::Gpu;
 
@@ -49,7 +49,7 @@ impl Build {
         let mut scene = Scene {
             path: "made-in-code.glb".into(),
             mesh: Default::default(),
-            origin: (low + high) / 2.0,
+            space: MeshSpace::around(low, high),
             materials: self.materials.clone(),
             textures: Vec::new(),
             cameras: Vec::new(),
@@ -59,7 +59,7 @@ impl Build {
         for (corners, material) in &self.quads {
             let first = scene.mesh.positions.len() as u32;
             let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]).normalize();
-            scene.mesh.positions.extend(corners.map(|p| (p - scene.origin).as_vec3()));
+            scene.mesh.positions.extend(corners.map(|p| scene.space.from_world(p).as_vec3()));
             scene.mesh.normals.extend([normal.as_vec3(); 4]);
             scene.mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
             scene.mesh.triangle_materials.extend([*material as u32; 2]);

@@ -43,7 +43,7 @@ fn closed_rooms_at_any_albedo() {
         let grey = || lambert(Vec3::splat(albedo));
         for (what, scene) in [("box", room(grey())), ("ball", ball(12, grey()))] {
             let stage = Stage::inside(scene);
-            let light = Light::point("l", DVec3::new(0.3, 0.4, -0.35)).pack(stage.scene.origin);
+            let light = Light::point("l", DVec3::new(0.3, 0.4, -0.35)).pack(stage.scene.space);
             let transfer = stage.transfer(&settings(1024, 1024, 128));
             let ours = gain(&transfer, &gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light));
             let thesis = stage.thesis(1024);

@@ -48,9 +48,9 @@ pub struct Stage {
 impl Stage {
     /// Seen from the middle of its bounds.
     pub fn inside(scene: Scene) -> Self {
-        let eye = scene.origin;
+        let eye = scene.space.origin;
         let size = (scene.mesh.bounds().1 - scene.mesh.bounds().0).max_element();
-        let to = eye + f64::from(size) * DVec3::new(0.2, -0.1, 1.0);
+        let to = eye + scene.space.unit * f64::from(size) * DVec3::new(0.2, -0.1, 1.0);
         let camera = look(eye, to, DVec3::Y, Projection::Perspective { yfov: 1.5 });
         Self::new(scene, &camera, [32, 32])
     }

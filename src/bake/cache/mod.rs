@@ -44,12 +44,12 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
         hasher.update(&(what.len() as u64).to_le_bytes());
         hasher.update(what.as_bytes());
     };
-    text(format!("{} {FORMAT} {settings:?} {:?}", env!("CARGO_PKG_VERSION"), scene.origin));
+    text(format!("{} {FORMAT} {settings:?} {:?}", env!("CARGO_PKG_VERSION"), scene.space));
     text(format!("{:?} {:?} {:?}", camera.position, camera.world_from_camera, camera.projection));
     text(format!("{:?}", scene.materials));
     if settings.samples > 1 {
         for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
-            text(format!("{:?}", light.pack(scene.origin)));
+            text(format!("{:?}", light.pack(scene.space)));
         }
     }
     let mesh = &scene.mesh;

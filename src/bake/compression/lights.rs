@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec3};
 
 use crate::bake::gather_samples::{GatherSample, GatherSamples};
-use crate::scene::{Light, LightKind};
+use crate::scene::{Light, LightKind, MeshSpace};
 use crate::sequence::Points;
 use crate::shared::PackedLight;
 
@@ -68,7 +68,7 @@ impl<'a> RandomLights<'a> {
         }
         let light = Light::point("", position);
         if kind == Kind::Point {
-            return Some(light.pack(DVec3::ZERO));
+            return Some(light.pack(MeshSpace::WORLD));
         }
         let [u, v, width, edge] = set(1);
         let [grazing, target, ..] = set(2);
@@ -82,7 +82,7 @@ impl<'a> RandomLights<'a> {
         };
         let outer_angle = PI / 180.0 * (10.0 + 35.0 * width);
         let inner_angle = outer_angle * (0.4 + 0.5 * edge);
-        Some(Light { kind: LightKind::Spot, direction, outer_angle, inner_angle, ..light }.pack(DVec3::ZERO))
+        Some(Light { kind: LightKind::Spot, direction, outer_angle, inner_angle, ..light }.pack(MeshSpace::WORLD))
     }
 
     /// A point of some surface, and its normal.

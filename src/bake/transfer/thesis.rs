@@ -275,6 +275,7 @@ impl<'a> Thesis<'a> {
             inverse_range: 0.0,
             cone_scale: 1.0,
             cone_versine: 1.0,
+            strength: 1.0,
         };
         trace_packets(self.bvh, self.scene, &light, &self.packets, &mut scratch.visibility);
         for sender in 0..self.samples.len() {

@@ -64,7 +64,7 @@ impl Lab<'_> {
         };
         let thesis = Thesis::new(&scene, &bvh, &baked, &thesis, &|_| ());
         let Some(light) = session.rig.lights.first() else { return Ok(None) };
-        let direct = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.origin));
+        let direct = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
         let (all, residual) = transfer.bounce(&direct);
         if squares(&all) == 0.0 {
             return Ok(None);

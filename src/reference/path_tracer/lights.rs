@@ -29,7 +29,7 @@ impl Lamps {
         let rig = &*rig.shining();
         let lamp = |i: usize| Lamp {
             light: i,
-            packed: rig.lights[i].pack(scene.origin),
+            packed: rig.lights[i].pack(scene.space),
             scale: rig.scale(i).as_dvec3(),
             has_shadows: rig.lights[i].shadows,
         };

@@ -31,10 +31,10 @@ pub fn load(path: &Path) -> Result<Scene> {
     let rig = kept_rig::rig(&document, document.import_lights(&placed)?);
     let cameras = document.import_cameras(&placed)?;
     let (materials, textures) = materials.finish()?;
-    let (mesh, origin) = builder.finish().map_err(|reason| document.error(reason))?;
+    let (mesh, space) = builder.finish().map_err(|reason| document.error(reason))?;
     warn_of(&document, &left_out);
     let image_size = image_size(&document);
-    Ok(Scene { path: path.to_owned(), mesh, origin, materials, textures, cameras, rig, image_size })
+    Ok(Scene { path: path.to_owned(), mesh, space, materials, textures, cameras, rig, image_size })
 }
 
 fn warn_of(document: &Document, left_out: &primitives::LeftOut) {

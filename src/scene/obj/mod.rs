@@ -64,11 +64,11 @@ pub fn load(path: &Path) -> Result<Scene> {
         materials.push(material);
     }
     let textures = library.into_textures();
-    let (mesh, origin) = builder.finish().map_err(|reason| Error::import(path, reason))?;
+    let (mesh, space) = builder.finish().map_err(|reason| Error::import(path, reason))?;
     Ok(Scene {
         path: path.to_owned(),
         mesh,
-        origin,
+        space,
         materials,
         textures,
         cameras: Vec::new(),
