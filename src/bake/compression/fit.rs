@@ -6,13 +6,13 @@ use faer::{Mat, MatRef};
 use half::f16;
 use serde::{Deserialize, Serialize};
 
-use super::Found;
 use super::bounces::Thinned;
 use super::data::MULTIPLE;
 use super::haar::Haar;
 use super::linear::{self, Lu};
 use super::panels::{self, Panels, WIDTH};
 use super::twice::Twice;
+use super::{Found, OUTSIDE};
 use crate::bake::transfer::rows::Rows;
 
 /// What all superclusters are made of.
@@ -55,6 +55,8 @@ pub struct Projected<'a> {
     pub terms: Panels,
     /// Squared error beyond noise that the supercluster may have.
     pub allowed: f64,
+    /// What no fit can mend: square of the light that the basis lacks.
+    pub outside: f64,
     /// Images of the lights to check with: pixels x lights.
     pub checks: Panels,
     pub twice: Twice,
@@ -99,14 +101,15 @@ impl<'a> Projected<'a> {
         let (all, energy) = range(&products, rows.len());
         let allowed = allowed(energy, twice.weighted_noise);
         let held = linear::product(all.transpose(), twice.images.as_ref());
-        let count = twice.needed(all.as_ref(), held.as_ref(), 0.1 * allowed);
+        let count = twice.needed(all.as_ref(), held.as_ref(), OUTSIDE * allowed);
         let count = count.next_multiple_of(WIDTH).min(all.ncols());
         let held = linear::product(all.subcols(0, count), held.subrows(0, count));
+        let outside = twice.outside(&held);
         let basis = Mat::from_fn(rows.len(), count, |i, j| all[(i, j)] as f32);
         let directions = Panels::from_fn(rows.len(), count, |_, i, j| basis[(i, j)]);
         let columns = inputs.combinations.rows();
         let terms = inputs.bounces.terms(&inputs.haar, panels::multiply_transposed(rows, columns, &directions));
-        Self { inputs, basis, terms, allowed, checks, twice, held }
+        Self { inputs, basis, terms, allowed, outside, checks, twice, held }
     }
 
     pub fn fit(&self, tiles: &[Range<usize>], budget: &Budget) -> Factors {

@@ -157,7 +157,7 @@ impl<'a> Compressor<'a> {
     pub fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
-        let allowed = projected.allowed;
+        let allowed = (1.0 - OUTSIDE) * projected.allowed;
         let within = self.within(tiles);
         let mut scale = FIRST;
         let mut best: Option<(f64, Factors, Found)> = None;
@@ -182,7 +182,8 @@ impl<'a> Compressor<'a> {
             scale *= (0.9 * allowed / error.max(0.01 * allowed)).clamp(0.2, 3.0);
         }
         let (error, factors, found) = best.expect("there is a round");
-        Fitted { factors, found, noise: projected.twice.noise, enough: error <= allowed, rounds, emission }
+        let enough = error + projected.outside <= projected.allowed;
+        Fitted { factors, found, noise: projected.twice.noise, enough, rounds, emission }
     }
 
     /// What a supercluster's rows make of lights, and of emitters.
@@ -236,6 +237,8 @@ const POINTS: Range<usize> = 24..44;
 const SPOTS: Range<usize> = 44..64;
 /// How much more than allowed the steps may lose together at first: they mostly lose less.
 const FIRST: f64 = 1.3;
+/// Share of the allowed error that is left to what a basis lacks, which no fit mends.
+const OUTSIDE: f64 = 0.1;
 /// What remains of an error at most after a fit that is worth its size.
 const WORTH: f64 = 0.9;
 /// Fits of a supercluster at most.

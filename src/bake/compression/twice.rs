@@ -95,6 +95,19 @@ impl Twice {
         (light, of_images - light)
     }
 
+    /// Square of the light in the images that a basis, which holds `held` of them, lacks; all pixels. Of what it seems to be, two
+    /// standard deviations of chance are taken away.
+    pub fn outside(&self, held: &Mat<f64>) -> f64 {
+        let product = |(i, &p): (usize, &usize)| -> f64 {
+            (0..held.ncols()).map(|j| (self.images[(p, j)] - held[(p, j)]) * (self.again[(i, j)] - held[(p, j)])).sum()
+        };
+        let products: Vec<f64> = self.pixels.iter().enumerate().map(product).collect();
+        let mean = products.iter().sum::<f64>() / products.len() as f64;
+        let variance = products.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / products.len() as f64;
+        let chance = (variance / products.len() as f64).sqrt();
+        self.images.nrows() as f64 * (mean - 2.0 * chance).max(0.0)
+    }
+
     /// All pixels for each one gathered anew.
     fn times(&self) -> f64 {
         self.images.nrows() as f64 / self.pixels.len() as f64
@@ -135,6 +148,7 @@ mod tests {
         let twice = Twice::new(&anew, &noisy(1000, &all), &noisy(2000, &anew), &(0..lights));
 
         let held = linear::product(directions.transpose(), twice.images.as_ref());
+        let within = |count: usize| linear::product(directions.subcols(0, count), held.subrows(0, count));
         let square = |row: faer::RowRef<f64>| row.iter().map(|x| x * x).sum::<f64>();
         for kept in [5, 4] {
             let lost = (kept..lit).map(|j| square(light.row(j))).sum::<f64>() / lights as f64;
@@ -142,10 +156,13 @@ mod tests {
             assert!(held_by_others > 1.5 * lost, "there is too little noise: {held_by_others}, light {lost}");
             let needed = twice.needed(directions.as_ref(), held.as_ref(), 1.5 * lost);
             assert_eq!(needed, kept);
-            let of_all = linear::product(directions.as_ref(), held.as_ref());
-            let got = linear::product(directions.subcols(0, kept), held.subrows(0, kept));
-            let (found, _) = twice.lost(&of_all, &got);
+            let (found, _) = twice.lost(&within(64), &within(kept));
             assert!((found - lost).abs() < 0.2 * held_by_others, "{kept} directions: {found} instead of {lost}");
         }
+        // A basis of three directions lacks the light of five, one of all eight lacks none.
+        let lost: f64 = (3..lit).map(|j| square(light.row(j))).sum::<f64>() / lights as f64;
+        let found = twice.outside(&within(3));
+        assert!(found > 0.6 * lost && found < lost, "{found} outside instead of {lost}");
+        assert!(twice.outside(&within(lit)) < 0.01 * lost);
     }
 }
