@@ -75,6 +75,7 @@ fn report(scenes: Vec<SceneReport>) -> Report {
         thesis: Thesis::default(),
         growth: Vec::new(),
         stability: Default::default(),
+        extreme: String::new(),
         known_limits: "- none\n  at all".into(),
     }
 }
@@ -139,7 +140,8 @@ fn a_page_has_no_chart_without_data_and_takes_names_literally() {
     assert!(page.contains("<code>--gather 9</code>: it takes 3 &lt; 4 GB"));
     assert!(page.contains("12,345 triangles") && page.contains("<li>none\nat all</li>"));
     let machine = std::fs::read_to_string(dir.path().join("machine.csv")).unwrap();
-    assert_eq!(machine, "what,value\nprocessor,\"one, \"\"fast\"\"\"\n");
+    let how = "measured,2026-01-01\ncommand,relume report\n";
+    assert_eq!(machine, format!("what,value\n{how}processor,\"one, \"\"fast\"\"\"\n"));
 
     // A picture without error has no place on a logarithmic axis, but one in the table.
     let mut points = measured();

@@ -216,11 +216,17 @@ impl Session {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let mut report = BakeReport::default();
-        let start = Instant::now();
-        let cpu_start = cpu_seconds();
+        let (start, cpu_start) = (Instant::now(), cpu_seconds());
         let opened = report.stage("load", || Opened::new(path, rig_path, &options.view, progress))?;
+        (report.seconds, report.cpu_seconds) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu_start);
+        Self::of(opened, options, report, progress)
+    }
+
+    /// The same of what is open already; `report` is of opening it.
+    pub fn of(opened: Opened, options: &SceneOptions, mut report: BakeReport, progress: &dyn Progress) -> Result<Self> {
+        let (start, cpu_start) = (Instant::now(), cpu_seconds());
         let plan = options.transfer.plan(&options.view, opened.size)?;
-        check_memory(opened.size, options.samples(), opened.rig.lights.len(), path)?;
+        check_memory(opened.size, options.samples(), opened.rig.lights.len(), &opened.scene.path)?;
         let bvh = report.stage("build BVH", || opened.build_bvh(progress));
         let Opened { scene, rig, camera, size: [width, height] } = opened;
         let settings = BakeSettings { width, height, layers: options.view.layers, samples: options.samples() };
@@ -254,8 +260,8 @@ impl Session {
         let plain_key = plain.as_ref().map_or(&key, |(key, _)| key).clone();
         let transfers = plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone() });
         let plain = plain.map(|(_, baked)| Arc::new(baked));
-        report.seconds = start.elapsed().as_secs_f64();
-        report.cpu_seconds = cpu_seconds() - cpu_start;
+        report.seconds += start.elapsed().as_secs_f64();
+        report.cpu_seconds += cpu_seconds() - cpu_start;
         let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
         Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir, not_stored, transfers, plain })
     }

@@ -2,6 +2,7 @@
 //! it as CSV, every sentence of conclusion computed from them. Who measures fills in [`Report`]; nothing here runs anything.
 
 pub mod conclusions;
+mod extreme;
 pub mod growth;
 mod page;
 mod plot;
@@ -37,6 +38,8 @@ pub struct Report {
     pub growth: Vec<Growth>,
     /// Of a scene, by its name.
     pub stability: (String, Vec<Stability>),
+    /// Tables of extreme cases, in Markdown as their tests write it.
+    pub extreme: String,
     /// What holds whatever was measured, in Markdown: the list of known limits.
     pub known_limits: String,
 }
@@ -243,6 +246,8 @@ pub fn write(dir: &Path, report: &Report) -> Result<()> {
 /// Every number of the page.
 pub fn tables(report: &Report) -> Vec<Table> {
     let mut machine = Table::new("machine.csv", &["what", "value"]);
+    let how = [("measured", &report.when), ("command", &report.command)];
+    how.into_iter().for_each(|(what, value)| machine.push([what.into(), value.clone()]));
     report.machine.iter().for_each(|row| machine.push(row.clone()));
     let scenes = report.scenes.iter();
     let mut tables = vec![machine, table::scenes(report)];
@@ -257,5 +262,6 @@ pub fn tables(report: &Report) -> Vec<Table> {
     if !report.stability.1.is_empty() {
         tables.push(stability::table(&report.stability.1));
     }
+    tables.extend(Some(extreme::table(&report.extreme)).filter(|table| !table.is_empty()));
     tables
 }

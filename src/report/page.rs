@@ -7,7 +7,7 @@ use base64::Engine;
 use super::conclusions::{self, curve, total};
 use super::plot::{Chart, Series};
 use super::table::{escaped, significant};
-use super::{Method, Picture, Point, Report, SceneReport, growth, profile, stability, table, tables, thesis};
+use super::{Method, Picture, Point, Report, SceneReport, extreme, growth, profile, stability, table, tables, thesis};
 use crate::image::png;
 
 /// The page as text.
@@ -20,6 +20,7 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
         ("thesis", report.thesis.previews.is_empty()),
         ("scaling", report.growth.is_empty()),
         ("stability", report.stability.1.is_empty()),
+        ("extreme", report.extreme.is_empty()),
     ];
     let parts = parts.into_iter().filter(|part| !part.1).map(|part| part.0);
     let contents: String = report
@@ -39,7 +40,7 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
          as EXR; every sentence under “What it says” is computed from them. Seconds are processor time, user and system, of all \
          threads; wall clock is in the files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> \
          <a href=\"#limits\">Known limits</a></p>\n\
-         <h2>Machine</h2>\n{machine}{scenes}{thesis}{figures}{growth}{stability}{method}\
+         <h2>Machine</h2>\n{machine}{scenes}{thesis}{figures}{growth}{stability}{extreme}{method}\
          <h2 id=limits>Known limits</h2>\n{limits}</main></body></html>\n",
         style = include_str!("style.css"),
         when = escaped(&report.when),
@@ -47,6 +48,7 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
         thesis = thesis::html(&report.thesis, &report.scenes),
         growth = growth::html(&report.growth),
         stability = stability::html(report.stability.0.as_str(), &report.stability.1),
+        extreme = extreme::html(&report.extreme),
         method = METHOD,
         limits = list(&report.known_limits),
     ))

@@ -65,6 +65,8 @@ pub struct Extent {
     lights: &'static [usize],
     /// Longest sides of pictures to time edits in, in pixels.
     sides: &'static [u32],
+    /// Triangles to time edits with, at most.
+    triangles: usize,
     /// Frames of an edit.
     frames: u32,
     /// Whether edits are timed in pictures of the scene's own size.
@@ -83,6 +85,7 @@ const QUICK: Extent = Extent {
     preview_side: 240,
     lights: &[2, 16, 128],
     sides: &[64, 128, 256],
+    triangles: 100_000,
     frames: 20,
     whole_edits: false,
 };
@@ -99,6 +102,7 @@ const FULL: Extent = Extent {
     preview_side: 720,
     lights: &[2, 4, 16, 64, 256, 1024],
     sides: &[128, 256, 512, 1024],
+    triangles: 5_000_000,
     frames: 60,
     whole_edits: true,
 };
@@ -116,7 +120,7 @@ pub fn run(args: &Args) -> Result<()> {
     let mut kept = Kept::open(&args.output)?;
     let mut machine = Vec::new();
     let mut reports: Vec<SceneReport> = Vec::new();
-    let (mut growth, mut stability) = (Vec::new(), Default::default());
+    let (mut growth, mut layers, mut stability) = (Vec::new(), None, Default::default());
     for path in &scenes {
         let mut lab = Lab::open(path, args, extent, &mut kept)?;
         if machine.is_empty() {
@@ -128,10 +132,15 @@ pub fn run(args: &Args) -> Result<()> {
             growth = lab.scaling()?;
             stability = (report.name.clone(), lab.stability()?);
         }
+        // So does the first with mirrors.
+        if layers.is_none() {
+            layers = lab.against_layers()?;
+        }
         reports.push(report);
     }
     // Those are the default scenes' company.
     let thesis = if args.scenes.is_empty() { thesis::measure_all(args, extent, &mut kept)? } else { Thesis::default() };
+    growth.extend(layers);
     machine.push(["load average at the end".into(), machine::load()]);
     let report = Report {
         when: machine::now(),
@@ -142,6 +151,7 @@ pub fn run(args: &Args) -> Result<()> {
         thesis,
         growth,
         stability,
+        extreme: include_str!("../../../docs/extreme.md").into(),
         known_limits: known_limits(),
     };
     report::write(&args.output, &report)?;

@@ -1,30 +1,38 @@
 //! What costs how much more where there is more of something.
 
+use std::collections::HashMap;
+
 use relume::Result;
 use relume::relight::Picture;
 use relume::report::Method;
 use relume::report::growth::{Cost, Growth};
-use relume::scene::Rig;
+use relume::scene::{Mesh, Rig};
 
 use super::lab::{Lab, fit, scene_options};
 use crate::cli::bench::{edits_of, measure};
 use crate::cli::bench_rig::light_like_scene;
 use crate::cli::options::{ViewOptions, Visibility};
 use crate::cli::progress::Terminal;
-use crate::cli::session::Session;
+use crate::cli::session::{BakeReport, Opened, Session};
 
 /// Edits whose times are told.
 const EDITS: [(&str, &str); 3] =
-    [("color", "recolour a light"), ("move_direct", "move a light"), ("select", "recolour another light each time")];
+    [("color", "recolour a light"), ("move_direct", MOVE), ("select", "recolour another light each time")];
+
+const MOVE: &str = "move a light";
+/// Exponent that a logarithm is told as, over the numbers of triangles that are looked at.
+const LOGARITHM: f64 = 0.2;
+const MOST_LAYERS: u32 = 6;
 
 impl Lab<'_> {
     /// Measured unless they were before; of the gather samples, what the curves have told.
     pub fn scaling(&mut self) -> Result<Vec<Growth>> {
-        let what = format!("scaling {} {:?}", self.identity, (self.extent.lights, self.extent.sides));
+        let what =
+            format!("scaling {} {:?}", self.identity, (self.extent.lights, self.extent.sides, self.extent.triangles));
         let measured: Vec<Growth> = match self.kept.get(&what) {
             Some(growths) => growths,
             None => {
-                let growths = vec![self.against_lights()?, self.against_pixels()?];
+                let growths = vec![self.against_lights()?, self.against_pixels()?, self.against_triangles()?];
                 self.kept.keep(&what, &growths)?;
                 growths
             }
@@ -51,11 +59,55 @@ impl Lab<'_> {
             let session = Session::open_direct(self.path, None, &scene_options(&view, None), &Terminal::default())?;
             let pixels = (session.size().0 * session.size().1) as f64;
             let rig = light_like_scene(&session, 2, view.seed);
-            let baked = session.bake.stages.iter().filter(|stage| stage.name == "deep framebuffer");
-            bake.points.push([pixels, 1e3 * baked.map(|stage| stage.seconds).sum::<f64>()]);
+            bake.points.push([pixels, stage_ms(&session, "deep framebuffer")]);
             self.time(&session, &rig, pixels, &mut costs)?;
         }
         Ok(self.growth("pixels", costs.into_iter().chain([bake]).collect()))
+    }
+
+    /// The scene itself, its triangles cut into four again and again, which changes nothing that is seen.
+    fn against_triangles(&self) -> Result<Growth> {
+        let mut bakes = [cost("BVH, built", 1.0), cost("deep framebuffer, baked", LOGARITHM)];
+        let mut costs = EDITS.map(|(_, name)| cost(name, if name == MOVE { LOGARITHM } else { 0.0 }));
+        for cuts in 0.. {
+            let progress = Terminal::default();
+            let mut opened = Opened::new(self.path, None, &self.view, &progress)?;
+            (0..cuts).for_each(|_| cut_into_four(&mut opened.scene.mesh));
+            let triangles = opened.scene.mesh.triangles.len();
+            if triangles > self.extent.triangles && cuts > 0 {
+                break;
+            }
+            let session = Session::of(opened, &scene_options(&self.view, None), BakeReport::default(), &progress)?;
+            let rig = light_like_scene(&session, 2, self.view.seed);
+            bakes[0].points.push([triangles as f64, stage_ms(&session, "build BVH")]);
+            bakes[1].points.push([triangles as f64, stage_ms(&session, "deep framebuffer")]);
+            self.time(&session, &rig, triangles as f64, &mut costs)?;
+        }
+        Ok(self.growth("triangles", bakes.into_iter().chain(costs).collect()))
+    }
+
+    /// Layers of the deep framebuffer, one behind the other in mirrors; absent where there are none. Measured unless they
+    /// were before.
+    pub fn against_layers(&mut self) -> Result<Option<Growth>> {
+        if self.session.layers().iter().skip(1).all(|&samples| samples == 0) {
+            return Ok(None);
+        }
+        let what = format!("scaling {} of layers", self.identity);
+        if let Some(growth) = self.kept.get(&what) {
+            return Ok(Some(growth));
+        }
+        let mut bake = cost("deep framebuffer, baked", 1.0);
+        let mut costs = EDITS.map(|(_, name)| cost(name, 1.0));
+        for layers in 1..=MOST_LAYERS {
+            let view = ViewOptions { layers, ..self.view.clone() };
+            let session = Session::open_direct(self.path, None, &scene_options(&view, None), &Terminal::default())?;
+            let rig = light_like_scene(&session, 2, view.seed);
+            bake.points.push([f64::from(layers), stage_ms(&session, "deep framebuffer")]);
+            self.time(&session, &rig, f64::from(layers), &mut costs)?;
+        }
+        let growth = self.growth("layers", costs.into_iter().chain([bake]).collect());
+        self.kept.keep(&what, &growth)?;
+        Ok(Some(growth))
     }
 
     fn against_gather_samples(&self) -> Growth {
@@ -90,4 +142,41 @@ impl Lab<'_> {
 
 fn cost(name: &str, expected: f64) -> Cost {
     Cost { name: name.into(), expected, points: Vec::new() }
+}
+
+fn stage_ms(session: &Session, name: &str) -> f64 {
+    1e3 * session.bake.stages.iter().filter(|stage| stage.name == name).map(|stage| stage.seconds).sum::<f64>()
+}
+
+/// Cuts each triangle at the middles of its edges.
+fn cut_into_four(mesh: &mut Mesh) {
+    let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
+    let mut cut = Vec::with_capacity(4 * mesh.triangles.len());
+    for [a, b, c] in std::mem::take(&mut mesh.triangles) {
+        let mut middle =
+            |i: u32, j: u32| *middles.entry([i.min(j), i.max(j)]).or_insert_with(|| add_middle(mesh, i, j));
+        let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+        cut.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    }
+    mesh.triangles = cut;
+    mesh.triangle_materials = mesh.triangle_materials.iter().flat_map(|&material| [material; 4]).collect();
+}
+
+/// A new vertex between two.
+fn add_middle(mesh: &mut Mesh, i: u32, j: u32) -> u32 {
+    let [i, j] = [i, j].map(|v| v as usize);
+    mesh.positions.push((mesh.positions[i] + mesh.positions[j]) / 2.0);
+    mesh.normals.push((mesh.normals[i] + mesh.normals[j]).normalize_or(mesh.normals[i]));
+    for uvs in mesh.uvs.iter_mut().filter(|uvs| !uvs.is_empty()) {
+        uvs.push((uvs[i] + uvs[j]) / 2.0);
+    }
+    if !mesh.colors.is_empty() {
+        mesh.colors.push((mesh.colors[i] + mesh.colors[j]) / 2.0);
+    }
+    if !mesh.tangents.is_empty() {
+        let [s, t] = [i, j].map(|v| mesh.tangents[v]);
+        let axis = (s + t).truncate().normalize_or(s.truncate());
+        mesh.tangents.push(axis.extend(s.w));
+    }
+    mesh.positions.len() as u32 - 1
 }

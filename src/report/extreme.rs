@@ -1,0 +1,123 @@
+//! Extreme cases: what `tests/extreme` has written of them into its page.
+
+use super::table::{Table, escaped};
+
+/// A row of that page's tables.
+#[derive(Clone, Debug, PartialEq)]
+struct Case {
+    /// Heading that it stands under.
+    part: String,
+    case: String,
+    asked: String,
+    bound: String,
+    ours: String,
+    thesis: String,
+    verdict: String,
+    /// Date and commit of its table.
+    measured: String,
+}
+
+impl Case {
+    fn falls_short(&self) -> bool {
+        !self.verdict.starts_with("met")
+    }
+
+    fn thesis_falls_short(&self) -> bool {
+        self.thesis.parse::<f64>().is_ok_and(|thesis| self.bound.parse().is_ok_and(|bound: f64| thesis > bound))
+    }
+}
+
+/// Columns that make a table one of these.
+const COLUMNS: &str = "| case | asked for | bound | ours | thesis | |";
+
+/// Rows of all tables with these [`COLUMNS`], in order.
+fn cases(markdown: &str) -> Vec<Case> {
+    let (mut cases, mut undated) = (Vec::<Case>::new(), 0);
+    let (mut part, mut inside) = (String::new(), false);
+    for line in markdown.lines() {
+        if let Some(heading) = line.strip_prefix("## ") {
+            part = heading.into();
+        } else if line == COLUMNS {
+            (inside, undated) = (true, cases.len());
+        } else if inside && line.starts_with("| ") {
+            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+            let [case, asked, bound, ours, thesis, verdict] = cells.try_into().expect("a cell for each column");
+            let [case, asked, bound] = [case, asked, bound].map(String::from);
+            let [ours, thesis, verdict] = [ours, thesis, verdict].map(String::from);
+            cases.push(Case { part: part.clone(), case, asked, bound, ours, thesis, verdict, measured: String::new() });
+        } else if inside && line.contains(", commit ") {
+            cases[undated..].iter_mut().for_each(|case| case.measured = line.trim_end_matches('.').into());
+            inside = false;
+        }
+    }
+    cases
+}
+
+/// All numbers.
+pub(super) fn table(markdown: &str) -> Table {
+    let columns = ["part", "case", "asked_for", "bound", "ours", "thesis", "verdict", "measured"];
+    let mut table = Table::new("extreme.csv", &columns);
+    for c in cases(markdown) {
+        table.push([c.part, c.case, c.asked, c.bound, c.ours, c.thesis, c.verdict, c.measured]);
+    }
+    table
+}
+
+fn sentences(cases: &[Case]) -> Vec<String> {
+    let short: Vec<&Case> = cases.iter().filter(|case| case.falls_short()).collect();
+    let tried: Vec<&Case> = cases.iter().filter(|case| !case.thesis.is_empty()).collect();
+    let theirs = tried.iter().filter(|case| case.thesis_falls_short()).count();
+    let ours = tried.iter().filter(|case| case.falls_short()).count();
+    let all = format!("{} of {} cases are within their bounds.", cases.len() - short.len(), cases.len());
+    let beside = format!(
+        "The thesis's method was tried in {} of them and is beyond the bound in {theirs}, ours in {ours} of these.",
+        tried.len()
+    );
+    let each = short
+        .iter()
+        .map(|c| format!("{}, {}: {} where {} was asked for; {}.", c.case, c.asked, c.ours, c.bound, c.verdict));
+    [all, beside].into_iter().chain(each).collect()
+}
+
+/// A part of the page; empty without cases.
+pub(super) fn html(markdown: &str) -> String {
+    let cases = cases(markdown);
+    if cases.is_empty() {
+        return String::new();
+    }
+    let items: String = sentences(&cases).iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
+    format!(
+        "<h2 id=extreme>Extreme cases</h2>\n<p>Scenes made by the tests, whose answer is known, or a bound on it; relative errors, \
+         root mean square over pixels, unless a row says otherwise. Measured when the table says, not with this page: \
+         <code>RELUME_FULL=1 cargo test --release --test extreme</code>.</p>\n<ul>{items}</ul>\n\
+         <details><summary>All its numbers</summary>{}</details>\n",
+        table(markdown).html()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_found_and_counted() {
+        let page = format!(
+            "# Page\n| other | table |\n|---|---|\n| 1 | 2 |\n\n## Light\n\n{COLUMNS}\n|---|---|---|---|---|---|\n\
+             | a < b | all of it | 1.0e-3 | 2.0e-4 | 3.0e-1 | met |\n\
+             | c | all of it | 1.0e-3 | 2.0e-2 |  | falls short: too few |\n\n2026-01-01, commit abc.\n\n| d | e |\n"
+        );
+        let found = cases(&page);
+        assert_eq!(found.len(), 2);
+        assert_eq!((&found[0].part[..], &found[0].measured[..]), ("Light", "2026-01-01, commit abc"));
+        let said = sentences(&found);
+        assert_eq!(said[0], "1 of 2 cases are within their bounds.");
+        assert_eq!(
+            said[1],
+            "The thesis's method was tried in 1 of them and is beyond the bound in 1, ours in 0 of these."
+        );
+        assert_eq!(said[2], "c, all of it: 2.0e-2 where 1.0e-3 was asked for; falls short: too few.");
+        assert!(html(&page).contains("a &lt; b") && html("").is_empty());
+        // The page that ships.
+        assert!(cases(include_str!("../../docs/extreme.md")).len() > 150);
+    }
+}
