@@ -23,7 +23,9 @@ impl Case {
     }
 
     fn thesis_falls_short(&self) -> bool {
-        self.thesis.parse::<f64>().is_ok_and(|thesis| self.bound.parse().is_ok_and(|bound: f64| thesis > bound))
+        // What is not a number is beyond every bound.
+        let within = |thesis: f64| self.bound.parse().is_ok_and(|bound: f64| thesis <= bound);
+        self.thesis.parse().is_ok_and(|thesis| !within(thesis))
     }
 }
 
@@ -40,14 +42,14 @@ fn cases(markdown: &str) -> Vec<Case> {
         } else if line == COLUMNS {
             (inside, undated) = (true, cases.len());
         } else if inside && line.starts_with("| ") {
-            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
-            let [case, asked, bound, ours, thesis, verdict] = cells.try_into().expect("a cell for each column");
-            let [case, asked, bound] = [case, asked, bound].map(String::from);
-            let [ours, thesis, verdict] = [ours, thesis, verdict].map(String::from);
+            let cells: Vec<String> = line.trim_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect();
+            let Ok([case, asked, bound, ours, thesis, verdict]) = <[String; 6]>::try_from(cells) else { continue };
             cases.push(Case { part: part.clone(), case, asked, bound, ours, thesis, verdict, measured: String::new() });
-        } else if inside && line.contains(", commit ") {
+        } else if line.contains(", commit ") {
             cases[undated..].iter_mut().for_each(|case| case.measured = line.trim_end_matches('.').into());
-            inside = false;
+            undated = cases.len();
+        } else {
+            inside &= line.starts_with('|');
         }
     }
     cases

@@ -37,7 +37,7 @@ const WIDTHS: std::ops::RangeInclusive<f64> = 1e-15..=1e18;
 impl MeshBuilder {
     pub fn add(&mut self, mut part: Part) {
         let given = part.triangles.len();
-        part.triangles.retain(|t| !is_degenerate(t.map(|i| part.positions[i as usize])));
+        part.triangles.retain(|t| !is_line(t.map(|i| part.positions[i as usize])));
         self.dropped += given - part.triangles.len();
         if part.normals.is_empty() {
             part.make_flat();
@@ -172,15 +172,20 @@ impl Part {
     }
 }
 
-/// Whether a triangle has no area to speak of: corners that coincide or lie on a line.
-pub fn is_degenerate([a, b, c]: [DVec3; 3]) -> bool {
+/// Whether a triangle of mesh space has no area to speak of.
+fn is_degenerate(corners: [DVec3; 3]) -> bool {
+    // Below f32's smallest normal number its area would be zero to whoever computes it in single precision.
+    let [a, b, c] = corners;
+    is_line(corners) || (b - a).cross(c - a).length() <= f64::from(f32::MIN_POSITIVE)
+}
+
+/// Whether corners coincide or lie on a line.
+fn is_line([a, b, c]: [DVec3; 3]) -> bool {
     let (ab, ac, bc) = (b - a, c - a, c - b);
     let longest = ab.length_squared().max(ac.length_squared()).max(bc.length_squared());
-    let doubled_area = ab.cross(ac).length();
     // 1e-10: what rounding leaves of corners on a line is 1e-16 of the longest edge squared in double precision, and
-    // a sliver narrower than 1e-10 of its length is below single precision. Below f32's smallest normal number its
-    // area would be zero to whoever computes it in single precision.
-    !(doubled_area > f64::from(f32::MIN_POSITIVE) && doubled_area > 1e-10 * longest)
+    // a sliver narrower than 1e-10 of its length is below single precision. Also true of what is not a number.
+    !(ab.cross(ac).length() > 1e-10 * longest)
 }
 
 /// A unit vector without components that rounding has left of nothing: what they are depends on a scene's size and place.

@@ -104,7 +104,7 @@ fn view(opened: &Opened, light: &Light) -> Camera {
         }
     };
     let up = if direction.y.abs() > 0.999 { DVec3::NEG_Z } else { DVec3::Y };
-    let camera = Camera::look_at(position, position + direction * radius, up, projection);
+    let camera = Camera::look_at(position, position + direction * radius.max(1e-6 * position.length()), up, projection);
     camera.expect("up is not along the direction")
 }
 

@@ -4,6 +4,8 @@
 mod support;
 
 use glam::{DVec3, Vec3};
+use relume::bake::bvh::Bvh;
+use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::Scene;
 use serde_json::json;
 
@@ -27,7 +29,7 @@ fn room(scale: f64, offset: DVec3) -> Scene {
         (0..build.quads.len() as u16).flat_map(|q| [0, 1, 2, 0, 2, 3].map(|corner| 4 * q + corner)).collect();
     let (positions, indices) = (gltf.f32s(&positions), gltf.indices(&indices));
     gltf.json["materials"] = json!([{
-        "pbrMetallicRoughness": { "baseColorFactor": [0.7, 0.5, 0.3, 1.0], "metallicFactor": 0.2, "roughnessFactor": 0.5 }
+        "pbrMetallicRoughness": { "baseColorFactor": [0.7, 0.5, 0.3, 1.0], "metallicFactor": 0.2, "roughnessFactor": 0.45 }
     }]);
     gltf.mesh(json!({ "attributes": { "POSITION": positions }, "indices": indices, "material": 0 }));
     gltf.json["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 1.2, "znear": 0.1 } }]);
@@ -45,13 +47,26 @@ fn room(scale: f64, offset: DVec3) -> Scene {
     Scene::load(&gltf.write(folder.path(), "room.glb")).unwrap()
 }
 
-/// First-hand and indirect light, times the square of the scale that distances have.
-fn pictures(gpu: &Gpu, scale: f64, offset: DVec3) -> [Vec<DVec3>; 2] {
+/// First-hand, indirect and path-traced indirect light, times the square of the scale that distances have.
+fn pictures(gpu: &Gpu, scale: f64, offset: DVec3) -> [Vec<DVec3>; 3] {
     let scene = room(scale, offset);
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
+    let settings = Settings {
+        width: 48,
+        height: 36,
+        layers: 4,
+        max_bounces: None,
+        filter: Filter::Centre,
+        bounce_layers: 0,
+        light_layers: false,
+        seed: 1,
+    };
+    let film = PathTracer::new(&scene, &Bvh::build(&scene), &camera, &rig, &settings).trace(16, &|| false, &|_| ());
+    let traced = film.image(Half::A, &[Layer::Indirect]).layers.remove(0).pixels;
     let relit = Relit::with(scene, &camera, &rig, &Setup::new(48, 36), 192);
     let linear = |image: Vec<[f32; 3]>| image.into_iter().map(|p| Vec3::from(p).as_dvec3() * (scale * scale)).collect();
-    relit.pictures(gpu, &rig).map(linear)
+    let [first, indirect] = relit.pictures(gpu, &rig);
+    [first, indirect, traced].map(linear)
 }
 
 /// Root mean square of the difference over that of `b`.
@@ -75,9 +90,10 @@ fn size_and_place_do_not_matter() {
             true => format!("scaled by {scale:.0e}"),
             false => format!("scaled by {scale:.0e} and moved by {:.0e} m along each axis", offset.x),
         };
-        let [first, indirect] = [0, 1].map(|i| relative(&there[i], &here[i]));
+        let [first, indirect, traced] = [0, 1, 2].map(|i| relative(&there[i], &here[i]));
         rows.push(Row::new(case.clone(), "the same first-hand light", 1e-3, first));
-        rows.push(Row::new(case, "the same indirect light", 1e-3, indirect));
+        rows.push(Row::new(case.clone(), "the same indirect light", 1e-3, indirect));
+        rows.push(Row::new(case, "the same path-traced indirect light, noise and all", 1e-3, traced));
     }
     check("place", &rows);
 }

@@ -157,7 +157,7 @@ impl<'a> Compressor<'a> {
     pub fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
-        let allowed = (1.0 - OUTSIDE) * projected.allowed;
+        let allowed = (projected.allowed - projected.outside).max(LEAST * projected.allowed);
         let within = self.within(tiles);
         let mut scale = FIRST;
         let mut best: Option<(f64, Factors, Found)> = None;
@@ -166,7 +166,8 @@ impl<'a> Compressor<'a> {
             let [rank, terms, tiles] = SHARES.map(|share| share * scale * allowed);
             let factors = projected.fit(&within, &Budget { rank, terms, tiles });
             let (found, (light, noise)) = projected.check(&factors, &within);
-            let error = light - PAYS * noise;
+            // What the basis lacks is left out with the noise, but is none.
+            let error = light - PAYS * (noise - projected.outside);
             let enough = error <= allowed;
             // What is not enough must be worth its size.
             let better =
@@ -237,8 +238,10 @@ const POINTS: Range<usize> = 24..44;
 const SPOTS: Range<usize> = 44..64;
 /// How much more than allowed the steps may lose together at first: they mostly lose less.
 const FIRST: f64 = 1.3;
-/// Share of the allowed error that is left to what a basis lacks, which no fit mends.
+/// Share of the allowed error that a basis may lack, so that it need not hold everything.
 const OUTSIDE: f64 = 0.1;
+/// Share of the allowed error that a fit may make however much its basis lacks, which no fit mends.
+const LEAST: f64 = 0.3;
 /// What remains of an error at most after a fit that is worth its size.
 const WORTH: f64 = 0.9;
 /// Fits of a supercluster at most.

@@ -95,8 +95,8 @@ impl Twice {
         (light, of_images - light)
     }
 
-    /// Square of the light in the images that a basis, which holds `held` of them, lacks; all pixels. Of what it seems to be, two
-    /// standard deviations of chance are taken away.
+    /// Square of the light in the images that a basis, which holds `held` of them, lacks; all pixels. At least: of what it seems to
+    /// be, two standard deviations of chance are taken away.
     pub fn outside(&self, held: &Mat<f64>) -> f64 {
         let product = |(i, &p): (usize, &usize)| -> f64 {
             (0..held.ncols()).map(|j| (self.images[(p, j)] - held[(p, j)]) * (self.again[(i, j)] - held[(p, j)])).sum()

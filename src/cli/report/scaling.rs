@@ -27,8 +27,11 @@ const MOST_LAYERS: u32 = 6;
 impl Lab<'_> {
     /// Measured unless they were before; of the gather samples, what the curves have told.
     pub fn scaling(&mut self) -> Result<Vec<Growth>> {
-        let what =
-            format!("scaling {} {:?}", self.identity, (self.extent.lights, self.extent.sides, self.extent.triangles));
+        let what = format!(
+            "scaling {} {:?}",
+            self.identity,
+            (self.extent.lights, self.extent.sides, self.extent.triangles, self.extent.frames)
+        );
         let measured: Vec<Growth> = match self.kept.get(&what) {
             Some(growths) => growths,
             None => {
@@ -65,18 +68,18 @@ impl Lab<'_> {
         Ok(self.growth("pixels", costs.into_iter().chain([bake]).collect()))
     }
 
-    /// The scene itself, its triangles cut into four again and again, which changes nothing that is seen.
+    /// The scene itself, its triangles cut into four again and again, which changes hardly anything that is seen.
     fn against_triangles(&self) -> Result<Growth> {
         let mut bakes = [cost("BVH, built", 1.0), cost("deep framebuffer, baked", LOGARITHM)];
         let mut costs = EDITS.map(|(_, name)| cost(name, if name == MOVE { LOGARITHM } else { 0.0 }));
         for cuts in 0.. {
             let progress = Terminal::default();
             let mut opened = Opened::new(self.path, None, &self.view, &progress)?;
-            (0..cuts).for_each(|_| cut_into_four(&mut opened.scene.mesh));
-            let triangles = opened.scene.mesh.triangles.len();
+            let triangles = opened.scene.mesh.triangles.len() << (2 * cuts);
             if triangles > self.extent.triangles && cuts > 0 {
                 break;
             }
+            (0..cuts).for_each(|_| cut_into_four(&mut opened.scene.mesh));
             let session = Session::of(opened, &scene_options(&self.view, None), BakeReport::default(), &progress)?;
             let rig = light_like_scene(&session, 2, self.view.seed);
             bakes[0].points.push([triangles as f64, stage_ms(&session, "build BVH")]);
@@ -92,7 +95,7 @@ impl Lab<'_> {
         if self.session.layers().iter().skip(1).all(|&samples| samples == 0) {
             return Ok(None);
         }
-        let what = format!("scaling {} of layers", self.identity);
+        let what = format!("scaling {} of layers {:?}", self.identity, (MOST_LAYERS, self.extent.frames));
         if let Some(growth) = self.kept.get(&what) {
             return Ok(Some(growth));
         }

@@ -100,8 +100,9 @@ impl Faces {
         curves.sort_by(|a, b| b.area.total_cmp(&a.area));
         curves.truncate(MAX_CURVES / lamps.lamps.len().max(1));
         let arriving = |lamp: &Lamp| {
-            let area = if lamp.packed.kind == LIGHT_DIRECTIONAL { 1.0 } else { radius * radius };
-            lamp.scale.max_element() / area
+            let directional = lamp.packed.kind == LIGHT_DIRECTIONAL;
+            let irradiance = if directional { 1.0 } else { f64::from(lamp.packed.strength) / (radius * radius) };
+            lamp.scale.max_element() * irradiance
         };
         Self { pairs, curves, typical: lamps.lamps.iter().map(arriving).sum() }
     }
