@@ -157,7 +157,7 @@ impl<'a> Compressor<'a> {
     pub fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
-        let allowed = (projected.allowed - projected.outside).max(LEAST * projected.allowed);
+        let allowed = (1.0 - OUTSIDE) * projected.allowed;
         let within = self.within(tiles);
         let mut scale = FIRST;
         let mut best: Option<(f64, Factors, Found)> = None;
@@ -166,8 +166,7 @@ impl<'a> Compressor<'a> {
             let [rank, terms, tiles] = SHARES.map(|share| share * scale * allowed);
             let factors = projected.fit(&within, &Budget { rank, terms, tiles });
             let (found, (light, noise)) = projected.check(&factors, &within);
-            // What the basis lacks is left out with the noise, but is none.
-            let error = light - PAYS * (noise - projected.outside);
+            let error = light - PAYS * noise;
             let enough = error <= allowed;
             // What is not enough must be worth its size.
             let better =
@@ -183,7 +182,8 @@ impl<'a> Compressor<'a> {
             scale *= (0.9 * allowed / error.max(0.01 * allowed)).clamp(0.2, 3.0);
         }
         let (error, factors, found) = best.expect("there is a round");
-        let enough = error + projected.outside <= projected.allowed;
+        // What the basis lacks is lost, too, and was left out with the noise, which paid for it.
+        let enough = error + (1.0 + PAYS) * projected.outside <= projected.allowed;
         Fitted { factors, found, noise: projected.twice.noise, enough, rounds, emission }
     }
 
@@ -238,10 +238,9 @@ const POINTS: Range<usize> = 24..44;
 const SPOTS: Range<usize> = 44..64;
 /// How much more than allowed the steps may lose together at first: they mostly lose less.
 const FIRST: f64 = 1.3;
-/// Share of the allowed error that a basis may lack, so that it need not hold everything.
+/// Share of the allowed error that is left to what a basis lacks. No fit mends more than that; to fit the more closely the
+/// more it lacks took a third more multiply-adds for no less error.
 const OUTSIDE: f64 = 0.1;
-/// Share of the allowed error that a fit may make however much its basis lacks, which no fit mends.
-const LEAST: f64 = 0.3;
 /// What remains of an error at most after a fit that is worth its size.
 const WORTH: f64 = 0.9;
 /// Fits of a supercluster at most.
