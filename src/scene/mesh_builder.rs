@@ -184,8 +184,9 @@ fn is_line([a, b, c]: [DVec3; 3]) -> bool {
     let (ab, ac, bc) = (b - a, c - a, c - b);
     let longest = ab.length_squared().max(ac.length_squared()).max(bc.length_squared());
     // 1e-10: what rounding leaves of corners on a line is 1e-16 of the longest edge squared in double precision, and
-    // a sliver narrower than 1e-10 of its length is below single precision. Also true of what is not a number.
-    !(ab.cross(ac).length() > 1e-10 * longest)
+    // a sliver narrower than 1e-10 of its length is below single precision.
+    let doubled_area = ab.cross(ac).length();
+    doubled_area.is_nan() || doubled_area <= 1e-10 * longest
 }
 
 /// A unit vector without components that rounding has left of nothing: what they are depends on a scene's size and place.
