@@ -23,7 +23,7 @@ pub struct Bvh {
     /// Binary nodes for packets, whose rays agree so well that a wide node tests too much.
     pub(super) binary: Bvh2,
     pub(super) binary_corners: Vec<Corners>,
-    /// Half the diagonal of the bounds, metres.
+    /// Half the diagonal of the bounds: 1, but for scenes made in code.
     pub radius: f32,
     /// Whether any triangle has holes where its alpha is low.
     pub has_masks: bool,

@@ -27,7 +27,7 @@ pub struct SurfacePoint {
 }
 
 impl SurfacePoint {
-    /// Evaluates the surface at `hit` as seen along `direction`; a pixel is `footprint` metres wide there.
+    /// Evaluates the surface at `hit` as seen along `direction`; a pixel is `footprint` of mesh space wide there.
     pub fn new(scene: &Scene, hit: &Hit, direction: Vec3, footprint: f32) -> Self {
         let mesh = &scene.mesh;
         let [a, b, c] = mesh.triangles[hit.triangle as usize];

@@ -20,7 +20,7 @@ pub enum Kind {
 /// Draws lights around the surfaces of a scene.
 pub struct RandomLights<'a> {
     samples: &'a GatherSamples,
-    /// Areas up to and with each sample, in square metres.
+    /// Areas up to and with each sample, in mesh space.
     areas: Vec<f64>,
     low: Vec3,
     high: Vec3,

@@ -35,7 +35,7 @@ pub enum Placement {
 #[derive(Clone, Copy, Debug)]
 pub struct GatherSample {
     pub position: Vec3,
-    /// Square metres.
+    /// Mesh space.
     pub area: f32,
     /// Unit; its directions are counted in the frame that [`GatherSample::frame`] gives.
     pub normal: Vec3,
@@ -76,7 +76,7 @@ const CANDIDATES: usize = 32;
 /// One of these.
 struct Candidate {
     triangle: u32,
-    /// Square metres that it stands for.
+    /// What it stands for, in mesh space.
     area: f64,
     surface: SurfacePoint,
 }
@@ -98,7 +98,7 @@ impl GatherSamples {
         self.samples.is_empty()
     }
 
-    /// Square metres.
+    /// Mesh space.
     pub fn area(&self) -> f64 {
         self.samples.iter().map(|s| f64::from(s.area)).sum()
     }

@@ -74,7 +74,7 @@ impl Patch {
 }
 
 /// The sides of triangles that reflect light, in the order of the BVH's leaves: neighbours are near each other. Each comes
-/// with its area in square metres; double-sided triangles have two.
+/// with its area in mesh space; double-sided triangles have two.
 pub fn sides(scene: &Scene, bvh: &Bvh) -> Vec<(u32, f64)> {
     let of_triangle = |triangle: u32| {
         let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize].as_dvec3());
@@ -87,14 +87,14 @@ pub fn sides(scene: &Scene, bvh: &Bvh) -> Vec<(u32, f64)> {
 
 /// Surfaces that points are spread over, and how densely.
 pub struct Surfaces {
-    /// Patches with their areas, in square metres.
+    /// Patches with their areas, in mesh space.
     patches: Vec<(Patch, f64)>,
     /// Areas times densities up to and with each patch.
     cumulative: Vec<f64>,
 }
 
 impl Surfaces {
-    /// Of patches with their areas and the points a square metre that they get, relative to each other. Those of density 0
+    /// Of patches with their areas and how densely they get points, relative to each other. Those of density 0
     /// are left out.
     pub fn new(patches: impl Iterator<Item = (Patch, f64, f32)>) -> Self {
         let mut surfaces = Self { patches: Vec::new(), cumulative: Vec::new() };
@@ -112,7 +112,7 @@ impl Surfaces {
         Self::new(sides(scene, bvh).into_iter().map(|(side, area)| (Patch { side, part: 1 }, area, 1.0)))
     }
 
-    /// Square metres, double-sided triangles counted twice.
+    /// Mesh space, double-sided triangles counted twice.
     pub fn area(&self) -> f64 {
         self.patches.iter().map(|(_, area)| area).sum()
     }
@@ -139,7 +139,7 @@ impl Surfaces {
         if self.patches.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
 
-    /// `count` points, one in each of as many equal shares of all, if there is any surface; each with the square metres that
+    /// `count` points, one in each of as many equal shares of all, if there is any surface; each with the area that
     /// it stands for: those of a patch are shared out evenly, those of one without points go to the next.
     pub fn stratified(&self, points: Points, count: usize) -> Vec<(Place, f64)> {
         if self.patches.is_empty() {
@@ -165,7 +165,7 @@ impl Surfaces {
 }
 
 impl Place {
-    /// What the scene is there; a texel is averaged over `footprint` metres.
+    /// What the scene is there; a texel is averaged over `footprint` of mesh space.
     pub fn surface(&self, scene: &Scene, footprint: f32) -> SurfacePoint {
         let [a, b, c] = scene.mesh.triangles[self.triangle as usize].map(|v| scene.mesh.positions[v as usize]);
         let normal = (b - a).cross(c - a);

@@ -89,7 +89,7 @@ impl Cells {
     }
 }
 
-/// How wide cells of each triangle shall be, in metres: a share of the samples' width, of the narrowest one's unless the
+/// How wide cells of each triangle shall be, in mesh space: a share of the samples' width, of the narrowest one's unless the
 /// others are much wider.
 fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Vec<f32> {
     let triangle_count = scene.mesh.triangles.len();

@@ -29,7 +29,7 @@ struct Visit {
     barycentric: Vec2,
     /// Share of the pixel's light that comes from there.
     light: f32,
-    /// How far the surface before it is, in metres.
+    /// How far the surface before it is.
     distance: f32,
 }
 

@@ -39,7 +39,7 @@ pub struct Arrival {
     pub wo: Vec3,
     /// What the mirrors on the way leave of its light.
     pub tint: Vec3,
-    /// Length of the way, in metres.
+    /// Length of the way.
     pub distance: f32,
 }
 

@@ -48,7 +48,7 @@ struct Pair {
     face: Face,
     /// Mirror image of a light that has a place, or direction towards that of one that has none.
     image: Vec3,
-    /// Above the face, metres.
+    /// Above the face.
     height: f32,
 }
 

@@ -36,7 +36,7 @@ pub(super) struct Curve {
 struct Point {
     position: Vec3,
     normal: Vec3,
-    /// How far the normal turns a metre.
+    /// How far the normal turns along a unit of mesh space.
     curvature: f32,
 }
 

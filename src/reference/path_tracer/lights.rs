@@ -108,7 +108,7 @@ impl Lamp {
 pub(super) struct Emitters {
     /// Triangles and the running sum of their power.
     running: Vec<(u32, f64)>,
-    /// Of each triangle of the mesh, density of its points when drawn, 1/m²; empty if none emits.
+    /// Of each triangle of the mesh, density of its points when drawn, by area in mesh space; empty if none emits.
     density: Vec<f32>,
 }
 
