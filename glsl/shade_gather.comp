@@ -102,7 +102,13 @@ void main() {
         if (irradiance == 0.0 || cosine <= 0.0) {
             continue;
         }
-        irradiance *= cosine * float(byte) / (255.0 * float(push.points_per_sample));
+        irradiance *= cosine / float(push.points_per_sample);
+        // Where the point answers for much of the light's power, rays from it tell more: `share_of_rays` in light_rays.rs.
+        float rays = smoothstep(0.5 * EVEN_SHARE, 2.0 * EVEN_SHARE, irradiance * s.area * push.per_power);
+        if (rays == 1.0) { // so near that irradiance may have no bounds
+            continue;
+        }
+        irradiance *= (1.0 - rays) * float(byte) / 255.0;
         at.column = place(sqrt(min(cosine, 1.0)), TABLE_COSINES, at.along);
         vec3 lowest = radial(s.brdf, at, 0);
         vec3 cap = max(vec3(ALBEDO_CAP) - mirror(s.brdf, cosine), vec3(0.0));

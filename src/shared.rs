@@ -73,6 +73,8 @@ gpu_shared! {
         pub const ALBEDO_CAP: f32 = 0.9999;
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
+        /// Where a point of a gather sample answers for so much of a light's power, rays from the light count as much as it.
+        pub const EVEN_SHARE: f32 = 0.00390625;
     }
 
     tables {
@@ -241,6 +243,32 @@ gpu_shared! {
             pub first: u32,
             /// It has as many coefficients as this squared.
             pub degrees: u32,
+            /// That it stands for.
+            pub area: f32,
+        }
+
+        /// What rays add to a coefficient.
+        pub struct Contribution {
+            /// RGB, at unit intensity.
+            pub value: Vec3,
+            /// Index of the coefficient.
+            pub index: u32,
+        }
+
+        /// add_coefficients.comp
+        pub push AddCoefficientsPush {
+            /// No two for one coefficient.
+            pub contributions: Read<Contribution>,
+            /// Coefficients of all samples, as [`ShadeGatherPush::coefficients`].
+            pub coefficients: Write<Vec4>,
+            /// How many contributions.
+            pub count: u32,
+            /// From one coefficient of this light to its next.
+            pub stride: u32,
+            /// Where its first lies.
+            pub offset: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
         }
 
         /// shade_gather.comp
@@ -265,8 +293,8 @@ gpu_shared! {
             pub stride: u32,
             /// Where its first lies.
             pub offset: u32,
-            /// Keeps the size a multiple of eight.
-            pub unused: u32,
+            /// 1 over the light's power in mesh space; 0 where it casts no rays for what falls between points.
+            pub per_power: f32,
         }
 
         /// A gather sample of the thesis; mesh space.

@@ -13,6 +13,7 @@ use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::gather_samples::light_rays::per_power;
 use relume::bake::journal::Journal;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
@@ -219,6 +220,16 @@ fn lights() -> Rig {
     rig(vec![point, spot])
 }
 
+/// Most of its light falls on one gather sample.
+fn near_a_wall() -> Light {
+    Light::point("near a wall", DVec3::new(0.3, -0.98, 0.2))
+}
+
+/// All of its light does.
+fn narrow() -> Light {
+    Light { inner_angle: 0.0, outer_angle: 0.01, ..lights().lights[1].clone() }
+}
+
 fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
     TransferSettings {
         outgoing: Outgoing::Glossy { functions: Some(9) },
@@ -247,14 +258,22 @@ fn shade_gather() {
     let points = Buffer::from_slice(&gpu, "test points", &baked.points).unwrap();
     let tables = Buffer::from_slice(&gpu, "test tables", &Projection::get().tables()).unwrap();
     let kernel = Kernel::new(&gpu, "shade_gather", &[(0, HARMONIC_DEGREES)]).unwrap();
+    let add_coefficients = Kernel::new(&gpu, "add_coefficients", &[]).unwrap();
     let mut frames = Frames::new(&gpu).unwrap();
     let sun = Light {
         kind: LightKind::Directional,
         direction: DVec3::new(0.5, -0.7, 0.1).normalize(),
         ..lights().lights[0].clone()
     };
-    for light in lights().lights.iter().chain([&sun]) {
+    let mut by_rays = 0;
+    for light in lights().lights.iter().chain([&sun, &near_a_wall(), &narrow()]) {
         let packed = light.pack(stage.scene.space);
+        let projection = Projection::from_tables(&baked.projection);
+        let mut found = Vec::new();
+        level.light_rays.shade(&stage.scene, &stage.bvh, &baked.samples, &projection, &packed, |index, value| {
+            found.push(Contribution { value, index });
+        });
+        by_rays += usize::from(!found.is_empty());
         let mut visibility =
             Buffer::new(&gpu, "test visibility", Access::HostWrites, baked.packets.len() * PACKET_SIZE / 4).unwrap();
         trace_all(&stage.bvh, &stage.scene, &packed, &baked.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
@@ -273,9 +292,20 @@ fn shade_gather() {
                 points_per_sample: baked.points_per_sample as u32,
                 stride: 1,
                 offset: 0,
-                unused: 0,
+                per_power: per_power(&packed).unwrap_or(0.0),
             };
             pass.dispatch(&kernel, &push, push.sample_count);
+            let contributions = frame.upload(&found);
+            let mut pass = frame.pass("add coefficients");
+            let push = AddCoefficientsPush {
+                contributions,
+                coefficients: pass.write_as(&coefficients),
+                count: found.len() as u32,
+                stride: 1,
+                offset: 0,
+                unused: 0,
+            };
+            pass.dispatch(&add_coefficients, &push, push.count);
         });
         let want = gather::shade(&stage.scene, &stage.bvh, level, &packed);
         let largest = want.iter().fold(0.0, |m: f64, v| m.max(v.abs().max_element()));
@@ -287,6 +317,7 @@ fn shade_gather() {
         }
         assert!(coefficients.host()[4 * length..].iter().all(|&x| x == SENTINEL), "wrote past {length}");
     }
+    assert_eq!(by_rays, 2, "rays find something where points are too few, nowhere else");
 }
 
 /// The indirect image of all lights, by [`Transfer::apply`].

@@ -7,33 +7,44 @@ use super::light;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::bvh::Bvh;
 use crate::bake::gather_samples::GatherSamples;
+use crate::bake::gather_samples::light_rays::{per_power, share_of_rays};
 use crate::bake::packet::{PACKET_SIZE, trace_all};
 use crate::bake::transfer::level::{Level, local};
 use crate::bake::transfer::thesis::Thesis;
 use crate::scene::Scene;
 use crate::shared::PackedLight;
 
-/// Coefficients that a light at unit intensity leaves in a level's samples: the mean over each sample's points.
+/// Coefficients that a light at unit intensity leaves in a level's samples: the mean over each sample's points, and what rays
+/// from the light find between them.
 pub fn shade(scene: &Scene, bvh: &Bvh, level: &Level, light: &PackedLight) -> Vec<DVec3> {
-    let project = |sample: usize, wi: Vec3, values: &mut [Vec3]| {
-        Projection::get().project(&level.samples.samples[sample].brdf, wi, values);
+    let per_power = per_power(light).unwrap_or(0.0);
+    let project = |sample: usize, wi: Vec3, irradiance: f64, values: &mut [Vec3]| {
+        let sample = &level.samples.samples[sample];
+        let points = 1.0 - share_of_rays(irradiance as f32 * sample.area * per_power);
+        Projection::get().project(&sample.brdf, wi, values);
+        values.iter_mut().for_each(|k| *k *= points);
     };
-    shade_with(scene, bvh, &level.samples, &level.first, project, light)
+    let mut coefficients = shade_with(scene, bvh, &level.samples, &level.first, project, light);
+    level.light_rays.shade(scene, bvh, &level.lit, Projection::get(), light, |index, value| {
+        coefficients[index as usize] += value.as_dvec3();
+    });
+    coefficients
 }
 
 /// [`shade`] with the thesis's factors.
 pub fn shade_thesis(scene: &Scene, bvh: &Bvh, thesis: &Thesis, light: &PackedLight) -> Vec<DVec3> {
-    let project = |sample: usize, wi: Vec3, values: &mut [Vec3]| thesis.project(sample, wi, values);
+    let project = |sample: usize, wi: Vec3, _: f64, values: &mut [Vec3]| thesis.project(sample, wi, values);
     shade_with(scene, bvh, &thesis.samples, &thesis.first, project, light)
 }
 
-/// `project` gives k of a sample for a direction in its frame; its coefficients are `first[i]..first[i + 1]`.
+/// `project` gives k of a sample for a direction in its frame and what the point adds to the sample's irradiance; its
+/// coefficients are `first[i]..first[i + 1]`.
 fn shade_with(
     scene: &Scene,
     bvh: &Bvh,
     samples: &GatherSamples,
     first: &[u32],
-    project: impl Fn(usize, Vec3, &mut [Vec3]) + Sync,
+    project: impl Fn(usize, Vec3, f64, &mut [Vec3]) + Sync,
     light: &PackedLight,
 ) -> Vec<DVec3> {
     let packets = samples.packets();
@@ -49,8 +60,8 @@ fn shade_with(
             if visibility[i * samples.points_per_sample + p] == 0 || wi.z <= 0.0 {
                 continue;
             }
-            project(i, wi, &mut k);
             let irradiance = arriving.irradiance * f64::from(wi.z) / samples.points_per_sample as f64;
+            project(i, wi, irradiance, &mut k);
             sum.iter_mut().zip(&k).for_each(|(sum, k)| *sum += irradiance * k.as_dvec3());
         }
         sum

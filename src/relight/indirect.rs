@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
 
+use super::between_points::BetweenPoints;
 use super::haar::HaarTransform;
 use super::light_cache::Detail;
 use super::sparse::SparseProduct;
@@ -43,13 +44,10 @@ enum LitSamples {
         points_per_sample: u32,
         tables: Buffer<f32>,
         kernel: Kernel,
+        between_points: BetweenPoints,
     },
     /// The thesis's.
-    Factored {
-        samples: Buffer<FactoredSample>,
-        tables: Buffer<Vec4>,
-        kernel: Kernel,
-    },
+    Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernel: Kernel },
 }
 
 /// A block matrix on the device, or a part of its rows.
@@ -113,10 +111,10 @@ pub struct Lit<'a> {
 }
 
 /// One light's vector among others.
-struct Strided<'a> {
-    buffer: &'a Buffer<Vec4>,
-    stride: u32,
-    offset: u32,
+pub struct Strided<'a> {
+    pub buffer: &'a Buffer<Vec4>,
+    pub stride: u32,
+    pub offset: u32,
 }
 
 /// One to [`LIGHTS_A_PASS`] lights, whose factors are read once.
@@ -198,10 +196,18 @@ impl Indirect {
         })
     }
 
+    /// What the thesis's samples lack.
+    pub fn between_points(&self) -> Option<&BetweenPoints> {
+        match &self.samples {
+            LitSamples::Projected { between_points, .. } => Some(between_points),
+            LitSamples::Factored { .. } => None,
+        }
+    }
+
     /// Passes that [`Self::add`] records for one light; never more for each of several.
     pub fn pass_count(&self) -> usize {
         let inner = self.inner.len().max(self.coarse.len());
-        1 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len()
+        2 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len()
     }
 
     /// Adds the indirect light of each light to its image.
@@ -242,6 +248,7 @@ impl LitSamples {
             points_per_sample: transfer.points_per_sample as u32,
             tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.projection)?,
             kernel: Kernel::new(context, "shade_gather", &[(0, degrees)])?,
+            between_points: BetweenPoints::new(context, transfer)?,
         })
     }
 
@@ -249,7 +256,7 @@ impl LitSamples {
     fn shade(&self, frame: &mut Frame, lit: &Lit, points: &Buffer<ViewSample>, vector: &Strided) {
         let mut pass = frame.pass("shade gather samples");
         match self {
-            Self::Projected { samples, points_per_sample, tables, kernel } => {
+            Self::Projected { samples, points_per_sample, tables, kernel, between_points } => {
                 let push = ShadeGatherPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
@@ -261,9 +268,10 @@ impl LitSamples {
                     points_per_sample: *points_per_sample,
                     stride: vector.stride,
                     offset: vector.offset,
-                    unused: 0,
+                    per_power: lit.visibility.between_points.per_power,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
+                between_points.add(frame, &lit.visibility.between_points, vector);
             }
             Self::Factored { samples, tables, kernel } => {
                 let push = ShadeFactoredPush {

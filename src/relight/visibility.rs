@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::between_points::Found;
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
 use crate::bake::packet::half::HalfPackets;
@@ -41,6 +42,7 @@ pub struct Visibility {
     pub view_samples: Buffer<u32>,
     /// Points of gather samples.
     pub gather_points: Buffer<u32>,
+    pub between_points: Found,
 }
 
 /// Whose visibility this is in a frame.
@@ -79,7 +81,11 @@ impl VisibilityBuffers {
         };
         let gather_packets = baked.transfer.as_ref().map_or(&[][..], |t| &t.packets);
         let new = || -> Result<Visibility> {
-            Ok(Visibility { view_samples: all_seen(&baked.packets)?, gather_points: all_seen(gather_packets)? })
+            Ok(Visibility {
+                view_samples: all_seen(&baked.packets)?,
+                gather_points: all_seen(gather_packets)?,
+                between_points: Found::none(context, baked.transfer.as_ref())?,
+            })
         };
         let half = match traced {
             true => {

@@ -118,6 +118,12 @@ impl Projection {
         specular.chain(self.schlick.iter().flatten()).copied().collect()
     }
 
+    /// What [`Self::tables`] was made from; `tables` are [`Self::TABLE_LENGTH`] long.
+    pub fn from_tables(tables: &[f32]) -> Self {
+        let (specular, schlick) = tables.split_at(2 * ROUGHNESSES * COSINES * RADIAL_COUNT);
+        Self { specular: bytemuck::cast_slice(specular).to_vec(), schlick: bytemuck::cast_slice(schlick).to_vec() }
+    }
+
     fn radials(&self, brdf: &Brdf, cosine: f32, count: usize) -> [Vec3; RADIAL_COUNT] {
         let (column, along) = place(cosine.clamp(0.0, 1.0).sqrt(), COSINES);
         let weights = [1.0 - along, along];

@@ -24,7 +24,7 @@ pub fn load_transfer(dir: &Path, key: &Key, baked: &Baked) -> Option<BakedTransf
 /// Stores a transfer of the scene called `name`.
 pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer: &BakedTransfer) -> Result<()> {
     let mut writer = Writer { tensors: Vec::new() };
-    writer.add("gather_samples", Dtype::U32, 19, &transfer.samples);
+    writer.add("gather_samples", Dtype::U32, 20, &transfer.samples);
     writer.add("projection_tables", Dtype::F32, 2, &transfer.projection);
     writer.add("factored_samples", Dtype::U32, 9, &transfer.factored);
     writer.add("factor_tables", Dtype::F32, 4, &transfer.tables);

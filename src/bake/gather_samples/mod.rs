@@ -1,6 +1,7 @@
 //! Gather samples: points on surfaces that stand for an area and carry outgoing radiance as a few coefficients.
 
 mod clusters;
+pub mod light_rays;
 mod surface_points;
 
 use glam::{DVec2, DVec3, Vec3};
@@ -158,12 +159,16 @@ impl GatherPoint {
         Self { position, normal, geometric_normal }
     }
 
-    /// The frame of its sample, turned the short way round until its normal is the point's own.
+    /// The frame of its sample, turned until its normal is the point's own.
     pub fn frame(&self, sample: &GatherSample) -> [Vec3; 3] {
-        let turn = glam::Quat::from_rotation_arc(sample.normal, self.normal);
-        let [s, t, _] = sample.frame();
-        [turn * s, turn * t, self.normal]
+        turned(sample.frame(), self.normal)
     }
+}
+
+/// A sample's frame, turned the short way round until its normal is `normal`.
+fn turned([s, t, n]: [Vec3; 3], normal: Vec3) -> [Vec3; 3] {
+    let turn = glam::Quat::from_rotation_arc(n, normal);
+    [turn * s, turn * t, normal]
 }
 
 fn random(scene: &Scene, surfaces: &Surfaces, count: usize, seed: u64) -> GatherSamples {

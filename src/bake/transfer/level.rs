@@ -4,8 +4,11 @@ use glam::Vec3;
 
 use super::cells::Cells;
 use crate::bake::brdf_factors::harmonics::{Harmonics, MAX_FUNCTIONS};
-use crate::bake::gather_samples::{GatherSamples, Place};
+use crate::bake::brdf_factors::roughness_coordinate;
+use crate::bake::gather_samples::light_rays::LightRays;
+use crate::bake::gather_samples::{GatherSample, GatherSamples, Place};
 use crate::scene::Scene;
+use crate::shared::LightSample;
 
 /// Gather samples with their coefficients. Those of sample i are `first[i]..first[i + 1]` of a vector of coefficients.
 pub struct Level {
@@ -14,6 +17,9 @@ pub struct Level {
     pub cells: Cells,
     /// Two tangents and the normal of each sample.
     pub frames: Vec<[Vec3; 3]>,
+    /// The samples as light finds them.
+    pub lit: Vec<LightSample>,
+    pub light_rays: LightRays,
 }
 
 impl Level {
@@ -24,9 +30,22 @@ impl Level {
             *sum += u32::from(count);
             Some(*sum)
         }));
+        let frames: Vec<_> = samples.samples.iter().map(|s| s.frame()).collect();
+        let lit = |((s, frame), range): ((&GatherSample, &[Vec3; 3]), &[u32])| LightSample {
+            brdf: s.brdf,
+            normal: frame[2],
+            tangent: frame[0],
+            roughness: roughness_coordinate(&s.brdf),
+            first: range[0],
+            degrees: (range[1] - range[0]).isqrt(),
+            area: s.area,
+        };
+        let lit: Vec<_> = samples.samples.iter().zip(&frames).zip(first.windows(2)).map(lit).collect();
         Self {
             cells: Cells::new(scene, &samples),
-            frames: samples.samples.iter().map(|s| s.frame()).collect(),
+            light_rays: LightRays::new(&lit, samples.points.iter().map(|p| (p.position, p.normal))),
+            lit,
+            frames,
             samples,
             first,
         }

@@ -79,15 +79,15 @@ impl Lab<'_> {
         for &gather in gather {
             self.transfer(truth, Method::GatherSamples, &ours(Some(gather), 1024, 0.01, Form::Auto))?;
         }
-        let most = self.most_gather_samples();
+        let usual = self.usual_gather_samples();
         for &rays in extent.rays {
-            self.transfer(truth, Method::Rays, &ours(most, rays, 0.01, Form::Auto))?;
+            self.transfer(truth, Method::Rays, &ours(usual, rays, 0.01, Form::Auto))?;
         }
         for &error in extent.errors {
-            self.transfer(truth, Method::Compressed, &ours(most, 1024, error, Form::Auto))?;
+            self.transfer(truth, Method::Compressed, &ours(usual, 1024, error, Form::Auto))?;
         }
         for &error in extent.wavelets {
-            self.transfer(truth, Method::Haar, &ours(most, 1024, error, Form::Haar))?;
+            self.transfer(truth, Method::Haar, &ours(usual, 1024, error, Form::Haar))?;
         }
         Ok(())
     }
@@ -100,8 +100,9 @@ impl Lab<'_> {
     }
 
     /// What all curves but those of gather samples have.
-    pub fn most_gather_samples(&self) -> Option<u32> {
-        self.up_to_pixels(self.extent.gather).last().copied()
+    pub fn usual_gather_samples(&self) -> Option<u32> {
+        let (width, height) = self.session.size();
+        Some(self.extent.usual_gather.min((width * height) as u32))
     }
 
     fn path_tracing(&mut self, truth: &Truth, samples: u32) -> Result<()> {

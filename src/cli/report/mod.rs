@@ -51,8 +51,10 @@ pub struct Extent {
     samples: &'static [u32],
     /// Gather samples of the thesis's method.
     thesis: &'static [u32],
-    /// Gather samples of ours; the last is that of all other curves.
+    /// Gather samples of ours.
     gather: &'static [u32],
+    /// Those of all other curves.
+    usual_gather: u32,
     /// Rays a row.
     rays: &'static [u32],
     /// Errors that nested blocks are compressed to.
@@ -79,6 +81,7 @@ const QUICK: Extent = Extent {
     samples: &[2, 8, 32, 128],
     thesis: &[144, 576],
     gather: &[64, 256, 1024],
+    usual_gather: 1024,
     rays: &[64, 256, 1024],
     errors: &[0.1, 0.03, 0.01],
     wavelets: &[0.1, 0.03],
@@ -92,13 +95,14 @@ const QUICK: Extent = Extent {
 
 const FULL: Extent = Extent {
     side: 256,
-    truth: 2048,
-    samples: &[2, 4, 8, 16, 32, 64, 128, 256, 512],
-    thesis: &[144, 576, 2304, 4608],
-    gather: &[256, 1024, 4096, 16_384],
+    truth: 1024,
+    samples: &[2, 4, 8, 16, 32, 64, 128, 256],
+    thesis: &[144, 576, 2304],
+    gather: &[256, 1024, 4096],
+    usual_gather: 2304,
     rays: &[64, 256, 1024, 4096],
     errors: &[0.1, 0.03, 0.01, 0.003],
-    wavelets: &[0.3, 0.1, 0.03, 0.01],
+    wavelets: &[0.3, 0.1, 0.03],
     preview_side: 720,
     lights: &[2, 4, 16, 64, 256, 1024],
     sides: &[128, 256, 512, 1024],

@@ -13,7 +13,7 @@ use super::Transfer;
 use super::blocks::BlockMatrix;
 use super::level::Level;
 use super::sparse::SparseMatrix;
-use crate::bake::brdf_factors::{Projection, roughness_coordinate};
+use crate::bake::brdf_factors::Projection;
 use crate::bake::compression;
 use crate::bake::compression::haar::Haar;
 use crate::bake::gather_samples::GatherSamples;
@@ -95,19 +95,7 @@ impl TransferReport {
 impl BakedTransfer {
     /// `chain` after the direct light of `level`.
     pub fn new(level: &Level, vector_length: usize, chain: Vec<BlockMatrix>) -> Self {
-        let sample = |i: usize| {
-            let sample = &level.samples.samples[i];
-            let coefficients = level.coefficients(i);
-            LightSample {
-                brdf: sample.brdf,
-                normal: level.frames[i][2],
-                tangent: level.frames[i][0],
-                roughness: roughness_coordinate(&sample.brdf),
-                first: coefficients.start as u32,
-                degrees: coefficients.len().isqrt() as u32,
-            }
-        };
-        let samples = (0..level.samples.len()).map(sample).collect();
+        let samples = level.lit.clone();
         let projection = Projection::get().tables();
         Self { samples, projection, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
     }
@@ -145,6 +133,7 @@ impl BakedTransfer {
         let ours = |s: &LightSample| {
             (1..=HARMONIC_DEGREES).contains(&s.degrees)
                 && s.roughness.is_finite()
+                && s.area > 0.0
                 && within(s.first, s.degrees * s.degrees, self.vector_length)
         };
         let texels = DISC_SIDE * DISC_SIDE;

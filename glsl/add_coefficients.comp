@@ -1,0 +1,19 @@
+// Adds to λ0 what rays from a light have found between points of gather samples. A coefficient a thread.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+#include "lib/thread.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+layout(push_constant, scalar) uniform Block { AddCoefficientsPush push; };
+
+void main() {
+    uint index = thread_index();
+    if (index >= push.count) {
+        return;
+    }
+    Contribution found = push.contributions.at[index];
+    push.coefficients.at[found.index * push.stride + push.offset].rgb += found.value;
+}
