@@ -22,6 +22,8 @@ use crate::shared::*;
 pub struct Indirect {
     pub points: Buffer<ViewSample>,
     samples: LitSamples,
+    /// Absent where samples are the thesis's.
+    pub between_points: Option<BetweenPoints>,
     /// λ0, then what the chain makes of it; of one light, or element by element of [`LIGHTS_A_PASS`].
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
@@ -44,10 +46,13 @@ enum LitSamples {
         points_per_sample: u32,
         tables: Buffer<f32>,
         kernel: Kernel,
-        between_points: BetweenPoints,
     },
     /// The thesis's.
-    Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernel: Kernel },
+    Factored {
+        samples: Buffer<FactoredSample>,
+        tables: Buffer<Vec4>,
+        kernel: Kernel,
+    },
 }
 
 /// A block matrix on the device, or a part of its rows.
@@ -182,6 +187,9 @@ impl Indirect {
             device_bytes: budget - room.left,
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             samples: LitSamples::new(context, transfer)?,
+            between_points: (!transfer.samples.is_empty())
+                .then(|| BetweenPoints::new(context, transfer))
+                .transpose()?,
             vector: Buffer::new(
                 context,
                 "transfer (vector)",
@@ -194,14 +202,6 @@ impl Indirect {
             last,
             sparse,
         })
-    }
-
-    /// What the thesis's samples lack.
-    pub fn between_points(&self) -> Option<&BetweenPoints> {
-        match &self.samples {
-            LitSamples::Projected { between_points, .. } => Some(between_points),
-            LitSamples::Factored { .. } => None,
-        }
     }
 
     /// Passes that [`Self::add`] records for one light; never more for each of several.
@@ -219,6 +219,9 @@ impl Indirect {
         for (offset, lit) in targets.lights.iter().enumerate() {
             let vector = Strided { buffer: &self.vector, stride: vectors(count), offset: offset as u32 };
             self.samples.shade(frame, lit, &self.points, &vector);
+            if let Some(between_points) = &self.between_points {
+                between_points.add(frame, &lit.visibility.between_points, &vector);
+            }
         }
         if let Some(haar) = &self.haar {
             haar.run(frame, &self.vector, count);
@@ -248,7 +251,6 @@ impl LitSamples {
             points_per_sample: transfer.points_per_sample as u32,
             tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.projection)?,
             kernel: Kernel::new(context, "shade_gather", &[(0, degrees)])?,
-            between_points: BetweenPoints::new(context, transfer)?,
         })
     }
 
@@ -256,7 +258,7 @@ impl LitSamples {
     fn shade(&self, frame: &mut Frame, lit: &Lit, points: &Buffer<ViewSample>, vector: &Strided) {
         let mut pass = frame.pass("shade gather samples");
         match self {
-            Self::Projected { samples, points_per_sample, tables, kernel, between_points } => {
+            Self::Projected { samples, points_per_sample, tables, kernel } => {
                 let push = ShadeGatherPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
@@ -271,7 +273,6 @@ impl LitSamples {
                     per_power: lit.visibility.between_points.per_power,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
-                between_points.add(frame, &lit.visibility.between_points, vector);
             }
             Self::Factored { samples, tables, kernel } => {
                 let push = ShadeFactoredPush {

@@ -83,7 +83,7 @@ impl Parts<'_> {
                 maps.run(frame, light, packed, &lists);
             }
         }
-        if let Some(between_points) = self.indirect.and_then(Indirect::between_points) {
+        if let Some(between_points) = self.indirect.and_then(|indirect| indirect.between_points.as_ref()) {
             let found = &mut bytes.between_points;
             frame.cpu("trace light rays", || between_points.find(self.scene, self.bvh, packed, found));
         }
