@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use common::stage::{Setup, Stage};
-use common::{Gpu, gpu, shipped};
+use common::{Gpu, gpu, shipped, transfer};
 use relume::bake::Baked;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::journal::Journal;
@@ -24,16 +24,8 @@ fn stage(name: &str) -> Stage {
     let scene = Scene::load(&shipped(name)).expect("shipped scenes load");
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
     let mut stage = Stage::new(scene, &camera, &rig, &setup());
-    let settings = TransferSettings {
-        outgoing: Outgoing::Glossy { functions: Some(9) },
-        samples: 512,
-        coarse_samples: 128,
-        points: 4,
-        rays: 128,
-        layers: 4,
-        bounces: None,
-        seed: 1,
-    };
+    let settings =
+        TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(512, 128, 128) };
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
     let settings = CompressionSettings { error: 0.02, lights: 128, lobe: Lobe::All, seed: 1 };
     let nested = BakedTransfer::nested(&transfer, &settings, &mut Journal::default(), &|_| ()).with_coarse();

@@ -4,8 +4,8 @@ mod common;
 
 use std::path::Path;
 
-use common::shipped;
 use common::stage::{Build, lambert, look};
+use common::{shipped, transfer};
 use glam::{DVec3, Vec3};
 use half::f16;
 use relume::bake::bvh::Bvh;
@@ -16,7 +16,7 @@ use relume::bake::compression::verify::{Judge, judge};
 use relume::bake::compression::{CompressionSettings, Compressor, Report};
 use relume::bake::journal::Journal;
 use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::Transfer;
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::reference::gather;
 use relume::scene::{Camera, Material, Projection, Scene};
@@ -52,16 +52,7 @@ impl Stage {
     }
 
     fn transfer(&self, samples: usize, coarse_samples: usize, rays: u32) -> Transfer<'_> {
-        let settings = TransferSettings {
-            outgoing: Outgoing::Glossy { functions: None },
-            samples,
-            coarse_samples,
-            points: 4,
-            rays,
-            layers: 4,
-            bounces: None,
-            seed: 1,
-        };
+        let settings = transfer::settings(samples, coarse_samples, rays);
         Transfer::new(&self.scene, &self.bvh, &self.baked, &settings, &|_| ())
     }
 

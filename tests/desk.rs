@@ -4,7 +4,7 @@ mod common;
 
 use common::random::Random;
 use common::stage::{Setup, Stage};
-use common::{Gpu, gpu};
+use common::{Gpu, gpu, transfer};
 use glam::{DVec3, Vec3};
 use relume::relight::{Picture, Relighter};
 use relume::scene::{Light, LightGroup, LightKind, Scene};
@@ -111,7 +111,8 @@ fn edits(gpu: &Gpu, count: usize, seed: u64) {
     let scene = Scene::load(path.as_ref()).unwrap();
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
     let setup = Setup::new(160, 120);
-    let stage = Stage::new(scene, &camera, &rig, &setup);
+    let mut stage = Stage::new(scene, &camera, &rig, &setup);
+    stage.baked = transfer::with_dense(&stage, &transfer::settings(64, 64, 16));
     let mut relighter = stage.relighter(gpu, &rig, &setup);
     let mut desk = Desk::new(rig, camera, f64::from(stage.bvh.radius));
     let first = picture(&mut relighter, &desk);

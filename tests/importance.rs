@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::assert_near;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, rig};
+use common::{assert_near, transfer};
 use glam::{DVec3, Vec2, Vec3};
 use relume::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use relume::bake::gather_samples::{GatherSamples, Patch, Placement};
 use relume::bake::transfer::importance::Importance;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::{Transfer, TransferSettings};
 use relume::scene::{Material, Projection};
 
 /// What a camera sees.
@@ -94,16 +94,7 @@ fn materials_that_hardly_count_get_fewer_functions() {
     build.quad(DVec3::Y * -0.99, DVec3::Z, DVec3::X, floor);
     build.quad(DVec3::new(0.85, -0.95, 0.85), DVec3::Z * 0.1, DVec3::X * 0.1, trinket);
     let stage = stage(&build, DVec3::new(0.0, 0.2, -0.9), DVec3::ZERO);
-    let settings = TransferSettings {
-        outgoing: Outgoing::Glossy { functions: None },
-        samples: 2000,
-        coarse_samples: 100,
-        points: 4,
-        rays: 16,
-        layers: 1,
-        bounces: None,
-        seed: 1,
-    };
+    let settings = TransferSettings { layers: 1, ..transfer::settings(2000, 100, 16) };
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
     let level = &transfer.fine;
     let functions = |material: usize| {

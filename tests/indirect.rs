@@ -4,10 +4,10 @@ mod common;
 
 use std::sync::Arc;
 
-use common::gpu;
 use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
+use common::{gpu, transfer};
 use glam::{DVec3, Vec3, Vec4};
 use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
@@ -233,13 +233,8 @@ fn narrow() -> Light {
 fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
     TransferSettings {
         outgoing: Outgoing::Glossy { functions: Some(9) },
-        samples,
-        coarse_samples,
         points: 5,
-        rays: 64,
-        layers: 4,
-        bounces: None,
-        seed: 1,
+        ..transfer::settings(samples, coarse_samples, 64)
     }
 }
 
@@ -512,11 +507,7 @@ fn shadow_maps_light_gather_samples() {
     let (scene, camera) = room();
     let setup = Setup::new(24, 24);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(300, 300), &|_| ());
-    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
-    let baked = Baked { transfer: Some(dense), ..(*stage.baked).clone() };
-    drop(transfer);
-    stage.baked = Arc::new(baked);
+    stage.baked = transfer::with_dense(&stage, &settings(300, 300));
     let traced = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::Indirect);
     let maps = Setup { visibility: VisibilityMethod::Map, ..setup };
     let mapped = pixels(&mut stage.relighter(&gpu, &lights(), &maps), Layers::Indirect);
@@ -534,12 +525,7 @@ fn scenes_where_nothing_reflects_have_no_indirect_light() {
     let camera = look(DVec3::ZERO, DVec3::Z, DVec3::Y, Lens::Perspective { yfov: 1.0 });
     let setup = Setup::new(16, 16);
     let mut stage = Stage::new(build.scene(), &camera, &lights(), &setup);
-    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(100, 100), &|_| ());
-    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
-    assert!(dense.is_consistent(stage.baked.samples.len()));
-    let baked = Baked { transfer: Some(dense), ..(*stage.baked).clone() };
-    drop(transfer);
-    stage.baked = Arc::new(baked);
+    stage.baked = transfer::with_dense(&stage, &settings(100, 100));
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);
     assert!(pixels(&mut relighter, Layers::Indirect).iter().flatten().all(|v| *v == 0.0));
     assert!(pixels(&mut relighter, Layers::All).iter().flatten().all(|v| *v == 1.0));

@@ -7,7 +7,7 @@ mod common;
 use std::path::Path;
 
 use common::random::Random;
-use common::{mutants, shipped};
+use common::{mutants, shipped, transfer};
 use glam::DVec3;
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
@@ -181,13 +181,8 @@ fn cache_files_with_the_right_checksum() {
     let framebuffer = files().remove(0);
     let of_transfer = TransferSettings {
         outgoing: Outgoing::Glossy { functions: Some(4) },
-        samples: 24,
-        coarse_samples: 12,
         points: 2,
-        rays: 16,
-        layers: 4,
-        bounces: None,
-        seed: 1,
+        ..transfer::settings(24, 12, 16)
     };
     let transfer = Transfer::new(&scene, &bvh, &baked, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.3, lights: 32, lobe: Lobe::All, seed: 1 };

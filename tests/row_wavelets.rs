@@ -10,7 +10,7 @@ use command::{Run, difference, folder, json, layer, mean, names_in, read_exr, re
 use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, pixels, rig};
-use common::{gpu, shipped};
+use common::{gpu, shipped, transfer};
 use glam::{DVec3, Vec3, Vec4};
 use relume::bake::Baked;
 use relume::bake::compression::CompressionSettings;
@@ -186,13 +186,7 @@ fn lights() -> Rig {
 fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
     TransferSettings {
         outgoing: Outgoing::Glossy { functions: Some(4) },
-        samples,
-        coarse_samples,
-        points: 4,
-        rays: 128,
-        layers: 4,
-        bounces: None,
-        seed: 1,
+        ..transfer::settings(samples, coarse_samples, 128)
     }
 }
 

@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use common::stage::{Setup, Stage};
-use common::{gpu, shipped};
+use common::{gpu, shipped, transfer};
 use glam::DVec3;
 use relume::bake::Baked;
 use relume::bake::journal::Journal;
@@ -29,16 +29,8 @@ fn stage(name: &str, samples: u32) -> Stage {
 /// The deep framebuffers of `stages`, of one scene, with indirect light off the same gather samples: those of the first.
 fn with_transfer<const N: usize>(stages: [&Stage; N]) -> [Arc<Baked>; N] {
     let stage = stages[0];
-    let settings = TransferSettings {
-        outgoing: Outgoing::Glossy { functions: Some(9) },
-        samples: 256,
-        coarse_samples: 256,
-        points: 4,
-        rays: 1024,
-        layers: 4,
-        bounces: None,
-        seed: 1,
-    };
+    let settings =
+        TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(256, 256, 1024) };
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
     stages.map(|stage| {
         let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());

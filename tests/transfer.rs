@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use common::stage::{Build, ball, lambert, look, mirror};
-use common::{assert_near, drawn, not_run, shared};
+use common::{assert_near, drawn, not_run, shared, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
@@ -20,16 +20,7 @@ use relume::scene::{Light, LightKind, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
 
 fn settings(samples: usize, rays: u32) -> TransferSettings {
-    TransferSettings {
-        outgoing: Outgoing::Glossy { functions: None },
-        samples,
-        coarse_samples: samples,
-        points: 16,
-        rays,
-        layers: 4,
-        bounces: None,
-        seed: 1,
-    }
+    TransferSettings { points: 16, ..transfer::settings(samples, samples, rays) }
 }
 
 /// A scene with the picture that its first camera sees.

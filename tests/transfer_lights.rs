@@ -3,13 +3,13 @@
 mod common;
 
 use common::drawn::{self, Drawn};
-use common::not_run;
+use common::{not_run, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::compression::CompressionSettings;
 use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::{Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::Image;
 use relume::image::compare::{Figures, Pictures, Settings};
@@ -82,16 +82,7 @@ fn percent(x: Option<f64>) -> f64 {
 }
 
 fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
-    TransferSettings {
-        outgoing: Outgoing::Glossy { functions: None },
-        samples,
-        coarse_samples,
-        points: 16,
-        rays: 1024,
-        layers: 4,
-        bounces: None,
-        seed: 1,
-    }
+    TransferSettings { points: 16, ..transfer::settings(samples, coarse_samples, 1024) }
 }
 
 /// The table of docs/transfer.md.

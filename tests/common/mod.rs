@@ -7,6 +7,7 @@ pub mod drawn;
 pub mod kernel;
 pub mod random;
 pub mod stage;
+pub mod transfer;
 
 use std::ops::Deref;
 use std::path::PathBuf;

@@ -15,6 +15,7 @@ use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
 
 use crate::common::stage::{lambert, look};
+use crate::common::transfer;
 use crate::table::Row;
 
 pub fn shining(albedo: f32) -> Material {
@@ -22,16 +23,7 @@ pub fn shining(albedo: f32) -> Material {
 }
 
 pub fn settings(samples: usize, coarse_samples: usize, rays: u32) -> TransferSettings {
-    TransferSettings {
-        outgoing: Outgoing::Glossy { functions: None },
-        samples,
-        coarse_samples,
-        points: 16,
-        rays,
-        layers: 4,
-        bounces: None,
-        seed: 1,
-    }
+    TransferSettings { points: 16, ..transfer::settings(samples, coarse_samples, rays) }
 }
 
 pub fn thesis_settings(samples: usize) -> ThesisSettings {
