@@ -103,12 +103,16 @@ void main() {
             continue;
         }
         irradiance *= cosine / float(push.points_per_sample);
-        // Where the point answers for much of the light's power, rays from it tell more: `share_of_rays` in light_rays.rs.
-        float rays = smoothstep(0.5 * EVEN_SHARE, 2.0 * EVEN_SHARE, irradiance * s.area * push.per_power);
-        if (rays == 1.0) { // so near that irradiance may have no bounds
-            continue;
+        if (push.per_solid_angle > 0.0) {
+            // Where the point answers for much of the light's power, rays tell: `weight_of_rays` in light_rays.rs.
+            float share = irradiance / push.light.strength * s.area * push.per_solid_angle;
+            float rays = smoothstep(0.5 * EVEN_SHARE, 1.5 * EVEN_SHARE, share);
+            if (rays == 1.0) { // so near that irradiance may have no bounds
+                continue;
+            }
+            irradiance *= 1.0 - rays;
         }
-        irradiance *= (1.0 - rays) * float(byte) / 255.0;
+        irradiance *= float(byte) / 255.0;
         at.column = place(sqrt(min(cosine, 1.0)), TABLE_COSINES, at.along);
         vec3 lowest = radial(s.brdf, at, 0);
         vec3 cap = max(vec3(ALBEDO_CAP) - mirror(s.brdf, cosine), vec3(0.0));

@@ -73,7 +73,8 @@ gpu_shared! {
         pub const ALBEDO_CAP: f32 = 0.9999;
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
-        /// Where a point of a gather sample answers for so much of a light's power, rays from the light count as much as it.
+        /// Share of a light's power at which a point of a gather sample and rays from the light count alike; below half of it
+        /// the point alone counts, above one and a half times it rays alone (docs/transfer.md).
         pub const EVEN_SHARE: f32 = 0.00390625;
     }
 
@@ -243,11 +244,11 @@ gpu_shared! {
             pub first: u32,
             /// It has as many coefficients as this squared.
             pub degrees: u32,
-            /// That it stands for.
+            /// Of the surface that it stands for.
             pub area: f32,
         }
 
-        /// What rays add to a coefficient.
+        /// What a light's rays add to a coefficient.
         pub struct Contribution {
             /// RGB, at unit intensity.
             pub value: Vec3,
@@ -255,8 +256,8 @@ gpu_shared! {
             pub index: u32,
         }
 
-        /// add_coefficients.comp
-        pub push AddCoefficientsPush {
+        /// add_light_rays.comp
+        pub push AddLightRaysPush {
             /// No two for one coefficient.
             pub contributions: Read<Contribution>,
             /// Coefficients of all samples, as [`ShadeGatherPush::coefficients`].
@@ -293,8 +294,8 @@ gpu_shared! {
             pub stride: u32,
             /// Where its first lies.
             pub offset: u32,
-            /// 1 over the light's power in mesh space; 0 where it casts no rays for what falls between points.
-            pub per_power: f32,
+            /// Intensity over power, in 1/sr, of a light that casts rays; 0 of others.
+            pub per_solid_angle: f32,
         }
 
         /// A gather sample of the thesis; mesh space.

@@ -9,7 +9,8 @@ use relume::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use relume::bake::gather_samples::{GatherSamples, Patch, Placement};
 use relume::bake::transfer::importance::Importance;
 use relume::bake::transfer::{Transfer, TransferSettings};
-use relume::scene::{Material, Projection};
+use relume::reference::gather;
+use relume::scene::{Light, Material, Projection};
 
 /// What a camera sees.
 fn stage(build: &Build, from: DVec3, to: DVec3) -> Stage {
@@ -43,6 +44,22 @@ fn what_no_light_comes_from_gets_no_samples() {
     let samples = samples(&stage, &importance);
     assert_near(area(&stage, &samples), 24.0, 1e-4, "area");
     assert!(samples.samples.iter().all(|s| stage.scene.space.to_world(s.position).x < 1.1));
+}
+
+/// Where no samples lie rays of a light bring nothing to those that lie elsewhere.
+#[test]
+fn light_where_nobody_looks_is_lost() {
+    let mut build = Build::default();
+    let white = build.material(lambert(Vec3::splat(0.7)));
+    build.room(DVec3::ZERO, 1.0, white).room(DVec3::X * 5.0, 1.0, white);
+    let stage = stage(&build, DVec3::new(0.2, 0.1, -0.9), DVec3::ZERO);
+    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &transfer::settings(2000, 100, 16), &|_| ());
+    let received = |x: f64| {
+        let light = Light::point("near the floor", DVec3::new(x, -0.98, 0.1)).pack(stage.scene.space);
+        gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light).iter().map(|c| c.length()).sum::<f64>()
+    };
+    assert!(received(0.0) > 0.0);
+    assert_eq!(received(5.0), 0.0);
 }
 
 /// Through a mirror, and round a corner that only light gets around, surfaces are seen.

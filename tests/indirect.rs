@@ -13,7 +13,7 @@ use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::gather_samples::light_rays::per_power;
+use relume::bake::gather_samples::light_rays::per_solid_angle;
 use relume::bake::journal::Journal;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
@@ -220,14 +220,12 @@ fn lights() -> Rig {
     rig(vec![point, spot])
 }
 
-/// Most of its light falls on one gather sample.
-fn near_a_wall() -> Light {
-    Light::point("near a wall", DVec3::new(0.3, -0.98, 0.2))
-}
-
-/// All of its light does.
-fn narrow() -> Light {
-    Light { inner_angle: 0.0, outer_angle: 0.01, ..lights().lights[1].clone() }
+/// Those, and two more: all of the one's light falls on one gather sample, and almost half of the other's.
+fn lights_with_rays() -> Rig {
+    let mut lights = lights().lights;
+    lights.push(Light { name: "narrow".into(), inner_angle: 0.0, outer_angle: 0.01, ..lights[1].clone() });
+    lights.push(Light::point("near a wall", DVec3::new(0.3, -0.98, 0.2)));
+    rig(lights)
 }
 
 fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
@@ -253,14 +251,14 @@ fn shade_gather() {
     let points = Buffer::from_slice(&gpu, "test points", &baked.points).unwrap();
     let tables = Buffer::from_slice(&gpu, "test tables", &Projection::get().tables()).unwrap();
     let kernel = Kernel::new(&gpu, "shade_gather", &[(0, HARMONIC_DEGREES)]).unwrap();
-    let add_coefficients = Kernel::new(&gpu, "add_coefficients", &[]).unwrap();
+    let add_light_rays = Kernel::new(&gpu, "add_light_rays", &[]).unwrap();
     let mut frames = Frames::new(&gpu).unwrap();
     let sun = Light {
         kind: LightKind::Directional,
         direction: DVec3::new(0.5, -0.7, 0.1).normalize(),
         ..lights().lights[0].clone()
     };
-    for light in lights().lights.iter().chain([&sun, &near_a_wall(), &narrow()]) {
+    for light in lights_with_rays().lights.iter().chain([&sun]) {
         let packed = light.pack(stage.scene.space);
         let projection = Projection::from_tables(&baked.projection);
         let mut found = Vec::new();
@@ -286,12 +284,12 @@ fn shade_gather() {
                 points_per_sample: baked.points_per_sample as u32,
                 stride: 1,
                 offset: 0,
-                per_power: per_power(&packed).unwrap_or(0.0),
+                per_solid_angle: per_solid_angle(&packed).unwrap_or(0.0),
             };
             pass.dispatch(&kernel, &push, push.sample_count);
             let contributions = frame.upload(&found);
-            let mut pass = frame.pass("add coefficients");
-            let push = AddCoefficientsPush {
+            let mut pass = frame.pass("add light rays");
+            let push = AddLightRaysPush {
                 contributions,
                 coefficients: pass.write_as(&coefficients),
                 count: found.len() as u32,
@@ -299,7 +297,7 @@ fn shade_gather() {
                 offset: 0,
                 unused: 0,
             };
-            pass.dispatch(&add_coefficients, &push, push.count);
+            pass.dispatch(&add_light_rays, &push, push.count);
         });
         let want = gather::shade(&stage.scene, &stage.bvh, level, &packed);
         let largest = want.iter().fold(0.0, |m: f64, v| m.max(v.abs().max_element()));
@@ -362,6 +360,10 @@ fn pictures_are_what_the_operator_says() {
         let transfer = Transfer::new(&scene, &bvh, &baked, &settings(300, coarse_samples), &|_| ());
         let dense = BakedTransfer::dense(&transfer, &baked, Lobe::All, &mut Journal::default(), &|_| ());
         assert!(dense.is_consistent(baked.samples.len()));
+        // As many points, in 64 bits.
+        assert!(dense.sample_count().is_multiple_of(2));
+        let wraps = BakedTransfer { points_per_sample: dense.points_per_sample + (1 << 63), ..dense.clone() };
+        assert!(!wraps.is_consistent(baked.samples.len()));
         assert!(!baked.extra_samples.is_empty(), "the mirror shows something");
         let without = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::All);
 
@@ -396,6 +398,15 @@ fn pictures_are_what_the_operator_says() {
             .map(|i| Vec3::from(without[i]).as_dvec3() + Vec3::from(indirect[i]).as_dvec3() + by_emitters[i])
             .collect();
         assert!(distance(&all, &want_all) < 1e-5, "direct, reflection, indirect and emission add up");
+
+        // Of light that falls on one sample, factors are not off at random; all four lights are made together.
+        let mut relighter_of_rays = stage.relighter(&gpu, &lights_with_rays(), &setup);
+        let error = distance(
+            &pixels(&mut relighter_of_rays, Layers::Indirect),
+            &expected(&stage, &transfer, &lights_with_rays()),
+        );
+        assert!(error < 2f64.powi(-11), "{coarse_samples} coarse samples, with light rays: off by {error:.2e}");
+        drop(relighter_of_rays);
 
         // A light that moves leaves nothing behind.
         let mut moved = lights();

@@ -321,6 +321,36 @@ fn spot_power(light: &Light) -> f64 {
     (0..steps).map(|i| ((cosine(i) - outer) / (inner - outer)).clamp(0.0, 1.0).powi(2) / steps as f64).sum()
 }
 
+/// Light counts by its cosine to the shading normal, whether points of samples tell of it or rays from the light.
+#[test]
+fn shading_normals_count() {
+    let caught = |tilt: f32, outer_angle: f64| {
+        let grey = lambert(Vec3::splat(0.5));
+        let mut scene = room(grey.clone(), grey);
+        for normal in scene.mesh.normals.iter_mut().filter(|normal| normal.y > 0.5) {
+            *normal = Vec3::new(tilt.sin(), tilt.cos(), 0.0);
+        }
+        let stage = Stage::inside(scene);
+        let transfer = stage.transfer(&settings(1536, 16));
+        let spot = Light {
+            kind: LightKind::Spot,
+            direction: -DVec3::Y,
+            inner_angle: 0.0,
+            outer_angle,
+            ..Light::point("spot", stage.scene.space.origin)
+        };
+        flux(&transfer, &stage.direct(&transfer, &[spot]))
+    };
+    for outer_angle in [0.01, 0.6] {
+        assert_near(
+            caught(1.0, outer_angle) / caught(0.0, outer_angle),
+            1f64.cos(),
+            0.02,
+            "a floor with tilted normals",
+        );
+    }
+}
+
 /// In a closed room each bounce leaves the share ρ of its light: ρ/(1-ρ) of the lights' power in all, at any albedo.
 #[test]
 fn closed_rooms_keep_all_energy() {

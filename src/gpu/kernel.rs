@@ -25,7 +25,7 @@ macro_rules! embedded {
 embedded![
     "shade_light.comp",
     "shade_gather.comp",
-    "add_coefficients.comp",
+    "add_light_rays.comp",
     "shade_factored.comp",
     "haar.comp",
     "multiply_blocks.comp",

@@ -7,7 +7,7 @@ use super::light;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::bvh::Bvh;
 use crate::bake::gather_samples::GatherSamples;
-use crate::bake::gather_samples::light_rays::{per_power, share_of_rays};
+use crate::bake::gather_samples::light_rays::{per_solid_angle, weight_of_rays};
 use crate::bake::packet::{PACKET_SIZE, trace_all};
 use crate::bake::transfer::level::{Level, local};
 use crate::bake::transfer::thesis::Thesis;
@@ -17,12 +17,13 @@ use crate::shared::PackedLight;
 /// Coefficients that a light at unit intensity leaves in a level's samples: the mean over each sample's points, and what rays
 /// from the light find between them.
 pub fn shade(scene: &Scene, bvh: &Bvh, level: &Level, light: &PackedLight) -> Vec<DVec3> {
-    let per_power = per_power(light).unwrap_or(0.0);
+    let per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
     let project = |sample: usize, wi: Vec3, irradiance: f64, values: &mut [Vec3]| {
         let sample = &level.samples.samples[sample];
-        let points = 1.0 - share_of_rays(irradiance as f32 * sample.area * per_power);
+        let share = (irradiance / f64::from(light.strength)) as f32 * sample.area * per_solid_angle;
+        let rays = weight_of_rays(share);
         Projection::get().project(&sample.brdf, wi, values);
-        values.iter_mut().for_each(|k| *k *= points);
+        values.iter_mut().for_each(|k| *k *= 1.0 - rays);
     };
     let mut coefficients = shade_with(scene, bvh, &level.samples, &level.first, project, light);
     level.light_rays.shade(scene, bvh, &level.lit, Projection::get(), light, |index, value| {

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
 
-use super::between_points::BetweenPoints;
 use super::haar::HaarTransform;
 use super::light_cache::Detail;
+use super::light_rays::RayCaster;
 use super::sparse::SparseProduct;
 use super::visibility::Visibility;
 use crate::bake::transfer::baked::BakedTransfer;
@@ -23,7 +23,7 @@ pub struct Indirect {
     pub points: Buffer<ViewSample>,
     samples: LitSamples,
     /// Absent where samples are the thesis's.
-    pub between_points: Option<BetweenPoints>,
+    pub ray_caster: Option<RayCaster>,
     /// λ0, then what the chain makes of it; of one light, or element by element of [`LIGHTS_A_PASS`].
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
@@ -187,9 +187,7 @@ impl Indirect {
             device_bytes: budget - room.left,
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
             samples: LitSamples::new(context, transfer)?,
-            between_points: (!transfer.samples.is_empty())
-                .then(|| BetweenPoints::new(context, transfer))
-                .transpose()?,
+            ray_caster: (!transfer.samples.is_empty()).then(|| RayCaster::new(context, transfer)).transpose()?,
             vector: Buffer::new(
                 context,
                 "transfer (vector)",
@@ -219,8 +217,8 @@ impl Indirect {
         for (offset, lit) in targets.lights.iter().enumerate() {
             let vector = Strided { buffer: &self.vector, stride: vectors(count), offset: offset as u32 };
             self.samples.shade(frame, lit, &self.points, &vector);
-            if let Some(between_points) = &self.between_points {
-                between_points.add(frame, &lit.visibility.between_points, &vector);
+            if let Some(ray_caster) = &self.ray_caster {
+                ray_caster.add(frame, &lit.visibility.light_rays, &vector);
             }
         }
         if let Some(haar) = &self.haar {
@@ -270,7 +268,7 @@ impl LitSamples {
                     points_per_sample: *points_per_sample,
                     stride: vector.stride,
                     offset: vector.offset,
-                    per_power: lit.visibility.between_points.per_power,
+                    per_solid_angle: lit.visibility.light_rays.per_solid_angle,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }

@@ -1,12 +1,12 @@
 //! The whole frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
 
-mod between_points;
 pub mod exposure;
 mod gpu_baked;
 mod haar;
 mod indirect;
 pub mod inspect;
 pub mod light_cache;
+mod light_rays;
 pub mod limits;
 mod output;
 mod passes;

@@ -83,9 +83,10 @@ impl Parts<'_> {
                 maps.run(frame, light, packed, &lists);
             }
         }
-        if let Some(between_points) = self.indirect.and_then(|indirect| indirect.between_points.as_ref()) {
-            let found = &mut bytes.between_points;
-            frame.cpu("trace light rays", || between_points.find(self.scene, self.bvh, packed, found));
+        let ray_caster = self.indirect.and_then(|indirect| indirect.ray_caster.as_ref());
+        if let (Some(ray_caster), Some(transfer)) = (ray_caster, &self.baked.transfer) {
+            let caught = &mut bytes.light_rays;
+            frame.cpu("trace light rays", || ray_caster.cast(self.scene, self.bvh, transfer, packed, caught));
         }
         seen
     }

@@ -1,8 +1,9 @@
-//! How much of a light each view sample and each gather sample sees: one byte a sample, traced or from shadow maps.
+//! How much of a light each view sample and each gather sample sees: one byte a sample, traced or from shadow maps; and what
+//! rays from the light see.
 
 use std::sync::Arc;
 
-use super::between_points::Found;
+use super::light_rays::Caught;
 use crate::bake::Baked;
 use crate::bake::bvh::Bvh;
 use crate::bake::packet::half::HalfPackets;
@@ -42,7 +43,8 @@ pub struct Visibility {
     pub view_samples: Buffer<u32>,
     /// Points of gather samples.
     pub gather_points: Buffer<u32>,
-    pub between_points: Found,
+    /// What its rays bring to gather samples.
+    pub light_rays: Caught,
 }
 
 /// Whose visibility this is in a frame.
@@ -84,7 +86,7 @@ impl VisibilityBuffers {
             Ok(Visibility {
                 view_samples: all_seen(&baked.packets)?,
                 gather_points: all_seen(gather_packets)?,
-                between_points: Found::none(context, baked.transfer.as_ref())?,
+                light_rays: Caught::nothing(context, baked.transfer.as_ref())?,
             })
         };
         let half = match traced {

@@ -192,9 +192,9 @@ fn places() {
     check("places of lights", &rows);
 }
 
-/// Where light falls on few points, but not on so few that rays answer for it.
+/// Where light falls on few points, but not all of it on so few that rays answer for it.
 const FEW: &str =
-    "some hundred points of gather samples tell of it: so many that rays do not, so few that they are that far off";
+    "rays answer for its middle, some hundred points of gather samples for the rest, which are that far off";
 /// Lights that a row is the mean of.
 const TURNS: u32 = 8;
 

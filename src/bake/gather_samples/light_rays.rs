@@ -21,8 +21,13 @@ use crate::reference::light::{cone, window};
 use crate::scene::Scene;
 use crate::shared::{EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_SPOT, LightSample, PackedLight};
 
-/// Rays of each light.
+/// Rays of each light: one for each point where they begin to tell. Twice as many change nothing (docs/transfer.md).
 pub const RAYS: usize = 512;
+/// How far from the nearest point a ray may end, in widths of its sample. No sample lies where nobody looks: what rays
+/// meet there is nobody's.
+const REACH: f32 = 2.0;
+/// A ray counts for the ratio of its cosines to the shading normal and the geometric one, but never for more than this.
+const MOST_COSINES: f32 = 8.0;
 /// From one ray to the next about the light's axis, in radians: what is left of a turn by the golden ratio.
 const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
@@ -70,14 +75,14 @@ impl LightRays {
         light: &PackedLight,
         mut add: impl FnMut(u32, Vec3),
     ) {
-        let Some(per_power) = per_power(light).filter(|_| !samples.is_empty()) else { return };
+        let Some(per_solid_angle) = per_solid_angle(light).filter(|_| !samples.is_empty()) else { return };
         let mut rays = [Caught { sample: NOTHING, wi: Vec3::ZERO, irradiance: 0.0 }; RAYS];
         rays.par_iter_mut().with_min_len(16).enumerate().for_each(|(i, ray)| {
-            if let Some(caught) = self.cast(scene, bvh, samples, light, per_power, i) {
+            if let Some(caught) = self.cast(scene, bvh, samples, light, per_solid_angle, i) {
                 *ray = caught;
             }
         });
-        rays.sort_unstable_by_key(|ray| ray.sample);
+        rays.sort_by_key(|ray| ray.sample);
         for of_sample in rays.chunk_by(|a, b| a.sample == b.sample) {
             let Some(sample) = samples.get(of_sample[0].sample) else { break };
             let (mut k, mut sums) = ([Vec3::ZERO; MAX_FUNCTIONS], [Vec3::ZERO; MAX_FUNCTIONS]);
@@ -97,7 +102,7 @@ impl LightRays {
         bvh: &Bvh,
         samples: &[LightSample],
         light: &PackedLight,
-        per_power: f32,
+        per_solid_angle: f32,
         i: usize,
     ) -> Option<Caught> {
         let widest = versine(light);
@@ -111,40 +116,46 @@ impl LightRays {
             return None;
         }
         let surface = SurfacePoint::new(scene, &hit, direction, self.normal_length / 2.0);
-        let cosine = -surface.normal.dot(direction);
-        if cosine <= 0.0 || !carries_light(&surface) {
+        let [cosine, geometric] = [surface.normal, surface.geometric_normal].map(|normal| -normal.dot(direction));
+        if cosine <= 0.0 || geometric <= 0.0 || !carries_light(&surface) {
             return None;
         }
         let place = point(surface.position, surface.normal, self.normal_length);
         let nearest = self.tree.nearest::<1>(&place, |i| self.normals[i as usize].dot(surface.normal) > 0.0);
-        let &(_, nearest) = nearest.items().first()?;
+        let &(distance2, nearest) = nearest.items().first()?;
         let index = nearest as usize / self.points_per_sample;
         let sample = &samples[index];
+        let mean_width = 0.5 * self.normal_length;
+        if distance2 > REACH * REACH * sample.area.max(mean_width * mean_width) {
+            return None;
+        }
         let smooth = if light.kind == LIGHT_SPOT { cone(light, (2.0 * f64::from(versine)).sqrt()) } else { 1.0 };
-        let intensity = light.strength * (smooth * window(light, hit.distance.into())) as f32;
-        let at_point = intensity * cosine / (hit.distance * hit.distance) * sample.area / self.points_per_sample as f32;
-        let power = TAU * widest / RAYS as f32 * intensity;
-        let irradiance = share_of_rays(at_point * per_power) * power / sample.area;
+        let intensity = (smooth * window(light, hit.distance.into())) as f32;
+        let area_of_point = sample.area / self.points_per_sample as f32;
+        let share = intensity * cosine / (hit.distance * hit.distance) * area_of_point * per_solid_angle;
+        let power = light.strength * intensity * TAU * widest / RAYS as f32;
+        let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MOST_COSINES) / sample.area;
         let [s, t, n] = turned([sample.tangent, sample.normal.cross(sample.tangent), sample.normal], surface.normal);
         let wi = -Vec3::new(s.dot(direction), t.dot(direction), n.dot(direction));
         (irradiance > 0.0).then_some(Caught { sample: index, wi, irradiance })
     }
 }
 
-/// Weight of rays at a place whose point answers for `share` of a light's power. Twin of glsl/shade_gather.comp.
-pub fn share_of_rays(share: f32) -> f32 {
-    let x = ((share - 0.5 * EVEN_SHARE) / (1.5 * EVEN_SHARE)).clamp(0.0, 1.0);
+/// Weight of rays at a place whose point answers for `share` of a light's power, range and shadows not counted. Twin of
+/// glsl/shade_gather.comp.
+pub fn weight_of_rays(share: f32) -> f32 {
+    let x = (share / EVEN_SHARE - 0.5).clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// 1 over a light's power at unit intensity, in mesh space; `None` for lights that cast no rays, directional ones and those that
-/// light nothing.
-pub fn per_power(light: &PackedLight) -> Option<f32> {
+/// A light's intensity along its axis over its power, in 1/sr; `None` for lights that cast no rays, directional ones and those
+/// that light nothing.
+pub fn per_solid_angle(light: &PackedLight) -> Option<f32> {
     let widest = versine(light);
     // Up to where it is 1 throughout, then along a parabola down to 0.
     let fall = if light.kind == LIGHT_SPOT { widest.min(1.0 / light.cone_scale) } else { 0.0 };
     let inner = widest - fall;
-    let inverse = 1.0 / (light.strength * TAU * (inner + (fall * light.cone_scale).powi(2) * fall / 3.0));
+    let inverse = 1.0 / (TAU * (inner + (fall * light.cone_scale).powi(2) * fall / 3.0));
     (light.kind != LIGHT_DIRECTIONAL && inverse.is_finite()).then_some(inverse)
 }
 
@@ -182,9 +193,9 @@ mod tests {
             };
             let sum: f64 = (0..steps as usize).map(of_band).sum();
             let want = sum * 2.0 * PI * f64::from(versine(&packed)) / f64::from(steps);
-            let got = 1.0 / f64::from(per_power(&packed).unwrap());
+            let got = f64::from(packed.strength) / f64::from(per_solid_angle(&packed).unwrap());
             assert!((got / want - 1.0).abs() < 1e-3, "{light:?}: {got}, want {want}");
         }
-        assert!((1.0 / per_power(&point.pack(MeshSpace::WORLD)).unwrap() - 4.0 * PI as f32).abs() < 1e-5);
+        assert!((1.0 / per_solid_angle(&point.pack(space)).unwrap() - 4.0 * PI as f32).abs() < 1e-5);
     }
 }

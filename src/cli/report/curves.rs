@@ -79,7 +79,7 @@ impl Lab<'_> {
         for &gather in gather {
             self.transfer(truth, Method::GatherSamples, &ours(Some(gather), 1024, 0.01, Form::Auto))?;
         }
-        let usual = self.usual_gather_samples();
+        let usual = Some(self.usual_gather_samples());
         for &rays in extent.rays {
             self.transfer(truth, Method::Rays, &ours(usual, rays, 0.01, Form::Auto))?;
         }
@@ -99,10 +99,10 @@ impl Lab<'_> {
         &all[..fitting.max(1)]
     }
 
-    /// What all curves but those of gather samples have.
-    pub fn usual_gather_samples(&self) -> Option<u32> {
+    /// Gather samples of our curves over anything else.
+    pub fn usual_gather_samples(&self) -> u32 {
         let (width, height) = self.session.size();
-        Some(self.extent.usual_gather.min((width * height) as u32))
+        self.extent.usual_gather.min((width * height) as u32)
     }
 
     fn path_tracing(&mut self, truth: &Truth, samples: u32) -> Result<()> {

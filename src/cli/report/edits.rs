@@ -41,7 +41,7 @@ impl Lab<'_> {
     fn measure_edits(&self, whole: bool) -> Result<Edits> {
         let size = if whole { self.session.scene.image_size.or(self.view.size) } else { self.view.size };
         let view = ViewOptions { size, ..self.view.clone() };
-        let gather = if whole { None } else { self.usual_gather_samples() };
+        let gather = (!whole).then(|| self.usual_gather_samples());
         let planned = ours(gather, 1024, 0.01, Form::Auto);
         // Its bake takes minutes: kept apart, for a report that is interrupted while it times edits.
         let cache = Some(self.dir.join("cache"));

@@ -53,7 +53,7 @@ pub struct Extent {
     thesis: &'static [u32],
     /// Gather samples of ours.
     gather: &'static [u32],
-    /// Those of all other curves.
+    /// Those of our other curves.
     usual_gather: u32,
     /// Rays a row.
     rays: &'static [u32],

@@ -133,6 +133,7 @@ impl BakedTransfer {
         let ours = |s: &LightSample| {
             (1..=HARMONIC_DEGREES).contains(&s.degrees)
                 && s.roughness.is_finite()
+                && s.area.is_finite()
                 && s.area > 0.0
                 && within(s.first, s.degrees * s.degrees, self.vector_length)
         };
@@ -155,7 +156,7 @@ impl BakedTransfer {
             _ => false,
         };
         multiplies
-            && self.points.len() == self.sample_count() * self.points_per_sample
+            && self.sample_count().checked_mul(self.points_per_sample) == Some(self.points.len())
             && self.points.len() == self.geometric_normals.len()
             && (self.samples.is_empty() || self.factored.is_empty())
             && (self.factored.is_empty() || self.points_per_sample == 1)

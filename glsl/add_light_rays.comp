@@ -1,4 +1,4 @@
-// Adds to λ0 what rays from a light have found between points of gather samples. A coefficient a thread.
+// Adds to λ0 what a light's rays bring to gather samples. A coefficient a thread.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
@@ -7,13 +7,13 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { AddCoefficientsPush push; };
+layout(push_constant, scalar) uniform Block { AddLightRaysPush push; };
 
 void main() {
     uint index = thread_index();
     if (index >= push.count) {
         return;
     }
-    Contribution found = push.contributions.at[index];
-    push.coefficients.at[found.index * push.stride + push.offset].rgb += found.value;
+    Contribution caught = push.contributions.at[index];
+    push.coefficients.at[caught.index * push.stride + push.offset].rgb += caught.value;
 }

@@ -1,0 +1,81 @@
+//! What lights' rays bring to gather samples: see [`crate::bake::gather_samples::light_rays`].
+
+use std::sync::Arc;
+
+use super::indirect::Strided;
+use crate::bake::brdf_factors::Projection;
+use crate::bake::bvh::Bvh;
+use crate::bake::gather_samples::light_rays::{LightRays, RAYS, per_solid_angle};
+use crate::bake::octahedral;
+use crate::bake::transfer::baked::BakedTransfer;
+use crate::error::Result;
+use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
+use crate::scene::Scene;
+use crate::shared::*;
+
+/// Casts rays from lights, and adds what they bring.
+pub struct RayCaster {
+    rays: LightRays,
+    projection: Projection,
+    kernel: Kernel,
+}
+
+/// What the rays of one light bring to gather samples.
+pub struct Caught {
+    contributions: Buffer<Contribution>,
+    count: usize,
+    /// [`ShadeGatherPush::per_solid_angle`]
+    pub per_solid_angle: f32,
+}
+
+impl RayCaster {
+    /// There must be samples of ours.
+    pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
+        let points = transfer.points.iter().map(|p| (p.position, octahedral::decode(p.normal)));
+        Ok(Self {
+            rays: LightRays::new(&transfer.samples, points),
+            projection: Projection::from_tables(&transfer.projection),
+            kernel: Kernel::new(context, "add_light_rays", &[])?,
+        })
+    }
+
+    /// Casts the rays of `light` at the samples of `transfer`, the one that this was made of.
+    pub fn cast(&self, scene: &Scene, bvh: &Bvh, transfer: &BakedTransfer, light: &PackedLight, caught: &mut Caught) {
+        let contributions = caught.contributions.host_mut();
+        let mut count = 0;
+        self.rays.shade(scene, bvh, &transfer.samples, &self.projection, light, |index, value| {
+            contributions[count] = Contribution { value, index };
+            count += 1;
+        });
+        caught.count = count;
+        caught.per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
+    }
+
+    /// Adds it to λ0.
+    pub fn add(&self, frame: &mut Frame, caught: &Caught, vector: &Strided) {
+        if caught.count == 0 {
+            return;
+        }
+        let mut pass = frame.pass("add light rays");
+        let push = AddLightRaysPush {
+            contributions: pass.read(&caught.contributions),
+            coefficients: pass.write(vector.buffer),
+            count: caught.count as u32,
+            stride: vector.stride,
+            offset: vector.offset,
+            unused: 0,
+        };
+        pass.dispatch(&self.kernel, &push, push.count);
+    }
+}
+
+impl Caught {
+    /// Nothing yet, and room for whatever rays may bring.
+    pub fn nothing(context: &Arc<Context>, transfer: Option<&BakedTransfer>) -> Result<Self> {
+        let samples = transfer.map_or(&[][..], |t| &t.samples);
+        let functions = samples.iter().map(|s| s.degrees * s.degrees).max().unwrap_or(0) as usize;
+        let count = RAYS.min(samples.len()) * functions;
+        let contributions = Buffer::new(context, "light rays", Access::HostWrites, count)?;
+        Ok(Self { contributions, count: 0, per_solid_angle: 0.0 })
+    }
+}
