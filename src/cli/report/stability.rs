@@ -1,12 +1,15 @@
-//! Spectral radius and bounces against albedo.
+//! Spectral radius, bounces and what precision costs, against albedo.
 
 use glam::{DVec3, Vec3};
 use relume::Result;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
+use relume::bake::journal::Journal;
+use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::bake::{BakeSettings, bake};
+use relume::bake::{BakeSettings, Baked, bake};
 use relume::reference::gather;
 use relume::report::stability::{MOST_BOUNCES, Stability};
 use relume::scene::{Material, Scene};
@@ -65,6 +68,7 @@ impl Lab<'_> {
         let thesis = Thesis::new(&scene, &bvh, &baked, &thesis, &|_| ());
         let Some(light) = session.rig.lights.first() else { return Ok(None) };
         let direct = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
+        let [single, half] = precision(&transfer, &baked, &direct);
         let (all, residual) = transfer.bounce(&direct);
         if squares(&all) == 0.0 {
             return Ok(None);
@@ -97,8 +101,36 @@ impl Lab<'_> {
             residual,
             bounces,
             left_after_five,
+            single,
+            half,
         }))
     }
+}
+
+/// How far single precision, and factors in half precision, are from double precision: relative root mean square of what the
+/// camera sees after all bounces.
+fn precision(transfer: &Transfer, baked: &Baked, direct: &[DVec3]) -> [f64; 2] {
+    let seen: Vec<u32> = (0..baked.samples.len() as u32).collect();
+    let rows = transfer.rows(&seen, Lobe::All);
+    let further = transfer.further_bounces();
+    let bounced = |i: usize| {
+        let sum = |c: usize| (0..direct.len()).map(|j| further[c][(i, j)] * direct[j][c]).sum::<f64>();
+        direct[i] + DVec3::from_array([0, 1, 2].map(sum))
+    };
+    let double = rows.multiply(&(0..direct.len()).map(bounced).collect::<Vec<_>>());
+    let bounced = |i: usize| {
+        let sum = |c: usize| (0..direct.len()).map(|j| further[c][(i, j)] as f32 * direct[j][c] as f32).sum::<f32>();
+        direct[i].as_vec3() + Vec3::from([0, 1, 2].map(sum))
+    };
+    let all: Vec<Vec3> = (0..direct.len()).map(bounced).collect();
+    let of_row =
+        |r: usize| rows.row(r).map(|(j, factors)| Vec3::from(factors) * all[j as usize]).sum::<Vec3>().as_dvec3();
+    let single: Vec<DVec3> = (0..seen.len()).map(of_row).collect();
+    let dense = BakedTransfer::dense(transfer, baked, Lobe::All, &mut Journal::default(), &|_| ());
+    [single, dense.apply(direct)].map(|picture| {
+        let off: Vec<DVec3> = picture.iter().zip(&double).map(|(a, b)| *a - *b).collect();
+        (squares(&off) / squares(&double).max(f64::MIN_POSITIVE)).sqrt()
+    })
 }
 
 fn squares(values: &[DVec3]) -> f64 {
