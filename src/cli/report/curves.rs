@@ -60,20 +60,12 @@ impl Lab<'_> {
         for &samples in extent.samples {
             self.path_tracing(truth, samples)?;
         }
-        let diffuse = |gather| TransferOptions {
-            gi: Gi::Diffuse,
-            method: MethodName::Thesis,
-            ..ours(Some(gather), 1024, 0.01, Form::Auto)
-        };
         for &gather in thesis {
-            self.transfer(truth, Method::ThesisDiffuse, &diffuse(gather))?;
+            self.transfer(truth, Method::ThesisDiffuse, &thesis_diffuse(gather))?;
         }
-        let glossy = |m: &relume::scene::Material| m.roughness > 0.0 && m.roughness < ROUGH;
-        if self.session.scene.materials.iter().any(glossy) {
-            let basis = Some(Basis::SingularValues(THESIS_TERMS));
+        if self.is_glossy() {
             for &gather in thesis {
-                let options = TransferOptions { gi: Gi::Glossy, basis, ..diffuse(gather) };
-                self.transfer(truth, Method::ThesisGlossy, &options)?;
+                self.transfer(truth, Method::ThesisGlossy, &thesis_glossy(gather))?;
             }
         }
         for &gather in gather {
@@ -99,6 +91,11 @@ impl Lab<'_> {
         &all[..fitting.max(1)]
     }
 
+    /// Whether any material is neither matt nor a mirror.
+    pub fn is_glossy(&self) -> bool {
+        self.session.scene.materials.iter().any(|m| m.roughness > 0.0 && m.roughness < ROUGH)
+    }
+
     /// Gather samples of our curves over anything else.
     pub fn usual_gather_samples(&self) -> u32 {
         let (width, height) = self.session.size();
@@ -120,7 +117,8 @@ impl Lab<'_> {
         })
     }
 
-    fn transfer(&mut self, truth: &Truth, method: Method, options: &TransferOptions) -> Result<()> {
+    /// Adds a point of a transfer's curve.
+    pub fn transfer(&mut self, truth: &Truth, method: Method, options: &TransferOptions) -> Result<()> {
         let size = self.session.size();
         let plan = options.plan(&self.view, [size.0 as u32, size.1 as u32])?.expect("indirect light is not off");
         let what = format!("{plan:?}");
@@ -227,6 +225,17 @@ const WARM_UP: u32 = 3;
 const FEWEST_FRAMES: u32 = 8;
 /// 2 % of it are a tick of the clock.
 const ENOUGH_SECONDS: f64 = 0.5;
+
+/// The thesis's diffuse transfer.
+pub fn thesis_diffuse(gather: u32) -> TransferOptions {
+    TransferOptions { gi: Gi::Diffuse, method: MethodName::Thesis, ..ours(Some(gather), 1024, 0.01, Form::Auto) }
+}
+
+/// Its glossy transfer.
+pub fn thesis_glossy(gather: u32) -> TransferOptions {
+    let basis = Some(Basis::SingularValues(THESIS_TERMS));
+    TransferOptions { gi: Gi::Glossy, basis, ..thesis_diffuse(gather) }
+}
 
 /// In the command line's options, all that tells points of one scene apart.
 fn setting(options: &TransferOptions) -> String {

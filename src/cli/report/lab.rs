@@ -37,10 +37,17 @@ pub struct Lab<'a> {
 }
 
 impl<'a> Lab<'a> {
-    pub fn open(path: &'a Path, args: &'a Args, extent: &'a Extent, kept: &'a mut Kept) -> Result<Self> {
+    /// Seen as `view` says, which need not be the arguments'.
+    pub fn open(
+        path: &'a Path,
+        view: &ViewOptions,
+        args: &'a Args,
+        extent: &'a Extent,
+        kept: &'a mut Kept,
+    ) -> Result<Self> {
         let own = Scene::load(path)?.image_size.unwrap_or([720, 480]);
-        let size = args.view.size.unwrap_or_else(|| fit(own, extent.side));
-        let view = ViewOptions { size: Some(size), ..args.view.clone() };
+        let size = view.size.unwrap_or_else(|| fit(own, extent.side));
+        let view = ViewOptions { size: Some(size), ..view.clone() };
         let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;
         let context = session.context(&light_options(&args.device, Visibility::Traced))?;
         let identity = format!(
@@ -61,8 +68,7 @@ impl<'a> Lab<'a> {
     /// Everything that the report tells of the scene.
     pub fn measure(&mut self) -> Result<SceneReport> {
         let name = self.session.scene.name();
-        let truth_file = self.dir.join("truth").join(format!("{}-{}", self.folder, self.extent.truth));
-        let truth = Truth::get(&truth_file, &self.session, &self.view, self.extent.truth)?;
+        let truth = self.truth()?;
         self.curves(&truth)?;
         let pictures = self.pictures(&truth)?;
         let edits = self.edits()?;
@@ -84,18 +90,17 @@ impl<'a> Lab<'a> {
         })
     }
 
+    pub fn truth(&self) -> Result<Truth> {
+        let file = self.dir.join("truth").join(format!("{}-{}", self.folder, self.extent.truth));
+        Truth::get(&file, &self.session, &self.view, self.extent.truth)
+    }
+
     /// Truth, ours, what path tracing makes of the same time, and where these differ.
     fn pictures(&self, truth: &Truth) -> Result<Vec<Picture>> {
         let (width, height) = self.session.size();
-        let mean = truth.mean();
-        let sum: f64 = mean.iter().flatten().map(|&v| f64::from(v)).sum();
-        if sum <= 0.0 {
-            return Ok(Vec::new());
-        }
-        // The exposure at which FLIP looks.
-        let exposure = 0.5 * mean.len() as f64 * 3.0 / sum;
+        let Some(exposure) = truth.exposure() else { return Ok(Vec::new()) };
         let picture = |caption: String, pixels| Picture { caption, width, height, pixels };
-        let mut pictures = vec![picture("The truth".into(), compare::displayed(&mean, exposure))];
+        let mut pictures = vec![picture("The truth".into(), compare::displayed(&truth.mean(), exposure))];
         let ours = self.points.iter().rev().find(|p| p.method == Method::GatherSamples);
         let rival = ours.and_then(|ours| {
             let spent = ours.precompute.cpu + ours.frame.cpu;

@@ -124,9 +124,9 @@ pub fn run(args: &Args) -> Result<()> {
     let mut kept = Kept::open(&args.output)?;
     let mut machine = Vec::new();
     let mut reports: Vec<SceneReport> = Vec::new();
-    let (mut growth, mut layers, mut stability) = (Vec::new(), None, Default::default());
+    let (mut growth, mut layers, mut glossy_alone, mut stability) = (Vec::new(), None, None, Default::default());
     for path in &scenes {
-        let mut lab = Lab::open(path, args, extent, &mut kept)?;
+        let mut lab = Lab::open(path, &args.view, args, extent, &mut kept)?;
         if machine.is_empty() {
             machine = machine::describe(&lab.context, args.view.seed)?;
         }
@@ -136,14 +136,19 @@ pub fn run(args: &Args) -> Result<()> {
             growth = lab.scaling()?;
             stability = (report.name.clone(), lab.stability()?);
         }
-        // So does the first with mirrors.
+        // So does the first with mirrors, and the first with gloss.
         if layers.is_none() {
             layers = lab.against_layers()?;
+        }
+        if glossy_alone.is_none() && lab.is_glossy() {
+            glossy_alone = Some(thesis::glossy_alone(path, args, extent, &mut kept)?);
         }
         reports.push(report);
     }
     // Those are the default scenes' company.
-    let thesis = if args.scenes.is_empty() { thesis::measure_all(args, extent, &mut kept)? } else { Thesis::default() };
+    let mut thesis =
+        if args.scenes.is_empty() { thesis::measure_all(args, extent, &mut kept)? } else { Thesis::default() };
+    thesis.pictures.extend(glossy_alone.into_iter().flatten());
     growth.extend(layers);
     machine.push(["load average at the end".into(), machine::load()]);
     let report = Report {

@@ -1,4 +1,5 @@
-//! Table 5.1 and Figures 5.1 and 5.2 of the thesis: previews beside final pictures, direct light and reflections.
+//! Table 5.1 and Figures 5.1 and 5.2 of the thesis: previews beside final pictures, direct light and reflections; and Figure 5.4,
+//! indirect light by glossy lobes alone. Those of Figures 5.3 and 5.5 are among each scene's own.
 
 use std::path::{Path, PathBuf};
 
@@ -6,19 +7,20 @@ use relume::image::compare::{Pictures, displayed};
 use relume::image::{Image, exr};
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight;
-use relume::report::Picture;
 use relume::report::thesis::{Preview, Thesis};
+use relume::report::{Method, Picture, significant};
 use relume::{Error, Result};
 
-use super::curves::Clock;
+use super::curves::{Clock, thesis_diffuse, thesis_glossy};
 use super::kept::Kept;
-use super::lab::{fit, light_options, picture_file, scene_options};
-use super::{Args, Extent};
+use super::lab::{Lab, fit, light_options, ours, picture_file, scene_options};
+use super::{Args, Extent, truth};
 use crate::cli::bench::{edits_of, measure};
 use crate::cli::options::{ViewOptions, Visibility};
 use crate::cli::output::make_parent;
 use crate::cli::progress::Terminal;
 use crate::cli::session::Session;
+use crate::cli::transfer::Form;
 
 const SCENES: [&str; 4] = ["balls-2", "balls-16", "bunny-dragon-2", "bunny-dragon-16"];
 /// Of a final picture, all over its pixels; an even number.
@@ -40,6 +42,36 @@ pub fn measure_all(args: &Args, extent: &Extent, kept: &mut Kept) -> Result<Thes
         thesis.pictures.extend(pictures);
     }
     Ok(thesis)
+}
+
+/// Figure 5.4: without diffuse lobes, indirect light times 4.
+pub fn glossy_alone(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<Vec<Picture>> {
+    let view = ViewOptions { strip_diffuse: true, ..args.view.clone() };
+    let mut lab = Lab::open(path, &view, args, extent, kept)?;
+    let truth = lab.truth()?;
+    let Some(exposure) = truth.exposure() else { return Ok(Vec::new()) };
+    if let Some(&gather) = extent.thesis.last() {
+        lab.transfer(&truth, Method::ThesisDiffuse, &thesis_diffuse(gather))?;
+        lab.transfer(&truth, Method::ThesisGlossy, &thesis_glossy(gather))?;
+    }
+    let usual = Some(lab.usual_gather_samples());
+    lab.transfer(&truth, Method::GatherSamples, &ours(usual, 1024, 0.01, Form::Auto))?;
+    let name = lab.session.scene.name();
+    let (width, height) = lab.session.size();
+    let picture = |who: &str, indirect: &[[f32; 3]]| Picture {
+        caption: format!("{name}, indirect light by glossy lobes alone, times 4: {who}"),
+        width,
+        height,
+        pixels: displayed(indirect, 4.0 * exposure),
+    };
+    let mut pictures = vec![picture("the truth", &truth.indirect())];
+    for point in &lab.points {
+        let image = truth::read(&lab.dir.join(&point.file), (width, height))?;
+        let indirect = image.layer("indirect").map_or(&[][..], |layer| &layer.pixels);
+        let off = significant(100.0 * point.errors.indirect);
+        pictures.push(picture(&format!("`{}`, {off} % off", point.setting), indirect));
+    }
+    Ok(pictures)
 }
 
 fn one(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<(Preview, Vec<Picture>)> {

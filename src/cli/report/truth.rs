@@ -134,8 +134,24 @@ impl Truth {
 
     /// The mean of both halves.
     pub fn mean(&self) -> Vec<[f32; 3]> {
-        let [a, b] = self.halves.each_ref().map(|half| half.layer("").map_or(&[][..], |layer| &layer.pixels));
+        self.mean_of("")
+    }
+
+    fn mean_of(&self, layer: &str) -> Vec<[f32; 3]> {
+        let [a, b] = self.halves.each_ref().map(|half| half.layer(layer).map_or(&[][..], |layer| &layer.pixels));
         a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| (a[c] + b[c]) / 2.0)).collect()
+    }
+
+    /// What makes the mean of the whole picture 0.5, as FLIP looks at it; none of a black one.
+    pub fn exposure(&self) -> Option<f64> {
+        let mean = self.mean();
+        let sum: f64 = mean.iter().flatten().map(|&v| f64::from(v)).sum();
+        (sum > 0.0).then(|| 0.5 * mean.len() as f64 * 3.0 / sum)
+    }
+
+    /// The mean of both halves' indirect light.
+    pub fn indirect(&self) -> Vec<[f32; 3]> {
+        self.mean_of("indirect")
     }
 
     /// |x - r| of the whole picture times `scale`, 8-bit sRGB.
