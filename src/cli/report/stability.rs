@@ -16,7 +16,7 @@ use relume::scene::{Material, Scene};
 
 use super::lab::Lab;
 
-const ALBEDOS: [f32; 7] = [0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.999];
+const ALBEDOS: [f64; 7] = [0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.999];
 const GATHER_SAMPLES: usize = 576;
 const RAYS: u32 = 256;
 
@@ -39,9 +39,9 @@ impl Lab<'_> {
     }
 
     /// None where no gather sample is lit.
-    fn painted(&self, albedo: f32) -> Result<Option<Stability>> {
+    fn painted(&self, albedo: f64) -> Result<Option<Stability>> {
         let mut scene = Scene::load(self.path)?;
-        scene.materials.iter_mut().for_each(|material| *material = matt(albedo));
+        scene.materials.iter_mut().for_each(|material| *material = matt(albedo as f32));
         let bvh = Bvh::build(&scene);
         let session = &self.session;
         // Nobody looks at it: the smallest picture will do.
@@ -95,7 +95,7 @@ impl Lab<'_> {
             sum.iter_mut().zip(&term).for_each(|(sum, term)| *sum += *term);
         }
         Ok(Some(Stability {
-            albedo: f64::from(albedo),
+            albedo,
             radius: transfer.certificate.spectral_radius,
             thesis_radius: thesis.spectral_radius,
             residual,
