@@ -95,12 +95,19 @@ impl<'a> Lab<'a> {
         Truth::get(&file, &self.session, &self.view, self.extent.truth)
     }
 
-    /// Truth, ours, what path tracing makes of the same time, and where these differ.
+    /// Direct light, truth, ours, what path tracing makes of the same time, the thesis's, and where these differ from the truth:
+    /// Figures 5.3 and 5.5 of the thesis.
     fn pictures(&self, truth: &Truth) -> Result<Vec<Picture>> {
         let (width, height) = self.session.size();
         let Some(exposure) = truth.exposure() else { return Ok(Vec::new()) };
         let picture = |caption: String, pixels| Picture { caption, width, height, pixels };
-        let mut pictures = vec![picture("The truth".into(), compare::displayed(&truth.mean(), exposure))];
+        let whole = truth.mean();
+        let first_hand: Vec<[f32; 3]> =
+            whole.iter().zip(truth.indirect()).map(|(all, late)| [0, 1, 2].map(|c| all[c] - late[c])).collect();
+        let mut pictures = vec![
+            picture("Direct light and reflections alone".into(), compare::displayed(&first_hand, exposure)),
+            picture("The truth".into(), compare::displayed(&whole, exposure)),
+        ];
         let ours = self.points.iter().rev().find(|p| p.method == Method::GatherSamples);
         let rival = ours.and_then(|ours| {
             let spent = ours.precompute.cpu + ours.frame.cpu;
