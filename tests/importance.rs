@@ -32,13 +32,18 @@ fn samples(stage: &Stage, importance: &Importance) -> GatherSamples {
     GatherSamples::place(&stage.scene, &stage.bvh, &importance.surfaces, clustered, 2000, 1)
 }
 
-/// Of two closed rooms the eye is in one: the other gets nothing, and that one's area is all there.
-#[test]
-fn what_no_light_comes_from_gets_no_samples() {
+/// Two closed rooms, the eye in one.
+fn two_rooms() -> Stage {
     let mut build = Build::default();
     let white = build.material(lambert(Vec3::splat(0.7)));
     build.room(DVec3::ZERO, 1.0, white).room(DVec3::X * 5.0, 1.0, white);
-    let stage = stage(&build, DVec3::new(0.2, 0.1, -0.9), DVec3::ZERO);
+    stage(&build, DVec3::new(0.2, 0.1, -0.9), DVec3::ZERO)
+}
+
+/// The other room gets nothing, and this one's area is all there.
+#[test]
+fn what_no_light_comes_from_gets_no_samples() {
+    let stage = two_rooms();
     let importance = importance(&stage);
     assert_near(importance.unseen, 0.5, 1e-9, "unseen");
     let samples = samples(&stage, &importance);
@@ -49,10 +54,7 @@ fn what_no_light_comes_from_gets_no_samples() {
 /// Where no samples lie rays of a light bring nothing to those that lie elsewhere.
 #[test]
 fn light_where_nobody_looks_is_lost() {
-    let mut build = Build::default();
-    let white = build.material(lambert(Vec3::splat(0.7)));
-    build.room(DVec3::ZERO, 1.0, white).room(DVec3::X * 5.0, 1.0, white);
-    let stage = stage(&build, DVec3::new(0.2, 0.1, -0.9), DVec3::ZERO);
+    let stage = two_rooms();
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &transfer::settings(2000, 100, 16), &|_| ());
     let received = |x: f64| {
         let light = Light::point("near the floor", DVec3::new(x, -0.98, 0.1)).pack(stage.scene.space);

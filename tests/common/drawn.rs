@@ -84,6 +84,20 @@ fn on_sphere([u, v, ..]: [f64; 4]) -> Vec3 {
     DVec3::new(r * cosine, r * sine, z).as_vec3()
 }
 
+/// How the path tracer makes the truth of a picture.
+pub fn tracing(width: u32, height: u32) -> Settings {
+    Settings {
+        width,
+        height,
+        layers: 4,
+        max_bounces: None,
+        filter: Filter::Centre,
+        bounce_layers: 0,
+        light_layers: false,
+        seed: 1,
+    }
+}
+
 /// Two halves with layers `direct` and `indirect`, row by row, of a light alone; traced once, then read.
 pub fn truth(scene: &Scene, bvh: &Bvh, light: &Light, size: u32, samples: u32) -> [Image; 2] {
     let name = |half: &str| {
@@ -92,16 +106,7 @@ pub fn truth(scene: &Scene, bvh: &Bvh, light: &Light, size: u32, samples: u32) -
     };
     let paths = [name("a"), name("b")];
     if !paths.iter().all(|path| path.exists()) {
-        let settings = Settings {
-            width: size,
-            height: size,
-            layers: 4,
-            max_bounces: None,
-            filter: Filter::Centre,
-            bounce_layers: 0,
-            light_layers: false,
-            seed: 1,
-        };
+        let settings = tracing(size, size);
         let rig = rig(vec![light.clone()]);
         let tracer = PathTracer::new(scene, bvh, &scene.cameras[0], &rig, &settings);
         let film = tracer.trace(samples, &|| false, &|_| ());

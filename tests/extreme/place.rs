@@ -5,11 +5,12 @@ mod support;
 
 use glam::{DVec3, Vec3};
 use relume::bake::bvh::Bvh;
-use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
+use relume::reference::path_tracer::{Half, Layer, PathTracer};
 use relume::scene::Scene;
 use serde_json::json;
 
 use self::support::Gltf;
+use crate::common::drawn::tracing;
 use crate::common::stage::{Build, Setup};
 use crate::common::{Gpu, gpu};
 use crate::even::shining;
@@ -51,17 +52,8 @@ fn room(scale: f64, offset: DVec3) -> Scene {
 fn pictures(gpu: &Gpu, scale: f64, offset: DVec3) -> [Vec<DVec3>; 3] {
     let scene = room(scale, offset);
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
-    let settings = Settings {
-        width: 48,
-        height: 36,
-        layers: 4,
-        max_bounces: None,
-        filter: Filter::Centre,
-        bounce_layers: 0,
-        light_layers: false,
-        seed: 1,
-    };
-    let film = PathTracer::new(&scene, &Bvh::build(&scene), &camera, &rig, &settings).trace(16, &|| false, &|_| ());
+    let film =
+        PathTracer::new(&scene, &Bvh::build(&scene), &camera, &rig, &tracing(48, 36)).trace(16, &|| false, &|_| ());
     let traced = film.image(Half::A, &[Layer::Indirect]).layers.remove(0).pixels;
     let relit = Relit::with(scene, &camera, &rig, &Setup::new(48, 36), 192);
     let linear = |image: Vec<[f32; 3]>| image.into_iter().map(|p| Vec3::from(p).as_dvec3() * (scale * scale)).collect();

@@ -197,5 +197,7 @@ mod tests {
             assert!((got / want - 1.0).abs() < 1e-3, "{light:?}: {got}, want {want}");
         }
         assert!((1.0 / per_solid_angle(&point.pack(space)).unwrap() - 4.0 * PI as f32).abs() < 1e-5);
+        // Of a narrow spot in a scene so large that its power is none that single precision holds.
+        assert!(per_solid_angle(&spot(0.0, 0.01).pack(MeshSpace { unit: 1e18, ..MeshSpace::WORLD })).is_some());
     }
 }
