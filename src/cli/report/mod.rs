@@ -53,8 +53,6 @@ pub struct Extent {
     thesis: &'static [u32],
     /// Gather samples of ours.
     gather: &'static [u32],
-    /// Those of our other curves.
-    usual_gather: u32,
     /// Rays a row.
     rays: &'static [u32],
     /// Errors that nested blocks are compressed to.
@@ -81,7 +79,6 @@ const QUICK: Extent = Extent {
     samples: &[2, 8, 32, 128],
     thesis: &[144, 576],
     gather: &[64, 256, 1024],
-    usual_gather: 1024,
     rays: &[64, 256, 1024],
     errors: &[0.1, 0.03, 0.01],
     wavelets: &[0.1, 0.03],
@@ -99,7 +96,6 @@ const FULL: Extent = Extent {
     samples: &[2, 4, 8, 16, 32, 64, 128, 256],
     thesis: &[144, 576, 2304],
     gather: &[256, 1024, 4096],
-    usual_gather: 2304,
     rays: &[64, 256, 1024, 4096],
     errors: &[0.1, 0.03, 0.01, 0.003],
     wavelets: &[0.3, 0.1, 0.03],
