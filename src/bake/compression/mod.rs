@@ -74,9 +74,10 @@ pub struct Compressor<'a> {
 /// For each tile and light to check with: squared error and square of the image, whole images having square 1.
 pub type Found = Vec<Vec<[f64; 2]>>;
 
-/// A supercluster and what it was fitted by.
+/// A supercluster, or part of one that light fills with too many directions, and what it was fitted by.
 #[derive(Serialize, Deserialize)]
 pub struct Fitted {
+    pub tiles: Range<usize>,
     pub factors: Factors,
     pub found: Found,
     /// Square of the noise of the supercluster's rows, mean over deciding lights.
@@ -109,35 +110,42 @@ impl<'a> Compressor<'a> {
         let mut compressed = Compressed { coefficients: self.transfer.fine.coefficient_count(), ..Default::default() };
         let mut u = Vec::new();
         let mut errors = Errors::new(&self.clusters);
-        let mut add = |fitted: Fitted, tiles: &Range<usize>| {
-            errors.add(&fitted, tiles);
-            let rows = self.clusters.rows(tiles);
+        let mut add = |fitted: Fitted| {
+            errors.add(&fitted);
+            let rows = self.clusters.rows(&fitted.tiles);
             let samples = &self.clusters.samples[rows.clone()];
             compressed.emission.extend(fitted.emission);
-            append(&mut compressed, &mut u, fitted.factors, &self.within(tiles), samples);
+            append(&mut compressed, &mut u, fitted.factors, &self.within(&fitted.tiles), samples);
             progress(rows.len());
         };
         let superclusters: Vec<Range<usize>> = self.clusters.superclusters().collect();
         let mut left = &superclusters[..];
         while let [first, others @ ..] = left
-            && let Some(fitted) = journal.replay(|fitted| self.is_of(fitted, first))
+            && let Some(parts) = journal.replay(|parts: &Vec<Fitted>| self.are_of(parts, first))
         {
-            add(fitted, first);
+            parts.into_iter().for_each(&mut add);
             left = others;
         }
         for some in left.chunks(rayon::current_num_threads()) {
-            let fitted: Vec<Fitted> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
-            for (fitted, tiles) in fitted.into_iter().zip(some) {
-                journal.add(&fitted);
-                add(fitted, tiles);
+            let fitted: Vec<Vec<Fitted>> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
+            for parts in fitted {
+                journal.add(&parts);
+                parts.into_iter().for_each(&mut add);
             }
         }
         round(&mut compressed, &u);
         (compressed, errors.report())
     }
 
-    /// Whether what was read from a file has the shape of that supercluster.
-    fn is_of(&self, Fitted { factors, found, emission, .. }: &Fitted, tiles: &Range<usize>) -> bool {
+    /// Whether what was read from a file has the shape of that supercluster's parts.
+    fn are_of(&self, parts: &[Fitted], tiles: &Range<usize>) -> bool {
+        let ends = || std::iter::once(tiles.start).chain(parts.iter().map(|part| part.tiles.end));
+        parts.iter().zip(ends()).all(|(part, start)| part.tiles.start == start && start < part.tiles.end)
+            && ends().last() == Some(tiles.end)
+            && parts.iter().all(|part| self.is_whole(part))
+    }
+
+    fn is_whole(&self, Fitted { tiles, factors, found, emission, .. }: &Fitted) -> bool {
         let rows = self.within(tiles);
         let samples: usize = rows.iter().map(|rows| rows.len()).sum();
         factors.tiles.len() == rows.len()
@@ -153,10 +161,18 @@ impl<'a> Compressor<'a> {
             && emission.len() == if self.emitted.is_some() { samples } else { 0 }
     }
 
-    /// Gathers the rows of a supercluster, once, and fits it as closely as the error allows, not much more closely.
-    pub fn fit(&self, tiles: &Range<usize>) -> Fitted {
+    /// Gathers the rows of a supercluster and fits it as closely as the error allows, not much more closely; its halves, if the
+    /// basis lacks more light than is allowed to get lost.
+    fn fit(&self, tiles: &Range<usize>) -> Vec<Fitted> {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
+        // What the basis lacks is lost and was left out with the noise, which paid for it.
+        let lacking = (1.0 + PAYS) * projected.outside;
+        if lacking > projected.allowed && tiles.len() > 1 {
+            drop((projected, emission));
+            let middle = tiles.start + tiles.len() / 2;
+            return [tiles.start..middle, middle..tiles.end].iter().flat_map(|half| self.fit(half)).collect();
+        }
         let allowed = (1.0 - OUTSIDE) * projected.allowed;
         let within = self.within(tiles);
         let mut scale = FIRST;
@@ -182,9 +198,8 @@ impl<'a> Compressor<'a> {
             scale *= (0.9 * allowed / error.max(0.01 * allowed)).clamp(0.2, 3.0);
         }
         let (error, factors, found) = best.expect("there is a round");
-        // What the basis lacks is lost, too, and was left out with the noise, which paid for it.
-        let enough = error + (1.0 + PAYS) * projected.outside <= projected.allowed;
-        Fitted { factors, found, noise: projected.twice.noise, enough, rounds, emission }
+        let (enough, noise) = (error + lacking <= projected.allowed, projected.twice.noise);
+        vec![Fitted { tiles: tiles.clone(), factors, found, noise, enough, rounds, emission }]
     }
 
     /// What a supercluster's rows make of lights, and of emitters.

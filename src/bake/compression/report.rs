@@ -36,8 +36,8 @@ impl<'a> Errors<'a> {
         Self { clusters, lights: vec![[0.0; 2]; SPOTS.end], noise: 0.0, report: Report::default() }
     }
 
-    pub fn add(&mut self, fitted: &Fitted, tiles: &Range<usize>) {
-        for (found, tile) in fitted.found.iter().zip(tiles.clone()) {
+    pub fn add(&mut self, fitted: &Fitted) {
+        for (found, tile) in fitted.found.iter().zip(fitted.tiles.clone()) {
             for (sum, e) in self.lights.iter_mut().zip(found) {
                 sum[0] += e[0];
                 sum[1] += e[1];
