@@ -373,6 +373,12 @@ fn options_of_the_bake() {
     assert!(mean(&layer(&stripped, "direct")) < 0.5 * mean(&layer(&usual, "direct")));
 
     assert_eq!(picture("forced", &["--force-all"]), usual);
+    assert_eq!(picture("all of it", &["--force-all", "--samples", "4"]), smooth);
+    let plan =
+        |arguments: &[&str]| Run::of(relume().args(["plan", "--gi", "off"]).arg(&scene).args(arguments)).done().stdout;
+    for what in ["parts of mirror layers", "emission", "BRDFs of single samples"] {
+        assert!(plan(&[]).contains(what) && !plan(&["--force-all"]).contains(what), "{what}");
+    }
     assert_eq!(picture("one thread", &["--threads", "1", "--samples", "4"]), smooth);
     assert_eq!(picture("two threads", &["--threads", "2", "--samples", "4"]), smooth);
     assert_eq!(picture("seed", &["--seed", "18446744073709551615"]).width, 64);

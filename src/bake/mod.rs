@@ -7,6 +7,7 @@ pub mod cache;
 pub mod channels;
 pub mod compression;
 pub mod edges;
+mod forced;
 pub mod gather_samples;
 pub mod journal;
 pub mod octahedral;

@@ -150,7 +150,8 @@ impl Collector {
 
 /// Stands for the next BRDF of the collector until collectors are joined.
 const OWN_BRDF: u32 = NO_BRDF - 1;
-const EMPTY_SAMPLE: ViewSample = ViewSample { position: Vec3::ZERO, brdf: NO_BRDF, normal: Vec2::ZERO, wo: Vec2::ZERO };
+pub(super) const EMPTY_SAMPLE: ViewSample =
+    ViewSample { position: Vec3::ZERO, brdf: NO_BRDF, normal: Vec2::ZERO, wo: Vec2::ZERO };
 
 /// What one tile of pixels sees.
 #[derive(Default)]

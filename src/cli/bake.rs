@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = args.scene.as_ref().expect("clap requires it");
     let session = Session::open(scene, args.rig.as_deref(), &args.options)?;
     // Other commands do without a cache that cannot be written; this one is there to fill it.
-    if let Some(error) = session.not_stored {
+    if let Some(error) = session.bake.not_stored {
         return Err(error);
     }
     let report = &session.bake;

@@ -172,10 +172,13 @@ impl Edit {
             Self::None => 0,
             Self::Color | Self::Toggle | Self::Move | Self::MoveDirect => 1,
             Self::Select | Self::Group => 2,
-            Self::Multi => 3,
+            Self::Multi => SEVERAL,
         }
     }
 }
+
+/// Lights that [`Edit::Multi`] moves.
+pub const SEVERAL: usize = 3;
 
 /// What can be done to a rig's lights: to the first one of each kind, by its index.
 pub fn edits_of(rig: &Rig) -> Vec<(usize, (Edit, &'static str))> {

@@ -41,7 +41,8 @@ pub struct SceneOptions {
     /// View samples a pixel; more than one only where edges lie [default: 1; of a window 8, once lights rest].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: Option<u32>,
-    /// Leaves nothing out, not even what the scene does not need; the picture is the same.
+    /// Leaves nothing of the deep framebuffer out: all mirror layers over all pixels, a BRDF and a specular lobe for each view
+    /// sample, an image of emission. The picture is the same.
     #[arg(long)]
     pub force_all: bool,
     /// Where baked data lives [default: relume in the user's cache directory, ~/.cache as a rule].
@@ -67,7 +68,8 @@ pub struct LightOptions {
     /// Vulkan device, by index or part of its name [default: the best real GPU, else the CPU].
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
-    /// Device memory for light images, as 2000000000, 500M or 2G [default: a quarter of the device's].
+    /// Device memory for light images and factors of indirect light, as 2000000000, 500M or 2G [default: three quarters of
+    /// the device's].
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub budget: Option<u64>,
     /// Tone curve of PNG images; EXR is always scene-linear.

@@ -34,8 +34,6 @@ pub struct Session {
     /// Names what the deep framebuffer depends on.
     pub key: cache::Key,
     pub cache_dir: Option<PathBuf>,
-    /// Why the cache could not be written.
-    pub not_stored: Option<Error>,
     /// Absent without indirect light.
     pub transfers: Option<Transfers>,
     /// One sample a pixel, to which indirect light is baked where `baked` has more and can take it over.
@@ -98,6 +96,7 @@ impl Transfers {
                 .stage("write cache", || cache::store_transfer(dir, &key, &seen.scene.name(), seen.baked, &transfer))
         {
             tracing::info!("not kept: {error}"); // a read-only cache works
+            report.not_stored = Some(error);
         }
         Ok(transfer)
     }
@@ -112,6 +111,8 @@ pub struct BakeReport {
     pub cpu_seconds: f64,
     /// Whether the deep framebuffer came from the cache.
     pub cached: bool,
+    /// Why what was baked could not be kept.
+    pub not_stored: Option<Error>,
 }
 
 #[derive(serde::Serialize, Clone)]
@@ -121,6 +122,15 @@ pub struct Stage {
 }
 
 impl BakeReport {
+    /// Adds what `work` takes to the whole.
+    fn clocked<R>(&mut self, work: impl FnOnce(&mut Self) -> R) -> R {
+        let (start, cpu_start) = (Instant::now(), cpu_seconds());
+        let result = work(self);
+        self.seconds += start.elapsed().as_secs_f64();
+        self.cpu_seconds += cpu_seconds() - cpu_start;
+        result
+    }
+
     pub fn stage<R>(&mut self, name: &'static str, work: impl FnOnce() -> R) -> R {
         let start = Instant::now();
         let result = work();
@@ -179,12 +189,8 @@ impl Session {
         if session.transfers.is_none() {
             return Ok(session);
         }
-        let start = Instant::now();
-        let cpu_start = cpu_seconds();
         let transfer = session.transfer(Lobe::All, &progress)?;
         Arc::make_mut(&mut session.baked).transfer = Some(transfer);
-        session.bake.seconds += start.elapsed().as_secs_f64();
-        session.bake.cpu_seconds += cpu_seconds() - cpu_start;
         Ok(session)
     }
 
@@ -193,11 +199,13 @@ impl Session {
     fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<BakedTransfer> {
         let Self { scene, bvh, baked, bake, transfers, plain, .. } = self;
         let transfers = transfers.as_ref().expect("there is indirect light");
-        let Some(plain) = plain else { return transfers.get(Seen { scene, bvh, baked }, lobe, bake, progress) };
-        let transfer = transfers.get(Seen { scene, bvh, baked: plain }, lobe, bake, progress)?;
-        let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
-        let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
-        Ok(spread.expect("such a transfer has no plain bake"))
+        bake.clocked(|bake| {
+            let Some(plain) = plain else { return transfers.get(Seen { scene, bvh, baked }, lobe, bake, progress) };
+            let transfer = transfers.get(Seen { scene, bvh, baked: plain }, lobe, bake, progress)?;
+            let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
+            let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
+            Ok(spread.expect("such a transfer has no plain bake"))
+        })
     }
 
     /// How far indirect light is from rows gathered anew, under points and spots.
@@ -216,9 +224,8 @@ impl Session {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let mut report = BakeReport::default();
-        let (start, cpu_start) = (Instant::now(), cpu_seconds());
-        let opened = report.stage("load", || Opened::new(path, rig_path, &options.view, progress))?;
-        (report.seconds, report.cpu_seconds) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu_start);
+        let opened =
+            report.clocked(|report| report.stage("load", || Opened::new(path, rig_path, &options.view, progress)))?;
         Self::of(opened, options, report, progress)
     }
 
@@ -226,13 +233,13 @@ impl Session {
     pub fn of(opened: Opened, options: &SceneOptions, mut report: BakeReport, progress: &dyn Progress) -> Result<Self> {
         let (start, cpu_start) = (Instant::now(), cpu_seconds());
         let plan = options.transfer.plan(&options.view, opened.size)?;
-        check_memory(opened.size, options.samples(), opened.rig.lights.len(), &opened.scene.path)?;
+        let forced = if options.force_all { options.view.layers - 1 } else { 0 };
+        check_memory(opened.size, options.samples(), forced, opened.rig.lights.len(), &opened.scene.path)?;
         let bvh = report.stage("build BVH", || opened.build_bvh(progress));
         let Opened { scene, rig, camera, size: [width, height] } = opened;
         let settings = BakeSettings { width, height, layers: options.view.layers, samples: options.samples() };
         let cache_dir = options.cache_dir();
-        let mut not_stored = None;
-        let mut framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> (cache::Key, Baked) {
+        let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> (cache::Key, Baked) {
             let key = cache::key(&scene, &camera, &rig, settings);
             let stored =
                 cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key, settings)));
@@ -249,21 +256,21 @@ impl Session {
                 && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
             {
                 tracing::info!("not kept: {error}"); // a read-only cache works
-                not_stored = Some(error);
+                report.not_stored = Some(error);
             }
             (key, baked)
         };
         let plain = (settings.samples > 1 && plan.as_ref().is_some_and(TransferPlan::spreads))
             .then(|| framebuffer(&BakeSettings { samples: 1, ..settings.clone() }, &mut report));
-        let (key, mut baked) = framebuffer(&settings, &mut report);
-        baked.has_specular |= options.force_all;
+        let (key, baked) = framebuffer(&settings, &mut report);
+        let baked = if options.force_all { baked.with_nothing_left_out() } else { baked };
         let plain_key = plain.as_ref().map_or(&key, |(key, _)| key).clone();
         let transfers = plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone() });
         let plain = plain.map(|(_, baked)| Arc::new(baked));
         report.seconds += start.elapsed().as_secs_f64();
         report.cpu_seconds += cpu_seconds() - cpu_start;
         let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
-        Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir, not_stored, transfers, plain })
+        Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir, transfers, plain })
     }
 
     pub fn context(&self, options: &LightOptions) -> Result<Arc<Context>> {
@@ -325,8 +332,8 @@ const BYTES_A_SAMPLE: u64 = 2 * (32 + 12 + 36) + 32 + 9 + 16;
 const SHARE_OF_EDGES: f64 = 0.04;
 
 /// Refuses a picture that cannot fit this machine, before the system does so less kindly.
-fn check_memory(size: [u32; 2], samples: u32, light_count: usize, path: &Path) -> Result<()> {
-    let samples_a_pixel = 1.0 + SHARE_OF_EDGES * f64::from(samples - 1);
+fn check_memory(size: [u32; 2], samples: u32, forced_layers: u32, light_count: usize, path: &Path) -> Result<()> {
+    let samples_a_pixel = 1.0 + SHARE_OF_EDGES * f64::from(samples - 1) + f64::from(forced_layers);
     // The fewest light images that work and their rest; each light's visibility while its shadow edges are looked for.
     let images = LightCache::slot_range(light_count).0 + 1;
     let edges = if samples > 1 { light_count } else { 0 };
@@ -362,10 +369,13 @@ fn use_threads(threads: Option<u32>) {
 
 /// Processor time of this process, user and system, all threads; 0 where /proc does not tell.
 pub fn cpu_seconds() -> f64 {
-    // Fields 14 and 15 after the command's name, in clock ticks, of which Linux has 100 a second [proc(5)].
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-    after_name.split_whitespace().skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
+    #[cfg(target_os = "linux")]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+    }
+    #[cfg(not(target_os = "linux"))]
+    0.0
 }
 
 /// Most memory that this process ever held, in bytes; 0 where /proc does not tell.

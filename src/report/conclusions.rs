@@ -16,6 +16,7 @@ pub fn of_scene(scene: &SceneReport) -> Vec<String> {
     for method in Method::ALL {
         said.extend(where_it_ends(scene, method));
     }
+    said.extend(not_finite(scene));
     said.extend(slowest_and_fastest_edit(scene));
     said.extend(maps_and_rays(scene));
     said.extend(scene.ablation.as_ref().map(ablation));
@@ -25,11 +26,6 @@ pub fn of_scene(scene: &SceneReport) -> Vec<String> {
 /// Points of a method, the least work first.
 pub(super) fn curve(scene: &SceneReport, method: Method) -> Vec<&Point> {
     scene.points.iter().filter(|p| p.method == method).collect()
-}
-
-/// CPU seconds to the first picture.
-pub(super) fn total(point: &Point) -> f64 {
-    point.precompute.cpu + point.frame.cpu
 }
 
 fn least<'a>(points: impl IntoIterator<Item = &'a Point>) -> Option<&'a Point> {
@@ -64,25 +60,32 @@ pub fn path_tracing_seconds(scene: &SceneReport, error: f64) -> Option<(f64, boo
 
 fn best_of_ours(scene: &SceneReport) -> Option<String> {
     let ours = least(scene.points.iter().filter(|p| p.method.is_ours()))?;
-    let (seconds, extrapolated) = path_tracing_seconds(scene, ours.errors.indirect)?;
+    // Below the floor the truth cannot tell how near it is.
+    let error = ours.errors.indirect.max(scene.floors.indirect);
+    let below = if error > ours.errors.indirect { ", below which the truth's noise hides errors," } else { "" };
+    let (seconds, extrapolated) = path_tracing_seconds(scene, error).filter(|_| error > 0.0)?;
     let how = if extrapolated { " (extrapolated as 1/√n from what was run)" } else { "" };
-    let first = seconds / total(ours);
-    let again = seconds / ours.frame.cpu;
+    let first = ratio(seconds, ours.total_cpu())?;
     let bake = match first >= 1.0 {
         true => format!("{} times as long as bake and picture together", significant(first)),
         false => format!("{} of the time that bake and picture take together", percent(first)),
     };
     Some(format!(
-        "Ours (`{}`) comes as near as {} to the truth's indirect light, in {} CPU seconds of bake and {} for each picture after \
-         an edit. Path tracing takes {} CPU seconds{how} for the same error: {bake}, and {} times as long as a picture after an \
-         edit.",
+        "Ours (`{}`) comes as near as {}{below} to the truth's indirect light, in {} CPU seconds of bake and {} for each picture \
+         after an edit. Path tracing takes {} CPU seconds{how} for the same error: {bake}, and {} times as long as a picture after \
+         an edit.",
         ours.setting,
-        percent(ours.errors.indirect),
+        percent(error),
         significant(ours.precompute.cpu),
         significant(ours.frame.cpu),
         significant(seconds),
-        significant(again),
+        significant(ratio(seconds, ours.frame.cpu)?),
     ))
+}
+
+/// None where it is no number.
+fn ratio(a: f64, b: f64) -> Option<f64> {
+    Some(a / b).filter(|ratio| ratio.is_finite())
 }
 
 fn path_tracing(scene: &SceneReport) -> Option<String> {
@@ -90,7 +93,7 @@ fn path_tracing(scene: &SceneReport) -> Option<String> {
     let slope = exponent(points.iter().map(|p| [p.frame.cpu, p.errors.indirect]))?;
     if slope >= 0.0 {
         return Some(format!(
-            "Path tracing's error does not fall with time here (exponent {slope:+.2}); 0.5 is expected."
+            "Path tracing's error does not fall with time here (exponent {slope:+.2}); -0.5 is expected."
         ));
     }
     Some(format!(
@@ -104,17 +107,16 @@ fn beside_the_thesis(scene: &SceneReport) -> Option<String> {
     let theirs =
         least(scene.points.iter().filter(|p| matches!(p.method, Method::ThesisDiffuse | Method::ThesisGlossy)))?;
     let ours = least(scene.points.iter().filter(|p| p.method.is_ours()))?;
-    let ratio = theirs.errors.indirect / ours.errors.indirect;
-    let nearer = match ratio >= 1.0 {
-        true => format!("{} times as far from the truth", significant(ratio)),
-        false => format!("nearer the truth by a factor of {}", significant(1.0 / ratio)),
-    };
+    let [far, near] = [theirs, ours].map(|p| p.errors.indirect.max(scene.floors.indirect));
     Some(format!(
-        "The thesis's method at its best here ({}, `{}`) has {}, {nearer} than ours at its best, in {} times its bake.",
+        "The thesis's method at its best here ({}, `{}`) is off by {}, {} times as much as ours at its best (`{}`), whose bake takes \
+         {} times as long.",
         theirs.method.name().split(", more").next().unwrap_or_default(),
         theirs.setting,
-        percent(theirs.errors.indirect),
-        significant(theirs.precompute.cpu / ours.precompute.cpu),
+        percent(far),
+        significant(ratio(far, near)?),
+        ours.setting,
+        significant(ratio(ours.precompute.cpu, theirs.precompute.cpu)?),
     ))
 }
 
@@ -131,8 +133,8 @@ fn beside_wavelets(scene: &SceneReport) -> Option<String> {
         "Asked for the same error (`{}`), Haar wavelets take {} the memory of nested blocks and {} the CPU time a picture, and come \
          as near as {} where those come as near as {}.",
         nested.setting,
-        times(haar.bytes as f64 / nested.bytes.max(1) as f64),
-        times(haar.frame.cpu / nested.frame.cpu),
+        times(ratio(haar.bytes as f64, nested.bytes as f64)?),
+        times(ratio(haar.frame.cpu, nested.frame.cpu)?),
         percent(haar.errors.indirect),
         percent(nested.errors.indirect),
     ))
@@ -175,42 +177,29 @@ fn reason(scene: &SceneReport, method: Method, stop: &Point) -> String {
     if errors.indirect < 2.0 * scene.floors.indirect {
         return format!("below {} the truth's own noise hides what is left", percent(2.0 * scene.floors.indirect));
     }
-    let beyond = curve(scene, method).into_iter().skip_while(|p| p.setting != stop.setting);
-    let no_sum = beyond.filter_map(|p| Some((p, p.spectral_radius.filter(|r| *r >= 1.0)?))).next();
-    if let Some((point, radius)) = no_sum {
-        let radius = significant(radius);
-        return format!("with `{}` its series has no sum: G's spectral radius is {radius}", point.setting);
+    let radius = |p: &Point| p.spectral_radius.unwrap_or(0.0);
+    let mut beyond = curve(scene, method).into_iter().skip_while(|p| p.setting != stop.setting);
+    let diverges = |p: &&Point| radius(p) >= 1.0 && radius(p) > radius(stop) && p.errors.indirect > errors.indirect;
+    if let Some(point) = beyond.find(diverges) {
+        let [there, here] = [point, stop].map(|p| significant(radius(p)));
+        return format!(
+            "with `{}` its series has no sum: G's spectral radius is {there} there, {here} here",
+            point.setting
+        );
     }
-    if errors.indirect_bias.abs() > 0.5 * errors.indirect {
+    if errors.indirect_bias.abs() * scene.floors.mean > 0.5 * errors.indirect {
         return format!("the picture as a whole is off by {}", percent(errors.indirect_bias));
     }
-    // What a compressed operator has been measured to leave, beside the whole error.
-    let compression = stop.held_out.unwrap_or(0.0);
-    if matches!(method, Method::Compressed | Method::Haar) && compression < 0.5 * errors.indirect {
+    // Whatever else was made finer.
+    let others = [Method::GatherSamples, Method::Rays, Method::Compressed].into_iter().filter(|other| *other != method);
+    let best =
+        least(others.filter(|_| method.is_ours() || method == Method::Haar).flat_map(|other| curve(scene, other)));
+    if let Some(best) = best.filter(|best| best.errors.indirect < HELPED * errors.indirect) {
+        let name = best.method.name().trim_start_matches("ours, ");
         return format!(
-            "compression leaves {} of its rows there: the rest of the {} is these rows' own, of gather samples and rays",
-            percent(compression),
-            percent(errors.indirect)
-        );
-    }
-    let other = match method {
-        Method::GatherSamples => Some(Method::Rays),
-        Method::Rays => Some(Method::GatherSamples),
-        _ => None,
-    };
-    let other = other.and_then(|other| Some((other, least(curve(scene, other))?)));
-    if let Some((other, best)) = other.filter(|(_, best)| best.errors.indirect < HELPED * errors.indirect) {
-        return format!(
-            "{} takes it to {} (`{}`)",
-            other.name().trim_start_matches("ours, "),
+            "what is left is another thing's: {name} comes to {} (`{}`)",
             percent(best.errors.indirect),
             best.setting
-        );
-    }
-    if compression > 0.5 * errors.indirect {
-        return format!(
-            "compression alone leaves {} of its rows, which a smaller `--error` lowers",
-            percent(compression)
         );
     }
     patches(stop)
@@ -227,21 +216,26 @@ fn patches(point: &Point) -> String {
     format!("of its error {} are left on means of 4x4 pixels: {kind}", percent(share))
 }
 
+fn not_finite(scene: &SceneReport) -> Option<String> {
+    let point = scene.points.iter().max_by_key(|p| p.errors.non_finite).filter(|p| p.errors.non_finite > 0)?;
+    Some(format!(
+        "{} pixels of `{}` are infinite or not a number; its errors are those of the others.",
+        point.errors.non_finite, point.setting
+    ))
+}
+
 fn slowest_and_fastest_edit(scene: &SceneReport) -> Option<String> {
     let changed: Vec<&EditTime> = scene.edits.iter().filter(|e| e.edit != "none").collect();
     let by = |p: &&&EditTime, q: &&&EditTime| p.median_ms.total_cmp(&q.median_ms);
     let (fast, slow) = (changed.iter().min_by(by)?, changed.iter().max_by(by)?);
-    let pass = slow.passes.iter().max_by(|p, q| p.median_ms.total_cmp(&q.median_ms))?;
+    let pass = slow.passes.iter().max_by(|p, q| p.median_ms.total_cmp(&q.median_ms));
+    let pass = pass.map_or_else(String::new, |pass| {
+        format!(", of which the pass \"{}\" takes {} ms", pass.name, significant(pass.median_ms))
+    });
     let describe = |e: &EditTime| {
         format!("`{}` of a {} ({} ms, {} shadows)", e.edit, e.light, significant(e.median_ms), e.shadows)
     };
-    Some(format!(
-        "Of the edits {} is the fastest and {} the slowest, of which the pass \"{}\" takes {} ms.",
-        describe(fast),
-        describe(slow),
-        pass.name,
-        significant(pass.median_ms)
-    ))
+    Some(format!("Of the edits {} is the fastest and {} the slowest{pass}.", describe(fast), describe(slow)))
 }
 
 fn maps_and_rays(scene: &SceneReport) -> Option<String> {
@@ -257,16 +251,16 @@ fn maps_and_rays(scene: &SceneReport) -> Option<String> {
 }
 
 fn ablation(ablation: &Ablation) -> String {
-    let [as_is, all] = ablation.shading_ms;
+    let [edit, shading] = [ablation.edit_ms, ablation.shading_ms].map(|ms| ms.map(significant));
+    let [bytes, all_bytes] = ablation.bytes.map(|bytes| significant(1e-6 * bytes as f64));
     let same = match ablation.difference {
         0.0 => "to the last bit".to_owned(),
         difference => format!("to {} of its mean", percent(difference)),
     };
     format!(
-        "With nothing left out (`--force-all`) the picture is the same {same}, and shading a moved light takes {} ms instead of \
-         {}.",
-        significant(all),
-        significant(as_is)
+        "With nothing of the deep framebuffer left out (`--force-all`) the picture is the same {same}; a moved light takes {} ms \
+         instead of {}, of it shading {} instead of {}; the device holds {all_bytes} MB instead of {bytes}.",
+        edit[1], edit[0], shading[1], shading[0]
     )
 }
 

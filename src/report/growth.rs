@@ -11,7 +11,7 @@ use super::table::{Table, escaped, grouped, number, significant};
 pub struct Growth {
     /// What grows, in the plural.
     pub of: String,
-    /// Scene that it was measured in.
+    /// Scene that it was measured in, and how.
     pub scene: String,
     pub curves: Vec<Cost>,
 }
@@ -48,11 +48,10 @@ impl Growth {
     }
 
     fn chart(&self) -> Chart {
-        let series = |(style, cost): (usize, &Cost)| Series {
-            name: cost.name.clone(),
-            style,
-            points: cost.points.iter().copied().filter(|p| p.iter().all(|v| *v > 0.0)).collect(),
-            tips: cost.points.iter().map(|p| format!("{}: {} ms", significant(p[0]), significant(p[1]))).collect(),
+        let series = |(style, cost): (usize, &Cost)| {
+            let points: Vec<[f64; 2]> = cost.points.iter().copied().filter(|p| p.iter().all(|v| *v > 0.0)).collect();
+            let tips = points.iter().map(|p| format!("{}: {} ms", significant(p[0]), significant(p[1]))).collect();
+            Series { name: cost.name.clone(), style, points, tips }
         };
         Chart {
             title: format!("Against {}, {}", self.of, self.scene),

@@ -19,14 +19,14 @@ pub use self::table::{Table, significant};
 
 use self::growth::Growth;
 use self::stability::Stability;
-use self::thesis::Thesis;
+use self::thesis::{GlossyAlone, Thesis};
 
 use crate::error::{Error, Result};
 use crate::image::file::write_bytes;
 
 /// Everything that the page tells.
 pub struct Report {
-    /// When it was measured, UTC.
+    /// When it was measured, UTC: from, to.
     pub when: String,
     /// How to measure it again.
     pub command: String,
@@ -35,6 +35,7 @@ pub struct Report {
     pub machine: Vec<[String; 2]>,
     pub scenes: Vec<SceneReport>,
     pub thesis: Thesis,
+    pub glossy_alone: Option<GlossyAlone>,
     pub growth: Vec<Growth>,
     /// Of a scene, by its name.
     pub stability: (String, Vec<Stability>),
@@ -64,6 +65,13 @@ pub struct SceneReport {
     pub left_out: Vec<LeftOut>,
     /// The picture with nothing left out against the one that is shown.
     pub ablation: Option<Ablation>,
+}
+
+impl SceneReport {
+    /// Its curves.
+    fn table(&self) -> Table {
+        table::points(format!("{}.errors.csv", self.name), &self.points)
+    }
 }
 
 /// A way to a picture, and what grows along its curve.
@@ -142,13 +150,21 @@ pub struct Point {
     pub bytes: u64,
     /// Multiply-adds for indirect light, of all pixels.
     pub multiply_adds: u64,
-    /// Relative error of a compressed operator against its own rows, under points that it has not learned from.
+    /// Relative error of a compressed operator against its own rows, under points that it has not learned from: mostly noise of
+    /// these rows that it leaves out.
     pub held_out: Option<f64>,
     pub spectral_radius: Option<f64>,
     pub load: f64,
     pub errors: Errors,
     /// The picture itself, under the report's folder.
     pub file: String,
+}
+
+impl Point {
+    /// CPU seconds to the first picture.
+    pub fn total_cpu(&self) -> f64 {
+        self.precompute.cpu + self.frame.cpu
+    }
 }
 
 /// How far a picture is from the truth, free of the truth's noise but for FLIP.
@@ -166,6 +182,8 @@ pub struct Errors {
     pub whole: f64,
     /// Mean FLIP of the whole picture.
     pub flip: f64,
+    /// Pixels that are infinite or not a number; no other figure counts them.
+    pub non_finite: usize,
 }
 
 /// Below these the truth tells nothing.
@@ -175,11 +193,13 @@ pub struct Floors {
     pub indirect: f64,
     /// Noise of the truth's mean itself, relative, were it not cancelled.
     pub noise: f64,
-    /// FLIP of the truth's halves against each other; twice what their mean has at least.
+    /// What the noise of the truth's mean does to FLIP: half of what its halves have against each other.
     pub flip: f64,
+    /// Mean of the truth's indirect light over its root mean square: a bias times it is in units of [`Errors::indirect`].
+    pub mean: f64,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Skipped {
     pub what: String,
     pub why: String,
@@ -205,6 +225,7 @@ pub struct EditTime {
     pub median_ms: f64,
     pub p95_ms: f64,
     pub best_ms: f64,
+    /// Empty where the driver's times of passes are wrong.
     pub passes: Vec<PassMs>,
 }
 
@@ -213,8 +234,9 @@ pub struct PassMs {
     pub name: String,
     pub on: String,
     pub median_ms: f64,
-    /// What a kernel of known work takes in its place: the yardstick, or a copy of the bytes that it reads.
-    pub limit_ms: Option<f64>,
+    /// What a kernel of known work takes: for shading the yardstick over as many samples, for the transfer its bytes at the rate
+    /// at which a copy reads and writes.
+    pub yardstick_ms: Option<f64>,
 }
 
 /// Something that a scene does not need.
@@ -229,8 +251,12 @@ pub struct LeftOut {
 pub struct Ablation {
     /// Largest difference of a channel between the two pictures, over the picture's mean.
     pub difference: f64,
-    /// Milliseconds of shading a moved light, best: as it is, and with nothing left out.
+    /// Milliseconds of moving a light, direct light alone, best: as it is, and with nothing left out.
+    pub edit_ms: [f64; 2],
+    /// Of these, shading.
     pub shading_ms: [f64; 2],
+    /// Device memory.
+    pub bytes: [u64; 2],
 }
 
 /// Writes `index.html` and the CSV files into `dir`, which exists.
@@ -251,11 +277,17 @@ pub fn tables(report: &Report) -> Vec<Table> {
     report.machine.iter().for_each(|row| machine.push(row.clone()));
     let scenes = report.scenes.iter();
     let mut tables = vec![machine, table::scenes(report)];
-    tables.extend(scenes.clone().filter(|s| !s.points.is_empty()).map(table::points));
+    tables.extend(scenes.clone().filter(|s| !s.points.is_empty()).map(SceneReport::table));
     tables.extend(scenes.clone().filter(|s| !s.edits.is_empty()).map(table::edits));
     tables.extend(scenes.filter(|s| !s.left_out.is_empty()).map(table::left_out));
-    let of_thesis = [thesis::previews(&report.thesis.previews), thesis::transfers(&report.scenes)];
-    tables.extend(of_thesis.into_iter().filter(|table| !table.is_empty()));
+    let others = [
+        table::ablations(&report.scenes),
+        table::skipped(&report.scenes),
+        thesis::previews(&report.thesis.previews),
+        thesis::transfers(&report.scenes),
+    ];
+    tables.extend(others.into_iter().filter(|table| !table.is_empty()));
+    tables.extend(report.glossy_alone.iter().map(GlossyAlone::table));
     if !report.growth.is_empty() {
         tables.push(growth::table(&report.growth));
     }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use base64::Engine;
 
-use super::conclusions::{self, curve, total};
+use super::conclusions::{self, curve};
 use super::plot::{Chart, Series};
 use super::table::{escaped, significant};
 use super::{Method, Picture, Point, Report, SceneReport, extreme, growth, profile, stability, table, tables, thesis};
@@ -13,11 +13,13 @@ use crate::image::png;
 /// The page as text.
 pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
     let scenes = report.scenes.iter().map(scene).collect::<Result<String, _>>()?;
-    let figures = report.thesis.pictures.iter().map(figure).collect::<Result<String, _>>()?;
+    let glossy_alone = report.glossy_alone.iter().flat_map(|alone| &alone.pictures);
+    let figures = report.thesis.pictures.iter().chain(glossy_alone).map(figure).collect::<Result<String, _>>()?;
+    let beside_the_thesis = thesis::html(&report.thesis, &report.scenes, report.glossy_alone.as_ref());
     let machine = tables(report).swap_remove(0).html();
     let quick = if report.quick { " This is the quick version, with small pictures and short curves." } else { "" };
     let parts = [
-        ("thesis", report.thesis.previews.is_empty()),
+        ("thesis", beside_the_thesis.is_empty()),
         ("scaling", report.growth.is_empty()),
         ("stability", report.stability.1.is_empty()),
         ("extreme", report.extreme.is_empty()),
@@ -36,16 +38,15 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
          <meta name=color-scheme content=\"light dark\"><title>relume: error against run time</title>\n\
          <style>\n{style}</style></head>\n<body><main>\n\
          <h1>relume: error against run time</h1>\n\
-         <p>Measured {when} by <code>{command}</code>.{quick} All numbers stand in the CSV files beside this page, all pictures \
-         as EXR; every sentence under “What it says” is computed from them. Seconds are processor time, user and system, of all \
-         threads; wall clock is in the files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> \
+         <p>Measured {when} by <code>{command}</code>.{quick} All numbers stand in the CSV files beside this page, pictures \
+         whose errors are told as EXR; every sentence under “What it says” is computed from them. Seconds are processor time, user and \
+         system, of all threads, and a GPU's own; wall clock is in the files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> \
          <a href=\"#limits\">Known limits</a></p>\n\
-         <h2>Machine</h2>\n{machine}{scenes}{thesis}{figures}{growth}{stability}{extreme}{method}\
+         <h2>Machine</h2>\n{machine}{scenes}{beside_the_thesis}{figures}{growth}{stability}{extreme}{method}\
          <h2 id=limits>Known limits</h2>\n{limits}</main></body></html>\n",
         style = include_str!("style.css"),
         when = escaped(&report.when),
         command = escaped(&report.command),
-        thesis = thesis::html(&report.thesis, &report.scenes),
         growth = growth::html(&report.growth),
         stability = stability::html(report.stability.0.as_str(), &report.stability.1),
         extreme = extreme::html(&report.extreme),
@@ -57,8 +58,8 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
 const METHOD: &str = "<h2 id=method>How it was measured</h2>\n\
     <p>The truth is our own path tracer, in two halves of independent noise, through the centres of the pixels as in the deep \
     framebuffer. Every squared error is taken as (x - a)(x - b) of both halves, so that their noise cancels but for the floor \
-    that is drawn; FLIP is against their mean, whose noise nothing cancels, and the line is FLIP of one half against the \
-    other. Relative errors are those of indirect light alone, since direct light and reflections are the same for all \
+    that is drawn; FLIP is against their mean, whose noise nothing cancels: the line is half of the FLIP of one half against \
+    the other. Relative errors are those of indirect light alone, since direct light and reflections are the same for all \
     methods; FLIP sees the whole picture. Shadows are traced. To the first picture: BVH, deep framebuffer, all of the bake, \
     upload, one frame; not the tables of BRDFs that all scenes share, which are made before. A picture after an edit: a light \
     has moved. For path tracing that is the whole picture again.</p>\n";
@@ -79,12 +80,15 @@ fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
         let items: String = sentences.iter().map(|s| format!("<li>{}</li>\n", inline(s))).collect();
         let _ = write!(html, "<h3>What it says</h3>\n<ul>{items}</ul>\n");
     }
+    if !scene.pictures.is_empty() {
+        html += "<h3>Pictures, as in the thesis’s Figures 5.3 and 5.5</h3>\n";
+    }
     for picture in &scene.pictures {
         html += &figure(picture)?;
     }
     let charts: String = charts(scene).iter().filter_map(Chart::svg).collect();
     if !charts.is_empty() {
-        let rows = table::points(scene).html();
+        let rows = scene.table().html();
         let _ = write!(
             html,
             "<h3>Error against run time</h3>\n<div class=charts>\n{charts}</div>\n<details><summary>All its \
@@ -118,9 +122,9 @@ fn charts(scene: &SceneReport) -> Vec<Chart> {
     let error = "error of indirect light, % rel. RMSE";
     let percent: Of = |p| 100.0 * p.errors.indirect;
     let flip: Of = |p| p.errors.flip;
-    let frame: Of = |p| p.frame.cpu;
+    let (total, frame): (Of, Of) = (Point::total_cpu, |p| p.frame.cpu);
     let noise = (100.0 * scene.floors.indirect, "the truth’s noise");
-    let halves = (scene.floors.flip, "one half of the truth against the other");
+    let flip_noise = (scene.floors.flip, "the truth’s noise");
     let chart = |title: &str, x_label: &str, x: Of, y_label, y: Of, floor| Chart {
         title: title.to_owned(),
         x_label: String::from(x_label),
@@ -131,8 +135,8 @@ fn charts(scene: &SceneReport) -> Vec<Chart> {
     vec![
         chart("Error, bake included", first, total, error, percent, noise),
         chart("Error, after the bake", again, frame, error, percent, noise),
-        chart("What a viewer sees, bake included", first, total, "mean FLIP", flip, halves),
-        chart("What a viewer sees, after the bake", again, frame, "mean FLIP", flip, halves),
+        chart("What a viewer sees, bake included", first, total, "mean FLIP", flip, flip_noise),
+        chart("What a viewer sees, after the bake", again, frame, "mean FLIP", flip, flip_noise),
     ]
 }
 

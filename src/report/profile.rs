@@ -62,7 +62,7 @@ pub(super) fn svg(title: &str, edits: &[EditTime]) -> Option<String> {
         let total = significant(edit.median_ms);
         let _ = writeln!(svg, "<text x={:.1} y={}>{total} ms</text>", end + 6.0, bar + 13.0);
     }
-    for (index, name) in names.iter().chain(&["between passes"]).enumerate() {
+    for (index, name) in names.iter().chain(&["the rest"]).enumerate() {
         let [x, y] = legend(index);
         let class = if index < names.len() { format!("f{}", index % COLORS) } else { "rest".into() };
         let _ = write!(svg, "<rect class={class} x={x} y={} width=14 height=14 />", y - 12.0);

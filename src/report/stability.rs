@@ -60,25 +60,30 @@ fn sentences(rows: &[Stability]) -> Vec<String> {
         ),
         Some(first) => format!("Our spectral radius exceeds the albedo, first at {}: {}.", first.albedo, first.radius),
     }));
-    said.extend(rows.iter().find(|s| s.thesis_radius >= 1.0).map(|first| {
+    let last_sum = rows.iter().rposition(|s| s.thesis_radius < 1.0);
+    said.extend(rows.get(last_sum.map_or(0, |last| last + 1)).map(|first| {
         let radius = significant(first.thesis_radius);
         format!(
             "The thesis's series has no sum from an albedo of {} on, where its spectral radius is {radius}.",
             first.albedo
         )
     }));
-    if let Some((least, most)) = rows.first().zip(rows.iter().rev().find(|s| s.bounces.is_some())) {
-        let bounces = |s: &Stability| s.bounces.map_or_else(String::new, |b| b.to_string());
+    let mut within = rows.iter().filter_map(|s| Some((s, s.bounces?)));
+    if let Some((least, first)) = within.next() {
+        let (most, last) = within.next_back().unwrap_or((least, first));
         said.push(format!(
-            "A thousandth of the light is left after {} bounces at albedo {} and after {} at {}; five bounces leave out {} there.",
-            bounces(least),
+            "A thousandth of the light is left after {first} bounces at albedo {} and after {last} at {}; five bounces leave out {} there.",
             least.albedo,
-            bounces(most),
             most.albedo,
             percent(most.left_after_five)
         ));
     }
-    let most = |of: fn(&Stability) -> f64| rows.iter().map(of).fold(0.0, f64::max);
+    said.extend(rows.iter().find(|s| s.bounces.is_none()).map(|first| {
+        format!("At an albedo of {} more than a thousandth is left after {MOST_BOUNCES} bounces.", first.albedo)
+    }));
+    // What is not a number is larger than any.
+    let larger = |most: f64, x: f64| if x.is_nan() || x > most { x } else { most };
+    let most = |of: fn(&Stability) -> f64| rows.iter().map(of).fold(0.0, larger);
     let (residual, single, half) = (most(|s| s.residual), most(|s| s.single), most(|s| s.half));
     said.extend(rows.first().map(|_| {
         format!(

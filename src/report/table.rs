@@ -1,6 +1,6 @@
 //! Numbers in rows: the same ones for the page and for CSV files.
 
-use super::{Report, SceneReport};
+use super::{Point, Report, SceneReport};
 
 /// A CSV file, and a table of the page.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,7 +119,8 @@ pub(super) fn scenes(report: &Report) -> Table {
     table
 }
 
-pub(super) fn points(scene: &SceneReport) -> Table {
+/// What was measured of pictures, by the name of a file.
+pub(super) fn points(file: String, points: &[Point]) -> Table {
     let columns = [
         "method",
         "setting",
@@ -135,19 +136,21 @@ pub(super) fn points(scene: &SceneReport) -> Table {
         "indirect_bias",
         "whole_rel_rmse",
         "flip",
+        "non_finite",
         "held_out",
         "spectral_radius",
         "load",
         "picture",
     ];
-    let mut table = Table::new(format!("{}.errors.csv", scene.name), &columns);
-    for p in &scene.points {
+    let mut table = Table::new(file, &columns);
+    for p in points {
         let e = p.errors;
         let times = [p.precompute.cpu, p.precompute.wall, p.frame.cpu, p.frame.wall].map(number);
         let errors = [e.indirect, e.indirect_4x4, e.indirect_trimmed, e.indirect_bias, e.whole, e.flip].map(number);
         let head = [p.method.id().to_owned(), p.setting.clone()];
         let costs = [p.bytes, p.multiply_adds].map(|count| count.to_string());
-        let rest = [optional(p.held_out), optional(p.spectral_radius), number(p.load), p.file.clone()];
+        let non_finite = e.non_finite.to_string();
+        let rest = [non_finite, optional(p.held_out), optional(p.spectral_radius), number(p.load), p.file.clone()];
         table.push(head.into_iter().chain(times).chain(costs).chain(errors).chain(rest));
     }
     table
@@ -164,8 +167,8 @@ pub(super) fn edits(scene: &SceneReport) -> Table {
         "median_ms",
         "p95_ms",
         "best_ms",
-        "limit_ms",
-        "share_of_limit",
+        "yardstick_ms",
+        "yardstick_over_pass",
     ];
     let mut table = Table::new(format!("{}.edits.csv", scene.name), &columns);
     for e in &scene.edits {
@@ -174,10 +177,38 @@ pub(super) fn edits(scene: &SceneReport) -> Table {
         let whole = ["all".into(), none(), number(e.median_ms), number(e.p95_ms), number(e.best_ms), none(), none()];
         table.push(head().chain(whole));
         for p in &e.passes {
-            let share = p.limit_ms.map(|limit| limit / p.median_ms);
+            let share = p.yardstick_ms.map(|yardstick| yardstick / p.median_ms);
             let pass = [p.name.clone(), p.on.clone(), number(p.median_ms), none(), none()];
-            table.push(head().chain(pass).chain([optional(p.limit_ms), optional(share)]));
+            table.push(head().chain(pass).chain([optional(p.yardstick_ms), optional(share)]));
         }
+    }
+    table
+}
+
+/// What leaving things out saves.
+pub(super) fn ablations(scenes: &[SceneReport]) -> Table {
+    let columns = [
+        "scene",
+        "largest_difference_over_mean",
+        "edit_ms",
+        "edit_ms_nothing_left_out",
+        "shading_ms",
+        "shading_ms_nothing_left_out",
+        "bytes",
+        "bytes_nothing_left_out",
+    ];
+    let mut table = Table::new("ablation.csv", &columns);
+    for (scene, a) in scenes.iter().filter_map(|s| Some((s, s.ablation?))) {
+        let times = [a.difference, a.edit_ms[0], a.edit_ms[1], a.shading_ms[0], a.shading_ms[1]].map(number);
+        table.push(std::iter::once(scene.name.clone()).chain(times).chain(a.bytes.map(|bytes| bytes.to_string())));
+    }
+    table
+}
+
+pub(super) fn skipped(scenes: &[SceneReport]) -> Table {
+    let mut table = Table::new("not-measured.csv", &["scene", "what", "why"]);
+    for (scene, skipped) in scenes.iter().flat_map(|s| s.skipped.iter().map(move |skipped| (s, skipped))) {
+        table.push([scene.name.clone(), skipped.what.clone(), skipped.why.clone()]);
     }
     table
 }

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::conclusions::curve;
-use super::table::{Table, escaped, number, optional, significant};
-use super::{Method, Picture, SceneReport, Seconds};
+use super::table::{self, Table, escaped, number, optional, significant};
+use super::{Method, Picture, Point, SceneReport, Seconds};
 
 /// A row of Table 5.1: a preview beside a final picture, direct light and reflections.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,7 +27,8 @@ struct Printed {
     preview_ms: &'static str,
     /// Its final picture, seconds (Blender on the same machine, 8 samples a pixel).
     final_s: f64,
-    /// Blender 5.0.1's Cycles on two of today's cores: at most 128 samples a pixel, adaptive to 0.01, denoised.
+    /// Blender 5.0.1's Cycles, half of the CPU seconds on two of today's cores: at most 128 samples a pixel, adaptive to 0.01,
+    /// denoised.
     cycles_s: f64,
 }
 
@@ -52,6 +53,18 @@ pub struct Thesis {
     pub pictures: Vec<Picture>,
 }
 
+/// Figure 5.4: a scene without diffuse lobes, its indirect light times 4.
+pub struct GlossyAlone {
+    pub points: Vec<Point>,
+    pub pictures: Vec<Picture>,
+}
+
+impl GlossyAlone {
+    pub(super) fn table(&self) -> Table {
+        table::points("figure-5.4.csv".into(), &self.points)
+    }
+}
+
 impl Preview {
     fn printed(&self) -> Option<&'static Printed> {
         PRINTED.iter().find(|p| self.scene.starts_with(p.scene) && self.lights == p.lights)
@@ -70,7 +83,7 @@ pub(super) fn previews(rows: &[Preview]) -> Table {
         "thesis_final_s",
         "final_cpu_s",
         "final_wall_s",
-        "cycles_wall_s",
+        "cycles_half_cpu_s",
     ];
     let mut table = Table::new("table-5.1.csv", &columns);
     for row in rows {
@@ -99,7 +112,7 @@ pub(super) fn transfers(scenes: &[SceneReport]) -> Table {
         "measured_cpu_s",
         "width",
         "height",
-        "scaled_to_512x512_cpu_s",
+        "with_1024_samples_at_512x512_cpu_s",
         "indirect_rel_rmse",
     ];
     let mut table = Table::new("table-5.2.csv", &columns);
@@ -112,19 +125,18 @@ pub(super) fn transfers(scenes: &[SceneReport]) -> Table {
             (Method::PathTracing, Some(printed[0])),
             (Method::ThesisDiffuse, Some(printed[1])),
             (Method::ThesisGlossy, Some(printed[2])),
-            (Method::Compressed, None),
+            (Method::GatherSamples, None),
         ];
         for (method, printed) in rows {
-            let all = curve(scene, method);
-            let Some(point) = all.iter().rfind(|p| p.setting.contains("--gather 2304")).or(all.last()) else {
-                continue;
-            };
-            let cpu = point.precompute.cpu + point.frame.cpu;
+            let Some(point) = curve(scene, method).pop() else { continue };
             let samples = point.setting.strip_prefix("--spp ").and_then(|n| n.parse::<f64>().ok());
-            let scaled = cpu * PRINTED_PIXELS / pixels * samples.map_or(1.0, |n| PRINTED_SAMPLES / n);
-            let head = [scene.name.clone(), method.id().into(), optional(printed), point.setting.clone(), number(cpu)];
+            // Pictures take time in proportion; bakes do not.
+            let scaled =
+                samples.map(|n| point.precompute.cpu + point.frame.cpu * PRINTED_PIXELS / pixels * PRINTED_SAMPLES / n);
+            let cpu = number(point.total_cpu());
+            let head = [scene.name.clone(), method.id().into(), optional(printed), point.setting.clone(), cpu];
             let size = scene.size.map(|side| side.to_string());
-            table.push(head.into_iter().chain(size).chain([number(scaled), number(point.errors.indirect)]));
+            table.push(head.into_iter().chain(size).chain([optional(scaled), number(point.errors.indirect)]));
         }
     }
     table
@@ -156,14 +168,14 @@ fn sentences(rows: &[Preview]) -> Vec<String> {
 }
 
 /// A part of the page without its pictures; empty without measurements.
-pub(super) fn html(thesis: &Thesis, scenes: &[SceneReport]) -> String {
+pub(super) fn html(thesis: &Thesis, scenes: &[SceneReport], glossy_alone: Option<&GlossyAlone>) -> String {
     let mut html = String::new();
     if !thesis.previews.is_empty() {
         let items: String = sentences(&thesis.previews).iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
         html += &format!(
             "<h3>Table 5.1: direct light and reflections</h3>\n<ul>{items}</ul>\n<p>A preview is the picture after a \
              light has moved; a final picture is our path tracer's, direct light and mirrors, 8 samples all over a pixel. The \
-             thesis's final pictures are Blender's on a Pentium 4, both at 720×480; the last column is what Blender \
+             thesis's final pictures are Blender's on a Pentium 4, both at 720×480; the last column is half of the CPU seconds that Blender \
              5.0.1's Cycles took for the scene on two of today's cores, at most 128 samples a pixel, adaptive to 0.01, denoised.</p>\n{}",
             previews(&thesis.previews).html()
         );
@@ -171,10 +183,16 @@ pub(super) fn html(thesis: &Thesis, scenes: &[SceneReport]) -> String {
     let transfers = transfers(scenes);
     if !transfers.is_empty() {
         html += &format!(
-            "<h3>Table 5.2: indirect light</h3>\n<p>From the curves above: CPU seconds with bake, scaled to 512×512 pixels and, \
-             for path tracing, to 1,024 samples a pixel, in proportion; the thesis's seconds are those of an Athlon 64 X2 at 2.2 \
-             GHz.</p>\n{}",
+            "<h3>Table 5.2: indirect light</h3>\n<p>The last picture of each curve above: CPU seconds with bake; for path tracing, whose time grows in \
+             proportion, also those of 512×512 pixels with 1,024 samples each. The thesis's seconds are those of an Athlon 64 X2 at \
+             2.2 GHz for 512×512 pixels, with 2,304 gather samples.</p>\n{}",
             transfers.html()
+        );
+    }
+    if let Some(alone) = glossy_alone {
+        html += &format!(
+            "<h3>Figure 5.4: indirect light by glossy lobes alone</h3>\n<p>The truth and its pictures are below.</p>\n{}",
+            alone.table().html()
         );
     }
     if html.is_empty() { html } else { format!("<h2 id=thesis>Beside the thesis</h2>\n{html}") }

@@ -6,10 +6,12 @@ use std::time::Instant;
 use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
 use relume::bake::transfer::rows::Lobe;
+use relume::gpu::Site;
 use relume::image::{Image, exr};
 use relume::relight::{Layers, Picture, Relighter};
 use relume::report::{Method, Point, Seconds, Skipped};
 use relume::{Error, Result};
+use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, picture_file};
 use super::truth::{Truth, picture, trace};
@@ -50,6 +52,13 @@ struct Made {
     multiply_adds: u64,
     held_out: Option<f64>,
     spectral_radius: Option<f64>,
+}
+
+/// Of a setting.
+#[derive(Serialize, Deserialize)]
+enum Outcome {
+    Is(Point),
+    Skipped(Skipped),
 }
 
 impl Lab<'_> {
@@ -156,28 +165,41 @@ impl Lab<'_> {
         make: impl FnOnce(&Self) -> Result<Made>,
     ) -> Result<()> {
         let what = format!("point {} truth {} {what}", self.identity, self.extent.truth);
-        let kept = self.kept.get::<Point>(&what).filter(|point| self.dir.join(&point.file).exists());
-        if let Some(point) = kept {
-            self.points.push(Point { method, ..point });
-            return Ok(());
-        }
-        tracing::info!("{}: {}, {setting}", self.session.scene.name(), method.name());
-        let made = match make(self) {
-            // What does not fit this machine is told.
-            Err(Error::Invalid { what: _, reason }) => {
-                self.skipped.push(Skipped { what: format!("`{setting}`"), why: reason });
-                return Ok(());
+        let there = |kept: &Outcome| !matches!(kept, Outcome::Is(point) if !self.dir.join(&point.file).exists());
+        let outcome = match self.kept.get::<Outcome>(&what).filter(there) {
+            Some(kept) => kept,
+            None => {
+                tracing::info!("{}: {}, {setting}", self.session.scene.name(), method.name());
+                let outcome = self.outcome(truth, method, setting, make)?;
+                self.kept.keep(&what, &outcome)?;
+                outcome
             }
+        };
+        match outcome {
+            Outcome::Is(point) => self.points.push(Point { method, ..point }),
+            Outcome::Skipped(skipped) => self.skipped.push(skipped),
+        }
+        Ok(())
+    }
+
+    /// What does not fit this machine is told.
+    fn outcome(
+        &self,
+        truth: &Truth,
+        method: Method,
+        setting: &str,
+        make: impl FnOnce(&Self) -> Result<Made>,
+    ) -> Result<Outcome> {
+        let skipped = |why: String| Ok(Outcome::Skipped(Skipped { what: format!("`{setting}`"), why }));
+        let made = match make(self) {
+            Err(Error::Invalid { what: _, reason }) => return skipped(reason),
             made => made?,
         };
-        let Some(errors) = truth.errors(&made.image) else {
-            self.skipped.push(Skipped { what: format!("`{setting}`"), why: "no indirect light is visible".into() });
-            return Ok(());
-        };
+        let Some(errors) = truth.errors(&made.image) else { return skipped("no pixel of it is a number".into()) };
         let file = picture_file(&self.folder, setting);
         make_parent(&self.dir.join(&file))?;
         exr::write(&self.dir.join(&file), &made.image)?;
-        let point = Point {
+        Ok(Outcome::Is(Point {
             method,
             setting: setting.into(),
             precompute: made.precompute,
@@ -189,32 +211,33 @@ impl Lab<'_> {
             load: load_average(),
             errors,
             file: file.to_string_lossy().into_owned(),
-        };
-        self.kept.keep(&what, &point)?;
-        self.points.push(point);
-        Ok(())
+        }))
     }
 
-    /// A picture after the first light has moved: mean CPU time, which comes in ticks of 10 ms, and median wall clock.
+    /// A picture after the first light has moved: mean CPU time, with that of the device's own passes where it is none of the
+    /// CPU's, and median wall clock.
     fn frame(&self, relighter: &mut Relighter) -> Result<Seconds> {
         let Some(original) = self.session.rig.lights.first() else { return Ok(Seconds::default()) };
         let mut rig = self.session.rig.clone();
         let mut walls = Vec::new();
+        let mut device_seconds = 0.0;
         let mut clock = Clock::start();
         for step in 0.. {
             if step == WARM_UP {
-                clock = Clock::start();
+                (clock, device_seconds) = (Clock::start(), 0.0);
             }
             nudge(&mut rig.lights[0], original, &self.session, f64::from(step % 16));
             let start = Instant::now();
             relighter.set_rig(&rig)?;
             relighter.display(Picture::Whole, 0.0)?;
             walls.push(start.elapsed().as_secs_f64());
+            let on_device = relighter.times().iter().filter(|pass| pass.site == Site::Gpu && !self.context.is_cpu());
+            device_seconds += 1e-3 * on_device.map(|pass| pass.ms).sum::<f64>();
             let counted = step + 1 - WARM_UP.min(step + 1);
             let spent = clock.seconds();
             if counted >= FEWEST_FRAMES && (spent.cpu >= ENOUGH_SECONDS || spent.wall >= 2.0 * ENOUGH_SECONDS) {
                 return Ok(Seconds {
-                    cpu: spent.cpu / f64::from(counted),
+                    cpu: (spent.cpu + device_seconds) / f64::from(counted),
                     wall: median(&mut walls[WARM_UP as usize..]),
                 });
             }
@@ -225,7 +248,6 @@ impl Lab<'_> {
 
 const WARM_UP: u32 = 3;
 const FEWEST_FRAMES: u32 = 8;
-/// 2 % of it are a tick of the clock.
 const ENOUGH_SECONDS: f64 = 0.5;
 
 /// The thesis's diffuse transfer.

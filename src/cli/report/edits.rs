@@ -10,7 +10,7 @@ use relume::report::{Ablation, EditTime, LeftOut, PassMs};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, scene_options};
-use crate::cli::bench::{Record, best_of, edits_of, measure, percentile};
+use crate::cli::bench::{Record, SEVERAL, best_of, edits_of, measure, percentile};
 use crate::cli::options::{SceneOptions, ViewOptions, Visibility};
 use crate::cli::plan::left_out;
 use crate::cli::session::Session;
@@ -70,39 +70,47 @@ impl Lab<'_> {
         Ok(Edits { size: [width as u32, height as u32], times, left_out, ablation })
     }
 
-    /// The picture with nothing left out; none where there is nothing to bring back.
+    /// The picture with nothing left out, and what it takes; none without lights.
     fn ablation(&self, session: &Session) -> Result<Option<Ablation>> {
-        if session.baked.has_specular || session.rig.lights.is_empty() {
-            return Ok(None);
-        }
-        let options = self.light_options(Visibility::Traced);
-        let all = Arc::new(Baked { has_specular: true, ..Baked::clone(&session.baked) });
-        let settings = options.relight_settings();
-        let new = |baked| Relighter::new(&self.context, &session.scene, &session.bvh, baked, &session.rig, &settings);
-        let mut relighters = [new(&session.baked)?, new(&all)?];
-        let [kept, all] = &mut relighters;
-        let pictures = [kept.linear(Picture::Whole)?.to_vec(), all.linear(Picture::Whole)?.to_vec()];
-        let values = || pictures[0].iter().flatten().zip(pictures[1].iter().flatten());
-        let largest = values().map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
-        let mean = values().map(|(a, _)| f64::from(*a)).sum::<f64>() / (3 * pictures[0].len()) as f64;
-        let mut shading_ms = [0.0; 2];
         let moved = edits_of(&session.rig).into_iter().find(|(_, edit)| edit.1 == "move_direct");
         let Some((edited, edit)) = moved else { return Ok(None) };
-        for (relighter, ms) in relighters.iter_mut().zip(&mut shading_ms) {
-            let record = measure(relighter, session, &session.rig, edited, edit, self.extent.frames)?;
-            *ms = record.passes.iter().filter(|pass| pass.name == SHADING).map(|pass| pass.best_ms).sum();
-        }
-        Ok(Some(Ablation { difference: if mean > 0.0 { largest / mean } else { largest }, shading_ms }))
+        let settings = self.light_options(Visibility::Traced).relight_settings();
+        let held = || self.context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum::<u64>();
+        let measured = |baked: &Arc<Baked>| -> Result<(Vec<[f32; 3]>, Record, u64)> {
+            let before = held();
+            let mut relighter =
+                Relighter::new(&self.context, &session.scene, &session.bvh, baked, &session.rig, &settings)?;
+            let picture = relighter.linear(Picture::Whole)?.to_vec();
+            let record = measure(&mut relighter, session, &session.rig, edited, edit, self.extent.frames)?;
+            Ok((picture, record, held() - before))
+        };
+        let of_all = Arc::new(Baked::clone(&session.baked).with_nothing_left_out());
+        let [(picture, record, bytes), (all, all_record, all_bytes)] = [measured(&session.baked)?, measured(&of_all)?];
+        let values = || picture.iter().flatten().zip(all.iter().flatten());
+        let larger = |most: f64, x: f64| if x.is_nan() || x > most { x } else { most };
+        let largest = values().map(|(a, b)| f64::from((a - b).abs())).fold(0.0, larger);
+        let mean = values().map(|(a, _)| f64::from(*a)).sum::<f64>() / (3 * picture.len()) as f64;
+        let shading = |record: &Record| -> f64 {
+            record.passes.iter().filter(|pass| pass.name == SHADING).map(|pass| pass.best_ms).sum()
+        };
+        Ok(Some(Ablation {
+            difference: if mean > 0.0 { largest / mean } else { largest },
+            edit_ms: [record.best_ms, all_record.best_ms],
+            shading_ms: [shading(&record), shading(&all_record)],
+            bytes: [bytes, all_bytes],
+        }))
     }
 }
 
 const SHADING: &str = "shade light";
 
-/// What this machine could do at best.
+/// What this machine takes for work that is known.
 struct Measured {
     yardstick_ms: f64,
-    /// Of as many bytes as the factors of indirect light have.
+    /// As many bytes as the factors of indirect light have, at the rate at which a copy reads and writes.
     copy_ms: f64,
+    /// lavapipe tells the times of passes too early once a shadow map was drawn.
+    times_maps: bool,
 }
 
 impl Measured {
@@ -111,18 +119,21 @@ impl Measured {
         let mut yardstick = (0..9).map(|_| limits.yardstick_ms()).collect::<Result<Vec<_>>>()?;
         let yardstick_ms = percentile(&mut yardstick, 0.0);
         let bytes = session.baked.transfer.as_ref().map_or(0, |transfer| transfer.cost().0);
-        Ok(Self { yardstick_ms, copy_ms: bytes as f64 * 1e-6 / best_of(5, || limits.copy_gb_s())? })
+        let times_maps = !lab.context.is_cpu();
+        Ok(Self { yardstick_ms, times_maps, copy_ms: bytes as f64 * 1e-6 / best_of(5, || limits.copy_gb_s())? })
     }
 
     /// A record for the page; all passes from coefficients to pixels are one there.
     fn told(&self, record: &Record) -> EditTime {
         let mut passes: Vec<PassMs> = Vec::new();
-        for pass in &record.passes {
+        let timed = record.visibility == "traced" || self.times_maps;
+        let edited = if record.edit == "multi" { SEVERAL as f64 } else { 1.0 };
+        for pass in record.passes.iter().filter(|_| timed) {
             let transfer = pass.name == "Haar transform" || pass.name.starts_with("transfer");
             let name = if transfer { "transfer" } else { pass.name };
-            let limit_ms = match name {
+            let yardstick_ms = match name {
                 "transfer" => Some(self.copy_ms),
-                SHADING => Some(self.yardstick_ms),
+                SHADING => Some(edited * self.yardstick_ms),
                 _ => None,
             };
             match passes.iter_mut().find(|p| p.name == name) {
@@ -131,7 +142,7 @@ impl Measured {
                     name: name.into(),
                     on: format!("{:?}", pass.on).to_uppercase(),
                     median_ms: pass.median_ms,
-                    limit_ms,
+                    yardstick_ms,
                 }),
             }
         }

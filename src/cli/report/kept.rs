@@ -7,6 +7,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::machine;
 use crate::cli::output::write_json;
 
 /// Figures by what they were measured of, in a file of the report's folder. Those of another program are not looked at.
@@ -17,8 +18,10 @@ pub struct Kept {
 
 #[derive(Default, Serialize, Deserialize)]
 struct File {
-    /// Hash of the program that measured.
+    /// Hash of the program that measured, and of its processor.
     program: String,
+    /// When it began, UTC.
+    since: String,
     figures: Map<String, Value>,
 }
 
@@ -28,15 +31,25 @@ impl Kept {
         let path = dir.join("measured.json");
         let program =
             std::env::current_exe().and_then(std::fs::read).map_err(Error::io("read", Path::new("relume")))?;
-        let program = blake3::hash(&program).to_hex().to_string();
+        let program = blake3::hash(&[program, machine::processor().into_bytes()].concat()).to_hex().to_string();
         let file = match std::fs::read(&path) {
             Ok(bytes) => serde_json::from_slice(&bytes)
                 .map_err(|e| Error::import_from(&path, "not what relume wrote; remove it to measure anew", e))?,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => File::default(),
             Err(error) => return Err(Error::io("read", &path)(error)),
         };
-        let file = if file.program == program { file } else { File { program, figures: Map::new() } };
+        let file =
+            if file.program == program { file } else { File { program, since: machine::now(), ..File::default() } };
         Ok(Self { path, file })
+    }
+
+    /// Names the program and its machine.
+    pub fn program(&self) -> &str {
+        &self.file.program[..8]
+    }
+
+    pub fn since(&self) -> &str {
+        &self.file.since
     }
 
     /// What was measured of `what`.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use relume::Result;
 use relume::gpu::Context;
 use relume::image::compare;
-use relume::report::{Floors, Method, Picture, Point, SceneReport, Skipped};
+use relume::report::{Floors, Method, Picture, Point, SceneReport, Skipped, significant};
 use relume::scene::Scene;
 
 use super::kept::Kept;
@@ -69,7 +69,11 @@ impl<'a> Lab<'a> {
     pub fn measure(&mut self) -> Result<SceneReport> {
         let name = self.session.scene.name();
         let truth = self.truth()?;
-        self.curves(&truth)?;
+        if truth.has_indirect() {
+            self.curves(&truth)?;
+        } else {
+            self.skipped.push(Skipped { what: "all curves".into(), why: "no indirect light is visible".into() });
+        }
         let pictures = self.pictures(&truth)?;
         let edits = self.edits()?;
         let (width, height) = self.session.size();
@@ -91,12 +95,13 @@ impl<'a> Lab<'a> {
     }
 
     pub fn truth(&self) -> Result<Truth> {
-        let file = self.dir.join("truth").join(format!("{}-{}", self.folder, self.extent.truth));
+        let name = format!("{}-{}-{}", self.folder, self.extent.truth, self.kept.program());
+        let file = self.dir.join("truth").join(name);
         Truth::get(&file, &self.session, &self.view, self.extent.truth)
     }
 
-    /// Direct light, truth, ours, what path tracing makes of the same time, the thesis's, and where these differ from the truth:
-    /// Figures 5.3 and 5.5 of the thesis.
+    /// Direct light, truth, ours, path tracing in the nearest time, the thesis's, and where these differ from the truth: Figures
+    /// 5.3 and 5.5 of the thesis.
     fn pictures(&self, truth: &Truth) -> Result<Vec<Picture>> {
         let (width, height) = self.session.size();
         let Some(exposure) = truth.exposure() else { return Ok(Vec::new()) };
@@ -110,15 +115,14 @@ impl<'a> Lab<'a> {
         ];
         let ours = self.points.iter().rev().find(|p| p.method == Method::GatherSamples);
         let rival = ours.and_then(|ours| {
-            let spent = ours.precompute.cpu + ours.frame.cpu;
             let traced = self.points.iter().filter(|p| p.method == Method::PathTracing);
-            let apart = |p: &Point| (p.frame.cpu / spent).ln().abs();
+            let apart = |p: &Point| (p.frame.cpu / ours.total_cpu()).ln().abs();
             traced.min_by(|p, q| apart(p).total_cmp(&apart(q)))
         });
         let last = |method: Method| self.points.iter().rfind(|p| p.method == method);
         let shown = [
             ("Ours", ours),
-            ("Path tracing in about the time of our bake", rival),
+            ("Path tracing, nearest to that in time", rival),
             ("The thesis's diffuse transfer", last(Method::ThesisDiffuse)),
             ("The thesis's glossy transfer", last(Method::ThesisGlossy)),
         ];
@@ -126,7 +130,7 @@ impl<'a> Lab<'a> {
             let Some(point) = point else { continue };
             let image = read(&self.dir.join(&point.file), self.session.size())?;
             let Some(whole) = image.layer("") else { continue };
-            let caption = format!("{who}, `{}`", point.setting);
+            let caption = format!("{who}, `{}`, {} CPU seconds", point.setting, significant(point.total_cpu()));
             pictures.push(picture(caption.clone(), compare::displayed(&whole.pixels, exposure)));
             let scale = (2.0 * exposure) as f32;
             pictures

@@ -38,7 +38,7 @@ pub fn load() -> String {
     significant(load_average())
 }
 
-fn processor() -> String {
+pub fn processor() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("model name"));
     line.map_or("unknown", |line| line.trim_start_matches([' ', '\t', ':'])).to_owned()

@@ -126,7 +126,7 @@ pub fn run(args: &Args) -> Result<()> {
         if machine.is_empty() {
             machine = machine::describe(&lab.context, args.view.seed)?;
         }
-        let report = lab.measure()?;
+        let mut report = lab.measure()?;
         // The first scene stands for all.
         if reports.is_empty() {
             growth = lab.scaling()?;
@@ -137,23 +137,23 @@ pub fn run(args: &Args) -> Result<()> {
             layers = lab.against_layers()?;
         }
         if glossy_alone.is_none() && lab.is_glossy() {
-            glossy_alone = Some(thesis::glossy_alone(path, args, extent, &mut kept)?);
+            glossy_alone = thesis::glossy_alone(path, args, extent, &mut kept)?;
+            report.skipped.extend(glossy_alone.iter_mut().flat_map(|(_, skipped)| std::mem::take(skipped)));
         }
         reports.push(report);
     }
     // Those are the default scenes' company.
-    let mut thesis =
-        if args.scenes.is_empty() { thesis::measure_all(args, extent, &mut kept)? } else { Thesis::default() };
-    thesis.pictures.extend(glossy_alone.into_iter().flatten());
+    let thesis = if args.scenes.is_empty() { thesis::measure_all(args, extent, &mut kept)? } else { Thesis::default() };
     growth.extend(layers);
     machine.push(["load average at the end".into(), machine::load()]);
     let report = Report {
-        when: machine::now(),
-        command: command(args, &scenes),
+        when: format!("{} to {}", kept.since(), machine::now()),
+        command: command(),
         quick: args.quick,
         machine,
         scenes: reports,
         thesis,
+        glossy_alone: glossy_alone.map(|(alone, _)| alone),
         growth,
         stability,
         extreme: include_str!("../../../docs/extreme.md").into(),
@@ -176,11 +176,12 @@ fn default_scenes(quick: bool) -> Result<Vec<PathBuf>> {
     Ok(scenes)
 }
 
-fn command(args: &Args, scenes: &[PathBuf]) -> String {
-    let quick = if args.quick { " --quick" } else { "" };
-    let size = args.view.size.map_or_else(String::new, |[w, h]| format!(" --size {w}x{h}"));
-    let scenes: String = scenes.iter().map(|path| format!(" {}", path.display())).collect();
-    format!("relume report -o {}{quick}{size} --seed {}{scenes}", args.output.display(), args.view.seed)
+/// As it was given, so that it can be given again.
+fn command() -> String {
+    let plain = |word: &str| word.chars().all(|c| c.is_alphanumeric() || "-_./=,:+".contains(c)) && !word.is_empty();
+    let quoted = |word: String| if plain(&word) { word } else { format!("'{}'", word.replace('\'', "'\\''")) };
+    let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
+    std::iter::once("relume".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
 
 /// The README's.

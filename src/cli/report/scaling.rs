@@ -15,14 +15,16 @@ use crate::cli::options::{ViewOptions, Visibility};
 use crate::cli::progress::Terminal;
 use crate::cli::session::{BakeReport, Opened, Session};
 
-/// Edits whose times are told.
-const EDITS: [(&str, &str); 3] =
-    [("color", "recolour a light"), ("move_direct", MOVE), ("select", "recolour another light each time")];
+/// Edits whose times are told, without indirect light.
+const EDITS: [(&str, &str); 3] = [("color", "recolour a light"), ("move_direct", MOVE), ("select", SELECT)];
 
 const MOVE: &str = "move a light";
-/// Exponent that a logarithm is told as, over the numbers of triangles that are looked at.
+const SELECT: &str = "recolour another light each time";
+/// Exponents that a logarithm is told as, over the numbers of triangles and of lights that are looked at.
 const LOGARITHM: f64 = 0.2;
+const LOGARITHM_OF_LIGHTS: f64 = 0.35;
 const MOST_LAYERS: u32 = 6;
+const WITHOUT: &str = "without indirect light";
 
 impl Lab<'_> {
     /// Measured unless they were before; of the gather samples, what the curves have told.
@@ -44,12 +46,13 @@ impl Lab<'_> {
     }
 
     fn against_lights(&self) -> Result<Growth> {
-        let mut costs = EDITS.map(|(_, name)| cost(name, 0.0));
+        // A tree of partial sums.
+        let mut costs = EDITS.map(|(_, name)| cost(name, if name == SELECT { LOGARITHM_OF_LIGHTS } else { 0.0 }));
         for &count in self.extent.lights {
             let rig = light_like_scene(&self.session, count, self.view.seed);
             self.time(&self.session, &rig, count as f64, &mut costs)?;
         }
-        Ok(self.growth("lights", costs.into()))
+        Ok(self.growth("lights", &self.as_seen(), costs.into()))
     }
 
     fn against_pixels(&self) -> Result<Growth> {
@@ -65,7 +68,7 @@ impl Lab<'_> {
             bake.points.push([pixels, stage_ms(&session, "deep framebuffer")]);
             self.time(&session, &rig, pixels, &mut costs)?;
         }
-        Ok(self.growth("pixels", costs.into_iter().chain([bake]).collect()))
+        Ok(self.growth("pixels", WITHOUT, costs.into_iter().chain([bake]).collect()))
     }
 
     /// The scene itself, its triangles cut into four again and again, which changes hardly anything that is seen.
@@ -86,7 +89,7 @@ impl Lab<'_> {
             bakes[1].points.push([triangles as f64, stage_ms(&session, "deep framebuffer")]);
             self.time(&session, &rig, triangles as f64, &mut costs)?;
         }
-        Ok(self.growth("triangles", bakes.into_iter().chain(costs).collect()))
+        Ok(self.growth("triangles", &self.as_seen(), bakes.into_iter().chain(costs).collect()))
     }
 
     /// Layers of the deep framebuffer, one behind the other in mirrors; absent where there are none. Measured unless they
@@ -108,21 +111,22 @@ impl Lab<'_> {
             bake.points.push([f64::from(layers), stage_ms(&session, "deep framebuffer")]);
             self.time(&session, &rig, f64::from(layers), &mut costs)?;
         }
-        let growth = self.growth("layers", costs.into_iter().chain([bake]).collect());
+        let growth = self.growth("layers", &self.as_seen(), costs.into_iter().chain([bake]).collect());
         self.kept.keep(&what, &growth)?;
         Ok(Some(growth))
     }
 
     fn against_gather_samples(&self) -> Growth {
-        let mut bake = cost("bake of indirect light, CPU time", 1.0);
-        let mut frame = cost("move a light, with indirect light, CPU time", 1.0);
+        let mut bake = cost("all before the first picture, CPU time", 1.0);
+        let mut frame = cost("move a light, CPU time", 1.0);
         for point in self.points.iter().filter(|p| p.method == Method::GatherSamples) {
             let count = point.setting.split_whitespace().nth(1).and_then(|n| n.parse::<f64>().ok());
             for (cost, seconds) in [(&mut bake, point.precompute), (&mut frame, point.frame)] {
                 cost.points.extend(count.map(|count| [count, 1e3 * seconds.cpu]));
             }
         }
-        self.growth("gather samples", vec![bake, frame])
+        let (width, height) = self.session.size();
+        self.growth("gather samples", &format!("{width}×{height}, with indirect light"), vec![bake, frame])
     }
 
     /// Times the edits that the costs are of, with `count` of what grows.
@@ -137,9 +141,16 @@ impl Lab<'_> {
         Ok(())
     }
 
-    fn growth(&self, of: &str, curves: Vec<Cost>) -> Growth {
+    /// `how`: what is the same for all of them.
+    fn growth(&self, of: &str, how: &str, curves: Vec<Cost>) -> Growth {
         let told = curves.into_iter().filter(|cost| cost.points.len() > 1).collect();
-        Growth { of: of.into(), scene: self.session.scene.name(), curves: told }
+        Growth { of: of.into(), scene: format!("{}, {how}", self.session.scene.name()), curves: told }
+    }
+
+    /// How the session's pictures are made.
+    fn as_seen(&self) -> String {
+        let (width, height) = self.session.size();
+        format!("{width}×{height}, {WITHOUT}")
     }
 }
 

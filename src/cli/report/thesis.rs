@@ -7,8 +7,8 @@ use relume::image::compare::{Pictures, displayed};
 use relume::image::{Image, exr};
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight;
-use relume::report::thesis::{Preview, Thesis};
-use relume::report::{Method, Picture, significant};
+use relume::report::thesis::{GlossyAlone, Preview, Thesis};
+use relume::report::{Method, Picture, Skipped, significant};
 use relume::{Error, Result};
 
 use super::curves::{Clock, thesis_diffuse, thesis_glossy};
@@ -22,7 +22,13 @@ use crate::cli::progress::Terminal;
 use crate::cli::session::Session;
 use crate::cli::transfer::Form;
 
-const SCENES: [&str; 4] = ["balls-2", "balls-16", "bunny-dragon-2", "bunny-dragon-16"];
+/// By the figure that shows them.
+const SCENES: [(&str, &str); 4] = [
+    ("balls-2", "Figure 5.1"),
+    ("balls-16", "Figure 5.1"),
+    ("bunny-dragon-2", "Figure 5.2"),
+    ("bunny-dragon-16", "Figure 5.2"),
+];
 /// Of a final picture, all over its pixels; an even number.
 const SAMPLES: u32 = 8;
 
@@ -36,20 +42,25 @@ pub fn shared_scene(name: &str) -> Option<PathBuf> {
 /// Whatever of the thesis's scenes is at hand.
 pub fn measure_all(args: &Args, extent: &Extent, kept: &mut Kept) -> Result<Thesis> {
     let mut thesis = Thesis::default();
-    for path in SCENES.iter().filter_map(|name| shared_scene(name)) {
-        let (preview, pictures) = one(&path, args, extent, kept)?;
+    for (path, figure) in SCENES.iter().filter_map(|(name, figure)| Some((shared_scene(name)?, figure))) {
+        let (preview, pictures) = one(&path, figure, args, extent, kept)?;
         thesis.previews.push(preview);
         thesis.pictures.extend(pictures);
     }
     Ok(thesis)
 }
 
-/// Figure 5.4: without diffuse lobes, indirect light times 4.
-pub fn glossy_alone(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<Vec<Picture>> {
+/// Figure 5.4: without diffuse lobes, indirect light times 4; none where there is none. Comes with what was not measured.
+pub fn glossy_alone(
+    path: &Path,
+    args: &Args,
+    extent: &Extent,
+    kept: &mut Kept,
+) -> Result<Option<(GlossyAlone, Vec<Skipped>)>> {
     let view = ViewOptions { strip_diffuse: true, ..args.view.clone() };
     let mut lab = Lab::open(path, &view, args, extent, kept)?;
     let truth = lab.truth()?;
-    let Some(exposure) = truth.exposure() else { return Ok(Vec::new()) };
+    let Some(exposure) = truth.exposure().filter(|_| truth.has_indirect()) else { return Ok(None) };
     if let Some(&gather) = extent.thesis.last() {
         lab.transfer(&truth, Method::ThesisDiffuse, &thesis_diffuse(gather))?;
         lab.transfer(&truth, Method::ThesisGlossy, &thesis_glossy(gather))?;
@@ -59,7 +70,7 @@ pub fn glossy_alone(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) 
     let name = lab.session.scene.name();
     let (width, height) = lab.session.size();
     let picture = |who: &str, indirect: &[[f32; 3]]| Picture {
-        caption: format!("{name}, indirect light by glossy lobes alone, times 4: {who}"),
+        caption: format!("Figure 5.4, {name}, indirect light by glossy lobes alone, times 4: {who}"),
         width,
         height,
         pixels: displayed(indirect, 4.0 * exposure),
@@ -71,10 +82,11 @@ pub fn glossy_alone(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) 
         let off = significant(100.0 * point.errors.indirect);
         pictures.push(picture(&format!("`{}`, {off} % off", point.setting), indirect));
     }
-    Ok(pictures)
+    let skipped = lab.skipped.into_iter().map(|s| Skipped { what: format!("Figure 5.4, {}", s.what), ..s }).collect();
+    Ok(Some((GlossyAlone { points: lab.points, pictures }, skipped)))
 }
 
-fn one(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<(Preview, Vec<Picture>)> {
+fn one(path: &Path, figure: &str, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<(Preview, Vec<Picture>)> {
     let size = args.view.size.unwrap_or_else(|| fit([720, 480], extent.preview_side));
     let view = ViewOptions { size: Some(size), ..args.view.clone() };
     let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;
@@ -92,7 +104,7 @@ fn one(path: &Path, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<(Pr
         }
     };
     let [ours, theirs] = [exr::read(&ours)?, exr::read(&theirs)?].map(halved);
-    Ok((preview, pictures(&name, ours, theirs)))
+    Ok((preview, pictures(&format!("{figure}, {name}"), ours, theirs)))
 }
 
 fn trace_and_time(

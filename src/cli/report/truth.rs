@@ -90,7 +90,7 @@ impl Truth {
         }
     }
 
-    /// None where the truth is black.
+    /// None where the truth is black, or nothing of the image is a number.
     pub fn errors(&self, image: &Image) -> Option<Errors> {
         let indirect = self.against(image, "indirect");
         let fine = indirect.figures(CompareSettings { block: 1, trim: 1e-3 });
@@ -103,19 +103,21 @@ impl Truth {
             indirect_bias: fine.bias?,
             whole: whole.rel_rmse?,
             flip: whole.flip_mean?,
+            non_finite: fine.non_finite.max(whole.non_finite),
         })
     }
 
     /// What the truth's own noise does.
     pub fn floors(&self) -> Floors {
         let [a, b] = self.halves.each_ref().map(|half| &half.layer("indirect").expect("traced or read with it").pixels);
-        let mut squares = 0.0;
+        let (mut squares, mut sum) = (0.0, 0.0);
         let (mut variance, mut fourth) = (0.0, 0.0);
         for (a, b) in a.iter().zip(b) {
             let ab: f64 = (0..3).map(|c| f64::from(a[c]) * f64::from(b[c])).sum();
             // Of one half, from the difference of both.
             let own: f64 = (0..3).map(|c| f64::from(a[c] - b[c]).powi(2) / 2.0).sum();
             squares += ab;
+            sum += (0..3).map(|c| f64::from(a[c] + b[c]) / 2.0).sum::<f64>();
             variance += own;
             // A square of such an estimate is three times that of what it estimates, were the noise normal; channels share it.
             fourth += own * own / 3.0;
@@ -128,8 +130,13 @@ impl Truth {
             // Σ (x - a)(x - b) of a picture without error has variance Σ σ⁴.
             indirect: (fourth.sqrt() / squares).sqrt(),
             noise: (variance / 2.0 / squares).sqrt(),
-            flip: flip.unwrap_or(0.0),
+            flip: flip.unwrap_or(0.0) / 2.0,
+            mean: sum / (3.0 * a.len() as f64 * squares).sqrt(),
         }
+    }
+
+    pub fn has_indirect(&self) -> bool {
+        self.indirect().iter().flatten().any(|&v| v > 0.0)
     }
 
     /// The mean of both halves.
