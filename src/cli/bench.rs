@@ -147,7 +147,7 @@ pub fn run(args: &Args) -> Result<()> {
         limits = json!({ "copy_gb_s": copy, "fma_gflop_s": fma, "yardstick_ms": yard });
         rates.push(json!({
             "scene": session.scene.name(), "shadow_rays": rays, "segments_per_s_core": segments,
-            "gather_rays_per_s": gathered
+            "gather_rays_per_s": gathered, "yardstick_ms": yard
         }));
     }
     if let Some(path) = &args.json {
@@ -322,7 +322,7 @@ fn describe_transfer(session: &Session, records: &[Record], copy_gb_s: f64) -> O
     let best = moved.map(transfer).fold(f64::INFINITY, f64::min);
     let megabytes = bytes as f64 * 1e-6;
     Some(format!(
-        "transfer: {megabytes:.1} MB, {:.0} million multiply-adds; best {best:.2} ms, {:.1} times a copy of its bytes",
+        "transfer: {megabytes:.1} MB, {:.0} million multiply-adds; best {best:.2} ms, {:.1} times its bytes at the rate of a copy",
         multiply_adds as f64 * 1e-6,
         best * copy_gb_s / megabytes
     ))

@@ -28,7 +28,7 @@ use relume::Error;
 
 /// Interactive relighting: precomputes what the lights do not change, then shows any edit of a light at once.
 #[derive(Parser)]
-#[command(version, max_term_width = 120)]
+#[command(version, propagate_version = true, max_term_width = 120)]
 #[command(after_help = "Exit status: 0 done; 1 the work failed, and one line on stderr says why; 2 bad usage.")]
 struct Cli {
     #[command(subcommand)]

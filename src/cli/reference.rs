@@ -78,7 +78,8 @@ const MAX_BOUNCE_LAYERS: u32 = 64;
 
 pub fn run(args: &Args, quiet: bool) -> Result<()> {
     check_extension(&args.output, &["exr"])?;
-    let paths = ["exr", "a.exr", "b.exr"].map(|extension| args.output.with_extension(extension));
+    let [a, b] = ["a.exr", "b.exr"].map(|extension| args.output.with_extension(extension));
+    let paths = [args.output.clone(), a, b];
     paths.iter().try_for_each(|path| make_parent(path))?;
     let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view, &Terminal::default())?;
     let layers = args.passes.layers(&opened.rig)?;

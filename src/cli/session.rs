@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::Vec3;
 use relume::bake::bvh::Bvh;
 use relume::bake::compression::verify::Verdict;
 use relume::bake::spread::spread;
@@ -15,6 +16,7 @@ use relume::bake::{BakeSettings, Baked, bake, cache, low_priority};
 use relume::gpu::{Context, Validation};
 use relume::relight::Relighter;
 use relume::relight::light_cache::LightCache;
+use relume::scene::rig::without_dots;
 use relume::scene::{Camera, Rig, Scene};
 use relume::{Error, Result};
 
@@ -165,7 +167,9 @@ impl Opened {
             None => scene.rig.clone(),
         };
         if rig.lights.is_empty() {
-            tracing::warn!("{}: no lights, so the picture is black", rig_path.unwrap_or(path).display());
+            let emits = scene.materials.iter().any(|material| material.emissive != Vec3::ZERO);
+            let so = if emits { "so only emitters shine" } else { "so the picture is black" };
+            tracing::warn!("{}: no lights, {so}", rig_path.unwrap_or(path).display());
         }
         let camera = choose_camera(&scene, &rig, options)?;
         let size = options.size.or(scene.image_size).unwrap_or([720, 480]);
@@ -308,7 +312,7 @@ impl Session {
 /// The rig's camera, the one asked for by name, the first, or one that frames the scene.
 fn choose_camera(scene: &Scene, rig: &Rig, options: &ViewOptions) -> Result<Camera> {
     if let Some(name) = &options.camera {
-        let found = scene.cameras.iter().find(|camera| camera.name == *name);
+        let found = scene.cameras.iter().find(|camera| camera.name == without_dots(name));
         return found.cloned().ok_or_else(|| {
             let names: Vec<_> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
             let reason = match names.is_empty() {

@@ -135,7 +135,7 @@ impl Events {
                 "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name },
             }));
         }
-        json!({ "traceEvents": self.0 })
+        json!({ "schema": 1, "traceEvents": self.0 })
     }
 }
 

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use clap::ValueEnum;
+use glam::Vec3;
 use relume::bake::Baked;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
@@ -298,6 +299,9 @@ impl TransferPlan {
                 let thesis = report.stage("bounces", || Thesis::new(scene, bvh, baked, settings, &advance));
                 progress.end();
                 check_dense(baked, thesis.column_count(), scene)?;
+                if scene.materials.iter().any(|material| material.emissive != Vec3::ZERO) {
+                    tracing::warn!("the thesis's method has no emitters: what their light does to surfaces is missing");
+                }
                 if thesis.spectral_radius >= 1.0 {
                     tracing::warn!(
                         "the thesis's series has no sum here: its spectral radius is {:.3}; shown are its first {} terms",

@@ -125,6 +125,12 @@ impl<'a> Transfer<'a> {
             };
             let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
             let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
+            let most = functions.iter().copied().max().unwrap_or(1);
+            if let Outgoing::Glossy { functions: Some(asked) } = settings.outgoing
+                && most < asked
+            {
+                tracing::warn!("{asked} harmonics for each of {count} gather samples are too many, {most} are kept");
+            }
             Level::new(scene, samples, &functions)
         };
         let limit = MOST_FINE_COEFFICIENTS.max(6 * settings.samples);

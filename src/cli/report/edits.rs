@@ -39,7 +39,7 @@ impl Lab<'_> {
     }
 
     fn measure_edits(&self, whole: bool) -> Result<Edits> {
-        let size = if whole { self.session.scene.image_size.or(self.view.size) } else { self.view.size };
+        let size = if whole { self.asked } else { self.view.size };
         let view = ViewOptions { size, ..self.view.clone() };
         let gather = (!whole).then(|| self.usual_gather_samples());
         let planned = ours(gather, 1024, 0.01, Form::Auto);

@@ -18,6 +18,7 @@ pub struct Kept {
 
 #[derive(Default, Serialize, Deserialize)]
 struct File {
+    schema: u32,
     /// Hash of the program that measured, and of its processor.
     program: String,
     /// When it began, UTC.
@@ -38,8 +39,11 @@ impl Kept {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => File::default(),
             Err(error) => return Err(Error::io("read", &path)(error)),
         };
-        let file =
-            if file.program == program { file } else { File { program, since: machine::now(), ..File::default() } };
+        let file = if file.program == program {
+            file
+        } else {
+            File { schema: 1, program, since: machine::now(), figures: Map::new() }
+        };
         Ok(Self { path, file })
     }
 

@@ -24,6 +24,8 @@ pub struct Lab<'a> {
     pub extent: &'a Extent,
     pub kept: &'a mut Kept,
     pub view: ViewOptions,
+    /// Size that was asked for.
+    pub asked: Option<[u32; 2]>,
     pub device: Option<String>,
     pub context: Arc<Context>,
     /// Without indirect light; pictures of the size whose errors are told.
@@ -47,7 +49,7 @@ impl<'a> Lab<'a> {
     ) -> Result<Self> {
         let own = Scene::load(path)?.image_size.unwrap_or([720, 480]);
         let size = view.size.unwrap_or_else(|| fit(own, extent.side));
-        let view = ViewOptions { size: Some(size), ..view.clone() };
+        let (asked, view) = (view.size, ViewOptions { size: Some(size), ..view.clone() });
         let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;
         let context = session.context(&light_options(&args.device, Visibility::Traced))?;
         let identity = format!(
@@ -62,7 +64,7 @@ impl<'a> Lab<'a> {
         let folder = format!("{}-{}x{}-{}", session.scene.name(), size[0], size[1], &hash[..8]);
         let (dir, device) = (args.output.as_path(), args.device.clone());
         let (points, skipped) = (Vec::new(), Vec::new());
-        Ok(Self { dir, path, extent, kept, view, device, context, session, identity, folder, points, skipped })
+        Ok(Self { dir, path, extent, kept, view, asked, device, context, session, identity, folder, points, skipped })
     }
 
     /// Everything that the report tells of the scene.
