@@ -1,0 +1,48 @@
+//! Nothing left out: what a deep framebuffer costs that was not made for its scene.
+
+use super::Baked;
+use super::view_samples::{EMPTY_SAMPLE, pack};
+use crate::shared::{ExtraPixel, ExtraSample, NO_BRDF};
+
+impl Baked {
+    /// The same picture from a framebuffer with all mirror layers over all pixels, a BRDF for each sample, its specular lobe and
+    /// an image of emission. Samples that there were keep their places.
+    pub fn with_nothing_left_out(mut self) -> Self {
+        let pixels = self.pixel_stride();
+        for sample in self.samples.iter_mut().filter(|s| s.brdf != NO_BRDF) {
+            self.brdfs.push(self.brdfs[sample.brdf as usize]);
+            sample.brdf = self.brdfs.len() as u32 - 1;
+        }
+        self.has_specular = true;
+        self.emission.resize(3 * pixels, 0.0);
+
+        let mut listed: Vec<Vec<u32>> = vec![Vec::new(); pixels];
+        let mut first_weights = vec![1.0; pixels];
+        for p in &self.extra_pixels {
+            listed[p.pixel as usize] = self.extra_indices[p.first as usize..][..p.count as usize].to_vec();
+            first_weights[p.pixel as usize] = p.first_weight;
+        }
+        self.layers.resize(self.asked_layers as usize, 0);
+        for layer in 1..self.asked_layers {
+            for list in &mut listed {
+                if list.iter().any(|&i| self.extra_samples[i as usize].layer == layer) {
+                    continue;
+                }
+                list.push(self.extra_samples.len() as u32);
+                self.extra_samples.push(ExtraSample { layer, ..bytemuck::Zeroable::zeroed() });
+                self.samples.push(EMPTY_SAMPLE);
+                self.geometric_normals.push(glam::Vec3::ZERO);
+                self.layers[layer as usize] += 1;
+            }
+        }
+        self.extra_indices.clear();
+        self.extra_pixels.clear();
+        for ((pixel, list), first_weight) in listed.into_iter().enumerate().zip(first_weights) {
+            let (first, count) = (self.extra_indices.len() as u32, list.len() as u32);
+            self.extra_pixels.push(ExtraPixel { pixel: pixel as u32, first, count, first_weight });
+            self.extra_indices.extend(list);
+        }
+        self.packets = pack(&self.samples, &self.geometric_normals, pixels);
+        self
+    }
+}
