@@ -74,7 +74,7 @@ pub struct Compressor<'a> {
 /// For each tile and light to check with: squared error and square of the image, whole images having square 1.
 pub type Found = Vec<Vec<[f64; 2]>>;
 
-/// A supercluster, or part of one that light fills with too many directions, and what it was fitted by.
+/// A supercluster, or part of one, and what it was fitted by.
 #[derive(Serialize, Deserialize)]
 pub struct Fitted {
     pub tiles: Range<usize>,
@@ -82,12 +82,19 @@ pub struct Fitted {
     pub found: Found,
     /// Square of the noise of the supercluster's rows, mean over deciding lights.
     pub noise: f64,
-    /// Whether its error beyond noise is as small as it has to be.
-    pub enough: bool,
+    /// Square of the light that is lost, and that may be.
+    pub lost: f64,
+    pub allowed: f64,
     /// How often it was fitted.
     pub rounds: usize,
     /// Indirect radiance of emitters, exactly; empty without any.
     pub emission: Vec<DVec3>,
+}
+
+impl Fitted {
+    fn is_enough(&self) -> bool {
+        self.lost <= self.allowed
+    }
 }
 
 impl<'a> Compressor<'a> {
@@ -107,48 +114,66 @@ impl<'a> Compressor<'a> {
 
     /// Compresses all view samples that reflect anything; `progress` counts them. What `journal` has is not fitted again.
     pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (Compressed, Report) {
+        let mut fitted = self.fit_all(&self.clusters.superclusters().collect::<Vec<_>>(), journal, progress);
+        // Where all together lose more than they may, those that lose most are fitted in halves, each with a basis of its own.
+        while fitted.iter().map(|f| f.lost - f.allowed).sum::<f64>() > 0.0 {
+            fitted.sort_by(|f, g| (g.lost - g.allowed).total_cmp(&(f.lost - f.allowed)));
+            let halved =
+                fitted.extract_if(.., |f| !f.is_enough() && f.tiles.len() > 1).take(HALVED).collect::<Vec<_>>();
+            if halved.is_empty() {
+                break;
+            }
+            let halves = halved.iter().flat_map(|Fitted { tiles: Range { start, end }, .. }| {
+                let middle = (start + end) / 2;
+                [*start..middle, middle..*end]
+            });
+            fitted.extend(self.fit_all(&halves.collect::<Vec<_>>(), journal, progress));
+        }
+        fitted.sort_by_key(|f| f.tiles.start);
         let mut compressed = Compressed { coefficients: self.transfer.fine.coefficient_count(), ..Default::default() };
         let mut u = Vec::new();
         let mut errors = Errors::new(&self.clusters);
-        let mut add = |fitted: Fitted| {
+        for fitted in fitted {
             errors.add(&fitted);
             let rows = self.clusters.rows(&fitted.tiles);
-            let samples = &self.clusters.samples[rows.clone()];
-            compressed.emission.extend(fitted.emission);
-            append(&mut compressed, &mut u, fitted.factors, &self.within(&fitted.tiles), samples);
-            progress(rows.len());
-        };
-        let superclusters: Vec<Range<usize>> = self.clusters.superclusters().collect();
-        let mut left = &superclusters[..];
-        while let [first, others @ ..] = left
-            && let Some(parts) = journal.replay(|parts: &Vec<Fitted>| self.are_of(parts, first))
-        {
-            parts.into_iter().for_each(&mut add);
-            left = others;
-        }
-        for some in left.chunks(rayon::current_num_threads()) {
-            let fitted: Vec<Vec<Fitted>> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
-            for parts in fitted {
-                journal.add(&parts);
-                parts.into_iter().for_each(&mut add);
+            if !fitted.is_enough() {
+                progress(rows.len());
             }
+            compressed.emission.extend(fitted.emission);
+            let within = self.within(&fitted.tiles);
+            append(&mut compressed, &mut u, fitted.factors, &within, &self.clusters.samples[rows]);
         }
         round(&mut compressed, &u);
         (compressed, errors.report())
     }
 
-    /// Whether what was read from a file has the shape of that supercluster's parts.
-    fn are_of(&self, parts: &[Fitted], tiles: &Range<usize>) -> bool {
-        let ends = || std::iter::once(tiles.start).chain(parts.iter().map(|part| part.tiles.end));
-        parts.iter().zip(ends()).all(|(part, start)| part.tiles.start == start && start < part.tiles.end)
-            && ends().last() == Some(tiles.end)
-            && parts.iter().all(|part| self.is_whole(part))
+    /// Fits ranges of tiles; `progress` counts the view samples of those that are close enough.
+    fn fit_all(&self, ranges: &[Range<usize>], journal: &mut Journal, progress: &dyn Fn(usize)) -> Vec<Fitted> {
+        let count =
+            |fitted: &Fitted| progress(if fitted.is_enough() { self.clusters.rows(&fitted.tiles).len() } else { 0 });
+        let mut all = Vec::new();
+        while let Some(fitted) = ranges.get(all.len()).and_then(|tiles| journal.replay(|f| self.is_of(f, tiles))) {
+            count(&fitted);
+            all.push(fitted);
+        }
+        for some in ranges[all.len()..].chunks(rayon::current_num_threads()) {
+            let fitted: Vec<Fitted> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
+            for fitted in fitted {
+                journal.add(&fitted);
+                count(&fitted);
+                all.push(fitted);
+            }
+        }
+        all
     }
 
-    fn is_whole(&self, Fitted { tiles, factors, found, emission, .. }: &Fitted) -> bool {
+    /// Whether what was read from a file has the shape of these tiles' factors.
+    fn is_of(&self, fitted: &Fitted, tiles: &Range<usize>) -> bool {
+        let Fitted { factors, found, emission, .. } = fitted;
         let rows = self.within(tiles);
         let samples: usize = rows.iter().map(|rows| rows.len()).sum();
-        factors.tiles.len() == rows.len()
+        fitted.tiles == *tiles
+            && factors.tiles.len() == rows.len()
             && factors
                 .tiles
                 .iter()
@@ -161,18 +186,10 @@ impl<'a> Compressor<'a> {
             && emission.len() == if self.emitted.is_some() { samples } else { 0 }
     }
 
-    /// Gathers the rows of a supercluster and fits it as closely as the error allows, not much more closely; its halves, if the
-    /// basis lacks more light than is allowed to get lost.
-    fn fit(&self, tiles: &Range<usize>) -> Vec<Fitted> {
+    /// Gathers the rows of a supercluster, once, and fits it as closely as the error allows, not much more closely.
+    fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
-        // What the basis lacks is lost and was left out with the noise, which paid for it.
-        let lacking = (1.0 + PAYS) * projected.outside;
-        if lacking > projected.allowed && tiles.len() > 1 {
-            drop((projected, emission));
-            let middle = tiles.start + tiles.len() / 2;
-            return [tiles.start..middle, middle..tiles.end].iter().flat_map(|half| self.fit(half)).collect();
-        }
         let allowed = (1.0 - OUTSIDE) * projected.allowed;
         let within = self.within(tiles);
         let mut scale = FIRST;
@@ -198,8 +215,10 @@ impl<'a> Compressor<'a> {
             scale *= (0.9 * allowed / error.max(0.01 * allowed)).clamp(0.2, 3.0);
         }
         let (error, factors, found) = best.expect("there is a round");
-        let (enough, noise) = (error + lacking <= projected.allowed, projected.twice.noise);
-        vec![Fitted { tiles: tiles.clone(), factors, found, noise, enough, rounds, emission }]
+        // What the basis lacks is lost, too, and was left out with the noise, which paid for it.
+        let lost = (error + (1.0 + PAYS) * projected.outside).max(0.0);
+        let (allowed, noise) = (projected.allowed, projected.twice.noise);
+        Fitted { tiles: tiles.clone(), factors, found, noise, lost, allowed, rounds, emission }
     }
 
     /// What a supercluster's rows make of lights, and of emitters.
@@ -251,6 +270,8 @@ const SHARES: [f64; 3] = [0.4, 0.3, 0.3];
 const DECIDING: Range<usize> = 0..24;
 const POINTS: Range<usize> = 24..44;
 const SPOTS: Range<usize> = 44..64;
+/// Superclusters that are fitted in halves before it is asked again whether that is enough.
+const HALVED: usize = 4;
 /// How much more than allowed the steps may lose together at first: they mostly lose less.
 const FIRST: f64 = 1.3;
 /// Share of the allowed error that is left to what a basis lacks. No fit mends more than that; to fit the more closely the

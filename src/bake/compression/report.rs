@@ -47,7 +47,7 @@ impl<'a> Errors<'a> {
         }
         self.noise += fitted.noise;
         self.report.refined += usize::from(fitted.rounds > 1);
-        self.report.missed += usize::from(!fitted.enough);
+        self.report.missed += usize::from(!fitted.is_enough());
     }
 
     pub fn report(self) -> Report {
