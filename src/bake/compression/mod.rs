@@ -115,19 +115,12 @@ impl<'a> Compressor<'a> {
     /// Compresses all view samples that reflect anything; `progress` counts them. What `journal` has is not fitted again.
     pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (Compressed, Report) {
         let mut fitted = self.fit_all(&self.clusters.superclusters().collect::<Vec<_>>(), journal, progress);
-        // Where all together lose more than they may, those that lose most are fitted in halves, each with a basis of its own.
-        while fitted.iter().map(|f| f.lost - f.allowed).sum::<f64>() > 0.0 {
-            fitted.sort_by(|f, g| (g.lost - g.allowed).total_cmp(&(f.lost - f.allowed)));
-            let halved =
-                fitted.extract_if(.., |f| !f.is_enough() && f.tiles.len() > 1).take(HALVED).collect::<Vec<_>>();
-            if halved.is_empty() {
+        loop {
+            let halves = take_halves(&mut fitted);
+            if halves.is_empty() {
                 break;
             }
-            let halves = halved.iter().flat_map(|Fitted { tiles: Range { start, end }, .. }| {
-                let middle = (start + end) / 2;
-                [*start..middle, middle..*end]
-            });
-            fitted.extend(self.fit_all(&halves.collect::<Vec<_>>(), journal, progress));
+            fitted.extend(self.fit_all(&halves, journal, progress));
         }
         fitted.sort_by_key(|f| f.tiles.start);
         let mut compressed = Compressed { coefficients: self.transfer.fine.coefficient_count(), ..Default::default() };
@@ -248,6 +241,22 @@ impl<'a> Compressor<'a> {
     }
 }
 
+/// Where all together lose more than they may, takes out those that lose most. Returns their halves, each of which gets a basis
+/// of its own.
+fn take_halves(fitted: &mut Vec<Fitted>) -> Vec<Range<usize>> {
+    let excess = |f: &Fitted| f.lost - f.allowed;
+    if fitted.iter().map(excess).sum::<f64>() <= 0.0 {
+        return Vec::new();
+    }
+    fitted.sort_by(|f, g| excess(g).total_cmp(&excess(f)));
+    let halved = fitted.extract_if(.., |f| !f.is_enough() && f.tiles.len() > 1).take(HALVED);
+    let halves = |Fitted { tiles: Range { start, end }, .. }| {
+        let middle = usize::midpoint(start, end);
+        [start..middle, middle..end]
+    };
+    halved.flat_map(halves).collect()
+}
+
 /// Share of the error asked for by which light that is lost may lengthen the noise of the rows. The sum stays below the whole,
 /// for part of the noise is lost, too.
 const BIAS: f64 = 0.5;
@@ -360,4 +369,35 @@ fn round(compressed: &mut Compressed, u: &[f32]) {
         finite(&compressed.u) && finite(&compressed.b) && finite(&compressed.v),
         "a factor is beyond half precision"
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fitted(tiles: Range<usize>, lost: f64) -> Fitted {
+        let factors = Factors { list: Vec::new(), rank: 0, v: Default::default(), tiles: Vec::new() };
+        let (found, emission) = (Vec::new(), Vec::new());
+        Fitted { tiles, factors, found, noise: 0.0, lost, allowed: 1.0, rounds: 1, emission }
+    }
+
+    #[test]
+    fn those_that_lose_most_are_halved_while_all_together_lose_too_much() {
+        let mut all = vec![fitted(0..4, 1.5), fitted(4..8, 0.1), fitted(8..12, 1.3)];
+        assert_eq!(take_halves(&mut all), [], "the second one pays for the others");
+        assert_eq!(all.len(), 3);
+
+        let lost = [1.5, 9.0, 0.5, 2.0, 3.0, 1.1, 4.0];
+        let mut all: Vec<Fitted> = lost.iter().enumerate().map(|(i, &lost)| fitted(5 * i..5 * i + 5, lost)).collect();
+        all.push(fitted(35..36, 100.0));
+        let halves = take_halves(&mut all);
+        assert_eq!(halves, [5..7, 7..10, 30..32, 32..35, 20..22, 22..25, 15..17, 17..20], "no tile is halved");
+        let mut left: Vec<usize> = all.into_iter().map(|f| f.tiles).chain(halves).flatten().collect();
+        left.sort_unstable();
+        assert_eq!(left, (0..36).collect::<Vec<_>>());
+
+        let mut tile = vec![fitted(0..1, 2.0)];
+        assert_eq!(take_halves(&mut tile), []);
+        assert_eq!(tile.len(), 1);
+    }
 }
