@@ -135,7 +135,7 @@ fn compressed_light_against_the_truth() {
         let Some(drawn) = drawn::load(name) else { return };
         let baked = bake_drawn(&drawn, size);
         let lit = Lit::new(&drawn, &baked, &settings(16_384, 2304));
-        let compression = CompressionSettings { error: 0.01, lights: 256, lobe: Lobe::All, seed: 1 };
+        let compression = CompressionSettings { error: 0.01, lights: 512, lobe: Lobe::All, seed: 1 };
         let nested = BakedTransfer::nested(&lit.transfer, &compression, &mut Journal::default(), &|_| ());
         let direct = lit.direct();
         let mut farther = Vec::new();
