@@ -6,6 +6,7 @@ mod common;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use common::drawn::tracing;
 use common::stage::{Setup, Stage, pixels};
 use common::{gpu, not_run, shared, shipped};
 use rayon::ThreadPoolBuilder;
@@ -14,7 +15,7 @@ use relume::bake::packet::shadow_ray;
 use relume::bake::surface::SurfacePoint;
 use relume::bake::view_samples::{EyeRays, Tiling};
 use relume::image::{Layer as Picture, exr};
-use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
+use relume::reference::path_tracer::{Film, Half, Layer, PathTracer, Settings};
 use relume::relight::Layers;
 use relume::scene::Scene;
 
@@ -23,16 +24,7 @@ fn is_full() -> bool {
 }
 
 fn settings(width: u32, height: u32) -> Settings {
-    Settings {
-        width,
-        height,
-        layers: 4,
-        max_bounces: None,
-        filter: Filter::Centre,
-        bounce_layers: 4,
-        light_layers: false,
-        seed: 1,
-    }
+    Settings { bounce_layers: 4, ..tracing(width, height) }
 }
 
 fn trace(scene: &Scene, settings: &Settings, samples_a_half: u32) -> Film {

@@ -259,6 +259,11 @@ pub struct Ablation {
     pub bytes: [u64; 2],
 }
 
+/// The larger of two; what is not a number is larger than any.
+pub fn larger(a: f64, b: f64) -> f64 {
+    if b.is_nan() || b > a { b } else { a }
+}
+
 /// Writes `index.html` and the CSV files into `dir`, which exists.
 pub fn write(dir: &Path, report: &Report) -> Result<()> {
     for table in tables(report) {

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::conclusions::percent;
+use super::larger;
 use super::table::{Table, escaped, number, significant};
 
 /// A scene painted evenly.
@@ -81,8 +82,6 @@ fn sentences(rows: &[Stability]) -> Vec<String> {
     said.extend(rows.iter().find(|s| s.bounces.is_none()).map(|first| {
         format!("At an albedo of {} more than a thousandth is left after {MOST_BOUNCES} bounces.", first.albedo)
     }));
-    // What is not a number is larger than any.
-    let larger = |most: f64, x: f64| if x.is_nan() || x > most { x } else { most };
     let most = |of: fn(&Stability) -> f64| rows.iter().map(of).fold(0.0, larger);
     let (residual, single, half) = (most(|s| s.residual), most(|s| s.single), most(|s| s.half));
     said.extend(rows.first().map(|_| {

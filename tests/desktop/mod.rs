@@ -5,10 +5,10 @@
 
 pub mod pictures;
 
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::command::without_indirect;
@@ -25,15 +25,20 @@ pub struct Desktop {
 /// Longest that a window may take to do anything; machines are shared.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Servers that come and go at the same time take the same number for free.
-static TURN: Mutex<()> = Mutex::new(());
+/// Servers that come and go at the same time take the same number for free: one after another, among all processes.
+fn turn() -> File {
+    let file = File::create(std::env::temp_dir().join("relume-xvfb-turn")).unwrap();
+    file.lock().unwrap();
+    file
+}
 
 impl Desktop {
     /// `None`, and a line that says so, where the programs are missing.
     pub fn start() -> Option<Self> {
-        let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let _turn = turn();
         let mut server = match Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp", "-r"]) // no key repeats by itself
+            .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp"])
+            .args(["-r", "-noreset"]) // no key repeats by itself; nothing starts anew when a client goes
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -108,7 +113,7 @@ impl Desktop {
 
 impl Drop for Desktop {
     fn drop(&mut self) {
-        let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let _turn = turn();
         let _ = self.manager.kill();
         let _ = self.manager.wait();
         // Asked, not killed: it takes its socket and its lock with it.

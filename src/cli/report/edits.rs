@@ -6,7 +6,7 @@ use relume::Result;
 use relume::bake::Baked;
 use relume::relight::limits::Limits;
 use relume::relight::{Picture, Relighter};
-use relume::report::{Ablation, EditTime, LeftOut, PassMs};
+use relume::report::{Ablation, EditTime, LeftOut, PassMs, larger};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, scene_options};
@@ -87,7 +87,6 @@ impl Lab<'_> {
         let of_all = Arc::new(Baked::clone(&session.baked).with_nothing_left_out());
         let [(picture, record, bytes), (all, all_record, all_bytes)] = [measured(&session.baked)?, measured(&of_all)?];
         let values = || picture.iter().flatten().zip(all.iter().flatten());
-        let larger = |most: f64, x: f64| if x.is_nan() || x > most { x } else { most };
         let largest = values().map(|(a, b)| f64::from((a - b).abs())).fold(0.0, larger);
         let mean = values().map(|(a, _)| f64::from(*a)).sum::<f64>() / (3 * picture.len()) as f64;
         let shading = |record: &Record| -> f64 {
