@@ -7,9 +7,12 @@ use relume::bake::compression::Report;
 use relume::bake::compression::verify::Verdict;
 use relume::bake::transfer::baked::TransferReport;
 use relume::{Error, Result};
+use serde_json::json;
 
 use super::options::SceneOptions;
+use super::output;
 use super::session::Session;
+use super::stats;
 use super::stdout::out;
 
 #[derive(clap::Args)]
@@ -24,6 +27,12 @@ pub struct Args {
     /// and 20 spots.
     #[arg(long)]
     verify: bool,
+    /// Writes figures of the bake as JSON.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["list", "prune"])]
+    stats: Option<PathBuf>,
+    /// Writes a trace of every stage, for Perfetto or chrome://tracing.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["list", "prune"])]
+    trace: Option<PathBuf>,
     /// Lists what the cache holds.
     #[arg(long, conflicts_with = "scene")]
     list: bool,
@@ -50,6 +59,7 @@ pub fn run(args: &Args) -> Result<()> {
         out!("removed {files} files, {:.1} MB, from {}", bytes as f64 * 1e-6, dir.display())?;
         return Ok(());
     }
+    args.stats.iter().chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
     let scene = args.scene.as_ref().expect("clap requires it");
     let session = Session::open(scene, args.rig.as_deref(), &args.options)?;
     // Other commands do without a cache that cannot be written; this one is there to fill it.
@@ -82,14 +92,23 @@ pub fn run(args: &Args) -> Result<()> {
         let costs = [bytes as f64, multiply_adds as f64].map(|cost| cost / session.baked.pixel_stride() as f64);
         out!("a pixel: {:.0} multiply-adds, {:.0} bytes", costs[1], costs[0])?;
     }
+    // Which of rays and maps it will be is the device's choice.
+    let mut figures = stats::figures_of_bake(&session, false);
     if args.verify {
-        for (kind, verdict) in ["points", "spots"].iter().zip(session.verify()?) {
+        for (kind, verdict) in ["point", "spot"].into_iter().zip(session.verify()?) {
+            figures["transfer"]["held_out"]["anew"][kind] = json!(verdict);
             let Verdict { error, worst, rows, apart } = verdict;
             let [error, worst, rows, apart] = [error, worst, rows, apart].map(percent);
             out!(
-                "{kind}: {error} from rows gathered anew, worst {worst}; its own rows {rows}; apart from these {apart}"
+                "{kind}s: {error} from rows gathered anew, worst {worst}; its own rows {rows}; apart from these {apart}"
             )?;
         }
+    }
+    if let Some(path) = &args.stats {
+        output::write_json(path, &figures)?;
+    }
+    if let Some(path) = &args.trace {
+        output::write_json(path, &stats::trace(&session.bake, &[]))?;
     }
     Ok(())
 }

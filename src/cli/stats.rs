@@ -11,27 +11,37 @@ use super::output::{Relighters, Written};
 use super::plan::left_out;
 use super::session::{BakeReport, Session, peak_bytes};
 
-/// What `--stats` tells; what this version does not compute is null. `frame` is the first picture, all lights new.
+/// What `render --stats` tells; what this version does not compute is null. `frame` is the first picture, all lights new.
 pub fn figures(session: &Session, relighters: &Relighters, written: &Written) -> Value {
     let relighter = &relighters.whole;
+    let context = relighter.context();
     let non_finite = relighters.non_finite();
-    let info = &relighter.context().info;
+    let memory: Vec<Value> =
+        context.memory_by_owner().into_iter().map(|(owner, bytes)| json!({ "owner": owner, "bytes": bytes })).collect();
+    let mut figures = figures_of_bake(session, relighter.traces());
+    figures["device"] = json!(context.info.name);
+    figures["driver"] = json!(context.info.driver);
+    figures["scene"]["lights"] = json!(relighter.rig().lights.len());
+    figures["frame"] = frame(written.frames.first().map_or(&[], Vec::as_slice));
+    figures["non_finite"] = json!(non_finite.iter().map(|(_, count)| count).sum::<u32>());
+    figures["non_finite_passes"] = json!(non_finite.into_iter().collect::<BTreeMap<_, _>>());
+    figures["negative"] = json!(written.negative);
+    figures["memory"] = json!(memory);
+    figures
+}
+
+/// What is known without a device; all else is null. `traced`: shadow rays are traced, no maps are drawn.
+pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
     let baked = &session.baked;
-    let memory: Vec<Value> = relighter
-        .context()
-        .memory_by_owner()
-        .into_iter()
-        .map(|(owner, bytes)| json!({ "owner": owner, "bytes": bytes }))
-        .collect();
     let transfer = baked.transfer.as_ref();
     json!({
         "schema": 1,
         "relume": env!("CARGO_PKG_VERSION"),
-        "device": info.name,
-        "driver": info.driver,
+        "device": null,
+        "driver": null,
         "scene": {
             "triangles": session.scene.mesh.triangles.len(),
-            "lights": relighter.rig().lights.len(),
+            "lights": session.rig.lights.len(),
             "width": baked.tiling.width,
             "height": baked.tiling.height,
         },
@@ -44,12 +54,11 @@ pub fn figures(session: &Session, relighters: &Relighters, written: &Written) ->
         },
         "samples": { "view": baked.samples.len(), "gather": transfer.map_or(0, BakedTransfer::sample_count), "layers": session.layers() },
         "transfer": figures_of_transfer(baked),
-        "frame": frame(written.frames.first().map_or(&[], Vec::as_slice)),
-        "non_finite": non_finite.iter().map(|(_, count)| count).sum::<u32>(),
-        "non_finite_passes": non_finite.into_iter().collect::<BTreeMap<_, _>>(),
-        "negative": written.negative,
-        "memory": memory,
-        "left_out": left_out(session, relighter.traces(), transfer.map(|t| t.report.unseen)),
+        "frame": null,
+        "non_finite": null,
+        "negative": null,
+        "memory": null,
+        "left_out": left_out(session, traced, transfer.map(|t| t.report.unseen)),
     })
 }
 
