@@ -52,18 +52,30 @@ void main() {
         }
     }
     for (uint octet = 0; octet < panel.octet_count; ++octet) {
-        // Each lane reads one column's input, for all.
-        uint input_index = push.inputs.at[panel.first_input + octet * PANEL_COLUMNS + lane];
-        vec3 x[LIGHTS][PANEL_COLUMNS];
-        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-            vec3 own = push.vector.at[input_index * LIGHTS + l].rgb;
-            [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
-                x[l][k] = subgroupBroadcast(own, k);
+        vec3 own[LIGHTS];
+        // Octets that no light falls on are passed over, with their factors: what a light does not reach.
+        for (;; ++octet) {
+            // Each lane reads one column's input, for all.
+            uint input_index = push.inputs.at[panel.first_input + octet * PANEL_COLUMNS + lane];
+            bool lit = octet + 1 == panel.octet_count;
+            [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+                own[l] = push.vector.at[input_index * LIGHTS + l].rgb;
+                lit = lit || own[l] != vec3(0.0);
+            }
+            if (subgroupBallot(lit) != uvec4(0)) {
+                break;
             }
         }
+        vec3 x[LIGHTS][PANEL_COLUMNS];
+        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+            [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
+                x[l][k] = subgroupBroadcast(own[l], k);
+            }
+        }
+        uint of_octet = value + octet * CHANNELS * stride;
         [[unroll]] for (uint r = 0; r < ROWS; ++r) {
             // Lanes beyond the last row read that.
-            uint place = value + min(lane * ROWS + r, stride - 1);
+            uint place = of_octet + min(lane * ROWS + r, stride - 1);
             uvec4 packed[CHANNELS];
             [[unroll]] for (uint c = 0; c < CHANNELS; ++c) {
                 packed[c] = push.values.at[place + c * stride];
@@ -81,7 +93,6 @@ void main() {
                 }
             }
         }
-        value += CHANNELS * stride;
     }
     [[unroll]] for (uint r = 0; r < ROWS; ++r) {
         uint row = strip + lane * ROWS + r;

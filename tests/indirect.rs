@@ -61,9 +61,10 @@ fn multiply_blocks() {
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(9);
     let shapes = [(1, 1, false), (3, 130, true), (1, 3001, true), (3, 700, false), (1, 700, true), (3, 65, true)];
-    // Alone, or with one of several lights absent.
-    for ((channels, outputs, to_view), (lights, places)) in shapes.into_iter().flat_map(|s| [(s, (1, 1)), (s, (3, 4))])
-    {
+    // Alone, or with one of several lights absent; with light on all elements, or on so few that it is dark in many an octet.
+    let lit = [(1, 1, 1.0), (3, 4, 1.0), (1, 1, 0.1), (3, 4, 0.03), (1, 1, 0.0)];
+    let cases = shapes.into_iter().flat_map(|shape| lit.map(|lit| (shape, lit)));
+    for ((channels, outputs, to_view), (lights, places, share)) in cases {
         let inputs = 333;
         let extras: usize = if to_view { outputs / 3 } else { 0 };
         let (pixel_count, extra_stride) = (outputs - extras, extras.next_multiple_of(4));
@@ -75,8 +76,10 @@ fn multiply_blocks() {
             matrix.outputs.iter_mut().for_each(|o| *o += inputs as u32);
         }
         assert!(matrix.is_consistent());
-        let of_element =
-            |i| if i < places * inputs { random.vector(-1.0, 1.0).as_vec3().extend(0.0) } else { Vec4::ZERO };
+        let of_element = |i| {
+            let is_lit = i < places * inputs && random.unit() < share;
+            if is_lit { random.vector(-1.0, 1.0).as_vec3().extend(0.0) } else { Vec4::ZERO }
+        };
         let mut vector = Buffer::new(&gpu, "test vector", Access::HostWrites, places * length).unwrap();
         let values: Vec<Vec4> = (0..places * length).map(of_element).collect();
         vector.host_mut().copy_from_slice(&values);
