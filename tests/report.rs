@@ -263,9 +263,31 @@ fn a_page_has_no_chart_without_data_and_takes_names_literally() {
     write(dir.path(), &report).unwrap();
     let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), 4);
+    assert_charts_hold_their_text(&page);
     assert!(!page.contains("NaN") && !page.contains("inf "), "{page}");
     assert_eq!(rows(&dir.path().join("s.errors.csv")).len(), 6);
     assert_eq!(tables(&report).len(), 3, "machine, scenes, errors; no edits, nothing left out, all measured");
+}
+
+/// Letters of 0.6 em, wider than those of most text in wide fonts, reach neither the end of a chart nor what is written
+/// along its left side.
+fn assert_charts_hold_their_text(page: &str) {
+    let after = |text: &str, mark: &str| text.split_once(mark).map(|(_, rest)| rest.to_owned());
+    let number = |text: &str| text.split([' ', '"', '>']).next().unwrap().parse::<f64>().unwrap();
+    for svg in page.split("<svg").skip(1).map(|svg| svg.split("</svg>").next().unwrap()) {
+        let width = number(&after(svg, "viewBox=\"0 0 ").unwrap());
+        for text in svg.split("<text").skip(1).filter(|text| !text.contains("rotate")) {
+            let (attributes, said) = text.split("</text>").next().unwrap().split_once('>').unwrap();
+            let x = number(&after(attributes, " x=").unwrap());
+            let long = 14.0 * 0.6 * said.chars().count() as f64;
+            let [left, right] = match after(attributes, "text-anchor=") {
+                None => [0.0, x + long],
+                Some(anchor) if anchor.starts_with("end") => [x - long - 20.0, x],
+                Some(_) => [x - long / 2.0, x + long / 2.0],
+            };
+            assert!(left >= 0.0 && right <= width, "{said:?} takes {left} to {right} of {width}");
+        }
+    }
 }
 
 #[test]
@@ -276,7 +298,8 @@ fn growth_and_stability_are_told_by_their_numbers() {
         Cost { name: name.into(), expected, points }
     };
     let curves = vec![cost("even", 1.0, 1.0), cost("steep", 1.0, 1.4)];
-    let growth = Growth { of: "lights".into(), scene: "box".into(), curves };
+    let scene = "a box whose name is as long as its maker's breath & as wide as two charts beside each other".to_string();
+    let growth = Growth { of: "gather samples".into(), scene: scene.clone(), curves };
     let stability = |albedo, thesis_radius| Stability {
         albedo,
         radius: 0.9 * albedo,
@@ -293,8 +316,8 @@ fn growth_and_stability_are_told_by_their_numbers() {
     write(dir.path(), &report).unwrap();
     let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
     for said in [
-        "even: grows with the lights to the power 1.00 (by design at most 1), from 3.00 ms with 1 to 300 ms with 100.",
-        "steep: grows with the lights to the power 1.40 (by design at most 1: more than that)",
+        "even: grows with the gather samples to the power 1.00 (by design at most 1), from 3.00 ms with 1 to 300 ms with 100.",
+        "steep: grows with the gather samples to the power 1.40 (by design at most 1: more than that)",
         "stays at or below the albedo in all of them, up to 0.8",
         "no sum from an albedo of 0.8 on, where its spectral radius is 1.25",
         "after 1 bounces at albedo 0.1 and after 8 at 0.8; five bounces leave out 40.0 % there",
@@ -302,7 +325,9 @@ fn growth_and_stability_are_told_by_their_numbers() {
     ] {
         assert!(page.contains(said), "{said}\nis not in\n{page}");
     }
+    assert!(page.contains(&format!("<figcaption>{}</figcaption>", scene.replace('&', "&amp;"))));
     assert_eq!(page.matches("<svg").count(), 1);
+    assert_charts_hold_their_text(&page);
     assert_eq!(rows(&dir.path().join("scaling.csv")).len(), 6);
     assert_eq!(rows(&dir.path().join("stability.csv"))[1]["thesis_spectral_radius"], "1.25");
 }
@@ -344,6 +369,7 @@ fn a_quick_report_holds_what_was_measured_and_goes_on_where_it_was() {
     let run = || run!("report", "--quick", "-o", &dir, "--size", "24x24", shipped("cornell-diffuse.glb")).done();
     assert_eq!(run().stdout.trim(), dir.join("index.html").display().to_string());
     let page = std::fs::read_to_string(dir.join("index.html")).unwrap();
+    assert_charts_hold_their_text(&page);
     assert!(!page.contains("<script") && !page.contains("http"), "needs something else");
     assert!(!page.contains("NaN") && !page.contains("src=\"pictures"));
     assert!(page.contains("prefers-color-scheme: dark") && page.contains("Known limits"));

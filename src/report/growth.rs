@@ -54,7 +54,7 @@ impl Growth {
             Series { name: cost.name.clone(), style, points, tips }
         };
         Chart {
-            title: format!("Against {}, {}", self.of, self.scene),
+            title: format!("Against {}", self.of),
             x_label: format!("number of {}", self.of),
             y_label: "milliseconds",
             series: self.curves.iter().enumerate().map(series).collect(),
@@ -86,7 +86,9 @@ pub(super) fn html(growths: &[Growth]) -> String {
     }
     let sentences = growths.iter().flat_map(|g| g.curves.iter().filter_map(|cost| g.sentence(cost)));
     let items: String = sentences.map(|s| format!("<li>{}</li>\n", escaped(&s))).collect();
-    let charts: String = growths.iter().filter_map(|g| g.chart().svg()).collect();
+    // Names of scenes may have any length: below a chart they take as many lines as they need.
+    let figure = |g: &Growth| Some(format!("<figure>{}<figcaption>{}</figcaption></figure>\n", g.chart().svg()?, escaped(&g.scene)));
+    let charts: String = growths.iter().filter_map(figure).collect();
     let rows = table(growths).html();
     format!(
         "<h2 id=scaling>Scaling</h2>\n<ul>{items}</ul>\n<div class=charts>{charts}</div>\n\

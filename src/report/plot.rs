@@ -24,7 +24,7 @@ pub(super) struct Series {
 }
 
 const WIDTH: f64 = 480.0;
-const PLOT: [f64; 4] = [64.0, 34.0, 462.0, 314.0]; // left, top, right, bottom
+const PLOT: [f64; 4] = [82.0, 34.0, 462.0, 314.0]; // left, top, right, bottom
 const LEGEND_LINE: f64 = 19.0;
 
 /// One logarithmic axis.
@@ -160,11 +160,11 @@ fn mark(style: usize, [x, y]: [f64; 2], tip: &str) -> String {
     format!("<path class=\"mark s{style}\" transform=\"translate({x:.1} {y:.1})\" d=\"{path}\">{tip}</path>")
 }
 
-/// A round number as an axis tells it.
+/// A round number as an axis tells it, in seven letters at most: what the plot leaves room for.
 fn short(value: f64) -> String {
     let exponent = (value.log10() + 1e-9).floor() as i32;
     match exponent {
-        -4..=6 => grouped(&format!("{value:.*}", (-exponent).max(0) as usize)),
+        -4..=5 => grouped(&format!("{value:.*}", (-exponent).max(0) as usize)),
         _ => format!("{value:.0e}"),
     }
 }

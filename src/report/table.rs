@@ -35,8 +35,13 @@ impl Table {
     pub fn html(&self) -> String {
         // A list of names and values is not a column of numbers.
         let cell = |tag: &str, text: &str| {
-            let class = if self.columns.len() > 2 && text.parse::<f64>().is_ok() { " class=n" } else { "" };
-            let text = if class.is_empty() { escaped(text) } else { rounded(text) };
+            let number = self.columns.len() > 2 && text.parse::<f64>().is_ok();
+            let class = match text.starts_with("--") {
+                _ if number => " class=n",
+                true => " class=options",
+                false => "",
+            };
+            let text = if number { rounded(text) } else { escaped(text) };
             format!("<{tag}{class}>{text}</{tag}>")
         };
         let row = |tag: &'static str, cells: &Vec<String>| {
