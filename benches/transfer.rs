@@ -4,14 +4,18 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use glam::Vec4;
-use relume::bake::transfer::blocks::{BlockMatrix, Dense};
+use glam::{Vec3, Vec4};
+use relume::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use relume::gpu::{Access, Buffer, Context, Frames, Kernel, Validation};
 use relume::shared::*;
 
-/// Blocks alike: how many, rows and columns of each, channels.
-const SHAPES: [(&str, usize, usize, usize, u32); 3] =
-    [("project", 60, 200, 1000, 3), ("tiles", 1300, 48, 200, 1), ("pixels", 1300, 256, 48, 1)];
+/// Blocks alike: how many, rows of each, columns with factors for each channel and with a tint, channels.
+const SHAPES: [(&str, usize, usize, [usize; 2], u32); 4] = [
+    ("project", 60, 200, [1000, 0], 3),
+    ("project", 60, 200, [200, 800], 3),
+    ("tiles", 1300, 48, [0, 200], 1),
+    ("pixels", 1300, 256, [0, 48], 1),
+];
 
 fn products(criterion: &mut Criterion) {
     let context = Context::new(None, Validation::Off, None).expect("a Vulkan device");
@@ -19,7 +23,7 @@ fn products(criterion: &mut Criterion) {
     for (name, blocks, rows, columns, channels) in SHAPES {
         let matrix = matrix(blocks, rows, columns, channels);
         group.throughput(Throughput::Bytes(matrix.bytes() as u64));
-        let shape = format!("{blocks} of {rows}x{columns}x{channels}");
+        let shape = format!("{blocks} of {rows}x({}x3 + {})", columns[0], columns[1]);
         for lights in [1, LIGHTS_A_PASS] {
             let mut product = Product::new(&context, &matrix, lights);
             group.bench_function(
@@ -33,14 +37,21 @@ fn products(criterion: &mut Criterion) {
 }
 
 /// Inputs are strewn over a vector of 65,536.
-fn matrix(blocks: usize, rows: usize, columns: usize, channels: u32) -> BlockMatrix {
-    let inputs = 1 << 16;
-    let mut matrix = BlockMatrix::new(channels, inputs + blocks * rows, inputs + blocks * rows);
-    let values: Vec<f32> = (0..channels as usize * rows * columns).map(|i| (i % 17) as f32 - 8.0).collect();
+fn matrix(blocks: usize, rows: usize, [own, shared]: [usize; 2], channels: u32) -> BlockMatrix {
+    let count = 1 << 16;
+    let mut matrix = BlockMatrix::new(channels, count + blocks * rows, count + blocks * rows);
+    let values: Vec<f32> = (0..rows * (3 * own + shared)).map(|i| (i % 17) as f32 - 8.0).collect();
+    let (of_own, of_shared) = values.split_at(3 * rows * own);
+    let tints = vec![Vec3::splat(0.5); if channels == 3 { shared } else { 0 }];
     for block in 0..blocks {
-        let columns: Vec<u32> = (0..columns).map(|c| ((block + c) * 40_503 % inputs) as u32).collect();
-        let rows: Vec<u32> = (0..rows).map(|r| (inputs + block * rows + r) as u32).collect();
-        matrix.push(&Dense { columns: &columns, rows: &rows, values: &values });
+        let inputs: Vec<u32> = (0..own + shared).map(|c| ((block + c) * 40_503 % count) as u32).collect();
+        let rows: Vec<u32> = (0..rows).map(|r| (count + block * rows + r) as u32).collect();
+        matrix.push(&Dense {
+            rows: &rows,
+            own: Columns { inputs: &inputs[..own], values: of_own },
+            shared: Columns { inputs: &inputs[own..], values: of_shared },
+            tints: &tints,
+        });
     }
     matrix
 }
@@ -51,6 +62,7 @@ struct Product {
     panels: Buffer<Panel>,
     values: Buffer<glam::UVec4>,
     inputs: Buffer<u32>,
+    tints: Buffer<Vec3>,
     outputs: Buffer<u32>,
     vector: Buffer<Vec4>,
     image: Buffer<f32>,
@@ -67,6 +79,7 @@ impl Product {
                 panels: Buffer::from_slice(context, "panels", &matrix.panels)?,
                 values: Buffer::from_slice(context, "values", &matrix.values)?,
                 inputs: Buffer::from_slice(context, "inputs", &matrix.inputs)?,
+                tints: Buffer::from_slice(context, "tints", &matrix.tints)?,
                 outputs: Buffer::from_slice(context, "outputs", &matrix.outputs)?,
                 vector: Buffer::from_slice(context, "vector", &vector)?,
                 image: Buffer::new(context, "image", Access::Device, 4)?,
@@ -83,6 +96,7 @@ impl Product {
             panels: pass.read(&self.panels),
             values: pass.read(&self.values),
             inputs: pass.read(&self.inputs),
+            tints: pass.read(&self.tints),
             outputs: pass.read(&self.outputs),
             vector: pass.write(&self.vector),
             images: [pass.write(&self.image); LIGHTS_A_PASS as usize],

@@ -10,7 +10,7 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 layout(push_constant, scalar) uniform Block { MultiplyBlocksPush push; };
-// 3: R, G and B have factors of their own; 1: they share them.
+// 3: the first columns have factors for R, G and B each, the others a tint of their input; 1: R, G and B share all factors.
 layout(constant_id = 0) const uint CHANNELS = 1;
 // Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
 layout(constant_id = 1) const bool TO_VIEW_SAMPLES = false;
@@ -32,6 +32,34 @@ void store(uint output_index, uint light, vec3 sum) {
     }
 }
 
+// Inputs of the next of the octets before `end` that light falls on, or of the last; others are passed over, with their factors:
+// what a light does not reach.
+uint next_octet(Panel panel, uint octet, uint end, bool tinted, uint lane, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
+    vec3 own[LIGHTS];
+    uint column;
+    for (;; ++octet) {
+        // Each lane reads one column's input, for all.
+        column = panel.first_input + octet * PANEL_COLUMNS + lane;
+        uint input_index = push.inputs.at[column];
+        bool lit = octet + 1 == end;
+        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+            own[l] = push.vector.at[input_index * LIGHTS + l].rgb;
+            lit = lit || own[l] != vec3(0.0);
+        }
+        if (subgroupBallot(lit) != uvec4(0)) {
+            break;
+        }
+    }
+    vec3 tint = tinted ? push.tints.at[column] : vec3(1.0);
+    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+        own[l] *= tint;
+        [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
+            x[l][k] = subgroupBroadcast(own[l], k);
+        }
+    }
+    return octet;
+}
+
 void main() {
     uint group = group_index();
     if (group >= push.panel_count) {
@@ -44,52 +72,47 @@ void main() {
         return;
     }
     uint stride = min(panel.row_count - strip, STRIP_ROWS);
-    uint value = panel.first_value + CHANNELS * panel.octet_count * strip;
+    uint own_count = CHANNELS == 1 ? 0 : panel.own_octet_count;
+    uint first = panel.first_value + (panel.octet_count + 2 * own_count) * strip;
     vec3 sums[LIGHTS][ROWS];
     [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
         [[unroll]] for (uint r = 0; r < ROWS; ++r) {
             sums[l][r] = vec3(0.0);
         }
     }
-    for (uint octet = 0; octet < panel.octet_count; ++octet) {
-        vec3 own[LIGHTS];
-        // Octets that no light falls on are passed over, with their factors: what a light does not reach.
-        for (;; ++octet) {
-            // Each lane reads one column's input, for all.
-            uint input_index = push.inputs.at[panel.first_input + octet * PANEL_COLUMNS + lane];
-            bool lit = octet + 1 == panel.octet_count;
-            [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-                own[l] = push.vector.at[input_index * LIGHTS + l].rgb;
-                lit = lit || own[l] != vec3(0.0);
-            }
-            if (subgroupBallot(lit) != uvec4(0)) {
-                break;
-            }
-        }
-        vec3 x[LIGHTS][PANEL_COLUMNS];
-        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-            [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
-                x[l][k] = subgroupBroadcast(own[l], k);
-            }
-        }
-        uint of_octet = value + octet * CHANNELS * stride;
-        [[unroll]] for (uint r = 0; r < ROWS; ++r) {
-            // Lanes beyond the last row read that.
-            uint place = of_octet + min(lane * ROWS + r, stride - 1);
-            uvec4 packed[CHANNELS];
-            [[unroll]] for (uint c = 0; c < CHANNELS; ++c) {
-                packed[c] = push.values.at[place + c * stride];
-            }
-            [[unroll]] for (uint c = 0; c < CHANNELS; ++c) {
-                [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
-                    vec2 pair = unpackHalf2x16(packed[c][k]);
-                    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-                        if (CHANNELS == 1) {
-                            sums[l][r] += pair.x * x[l][2 * k] + pair.y * x[l][2 * k + 1];
-                        } else {
+    vec3 x[LIGHTS][PANEL_COLUMNS];
+    if (CHANNELS == 3) {
+        for (uint octet = 0; octet < own_count; ++octet) {
+            octet = next_octet(panel, octet, own_count, false, lane, x);
+            uint of_octet = first + 3 * octet * stride;
+            [[unroll]] for (uint r = 0; r < ROWS; ++r) {
+                // Lanes beyond the last row read that.
+                uint place = of_octet + min(lane * ROWS + r, stride - 1);
+                uvec4 packed[3];
+                [[unroll]] for (uint c = 0; c < 3; ++c) {
+                    packed[c] = push.values.at[place + c * stride];
+                }
+                [[unroll]] for (uint c = 0; c < 3; ++c) {
+                    [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
+                        vec2 pair = unpackHalf2x16(packed[c][k]);
+                        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
                             sums[l][r][c] += pair.x * x[l][2 * k][c] + pair.y * x[l][2 * k + 1][c];
                         }
                     }
+                }
+            }
+        }
+    }
+    first += 2 * own_count * stride;
+    for (uint octet = own_count; octet < panel.octet_count; ++octet) {
+        octet = next_octet(panel, octet, panel.octet_count, CHANNELS == 3, lane, x);
+        uint of_octet = first + octet * stride;
+        [[unroll]] for (uint r = 0; r < ROWS; ++r) {
+            uvec4 packed = push.values.at[of_octet + min(lane * ROWS + r, stride - 1)];
+            [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
+                vec2 pair = unpackHalf2x16(packed[k]);
+                [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+                    sums[l][r] += pair.x * x[l][2 * k] + pair.y * x[l][2 * k + 1];
                 }
             }
         }

@@ -202,9 +202,9 @@ gpu_shared! {
         /// Rows of a block matrix that share their columns.
         pub struct Panel {
             /// Where its factors begin, in units of eight: strip by strip of [`STRIP_ROWS`], octet by octet of columns, channel by
-            /// channel, row by row.
+            /// channel where these have factors of their own, row by row.
             pub first_value: u32,
-            /// Where its list of inputs begins, one a column.
+            /// Where its lists of inputs and tints begin, one a column.
             pub first_input: u32,
             /// Where its list of outputs begins, one a row.
             pub first_output: u32,
@@ -212,6 +212,8 @@ gpu_shared! {
             pub row_count: u32,
             /// Columns over [`PANEL_COLUMNS`].
             pub octet_count: u32,
+            /// How many of these, the first ones, have factors for R, G and B each.
+            pub own_octet_count: u32,
             /// What stored factors are multiplied by.
             pub scale: f32,
         }
@@ -392,6 +394,8 @@ gpu_shared! {
             pub values: Read<UVec4>,
             /// Indices into `vector`.
             pub inputs: Read<u32>,
+            /// What inputs of columns are multiplied by whose factors R, G and B share; read by kernels of three channels.
+            pub tints: Read<Vec3>,
             /// Indices into `vector`, or of view samples.
             pub outputs: Read<u32>,
             /// RGB and nothing, of several lights side by side, element by element: what is multiplied, and what results if no view samples do.

@@ -91,7 +91,7 @@ fn check_shapes(compressed: &Compressed, baked: &Baked) {
     for (i, s) in compressed.superclusters.iter().enumerate() {
         assert_eq!((s.first_term as usize, s.first_v as usize, s.first_tile as usize), (term, v, tiles));
         let (terms, rank) = (s.terms as usize, s.rank as usize);
-        assert!(terms.is_multiple_of(MULTIPLE) && rank.is_multiple_of(MULTIPLE));
+        assert!([terms, rank, s.own as usize].iter().all(|n| n.is_multiple_of(MULTIPLE)) && s.own <= s.terms);
         for tile in &compressed.tiles[tiles..tiles + s.tiles as usize] {
             assert_eq!((tile.supercluster as usize, tile.first_b as usize, tile.first_u as usize), (i, b, u));
             assert_eq!(tile.first_sample as usize, sample);
@@ -102,9 +102,10 @@ fn check_shapes(compressed: &Compressed, baked: &Baked) {
         }
         tiles += s.tiles as usize;
         term += terms;
-        v += 3 * rank * terms;
+        v += rank * (2 * s.own as usize + terms);
     }
     assert_eq!((term, tiles), (compressed.terms.len(), compressed.tiles.len()));
+    assert!(compressed.tints.len() == term && compressed.tints.iter().all(|tint| tint.is_finite()));
     assert_eq!(
         (v, b, u, sample),
         (compressed.v.len(), compressed.b.len(), compressed.u.len(), compressed.samples.len())

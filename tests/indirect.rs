@@ -17,7 +17,7 @@ use relume::bake::gather_samples::light_rays::per_solid_angle;
 use relume::bake::journal::Journal;
 use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::blocks::{BlockMatrix, Dense};
+use relume::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
@@ -37,13 +37,22 @@ fn random_matrix(random: &mut Random, channels: u32, inputs: usize, outputs: usi
     let mut left = &rows[..];
     while !left.is_empty() {
         let (now, later) = left.split_at(random.pick(&[1, 3, 16, 48, 64, 65, 256, 300]).min(left.len()));
-        let columns: Vec<u32> =
-            (0..random.pick(&[1, 2, 7, 8, 9, 48, 130])).map(|_| random.below(inputs) as u32).collect();
+        // Of either kind of columns, or of both.
+        let [own, shared] = random.pick(&[[1, 0], [2, 7], [0, 7], [8, 16], [0, 9], [48, 0], [60, 70]]);
+        let mut list = |count: usize| -> Vec<u32> { (0..count).map(|_| random.below(inputs) as u32).collect() };
+        let [own, shared] = if channels == 3 { [list(own), list(shared)] } else { [vec![], list(own + shared)] };
         // Panels of very different size: each has a scale of its own.
         let size = random.magnitude(1e-9, 1e9);
-        let count = channels as usize * now.len() * columns.len();
-        let values: Vec<f32> = (0..count).map(|_| (size * random.between(-1.0, 1.0)) as f32).collect();
-        matrix.push(&Dense { columns: &columns, rows: now, values: &values });
+        let mut values = |count: usize| -> Vec<f32> {
+            (0..count * now.len()).map(|_| (size * random.between(-1.0, 1.0)) as f32).collect()
+        };
+        let tints = if channels == 3 { shared.len() } else { 0 };
+        matrix.push(&Dense {
+            rows: now,
+            own: Columns { inputs: &own, values: &values(3 * own.len()) },
+            shared: Columns { inputs: &shared, values: &values(shared.len()) },
+            tints: &(0..tints).map(|_| random.vector(-1.0, 1.0).as_vec3()).collect::<Vec<Vec3>>(),
+        });
         left = later;
     }
     matrix
@@ -95,6 +104,7 @@ fn multiply_blocks() {
         let panels = Buffer::from_slice(&gpu, "test panels", &matrix.panels).unwrap();
         let factors = Buffer::from_slice(&gpu, "test factors", &matrix.values).unwrap();
         let input_list = Buffer::from_slice(&gpu, "test inputs", &matrix.inputs).unwrap();
+        let tints = Buffer::from_slice(&gpu, "test tints", &matrix.tints).unwrap();
         let output_list = Buffer::from_slice(&gpu, "test outputs", &matrix.outputs).unwrap();
         run(&mut frames, |frame| {
             let mut pass = frame.pass("multiply");
@@ -102,6 +112,7 @@ fn multiply_blocks() {
                 panels: pass.read(&panels),
                 values: pass.read(&factors),
                 inputs: pass.read(&input_list),
+                tints: pass.read(&tints),
                 outputs: pass.read(&output_list),
                 vector: pass.write(&vector),
                 images: addresses(&mut pass, &images),
@@ -155,6 +166,7 @@ fn pieces_are_the_whole() {
                 channels: piece.channels,
                 panels: piece.panels,
                 inputs: piece.inputs.to_vec(),
+                tints: piece.tints.to_vec(),
                 outputs: piece.outputs.to_vec(),
                 values: piece.values.to_vec().into(),
                 ..matrix
@@ -180,6 +192,10 @@ fn indices_that_lead_nowhere_are_found() {
     broken(|m| m.outputs[7] = 400);
     broken(|m| m.outputs[7] = m.outputs[8]);
     broken(|m| m.channels = 2);
+    broken(|m| m.channels = 1);
+    broken(|m| m.tints[7].y = f32::NAN);
+    broken(|m| m.tints.truncate(m.inputs.len() - 1));
+    broken(|m| m.panels[0].own_octet_count = m.panels[0].octet_count + 1);
     broken(|m| m.panels[1].row_count = PANEL_ROWS + 1);
     broken(|m| m.panels.last_mut().unwrap().octet_count += 1);
     broken(|m| m.panels[0].first_value = u32::MAX);

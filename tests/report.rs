@@ -298,7 +298,8 @@ fn growth_and_stability_are_told_by_their_numbers() {
         Cost { name: name.into(), expected, points }
     };
     let curves = vec![cost("even", 1.0, 1.0), cost("steep", 1.0, 1.4)];
-    let scene = "a box whose name is as long as its maker's breath & as wide as two charts beside each other".to_string();
+    let scene =
+        "a box whose name is as long as its maker's breath & as wide as two charts beside each other".to_string();
     let growth = Growth { of: "gather samples".into(), scene: scene.clone(), curves };
     let stability = |albedo, thesis_radius| Stability {
         albedo,

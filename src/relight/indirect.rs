@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-use glam::{UVec4, Vec4};
+use glam::{UVec4, Vec3, Vec4};
 
 use super::haar::HaarTransform;
 use super::light_cache::Detail;
@@ -61,6 +61,7 @@ struct Product {
     panels: Buffer<Panel>,
     values: Buffer<UVec4>,
     inputs: Buffer<u32>,
+    tints: Buffer<Vec3>,
     outputs: Buffer<u32>,
     kernels: Arc<ByLights>,
 }
@@ -303,6 +304,7 @@ impl Product {
             panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
             values: room.hold(context, "transfer (factors)", matrix.values)?,
             inputs: Buffer::from_slice(context, "transfer (inputs)", matrix.inputs)?,
+            tints: Buffer::from_slice(context, "transfer (tints)", matrix.tints)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
             kernels,
         })
@@ -314,6 +316,7 @@ impl Product {
             panels: pass.read(&self.panels),
             values: pass.read(&self.values),
             inputs: pass.read(&self.inputs),
+            tints: pass.read(&self.tints),
             outputs: pass.read(&self.outputs),
             vector: pass.write(vector),
             images: targets.images(&mut pass),

@@ -87,7 +87,9 @@ pub(super) fn html(growths: &[Growth]) -> String {
     let sentences = growths.iter().flat_map(|g| g.curves.iter().filter_map(|cost| g.sentence(cost)));
     let items: String = sentences.map(|s| format!("<li>{}</li>\n", escaped(&s))).collect();
     // Names of scenes may have any length: below a chart they take as many lines as they need.
-    let figure = |g: &Growth| Some(format!("<figure>{}<figcaption>{}</figcaption></figure>\n", g.chart().svg()?, escaped(&g.scene)));
+    let figure = |g: &Growth| {
+        Some(format!("<figure>{}<figcaption>{}</figcaption></figure>\n", g.chart().svg()?, escaped(&g.scene)))
+    };
     let charts: String = growths.iter().filter_map(figure).collect();
     let rows = table(growths).html();
     format!(

@@ -44,8 +44,9 @@ pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer
     let shapes: Vec<[u32; 3]> = transfer.chain.iter().map(|m| [m.channels, m.input_count, m.output_count]).collect();
     metadata.push(("matrices", serde_json::to_string(&shapes).expect("plain numbers")));
     for (i, matrix) in transfer.chain.iter().enumerate() {
-        writer.add(format!("{i}.panels"), Dtype::U32, 6, &matrix.panels);
+        writer.add(format!("{i}.panels"), Dtype::U32, 7, &matrix.panels);
         writer.add(format!("{i}.inputs"), Dtype::U32, 1, &matrix.inputs);
+        writer.add(format!("{i}.tints"), Dtype::F32, 3, &matrix.tints);
         writer.add(format!("{i}.outputs"), Dtype::U32, 1, &matrix.outputs);
         writer.add(format!("{i}.factors"), Dtype::F16, 8, &matrix.values);
     }
@@ -82,6 +83,7 @@ fn decode(reader: &Reader, baked: &Baked) -> Option<BakedTransfer> {
             output_count,
             panels: reader.take(&format!("{i}.panels"))?,
             inputs: reader.take(&format!("{i}.inputs"))?,
+            tints: reader.take(&format!("{i}.tints"))?,
             outputs: reader.take(&format!("{i}.outputs"))?,
             values: reader.map(&format!("{i}.factors"))?,
         });

@@ -1,13 +1,13 @@
 //! What is left of the operator, and its application on the CPU.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use half::f16;
 
 use super::haar::Haar;
 
 /// T as three products of small dense blocks: of light's Haar terms each supercluster of pixels makes y = V λ̂[J],
-/// each of its tiles c = B y, each pixel of a tile u·c, channel by channel. B and the rows u serve all three channels,
-/// V is each channel's own.
+/// each of its tiles c = B y, each pixel of a tile u·c, channel by channel. B and the rows u serve all three channels.
+/// So do V's columns for most terms, behind a [tint](super::terms) of light; for the others V has columns for each channel.
 ///
 /// All blocks are row-major; ranks and lengths of lists are multiples of [`MULTIPLE`].
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,9 +17,11 @@ pub struct Compressed {
     pub superclusters: Vec<Supercluster>,
     /// In the order of their superclusters.
     pub tiles: Vec<Tile>,
-    /// The lists J, ascending indices of Haar terms.
+    /// The lists J, indices of Haar terms: those with factors for each channel, then those with a tint, both ascending.
     pub terms: Vec<u32>,
-    /// For each supercluster the blocks of red, green and blue in turn: rank x terms.
+    /// What each of these is multiplied by before V: 1 where each channel has factors.
+    pub tints: Vec<Vec3>,
+    /// For each supercluster the blocks of red, green and blue in turn, rank x own terms; then that of all three, rank x others.
     pub v: Vec<f16>,
     /// For each tile: its rank x the rank of its supercluster.
     pub b: Vec<f16>,
@@ -39,6 +41,8 @@ pub struct Compressed {
 pub struct Supercluster {
     pub first_term: u32,
     pub terms: u32,
+    /// How many of these have factors for each channel.
+    pub own: u32,
     pub rank: u32,
     pub first_tile: u32,
     pub tiles: u32,
@@ -82,28 +86,27 @@ impl Compressed {
     }
 
     fn project(&self, supercluster: &Supercluster, terms: &[DVec3]) -> Vec<DVec3> {
-        let list = &self.terms[supercluster.first_term as usize..][..supercluster.terms as usize];
-        let rank = supercluster.rank as usize;
-        let block = |channel: usize| &self.v[supercluster.first_v as usize + channel * rank * list.len()..];
-        let [red, green, blue] = [block(0), block(1), block(2)];
-        let row = |r: usize| {
-            let entry = |i: usize| {
-                let at = r * list.len() + i;
-                DVec3::new(red[at].to_f64(), green[at].to_f64(), blue[at].to_f64()) * terms[list[i] as usize]
-            };
-            (0..list.len()).map(entry).sum()
-        };
-        (0..rank).map(row).collect()
+        let first = supercluster.first_term as usize;
+        let [rank, count, own] = [supercluster.rank, supercluster.terms, supercluster.own].map(|n| n as usize);
+        let light = |i: usize| terms[self.terms[first + i] as usize] * self.tints[first + i].as_dvec3();
+        let light: Vec<DVec3> = (0..count).map(light).collect();
+        let (light, tinted) = light.split_at(own);
+        let block = |channel: usize| &self.v[supercluster.first_v as usize + channel * rank * own..];
+        let [red, green, blue] = [0, 1, 2].map(|channel| product(block(channel), rank, light));
+        let shared = product(block(3), rank, tinted);
+        (0..rank).map(|r| DVec3::new(red[r].x, green[r].y, blue[r].z) + shared[r]).collect()
     }
 
     /// Multiply-adds of all three channels.
     pub fn multiply_adds(&self) -> u64 {
-        3 * self.u.len() as u64 + 3 * self.b.len() as u64 + self.v.len() as u64
+        let of_v = |s: &Supercluster| 3 * u64::from(s.rank) * u64::from(s.terms);
+        3 * (self.u.len() + self.b.len()) as u64 + self.superclusters.iter().map(of_v).sum::<u64>()
     }
 
-    /// Bytes that a multiplication reads: factors and lists.
+    /// Bytes that a multiplication reads: factors, lists and tints.
     pub fn bytes(&self) -> u64 {
-        2 * (self.u.len() + self.b.len() + self.v.len()) as u64 + 4 * (self.terms.len() + self.samples.len()) as u64
+        let lists = 4 * (self.terms.len() + self.samples.len()) + size_of_val(&self.tints[..]);
+        (2 * (self.u.len() + self.b.len() + self.v.len()) + lists) as u64
     }
 }
 

@@ -3,14 +3,15 @@
 use std::ops::Range;
 
 use faer::{Mat, MatRef};
+use glam::{DVec3, Vec3};
 use half::f16;
 use serde::{Deserialize, Serialize};
 
 use super::bounces::Thinned;
-use super::data::MULTIPLE;
 use super::haar::Haar;
 use super::linear::{self, Lu};
 use super::panels::{self, Panels, WIDTH};
+use super::terms::{self, Chosen, cut, multiple};
 use super::twice::Twice;
 use super::{Found, OUTSIDE};
 use crate::bake::transfer::rows::Rows;
@@ -72,13 +73,29 @@ pub struct Anew<'a> {
 }
 
 /// Factors of one supercluster; V as it is multiplied with terms, B after V, U after B.
-#[derive(Serialize, Deserialize)]
+#[derive(Default, Serialize, Deserialize)]
 pub struct Factors {
     pub list: Vec<u32>,
+    /// How many of the list, the first ones, have factors for each channel.
+    pub own: usize,
+    /// One for each of the list, 1 for these.
+    pub tints: Vec<Vec3>,
     pub rank: usize,
-    /// By channel, rank x list.
-    pub v: [Vec<f16>; 3],
+    /// As in [`Compressed::v`](super::data::Compressed::v).
+    pub v: Vec<f16>,
     pub tiles: Vec<TileFactors>,
+}
+
+impl Factors {
+    /// V of a channel, tints included: rank x list.
+    fn v(&self, channel: usize) -> Mat<f32> {
+        let (own, tinted) = (self.own, self.list.len() - self.own);
+        let [of_own, of_tinted] = [channel, 3].map(|block| &self.v[block * self.rank * own..]);
+        Mat::from_fn(self.rank, self.list.len(), |r, i| match i.checked_sub(own) {
+            None => of_own[r * own + i].to_f32(),
+            Some(i) => of_tinted[r * tinted + i].to_f32() * self.tints[own + i][channel],
+        })
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -116,23 +133,16 @@ impl<'a> Projected<'a> {
         let Directions { turn, sizes, deciding } = self.directions(budget.rank);
         let rank = turn.ncols();
         let turned = self.turned(&turn);
-        let mut list = self.choose(&turned, budget.terms);
-        let width = multiple(list.len());
-        let v = [0, 1, 2].map(|c| {
-            let fitted = self.fit_terms(c, &turned[c], &list);
-            let entry = |r: usize, i: usize| if i < list.len() { fitted[(i, r)] / sizes[r] } else { 0.0 };
-            (0..rank).flat_map(|r| (0..width).map(move |i| (r, i))).map(|(r, i)| entry(r, i)).collect::<Vec<f32>>()
-        });
-        // What pads the list is multiplied by zero.
-        list.resize(width, list.last().copied().unwrap_or(0));
-        let largest = v.iter().flatten().fold(0.0f32, |max, x| max.max(x.abs()));
+        let chosen = terms::choose(&turned, &self.inputs.power, budget.terms);
+        let (list, tints, v) = self.fit_v(&turned, &chosen, &sizes);
+        let largest = v.iter().fold(0.0f32, |max, x| max.max(x.abs()));
         let scale = if largest > 0.0 { (f32::log2(V_LARGEST / largest)).floor().exp2() } else { 1.0 };
-        let v = v.map(|v| v.iter().map(|x| f16::from_f32(x * scale)).collect());
+        let v = v.iter().map(|x| f16::from_f32(x * scale)).collect();
         let share = |rows: &Range<usize>| budget.tiles * rows.len() as f64 / self.basis.nrows() as f64;
         let weighted = Mat::from_fn(turn.nrows(), rank, |i, r| turn[(i, r)] * sizes[r]);
         let pixels = linear::product(self.basis.as_ref(), weighted.as_ref());
         let tiles = tiles.iter().map(|rows| tile(&pixels, rows, &deciding, share(rows), scale)).collect();
-        Factors { list, rank, v, tiles }
+        Factors { list, own: multiple(chosen.own.len()), tints, rank, v, tiles }
     }
 
     /// Squared errors against the rows and squares of the images of the lights to check with: for each tile, each light.
@@ -141,7 +151,7 @@ impl<'a> Projected<'a> {
         let mut found = vec![vec![[0.0; 2]; self.checks.count]; tiles.len()];
         let mut seen = [0; 3].map(|_| Mat::zeros(self.checks.rows(), WIDTH));
         for (c, (terms, images)) in self.inputs.checks.channels.iter().zip(&self.checks.channels).enumerate() {
-            let v = single(&factors.v[c], factors.rank, factors.list.len());
+            let v = factors.v(c);
             for (part, (terms, images)) in terms.iter().zip(images).enumerate() {
                 let listed: panels::Panel = factors.list.iter().map(|&j| terms[j as usize]).collect();
                 let y = linear::product(v.as_ref(), panels::matrix(&listed));
@@ -195,7 +205,7 @@ impl<'a> Projected<'a> {
     }
 
     /// Terms x directions.
-    fn turned(&self, turn: &Mat<f32>) -> Vec<Mat<f32>> {
+    fn turned(&self, turn: &Mat<f32>) -> [Mat<f32>; 3] {
         let turned = |panels: &Vec<panels::Panel>| {
             let mut all = Mat::<f32>::zeros(self.inputs.learned.rows(), turn.ncols());
             for (i, panel) in panels.iter().enumerate() {
@@ -204,7 +214,38 @@ impl<'a> Projected<'a> {
             }
             all
         };
-        self.terms.channels.iter().map(turned).collect()
+        self.terms.channels.each_ref().map(turned)
+    }
+
+    /// List and tints of chosen terms, and V before it is rounded, in units of the directions' `sizes`.
+    fn fit_v(&self, turned: &[Mat<f32>; 3], chosen: &Chosen, sizes: &[f32]) -> (Vec<u32>, Vec<Vec3>, Vec<f32>) {
+        let Chosen { own, tinted } = chosen;
+        let all = [&own[..], tinted].concat();
+        let fitted = [0, 1, 2].map(|c| self.fit_terms(c, &turned[c], &all));
+        // What pads lists is multiplied by zero.
+        let mut list = Vec::new();
+        for terms in [own, tinted] {
+            list.extend(terms);
+            list.resize(multiple(list.len()), list.last().copied().unwrap_or(0));
+        }
+        let of_own = list.len() - multiple(tinted.len());
+        let mut tints = vec![Vec3::ONE; list.len()];
+        let blend = |((i, &term), tint): ((usize, &u32), &mut Vec3)| {
+            let columns = fitted.each_ref().map(|f| f.row(own.len() + i).iter().copied().collect::<Vec<f32>>());
+            let power = self.inputs.power.each_ref().map(|power| power[term as usize].into());
+            let (blend, of_blend) = terms::tinted(columns.each_ref().map(|c| &c[..]), DVec3::from_array(power));
+            *tint = of_blend;
+            blend
+        };
+        let blends: Vec<Vec<f32>> = tinted.iter().enumerate().zip(&mut tints[of_own..]).map(blend).collect();
+        let mut v = Vec::with_capacity(sizes.len() * (2 * of_own + list.len()));
+        for (fitted, (r, size)) in fitted.iter().flat_map(|f| sizes.iter().enumerate().map(move |size| (f, size))) {
+            v.extend((0..of_own).map(|i| if i < own.len() { fitted[(i, r)] / size } else { 0.0 }));
+        }
+        for (r, size) in sizes.iter().enumerate() {
+            v.extend((0..list.len() - of_own).map(|i| blends.get(i).map_or(0.0, |blend| blend[r] / size)));
+        }
+        (list, tints, v)
     }
 
     /// What the terms of `list` are multiplied by, terms x directions: their own factors and, by ridge regression over the
@@ -233,25 +274,6 @@ impl<'a> Projected<'a> {
             linear::add_product(kept.as_mut(), listed.as_ref(), shares.as_ref());
         }
         kept
-    }
-
-    /// The terms that matter most, without which at most `tail` of all squares is lost.
-    fn choose(&self, turned: &[Mat<f32>], tail: f64) -> Vec<u32> {
-        let count = self.inputs.learned.rows();
-        let mut lost = vec![0.0f64; count];
-        for (turned, power) in turned.iter().zip(&self.inputs.power) {
-            let mut squares = vec![0.0f64; count];
-            for column in turned.col_iter() {
-                squares.iter_mut().zip(column.iter()).for_each(|(sum, x)| *sum += f64::from(x * x));
-            }
-            lost.iter_mut().zip(squares).zip(power).for_each(|((lost, s), power)| *lost += s * f64::from(*power));
-        }
-        let mut order: Vec<u32> = (0..count as u32).collect();
-        order.sort_unstable_by(|&a, &b| lost[b as usize].total_cmp(&lost[a as usize]).then(a.cmp(&b)));
-        let sorted: Vec<f64> = order.iter().map(|&j| lost[j as usize]).collect();
-        order.truncate(multiple(cut(&sorted, tail)));
-        order.sort_unstable();
-        order
     }
 }
 
@@ -300,24 +322,10 @@ fn tile(pixels: &Mat<f32>, rows: &Range<usize>, deciding: &Mat<f64>, budget: f64
     // What each direction holds of the deciding lights' images.
     let turned = linear::product(vectors.transpose(), deciding.as_ref());
     let square = |r: usize| turned.row(r).iter().map(|x| x * x).sum::<f64>() * values[r];
-    let kept = multiple(cut(&(0..rank).map(square).collect::<Vec<_>>(), budget));
+    let kept = multiple(cut((0..rank).map(square), budget));
     let vectors = vectors.subcols(0, kept);
     let b = (0..kept).flat_map(|r| (0..rank).map(move |j| f16::from_f64(vectors[(j, r)]))).collect();
     let u = linear::product(all.as_ref(), vectors);
     let u = (0..rows.len()).flat_map(|i| (0..kept).map(move |r| (i, r))).map(|(i, r)| u[(i, r)] as f32 / scale);
     TileFactors { rank: kept, b, u: u.collect() }
-}
-
-/// How many of the values, largest first, to keep so that the others add up to at most `tail`.
-fn cut(values: &[f64], tail: f64) -> usize {
-    let mut sum = 0.0;
-    let dropped = values.iter().rev().take_while(|value| {
-        sum += **value;
-        sum <= tail
-    });
-    values.len() - dropped.count()
-}
-
-fn multiple(count: usize) -> usize {
-    count.next_multiple_of(MULTIPLE)
 }

@@ -8,7 +8,7 @@
 //! y = V λ̂[J]    c = B y    pixel = u·c
 //! ```
 //!
-//! λ̂ are the [Haar terms](haar) of direct light, J those that matter to the supercluster. Differs from [Hasan 2006]:
+//! λ̂ are the [Haar terms](haar) of direct light, J those that matter to the supercluster, most of them [tinted](terms) first. Differs from [Hasan 2006]:
 //! nested bases instead of each row's own wavelets.
 
 pub mod bounces;
@@ -22,6 +22,7 @@ pub mod linear;
 pub mod panels;
 mod report;
 pub mod row_wavelets;
+mod terms;
 pub mod training;
 mod twice;
 pub mod verify;
@@ -172,7 +173,9 @@ impl<'a> Compressor<'a> {
                 .iter()
                 .zip(&rows)
                 .all(|(tile, rows)| [tile.b.len(), tile.u.len()] == [tile.rank * factors.rank, tile.rank * rows.len()])
-            && factors.v.iter().all(|v| v.len() == factors.rank * factors.list.len())
+            && factors.own <= factors.list.len()
+            && factors.v.len() == factors.rank * (2 * factors.own + factors.list.len())
+            && factors.tints.len() == factors.list.len()
             && factors.list.iter().all(|&term| (term as usize) < self.transfer.fine.coefficient_count())
             && found.len() == rows.len()
             && found.iter().all(|lights| lights.len() == SPOTS.end)
@@ -335,6 +338,7 @@ fn append(compressed: &mut Compressed, u: &mut Vec<f32>, factors: Factors, tiles
     compressed.superclusters.push(Supercluster {
         first_term: compressed.terms.len() as u32,
         terms: factors.list.len() as u32,
+        own: factors.own as u32,
         rank: factors.rank as u32,
         first_tile: compressed.tiles.len() as u32,
         tiles: tiles.len() as u32,
@@ -353,7 +357,8 @@ fn append(compressed: &mut Compressed, u: &mut Vec<f32>, factors: Factors, tiles
         u.extend(&tile.u);
     }
     compressed.terms.extend(factors.list);
-    factors.v.iter().for_each(|v| compressed.v.extend(v));
+    compressed.tints.extend(factors.tints);
+    compressed.v.extend(factors.v);
     compressed.samples.extend(samples);
 }
 
@@ -377,9 +382,8 @@ mod tests {
     use super::*;
 
     fn fitted(tiles: Range<usize>, lost: f64) -> Fitted {
-        let factors = Factors { list: Vec::new(), rank: 0, v: Default::default(), tiles: Vec::new() };
         let (found, emission) = (Vec::new(), Vec::new());
-        Fitted { tiles, factors, found, noise: 0.0, lost, allowed: 1.0, rounds: 1, emission }
+        Fitted { tiles, factors: Factors::default(), found, noise: 0.0, lost, allowed: 1.0, rounds: 1, emission }
     }
 
     #[test]

@@ -3,10 +3,13 @@
 //! A matrix is cut into panels: a few rows that share a list of columns, dense within. Factors are float16, read 16 bytes
 //! at a time: a row's eight columns, rows next to each other, so that neighbouring threads read neighbouring bytes.
 //! Each panel has a scale that keeps its factors far from the ends of float16's range.
+//!
+//! Columns come in two kinds: with factors for R, G and B each, and with factors that they share, three times shorter,
+//! behind a tint of the input.
 
 use std::ops::Range;
 
-use glam::{DVec3, UVec4};
+use glam::{DVec3, UVec4, Vec3};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
@@ -15,30 +18,49 @@ use crate::gpu::mapped::Elements;
 use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, STRIP_ROWS};
 
 /// Rows of a panel before it is packed.
+#[derive(Default)]
 pub struct Dense<'a> {
-    /// Index into the vector that is multiplied, for each column.
-    pub columns: &'a [u32],
     /// Index into the vector that results, for each row.
     pub rows: &'a [u32],
-    /// `[channel][row][column]`, one channel or three.
+    /// With factors for R, G and B each: `[channel][row][column]`.
+    pub own: Columns<'a>,
+    /// Behind these, with factors that R, G and B share: `[row][column]`.
+    pub shared: Columns<'a>,
+    /// In matrices of three channels what the inputs of shared columns are multiplied by.
+    pub tints: &'a [Vec3],
+}
+
+/// Columns of a panel before it is packed.
+#[derive(Clone, Copy, Default)]
+pub struct Columns<'a> {
+    /// Index into the vector that is multiplied, for each.
+    pub inputs: &'a [u32],
     pub values: &'a [f32],
+}
+
+impl Columns<'_> {
+    fn octet_count(&self) -> usize {
+        self.inputs.len().div_ceil(PANEL_COLUMNS as usize)
+    }
 }
 
 /// A sparse matrix of dense panels, for vectors of RGB.
 #[derive(Clone, Debug, Default)]
 pub struct BlockMatrix {
-    /// 3: R, G and B have factors of their own; 1: they share them.
+    /// 3: R, G and B have factors each, or tints; 1: they share all factors.
     pub channels: u32,
     /// Elements of the vector that is multiplied.
     pub input_count: u32,
     /// Elements of the vector that results.
     pub output_count: u32,
     pub panels: Vec<Panel>,
-    /// Inputs of each panel's columns, padded to a multiple of [`PANEL_COLUMNS`] by repeating the first.
+    /// Inputs of each panel's columns, each kind padded to a multiple of [`PANEL_COLUMNS`] by repeating its first.
     pub inputs: Vec<u32>,
+    /// Of three channels: a tint for each input, 1 where factors are each channel's own. Else empty.
+    pub tints: Vec<Vec3>,
     /// Output of each panel's rows.
     pub outputs: Vec<u32>,
-    /// Of each panel: `[rows / STRIP_ROWS][columns / 8][channel][row]`, eight columns each.
+    /// Of each panel: `[rows / STRIP_ROWS][columns / 8][channel][row]`, eight columns each; one channel for shared ones.
     pub values: Elements<UVec4>,
 }
 
@@ -47,6 +69,7 @@ pub struct Piece<'a> {
     pub channels: u32,
     pub panels: Vec<Panel>,
     pub inputs: &'a [u32],
+    pub tints: &'a [Vec3],
     pub outputs: &'a [u32],
     pub values: &'a [UVec4],
 }
@@ -63,38 +86,50 @@ impl BlockMatrix {
 
     /// Adds rows that share their columns, [`PANEL_ROWS`] to a panel.
     pub fn push(&mut self, dense: &Dense) {
-        let &Dense { columns, rows, values } = dense;
-        if columns.is_empty() {
+        let &Dense { rows, own, shared, tints } = dense;
+        if own.inputs.is_empty() && shared.inputs.is_empty() {
             return;
         }
-        let channels = self.channels as usize;
-        assert_eq!(values.len(), channels * rows.len() * columns.len());
+        assert!(self.channels == 3 || own.inputs.is_empty());
+        assert_eq!(own.values.len(), 3 * rows.len() * own.inputs.len());
+        assert_eq!(shared.values.len(), rows.len() * shared.inputs.len());
+        assert_eq!(tints.len(), if self.channels == 3 { shared.inputs.len() } else { 0 });
+        let first_input = self.inputs.len();
+        for columns in [own, shared] {
+            let padding = columns.octet_count() * PANEL_COLUMNS as usize - columns.inputs.len();
+            self.inputs.extend(columns.inputs);
+            self.inputs.extend(columns.inputs.iter().take(1).flat_map(|&first| std::iter::repeat_n(first, padding)));
+        }
+        let [own_octets, shared_octets] = [own, shared].map(|columns| columns.octet_count());
+        if self.channels == 3 {
+            self.tints.resize(first_input + own_octets * PANEL_COLUMNS as usize, Vec3::ONE);
+            self.tints.extend(tints);
+            self.tints.resize(self.inputs.len(), Vec3::ONE);
+        }
         let packed = self.values.to_mut();
-        let first_input = self.inputs.len() as u32;
-        self.inputs.extend(columns);
-        let padding = columns.len().next_multiple_of(PANEL_COLUMNS as usize) - columns.len();
-        self.inputs.extend(std::iter::repeat_n(columns[0], padding));
-        let octets = columns.len().div_ceil(PANEL_COLUMNS as usize);
         for (panel, of_panel) in rows.chunks(PANEL_ROWS as usize).enumerate() {
             let first_row = panel * PANEL_ROWS as usize;
-            let row = |channel: usize, r: usize| {
-                &values[(channel * rows.len() + first_row + r) * columns.len()..][..columns.len()]
+            let row = |columns: Columns<'_>, channel: usize, r: usize| {
+                let count = columns.inputs.len();
+                (channel * rows.len() + first_row + r) * count..(channel * rows.len() + first_row + r + 1) * count
             };
-            let all = || (0..channels).flat_map(|c| (0..of_panel.len()).map(move |r| (c, r)));
-            let largest = all().flat_map(|(c, r)| row(c, r)).fold(0.0f32, |m, v| m.max(v.abs()));
-            let scale = scale(largest);
+            let of_own = (0..3).flat_map(|c| (0..of_panel.len()).map(move |r| (c, r)));
+            let of_own = of_own.flat_map(|(c, r)| &own.values[row(own, c, r)]);
+            let of_shared = (0..of_panel.len()).flat_map(|r| &shared.values[row(shared, 0, r)]);
+            let scale = scale(of_own.chain(of_shared).fold(0.0f32, |m, v| m.max(v.abs())));
             self.panels.push(Panel {
                 first_value: packed.len() as u32,
-                first_input,
+                first_input: first_input as u32,
                 first_output: self.outputs.len() as u32,
                 row_count: of_panel.len() as u32,
-                octet_count: octets as u32,
+                octet_count: (own_octets + shared_octets) as u32,
+                own_octet_count: own_octets as u32,
                 scale,
             });
             self.outputs.extend(of_panel);
-            let [octet_count, row_count] = [octets, of_panel.len()];
-            lay_out(packed, [octet_count, channels, row_count], |octet, channel, r| {
-                pack(&row(channel, r)[octet * PANEL_COLUMNS as usize..], scale)
+            lay_out(packed, [own_octets, shared_octets, of_panel.len()], |octet, channel, r| {
+                let (columns, octet) = if octet < own_octets { (own, octet) } else { (shared, octet - own_octets) };
+                pack(&columns.values[row(columns, channel, r)][octet * PANEL_COLUMNS as usize..], scale)
             });
         }
     }
@@ -114,6 +149,7 @@ impl BlockMatrix {
         }));
         self.values.to_mut().extend(&part.values[..]);
         self.inputs.extend(part.inputs);
+        self.tints.extend(part.tints);
         self.outputs.extend(part.outputs);
     }
 
@@ -122,6 +158,8 @@ impl BlockMatrix {
         let within = |first: u32, count: usize, len: usize| first as usize + count <= len;
         let mut seen = vec![false; self.output_count as usize];
         matches!(self.channels, 1 | 3)
+            && self.tints.len() == if self.channels == 3 { self.inputs.len() } else { 0 }
+            && self.tints.iter().all(|tint| tint.is_finite())
             && self.inputs.iter().all(|&i| i < self.input_count)
             && self.outputs.iter().all(|&o| o < self.output_count && !std::mem::replace(&mut seen[o as usize], true))
             && self.panels.windows(2).all(|p| {
@@ -131,13 +169,10 @@ impl BlockMatrix {
             })
             && self.panels.iter().all(|p| {
                 p.row_count <= PANEL_ROWS
+                    && p.own_octet_count <= if self.channels == 3 { p.octet_count } else { 0 }
                     && within(p.first_input, p.octet_count as usize * PANEL_COLUMNS as usize, self.inputs.len())
                     && within(p.first_output, p.row_count as usize, self.outputs.len())
-                    && within(
-                        p.first_value,
-                        p.octet_count as usize * self.channels as usize * p.row_count as usize,
-                        self.values.len(),
-                    )
+                    && within(p.first_value, value_count(p), self.values.len())
             })
     }
 
@@ -148,10 +183,16 @@ impl BlockMatrix {
         for block in self.panels.chunk_by(|a, b| a.first_input == b.first_input) {
             let row_count: u32 = block.iter().map(|p| p.row_count).sum();
             let mut rows_left = ((rows * f64::from(row_count)).ceil() as u32).next_multiple_of(PANEL_COLUMNS);
-            let octet_count = (columns * f64::from(block[0].octet_count)).ceil() as u32;
+            let [own, both] = [block[0].own_octet_count, block[0].octet_count];
+            let [own_left, shared_left] = [own, both - own].map(|count| (columns * f64::from(count)).ceil() as u32);
+            let octets: Vec<u32> = (0..own_left).chain(own..own + shared_left).collect();
             let first_input = all.inputs.len() as u32;
-            let inputs = &self.inputs[block[0].first_input as usize..];
-            all.inputs.extend(&inputs[..(octet_count * PANEL_COLUMNS) as usize]);
+            for octet in &octets {
+                let first = (block[0].first_input + octet * PANEL_COLUMNS) as usize;
+                let columns = first..first + PANEL_COLUMNS as usize;
+                all.inputs.extend(&self.inputs[columns.clone()]);
+                all.tints.extend(self.tints.get(columns).unwrap_or_default());
+            }
             for panel in block {
                 let row_count = panel.row_count.min(rows_left);
                 rows_left -= row_count;
@@ -163,13 +204,15 @@ impl BlockMatrix {
                     first_input,
                     first_output: all.outputs.len() as u32,
                     row_count,
-                    octet_count,
+                    octet_count: own_left + shared_left,
+                    own_octet_count: own_left,
                     scale: panel.scale,
                 };
                 let outputs = &self.outputs[panel.first_output as usize..];
                 all.outputs.extend(&outputs[..row_count as usize]);
-                let shape = [octet_count, self.channels, row_count].map(|n| n as usize);
-                lay_out(values, shape, |octet, channel, r| self.values[self.place(panel, octet, channel, r)]);
+                let shape = [own_left, shared_left, row_count].map(|n| n as usize);
+                let place = |octet: usize, channel, r| place(panel, octets[octet] as usize, channel, r);
+                lay_out(values, shape, |octet, channel, r| self.values[place(octet, channel, r)]);
                 all.panels.push(part);
             }
         }
@@ -184,8 +227,11 @@ impl BlockMatrix {
                 takers[*source as usize].push(row as u32);
             }
         }
-        let mut all =
-            Self { inputs: self.inputs.clone(), ..Self::new(self.channels, self.input_count as usize, sources.len()) };
+        let mut all = Self {
+            inputs: self.inputs.clone(),
+            tints: self.tints.clone(),
+            ..Self::new(self.channels, self.input_count as usize, sources.len())
+        };
         let values = all.values.to_mut();
         for panel in &self.panels {
             let outputs = &self.outputs[panel.first_output as usize..][..panel.row_count as usize];
@@ -202,8 +248,9 @@ impl BlockMatrix {
                     ..*panel
                 });
                 all.outputs.extend(rows.iter().map(|&(_, taker)| taker));
-                let shape = [panel.octet_count as usize, self.channels as usize, rows.len()];
-                lay_out(values, shape, |octet, channel, r| self.values[self.place(panel, octet, channel, rows[r].0)]);
+                let [own, both] = [panel.own_octet_count, panel.octet_count].map(|n| n as usize);
+                let shape = [own, both - own, rows.len()];
+                lay_out(values, shape, |octet, channel, r| self.values[place(panel, octet, channel, rows[r].0)]);
             }
         }
         all
@@ -211,7 +258,7 @@ impl BlockMatrix {
 
     /// Ranges of panels whose factors take at most `bytes`, or that are one panel.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
-        pieces(self.panels.iter().map(|panel| self.value_count(panel) * size_of::<UVec4>()), bytes)
+        pieces(self.panels.iter().map(|panel| value_count(panel) * size_of::<UVec4>()), bytes)
     }
 
     /// These panels alone.
@@ -232,19 +279,17 @@ impl BlockMatrix {
                 })
                 .collect(),
             inputs: &self.inputs[inputs as usize..input_end as usize],
+            tints: self.tints.get(inputs as usize..input_end as usize).unwrap_or_default(),
             outputs: &self.outputs[outputs as usize..(last.first_output + last.row_count) as usize],
-            values: &self.values[values as usize..last.first_value as usize + self.value_count(last)],
+            values: &self.values[values as usize..last.first_value as usize + value_count(last)],
         }
     }
 
-    /// Octets of factors of a panel.
-    fn value_count(&self, panel: &Panel) -> usize {
-        panel.octet_count as usize * self.channels as usize * panel.row_count as usize
-    }
-
-    /// Bytes that a multiplication reads: factors and indices.
+    /// Bytes that a multiplication reads: factors, indices and tints.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.values[..]) + 4 * (self.inputs.len() + self.outputs.len()) + size_of_val(&self.panels[..])
+        let columns = size_of_val(&self.inputs[..]) + size_of_val(&self.tints[..]);
+        let rows = size_of_val(&self.outputs[..]) + size_of_val(&self.panels[..]);
+        size_of_val(&self.values[..]) + columns + rows
     }
 
     /// Multiply-adds of all three channels, padding included.
@@ -284,23 +329,30 @@ impl BlockMatrix {
         result
     }
 
-    /// Index of eight columns of row `r`.
-    fn place(&self, panel: &Panel, octet: usize, channel: usize, r: usize) -> usize {
-        let [octet_count, row_count] = [panel.octet_count, panel.row_count].map(|n| n as usize);
-        let channels = self.channels as usize;
-        let strip = r - r % STRIP_ROWS as usize;
-        let stride = (row_count - strip).min(STRIP_ROWS as usize);
-        panel.first_value as usize + channels * octet_count * strip + (octet * channels + channel) * stride + r - strip
-    }
-
     /// Eight columns of row `r`, RGB, before the panel's scale.
     fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
         let of_channel = |channel: usize| -> [f16; PANEL_COLUMNS as usize] {
-            bytemuck::cast(self.values[self.place(panel, octet, channel % self.channels as usize, r)])
+            bytemuck::cast(self.values[place(panel, octet, channel, r)])
         };
         let [red, green, blue] = [0, 1, 2].map(of_channel);
-        std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()))
+        let first = panel.first_input as usize + octet * PANEL_COLUMNS as usize;
+        let tint = |column: usize| self.tints.get(column).map_or(DVec3::ONE, |tint| tint.as_dvec3());
+        std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()) * tint(first + k))
     }
+}
+
+/// Octets of factors of a panel.
+fn value_count(panel: &Panel) -> usize {
+    (panel.octet_count as usize + 2 * panel.own_octet_count as usize) * panel.row_count as usize
+}
+
+/// Index of eight columns of row `r`; shared ones have them for all channels.
+fn place(panel: &Panel, octet: usize, channel: usize, r: usize) -> usize {
+    let [octets, own, rows] = [panel.octet_count, panel.own_octet_count, panel.row_count].map(|n| n as usize);
+    let strip = r - r % STRIP_ROWS as usize;
+    let stride = (rows - strip).min(STRIP_ROWS as usize);
+    let before = if octet < own { 3 * octet + channel } else { 2 * own + octet };
+    panel.first_value as usize + (octets + 2 * own) * strip + before * stride + r - strip
 }
 
 /// What factors, the largest of them this one, are divided by before they are packed: a power of two, so that those that
@@ -328,14 +380,11 @@ pub(super) fn pieces(sizes: impl Iterator<Item = usize>, most: usize) -> Vec<Ran
     pieces
 }
 
-/// Adds the factors of a panel of that many octets of columns, channels and rows: `value(octet, channel, row)`.
-fn lay_out(
-    values: &mut Vec<UVec4>,
-    [octets, channels, rows]: [usize; 3],
-    value: impl Fn(usize, usize, usize) -> UVec4,
-) {
+/// Adds the factors of a panel of that many octets of columns of either kind, and rows: `value(octet, channel, row)`.
+fn lay_out(values: &mut Vec<UVec4>, [own, shared, rows]: [usize; 3], value: impl Fn(usize, usize, usize) -> UVec4) {
     for strip in (0..rows).step_by(STRIP_ROWS as usize) {
-        for (octet, channel) in (0..octets).flat_map(|o| (0..channels).map(move |c| (o, c))) {
+        let of_own = (0..own).flat_map(|octet| [0, 1, 2].map(|channel| (octet, channel)));
+        for (octet, channel) in of_own.chain((own..own + shared).map(|octet| (octet, 0))) {
             values.extend((strip..rows.min(strip + STRIP_ROWS as usize)).map(|r| value(octet, channel, r)));
         }
     }

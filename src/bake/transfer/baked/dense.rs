@@ -10,7 +10,7 @@ use crate::bake::Baked;
 use crate::bake::journal::Journal;
 use crate::bake::packet::PACKET_SIZE;
 use crate::bake::transfer::Transfer;
-use crate::bake::transfer::blocks::{BlockMatrix, Dense};
+use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use crate::bake::transfer::rows::{Lobe, RowGatherer, Rows};
 use crate::bake::transfer::thesis::Thesis;
 use crate::gpu::mapped::Elements;
@@ -115,7 +115,7 @@ fn explicit(columns: usize, rows: usize, value: impl Fn(usize, usize) -> [f32; 3
             }
         }
         let outputs: Vec<u32> = (0..count).map(|row| (columns + first + row) as u32).collect();
-        matrix.push(&Dense { columns: &all, rows: &outputs, values: &values });
+        matrix.push(&Dense { rows: &outputs, own: Columns { inputs: &all, values: &values }, ..Default::default() });
     }
     matrix
 }
@@ -190,9 +190,11 @@ impl Recorded {
 
     /// The rows, as part of a matrix like an `empty` one.
     fn matrix(&self, empty: BlockMatrix) -> BlockMatrix {
+        let inputs: Vec<u32> = pod_collect_to_vec(&self.inputs);
         BlockMatrix {
             panels: pod_collect_to_vec(&self.panels),
-            inputs: pod_collect_to_vec(&self.inputs),
+            tints: vec![Vec3::ONE; inputs.len()],
+            inputs,
             outputs: pod_collect_to_vec(&self.outputs),
             values: Elements::Owned(pod_collect_to_vec(&self.values)),
             ..empty
@@ -216,5 +218,5 @@ fn push_block(matrix: &mut BlockMatrix, rows: &Rows, first: usize, samples: &[u3
         }
     }
     columns.iter_mut().for_each(|c| *c += offset);
-    matrix.push(&Dense { columns: &columns, rows: samples, values: &values });
+    matrix.push(&Dense { rows: samples, own: Columns { inputs: &columns, values: &values }, ..Default::default() });
 }

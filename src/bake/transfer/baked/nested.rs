@@ -9,7 +9,7 @@ use crate::bake::compression::data::{Compressed, Supercluster};
 use crate::bake::compression::{CompressionSettings, Compressor};
 use crate::bake::journal::Journal;
 use crate::bake::transfer::Transfer;
-use crate::bake::transfer::blocks::{BlockMatrix, Dense};
+use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use crate::reference::gather;
 use crate::shared::PackedLight;
 
@@ -49,20 +49,28 @@ fn chain(compressed: &Compressed, view_samples: usize) -> (usize, Vec<BlockMatri
     for supercluster in &compressed.superclusters {
         let terms = &compressed.terms[supercluster.first_term as usize..][..supercluster.terms as usize];
         let ys: Vec<u32> = (y..y + supercluster.rank).collect();
-        let values = floats(&compressed.v, supercluster.first_v, 3 * ys.len() * terms.len(), 1.0);
-        v.push(&Dense { columns: terms, rows: &ys, values: &values });
+        let tints = &compressed.tints[supercluster.first_term as usize..][..terms.len()];
+        let (own, tinted) = terms.split_at(supercluster.own as usize);
+        let of_own = 3 * ys.len() * own.len();
+        let values = floats(&compressed.v, supercluster.first_v, of_own + ys.len() * tinted.len(), 1.0);
+        v.push(&Dense {
+            rows: &ys,
+            own: Columns { inputs: own, values: &values[..of_own] },
+            shared: Columns { inputs: tinted, values: &values[of_own..] },
+            tints: &tints[own.len()..],
+        });
         y += supercluster.rank;
         let tiles = &compressed.tiles[supercluster.first_tile as usize..][..supercluster.tiles as usize];
         // All tiles of a supercluster read the same.
         let cs: Vec<u32> = (c..c + tiles.iter().map(|t| t.rank).sum::<u32>()).collect();
         let first_b = tiles.first().map_or(0, |t| t.first_b);
         let values = floats(&compressed.b, first_b, cs.len() * ys.len(), 1.0);
-        b.push(&Dense { columns: &ys, rows: &cs, values: &values });
+        b.push(&Dense { rows: &cs, shared: Columns { inputs: &ys, values: &values }, ..Default::default() });
         for tile in tiles {
             let columns: Vec<u32> = (c..c + tile.rank).collect();
             let rows = &compressed.samples[tile.first_sample as usize..][..tile.samples as usize];
             let values = floats(&compressed.u, tile.first_u, rows.len() * columns.len(), compressed.scale);
-            u.push(&Dense { columns: &columns, rows, values: &values });
+            u.push(&Dense { rows, shared: Columns { inputs: &columns, values: &values }, ..Default::default() });
             c += tile.rank;
         }
     }
