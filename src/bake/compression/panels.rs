@@ -241,11 +241,14 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
     fn call(self) {
         let Self { rows, first, entries, pieces } = self;
         for Piece { channel, panel, sums } in pieces {
-            for (x, entries) in panel.iter().zip(&entries) {
+            for (&x, entries) in panel.iter().zip(&entries) {
                 for (column, value) in rows.columns[entries.clone()].iter().zip(&rows.values[entries.clone()]) {
                     let factor = value[channel];
-                    let sums = &mut sums[(column - first) as usize];
-                    sums.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+                    let sum = &mut sums[(column - first) as usize];
+                    // A copy cannot be what `x` is: a register at a time.
+                    let mut all = *sum;
+                    all.iter_mut().zip(&x).for_each(|(sum, x)| *sum += factor * x);
+                    *sum = all;
                 }
             }
         }
