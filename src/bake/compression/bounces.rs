@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::haar::Haar;
 use super::largest::largest;
 use super::linear::{self, Lu};
-use super::panels::{self, Panel, Panels, WIDTH};
+use super::panels::{self, Panel, Panels, Starts, WIDTH};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::Rows;
 
@@ -98,7 +98,8 @@ impl<'a> Bounces<'a> {
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
         let first = Rows::concatenated(panels.into_par_iter().map(thin).collect());
-        Thinned { series: self.series, first, seen: self.seen }
+        let starts = Starts::new(&first, self.seen.fine);
+        Thinned { series: self.series, first, starts, seen: self.seen }
     }
 }
 
@@ -107,6 +108,7 @@ pub struct Thinned {
     series: Vec<Series>,
     /// Rows of G_cf in Haar terms.
     first: Rows,
+    starts: Starts,
     seen: Seen,
 }
 
@@ -125,7 +127,7 @@ impl Thinned {
         } else {
             gathered = Panels::zeros(fine, gathered.count);
         }
-        gathered.add(&panels::multiply_transposed(&self.first, fine, &summed));
+        gathered.add(&panels::multiply_transposed(&self.first, &self.starts, &summed));
         gathered
     }
 }

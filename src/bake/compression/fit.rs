@@ -10,11 +10,12 @@ use serde::{Deserialize, Serialize};
 use super::bounces::Thinned;
 use super::haar::Haar;
 use super::linear::{self, Lu};
-use super::panels::{self, Panels, WIDTH};
+use super::panels::{self, Panel, Panels, Starts, WIDTH};
 use super::terms::{self, Chosen, cut, multiple};
 use super::twice::Twice;
 use super::{Found, OUTSIDE};
 use crate::bake::transfer::rows::Rows;
+use crate::sequence::Points;
 
 /// What all superclusters are made of.
 pub struct Inputs {
@@ -50,10 +51,20 @@ pub struct Budget {
 /// A supercluster before it is fitted.
 pub struct Projected<'a> {
     inputs: &'a Inputs,
-    /// Orthonormal, pixels x directions.
-    basis: Mat<f32>,
-    /// Haar terms x directions, by channel: the basis' transpose times T.
-    pub terms: Panels,
+    /// An orthonormal basis of what is kept, those directions first that the lights to learn from fill most: pixels x directions.
+    directions: Mat<f64>,
+    /// Squares of all lights along each.
+    squares: Vec<f64>,
+    /// Haar terms that matter, ascending.
+    list: Vec<u32>,
+    /// These x vectors, by channel: T's transpose times another basis.
+    terms: Panels,
+    /// The directions as combinations of those vectors.
+    vectors: Mat<f64>,
+    /// What those vectors hold of the lights to learn from: vectors x lights, by channel.
+    learned: [Mat<f32>; 3],
+    /// What the directions hold of the deciding lights.
+    decided: Mat<f64>,
     /// Squared error beyond noise that the supercluster may have.
     pub allowed: f64,
     /// What no fit can mend: square of the light that the basis lacks.
@@ -122,25 +133,51 @@ impl<'a> Projected<'a> {
         let count = count.next_multiple_of(WIDTH).min(all.ncols());
         let held = linear::product(all.subcols(0, count), held.subrows(0, count));
         let outside = twice.outside(&held);
-        let basis = Mat::from_fn(rows.len(), count, |i, j| all[(i, j)] as f32);
-        let directions = Panels::from_fn(rows.len(), count, |_, i, j| basis[(i, j)]);
-        let columns = inputs.combinations.rows();
-        let terms = inputs.bounces.terms(&inputs.haar, panels::multiply_transposed(rows, columns, &directions));
-        Self { inputs, basis, terms, allowed, outside, checks, twice, held }
+        let basis = all.subcols(0, count);
+        let (list, terms) = seen_terms(inputs, rows, basis, SLIGHT * allowed);
+        let seen = |c: usize, lights: &[Panel]| seen(&terms.channels[c], &list, lights, count);
+        let learned = [0, 1, 2].map(|c| seen(c, &inputs.learned.channels[c]));
+        let decided = [0, 1, 2].map(|c| seen(c, &inputs.checks.channels[c][..1]));
+        let decided = twice.deciding(count, |c, direction, light| decided[c][(direction, light)].into());
+        let mut gram = Mat::<f64>::zeros(count, count);
+        for learned in &learned {
+            let learned = Mat::from_fn(count, learned.ncols(), |i, l| f64::from(learned[(i, l)]));
+            gram += linear::product(learned.as_ref(), learned.transpose());
+        }
+        let (squares, vectors) = linear::eigen(&gram);
+        let decided = linear::product(vectors.transpose(), decided.as_ref());
+        let directions = linear::product(basis, vectors.as_ref());
+        Self {
+            inputs,
+            directions,
+            squares,
+            list,
+            terms,
+            vectors,
+            learned,
+            decided,
+            allowed,
+            outside,
+            checks,
+            twice,
+            held,
+        }
     }
 
     pub fn fit(&self, tiles: &[Range<usize>], budget: &Budget) -> Factors {
         let Directions { turn, sizes, deciding } = self.directions(budget.rank);
         let rank = turn.ncols();
         let turned = self.turned(&turn);
-        let chosen = terms::choose(&turned, &self.inputs.power, budget.terms);
-        let (list, tints, v) = self.fit_v(&turned, &chosen, &sizes);
+        let power =
+            self.inputs.power.each_ref().map(|p| self.list.iter().map(|&j| p[j as usize]).collect::<Vec<f32>>());
+        let chosen = terms::choose(&turned, &power, budget.terms);
+        let (list, tints, v) = self.fit_v(&turn, &turned, &power, &chosen, &sizes);
         let largest = v.iter().fold(0.0f32, |max, x| max.max(x.abs()));
         let scale = if largest > 0.0 { (f32::log2(V_LARGEST / largest)).floor().exp2() } else { 1.0 };
         let v = v.iter().map(|x| f16::from_f32(x * scale)).collect();
-        let share = |rows: &Range<usize>| budget.tiles * rows.len() as f64 / self.basis.nrows() as f64;
-        let weighted = Mat::from_fn(turn.nrows(), rank, |i, r| turn[(i, r)] * sizes[r]);
-        let pixels = linear::product(self.basis.as_ref(), weighted.as_ref());
+        let share = |rows: &Range<usize>| budget.tiles * rows.len() as f64 / self.directions.nrows() as f64;
+        let pixel = |i: usize, r: usize| if r < turn.nrows() { self.directions[(i, r)] as f32 * sizes[r] } else { 0.0 };
+        let pixels = Mat::from_fn(self.directions.nrows(), rank, pixel);
         let tiles = tiles.iter().map(|rows| tile(&pixels, rows, &deciding, share(rows), scale)).collect();
         Factors { list, own: multiple(chosen.own.len()), tints, rank, v, tiles }
     }
@@ -177,40 +214,30 @@ impl<'a> Projected<'a> {
         (found, self.twice.lost(&self.held, &seen))
     }
 
-    /// The directions of the basis that matter, those first that the lights to learn from fill most: as many as leave at
-    /// most `budget` of what the basis holds of the deciding lights.
+    /// The first directions: as many as leave at most `budget` of what all hold of the deciding lights.
     fn directions(&self, budget: f64) -> Directions {
-        let count = self.basis.ncols();
-        let mut gram = Mat::<f64>::zeros(count, count);
-        for (terms, learned) in self.terms.channels.iter().zip(&self.inputs.learned.channels) {
-            for learned in learned {
-                let seen = seen(terms, learned, count);
-                gram += linear::product(seen.as_ref(), seen.transpose());
-            }
-        }
-        let (values, vectors) = linear::eigen(&gram);
-        let decided = [0, 1, 2].map(|c| seen(&self.terms.channels[c], &self.inputs.checks.channels[c][0], count));
-        let decided = self.twice.deciding(count, |c, direction, light| decided[c][(direction, light)]);
-        let held = linear::product(vectors.transpose(), decided.as_ref());
-        let basis = Mat::from_fn(self.basis.nrows(), count, |i, j| f64::from(self.basis[(i, j)]));
-        let directions = linear::product(basis.as_ref(), vectors.as_ref());
-        let rank = multiple(self.twice.needed(directions.as_ref(), held.as_ref(), budget));
+        let count = self.vectors.nrows();
+        let rank = multiple(self.twice.needed(self.directions.as_ref(), self.decided.as_ref(), budget));
         // Padded with directions that are zero.
-        let turn = Mat::from_fn(count, rank, |i, j| if j < count { vectors[(i, j)] as f32 } else { 0.0 });
-        let size = |r: usize| values.get(r).map_or(0.0, |v| v.sqrt() as f32).max(f32::MIN_POSITIVE);
+        let turn = Mat::from_fn(count, rank, |i, j| if j < count { self.vectors[(i, j)] as f32 } else { 0.0 });
+        let size = |r: usize| self.squares.get(r).map_or(0.0, |v| v.sqrt() as f32).max(f32::MIN_POSITIVE);
         let sizes: Vec<f32> = (0..rank).map(size).collect();
-        let entry = |i: usize, light: usize| if i < count { held[(i, light)] / f64::from(sizes[i]) } else { 0.0 };
-        let deciding = Mat::from_fn(rank, held.ncols(), entry);
+        let entry =
+            |i: usize, light: usize| if i < count { self.decided[(i, light)] / f64::from(sizes[i]) } else { 0.0 };
+        let deciding = Mat::from_fn(rank, self.decided.ncols(), entry);
         Directions { turn, sizes, deciding }
     }
 
-    /// Terms x directions.
+    /// Terms that matter x directions.
     fn turned(&self, turn: &Mat<f32>) -> [Mat<f32>; 3] {
-        let turned = |panels: &Vec<panels::Panel>| {
-            let mut all = Mat::<f32>::zeros(self.inputs.learned.rows(), turn.ncols());
-            for (i, panel) in panels.iter().enumerate() {
-                let part = turn.subrows(i * WIDTH, WIDTH.min(turn.nrows() - i * WIDTH));
-                linear::add_product(all.as_mut(), panels::matrix(panel).subcols(0, part.nrows()), part);
+        let turned = |panels: &Vec<Panel>| {
+            let mut all = Mat::<f32>::zeros(self.list.len(), turn.ncols());
+            for first in (0..self.list.len()).step_by(TERMS) {
+                let rows = first..self.list.len().min(first + TERMS);
+                let terms = panels::gathered(panels, rows.clone());
+                let terms = MatRef::from_row_major_slice(&terms, rows.len(), panels.len() * WIDTH);
+                let all = all.subrows_mut(first, rows.len());
+                linear::add_product(all, terms.subcols(0, turn.nrows()), turn.as_ref());
             }
             all
         };
@@ -218,21 +245,28 @@ impl<'a> Projected<'a> {
     }
 
     /// List and tints of chosen terms, and V before it is rounded, in units of the directions' `sizes`.
-    fn fit_v(&self, turned: &[Mat<f32>; 3], chosen: &Chosen, sizes: &[f32]) -> (Vec<u32>, Vec<Vec3>, Vec<f32>) {
+    fn fit_v(
+        &self,
+        turn: &Mat<f32>,
+        turned: &[Mat<f32>; 3],
+        power: &[Vec<f32>; 3],
+        chosen: &Chosen,
+        sizes: &[f32],
+    ) -> (Vec<u32>, Vec<Vec3>, Vec<f32>) {
         let Chosen { own, tinted } = chosen;
         let all = [&own[..], tinted].concat();
-        let fitted = [0, 1, 2].map(|c| self.fit_terms(c, &turned[c], &all));
+        let fitted = [0, 1, 2].map(|c| self.fit_terms(c, turn, &turned[c], &all));
         // What pads lists is multiplied by zero.
         let mut list = Vec::new();
         for terms in [own, tinted] {
-            list.extend(terms);
+            list.extend(terms.iter().map(|&i| self.list[i as usize]));
             list.resize(multiple(list.len()), list.last().copied().unwrap_or(0));
         }
         let of_own = list.len() - multiple(tinted.len());
         let mut tints = vec![Vec3::ONE; list.len()];
         let blend = |((i, &term), tint): ((usize, &u32), &mut Vec3)| {
             let columns = fitted.each_ref().map(|f| f.row(own.len() + i).iter().copied().collect::<Vec<f32>>());
-            let power = self.inputs.power.each_ref().map(|power| power[term as usize].into());
+            let power = power.each_ref().map(|power| power[term as usize].into());
             let (blend, of_blend) = terms::tinted(columns.each_ref().map(|c| &c[..]), DVec3::from_array(power));
             *tint = of_blend;
             blend
@@ -248,35 +282,33 @@ impl<'a> Projected<'a> {
         (list, tints, v)
     }
 
-    /// What the terms of `list` are multiplied by, terms x directions: their own factors and, by ridge regression over the
-    /// lights to learn from, what they tell of the terms left out.
-    fn fit_terms(&self, channel: usize, factors: &Mat<f32>, list: &[u32]) -> Mat<f32> {
+    /// What some terms are multiplied by, terms x directions: their own factors and, by ridge regression over the lights to learn
+    /// from, what they tell of the terms left out.
+    fn fit_terms(&self, channel: usize, turn: &Mat<f32>, factors: &Mat<f32>, some: &[u32]) -> Mat<f32> {
         let learned = &self.inputs.learned.channels[channel];
-        let listed =
-            Mat::from_fn(list.len(), learned.len() * WIDTH, |i, l| learned[l / WIDTH][list[i] as usize][l % WIDTH]);
-        let mut kept = Mat::from_fn(list.len(), factors.ncols(), |i, r| factors[(list[i] as usize, r)]);
+        let listed = panels::gathered(learned, some.iter().map(|&i| self.list[i as usize] as usize));
+        let listed = MatRef::from_row_major_slice(&listed, some.len(), learned.len() * WIDTH);
+        let mut kept = Mat::from_fn(some.len(), factors.ncols(), |i, r| factors[(some[i] as usize, r)]);
         let mut missing = linear::product(listed.transpose(), kept.as_ref()) * faer::Scale(-1.0);
-        for (part, learned) in learned.iter().enumerate() {
-            linear::add_product(
-                missing.subrows_mut(part * WIDTH, WIDTH),
-                panels::matrix(learned).transpose(),
-                factors.as_ref(),
-            );
-        }
+        linear::add_product(missing.as_mut(), self.learned[channel].transpose(), turn.as_ref());
         let mut gram = Mat::from_fn(listed.ncols(), listed.ncols(), |_, _| 0.0f32);
-        linear::add_product(gram.as_mut(), listed.transpose(), listed.as_ref());
+        linear::add_product(gram.as_mut(), listed.transpose(), listed);
         let mut gram = Mat::from_fn(gram.nrows(), gram.nrows(), |i, j| f64::from(gram[(i, j)]));
         let all: f64 = (0..gram.nrows()).map(|l| gram[(l, l)]).sum();
         if all > 0.0 {
             (0..gram.nrows()).for_each(|l| gram[(l, l)] += RIDGE * all);
             let shares = Lu::new(gram).solve(missing.as_ref(), false);
             let shares = Mat::from_fn(shares.nrows(), shares.ncols(), |l, r| shares[(l, r)] as f32);
-            linear::add_product(kept.as_mut(), listed.as_ref(), shares.as_ref());
+            linear::add_product(kept.as_mut(), listed, shares.as_ref());
         }
         kept
     }
 }
 
+/// Share of the allowed error that terms may add up to which are not looked at.
+const SLIGHT: f64 = 0.01;
+/// Terms that are multiplied at once, with what they make of all vectors and lights: these stay in a cache.
+const TERMS: usize = 512;
 /// What keeps the regression from believing few lights too much, as a share of all their squares.
 const RIDGE: f64 = 1e-3;
 
@@ -290,11 +322,50 @@ struct Directions {
     deciding: Mat<f64>,
 }
 
-/// What a panel of lights makes of the first `count` directions, from the terms of both.
-fn seen(terms: &[panels::Panel], lights: &panels::Panel, count: usize) -> Mat<f64> {
-    let product = |panel: &panels::Panel| linear::product(panels::matrix(panel).transpose(), panels::matrix(lights));
-    let parts: Vec<Mat<f32>> = terms.iter().map(product).collect();
-    Mat::from_fn(count, WIDTH, |i, l| f64::from(parts[i / WIDTH][(i % WIDTH, l)]))
+/// Haar terms that matter, and what they make of the vectors of `basis`. The others add up to squares of about `slight`.
+fn seen_terms(inputs: &Inputs, rows: &Rows, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, Panels) {
+    let starts = Starts::new(rows, inputs.combinations.rows());
+    let terms = |vectors: MatRef<f64>| {
+        let vectors = Panels::from_fn(rows.len(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
+        inputs.bounces.terms(&inputs.haar, panels::multiply_transposed(rows, &starts, &vectors))
+    };
+    // Of sums with random signs the mean square is the sum of squares.
+    let points = Points::new(0, 0);
+    let sign = |vector: usize, sum: usize| if points.at(vector as u32, sum as u32)[0] < 0.5 { 1.0 } else { -1.0 };
+    let signs = Mat::from_fn(basis.ncols(), WIDTH, sign);
+    let sums = terms(linear::product(basis, signs.as_ref()).as_ref());
+    let mut squares = vec![0.0f64; sums.rows()];
+    for (channel, power) in inputs.power.iter().enumerate() {
+        let of_channel = sums.row_squares(channel).into_iter().zip(power);
+        squares.iter_mut().zip(of_channel).for_each(|(all, (x, power))| *all += f64::from(x * power) / WIDTH as f64);
+    }
+    let mut list: Vec<u32> = (0..squares.len() as u32).collect();
+    let square = |j: &u32| squares[*j as usize];
+    list.sort_unstable_by(|a, b| square(b).total_cmp(&square(a)).then(a.cmp(b)));
+    list.truncate(cut(list.iter().map(square), slight));
+    list.sort_unstable();
+
+    let mut found = Panels { count: basis.ncols(), ..Default::default() };
+    for first in (0..basis.ncols()).step_by(WIDTH) {
+        let some = terms(basis.subcols(first, WIDTH.min(basis.ncols() - first)));
+        for (found, some) in found.channels.iter_mut().zip(&some.channels) {
+            found.push(list.iter().map(|&j| some[0][j as usize]).collect());
+        }
+    }
+    (list, found)
+}
+
+/// What `count` vectors hold of lights, from terms of both: vectors x lights.
+fn seen(terms: &[Panel], list: &[u32], lights: &[Panel], count: usize) -> Mat<f32> {
+    let mut all = Mat::zeros(count, lights.len() * WIDTH);
+    for (number, list) in list.chunks(TERMS).enumerate() {
+        let terms_here = panels::gathered(terms, number * TERMS..number * TERMS + list.len());
+        let terms_here = MatRef::from_row_major_slice(&terms_here, list.len(), terms.len() * WIDTH);
+        let lights_here = panels::gathered(lights, list.iter().map(|&j| j as usize));
+        let lights_here = MatRef::from_row_major_slice(&lights_here, list.len(), lights.len() * WIDTH);
+        linear::add_product(all.as_mut(), terms_here.subcols(0, count).transpose(), lights_here);
+    }
+    all
 }
 
 /// A row-major block in single precision.

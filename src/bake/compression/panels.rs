@@ -147,6 +147,11 @@ pub fn matrix(panel: &[[f32; WIDTH]]) -> MatRef<'_, f32> {
     MatRef::from_row_major_slice(panel.as_flattened(), panel.len(), WIDTH)
 }
 
+/// These rows of all panels: row-major, `panels.len() * WIDTH` values each.
+pub fn gathered(panels: &[Panel], rows: impl Iterator<Item = usize>) -> Vec<f32> {
+    rows.flat_map(|row| panels.iter().flat_map(move |panel| panel[row])).collect()
+}
+
 /// Each row times each vector, channel by channel.
 pub fn multiply(rows: &Rows, vectors: &Panels) -> Panels {
     vectors.map(|channel, panel| {
@@ -187,35 +192,51 @@ impl pulp::NullaryFnOnce for Multiply<'_> {
 /// Columns whose sums stay in a cache while all rows go by.
 const COLUMNS: usize = 256;
 
-/// The transposes of `rows`, one a channel, times the vectors: a row of the result for each of `columns` columns.
-pub fn multiply_transposed(rows: &Rows, columns: usize, vectors: &Panels) -> Panels {
-    let mut products = Panels::zeros(columns, vectors.count);
-    let mut pieces: Vec<Vec<Piece>> = (0..columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
+/// Where the entries for each [`COLUMNS`] columns begin in each row.
+pub struct Starts {
+    columns: usize,
+    /// Pieces of the columns.
+    count: usize,
+    /// Of each row the places of `count` pieces, counted from its first entry, and its length.
+    places: Vec<u32>,
+}
+
+impl Starts {
+    pub fn new(rows: &Rows, columns: usize) -> Self {
+        let count = columns.div_ceil(COLUMNS);
+        let of_row = |r: usize| {
+            let of_row = &rows.columns[rows.first[r]..rows.first[r + 1]];
+            let mut places = Vec::with_capacity(count + 1);
+            for (place, &column) in of_row.iter().enumerate() {
+                places.resize(places.len().max(column as usize / COLUMNS + 1), place as u32);
+            }
+            places.resize(count + 1, of_row.len() as u32);
+            places
+        };
+        Self { columns, count, places: (0..rows.len()).into_par_iter().flat_map_iter(of_row).collect() }
+    }
+
+    /// Entries of row r in a piece.
+    fn entries(&self, rows: &Rows, r: usize, piece: usize) -> Range<usize> {
+        let [start, end] = [0, 1].map(|i| rows.first[r] + self.places[r * (self.count + 1) + piece + i] as usize);
+        start..end
+    }
+}
+
+/// The transposes of `rows`, one a channel, times the vectors: a row of the result for each column.
+pub fn multiply_transposed(rows: &Rows, starts: &Starts, vectors: &Panels) -> Panels {
+    let mut products = Panels::zeros(starts.columns, vectors.count);
+    let mut pieces: Vec<Vec<Piece>> = (0..starts.count).map(|_| Vec::new()).collect();
     for (channel, (sums, panels)) in products.channels.iter_mut().zip(&vectors.channels).enumerate() {
         for (sums, panel) in sums.iter_mut().zip(panels) {
             let of_pieces = pieces.iter_mut().zip(sums.chunks_mut(COLUMNS));
             of_pieces.for_each(|(pieces, sums)| pieces.push(Piece { channel, panel, sums }));
         }
     }
-    let count = pieces.len();
-    let starts: Vec<usize> = (0..rows.len()).into_par_iter().flat_map_iter(|r| starts(rows, r, count)).collect();
     pieces.into_par_iter().enumerate().for_each(|(number, pieces)| {
-        let of_row = |starts: &[usize]| starts[number]..starts[number + 1];
-        let entries: Vec<Range<usize>> = starts.chunks(count + 1).map(of_row).collect();
-        pulp::Arch::new().dispatch(MultiplyTransposed { rows, first: (number * COLUMNS) as u32, entries, pieces });
+        pulp::Arch::new().dispatch(MultiplyTransposed { rows, starts, number, pieces });
     });
     products
-}
-
-/// Where the entries of row r for each of `count` pieces of [`COLUMNS`] begin, and where the last end.
-fn starts(rows: &Rows, r: usize, count: usize) -> Vec<usize> {
-    let range = rows.first[r]..rows.first[r + 1];
-    let mut starts = Vec::with_capacity(count + 1);
-    for (entry, &column) in range.clone().zip(&rows.columns[range.clone()]) {
-        starts.resize(starts.len().max(column as usize / COLUMNS + 1), entry);
-    }
-    starts.resize(count + 1, range.end);
-    starts
 }
 
 /// What a panel of vectors makes of a few columns.
@@ -225,12 +246,11 @@ struct Piece<'a> {
     sums: &'a mut [[f32; WIDTH]],
 }
 
-/// All panels for the columns from `first` on.
+/// All panels for a piece of the columns.
 struct MultiplyTransposed<'a> {
     rows: &'a Rows,
-    first: u32,
-    /// Of each row.
-    entries: Vec<Range<usize>>,
+    starts: &'a Starts,
+    number: usize,
     pieces: Vec<Piece<'a>>,
 }
 
@@ -239,9 +259,11 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { rows, first, entries, pieces } = self;
+        let Self { rows, starts, number, pieces } = self;
+        let first = (number * COLUMNS) as u32;
         for Piece { channel, panel, sums } in pieces {
-            for (&x, entries) in panel.iter().zip(&entries) {
+            for (r, &x) in panel.iter().enumerate() {
+                let entries = starts.entries(rows, r, number);
                 for (column, value) in rows.columns[entries.clone()].iter().zip(&rows.values[entries.clone()]) {
                     let factor = value[channel];
                     let sum = &mut sums[(column - first) as usize];
