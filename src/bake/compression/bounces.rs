@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::haar::Haar;
 use super::largest::largest;
 use super::linear::{self, Lu};
-use super::panels::{self, Panel, Panels, Starts, WIDTH};
+use super::panels::{self, Panel, Panels, Transposed, WIDTH};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::Rows;
 
@@ -98,8 +98,7 @@ impl<'a> Bounces<'a> {
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
         let first = Rows::concatenated(panels.into_par_iter().map(thin).collect());
-        let starts = Starts::new(&first, self.seen.fine);
-        Thinned { series: self.series, first, starts, seen: self.seen }
+        Thinned { series: self.series, first: Transposed::new(&first, self.seen.fine), seen: self.seen }
     }
 }
 
@@ -107,8 +106,7 @@ impl<'a> Bounces<'a> {
 pub struct Thinned {
     series: Vec<Series>,
     /// Rows of G_cf in Haar terms.
-    first: Rows,
-    starts: Starts,
+    first: Transposed,
     seen: Seen,
 }
 
@@ -127,7 +125,7 @@ impl Thinned {
         } else {
             gathered = Panels::zeros(fine, gathered.count);
         }
-        gathered.add(&panels::multiply_transposed(&self.first, &self.starts, &summed));
+        gathered.add(&self.first.multiply(&summed));
         gathered
     }
 }

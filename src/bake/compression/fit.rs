@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::bounces::Thinned;
 use super::haar::Haar;
 use super::linear::{self, Lu};
-use super::panels::{self, Panel, Panels, Starts, WIDTH};
+use super::panels::{self, Panel, Panels, Transposed, WIDTH};
 use super::terms::{self, Chosen, cut, multiple};
 use super::twice::Twice;
 use super::{Found, OUTSIDE};
@@ -324,10 +324,10 @@ struct Directions {
 
 /// Haar terms that matter, and what they make of the vectors of `basis`. The others add up to squares of about `slight`.
 fn seen_terms(inputs: &Inputs, rows: &Rows, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, Panels) {
-    let starts = Starts::new(rows, inputs.combinations.rows());
+    let rows = Transposed::new(rows, inputs.combinations.rows());
     let terms = |vectors: MatRef<f64>| {
-        let vectors = Panels::from_fn(rows.len(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
-        inputs.bounces.terms(&inputs.haar, panels::multiply_transposed(rows, &starts, &vectors))
+        let vectors = Panels::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
+        inputs.bounces.terms(&inputs.haar, rows.multiply(&vectors))
     };
     // Of sums with random signs the mean square is the sum of squares.
     let points = Points::new(0, 0);

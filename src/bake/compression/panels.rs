@@ -148,8 +148,10 @@ pub fn matrix(panel: &[[f32; WIDTH]]) -> MatRef<'_, f32> {
 }
 
 /// These rows of all panels: row-major, `panels.len() * WIDTH` values each.
-pub fn gathered(panels: &[Panel], rows: impl Iterator<Item = usize>) -> Vec<f32> {
-    rows.flat_map(|row| panels.iter().flat_map(move |panel| panel[row])).collect()
+pub fn gathered(panels: &[Panel], rows: impl ExactSizeIterator<Item = usize>) -> Vec<f32> {
+    let mut all = Vec::with_capacity(rows.len() * panels.len() * WIDTH);
+    rows.for_each(|row| panels.iter().for_each(|panel| all.extend_from_slice(&panel[row])));
+    all
 }
 
 /// Each row times each vector, channel by channel.
@@ -192,55 +194,51 @@ impl pulp::NullaryFnOnce for Multiply<'_> {
 /// Columns whose sums stay in a cache while all rows go by.
 const COLUMNS: usize = 256;
 
-/// Where the entries for each [`COLUMNS`] columns begin in each row.
-pub struct Starts {
+/// Sparse rows by their columns: what is read together lies together, as often as they are multiplied.
+pub struct Transposed {
     columns: usize,
-    /// Pieces of the columns.
-    count: usize,
-    /// Of each row the places of `count` pieces, counted from its first entry, and its length.
-    places: Vec<u32>,
+    /// For each [`COLUMNS`] columns, row by row.
+    pieces: Vec<Vec<Entry>>,
 }
 
-impl Starts {
+struct Entry {
+    row: u32,
+    /// Counted from the piece's first.
+    column: u32,
+    value: [f32; 3],
+}
+
+impl Transposed {
     pub fn new(rows: &Rows, columns: usize) -> Self {
-        let count = columns.div_ceil(COLUMNS);
-        let of_row = |r: usize| {
-            let of_row = &rows.columns[rows.first[r]..rows.first[r + 1]];
-            let mut places = Vec::with_capacity(count + 1);
-            for (place, &column) in of_row.iter().enumerate() {
-                places.resize(places.len().max(column as usize / COLUMNS + 1), place as u32);
+        let mut pieces: Vec<Vec<Entry>> = (0..columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
+        for row in 0..rows.len() {
+            for (column, value) in rows.row(row) {
+                let (piece, column) = (column as usize / COLUMNS, column % COLUMNS as u32);
+                pieces[piece].push(Entry { row: row as u32, column, value });
             }
-            places.resize(count + 1, of_row.len() as u32);
-            places
-        };
-        Self { columns, count, places: (0..rows.len()).into_par_iter().flat_map_iter(of_row).collect() }
-    }
-
-    /// Entries of row r in a piece.
-    fn entries(&self, rows: &Rows, r: usize, piece: usize) -> Range<usize> {
-        let [start, end] = [0, 1].map(|i| rows.first[r] + self.places[r * (self.count + 1) + piece + i] as usize);
-        start..end
-    }
-}
-
-/// The transposes of `rows`, one a channel, times the vectors: a row of the result for each column.
-pub fn multiply_transposed(rows: &Rows, starts: &Starts, vectors: &Panels) -> Panels {
-    let mut products = Panels::zeros(starts.columns, vectors.count);
-    let mut pieces: Vec<Vec<Piece>> = (0..starts.count).map(|_| Vec::new()).collect();
-    for (channel, (sums, panels)) in products.channels.iter_mut().zip(&vectors.channels).enumerate() {
-        for (sums, panel) in sums.iter_mut().zip(panels) {
-            let of_pieces = pieces.iter_mut().zip(sums.chunks_mut(COLUMNS));
-            of_pieces.for_each(|(pieces, sums)| pieces.push(Piece { channel, panel, sums }));
         }
+        Self { columns, pieces }
     }
-    pieces.into_par_iter().enumerate().for_each(|(number, pieces)| {
-        pulp::Arch::new().dispatch(MultiplyTransposed { rows, starts, number, pieces });
-    });
-    products
+
+    /// One a channel times the vectors: a row of the result for each column.
+    pub fn multiply(&self, vectors: &Panels) -> Panels {
+        let mut products = Panels::zeros(self.columns, vectors.count);
+        let mut tasks: Vec<Vec<Task>> = self.pieces.iter().map(|_| Vec::new()).collect();
+        for (channel, (sums, panels)) in products.channels.iter_mut().zip(&vectors.channels).enumerate() {
+            for (sums, panel) in sums.iter_mut().zip(panels) {
+                let of_pieces = tasks.iter_mut().zip(sums.chunks_mut(COLUMNS));
+                of_pieces.for_each(|(tasks, sums)| tasks.push(Task { channel, panel, sums }));
+            }
+        }
+        self.pieces.par_iter().zip(tasks).for_each(|(entries, tasks)| {
+            pulp::Arch::new().dispatch(MultiplyTransposed { entries, tasks });
+        });
+        products
+    }
 }
 
 /// What a panel of vectors makes of a few columns.
-struct Piece<'a> {
+struct Task<'a> {
     channel: usize,
     panel: &'a Panel,
     sums: &'a mut [[f32; WIDTH]],
@@ -248,10 +246,8 @@ struct Piece<'a> {
 
 /// All panels for a piece of the columns.
 struct MultiplyTransposed<'a> {
-    rows: &'a Rows,
-    starts: &'a Starts,
-    number: usize,
-    pieces: Vec<Piece<'a>>,
+    entries: &'a [Entry],
+    tasks: Vec<Task<'a>>,
 }
 
 impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
@@ -259,19 +255,15 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { rows, starts, number, pieces } = self;
-        let first = (number * COLUMNS) as u32;
-        for Piece { channel, panel, sums } in pieces {
-            for (r, &x) in panel.iter().enumerate() {
-                let entries = starts.entries(rows, r, number);
-                for (column, value) in rows.columns[entries.clone()].iter().zip(&rows.values[entries.clone()]) {
-                    let factor = value[channel];
-                    let sum = &mut sums[(column - first) as usize];
-                    // A copy cannot be what `x` is: a register at a time.
-                    let mut all = *sum;
-                    all.iter_mut().zip(&x).for_each(|(sum, x)| *sum += factor * x);
-                    *sum = all;
-                }
+        for Task { channel, panel, sums } in self.tasks {
+            for entry in self.entries {
+                let factor = entry.value[channel];
+                let x = &panel[entry.row as usize];
+                let sum = &mut sums[entry.column as usize];
+                // A copy cannot be what `x` is: a register at a time.
+                let mut all = *sum;
+                all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+                *sum = all;
             }
         }
     }
