@@ -180,6 +180,30 @@ fn pieces_are_the_whole() {
 }
 
 #[test]
+fn leading_columns_are_those_of_either_kind() {
+    let mut random = Random::new(6);
+    let [own, shared]: [Vec<u32>; 2] = [(0..16).collect(), (16..40).collect()];
+    let rows: Vec<u32> = (0..70).collect();
+    let mut values = |count: usize| -> Vec<f32> { (0..count).map(|_| random.between(-1.0, 1.0) as f32).collect() };
+    let [of_own, of_shared] = [values(3 * 70 * 16), values(70 * 24)];
+    let mut matrix = BlockMatrix::new(3, 40, 70);
+    matrix.push(&Dense {
+        rows: &rows,
+        own: Columns { inputs: &own, values: &of_own },
+        shared: Columns { inputs: &shared, values: &of_shared },
+        tints: &(0..24).map(|_| random.vector(-1.0, 1.0).as_vec3()).collect::<Vec<Vec3>>(),
+    });
+    let vector: Vec<DVec3> = (0..40).map(|_| random.vector(-1.0, 1.0)).collect();
+    // Half of two octets, and of three.
+    let lit = |i: usize| if i < 8 || (16..32).contains(&i) { vector[i] } else { DVec3::ZERO };
+    let want = matrix.multiply(&(0..40).map(lit).collect::<Vec<_>>());
+    let leading = matrix.leading(0.3, 0.5);
+    assert!(leading.is_consistent());
+    let (got, kept) = (leading.multiply(&vector), 24);
+    assert!((0..70).all(|r| got[r] == if r < kept { want[r] } else { DVec3::ZERO }));
+}
+
+#[test]
 fn indices_that_lead_nowhere_are_found() {
     let good = random_matrix(&mut Random::new(1), 3, 50, 400);
     assert!(good.is_consistent());

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::bounces::Thinned;
 use super::haar::Haar;
 use super::linear::{self, Lu};
-use super::panels::{self, Panel, Panels, Transposed, WIDTH};
+use super::panels::{self, Compact, Panel, Panels, Transposed, WIDTH};
 use super::terms::{self, Chosen, cut, multiple};
 use super::twice::Twice;
 use super::{Found, OUTSIDE};
@@ -28,7 +28,7 @@ pub struct Inputs {
     /// What Φ multiplies: the lights to check with.
     pub checked: Panels,
     /// Haar terms of the lights to learn from, the mean square of whose images is 1.
-    pub learned: Panels,
+    pub learned: Compact,
     /// Sum of the squares of each term over the lights to learn from, by channel.
     pub power: [Vec<f32>; 3],
     /// Haar terms of the lights to check with.
@@ -57,7 +57,9 @@ pub struct Projected<'a> {
     squares: Vec<f64>,
     /// Haar terms that matter, ascending.
     list: Vec<u32>,
-    /// These x vectors, by channel: T's transpose times another basis.
+    /// Their power, by channel.
+    power: [Vec<f32>; 3],
+    /// What T's transpose makes of another basis, by channel: terms that matter x vectors.
     terms: Panels,
     /// The directions as combinations of those vectors.
     vectors: Mat<f64>,
@@ -121,12 +123,12 @@ pub struct TileFactors {
 impl<'a> Projected<'a> {
     /// From the rows of Φ of the supercluster's pixels. `allowed` gives the squared error beyond noise that they may have,
     /// from the squares of their images and of their noise.
-    pub fn new(inputs: &'a Inputs, rows: &Rows, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
-        let products = panels::multiply(rows, &inputs.combinations);
-        let checks = panels::multiply(rows, &inputs.checked);
+    pub fn new(inputs: &'a Inputs, rows: Rows, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
+        let products = panels::multiply(&rows, &inputs.combinations);
+        let checks = panels::multiply(&rows, &inputs.checked);
         let again = panels::multiply(anew.rows, &inputs.checked);
         let twice = Twice::new(anew.pixels, &checks, &again, &inputs.deciding);
-        let (all, energy) = range(&products, rows.len());
+        let (all, energy) = range(&products);
         let allowed = allowed(energy, twice.weighted_noise);
         let held = linear::product(all.transpose(), twice.images.as_ref());
         let count = twice.needed(all.as_ref(), held.as_ref(), OUTSIDE * allowed);
@@ -134,10 +136,19 @@ impl<'a> Projected<'a> {
         let held = linear::product(all.subcols(0, count), held.subrows(0, count));
         let outside = twice.outside(&held);
         let basis = all.subcols(0, count);
-        let (list, terms) = seen_terms(inputs, rows, basis, SLIGHT * allowed);
-        let seen = |c: usize, lights: &[Panel]| seen(&terms.channels[c], &list, lights, count);
-        let learned = [0, 1, 2].map(|c| seen(c, &inputs.learned.channels[c]));
-        let decided = [0, 1, 2].map(|c| seen(c, &inputs.checks.channels[c][..1]));
+        let transposed = Transposed::new(&rows, inputs.combinations.rows());
+        drop(rows);
+        let (list, terms) = seen_terms(inputs, &transposed, basis, SLIGHT * allowed);
+        let power = inputs.power.each_ref().map(|power| list.iter().map(|&term| power[term as usize]).collect());
+        let learned = [0, 1, 2].map(|c| {
+            let lit = |list: &[u32]| inputs.learned.gathered(c, list.iter().map(|&term| term as usize));
+            hold(&terms.channels[c], &list, inputs.learned.width, lit, count)
+        });
+        let decided = [0, 1, 2].map(|c| {
+            let deciding = &inputs.checks.channels[c][..1];
+            let lit = |list: &[u32]| panels::gathered(deciding, list.iter().map(|&term| term as usize));
+            hold(&terms.channels[c], &list, WIDTH, lit, count)
+        });
         let decided = twice.deciding(count, |c, direction, light| decided[c][(direction, light)].into());
         let mut gram = Mat::<f64>::zeros(count, count);
         for learned in &learned {
@@ -152,6 +163,7 @@ impl<'a> Projected<'a> {
             directions,
             squares,
             list,
+            power,
             terms,
             vectors,
             learned,
@@ -168,10 +180,8 @@ impl<'a> Projected<'a> {
         let Directions { turn, sizes, deciding } = self.directions(budget.rank);
         let rank = turn.ncols();
         let turned = self.turned(&turn);
-        let power =
-            self.inputs.power.each_ref().map(|p| self.list.iter().map(|&j| p[j as usize]).collect::<Vec<f32>>());
-        let chosen = terms::choose(&turned, &power, budget.terms);
-        let (list, tints, v) = self.fit_v(&turn, &turned, &power, &chosen, &sizes);
+        let chosen = terms::choose(&turned, &self.power, budget.terms);
+        let (list, tints, v) = self.fit_v(&turn, &turned, &chosen, &sizes);
         let largest = v.iter().fold(0.0f32, |max, x| max.max(x.abs()));
         let scale = if largest > 0.0 { (f32::log2(V_LARGEST / largest)).floor().exp2() } else { 1.0 };
         let v = v.iter().map(|x| f16::from_f32(x * scale)).collect();
@@ -190,7 +200,7 @@ impl<'a> Projected<'a> {
         for (c, (terms, images)) in self.inputs.checks.channels.iter().zip(&self.checks.channels).enumerate() {
             let v = factors.v(c);
             for (part, (terms, images)) in terms.iter().zip(images).enumerate() {
-                let listed: panels::Panel = factors.list.iter().map(|&j| terms[j as usize]).collect();
+                let listed: Panel = factors.list.iter().map(|&j| terms[j as usize]).collect();
                 let y = linear::product(v.as_ref(), panels::matrix(&listed));
                 for ((rows, tile), found) in tiles.iter().zip(&factors.tiles).zip(&mut found) {
                     let coefficients = linear::product(single(&tile.b, tile.rank, factors.rank).as_ref(), y.as_ref());
@@ -249,7 +259,6 @@ impl<'a> Projected<'a> {
         &self,
         turn: &Mat<f32>,
         turned: &[Mat<f32>; 3],
-        power: &[Vec<f32>; 3],
         chosen: &Chosen,
         sizes: &[f32],
     ) -> (Vec<u32>, Vec<Vec3>, Vec<f32>) {
@@ -266,7 +275,7 @@ impl<'a> Projected<'a> {
         let mut tints = vec![Vec3::ONE; list.len()];
         let blend = |((i, &term), tint): ((usize, &u32), &mut Vec3)| {
             let columns = fitted.each_ref().map(|f| f.row(own.len() + i).iter().copied().collect::<Vec<f32>>());
-            let power = power.each_ref().map(|power| power[term as usize].into());
+            let power = self.power.each_ref().map(|power| power[term as usize].into());
             let (blend, of_blend) = terms::tinted(columns.each_ref().map(|c| &c[..]), DVec3::from_array(power));
             *tint = of_blend;
             blend
@@ -285,9 +294,9 @@ impl<'a> Projected<'a> {
     /// What some terms are multiplied by, terms x directions: their own factors and, by ridge regression over the lights to learn
     /// from, what they tell of the terms left out.
     fn fit_terms(&self, channel: usize, turn: &Mat<f32>, factors: &Mat<f32>, some: &[u32]) -> Mat<f32> {
-        let learned = &self.inputs.learned.channels[channel];
-        let listed = panels::gathered(learned, some.iter().map(|&i| self.list[i as usize] as usize));
-        let listed = MatRef::from_row_major_slice(&listed, some.len(), learned.len() * WIDTH);
+        let learned = &self.inputs.learned;
+        let listed = learned.gathered(channel, some.iter().map(|&i| self.list[i as usize] as usize));
+        let listed = MatRef::from_row_major_slice(&listed, some.len(), learned.width);
         let mut kept = Mat::from_fn(some.len(), factors.ncols(), |i, r| factors[(some[i] as usize, r)]);
         let mut missing = linear::product(listed.transpose(), kept.as_ref()) * faer::Scale(-1.0);
         linear::add_product(missing.as_mut(), self.learned[channel].transpose(), turn.as_ref());
@@ -323,8 +332,7 @@ struct Directions {
 }
 
 /// Haar terms that matter, and what they make of the vectors of `basis`. The others add up to squares of about `slight`.
-fn seen_terms(inputs: &Inputs, rows: &Rows, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, Panels) {
-    let rows = Transposed::new(rows, inputs.combinations.rows());
+fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, Panels) {
     let terms = |vectors: MatRef<f64>| {
         let vectors = Panels::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
         inputs.bounces.terms(&inputs.haar, rows.multiply(&vectors))
@@ -355,15 +363,15 @@ fn seen_terms(inputs: &Inputs, rows: &Rows, basis: MatRef<f64>, slight: f64) -> 
     (list, found)
 }
 
-/// What `count` vectors hold of lights, from terms of both: vectors x lights.
-fn seen(terms: &[Panel], list: &[u32], lights: &[Panel], count: usize) -> Mat<f32> {
-    let mut all = Mat::zeros(count, lights.len() * WIDTH);
+/// What `count` vectors hold of lights, from the terms of both, of which `lit` gives those of `lights` lights: vectors x lights.
+fn hold(terms: &[Panel], list: &[u32], lights: usize, lit: impl Fn(&[u32]) -> Vec<f32>, count: usize) -> Mat<f32> {
+    let mut all = Mat::zeros(count, lights);
     for (number, list) in list.chunks(TERMS).enumerate() {
-        let terms_here = panels::gathered(terms, number * TERMS..number * TERMS + list.len());
-        let terms_here = MatRef::from_row_major_slice(&terms_here, list.len(), terms.len() * WIDTH);
-        let lights_here = panels::gathered(lights, list.iter().map(|&j| j as usize));
-        let lights_here = MatRef::from_row_major_slice(&lights_here, list.len(), lights.len() * WIDTH);
-        linear::add_product(all.as_mut(), terms_here.subcols(0, count).transpose(), lights_here);
+        let some = panels::gathered(terms, number * TERMS..number * TERMS + list.len());
+        let some = MatRef::from_row_major_slice(&some, list.len(), terms.len() * WIDTH);
+        let lit = lit(list);
+        let lit = MatRef::from_row_major_slice(&lit, list.len(), lights);
+        linear::add_product(all.as_mut(), some.subcols(0, count).transpose(), lit);
     }
     all
 }
@@ -377,10 +385,9 @@ fn single(block: &[f16], rows: usize, columns: usize) -> Mat<f32> {
 const V_LARGEST: f32 = 1024.0;
 
 /// An orthonormal basis of what the images span, the fullest directions first; and the square of all images.
-fn range(images: &Panels, rows: usize) -> (Mat<f64>, f64) {
-    let all: Vec<&panels::Panel> = images.channels.iter().flatten().collect();
-    let count = all.len() * WIDTH;
-    let all = Mat::from_fn(rows, count, |i, j| f64::from(all[j / WIDTH][i][j % WIDTH]));
+fn range(images: &Panels) -> (Mat<f64>, f64) {
+    let all: Vec<&Panel> = images.channels.iter().flatten().collect();
+    let all = Mat::from_fn(images.rows(), all.len() * WIDTH, |i, j| f64::from(all[j / WIDTH][i][j % WIDTH]));
     linear::orthonormal(&all)
 }
 

@@ -42,7 +42,7 @@ use self::data::{Compressed, Supercluster, Tile};
 use self::fit::{Anew, Budget, Factors, Inputs, Projected};
 use self::haar::Haar;
 use self::lights::Kind;
-use self::panels::WIDTH;
+use self::panels::{Compact, WIDTH};
 use self::report::Errors;
 use self::training::{Direct, Group, Trainer};
 use super::journal::Journal;
@@ -233,7 +233,7 @@ impl<'a> Compressor<'a> {
             (noise + BIAS * self.settings.error * all).powi(2) - noise.powi(2)
         };
         let emission = self.emitted.as_ref().map_or_else(Vec::new, |emitted| rows.multiply(emitted));
-        (Projected::new(&self.inputs, &rows, &anew, allowed), emission)
+        (Projected::new(&self.inputs, rows, &anew, allowed), emission)
     }
 
     /// Rows of each tile, counted from the first of their supercluster.
@@ -322,6 +322,7 @@ fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &Compr
     checks.for_each_mut(|_, panel| haar.transform(panel));
     let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
     let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
+    let learned = Compact::new(learned);
     Inputs { bounces, residual, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
 }
 

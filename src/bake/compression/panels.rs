@@ -3,6 +3,8 @@
 use std::ops::Range;
 
 use faer::{MatMut, MatRef};
+use half::bf16;
+use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use crate::bake::transfer::rows::Rows;
@@ -147,6 +149,39 @@ pub fn matrix(panel: &[[f32; WIDTH]]) -> MatRef<'_, f32> {
     MatRef::from_row_major_slice(panel.as_flattened(), panel.len(), WIDTH)
 }
 
+/// Panels whose rows are looked up, in half the bytes: lights to learn from may differ a little from those that were drawn.
+pub struct Compact {
+    /// Vectors, with those that fill the last panel.
+    pub width: usize,
+    /// Row-major, by channel.
+    channels: [Vec<bf16>; 3],
+}
+
+impl Compact {
+    pub fn new(panels: Panels) -> Self {
+        let width = panels.count.next_multiple_of(WIDTH);
+        let channels = panels.channels.map(|panels| {
+            let mut all = vec![bf16::ZERO; panels.first().map_or(0, Vec::len) * width];
+            for (number, panel) in panels.into_iter().enumerate() {
+                let places = all.chunks_exact_mut(width).map(|row| &mut row[number * WIDTH..][..WIDTH]);
+                places.zip(&panel).for_each(|(place, row)| place.convert_from_f32_slice(row));
+            }
+            all
+        });
+        Self { width, channels }
+    }
+
+    /// These rows of a channel, row-major.
+    pub fn gathered(&self, channel: usize, rows: impl ExactSizeIterator<Item = usize>) -> Vec<f32> {
+        let mut all = vec![0.0; rows.len() * self.width];
+        let places = all.chunks_exact_mut(self.width.max(1));
+        places.zip(rows).for_each(|(place, row)| {
+            self.channels[channel][row * self.width..][..self.width].convert_to_f32_slice(place)
+        });
+        all
+    }
+}
+
 /// These rows of all panels: row-major, `panels.len() * WIDTH` values each.
 pub fn gathered(panels: &[Panel], rows: impl ExactSizeIterator<Item = usize>) -> Vec<f32> {
     let mut all = Vec::with_capacity(rows.len() * panels.len() * WIDTH);
@@ -202,19 +237,19 @@ pub struct Transposed {
 }
 
 struct Entry {
-    row: u32,
-    /// Counted from the piece's first.
-    column: u32,
+    /// Row times [`COLUMNS`] plus the column, counted from the piece's first.
+    place: u32,
     value: [f32; 3],
 }
 
 impl Transposed {
     pub fn new(rows: &Rows, columns: usize) -> Self {
+        assert!(rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
         let mut pieces: Vec<Vec<Entry>> = (0..columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
         for row in 0..rows.len() {
             for (column, value) in rows.row(row) {
-                let (piece, column) = (column as usize / COLUMNS, column % COLUMNS as u32);
-                pieces[piece].push(Entry { row: row as u32, column, value });
+                let place = (row * COLUMNS + column as usize % COLUMNS) as u32;
+                pieces[column as usize / COLUMNS].push(Entry { place, value });
             }
         }
         Self { columns, pieces }
@@ -258,8 +293,8 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
         for Task { channel, panel, sums } in self.tasks {
             for entry in self.entries {
                 let factor = entry.value[channel];
-                let x = &panel[entry.row as usize];
-                let sum = &mut sums[entry.column as usize];
+                let x = &panel[entry.place as usize / COLUMNS];
+                let sum = &mut sums[entry.place as usize % COLUMNS];
                 // A copy cannot be what `x` is: a register at a time.
                 let mut all = *sum;
                 all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
