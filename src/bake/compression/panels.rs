@@ -309,3 +309,56 @@ pub fn matrix_mut(panel: &mut [[f32; WIDTH]]) -> MatMut<'_, f32> {
     let rows = panel.len();
     MatMut::from_row_major_slice_mut(panel.as_flattened_mut(), rows, WIDTH)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::Points;
+
+    fn random(i: usize, j: usize) -> f32 {
+        Points::new(5, 0).at(i as u32, j as u32)[0] as f32 - 0.5
+    }
+
+    /// More columns than a piece has, more vectors than a panel, empty rows and one that is full.
+    #[test]
+    fn transposed_rows_are_those_of_the_columns() {
+        let (row_count, columns, vectors) = (70, 2 * COLUMNS + 3, WIDTH + 1);
+        let mut rows = Rows::empty(0);
+        for r in 0..row_count {
+            let kept = |column: &usize| r != 3 && (r == 4 || random(r, *column) > 0.4);
+            for column in (0..columns).filter(kept) {
+                rows.columns.push(column as u32);
+                rows.values.push([1, 2, 3].map(|channel| random(r, channel * 1000 + column)));
+            }
+            rows.first.push(rows.columns.len());
+        }
+        let panels = Panels::from_fn(row_count, vectors, |channel, r, vector| random(5000 + r, 100 * channel + vector));
+        let products = Transposed::new(&rows, columns).multiply(&panels);
+        assert_eq!((products.rows(), products.count), (columns, vectors));
+        let mut want = vec![[[0.0f64; 3]; WIDTH + 1]; columns];
+        for r in 0..row_count {
+            for (column, value) in rows.row(r) {
+                for (vector, channel) in (0..vectors).flat_map(|v| [0, 1, 2].map(|c| (v, c))) {
+                    let x = f64::from(value[channel]) * f64::from(panels.get(channel, r, vector));
+                    want[column as usize][vector][channel] += x;
+                }
+            }
+        }
+        for (column, vector) in (0..columns).flat_map(|column| (0..vectors).map(move |v| (column, v))) {
+            for channel in 0..3 {
+                let off = f64::from(products.get(channel, column, vector)) - want[column][vector][channel];
+                assert!(off.abs() < 1e-5, "{channel} {column} {vector}: {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn compact_rows_are_those_of_panels_but_for_rounding() {
+        let panels = Panels::from_fn(9, WIDTH + 3, |channel, i, j| 1e20 * random(i, 100 * channel + j));
+        let compact = Compact::new(panels.clone());
+        let got = compact.gathered(1, [7, 2].into_iter());
+        let want = gathered(&panels.channels[1], [7, 2].into_iter());
+        assert_eq!((got.len(), compact.width), (want.len(), 2 * WIDTH));
+        assert!(got.iter().zip(&want).all(|(x, y)| (x - y).abs() <= y.abs() / 256.0));
+    }
+}
