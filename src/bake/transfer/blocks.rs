@@ -38,9 +38,14 @@ pub struct Columns<'a> {
     pub values: &'a [f32],
 }
 
-impl Columns<'_> {
+impl<'a> Columns<'a> {
     fn octet_count(&self) -> usize {
         self.inputs.len().div_ceil(PANEL_COLUMNS as usize)
+    }
+
+    /// Row r of `rows` in a channel.
+    fn row(&self, rows: usize, channel: usize, r: usize) -> &'a [f32] {
+        &self.values[(channel * rows + r) * self.inputs.len()..][..self.inputs.len()]
     }
 }
 
@@ -85,7 +90,7 @@ impl BlockMatrix {
     }
 
     /// Adds rows that share their columns, [`PANEL_ROWS`] to a panel.
-    pub fn push(&mut self, dense: &Dense) {
+    pub fn push<'a>(&mut self, dense: &Dense<'a>) {
         let &Dense { rows, own, shared, tints } = dense;
         if own.inputs.is_empty() && shared.inputs.is_empty() {
             return;
@@ -109,14 +114,10 @@ impl BlockMatrix {
         let packed = self.values.to_mut();
         for (panel, of_panel) in rows.chunks(PANEL_ROWS as usize).enumerate() {
             let first_row = panel * PANEL_ROWS as usize;
-            let row = |columns: Columns<'_>, channel: usize, r: usize| {
-                let count = columns.inputs.len();
-                (channel * rows.len() + first_row + r) * count..(channel * rows.len() + first_row + r + 1) * count
-            };
-            let of_own = (0..3).flat_map(|c| (0..of_panel.len()).map(move |r| (c, r)));
-            let of_own = of_own.flat_map(|(c, r)| &own.values[row(own, c, r)]);
-            let of_shared = (0..of_panel.len()).flat_map(|r| &shared.values[row(shared, 0, r)]);
-            let scale = scale(of_own.chain(of_shared).fold(0.0f32, |m, v| m.max(v.abs())));
+            let row = |columns: Columns<'a>, channel: usize, r: usize| columns.row(rows.len(), channel, first_row + r);
+            let all =
+                (0..of_panel.len()).flat_map(|r| [row(own, 0, r), row(own, 1, r), row(own, 2, r), row(shared, 0, r)]);
+            let scale = scale(all.flatten().fold(0.0f32, |m, v| m.max(v.abs())));
             self.panels.push(Panel {
                 first_value: packed.len() as u32,
                 first_input: first_input as u32,
@@ -129,7 +130,7 @@ impl BlockMatrix {
             self.outputs.extend(of_panel);
             lay_out(packed, [own_octets, shared_octets, of_panel.len()], |octet, channel, r| {
                 let (columns, octet) = if octet < own_octets { (own, octet) } else { (shared, octet - own_octets) };
-                pack(&columns.values[row(columns, channel, r)][octet * PANEL_COLUMNS as usize..], scale)
+                pack(&row(columns, channel, r)[octet * PANEL_COLUMNS as usize..], scale)
             });
         }
     }
