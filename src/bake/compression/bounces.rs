@@ -98,7 +98,10 @@ impl<'a> Bounces<'a> {
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
         let first = Rows::concatenated(panels.into_par_iter().map(thin).collect());
-        Thinned { series: self.series, first: Transposed::new(&first, self.seen.fine), seen: self.seen }
+        let mut transposed = Transposed::new(self.seen.fine);
+        transposed.push(&first);
+        transposed.shrink();
+        Thinned { series: self.series, first: transposed, seen: self.seen }
     }
 }
 

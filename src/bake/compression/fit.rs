@@ -78,6 +78,32 @@ pub struct Projected<'a> {
     held: Mat<f64>,
 }
 
+/// Rows of Φ and what they make of lights.
+pub struct Seen {
+    rows: Transposed,
+    /// Images of random combinations of the lights to learn from, and of the lights to check with.
+    combinations: Panels,
+    checks: Panels,
+}
+
+impl Seen {
+    /// Of no rows yet.
+    pub fn new(inputs: &Inputs) -> Self {
+        Self {
+            rows: Transposed::new(inputs.combinations.rows()),
+            combinations: Panels::zeros(0, inputs.combinations.count),
+            checks: Panels::zeros(0, inputs.checked.count),
+        }
+    }
+
+    /// Adds pixels.
+    pub fn push(&mut self, inputs: &Inputs, rows: &Rows) {
+        self.rows.push(rows);
+        self.combinations.append(panels::multiply(rows, &inputs.combinations));
+        self.checks.append(panels::multiply(rows, &inputs.checked));
+    }
+}
+
 /// Some of the rows, gathered with other random numbers.
 pub struct Anew<'a> {
     pub rows: &'a Rows,
@@ -121,14 +147,14 @@ pub struct TileFactors {
 }
 
 impl<'a> Projected<'a> {
-    /// From the rows of Φ of the supercluster's pixels. `allowed` gives the squared error beyond noise that they may have,
-    /// from the squares of their images and of their noise.
-    pub fn new(inputs: &'a Inputs, rows: Rows, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
-        let products = panels::multiply(&rows, &inputs.combinations);
-        let checks = panels::multiply(&rows, &inputs.checked);
+    /// From what the supercluster's pixels see. `allowed` gives the squared error beyond noise that they may have, from the squares
+    /// of their images and of their noise.
+    pub fn new(inputs: &'a Inputs, seen: Seen, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
+        let Seen { mut rows, combinations, checks } = seen;
+        rows.shrink();
         let again = panels::multiply(anew.rows, &inputs.checked);
         let twice = Twice::new(anew.pixels, &checks, &again, &inputs.deciding);
-        let (all, energy) = range(&products);
+        let (all, energy) = range(&combinations);
         let allowed = allowed(energy, twice.weighted_noise);
         let held = linear::product(all.transpose(), twice.images.as_ref());
         let count = twice.needed(all.as_ref(), held.as_ref(), OUTSIDE * allowed);
@@ -136,9 +162,7 @@ impl<'a> Projected<'a> {
         let held = linear::product(all.subcols(0, count), held.subrows(0, count));
         let outside = twice.outside(&held);
         let basis = all.subcols(0, count);
-        let transposed = Transposed::new(&rows, inputs.combinations.rows());
-        drop(rows);
-        let (list, terms) = seen_terms(inputs, &transposed, basis, SLIGHT * allowed);
+        let (list, terms) = seen_terms(inputs, &rows, basis, SLIGHT * allowed);
         let power = inputs.power.each_ref().map(|power| list.iter().map(|&term| power[term as usize]).collect());
         let learned = [0, 1, 2].map(|c| {
             let lit = |list: &[u32]| inputs.learned.gathered(c, list.iter().map(|&term| term as usize));

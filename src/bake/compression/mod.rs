@@ -39,7 +39,7 @@ use serde::{Deserialize, Serialize};
 use self::bounces::Bounces;
 use self::clusters::Clusters;
 use self::data::{Compressed, Supercluster, Tile};
-use self::fit::{Anew, Budget, Factors, Inputs, Projected};
+use self::fit::{Anew, Budget, Factors, Inputs, Projected, Seen};
 use self::haar::Haar;
 use self::lights::Kind;
 use self::panels::{Compact, WIDTH};
@@ -223,7 +223,12 @@ impl<'a> Compressor<'a> {
             (0..ANEW.min(samples.len())).map(|i| (2 * i + 1) * samples.len() / (2 * ANEW.min(samples.len()))).collect();
         let again: Vec<u32> = pixels.iter().map(|&p| samples[p]).collect();
         let mut gatherer = self.transfer.row_gatherer(self.settings.lobe);
-        let rows = gatherer.gather(samples);
+        let (mut seen, mut emission) = (Seen::new(&self.inputs), Vec::new());
+        for some in samples.chunks(AT_ONCE) {
+            let rows = gatherer.gather(some);
+            seen.push(&self.inputs, &rows);
+            self.emitted.iter().for_each(|emitted| emission.extend(rows.multiply(emitted)));
+        }
         gatherer.seed ^= 1 << 33;
         let anew = Anew { rows: &gatherer.gather(&again), pixels: &pixels };
         let share = samples.len() as f64 / self.clusters.samples.len() as f64;
@@ -232,8 +237,7 @@ impl<'a> Compressor<'a> {
             let (noise, all) = (noise.sqrt(), (0.5 * (share + energy)).sqrt());
             (noise + BIAS * self.settings.error * all).powi(2) - noise.powi(2)
         };
-        let emission = self.emitted.as_ref().map_or_else(Vec::new, |emitted| rows.multiply(emitted));
-        (Projected::new(&self.inputs, rows, &anew, allowed), emission)
+        (Projected::new(&self.inputs, seen, &anew, allowed), emission)
     }
 
     /// Rows of each tile, counted from the first of their supercluster.
@@ -270,6 +274,8 @@ const PAYS: f64 = 0.5;
 /// Error that each row of the first bounce may have, as a multiple of that asked for: hundreds of them add up to each
 /// pixel, and what one lacks another does not.
 const THINNED: f64 = 0.5;
+/// Rows of a supercluster that are gathered before they are put by their columns: thousands of entries each.
+const AT_ONCE: usize = 512;
 /// Rows of each supercluster that are gathered twice, to tell light from noise.
 const ANEW: usize = 128;
 /// View samples that tell how bright a light's image is.

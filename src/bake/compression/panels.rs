@@ -76,6 +76,13 @@ impl Panels {
         made
     }
 
+    /// As many vectors of other rows, behind these.
+    pub fn append(&mut self, others: Self) {
+        for (panels, others) in self.channels.iter_mut().zip(others.channels) {
+            panels.iter_mut().zip(others).for_each(|(panel, other)| panel.extend(other));
+        }
+    }
+
     /// Adds as many other vectors.
     pub fn add(&mut self, others: &Self) {
         for (panels, others) in self.channels.iter_mut().zip(&others.channels) {
@@ -231,6 +238,7 @@ const COLUMNS: usize = 256;
 
 /// Sparse rows by their columns: what is read together lies together, as often as they are multiplied.
 pub struct Transposed {
+    rows: usize,
     columns: usize,
     /// For each [`COLUMNS`] columns, row by row.
     pieces: Vec<Vec<Entry>>,
@@ -243,16 +251,26 @@ struct Entry {
 }
 
 impl Transposed {
-    pub fn new(rows: &Rows, columns: usize) -> Self {
-        assert!(rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
-        let mut pieces: Vec<Vec<Entry>> = (0..columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
+    /// Of no rows yet.
+    pub fn new(columns: usize) -> Self {
+        Self { rows: 0, columns, pieces: (0..columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect() }
+    }
+
+    /// Adds rows behind those that are there.
+    pub fn push(&mut self, rows: &Rows) {
+        assert!(self.rows + rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
         for row in 0..rows.len() {
             for (column, value) in rows.row(row) {
-                let place = (row * COLUMNS + column as usize % COLUMNS) as u32;
-                pieces[column as usize / COLUMNS].push(Entry { place, value });
+                let place = ((self.rows + row) * COLUMNS + column as usize % COLUMNS) as u32;
+                self.pieces[column as usize / COLUMNS].push(Entry { place, value });
             }
         }
-        Self { columns, pieces }
+        self.rows += rows.len();
+    }
+
+    /// Frees what was reserved for further rows.
+    pub fn shrink(&mut self) {
+        self.pieces.iter_mut().for_each(Vec::shrink_to_fit);
     }
 
     /// One a channel times the vectors: a row of the result for each column.
@@ -333,7 +351,15 @@ mod tests {
             rows.first.push(rows.columns.len());
         }
         let panels = Panels::from_fn(row_count, vectors, |channel, r, vector| random(5000 + r, 100 * channel + vector));
-        let products = Transposed::new(&rows, columns).multiply(&panels);
+        let mut transposed = Transposed::new(columns);
+        transposed.push(&Rows { first: rows.first[..31].to_vec(), ..rows.clone() });
+        let rest = rows.first[30];
+        transposed.push(&Rows {
+            first: rows.first[30..].iter().map(|first| first - rest).collect(),
+            columns: rows.columns[rest..].to_vec(),
+            values: rows.values[rest..].to_vec(),
+        });
+        let products = transposed.multiply(&panels);
         assert_eq!((products.rows(), products.count), (columns, vectors));
         let mut want = vec![[[0.0f64; 3]; WIDTH + 1]; columns];
         for r in 0..row_count {
@@ -345,8 +371,8 @@ mod tests {
             }
         }
         for (column, vector) in (0..columns).flat_map(|column| (0..vectors).map(move |v| (column, v))) {
-            for channel in 0..3 {
-                let off = f64::from(products.get(channel, column, vector)) - want[column][vector][channel];
+            for (channel, want) in want[column][vector].iter().enumerate() {
+                let off = f64::from(products.get(channel, column, vector)) - want;
                 assert!(off.abs() < 1e-5, "{channel} {column} {vector}: {off}");
             }
         }
