@@ -3,6 +3,7 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
@@ -20,7 +21,7 @@ layout(constant_id = 2) const uint LIGHTS = 1;
 #include "lib/add_radiance.glsl"
 
 // Threads that share a strip. Without a GPU each read of 16 bytes becomes four gathers: the first ones together touch every cache
-// line that the rest need, so that a strip waits for memory once an octet.
+// line of an octet that the rest need.
 const uint LANES = PANEL_COLUMNS;
 const uint ROWS = STRIP_ROWS / LANES;
 
@@ -32,32 +33,53 @@ void store(uint output_index, uint light, vec3 sum) {
     }
 }
 
-// Inputs of the next of the octets before `end` that light falls on, or of the last; others are passed over, with their factors:
-// what a light does not reach.
-uint next_octet(Panel panel, uint octet, uint end, bool tinted, uint lane, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
-    vec3 own[LIGHTS];
-    uint column;
-    for (;; ++octet) {
-        // Each lane reads one column's input, for all.
-        column = panel.first_input + octet * PANEL_COLUMNS + lane;
+// Octets of a batch: memory is asked for the first words of all before any is waited for.
+const uint BATCH = 4;
+
+struct Batch {
+    // Of each octet the first word of this lane's rows, and the input of this lane's column.
+    uint words[BATCH];
+    vec3 inputs[BATCH][LIGHTS];
+    // Bits of octets that light falls on. Others are passed over, with their factors: what a light does not reach.
+    uint lit;
+};
+
+// From `octet` on, of those before `end`; octet 0 has its first word at `place`, the next one's is `pitch` further.
+Batch read_batch(Panel panel, uint octet, uint end, uint place, uint pitch, bool tinted, uint lane) {
+    Batch batch;
+    batch.lit = 0;
+    [[unroll]] for (uint i = 0; i < BATCH; ++i) {
+        uint existing = min(octet + i, end - 1);
+        batch.words[i] = push.values.at[place + existing * pitch].x;
+        uint column = panel.first_input + existing * PANEL_COLUMNS + lane;
         uint input_index = push.inputs.at[column];
-        bool lit = octet + 1 == end;
+        vec3 tint = tinted ? push.tints.at[column] : vec3(1.0);
         [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-            own[l] = push.vector.at[input_index * LIGHTS + l].rgb;
-            lit = lit || own[l] != vec3(0.0);
-        }
-        if (subgroupBallot(lit) != uvec4(0)) {
-            break;
+            vec3 own = push.vector.at[input_index * LIGHTS + l].rgb;
+            batch.lit |= own != vec3(0.0) ? 1 << i : 0;
+            batch.inputs[i][l] = own * tint;
         }
     }
-    vec3 tint = tinted ? push.tints.at[column] : vec3(1.0);
+    batch.lit = subgroupOr(batch.lit);
+    return batch;
+}
+
+// The first word of an octet of the batch, and its inputs, for all lanes.
+uint read_octet(Batch batch, uint octet, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
+    uint word;
+    vec3 own[LIGHTS];
+    [[unroll]] for (uint i = 0; i < BATCH; ++i) {
+        word = i == 0 || i == octet ? batch.words[i] : word;
+        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+            own[l] = i == 0 || i == octet ? batch.inputs[i][l] : own[l];
+        }
+    }
     [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-        own[l] *= tint;
         [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
             x[l][k] = subgroupBroadcast(own[l], k);
         }
     }
-    return octet;
+    return word;
 }
 
 void main() {
@@ -81,17 +103,23 @@ void main() {
         }
     }
     vec3 x[LIGHTS][PANEL_COLUMNS];
-    if (CHANNELS == 3) {
-        for (uint octet = 0; octet < own_count; ++octet) {
-            octet = next_octet(panel, octet, own_count, false, lane, x);
-            uint of_octet = first + 3 * octet * stride;
+    // Lanes beyond the last row read that.
+    uint first_row = min(lane * ROWS, stride - 1);
+    for (uint octet = 0; octet < own_count; octet += BATCH) {
+        Batch batch = read_batch(panel, octet, own_count, first + first_row, 3 * stride, false, lane);
+        for (uint i = 0; i < BATCH && octet + i < own_count; ++i) {
+            if ((batch.lit >> i & 1) == 0) {
+                continue;
+            }
+            uint word = read_octet(batch, i, x);
+            uint of_octet = first + 3 * (octet + i) * stride;
             [[unroll]] for (uint r = 0; r < ROWS; ++r) {
-                // Lanes beyond the last row read that.
                 uint place = of_octet + min(lane * ROWS + r, stride - 1);
                 uvec4 packed[3];
                 [[unroll]] for (uint c = 0; c < 3; ++c) {
                     packed[c] = push.values.at[place + c * stride];
                 }
+                packed[0].x = r == 0 ? word : packed[0].x;
                 [[unroll]] for (uint c = 0; c < 3; ++c) {
                     [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
                         vec2 pair = unpackHalf2x16(packed[c][k]);
@@ -104,15 +132,22 @@ void main() {
         }
     }
     first += 2 * own_count * stride;
-    for (uint octet = own_count; octet < panel.octet_count; ++octet) {
-        octet = next_octet(panel, octet, panel.octet_count, CHANNELS == 3, lane, x);
-        uint of_octet = first + octet * stride;
-        [[unroll]] for (uint r = 0; r < ROWS; ++r) {
-            uvec4 packed = push.values.at[of_octet + min(lane * ROWS + r, stride - 1)];
-            [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
-                vec2 pair = unpackHalf2x16(packed[k]);
-                [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-                    sums[l][r] += pair.x * x[l][2 * k] + pair.y * x[l][2 * k + 1];
+    for (uint octet = own_count; octet < panel.octet_count; octet += BATCH) {
+        Batch batch = read_batch(panel, octet, panel.octet_count, first + first_row, stride, CHANNELS == 3, lane);
+        for (uint i = 0; i < BATCH && octet + i < panel.octet_count; ++i) {
+            if ((batch.lit >> i & 1) == 0) {
+                continue;
+            }
+            uint word = read_octet(batch, i, x);
+            uint of_octet = first + (octet + i) * stride;
+            [[unroll]] for (uint r = 0; r < ROWS; ++r) {
+                uvec4 packed = push.values.at[of_octet + min(lane * ROWS + r, stride - 1)];
+                packed.x = r == 0 ? word : packed.x;
+                [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
+                    vec2 pair = unpackHalf2x16(packed[k]);
+                    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+                        sums[l][r] += pair.x * x[l][2 * k] + pair.y * x[l][2 * k + 1];
+                    }
                 }
             }
         }
