@@ -362,6 +362,18 @@ gpu_shared! {
             pub height_count: u32,
         }
 
+        /// haar_sums.comp
+        pub push HaarSumsPush {
+            /// Of each sum what it adds up; the first gets the sum over the root of their number.
+            pub places: Read<u32>,
+            /// Where each sum's places begin, and where the last one's end.
+            pub first_place: Read<u32>,
+            /// RGB and nothing, of several lights side by side, element by element.
+            pub vector: Write<Vec4>,
+            pub sum_count: u32,
+            pub unused: u32,
+        }
+
         /// multiply_sparse.comp
         pub push MultiplySparsePush {
             /// One a workgroup.

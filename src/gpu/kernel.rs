@@ -28,6 +28,7 @@ embedded![
     "add_light_rays.comp",
     "shade_factored.comp",
     "haar.comp",
+    "haar_sums.comp",
     "multiply_blocks.comp",
     "multiply_sparse.comp",
     "resolve.comp",

@@ -1,20 +1,24 @@
-//! The Haar transform of λ0 on the device: subtrees of gather samples first, a workgroup each, then what is above them.
+//! The Haar transform of λ0 on the device, without what no product reads: sums of coefficients first, then rotations, of subtrees of
+//! gather samples, a workgroup each, and of what is above them.
 
 use std::sync::Arc;
 
 use glam::Vec4;
 
 use super::indirect::ByLights;
-use crate::bake::compression::haar::Haar;
+use crate::bake::compression::haar::{Haar, Pruned};
 use crate::bake::point_tree::middle;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
-use crate::shared::{GROUP_SIZE, HaarPush, Rotation};
+use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, Rotation};
 
 pub struct HaarTransform {
+    places: Buffer<u32>,
+    first_place: Buffer<u32>,
+    sums: ByLights,
     rotations: Buffer<Rotation>,
     launches: Vec<Launch>,
-    kernels: ByLights,
+    rotate: ByLights,
 }
 
 /// Subtrees of the same height.
@@ -29,9 +33,10 @@ struct Launch {
 const SUBTREE: usize = 256;
 
 impl HaarTransform {
-    /// Coefficients of sample i are `first[i]..first[i + 1]`.
-    pub fn new(context: &Arc<Context>, first: &[u32]) -> Result<Self> {
-        let order = Order::new(first);
+    /// Of coefficients, of which sample i has `first[i]..first[i + 1]`, to the terms that are `needed`.
+    pub fn new(context: &Arc<Context>, first: &[u32], needed: &[bool]) -> Result<Self> {
+        let Pruned { places, first_place, haar } = Haar::new(first).pruned(needed);
+        let order = Order::new(&haar, first);
         let launch = |ranges: &Vec<Vec<u32>>| -> Result<Launch> {
             Ok(Launch {
                 ranges: Buffer::from_slice(context, "transfer (Haar ranges)", &ranges.concat())?,
@@ -40,18 +45,32 @@ impl HaarTransform {
             })
         };
         Ok(Self {
+            places: Buffer::from_slice(context, "transfer (Haar sums)", &places)?,
+            first_place: Buffer::from_slice(context, "transfer (Haar sums)", &first_place)?,
+            sums: ByLights::new(context, "haar_sums", [])?,
             rotations: Buffer::from_slice(context, "transfer (Haar rotations)", &order.rotations)?,
             launches: order.launches.iter().map(launch).collect::<Result<_>>()?,
-            kernels: ByLights::new(context, "haar", [])?,
+            rotate: ByLights::new(context, "haar", [])?,
         })
     }
 
     pub fn pass_count(&self) -> usize {
-        self.launches.len()
+        1 + self.launches.len()
     }
 
     /// Transforms the beginning of `vector`, in place, under so many lights.
     pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, light_count: usize) {
+        if !self.places.is_empty() {
+            let mut pass = frame.pass("Haar transform");
+            let push = HaarSumsPush {
+                places: pass.read(&self.places),
+                first_place: pass.read(&self.first_place),
+                vector: pass.write(vector),
+                sum_count: self.first_place.len() as u32 - 1,
+                unused: 0,
+            };
+            pass.dispatch(self.sums.get(light_count), &push, push.sum_count);
+        }
         for launch in &self.launches {
             let mut pass = frame.pass("Haar transform");
             let push = HaarPush {
@@ -61,7 +80,7 @@ impl HaarTransform {
                 subtree_count: launch.subtree_count,
                 height_count: launch.height_count,
             };
-            pass.dispatch(self.kernels.get(light_count), &push, launch.subtree_count * GROUP_SIZE);
+            pass.dispatch(self.rotate.get(light_count), &push, launch.subtree_count * GROUP_SIZE);
         }
     }
 }
@@ -75,8 +94,7 @@ struct Order {
 
 impl Order {
     /// For coefficients of which sample i has `first[i]..first[i + 1]`.
-    fn new(first: &[u32]) -> Self {
-        let haar = Haar::new(first);
+    fn new(haar: &Haar, first: &[u32]) -> Self {
         let samples = first.len().saturating_sub(1);
         let mut ends = Vec::new();
         subtrees(0, samples, &mut ends);
@@ -131,10 +149,11 @@ mod tests {
             let mut first = vec![0];
             (0..samples).for_each(|i| first.push(first[i] + [1, 4, 1, 9, 16, 0][i % 5]));
             let length = first[samples] as usize;
-            let order = Order::new(&first);
+            let haar = Haar::new(&first);
+            let order = Order::new(&haar, &first);
             let mut values: Vec<[f32; 1]> = (0..length).map(|i| [(i as f32 * 0.37).sin()]).collect();
             let mut want = values.clone();
-            Haar::new(&first).transform(&mut want);
+            haar.transform(&mut want);
             for launch in &order.launches {
                 for ranges in launch.iter().rev() {
                     for r in &order.rotations[ranges[0] as usize..ranges[ranges.len() - 1] as usize] {

@@ -195,7 +195,10 @@ impl Indirect {
                 Access::Device,
                 LIGHTS_A_PASS as usize * transfer.vector_length,
             )?,
-            haar: transfer.haar.then(|| HaarTransform::new(context, &transfer.first())).transpose()?,
+            haar: transfer
+                .haar
+                .then(|| HaarTransform::new(context, &transfer.first(), &transfer.needed()))
+                .transpose()?,
             inner,
             coarse,
             last,

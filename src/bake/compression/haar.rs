@@ -30,6 +30,19 @@ pub struct Haar {
     pub heights: Vec<usize>,
 }
 
+/// What makes some of all terms: sums first, then rotations.
+pub struct Pruned {
+    /// Places of coefficients. Their sum over the root of their number comes to the first of them.
+    pub places: Vec<u32>,
+    /// Where each sum's places begin, and where the last one's end.
+    pub first_place: Vec<u32>,
+    /// The rotations that are left, some of which make terms that nothing needs.
+    pub haar: Haar,
+}
+
+/// Places of a sum, at most: a thread adds them up.
+const LONGEST_SUM: u32 = 32;
+
 /// For each coefficient index: how many samples of a node have it, and where their sum is.
 type Sums = Vec<(u32, u32)>;
 
@@ -68,6 +81,48 @@ impl Haar {
             (spans[sum], spans[term]) = (both, both);
         }
         spans
+    }
+
+    /// Leaves out what no term is made of that is `needed`. Subtrees without such terms become sums.
+    pub fn pruned(&self, needed: &[bool]) -> Pruned {
+        // From the top down, `above`: whether the sum that lies here is part of anything.
+        let mut above = needed.to_vec();
+        let mut kept = vec![false; self.rotations.len()];
+        for (kept, rotation) in kept.iter_mut().zip(&self.rotations).rev() {
+            let [sum, term] = [rotation.sum, rotation.term].map(|place| place as usize);
+            *kept = above[sum] || above[term];
+            (above[sum], above[term]) = (*kept, *kept);
+        }
+        // From the bottom up, chains of places that are summed.
+        let mut next: Vec<u32> = (0..needed.len() as u32).collect();
+        let mut last = next.clone();
+        let mut count = vec![1; needed.len()];
+        let mut rotated = vec![false; needed.len()];
+        let mut haar = Self { rotations: Vec::new(), heights: vec![0] };
+        for range in self.heights.windows(2) {
+            for rotation in (range[0]..range[1]).filter(|&i| kept[i]).map(|i| self.rotations[i]) {
+                let [sum, term] = [rotation.sum, rotation.term].map(|place| place as usize);
+                let all = count[sum] + count[term];
+                if rotated[sum] || rotated[term] || needed[term] || all > LONGEST_SUM {
+                    haar.rotations.push(rotation);
+                    (rotated[sum], rotated[term]) = (true, true);
+                } else {
+                    next[last[sum] as usize] = rotation.term;
+                    (last[sum], count[sum], count[term]) = (last[term], all, 0);
+                }
+            }
+            haar.heights.push(haar.rotations.len());
+        }
+        let (mut places, mut first_place) = (Vec::new(), vec![0]);
+        for place in (0..needed.len()).filter(|&p| count[p] > 1) {
+            let mut at = place as u32;
+            for _ in 0..count[place] {
+                places.push(at);
+                at = next[at as usize];
+            }
+            first_place.push(places.len() as u32);
+        }
+        Pruned { places, first_place, haar }
     }
 
     /// The terms of RGB coefficients, in double precision.
@@ -167,6 +222,23 @@ mod tests {
             }
 
             let mut side_by_side: Vec<[f32; 2]> = values.iter().map(|v| [*v as f32, -*v as f32]).collect();
+            let some: Vec<bool> = (0..side_by_side.len() as u32).map(|i| points.at(i, 1)[0] < 0.2).collect();
+            for needed in [&some[..], &vec![true; some.len()], &vec![false; some.len()]] {
+                let Pruned { places, first_place, haar } = haar.pruned(needed);
+                let mut pruned = side_by_side.clone();
+                for range in first_place.windows(2) {
+                    let summed = &places[range[0] as usize..range[1] as usize];
+                    let sum: f32 = summed.iter().map(|p| pruned[*p as usize][0]).sum();
+                    pruned[summed[0] as usize][0] = sum / (summed.len() as f32).sqrt();
+                }
+                haar.transform(&mut pruned);
+                for (place, _) in needed.iter().enumerate().filter(|n| *n.1) {
+                    prop_assert!((f64::from(pruned[place][0]) - terms[place]).abs() < 1e-5);
+                }
+                let work = (places.len(), haar.rotations.len());
+                prop_assert!(work.0 + work.1 <= side_by_side.len());
+                prop_assert!(work == (0, 0) || needed.contains(&true));
+            }
             haar.transform(&mut side_by_side);
             for (pair, want) in side_by_side.iter().zip(&terms) {
                 prop_assert!((f64::from(pair[0]) - want).abs() < 1e-5 && pair[0] == -pair[1]);

@@ -132,6 +132,12 @@ impl SparseMatrix {
         self.slices.iter().map(|s| 6 * u64::from(s.row_count) * u64::from(s.pair_count)).sum()
     }
 
+    /// Each term's column.
+    pub fn inputs(&self) -> impl Iterator<Item = u32> {
+        let rows = self.slices.iter().flat_map(|slice| (0..slice.row_count as usize).map(move |row| (slice, row)));
+        rows.flat_map(|(slice, row)| self.terms(slice, row)).map(|(column, _)| column as u32)
+    }
+
     /// The product with `vector`, in double precision; twin of multiply_sparse.comp.
     pub fn multiply(&self, vector: &[DVec3]) -> Vec<DVec3> {
         self.sum_rows(|factor, i| factor * vector[i])

@@ -187,6 +187,15 @@ impl BakedTransfer {
         self.samples.iter().map(|s| s.first).chain(end).collect()
     }
 
+    /// Of each of direct light's coefficients whether any product reads it, transformed where it is.
+    pub fn needed(&self) -> Vec<bool> {
+        let mut needed = vec![false; self.vector_length];
+        let of_chain = self.chain.iter().chain(&self.coarse).flat_map(|m| m.inputs.iter().copied());
+        of_chain.chain(self.sparse.iter().flat_map(SparseMatrix::inputs)).for_each(|i| needed[i as usize] = true);
+        needed.truncate(self.first().last().map_or(0, |end| *end as usize));
+        needed
+    }
+
     /// Bytes that all products read a light, and their multiply-adds.
     pub fn cost(&self) -> (usize, u64) {
         let of_chain = self.chain.iter().map(|m| (m.bytes(), m.multiply_adds()));
