@@ -1,5 +1,5 @@
-// Scaling functions of Haar wavelets over subtrees of which nothing else is needed, in place, under some lights: a subtree's
-// coefficients of one index a thread. Twin: src/bake/compression/haar.rs.
+// Sums of coefficients over subtrees whose Haar terms nothing reads, normalised, in place, under some lights: a sum a thread.
+// Twin: src/bake/compression/haar.rs.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require

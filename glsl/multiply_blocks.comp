@@ -3,7 +3,6 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
@@ -33,53 +32,67 @@ void store(uint output_index, uint light, vec3 sum) {
     }
 }
 
-// Octets of a batch: memory is asked for the first words of all before any is waited for.
+// Octets of a batch: memory is asked for what all of them read first before any is waited for.
 const uint BATCH = 4;
 
 struct Batch {
-    // Of each octet the first word of this lane's rows, and the input of this lane's column.
-    uint words[BATCH];
+    // Of each octet the first word of this lane's rows in each channel, and the input of this lane's column.
+    uvec3 words[BATCH];
     vec3 inputs[BATCH][LIGHTS];
     // Bits of octets that light falls on. Others are passed over, with their factors: what a light does not reach.
     uint lit;
 };
 
-// From `octet` on, of those before `end`; octet 0 has its first word at `place`, the next one's is `pitch` further.
-Batch read_batch(Panel panel, uint octet, uint end, uint place, uint pitch, bool tinted, uint lane) {
+// From `octet` on, of those before `end`. The first words of octet o are from `place + o * channels * stride` on, a stride apart.
+Batch read_batch(Panel panel, uint octet, uint end, uint place, uint channels, uint stride, uint lane) {
     Batch batch;
     batch.lit = 0;
     [[unroll]] for (uint i = 0; i < BATCH; ++i) {
-        uint existing = min(octet + i, end - 1);
-        batch.words[i] = push.values.at[place + existing * pitch].x;
-        uint column = panel.first_input + existing * PANEL_COLUMNS + lane;
+        uint column = panel.first_input + min(octet + i, end - 1) * PANEL_COLUMNS + lane;
         uint input_index = push.inputs.at[column];
-        vec3 tint = tinted ? push.tints.at[column] : vec3(1.0);
+        vec3 tint = CHANNELS == 3 && channels == 1 ? push.tints.at[column] : vec3(1.0);
+        bool lit = false;
         [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
             vec3 own = push.vector.at[input_index * LIGHTS + l].rgb;
-            batch.lit |= own != vec3(0.0) ? 1 << i : 0;
+            lit = lit || own != vec3(0.0);
             batch.inputs[i][l] = own * tint;
         }
+        batch.lit |= octet + i < end && subgroupBallot(lit) != uvec4(0) ? 1 << i : 0;
     }
-    batch.lit = subgroupOr(batch.lit);
+    if (batch.lit == 0) {
+        return batch;
+    }
+    // In place of one in the dark, one that is read anyway.
+    uint lit = octet + findLSB(batch.lit);
+    [[unroll]] for (uint i = 0; i < BATCH; ++i) {
+        lit = (batch.lit >> i & 1) != 0 ? octet + i : lit;
+        [[unroll]] for (uint c = 0; c < channels; ++c) {
+            batch.words[i][c] = push.values.at[place + (lit * channels + c) * stride].x;
+        }
+    }
     return batch;
 }
 
 // The first word of an octet of the batch, and its inputs, for all lanes.
-uint read_octet(Batch batch, uint octet, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
-    uint word;
+uvec3 read_octet(Batch batch, uint octet, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
+    // Picked, not indexed: the batch stays in registers.
+    uvec3 words = batch.words[0];
     vec3 own[LIGHTS];
-    [[unroll]] for (uint i = 0; i < BATCH; ++i) {
-        word = i == 0 || i == octet ? batch.words[i] : word;
-        [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
-            own[l] = i == 0 || i == octet ? batch.inputs[i][l] : own[l];
+    [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
+        own[l] = batch.inputs[0][l];
+        [[unroll]] for (uint i = 1; i < BATCH; ++i) {
+            own[l] = i == octet ? batch.inputs[i][l] : own[l];
         }
+    }
+    [[unroll]] for (uint i = 1; i < BATCH; ++i) {
+        words = i == octet ? batch.words[i] : words;
     }
     [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
         [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
             x[l][k] = subgroupBroadcast(own[l], k);
         }
     }
-    return word;
+    return words;
 }
 
 void main() {
@@ -106,20 +119,20 @@ void main() {
     // Lanes beyond the last row read that.
     uint first_row = min(lane * ROWS, stride - 1);
     for (uint octet = 0; octet < own_count; octet += BATCH) {
-        Batch batch = read_batch(panel, octet, own_count, first + first_row, 3 * stride, false, lane);
+        Batch batch = read_batch(panel, octet, own_count, first + first_row, 3, stride, lane);
         for (uint i = 0; i < BATCH && octet + i < own_count; ++i) {
             if ((batch.lit >> i & 1) == 0) {
                 continue;
             }
-            uint word = read_octet(batch, i, x);
+            uvec3 words = read_octet(batch, i, x);
             uint of_octet = first + 3 * (octet + i) * stride;
             [[unroll]] for (uint r = 0; r < ROWS; ++r) {
                 uint place = of_octet + min(lane * ROWS + r, stride - 1);
                 uvec4 packed[3];
                 [[unroll]] for (uint c = 0; c < 3; ++c) {
                     packed[c] = push.values.at[place + c * stride];
+                    packed[c].x = r == 0 ? words[c] : packed[c].x;
                 }
-                packed[0].x = r == 0 ? word : packed[0].x;
                 [[unroll]] for (uint c = 0; c < 3; ++c) {
                     [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
                         vec2 pair = unpackHalf2x16(packed[c][k]);
@@ -133,12 +146,12 @@ void main() {
     }
     first += 2 * own_count * stride;
     for (uint octet = own_count; octet < panel.octet_count; octet += BATCH) {
-        Batch batch = read_batch(panel, octet, panel.octet_count, first + first_row, stride, CHANNELS == 3, lane);
+        Batch batch = read_batch(panel, octet, panel.octet_count, first + first_row, 1, stride, lane);
         for (uint i = 0; i < BATCH && octet + i < panel.octet_count; ++i) {
             if ((batch.lit >> i & 1) == 0) {
                 continue;
             }
-            uint word = read_octet(batch, i, x);
+            uint word = read_octet(batch, i, x).x;
             uint of_octet = first + (octet + i) * stride;
             [[unroll]] for (uint r = 0; r < ROWS; ++r) {
                 uvec4 packed = push.values.at[of_octet + min(lane * ROWS + r, stride - 1)];

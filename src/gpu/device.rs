@@ -97,10 +97,10 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
         ("dynamicRendering", features13.dynamic_rendering == vk::TRUE),
         ("depthClamp", core.depth_clamp == vk::TRUE),
         (
-            "subgroups of 8 that broadcast and add",
+            "subgroups of 8 that broadcast",
             subgroups.subgroup_size >= 8 && {
                 let operations = subgroups.supported_operations;
-                operations.contains(vk::SubgroupFeatureFlags::BALLOT | vk::SubgroupFeatureFlags::ARITHMETIC)
+                operations.contains(vk::SubgroupFeatureFlags::BALLOT)
                     && subgroups.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
             },
         ),

@@ -206,7 +206,7 @@ impl Indirect {
         })
     }
 
-    /// Passes that [`Self::add`] records for one light; never more for each of several.
+    /// Passes that [`Self::add`] records for one light, at most; never more for each of several.
     pub fn pass_count(&self) -> usize {
         let inner = self.inner.len().max(self.coarse.len());
         2 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len()

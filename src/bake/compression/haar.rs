@@ -30,17 +30,17 @@ pub struct Haar {
     pub heights: Vec<usize>,
 }
 
-/// What makes some of all terms: sums first, then rotations.
+/// A transform to some terms: sums first, then rotations. Other places end with anything.
 pub struct Pruned {
     /// Places of coefficients. Their sum over the root of their number comes to the first of them.
     pub places: Vec<u32>,
     /// Where each sum's places begin, and where the last one's end.
     pub first_place: Vec<u32>,
-    /// The rotations that are left, some of which make terms that nothing needs.
+    /// The rotations that are left.
     pub haar: Haar,
 }
 
-/// Places of a sum, at most: a thread adds them up.
+/// Places of a sum, at most: a thread adds them up while its neighbours, whose sums are shorter, wait.
 const LONGEST_SUM: u32 = 32;
 
 /// For each coefficient index: how many samples of a node have it, and where their sum is.
@@ -83,15 +83,15 @@ impl Haar {
         spans
     }
 
-    /// Leaves out what no term is made of that is `needed`. Subtrees without such terms become sums.
+    /// Leaves out what no `needed` term depends on, of one flag a coefficient. Subtrees without such terms become sums.
     pub fn pruned(&self, needed: &[bool]) -> Pruned {
-        // From the top down, `above`: whether the sum that lies here is part of anything.
-        let mut above = needed.to_vec();
+        // From the top down, whether anything needed is made of what lies at a place.
+        let mut used = needed.to_vec();
         let mut kept = vec![false; self.rotations.len()];
-        for (kept, rotation) in kept.iter_mut().zip(&self.rotations).rev() {
+        for (i, rotation) in self.rotations.iter().enumerate().rev() {
             let [sum, term] = [rotation.sum, rotation.term].map(|place| place as usize);
-            *kept = above[sum] || above[term];
-            (above[sum], above[term]) = (*kept, *kept);
+            kept[i] = used[sum] || used[term];
+            (used[sum], used[term]) = (kept[i], kept[i]);
         }
         // From the bottom up, chains of places that are summed.
         let mut next: Vec<u32> = (0..needed.len() as u32).collect();
@@ -135,6 +135,19 @@ impl Haar {
             values[rotation.term as usize] = (s * left).sub(c * right);
         }
         values
+    }
+}
+
+impl Pruned {
+    /// Transforms vectors side by side, as [`Haar::transform`] does; twin of haar_sums.comp and haar.comp.
+    pub fn transform<const WIDTH: usize>(&self, values: &mut [[f32; WIDTH]]) {
+        for range in self.first_place.windows(2) {
+            let places = &self.places[range[0] as usize..range[1] as usize];
+            let scale = 1.0 / (places.len() as f32).sqrt();
+            values[places[0] as usize] =
+                std::array::from_fn(|i| scale * places.iter().map(|&p| values[p as usize][i]).sum::<f32>());
+        }
+        self.haar.transform(values);
     }
 }
 
@@ -222,24 +235,16 @@ mod tests {
             }
 
             let mut side_by_side: Vec<[f32; 2]> = values.iter().map(|v| [*v as f32, -*v as f32]).collect();
-            let all = haar.rotations.len();
-            let some: Vec<bool> = (0..side_by_side.len() as u32).map(|i| points.at(i, 1)[0] < 0.2).collect();
-            for needed in [&some[..], &vec![true; some.len()], &vec![false; some.len()]] {
-                let Pruned { places, first_place, haar } = haar.pruned(needed);
-                let mut pruned = side_by_side.clone();
-                for range in first_place.windows(2) {
-                    let summed = &places[range[0] as usize..range[1] as usize];
-                    let sum: f32 = summed.iter().map(|p| pruned[*p as usize][0]).sum();
-                    pruned[summed[0] as usize][0] = sum / (summed.len() as f32).sqrt();
-                }
-                haar.transform(&mut pruned);
+            let some = (0..side_by_side.len() as u32).map(|i| points.at(i, 1)[0] < 0.2).collect();
+            for needed in [some, vec![true; terms.len()], vec![false; terms.len()]] {
+                let pruned = haar.pruned(&needed);
+                let mut values = side_by_side.clone();
+                pruned.transform(&mut values);
                 for (place, _) in needed.iter().enumerate().filter(|n| *n.1) {
-                    prop_assert!((f64::from(pruned[place][0]) - terms[place]).abs() < 1e-5);
+                    prop_assert!((f64::from(values[place][0]) - terms[place]).abs() < 1e-5);
                 }
-                let work = (places.len() + 1 - first_place.len(), haar.rotations.len());
-                prop_assert!(work.0 + work.1 <= all);
-                prop_assert!(work != (0, all) || needed.iter().all(|n| *n) || all < 20);
-                prop_assert!(work == (0, 0) || needed.contains(&true));
+                let work = pruned.places.len() + 1 - pruned.first_place.len() + pruned.haar.rotations.len();
+                prop_assert!(work <= haar.rotations.len() && (work == 0 || needed.contains(&true)));
             }
             haar.transform(&mut side_by_side);
             for (pair, want) in side_by_side.iter().zip(&terms) {
@@ -253,6 +258,22 @@ mod tests {
                 places.dedup();
                 prop_assert_eq!(places.len(), count, "rotations of one height touch a place twice");
             }
+        }
+    }
+
+    #[test]
+    fn one_term_is_made_of_sums_and_what_lies_above_it() {
+        let first: Vec<u32> = (0..=256).collect();
+        let haar = Haar::new(&first);
+        // Of the lowest rotation, which tells the first two apart; of the highest one, halves.
+        for (needed, sums, rotations) in [(1, 0, 1), (128, 8, 7)] {
+            let pruned = haar.pruned(&(0..256).map(|place| place == needed).collect::<Vec<_>>());
+            let mut values: Vec<[f32; 1]> = (0..256).map(|i| [(i as f32 * 0.37).sin()]).collect();
+            let mut want = values.clone();
+            haar.transform(&mut want);
+            pruned.transform(&mut values);
+            assert!((values[needed][0] - want[needed][0]).abs() < 1e-5);
+            assert_eq!((pruned.first_place.len() - 1, pruned.haar.rotations.len()), (sums, rotations), "term {needed}");
         }
     }
 }

@@ -87,8 +87,8 @@ impl SparseMatrix {
         let end = |s: &Slice| s.first_value as usize + s.pair_count as usize * ROWS;
         let inputs_exist = |slice: &Slice| {
             (0..slice.row_count as usize).all(|r| {
-                let mut terms = self.terms(slice, r);
-                terms.all(|(column, _)| column < u64::from(self.input_count))
+                let mut columns = self.columns(slice, r);
+                columns.all(|(column, _)| column < u64::from(self.input_count))
             })
         };
         self.outputs.iter().all(|&o| o < self.output_count && !std::mem::replace(&mut seen[o as usize], true))
@@ -135,7 +135,7 @@ impl SparseMatrix {
     /// Each term's column.
     pub fn inputs(&self) -> impl Iterator<Item = u32> {
         let rows = self.slices.iter().flat_map(|slice| (0..slice.row_count as usize).map(move |row| (slice, row)));
-        rows.flat_map(|(slice, row)| self.terms(slice, row)).map(|(column, _)| column as u32)
+        rows.flat_map(|(slice, row)| self.columns(slice, row)).map(|(column, _)| column as u32)
     }
 
     /// The product with `vector`, in double precision; twin of multiply_sparse.comp.
@@ -166,6 +166,14 @@ impl SparseMatrix {
 
     /// Column and factors of each term of a row, before the slice's scale.
     fn terms(&self, slice: &Slice, row: usize) -> impl Iterator<Item = (u64, DVec3)> {
+        self.columns(slice, row).map(|(column, words)| {
+            let [red, green, blue, _]: [f16; 4] = bytemuck::cast(words);
+            (column, DVec3::new(red.to_f64(), green.to_f64(), blue.to_f64()))
+        })
+    }
+
+    /// Column of each term of a row, and its words.
+    fn columns(&self, slice: &Slice, row: usize) -> impl Iterator<Item = (u64, [u32; 2])> {
         let first = slice.first_value as usize + row;
         let halves = (0..slice.pair_count as usize).flat_map(move |pair| {
             let words = self.values[first + pair * ROWS].to_array();
@@ -173,8 +181,7 @@ impl SparseMatrix {
         });
         halves.scan(0u64, |column, words| {
             *column += u64::from(words[1] >> 16);
-            let [red, green, blue, _]: [f16; 4] = bytemuck::cast(words);
-            Some((*column, DVec3::new(red.to_f64(), green.to_f64(), blue.to_f64())))
+            Some((*column, words))
         })
     }
 }

@@ -187,7 +187,7 @@ impl BakedTransfer {
         self.samples.iter().map(|s| s.first).chain(end).collect()
     }
 
-    /// Of each of direct light's coefficients whether any product reads it, transformed where it is.
+    /// Which elements of λ0, after its Haar transform if there is one, any product reads.
     pub fn needed(&self) -> Vec<bool> {
         let mut needed = vec![false; self.vector_length];
         let of_chain = self.chain.iter().chain(&self.coarse).flat_map(|m| m.inputs.iter().copied());
