@@ -205,7 +205,7 @@ impl<'a> Projected<'a> {
         let rank = turn.ncols();
         let turned = self.turned(&turn);
         let chosen = terms::choose(&turned, &self.power, budget.terms);
-        let (list, tints, v) = self.fit_v(&turn, &turned, &chosen, &sizes);
+        let (list, tints, v) = self.fit_v(&turn, turned, &chosen, &sizes);
         let largest = v.iter().fold(0.0f32, |max, x| max.max(x.abs()));
         let scale = if largest > 0.0 { (f32::log2(V_LARGEST / largest)).floor().exp2() } else { 1.0 };
         let v = v.iter().map(|x| f16::from_f32(x * scale)).collect();
@@ -282,13 +282,14 @@ impl<'a> Projected<'a> {
     fn fit_v(
         &self,
         turn: &Mat<f32>,
-        turned: &[Mat<f32>; 3],
+        turned: [Mat<f32>; 3],
         chosen: &Chosen,
         sizes: &[f32],
     ) -> (Vec<u32>, Vec<Vec3>, Vec<f32>) {
         let Chosen { own, tinted } = chosen;
         let all = [&own[..], tinted].concat();
-        let fitted = [0, 1, 2].map(|c| self.fit_terms(c, turn, &turned[c], &all));
+        let [red, green, blue] = turned;
+        let fitted = [(0, red), (1, green), (2, blue)].map(|(c, turned)| self.fit_terms(c, turn, turned, &all));
         // What pads lists is multiplied by zero.
         let mut list = Vec::new();
         for terms in [own, tinted] {
@@ -317,11 +318,12 @@ impl<'a> Projected<'a> {
 
     /// What some terms are multiplied by, terms x directions: their own factors and, by ridge regression over the lights to learn
     /// from, what they tell of the terms left out.
-    fn fit_terms(&self, channel: usize, turn: &Mat<f32>, factors: &Mat<f32>, some: &[u32]) -> Mat<f32> {
+    fn fit_terms(&self, channel: usize, turn: &Mat<f32>, factors: Mat<f32>, some: &[u32]) -> Mat<f32> {
         let learned = &self.inputs.learned;
         let listed = learned.gathered(channel, some.iter().map(|&i| self.list[i as usize] as usize));
         let listed = MatRef::from_row_major_slice(&listed, some.len(), learned.width);
         let mut kept = Mat::from_fn(some.len(), factors.ncols(), |i, r| factors[(some[i] as usize, r)]);
+        drop(factors);
         let mut missing = linear::product(listed.transpose(), kept.as_ref()) * faer::Scale(-1.0);
         linear::add_product(missing.as_mut(), self.learned[channel].transpose(), turn.as_ref());
         let mut gram = Mat::from_fn(listed.ncols(), listed.ncols(), |_, _| 0.0f32);

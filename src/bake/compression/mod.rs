@@ -327,8 +327,8 @@ fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &Compr
     learned.for_each_mut(|_, panel| haar.transform(panel));
     checks.for_each_mut(|_, panel| haar.transform(panel));
     let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
-    let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
     let learned = Compact::new(learned);
+    let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
     Inputs { bounces, residual, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
 }
 
