@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::haar::Haar;
 use super::largest::largest;
 use super::linear::{self, Lu};
-use super::panels::{self, Panel, Panels, Transposed, WIDTH};
+use super::panels::{self, Panel, Panels, Transposed, TransposedPart, WIDTH};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::Rows;
 
@@ -81,7 +81,10 @@ impl<'a> Bounces<'a> {
             return all;
         }
         for (all, further) in all.channels.iter_mut().zip(&further.channels) {
-            all.iter_mut().zip(further).for_each(|(all, further)| all.extend(further));
+            for (all, further) in all.iter_mut().zip(further) {
+                all.reserve_exact(further.len());
+                all.extend(further);
+            }
         }
         all
     }
@@ -90,18 +93,16 @@ impl<'a> Bounces<'a> {
     /// the share `tail` of all squares into: most of what rows of a few rays hold is noise.
     pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
         let power = power.each_ref().map(Vec::as_slice);
+        let columns = self.seen.fine;
         let thin = |first: usize| {
             let rows = first..self.first.len().min(first + WIDTH);
-            let mut terms = Panels::from_rows(self.first, rows, self.seen.fine);
+            let mut terms = Panels::from_rows(self.first, rows, columns);
             terms.for_each_mut(|_, panel| haar.transform(panel));
-            largest(&terms, power, tail)
+            TransposedPart::new(&largest(&terms, power, tail), first, columns)
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
-        let first = Rows::concatenated(panels.into_par_iter().map(thin).collect());
-        let mut transposed = Transposed::new(self.seen.fine);
-        transposed.push(&first);
-        transposed.shrink();
-        Thinned { series: self.series, first: transposed, seen: self.seen }
+        let parts = panels.into_par_iter().map(thin).collect();
+        Thinned { series: self.series, first: Transposed { columns, parts }, seen: self.seen }
     }
 }
 
@@ -128,7 +129,7 @@ impl Thinned {
         } else {
             gathered = Panels::zeros(fine, gathered.count);
         }
-        gathered.add(&self.first.multiply(&summed));
+        self.first.add_product(&summed, &mut gathered);
         gathered
     }
 }

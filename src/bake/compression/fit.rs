@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::bounces::Thinned;
 use super::haar::Haar;
 use super::linear::{self, Lu};
-use super::panels::{self, Compact, Panel, Panels, Transposed, WIDTH};
+use super::panels::{self, Compact, Panel, Panels, Transposed, TransposedPart, WIDTH};
 use super::terms::{self, Chosen, cut, multiple};
 use super::twice::Twice;
 use super::{Found, OUTSIDE};
@@ -90,7 +90,7 @@ impl Seen {
     /// Of no rows yet.
     pub fn new(inputs: &Inputs) -> Self {
         Self {
-            rows: Transposed::new(inputs.combinations.rows()),
+            rows: Transposed { columns: inputs.combinations.rows(), parts: Vec::new() },
             combinations: Panels::zeros(0, inputs.combinations.count),
             checks: Panels::zeros(0, inputs.checked.count),
         }
@@ -98,7 +98,7 @@ impl Seen {
 
     /// Adds pixels.
     pub fn push(&mut self, inputs: &Inputs, rows: &Rows) {
-        self.rows.push(rows);
+        self.rows.parts.push(TransposedPart::new(rows, self.combinations.rows(), self.rows.columns));
         self.combinations.append(panels::multiply(rows, &inputs.combinations));
         self.checks.append(panels::multiply(rows, &inputs.checked));
     }
@@ -150,8 +150,7 @@ impl<'a> Projected<'a> {
     /// From what the supercluster's pixels see. `allowed` gives the squared error beyond noise that they may have, from the squares
     /// of their images and of their noise.
     pub fn new(inputs: &'a Inputs, seen: Seen, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
-        let Seen { mut rows, combinations, checks } = seen;
-        rows.shrink();
+        let Seen { rows, combinations, checks } = seen;
         let again = panels::multiply(anew.rows, &inputs.checked);
         let twice = Twice::new(anew.pixels, &checks, &again, &inputs.deciding);
         let (all, energy) = range(&combinations);

@@ -44,7 +44,7 @@ use self::haar::Haar;
 use self::lights::Kind;
 use self::panels::{Compact, WIDTH};
 use self::report::Errors;
-use self::training::{Direct, Group, Trainer};
+use self::training::{Bounced, Direct, Group, Trainer};
 use super::journal::Journal;
 use super::transfer::Transfer;
 use super::transfer::rows::Lobe;
@@ -320,9 +320,8 @@ fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &Compr
         group(Kind::Spot, SPOTS.len(), 5),
     ]);
     learned.scale(&vec![(settings.lights.max(1) as f32).sqrt().recip(); settings.lights]);
-    let combinations = learned.combine(COMBINATIONS, seed(6));
-    let combinations = bounces.seen(&combinations.direct, &combinations.further);
-    let checked = bounces.seen(&checks.direct, &checks.further);
+    let seen = |lights: &Bounced| bounces.seen(&lights.direct, &lights.further);
+    let (combinations, checked) = (seen(&learned.combine(COMBINATIONS, seed(6))), seen(&checks));
     let (mut learned, mut checks) = (learned.direct, checks.direct);
     learned.for_each_mut(|_, panel| haar.transform(panel));
     checks.for_each_mut(|_, panel| haar.transform(panel));

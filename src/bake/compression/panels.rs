@@ -238,55 +238,66 @@ const COLUMNS: usize = 256;
 
 /// Sparse rows by their columns: what is read together lies together, as often as they are multiplied.
 pub struct Transposed {
-    rows: usize,
-    columns: usize,
-    /// For each [`COLUMNS`] columns, row by row.
-    pieces: Vec<Vec<Entry>>,
+    pub columns: usize,
+    pub parts: Vec<TransposedPart>,
 }
 
+/// Some of the rows.
+pub struct TransposedPart {
+    /// Entries of piece p, [`COLUMNS`] columns, row by row: `first[p]..first[p + 1]`.
+    first: Vec<usize>,
+    entries: Vec<Entry>,
+}
+
+#[derive(Clone, Copy, Default)]
 struct Entry {
     /// Row times [`COLUMNS`] plus the column, counted from the piece's first.
     place: u32,
     value: [f32; 3],
 }
 
-impl Transposed {
-    /// Of no rows yet.
-    pub fn new(columns: usize) -> Self {
-        Self { rows: 0, columns, pieces: (0..columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect() }
-    }
-
-    /// Adds rows behind those that are there.
-    pub fn push(&mut self, rows: &Rows) {
-        assert!(self.rows + rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
+impl TransposedPart {
+    /// Of rows that come behind `before` others.
+    pub fn new(rows: &Rows, before: usize, columns: usize) -> Self {
+        assert!(before + rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
+        let piece = |column: u32| column as usize / COLUMNS;
+        let mut first = vec![0; columns.div_ceil(COLUMNS) + 1];
+        rows.columns.iter().for_each(|&column| first[piece(column) + 1] += 1);
+        (1..first.len()).for_each(|p| first[p] += first[p - 1]);
+        let mut next = first.clone();
+        let mut entries = vec![Entry::default(); rows.columns.len()];
         for row in 0..rows.len() {
             for (column, value) in rows.row(row) {
-                let place = ((self.rows + row) * COLUMNS + column as usize % COLUMNS) as u32;
-                self.pieces[column as usize / COLUMNS].push(Entry { place, value });
+                let place = ((before + row) * COLUMNS + column as usize % COLUMNS) as u32;
+                let next = &mut next[piece(column)];
+                entries[*next] = Entry { place, value };
+                *next += 1;
             }
         }
-        self.rows += rows.len();
+        Self { first, entries }
     }
+}
 
-    /// Frees what was reserved for further rows.
-    pub fn shrink(&mut self) {
-        self.pieces.iter_mut().for_each(Vec::shrink_to_fit);
-    }
-
+impl Transposed {
     /// One a channel times the vectors: a row of the result for each column.
     pub fn multiply(&self, vectors: &Panels) -> Panels {
         let mut products = Panels::zeros(self.columns, vectors.count);
-        let mut tasks: Vec<Vec<Task>> = self.pieces.iter().map(|_| Vec::new()).collect();
-        for (channel, (sums, panels)) in products.channels.iter_mut().zip(&vectors.channels).enumerate() {
+        self.add_product(vectors, &mut products);
+        products
+    }
+
+    /// Adds [`Self::multiply`].
+    pub fn add_product(&self, vectors: &Panels, sums: &mut Panels) {
+        let mut tasks: Vec<Vec<Task>> = (0..self.columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
+        for (channel, (sums, panels)) in sums.channels.iter_mut().zip(&vectors.channels).enumerate() {
             for (sums, panel) in sums.iter_mut().zip(panels) {
                 let of_pieces = tasks.iter_mut().zip(sums.chunks_mut(COLUMNS));
                 of_pieces.for_each(|(tasks, sums)| tasks.push(Task { channel, panel, sums }));
             }
         }
-        self.pieces.par_iter().zip(tasks).for_each(|(entries, tasks)| {
-            pulp::Arch::new().dispatch(MultiplyTransposed { entries, tasks });
+        tasks.into_par_iter().enumerate().for_each(|(piece, tasks)| {
+            pulp::Arch::new().dispatch(MultiplyTransposed { parts: &self.parts, piece, tasks });
         });
-        products
     }
 }
 
@@ -299,7 +310,8 @@ struct Task<'a> {
 
 /// All panels for a piece of the columns.
 struct MultiplyTransposed<'a> {
-    entries: &'a [Entry],
+    parts: &'a [TransposedPart],
+    piece: usize,
     tasks: Vec<Task<'a>>,
 }
 
@@ -309,14 +321,16 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
     #[inline(always)]
     fn call(self) {
         for Task { channel, panel, sums } in self.tasks {
-            for entry in self.entries {
-                let factor = entry.value[channel];
-                let x = &panel[entry.place as usize / COLUMNS];
-                let sum = &mut sums[entry.place as usize % COLUMNS];
-                // A copy cannot be what `x` is: a register at a time.
-                let mut all = *sum;
-                all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
-                *sum = all;
+            for part in self.parts {
+                for entry in &part.entries[part.first[self.piece]..part.first[self.piece + 1]] {
+                    let factor = entry.value[channel];
+                    let x = &panel[entry.place as usize / COLUMNS];
+                    let sum = &mut sums[entry.place as usize % COLUMNS];
+                    // A copy cannot be what `x` is: a register at a time.
+                    let mut all = *sum;
+                    all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+                    *sum = all;
+                }
             }
         }
     }
@@ -351,15 +365,13 @@ mod tests {
             rows.first.push(rows.columns.len());
         }
         let panels = Panels::from_fn(row_count, vectors, |channel, r, vector| random(5000 + r, 100 * channel + vector));
-        let mut transposed = Transposed::new(columns);
-        transposed.push(&Rows { first: rows.first[..31].to_vec(), ..rows.clone() });
-        let rest = rows.first[30];
-        transposed.push(&Rows {
-            first: rows.first[30..].iter().map(|first| first - rest).collect(),
-            columns: rows.columns[rest..].to_vec(),
-            values: rows.values[rest..].to_vec(),
-        });
-        let products = transposed.multiply(&panels);
+        let some = |range: Range<usize>| Rows {
+            first: rows.first[range.start..=range.end].iter().map(|first| first - rows.first[range.start]).collect(),
+            columns: rows.columns[rows.first[range.start]..rows.first[range.end]].to_vec(),
+            values: rows.values[rows.first[range.start]..rows.first[range.end]].to_vec(),
+        };
+        let part = |range: Range<usize>| TransposedPart::new(&some(range.clone()), range.start, columns);
+        let products = Transposed { columns, parts: vec![part(0..30), part(30..row_count)] }.multiply(&panels);
         assert_eq!((products.rows(), products.count), (columns, vectors));
         let mut want = vec![[[0.0f64; 3]; WIDTH + 1]; columns];
         for r in 0..row_count {

@@ -297,6 +297,11 @@ impl Rows {
         Rows { first: vec![0; count + 1], ..Default::default() }
     }
 
+    /// No rows yet, with room for so many entries.
+    pub fn with_capacity(entries: usize) -> Rows {
+        Rows { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) }
+    }
+
     /// Whether these are so many rows of so many columns.
     pub fn is_consistent(&self, rows: usize, columns: usize) -> bool {
         self.first.len() == rows + 1
@@ -313,9 +318,7 @@ impl Rows {
 
     /// All rows of `parts` in turn.
     pub fn concatenated(parts: Vec<Rows>) -> Self {
-        let entries = parts.iter().map(|part| part.columns.len()).sum();
-        let mut rows =
-            Rows { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) };
+        let mut rows = Self::with_capacity(parts.iter().map(|part| part.columns.len()).sum());
         for part in parts {
             let start = rows.columns.len();
             rows.first.extend(part.first[1..].iter().map(|end| start + end));

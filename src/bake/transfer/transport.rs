@@ -142,7 +142,8 @@ impl BounceGatherer<'_> {
         sent.iter_mut().for_each(|s| *s *= ratio);
         let (row_scales, column_scales, imbalance) = balance(&factors, &received, &sent);
 
-        let mut rows = Rows { first: vec![0], ..Default::default() };
+        let entries = found.iter().map(|found| found.rows.columns.len()).sum();
+        let mut rows = Rows::with_capacity(entries);
         let mut scale_of_column = vec![0.0; sender.coefficient_count()];
         for (i, &scale) in column_scales.iter().enumerate() {
             scale_of_column[sender.coefficients(i)].fill(scale);
