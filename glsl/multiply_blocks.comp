@@ -54,7 +54,7 @@ Batch read_batch(Panel panel, uint octet, uint end, uint place, uint channels, u
         bool lit = false;
         [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
             vec3 own = push.vector.at[input_index * LIGHTS + l].rgb;
-            lit = lit || own != vec3(0.0);
+            lit = lit || l < push.light_count && own != vec3(0.0);
             batch.inputs[i][l] = own * tint;
         }
         batch.lit |= octet + i < end && subgroupBallot(lit) != uvec4(0) ? 1 << i : 0;

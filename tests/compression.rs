@@ -9,9 +9,12 @@ use common::{shipped, transfer};
 use glam::{DVec3, Vec3};
 use half::f16;
 use relume::bake::bvh::Bvh;
+use relume::bake::compression::bounces::Bounces;
 use relume::bake::compression::data::{Compressed, MULTIPLE};
 use relume::bake::compression::haar::Haar;
 use relume::bake::compression::lights::{Kind, RandomLights};
+use relume::bake::compression::panels;
+use relume::bake::compression::training::{Group, Trainer};
 use relume::bake::compression::verify::{Judge, judge};
 use relume::bake::compression::{CompressionSettings, Compressor, Report};
 use relume::bake::journal::Journal;
@@ -20,7 +23,7 @@ use relume::bake::transfer::rows::Lobe;
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::reference::gather;
 use relume::scene::{Camera, Material, Projection, Scene};
-use relume::shared::{NO_BRDF, PackedLight};
+use relume::shared::{LIGHT_POINT, PackedLight};
 
 struct Stage {
     scene: Scene,
@@ -92,6 +95,7 @@ fn check_shapes(compressed: &Compressed, baked: &Baked) {
         assert_eq!((s.first_term as usize, s.first_v as usize, s.first_tile as usize), (term, v, tiles));
         let (terms, rank) = (s.terms as usize, s.rank as usize);
         assert!([terms, rank, s.own as usize].iter().all(|n| n.is_multiple_of(MULTIPLE)) && s.own <= s.terms);
+        assert!(rank == 0 || terms > 0, "nothing fills the directions");
         for tile in &compressed.tiles[tiles..tiles + s.tiles as usize] {
             assert_eq!((tile.supercluster as usize, tile.first_b as usize, tile.first_u as usize), (i, b, u));
             assert_eq!(tile.first_sample as usize, sample);
@@ -115,8 +119,7 @@ fn check_shapes(compressed: &Compressed, baked: &Baked) {
     assert!(factors().all(|x| x.is_finite()) && compressed.scale > 0.0);
     let mut samples = compressed.samples.clone();
     samples.sort_unstable();
-    let lit = |i: &u32| baked.samples[*i as usize].brdf != NO_BRDF;
-    assert_eq!(samples, (0..baked.samples.len() as u32).filter(lit).collect::<Vec<_>>());
+    assert_eq!(samples, baked.reflecting());
 }
 
 #[test]
@@ -204,6 +207,31 @@ fn the_same_bytes_on_any_number_of_threads() {
     };
     let (one, three) = (on(1), on(3));
     assert!(one == three && !one.0.u.is_empty());
+}
+
+#[test]
+fn lights_come_again_where_few_are_seen() {
+    let stage = Stage::room(lambert(Vec3::splat(0.6)), 16);
+    let transfer = stage.transfer(100, 50, 64);
+    let bounces = Bounces::new(&transfer);
+    // Points in some thin slices of the room, no spots.
+    let direct =
+        |light: &PackedLight| match light.kind == LIGHT_POINT && (100.0 * light.position.x).fract().abs() < 0.02 {
+            true => stage.direct(&transfer, light),
+            false => vec![DVec3::ZERO; transfer.fine.coefficient_count()],
+        };
+    let scouts = transfer.rows(&stage.baked.reflecting(), Lobe::All);
+    let trainer = Trainer { transfer: &transfer, bounces: &bounces, direct: &direct, scouts: &scouts, share: 1.0 };
+    let group = |kind, count| Group { kind, count, seed: 5 };
+    let lights = trainer.lights(&[group(Kind::Spot, 3), group(Kind::Point, 40)]);
+    let squares = panels::multiply(&scouts, &bounces.seen(&lights.direct, &lights.further)).squares();
+    assert_eq!(squares[..3], [0.0; 3]);
+    assert!(squares[3..].iter().all(|square| (square - 1.0).abs() < 1e-3), "{squares:?}");
+    let first = |light: usize| {
+        (0..transfer.fine.coefficient_count()).find(|&i| lights.direct.get(0, i, light) != lights.direct.get(0, i, 3))
+    };
+    let again = (4..43).find(|&light| first(light).is_none()).unwrap();
+    assert!((5..30).contains(&again), "light {again} is the first one again");
 }
 
 #[test]

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
-use common::{gpu, transfer};
-use glam::{DVec3, Vec3, Vec4};
+use common::{Gpu, gpu, transfer};
+use glam::{DVec3, UVec4, Vec3, Vec4};
 use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
@@ -64,6 +64,50 @@ fn addresses(pass: &mut Pass, buffers: &[Buffer<f32>]) -> [Write<f32>; LIGHTS_A_
     std::array::from_fn(|light| *written.get(light).unwrap_or(&written[0]))
 }
 
+struct Shape {
+    places: usize,
+    lights: usize,
+    to_view: bool,
+    pixel_count: usize,
+    extra_stride: usize,
+}
+
+/// Runs the kernel on vectors of `places` lights side by side, of which the first `lights` are there.
+fn multiply(
+    gpu: &Gpu,
+    frames: &mut Frames,
+    matrix: &BlockMatrix,
+    shape: &Shape,
+    vector: &Buffer<Vec4>,
+    [images, extras]: [&[Buffer<f32>]; 2],
+) {
+    let constants = [(0, matrix.channels), (1, u32::from(shape.to_view)), (2, shape.places as u32)];
+    let kernel = Kernel::new(gpu, "multiply_blocks", &constants).unwrap();
+    let panels = Buffer::from_slice(gpu, "test panels", &matrix.panels).unwrap();
+    let factors = Buffer::from_slice(gpu, "test factors", &matrix.values).unwrap();
+    let inputs = Buffer::from_slice(gpu, "test inputs", &matrix.inputs).unwrap();
+    let tints = Buffer::from_slice(gpu, "test tints", &matrix.tints).unwrap();
+    let outputs = Buffer::from_slice(gpu, "test outputs", &matrix.outputs).unwrap();
+    run(frames, |frame| {
+        let mut pass = frame.pass("multiply");
+        let push = MultiplyBlocksPush {
+            panels: pass.read(&panels),
+            values: pass.read(&factors),
+            inputs: pass.read(&inputs),
+            tints: pass.read(&tints),
+            outputs: pass.read(&outputs),
+            vector: pass.write(vector),
+            images: addresses(&mut pass, images),
+            extras: addresses(&mut pass, extras),
+            panel_count: panels.len() as u32,
+            pixel_stride: shape.pixel_count as u32,
+            extra_stride: shape.extra_stride as u32,
+            light_count: shape.lights as u32,
+        };
+        pass.dispatch(&kernel, &push, push.panel_count * GROUP_SIZE);
+    });
+}
+
 #[test]
 fn multiply_blocks() {
     let gpu = gpu();
@@ -99,31 +143,8 @@ fn multiply_blocks() {
         };
         let images: Vec<_> = (0..lights).map(|_| image(3 * pixel_count)).collect();
         let extra_images: Vec<_> = (0..lights).map(|_| image(3 * extra_stride)).collect();
-        let constants = [(0, channels), (1, u32::from(to_view)), (2, places as u32)];
-        let kernel = Kernel::new(&gpu, "multiply_blocks", &constants).unwrap();
-        let panels = Buffer::from_slice(&gpu, "test panels", &matrix.panels).unwrap();
-        let factors = Buffer::from_slice(&gpu, "test factors", &matrix.values).unwrap();
-        let input_list = Buffer::from_slice(&gpu, "test inputs", &matrix.inputs).unwrap();
-        let tints = Buffer::from_slice(&gpu, "test tints", &matrix.tints).unwrap();
-        let output_list = Buffer::from_slice(&gpu, "test outputs", &matrix.outputs).unwrap();
-        run(&mut frames, |frame| {
-            let mut pass = frame.pass("multiply");
-            let push = MultiplyBlocksPush {
-                panels: pass.read(&panels),
-                values: pass.read(&factors),
-                inputs: pass.read(&input_list),
-                tints: pass.read(&tints),
-                outputs: pass.read(&output_list),
-                vector: pass.write(&vector),
-                images: addresses(&mut pass, &images),
-                extras: addresses(&mut pass, &extra_images),
-                panel_count: panels.len() as u32,
-                pixel_stride: pixel_count as u32,
-                extra_stride: extra_stride as u32,
-                light_count: lights as u32,
-            };
-            pass.dispatch(&kernel, &push, push.panel_count * GROUP_SIZE);
-        });
+        let shape = Shape { places, lights, to_view, pixel_count, extra_stride };
+        multiply(&gpu, &mut frames, &matrix, &shape, &vector, [&images, &extra_images]);
         for light in 0..lights {
             let exact: Vec<DVec3> =
                 values.iter().skip(light).step_by(places).map(|v| v.truncate().as_dvec3()).collect();
@@ -146,6 +167,41 @@ fn multiply_blocks() {
             for buffer in [(&images[light], 3 * pixel_count), (&extra_images[light], 3 * extra_stride)] {
                 assert!(buffer.0.host()[buffer.1..].iter().all(|&x| x == SENTINEL), "wrote past {} floats", buffer.1);
             }
+        }
+    }
+}
+
+/// Their factors are not numbers here; what absent lights left in the vector does not count as light.
+#[test]
+fn octets_in_the_dark_are_passed_over() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let (columns, octet) = (16, PANEL_COLUMNS as usize);
+    for (lights, places) in [(1, 1), (2, 4), (3, 4)] {
+        let [own, shared]: [Vec<u32>; 2] = [(0..columns).collect(), (columns..2 * columns).collect()];
+        let to = 2 * columns;
+        let mut matrix = BlockMatrix::new(3, to as usize + 1, to as usize + 1);
+        matrix.push(&Dense {
+            rows: &[to],
+            own: Columns { inputs: &own, values: &[1.0; 48] },
+            shared: Columns { inputs: &shared, values: &[1.0; 16] },
+            tints: &[Vec3::ONE; 16],
+        });
+        // Of one row: octets of R, G and B in turn, then those that they share. The first of either kind are in the dark.
+        let factors = matrix.values.to_mut();
+        [0, 1, 2, 6].into_iter().for_each(|place| factors[place] = UVec4::splat(0x7e00_7e00));
+        let lit = |element: usize| element / octet % 2 == 1;
+        let values: Vec<Vec4> = (0..places * (to as usize + 1))
+            .map(|i| if i % places >= lights || lit(i / places) { Vec4::ONE } else { Vec4::ZERO })
+            .collect();
+        let mut vector = Buffer::new(&gpu, "test vector", Access::HostWrites, values.len()).unwrap();
+        vector.host_mut().copy_from_slice(&values);
+        let images = [0, 1].map(|_| (0..lights).map(|_| output(&gpu, 1)).collect::<Vec<_>>());
+        let shape = Shape { places, lights, to_view: false, pixel_count: 1, extra_stride: 1 };
+        multiply(&gpu, &mut frames, &matrix, &shape, &vector, images.each_ref().map(Vec::as_slice));
+        for light in 0..lights {
+            let got = vector.host()[to as usize * places + light];
+            assert_eq!(got.truncate(), Vec3::splat(2.0 * octet as f32), "light {light} of {lights}");
         }
     }
 }

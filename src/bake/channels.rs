@@ -139,7 +139,7 @@ impl Baked {
     /// light have none.
     pub fn transfer_errors(&self) -> Option<Vec<Option<f32>>> {
         let report = self.transfer.as_ref()?.report.held_out.as_ref()?;
-        let clusters = Clusters::new(&self.samples);
+        let clusters = Clusters::new(self);
         let tiles: Vec<_> = clusters.superclusters().flatten().collect();
         if tiles.len() != report.tiles.len() {
             return None; // wavelets of rows have no tiles

@@ -94,6 +94,11 @@ impl Baked {
             && (self.emission.is_empty() || self.emission.len() == 3 * pixels)
     }
 
+    /// Indices of the samples that reflect anything.
+    pub fn reflecting(&self) -> Vec<u32> {
+        (0..self.samples.len() as u32).filter(|&i| self.samples[i as usize].brdf != NO_BRDF).collect()
+    }
+
     /// Samples of layer 1, padding included: what a plane of an image holds.
     pub fn pixel_stride(&self) -> usize {
         self.tiling.len()

@@ -7,7 +7,7 @@ use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::reference::path_tracer::{Filter, PathTracer, Settings};
-use relume::shared::{NO_BRDF, PackedLight};
+use relume::shared::PackedLight;
 
 use super::bench::percentile;
 use super::session::{Session, cpu_seconds};
@@ -115,8 +115,7 @@ pub fn gather_rays_per_s(session: &Session) -> f64 {
         seed: 1,
     };
     let transfer = Transfer::new(&session.scene, &session.bvh, baked, &settings, &|_| ());
-    let reflecting: Vec<u32> =
-        (0..baked.samples.len() as u32).filter(|&i| baked.samples[i as usize].brdf != NO_BRDF).collect();
+    let reflecting = baked.reflecting();
     let some: Vec<u32> = reflecting.iter().step_by(reflecting.len().div_ceil(4096).max(1)).copied().collect();
     let gatherer = transfer.row_gatherer(Lobe::All);
     let rate = |_| {

@@ -17,7 +17,7 @@ pub struct Bounces<'a> {
     series: Vec<Series>,
     /// G_cf; with one level G.
     first: &'a Rows,
-    seen: Seen,
+    operand: Operand,
 }
 
 /// (I - G)⁻¹ as factors, or G with the number of terms of I + G + ...
@@ -28,7 +28,7 @@ enum Series {
 
 /// What rows of Φ multiply.
 #[derive(Clone, Copy)]
-struct Seen {
+struct Operand {
     two_levels: bool,
     /// Coefficients of the fine level.
     fine: usize,
@@ -48,13 +48,13 @@ impl<'a> Bounces<'a> {
                 Some(terms) => Series::Terms(g, terms),
             }
         };
-        let seen = Seen {
+        let operand = Operand {
             two_levels: transfer.from_fine.is_some(),
             fine: transfer.fine.coefficient_count(),
             first: transfer.bounces() != Some(0),
         };
         let first = transfer.from_fine.as_ref().unwrap_or(&transfer.among);
-        Self { series: (0..3).into_par_iter().map(series).collect(), first, seen }
+        Self { series: (0..3).into_par_iter().map(series).collect(), first, operand }
     }
 
     /// S `direct`.
@@ -73,10 +73,10 @@ impl<'a> Bounces<'a> {
     /// What rows of Φ multiply, from direct light and [`Self::further`].
     pub fn seen(&self, direct: &Panels, further: &Panels) -> Panels {
         let mut all = direct.clone();
-        if !self.seen.first {
+        if !self.operand.first {
             all.for_each_mut(|_, panel| panel.fill([0.0; WIDTH]));
         }
-        if !self.seen.two_levels {
+        if !self.operand.two_levels {
             all.add(further);
             return all;
         }
@@ -93,7 +93,7 @@ impl<'a> Bounces<'a> {
     /// the share `tail` of all squares into: most of what rows of a few rays hold is noise.
     pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
         let power = power.each_ref().map(Vec::as_slice);
-        let columns = self.seen.fine;
+        let columns = self.operand.fine;
         let thin = |first: usize| {
             let rows = first..self.first.len().min(first + WIDTH);
             let mut terms = Panels::from_rows(self.first, rows, columns);
@@ -102,7 +102,7 @@ impl<'a> Bounces<'a> {
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
         let parts = panels.into_par_iter().map(thin).collect();
-        Thinned { series: self.series, first: Transposed { columns, parts }, seen: self.seen }
+        Thinned { series: self.series, first: Transposed { columns, parts }, operand: self.operand }
     }
 }
 
@@ -111,13 +111,13 @@ pub struct Thinned {
     series: Vec<Series>,
     /// Rows of G_cf in Haar terms.
     first: Transposed,
-    seen: Seen,
+    operand: Operand,
 }
 
 impl Thinned {
     /// Haar terms of Tᵀ x, from Φᵀ x.
     pub fn terms(&self, haar: &Haar, mut gathered: Panels) -> Panels {
-        let Seen { two_levels, fine, first } = self.seen;
+        let Operand { two_levels, fine, first } = self.operand;
         let mut further = Panels { count: gathered.count, ..Default::default() };
         for (further, gathered) in further.channels.iter_mut().zip(&mut gathered.channels) {
             let split = |panel: &mut Panel| if two_levels { panel.split_off(fine) } else { panel.clone() };

@@ -4,9 +4,10 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use crate::bake::Baked;
 use crate::bake::octahedral;
 use crate::bake::point_tree::{Point, point};
-use crate::shared::{NO_BRDF, ViewSample};
+use crate::shared::ViewSample;
 
 /// View samples of a tile, which share one small basis: at least and at most, in whole groups of the least.
 const TILE: [usize; 2] = [64, 256];
@@ -27,8 +28,8 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    pub fn new(samples: &[ViewSample]) -> Self {
-        let lit: Vec<u32> = (0..samples.len() as u32).filter(|&i| samples[i as usize].brdf != NO_BRDF).collect();
+    pub fn new(baked: &Baked) -> Self {
+        let (samples, lit) = (&baked.samples, baked.reflecting());
         let tile = (lit.len() / TILES).next_multiple_of(TILE[0]).clamp(TILE[0], TILE[1]);
         let length = normal_length(samples, &lit, tile);
         let mut items: Vec<(Point, u32)> = lit

@@ -7,7 +7,7 @@ use super::haar::Haar;
 
 /// T as three products of small dense blocks: of light's Haar terms each supercluster of pixels makes y = V λ̂[J],
 /// each of its tiles c = B y, each pixel of a tile u·c, channel by channel. B and the rows u serve all three channels.
-/// So do V's columns for most terms, behind a [tint](super::terms) of light; for the others V has columns for each channel.
+/// So do V's columns for most terms, behind a [tint](Self::tints) of light; for the others V has columns for each channel.
 ///
 /// All blocks are row-major; ranks and lengths of lists are multiples of [`MULTIPLE`].
 #[derive(Clone, Debug, Default, PartialEq)]

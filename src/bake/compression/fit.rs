@@ -199,17 +199,23 @@ impl<'a> Projected<'a> {
         }
     }
 
+    /// Factors of the supercluster and its `tiles`, ranges of its pixels.
     pub fn fit(&self, tiles: &[Range<usize>], budget: &Budget) -> Factors {
         let Directions { turn, sizes, deciding } = self.directions(budget.rank);
         let rank = turn.ncols();
         let turned = self.turned(&turn);
         let chosen = terms::choose(&turned, &self.power, budget.terms);
+        if chosen.own.is_empty() && chosen.tinted.is_empty() {
+            // Nothing would fill the directions.
+            let none = |_| TileFactors { rank: 0, b: Vec::new(), u: Vec::new() };
+            return Factors { tiles: tiles.iter().map(none).collect(), ..Default::default() };
+        }
         let (list, tints, v) = self.fit_v(&turn, turned, &chosen, &sizes);
         let largest = v.iter().fold(0.0f32, |max, x| max.max(x.abs()));
         let scale = if largest > 0.0 { (f32::log2(V_LARGEST / largest)).floor().exp2() } else { 1.0 };
         let v = v.iter().map(|x| f16::from_f32(x * scale)).collect();
         let share = |rows: &Range<usize>| budget.tiles * rows.len() as f64 / self.directions.nrows() as f64;
-        let pixel = |i: usize, r: usize| if r < turn.nrows() { self.directions[(i, r)] as f32 * sizes[r] } else { 0.0 };
+        let pixel = |i: usize, r: usize| if sizes[r] > 0.0 { self.directions[(i, r)] as f32 * sizes[r] } else { 0.0 };
         let pixels = Mat::from_fn(self.directions.nrows(), rank, pixel);
         let tiles = tiles.iter().map(|rows| tile(&pixels, rows, &deciding, share(rows), scale)).collect();
         Factors { list, own: multiple(chosen.own.len()), tints, rank, v, tiles }
@@ -249,14 +255,16 @@ impl<'a> Projected<'a> {
 
     /// The first directions: as many as leave at most `budget` of what all hold of the deciding lights.
     fn directions(&self, budget: f64) -> Directions {
-        let count = self.vectors.nrows();
-        let rank = multiple(self.twice.needed(self.directions.as_ref(), self.decided.as_ref(), budget));
+        let certain = self.squares.iter().take_while(|v| **v > linear::CERTAIN * self.squares[0]).count();
+        let rank = multiple(self.twice.needed(self.directions.as_ref(), self.decided.as_ref(), budget).min(certain));
         // Padded with directions that are zero.
-        let turn = Mat::from_fn(count, rank, |i, j| if j < count { self.vectors[(i, j)] as f32 } else { 0.0 });
-        let size = |r: usize| self.squares.get(r).map_or(0.0, |v| v.sqrt() as f32).max(f32::MIN_POSITIVE);
-        let sizes: Vec<f32> = (0..rank).map(size).collect();
+        let filled = certain.min(rank);
+        let turn =
+            Mat::from_fn(self.vectors.nrows(), rank, |i, j| if j < filled { self.vectors[(i, j)] as f32 } else { 0.0 });
+        let mut sizes: Vec<f32> = self.squares[..filled].iter().map(|v| v.sqrt() as f32).collect();
+        sizes.resize(rank, 0.0);
         let entry =
-            |i: usize, light: usize| if i < count { self.decided[(i, light)] / f64::from(sizes[i]) } else { 0.0 };
+            |i: usize, light: usize| if i < filled { self.decided[(i, light)] / f64::from(sizes[i]) } else { 0.0 };
         let deciding = Mat::from_fn(rank, self.decided.ncols(), entry);
         Directions { turn, sizes, deciding }
     }
@@ -306,11 +314,12 @@ impl<'a> Projected<'a> {
         };
         let blends: Vec<Vec<f32>> = tinted.iter().enumerate().zip(&mut tints[of_own..]).map(blend).collect();
         let mut v = Vec::with_capacity(sizes.len() * (2 * of_own + list.len()));
-        for (fitted, (r, size)) in fitted.iter().flat_map(|f| sizes.iter().enumerate().map(move |size| (f, size))) {
-            v.extend((0..of_own).map(|i| if i < own.len() { fitted[(i, r)] / size } else { 0.0 }));
+        let in_units = |x: f32, r: usize| if sizes[r] > 0.0 { x / sizes[r] } else { 0.0 };
+        for (fitted, r) in fitted.iter().flat_map(|f| (0..sizes.len()).map(move |r| (f, r))) {
+            v.extend((0..of_own).map(|i| if i < own.len() { in_units(fitted[(i, r)], r) } else { 0.0 }));
         }
-        for (r, size) in sizes.iter().enumerate() {
-            v.extend((0..list.len() - of_own).map(|i| blends.get(i).map_or(0.0, |blend| blend[r] / size)));
+        for r in 0..sizes.len() {
+            v.extend((0..list.len() - of_own).map(|i| blends.get(i).map_or(0.0, |blend| in_units(blend[r], r))));
         }
         (list, tints, v)
     }
@@ -350,7 +359,7 @@ const RIDGE: f64 = 1e-3;
 struct Directions {
     /// Directions as combinations of the basis.
     turn: Mat<f32>,
-    /// Root mean square that light has along each.
+    /// Root mean square that light has along each; 0 of padding.
     sizes: Vec<f32>,
     /// The deciding lights in these units, by their weights: directions x lights, channel after channel.
     deciding: Mat<f64>,

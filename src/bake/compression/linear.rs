@@ -38,12 +38,14 @@ pub fn eigen(matrix: &Mat<f64>) -> (Vec<f64>, Mat<f64>) {
     (descending, Mat::from_fn(n, n, |i, j| vectors[(i, n - 1 - j)]))
 }
 
+/// What single precision cannot tell from zero: smaller eigenvalues, as shares of the largest.
+pub const CERTAIN: f64 = 1e-12;
+
 /// An orthonormal basis of what the columns of a tall matrix span, the fullest directions first; and the square of them
 /// all.
 pub fn orthonormal(columns: &Mat<f64>) -> (Mat<f64>, f64) {
     let (values, vectors) = eigen(&product(columns.transpose(), columns.as_ref()));
-    // What single precision cannot tell from zero is no direction.
-    let certain = values.iter().take_while(|v| **v > 1e-12 * values[0]).count();
+    let certain = values.iter().take_while(|v| **v > CERTAIN * values[0]).count();
     let scaled = Mat::from_fn(columns.ncols(), certain, |i, j| vectors[(i, j)] / values[j].sqrt());
     (product(columns.as_ref(), scaled.as_ref()), values.iter().sum())
 }

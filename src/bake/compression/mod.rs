@@ -8,8 +8,8 @@
 //! y = V λ̂[J]    c = B y    pixel = u·c
 //! ```
 //!
-//! λ̂ are the [Haar terms](haar) of direct light, J those that matter to the supercluster, most of them [tinted](terms) first. Differs from [Hasan 2006]:
-//! nested bases instead of each row's own wavelets.
+//! λ̂ are the [Haar terms](haar) of direct light, J those that matter to the supercluster; most lights go there behind
+//! [tints](data::Compressed::tints). Differs from [Hasan 2006]: nested bases instead of each row's own wavelets.
 
 pub mod bounces;
 pub mod clusters;
@@ -101,11 +101,9 @@ impl Fitted {
 impl<'a> Compressor<'a> {
     /// `direct` gives the coefficients of direct light.
     pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
-        let clusters = Clusters::new(&transfer.baked().samples);
+        let clusters = Clusters::new(transfer.baked());
         let inputs = learn(transfer, direct, &clusters.samples, settings);
-        let emission = transfer.emission();
-        let emitted = emission.iter().any(|e| *e != DVec3::ZERO).then(|| transfer.bounce(&emission).0);
-        Self { transfer, settings: settings.clone(), clusters, inputs, emitted }
+        Self { transfer, settings: settings.clone(), clusters, inputs, emitted: transfer.emitted() }
     }
 
     /// See [`Transfer::residual`].

@@ -64,7 +64,7 @@ impl Panels {
         made
     }
 
-    /// Some rows as vectors.
+    /// Some rows as vectors of `columns` coefficients.
     pub fn from_rows(rows: &Rows, range: Range<usize>, columns: usize) -> Self {
         let mut made = Self::zeros(columns, range.len());
         for (vector, r) in range.enumerate() {
@@ -103,9 +103,16 @@ impl Panels {
             panels[vector / WIDTH].iter_mut().zip(from).for_each(|(row, x)| row[vector % WIDTH] = factor * x);
         }
     }
-}
 
-impl Panels {
+    /// Copies one of the vectors to the place of another.
+    pub fn repeat(&mut self, from: usize, to: usize) {
+        for panels in &mut self.channels {
+            for row in 0..panels[to / WIDTH].len() {
+                panels[to / WIDTH][row][to % WIDTH] = panels[from / WIDTH][row][from % WIDTH];
+            }
+        }
+    }
+
     /// Rows of each panel.
     pub fn rows(&self) -> usize {
         self.channels[0].first().map_or(0, Vec::len)
@@ -239,6 +246,7 @@ const COLUMNS: usize = 256;
 /// Sparse rows by their columns: what is read together lies together, as often as they are multiplied.
 pub struct Transposed {
     pub columns: usize,
+    /// Each made behind as many rows as those before it have.
     pub parts: Vec<TransposedPart>,
 }
 

@@ -1,7 +1,5 @@
 //! How well the compressed operator does on lights that it has not learned from.
 
-use std::ops::Range;
-
 use super::clusters::Clusters;
 use super::{Fitted, POINTS, SPOTS};
 
@@ -13,13 +11,28 @@ pub struct Report {
     pub spot: f64,
     /// The worst of these lights.
     pub worst: f64,
-    /// Relative noise of the rows themselves under point lights: root mean square. Most of `point` is noise left out.
+    /// Relative noise of the rows themselves under point lights: root mean square, of wavelets mean. Most of `point` is noise left
+    /// out.
     pub noise: f64,
     /// Of each tile, over all held-out points, in units of the image's own root mean square.
     pub tiles: Vec<f64>,
-    /// Superclusters that had to be fitted again, and those whose error beyond noise stayed larger than allowed.
+    /// Superclusters that had to be fitted again, and those whose error beyond noise stayed larger than allowed; wavelets have none.
     pub refined: usize,
     pub missed: usize,
+}
+
+impl Report {
+    /// From squared error and square of each light to check with.
+    pub(super) fn new(lights: &[[f64; 2]], noise: f64) -> Self {
+        let worst = relative(&lights[POINTS.start..SPOTS.end]).fold(0.0, f64::max);
+        Self {
+            point: mean(relative(&lights[POINTS])),
+            spot: mean(relative(&lights[SPOTS])),
+            worst,
+            noise,
+            ..Self::default()
+        }
+    }
 }
 
 /// Squared errors so far.
@@ -51,21 +64,18 @@ impl<'a> Errors<'a> {
     }
 
     pub fn report(self) -> Report {
-        let relative = |e: &[f64; 2]| if e[1] > 0.0 { (e[0] / e[1]).sqrt() } else { 0.0 };
-        // Lights that nothing is seen of say nothing.
-        let lit = |lights: Range<usize>| self.lights[lights].iter().filter(|e| e[1] > 0.0).map(relative);
-        Report {
-            point: mean(lit(POINTS)),
-            spot: mean(lit(SPOTS)),
-            worst: lit(POINTS.start..SPOTS.end).fold(0.0, f64::max),
-            noise: self.noise.sqrt(),
-            ..self.report
-        }
+        let Report { tiles, refined, missed, .. } = self.report;
+        Report { tiles, refined, missed, ..Report::new(&self.lights, self.noise.sqrt()) }
     }
 }
 
+/// Relative errors from squared ones and squares; lights that nothing is seen of say nothing.
+pub(super) fn relative(squares: &[[f64; 2]]) -> impl Iterator<Item = f64> {
+    squares.iter().filter(|[_, image]| *image > 0.0).map(|[error, image]| (error / image).sqrt())
+}
+
 /// 0 of nothing.
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0usize), |(sum, count), x| (sum + x, count + 1));
     if count > 0 { sum / count as f64 } else { 0.0 }
 }

@@ -14,13 +14,13 @@ use serde::{Deserialize, Serialize};
 use super::fit::Inputs;
 use super::largest::largest;
 use super::panels::{self, Panels, WIDTH};
+use super::report::{Report, mean, relative};
 use super::training::Direct;
-use super::{BIAS, CompressionSettings, DECIDING, POINTS, Report, SPOTS, learn, some};
+use super::{BIAS, CompressionSettings, DECIDING, SPOTS, learn, some};
 use crate::bake::journal::Journal;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::{RowGatherer, Rows};
 use crate::bake::transfer::sparse::SparseMatrix;
-use crate::shared::NO_BRDF;
 
 /// Cuts the rows of one transfer.
 pub struct RowWavelets<'a> {
@@ -67,8 +67,7 @@ const CHECKED: usize = 8;
 impl<'a> RowWavelets<'a> {
     /// `direct` gives the coefficients of direct light.
     pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
-        let all = &transfer.baked().samples;
-        let samples: Vec<u32> = (0..all.len() as u32).filter(|&i| all[i as usize].brdf != NO_BRDF).collect();
+        let samples = transfer.baked().reflecting();
         let inputs = learn(transfer, direct, &samples, settings);
         let scouts = some(&samples, SCOUTS, settings.seed ^ 32 << 32);
         let mut gatherer = transfer.row_gatherer(settings.lobe);
@@ -76,8 +75,7 @@ impl<'a> RowWavelets<'a> {
         gatherer.seed ^= 1 << 33;
         let anew = gatherer.gather(&scouts);
         gatherer.seed ^= 1 << 33;
-        let emission = transfer.emission();
-        let emitted = emission.iter().any(|e| *e != DVec3::ZERO).then(|| transfer.bounce(&emission).0);
+        let emitted = transfer.emitted();
         let weight = |span: u32| (span as f32).powi(2);
         let weights = inputs.haar.spans(transfer.fine.coefficient_count()).into_iter().map(weight).collect();
         let (left_out, kept, noise) = (0.0, 0.0, 0.0);
@@ -95,7 +93,7 @@ impl<'a> RowWavelets<'a> {
     /// asked for, and as the noise of `rows` is, which those gathered `anew` tell.
     fn decide(&mut self, rows: &Rows, anew: &Rows, samples: &[u32], error: f64) {
         let Inputs { checked: bounced, checks: lights, .. } = &self.inputs;
-        let far = |images: &Panels, others: &Panels| mean(&compare(images, others)[DECIDING]);
+        let far = |images: &Panels, others: &Panels| mean(relative(&compare(images, others)[DECIDING]));
         // Both have the same noise.
         let noise = 0.5f64.sqrt() * far(&panels::multiply(rows, bounced), &panels::multiply(anew, bounced));
         let rows = self.gatherer.gather(samples);
@@ -118,7 +116,7 @@ impl<'a> RowWavelets<'a> {
         let all = self.gatherer.baked.samples.len();
         let mut matrix = SparseMatrix::new(self.weights.len(), all);
         let mut emission = vec![Vec3::ZERO; if self.emitted.is_some() { all } else { 0 }];
-        let mut errors = Errors(vec![[0.0; 2]; SPOTS.end]);
+        let mut errors = vec![[0.0; 2]; SPOTS.end];
         for window in self.samples.chunks(WINDOW) {
             let is_of = |cut: &Cut| {
                 cut.rows.is_consistent(window.len(), self.weights.len())
@@ -126,17 +124,17 @@ impl<'a> RowWavelets<'a> {
                     && cut.found.len() == SPOTS.end
             };
             let cut = journal.next(is_of, || self.cut(window));
-            errors.0.iter_mut().zip(cut.found).for_each(|(sum, found)| *sum = [0, 1].map(|i| sum[i] + found[i]));
+            add(&mut errors, cut.found);
             window.iter().zip(cut.emission).for_each(|(&i, e)| emission[i as usize] = e);
             matrix.push(&cut.rows, window);
             progress(window.len());
         }
-        (matrix, emission, errors.report(self.noise))
+        (matrix, emission, Report::new(&errors, self.noise))
     }
 
     /// What is kept of some rows.
     fn cut(&self, window: &[u32]) -> Cut {
-        let mut errors = Errors(vec![[0.0; 2]; SPOTS.end]);
+        let mut found = vec![[0.0; 2]; SPOTS.end];
         let (mut parts, mut emission) = (Vec::new(), Vec::new());
         for (i, samples) in window.chunks(AT_ONCE).enumerate() {
             let rows = self.gatherer.gather(samples);
@@ -145,14 +143,14 @@ impl<'a> RowWavelets<'a> {
                 let Inputs { checked, checks, .. } = &self.inputs;
                 let [want, got] =
                     [(&rows, checked), (&kept, checks)].map(|(rows, lights)| panels::multiply(rows, lights));
-                errors.add(&want, &got);
+                add(&mut found, compare(&want, &got));
             }
             if let Some(emitted) = &self.emitted {
                 emission.extend(rows.multiply(emitted).into_iter().map(DVec3::as_vec3));
             }
             parts.push(kept);
         }
-        Cut { rows: Rows::concatenated(parts), emission, found: errors.0 }
+        Cut { rows: Rows::concatenated(parts), emission, found }
     }
 
     /// Rows of T in Haar terms, as vectors.
@@ -178,27 +176,7 @@ fn compare(images: &Panels, others: &Panels) -> Vec<[f64; 2]> {
     difference.squares().into_iter().zip(images.squares()).map(<[f64; 2]>::from).collect()
 }
 
-/// Relative errors from squared ones and squares; lights that nothing is seen of say nothing.
-fn relative(squares: &[[f64; 2]]) -> Vec<f64> {
-    squares.iter().filter(|[_, image]| *image > 0.0).map(|[error, image]| (error / image).sqrt()).collect()
-}
-
-/// Mean relative error.
-fn mean(squares: &[[f64; 2]]) -> f64 {
-    let errors = relative(squares);
-    errors.iter().sum::<f64>() / errors.len().max(1) as f64
-}
-
-/// Of what was checked, light by light.
-struct Errors(Vec<[f64; 2]>);
-
-impl Errors {
-    fn add(&mut self, want: &Panels, got: &Panels) {
-        self.0.iter_mut().zip(compare(want, got)).for_each(|(sum, [e, w])| *sum = [sum[0] + e, sum[1] + w]);
-    }
-
-    fn report(self, noise: f64) -> Report {
-        let worst = relative(&self.0[POINTS.start..SPOTS.end]).into_iter().fold(0.0, f64::max);
-        Report { point: mean(&self.0[POINTS]), spot: mean(&self.0[SPOTS]), worst, noise, ..Default::default() }
-    }
+/// Adds squares, light by light.
+fn add(sums: &mut [[f64; 2]], found: Vec<[f64; 2]>) {
+    sums.iter_mut().zip(found).for_each(|(sum, found)| *sum = [0, 1].map(|i| sum[i] + found[i]));
 }

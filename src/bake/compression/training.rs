@@ -45,8 +45,8 @@ pub struct Bounced {
 
 impl Trainer<'_> {
     /// Random lights, group by group; each is scaled so that its whole indirect image has norm 1. Lights that hardly
-    /// anything visible receives light from are passed over; if too many are, the last stay black. Lights of different
-    /// seeds have nothing in common.
+    /// anything visible receives light from are passed over; if too few are left in a group, they come again, and if none is, all
+    /// of it is black. Lights of different seeds have nothing in common.
     pub fn lights(&self, groups: &[Group]) -> Bounced {
         let level = &self.transfer.fine;
         let count = groups.iter().map(|g| g.count).sum();
@@ -70,6 +70,9 @@ impl Trainer<'_> {
                     all.further.copy(next, &bounced.further, number, scale);
                     next += 1;
                 }
+            }
+            for again in (next..end).filter(|_| next > first) {
+                all.repeat(first + (again - next) % (next - first), again);
             }
             first = end;
         }
@@ -98,6 +101,12 @@ impl Bounced {
     /// `count` random combinations; their covariance is that of these.
     pub fn combine(&self, count: usize, seed: u64) -> Self {
         Self { direct: combine(&self.direct, count, seed), further: combine(&self.further, count, seed) }
+    }
+
+    /// Copies one of these to the place of another.
+    fn repeat(&mut self, from: usize, to: usize) {
+        self.direct.repeat(from, to);
+        self.further.repeat(from, to);
     }
 
     pub fn scale(&mut self, factors: &[f32]) {

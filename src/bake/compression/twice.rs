@@ -19,8 +19,8 @@ pub struct Twice {
     pub noise: f64,
     pub weighted_noise: f64,
     lights: Range<usize>,
-    /// Roots of the lights' weights, which add up to 1: lights with more noise than half of them count for less, so that few
-    /// noisy ones don't hide what the others show.
+    /// Roots of the lights' weights, which add up to 1: lights with more noise than half of those that reach the pixels count for
+    /// less, so that few noisy ones don't hide what the others show.
     roots: Vec<f64>,
     /// All pixels x deciding lights.
     pub images: Mat<f64>,
@@ -35,10 +35,13 @@ impl Twice {
     pub fn new(pixels: &[usize], checks: &Panels, again: &Panels, lights: &Range<usize>) -> Self {
         let times = 0.5 * checks.rows() as f64 / pixels.len() as f64;
         let noise: Vec<f64> = lights.clone().map(|light| times * apart(pixels, checks, again, light)).collect();
-        let mut sorted = noise.clone();
+        let squares = &checks.squares()[lights.clone()];
+        let least = REACHES * squares.iter().sum::<f64>() / squares.len() as f64;
+        let reaching = noise.iter().zip(squares).filter(|(_, square)| **square > least).map(|(noise, _)| *noise);
+        let mut sorted: Vec<f64> = reaching.collect();
         sorted.sort_unstable_by(f64::total_cmp);
-        let median = sorted[sorted.len() / 2];
-        let weight = |noise: &f64| if *noise > median { median / noise } else { 1.0 };
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let weight = |noise: &f64| if median > 0.0 && *noise > median { median / noise } else { 1.0 };
         let all: f64 = noise.iter().map(weight).sum();
         let mut twice = Self {
             noise: noise.iter().sum::<f64>() / noise.len() as f64,
@@ -114,6 +117,9 @@ impl Twice {
     }
 }
 
+/// A light reaches pixels if the square of its image there is more than this share of the mean of all.
+const REACHES: f64 = 0.01;
+
 /// Square of the distance of a light's images, over all channels.
 fn apart(pixels: &[usize], checks: &Panels, again: &Panels, light: usize) -> f64 {
     let square = |channel: usize, i: usize| {
@@ -127,31 +133,45 @@ mod tests {
     use super::*;
     use crate::sequence::Points;
 
-    /// Images of light in eight directions, each half as bright as the one before, under noise.
-    #[test]
-    fn noise_is_not_light() {
-        let (pixels, lights, lit) = (512, 24, 8);
-        let points = Points::new(1, 0);
-        let random = |i: usize, j: usize| points.at(i as u32, j as u32)[0] - 0.5;
-        let (directions, _) = linear::orthonormal(&Mat::from_fn(pixels, 64, random));
-        let light =
-            Mat::from_fn(64, 3 * lights, |j, l| if j < lit { random(j, 100 + l) * 0.5f64.powi(j as i32) } else { 0.0 });
+    const PIXELS: usize = 512;
+    const LIGHTS: usize = 24;
+    /// Directions that there is light in.
+    const LIT: usize = 8;
+
+    fn random(i: usize, j: usize) -> f64 {
+        Points::new(1, 0).at(i as u32, j as u32)[0] - 0.5
+    }
+
+    /// Of noise and lights: directions, what each holds of the lights without noise, and their images with it. Light is half as
+    /// bright in each direction as in the one before; of each light there is `share`, noise and all.
+    fn images(noise: f64, share: impl Fn(usize) -> f64 + Sync) -> (Mat<f64>, Mat<f64>, Twice) {
+        let (directions, _) = linear::orthonormal(&Mat::from_fn(PIXELS, 64, random));
+        let light = |j: usize, l: usize| random(j, 100 + l) * 0.5f64.powi(j as i32) * share(l % LIGHTS);
+        let light = Mat::from_fn(64, 3 * LIGHTS, |j, l| if j < LIT { light(j, l) } else { 0.0 });
         let image = linear::product(directions.as_ref(), light.as_ref());
-        let noise = 0.01;
         let noisy = |purpose: usize, rows: &[usize]| {
-            Panels::from_fn(rows.len(), lights, |c, i, l| {
-                (image[(rows[i], c * lights + l)] + noise * random(rows[i], purpose + c * lights + l)) as f32
+            Panels::from_fn(rows.len(), LIGHTS, |c, i, l| {
+                let noise = noise * share(l) * random(rows[i], purpose + c * LIGHTS + l);
+                (image[(rows[i], c * LIGHTS + l)] + noise) as f32
             })
         };
-        let anew: Vec<usize> = (0..pixels).step_by(4).collect();
-        let all: Vec<usize> = (0..pixels).collect();
-        let twice = Twice::new(&anew, &noisy(1000, &all), &noisy(2000, &anew), &(0..lights));
+        let anew: Vec<usize> = (0..PIXELS).step_by(4).collect();
+        let all: Vec<usize> = (0..PIXELS).collect();
+        let twice = Twice::new(&anew, &noisy(1000, &all), &noisy(2000, &anew), &(0..LIGHTS));
+        (directions, light, twice)
+    }
 
+    fn square(row: faer::RowRef<f64>) -> f64 {
+        row.iter().map(|x| x * x).sum()
+    }
+
+    #[test]
+    fn noise_is_not_light() {
+        let (directions, light, twice) = images(0.01, |_| 1.0);
         let held = linear::product(directions.transpose(), twice.images.as_ref());
         let within = |count: usize| linear::product(directions.subcols(0, count), held.subrows(0, count));
-        let square = |row: faer::RowRef<f64>| row.iter().map(|x| x * x).sum::<f64>();
         for kept in [5, 4] {
-            let lost = (kept..lit).map(|j| square(light.row(j))).sum::<f64>() / lights as f64;
+            let lost = (kept..LIT).map(|j| square(light.row(j))).sum::<f64>() / LIGHTS as f64;
             let held_by_others: f64 = (kept..64).map(|j| square(held.row(j))).sum();
             assert!(held_by_others > 1.5 * lost, "there is too little noise: {held_by_others}, light {lost}");
             let needed = twice.needed(directions.as_ref(), held.as_ref(), 1.5 * lost);
@@ -160,9 +180,24 @@ mod tests {
             assert!((found - lost).abs() < 0.2 * held_by_others, "{kept} directions: {found} instead of {lost}");
         }
         // A basis of three directions lacks the light of five, one of all eight lacks none.
-        let lost: f64 = (3..lit).map(|j| square(light.row(j))).sum::<f64>() / lights as f64;
+        let lost: f64 = (3..LIT).map(|j| square(light.row(j))).sum::<f64>() / LIGHTS as f64;
         let found = twice.outside(&within(3));
         assert!(found > 0.6 * lost && found < lost, "{found} outside instead of {lost}");
-        assert!(twice.outside(&within(lit)) < 0.01 * lost);
+        assert!(twice.outside(&within(LIT)) < 0.01 * lost);
+    }
+
+    /// Pixels that most lights do not reach, or hardly, are fitted by those that do.
+    #[test]
+    fn lights_elsewhere_do_not_decide() {
+        for elsewhere in [0.0, 1e-4] {
+            let (directions, light, twice) = images(0.01, |light| if light < 5 { 1.0 } else { elsewhere });
+            let held = linear::product(directions.transpose(), twice.images.as_ref());
+            let lost = (4..LIT).map(|j| square(light.row(j))).sum::<f64>() / LIGHTS as f64;
+            assert_eq!(
+                twice.needed(directions.as_ref(), held.as_ref(), 1.5 * lost),
+                4,
+                "{elsewhere} of light elsewhere"
+            );
+        }
     }
 }

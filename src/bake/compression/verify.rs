@@ -46,7 +46,7 @@ pub fn judge(
     judge: &Judge,
     progress: &dyn Fn(usize),
 ) -> [Verdict; 2] {
-    let clusters = Clusters::new(&transfer.baked().samples);
+    let clusters = Clusters::new(transfer.baked());
     let tiles = judge.tiles(&clusters);
     if tiles.is_empty() || transfer.fine.samples.is_empty() {
         return Default::default();

@@ -11,7 +11,7 @@ use crate::bake::{Baked, octahedral};
 use crate::brdf::Lobes;
 use crate::scene::Scene;
 use crate::sequence::Points;
-use crate::shared::{Brdf, NO_BRDF};
+use crate::shared::Brdf;
 
 /// What paths from the eye tell of a scene's surfaces.
 pub struct Importance {
@@ -78,8 +78,7 @@ struct Tracer<'a> {
 
 impl Tracer<'_> {
     fn trace(&self, count: usize) -> Vec<Visit> {
-        let reflects = |&i: &u32| self.baked.samples[i as usize].brdf != NO_BRDF;
-        let seen: Vec<u32> = (0..self.baked.samples.len() as u32).filter(reflects).collect();
+        let seen = self.baked.reflecting();
         if seen.is_empty() {
             return Vec::new();
         }

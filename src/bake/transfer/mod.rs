@@ -277,6 +277,12 @@ impl<'a> Transfer<'a> {
         self.radiating(|sample| sample.emission.as_dvec3())
     }
 
+    /// What rows of Φ multiply for the light of everything that emits, one light more; absent where nothing does.
+    pub fn emitted(&self) -> Option<Vec<DVec3>> {
+        let emission = self.emission();
+        emission.iter().any(|e| *e != DVec3::ZERO).then(|| self.bounce(&emission).0)
+    }
+
     /// Coefficients of samples that radiate so much, in all directions alike.
     fn radiating(&self, radiance: impl Fn(&GatherSample) -> DVec3) -> Vec<DVec3> {
         let mut coefficients = vec![DVec3::ZERO; self.fine.coefficient_count()];

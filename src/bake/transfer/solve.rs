@@ -165,7 +165,7 @@ mod tests {
     /// Rows with random entries; those of channel c add up to `sums[c]`.
     fn random(size: usize, sums: [f32; 3]) -> Rows {
         let points = Points::new(1, 0);
-        let mut g = Rows { first: vec![0], ..Default::default() };
+        let mut g = Rows::empty(0);
         for i in 0..size as u32 {
             let entries: Vec<[f64; 4]> = (0..size as u32).map(|j| points.at(j, i)).collect();
             let total: f64 = entries.iter().map(|e| e[0]).sum();

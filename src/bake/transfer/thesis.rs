@@ -157,7 +157,7 @@ impl<'a> Thesis<'a> {
     /// Rows of Φ for view samples, by index into [`Baked::samples`].
     pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> Rows {
         let row = |scratch: &mut Scratch, sample: &u32| {
-            let mut rows = Rows { first: vec![0], ..Default::default() };
+            let mut rows = Rows::empty(0);
             self.view_row(*sample, lobe, scratch);
             scratch.rows[0].take(0, &mut rows);
             rows.first.push(rows.columns.len());
@@ -227,7 +227,7 @@ impl<'a> Thesis<'a> {
             rows.iter_mut().zip(&k[..terms]).for_each(|(row, k)| row.add_colored(sender, h, *k * transfer));
         });
         scratch.k = k;
-        let mut block = Rows { first: vec![0], ..Default::default() };
+        let mut block = Rows::empty(0);
         for row in &mut scratch.rows[..terms] {
             row.take(0, &mut block);
             block.first.push(block.columns.len());

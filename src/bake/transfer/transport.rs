@@ -179,7 +179,7 @@ impl<'a> Scratch<'a> {
     /// What was found, for a receiver of `count` coefficients.
     fn take(&mut self, count: usize) -> Vec<Found> {
         let take = |(rows, factors): &mut (Vec<Row>, Row)| {
-            let mut found = Found { rows: Rows { first: vec![0], ..Default::default() }, ..Default::default() };
+            let mut found = Found { rows: Rows::empty(0), ..Default::default() };
             for row in &mut rows[..count] {
                 row.take(0, &mut found.rows);
                 found.rows.first.push(found.rows.columns.len());

@@ -14,7 +14,7 @@ use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use crate::bake::transfer::rows::{Lobe, RowGatherer, Rows};
 use crate::bake::transfer::thesis::Thesis;
 use crate::gpu::mapped::Elements;
-use crate::shared::{FactoredSample, NO_BRDF};
+use crate::shared::FactoredSample;
 
 impl BakedTransfer {
     /// Our operator in dense form, to the view samples of `baked`: G* explicitly, then Φ; rows of Φ that `journal` has are not gathered again. `progress`
@@ -36,9 +36,7 @@ impl BakedTransfer {
         };
         let vector_length = fine + further[0].nrows();
         let bounce = explicit(fine, further[0].nrows(), bounced);
-        let emitted = transfer.emission();
-        let emits = emitted.iter().any(|e| *e != DVec3::ZERO);
-        let emitted = if emits { transfer.bounce(&emitted).0 } else { Vec::new() };
+        let emitted = transfer.emitted().unwrap_or_default();
         let offset = if one_level { fine as u32 } else { 0 };
         let none = transfer.bounces() == Some(0);
         let gatherer = RowGatherer { baked, ..transfer.row_gatherer(lobe) };
@@ -133,9 +131,7 @@ fn last_matrix(
     let empty = || BlockMatrix::new(3, vector_length, baked.samples.len());
     let mut matrix = empty();
     let mut emission = vec![Vec3::ZERO; if emitted.is_empty() { 0 } else { baked.samples.len() }];
-    let reflecting: Vec<u32> =
-        (0..baked.samples.len() as u32).filter(|&i| baked.samples[i as usize].brdf != NO_BRDF).collect();
-    for piece in reflecting.chunks(ROWS_A_BLOCK * BLOCKS_AT_ONCE) {
+    for piece in baked.reflecting().chunks(ROWS_A_BLOCK * BLOCKS_AT_ONCE) {
         let make = || {
             let rows = gather(piece);
             let block = |(block, samples): (usize, &[u32])| {
