@@ -79,7 +79,7 @@ fn relative(got: &[DVec3], want: &[DVec3]) -> f64 {
 /// Mean relative error of point lights that the compressor has never seen, against the dense operator.
 fn held_out(stage: &Stage, transfer: &Transfer, compressed: &Compressed) -> f64 {
     let haar = Haar::new(&transfer.fine.first);
-    let random = RandomLights::new(&transfer.fine.samples, 12345);
+    let random = RandomLights::new(transfer, 12345);
     let lit = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(transfer, &light));
     let lights: Vec<Vec<DVec3>> =
         lit.filter(|light| light.iter().filter(|x| **x != DVec3::ZERO).count() > light.len() / 4).take(64).collect();
@@ -167,7 +167,7 @@ fn light_adds_up() {
     let transfer = stage.transfer(200, 200, 64);
     let (compressed, _) = stage.compress(&transfer, 0.02);
     let haar = Haar::new(&transfer.fine.first);
-    let random = RandomLights::new(&transfer.fine.samples, 7);
+    let random = RandomLights::new(&transfer, 7);
     let mut lights = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(&transfer, &light));
     let [a, b] = [lights.next().unwrap(), lights.next().unwrap()];
     let mixed: Vec<DVec3> = a.iter().zip(&b).map(|(a, b)| 2.0 * a + DVec3::new(0.5, 0.0, 3.0) * b).collect();
@@ -184,7 +184,7 @@ fn half_precision_costs_nothing() {
     let transfer = stage.transfer(200, 200, 64);
     let (compressed, _) = stage.compress(&transfer, 0.01);
     let haar = Haar::new(&transfer.fine.first);
-    let random = RandomLights::new(&transfer.fine.samples, 8);
+    let random = RandomLights::new(&transfer, 8);
     let mut lights = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(&transfer, &light));
     let light = lights.find(|light| light.iter().any(|x| *x != DVec3::ZERO)).unwrap();
     let before = compressed.relight(&haar, &light);
@@ -207,6 +207,26 @@ fn the_same_bytes_on_any_number_of_threads() {
     };
     let (one, three) = (on(1), on(3));
     assert!(one == three && !one.0.u.is_empty());
+}
+
+/// None would be a few percent of the diagonal from floor and ceiling.
+#[test]
+fn low_rooms_have_lights() {
+    let mut build = Build::default();
+    let wall = build.material(lambert(Vec3::new(0.8, 0.5, 0.6)));
+    let (x, y, z) = (DVec3::X * 20.0, DVec3::Y * 1.25, DVec3::Z * 15.0);
+    for [a, b, c] in [[x, y, z], [y, z, x], [z, x, y]] {
+        build.quad(-a, b, c, wall).quad(a, c, b, wall);
+    }
+    let eye = DVec3::new(-18.0, 0.5, -13.0);
+    let camera = look(eye, DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.0 });
+    let stage = Stage::new(build.scene(), &camera, 48);
+    let transfer = stage.transfer(1024, 256, 256);
+    let (compressed, report) = stage.compress(&transfer, 0.01);
+    check_shapes(&compressed, &stage.baked);
+    let error = held_out(&stage, &transfer, &compressed);
+    println!("{error:.4}, points {:.4}, spots {:.4}, noise {:.4}", report.point, report.spot, report.noise);
+    assert!(report.point > 0.0 && error < report.noise + 0.005, "{error}, noise {}", report.noise);
 }
 
 #[test]

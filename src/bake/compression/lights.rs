@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec3};
 
 use crate::bake::gather_samples::{GatherSample, GatherSamples};
+use crate::bake::transfer::Transfer;
 use crate::scene::{Light, LightKind, MeshSpace};
 use crate::sequence::Points;
 use crate::shared::PackedLight;
@@ -24,30 +25,38 @@ pub struct RandomLights<'a> {
     areas: Vec<f64>,
     low: Vec3,
     high: Vec3,
-    diagonal: f32,
+    /// Lights near surfaces are so far from them, none is nearer to any.
+    near: [f64; 2],
     points: Points,
 }
 
-/// Lights near surfaces are so far from them, in diagonals of the scene's bounds; none is nearer to any.
+/// That, in diagonals of the scene's bounds.
 const NEAR: [f64; 2] = [0.03, 0.2];
+/// In low rooms it is less: so many lights fit over one another where two thirds of the samples see no further than that.
+const IN_ROOM: f64 = 8.0;
+/// Samples that tell how far they see, at most.
+const SEERS: usize = 256;
 /// Free lights may be so far beyond the bounds of all surfaces, in diagonals.
 const BEYOND: f32 = 0.15;
 
 impl<'a> RandomLights<'a> {
-    /// Lights of different `seed`s have nothing in common. There must be a sample.
-    pub fn new(samples: &'a GatherSamples, seed: u64) -> Self {
+    /// Lights of different `seed`s have nothing in common. There must be a fine sample.
+    pub fn new(transfer: &'a Transfer, seed: u64) -> Self {
+        let samples = &transfer.fine.samples;
         let positions = || samples.samples.iter().map(|s| s.position);
         let (low, high) =
             (positions().fold(Vec3::INFINITY, Vec3::min), positions().fold(Vec3::NEG_INFINITY, Vec3::max));
         let diagonal = low.distance(high);
         let beyond = Vec3::splat(BEYOND * diagonal);
+        let nearest = (NEAR[0] * f64::from(diagonal)).min(f64::from(height(transfer)) / IN_ROOM);
         let mut area = 0.0;
         let add = |s: &GatherSample| {
             area += f64::from(s.area);
             area
         };
         let areas = samples.samples.iter().map(add).collect();
-        Self { samples, areas, low: low - beyond, high: high + beyond, diagonal, points: Points::new(seed, 0) }
+        let near = [nearest, nearest * NEAR[1] / NEAR[0]];
+        Self { samples, areas, low: low - beyond, high: high + beyond, near, points: Points::new(seed, 0) }
     }
 
     /// Light number `index`, in mesh space, unless it is too close to a surface; it may be where it lights nothing. Every
@@ -60,9 +69,9 @@ impl<'a> RandomLights<'a> {
         let position = if !near_surface {
             self.low.as_dvec3() + DVec3::new(x, y, z) * (self.high - self.low).as_dvec3()
         } else {
-            near.0 + near.1 * (f64::from(self.diagonal) * NEAR[0] * (NEAR[1] / NEAR[0]).powf(x))
+            near.0 + near.1 * (self.near[0] * (self.near[1] / self.near[0]).powf(x))
         };
-        let least = 0.99 * NEAR[0] as f32 * self.diagonal;
+        let least = (0.99 * self.near[0]) as f32;
         if self.samples.samples.iter().any(|s| s.position.distance(position.as_vec3()) < least) {
             return None;
         }
@@ -92,4 +101,18 @@ impl<'a> RandomLights<'a> {
         let sample = &self.samples.samples[sample.min(last)];
         (sample.position.as_dvec3(), sample.normal.as_dvec3())
     }
+}
+
+/// How far two thirds of the samples see along their normals at most; infinite where more than a third see nothing.
+fn height(transfer: &Transfer) -> f32 {
+    let samples = &transfer.fine.samples.samples;
+    let sees = |sample: &GatherSample| {
+        let offset = transfer.bvh().shadow_offset(0.0);
+        let origin = sample.position + offset * sample.normal;
+        let hit = transfer.bvh().closest_hit(transfer.scene(), origin, sample.normal, f32::INFINITY);
+        hit.map_or(f32::INFINITY, |hit| hit.distance)
+    };
+    let mut distances: Vec<f32> = samples.iter().step_by(samples.len().div_ceil(SEERS)).map(sees).collect();
+    distances.sort_unstable_by(f32::total_cmp);
+    distances[distances.len() * 2 / 3]
 }

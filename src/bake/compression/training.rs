@@ -55,7 +55,7 @@ impl Trainer<'_> {
         let mut first = 0;
         for group in groups.iter().filter(|_| !level.samples.is_empty()) {
             let end = first + group.count;
-            let random = RandomLights::new(&level.samples, group.seed);
+            let random = RandomLights::new(self.transfer, group.seed);
             let mut candidates = (0..group.count as u32 * ATTEMPTS).filter_map(|i| random.light(group.kind, i));
             let mut next = first;
             while next < end {

@@ -106,7 +106,7 @@ const LIT: f64 = 0.05;
 const ATTEMPTS: u32 = 50;
 
 fn lights(transfer: &Transfer, direct: &Direct, kind: Kind, judge: &Judge) -> Vec<Vec<DVec3>> {
-    let random = RandomLights::new(&transfer.fine.samples, judge.seed);
+    let random = RandomLights::new(transfer, judge.seed);
     let all = (0..judge.lights as u32 * ATTEMPTS).filter_map(|i| random.light(kind, i)).map(|light| direct(&light));
     let lit = |light: &Vec<DVec3>| {
         light.iter().filter(|x| **x != DVec3::ZERO).count() as f64 >= (LIT * light.len() as f64).max(1.0)
