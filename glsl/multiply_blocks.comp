@@ -101,8 +101,9 @@ void main() {
         return;
     }
     Panel panel = push.panels.at[group];
-    uint lane = gl_SubgroupInvocationID % LANES;
-    uint strip = (gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID) / LANES * STRIP_ROWS;
+    // Not by gl_SubgroupSize: subgroups may be narrower than the device says.
+    uint lane = gl_LocalInvocationIndex % LANES;
+    uint strip = gl_LocalInvocationIndex / LANES * STRIP_ROWS;
     if (strip >= panel.row_count) {
         return;
     }

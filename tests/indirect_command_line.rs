@@ -134,6 +134,25 @@ fn transfer_is_kept_whatever_the_lights() {
     assert!(run(&[]).0, "mended");
 }
 
+/// Nor is what the cache has of the one taken for the other's.
+#[test]
+fn nothing_left_out_is_the_same_picture() {
+    let folder = folder();
+    let cache = folder.path().join("cache");
+    for samples in ["1", "4"] {
+        let pictures = [&[][..], &["--force-all"], &[]].map(|arguments| {
+            let path = folder.path().join("picture.exr");
+            let mut command = relume();
+            command.arg("render").arg(shipped("balls-2.glb")).arg("-o").arg(&path).args(SMALL);
+            command.args(["--gi", "glossy", "--samples", samples, "--cache"]).arg(&cache).args(arguments);
+            let run = Run::of(&mut command).done();
+            assert!(run.warnings().is_empty(), "{}", run.stderr);
+            read_exr(&path)
+        });
+        assert!(pictures[0] == pictures[1] && pictures[0] == pictures[2], "--samples {samples}");
+    }
+}
+
 #[test]
 fn figures_of_the_transfer() {
     let folder = folder();

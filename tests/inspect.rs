@@ -10,7 +10,7 @@ use relume::relight::exposure::{stop_color, stops};
 use relume::relight::inspect::Inspection;
 use relume::relight::sheet::Grid;
 use relume::relight::{Picture, Relighter, ToneMap};
-use relume::scene::Scene;
+use relume::scene::{LightGroup, Scene};
 use relume::shared::{BINS_A_STOP, HISTOGRAM_BINS};
 
 const EXPOSURE: f32 = 0.7;
@@ -127,6 +127,36 @@ fn cells_of_the_contact_sheet_are_their_lights_made_smaller() {
     // Another picture in between leaves nothing of the sheet.
     relighter.linear(Picture::Whole).unwrap();
     check(&mut relighter, "after a whole picture");
+    // Nine cells are larger than sixteen.
+    relighter.linear(Picture::Sheet).unwrap();
+    rig.lights.truncate(9);
+    relighter.set_rig(&rig).unwrap();
+    let fewer = relighter.linear(Picture::Sheet).unwrap().to_vec();
+    relighter.linear(Picture::Whole).unwrap();
+    let anew = relighter.linear(Picture::Sheet).unwrap();
+    let grid = Grid::new(9, [90, 61]);
+    for [left, top, width, height] in (0..9).map(|index| grid.cell(index)) {
+        let row = |y: u32| (y * 90 + left) as usize..(y * 90 + left + width) as usize;
+        assert!((top..top + height).all(|y| fewer[row(y)] == anew[row(y)]), "the cell at {left}, {top}");
+    }
+}
+
+/// A red light in a blue group is black, though neither is.
+#[test]
+fn lights_that_are_black_by_their_group_are_not_waited_for() {
+    let gpu = gpu();
+    let stage = stage("balls-16.glb");
+    let mut relighter = relighter(&gpu, &stage);
+    let mut rig = stage.scene.rig.clone();
+    rig.groups.push(LightGroup { color: Vec3::Z, ..LightGroup::new("blue") });
+    for (light, color) in rig.lights.iter_mut().zip([Vec3::X, Vec3::ONE]) {
+        (light.group, light.color) = (Some(rig.groups.len() - 1), color);
+    }
+    relighter.set_rig(&rig).unwrap();
+    for _ in 0..rig.lights.len() {
+        relighter.prepare().unwrap();
+    }
+    assert_eq!(relighter.pending(), 0);
 }
 
 #[test]

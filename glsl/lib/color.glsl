@@ -36,6 +36,8 @@ vec3 agx(vec3 c) {
 vec3 pbr_neutral(vec3 c) {
     const float start = 0.8 - 0.04;
     const float desaturation = 0.15;
+    // Its curve brightens what is below black.
+    c = max(c, 0.0);
     float low = min(c.r, min(c.g, c.b));
     c -= low < 0.08 ? low - 6.25 * low * low : 0.04;
     float peak = max(c.r, max(c.g, c.b));

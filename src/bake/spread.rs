@@ -41,6 +41,9 @@ fn sources(from: &Baked, to: &Baked, radius: f32) -> Vec<Option<u32>> {
     let mut sources: Vec<Option<u32>> = (0..pixels as u32).map(Some).collect();
     sources.resize(to.samples.len(), None);
     let likest = |pixel: u32, extra: u32| -> Option<u32> {
+        if to.samples[pixels + extra as usize].brdf == NO_BRDF {
+            return None;
+        }
         let layer = to.extra_samples[extra as usize].layer;
         let (x, y) = to.tiling.pixel(pixel as usize);
         let around =

@@ -268,7 +268,11 @@ impl Session {
             .then(|| framebuffer(&BakeSettings { samples: 1, ..settings.clone() }, &mut report));
         let (key, baked) = framebuffer(&settings, &mut report);
         let baked = if options.force_all { baked.with_nothing_left_out() } else { baked };
-        let plain_key = plain.as_ref().map_or(&key, |(key, _)| key).clone();
+        let plain_key = match &plain {
+            Some((key, _)) => key.clone(),
+            None if options.force_all => cache::transfer_key(&key, "nothing left out"),
+            None => key.clone(),
+        };
         let transfers = plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone() });
         let plain = plain.map(|(_, baked)| Arc::new(baked));
         report.seconds += start.elapsed().as_secs_f64();

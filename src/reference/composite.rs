@@ -47,6 +47,8 @@ pub fn pbr_neutral(c: DVec3) -> DVec3 {
     const F90: f64 = 0.04;
     const START: f64 = 0.8 - F90;
     const DESATURATION: f64 = 0.15;
+    // Its curve brightens what is below black.
+    let c = c.max(DVec3::ZERO);
     let low = c.min_element();
     let offset = if low <= 2.0 * F90 { low - low * low / (4.0 * F90) } else { F90 };
     let c = c - offset;
@@ -58,4 +60,19 @@ pub fn pbr_neutral(c: DVec3) -> DVec3 {
     let new_peak = 1.0 - room * room / (peak + room - START);
     let grey = 1.0 - 1.0 / (DESATURATION * (peak - new_peak) + 1.0);
     (c * (new_peak / peak)).lerp(DVec3::splat(new_peak), grey)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gathers may leave pixels a little below black.
+    #[test]
+    fn nothing_below_black_is_bright() {
+        for dark in [0.0, -1e-3, -0.16, -10.0] {
+            assert_eq!(pbr_neutral(DVec3::splat(dark)), DVec3::ZERO);
+            let red = pbr_neutral(DVec3::new(0.5, dark, dark));
+            assert_eq!(red, pbr_neutral(DVec3::X * 0.5), "{dark}");
+        }
+    }
 }

@@ -257,7 +257,12 @@ impl LightCache {
     pub fn pending(&self) -> (usize, Option<usize>) {
         let held = |node: usize| {
             let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
-            above.any(|n| self.nodes[n].slot.is_some() || self.scale(n) == Vec3::ZERO)
+            // Red light in a blue group is none, though neither is black.
+            let mut scale = Vec3::ONE;
+            above.any(|n| {
+                scale *= self.scale(n);
+                self.nodes[n].slot.is_some() || scale == Vec3::ZERO
+            })
         };
         let mut pending = (0..self.leaf_of.len()).filter(|&light| !held(self.leaf_of[light]));
         let first = pending.next();

@@ -57,8 +57,9 @@ pub(super) struct Sheet {
 impl Sheet {
     /// Leaves cells out of a plan that are there already.
     pub fn thin(&mut self, plan: &mut Plan, output: Output) {
-        if self.output != Some(output) {
-            (self.output, self.cells) = (Some(output), Vec::new());
+        let cells = plan.steps.iter().filter(|step| matches!(step, Step::Show { .. })).count();
+        if self.output != Some(output) || self.cells.len() != cells {
+            (self.output, self.cells) = (Some(output), vec![None; cells]);
         }
         let mut shaded = Vec::new();
         plan.steps.retain(|step| match *step {
@@ -68,9 +69,6 @@ impl Sheet {
             }
             Step::Sum { .. } => true,
             Step::Show { cell, term } => {
-                if self.cells.len() <= cell {
-                    self.cells.resize(cell + 1, None);
-                }
                 let is_new = term.is_some_and(|term| shaded.contains(&term.source));
                 // An unlit cell differs from one that was never drawn.
                 let term = term.unwrap_or(Term { source: Source::Rest, scale: Vec3::ZERO });

@@ -101,7 +101,10 @@ pub fn prune(dir: &Path) -> Result<(usize, u64)> {
     let files = files(dir, |name| name.starts_with("bake-") || is_temporary(name))?;
     for path in &files {
         bytes += path.metadata().map_or(0, |m| m.len());
-        std::fs::remove_file(path).map_err(Error::io("remove", path))?;
+        match std::fs::remove_file(path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {} // another process was done with it
+            removed => removed.map_err(Error::io("remove", path))?,
+        }
     }
     Ok((files.len(), bytes))
 }

@@ -104,9 +104,10 @@ fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Ve
     }
     let width = |triangle: usize| {
         let [a, b, c] = scene.mesh.triangles[triangle].map(|v| scene.mesh.positions[v as usize]);
+        let even = |count: u32| 0.5 * (b - a).cross(c - a).length() / (MOST_UNEVEN * count as f32);
         let sample_area = match counts[triangle] {
-            0 => neighbours.nearest((a + b + c) / 3.0).area,
-            count => least[triangle].max(0.5 * (b - a).cross(c - a).length() / (MOST_UNEVEN * count as f32)),
+            0 => neighbours.nearest((a + b + c) / 3.0).area.max(even(1)),
+            count => least[triangle].max(even(count)),
         };
         sample_area.sqrt() / CELLS_A_SAMPLE
     };

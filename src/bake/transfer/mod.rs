@@ -319,7 +319,7 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
             let all: f32 = energy.iter().sum();
             let enough = |functions: &u8| {
                 let degrees = functions.isqrt() as usize;
-                energy[degrees..].iter().sum::<f32>() <= dropped * all
+                all == 0.0 || energy[degrees..].iter().sum::<f32>() <= dropped * all
             };
             [1, 4, 9, 16, 25, 36].into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
         }
