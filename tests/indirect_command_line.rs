@@ -71,6 +71,8 @@ fn methods_agree_roughly_and_bounces_add() {
     let bounces = ["0", "1", "2", "9", "inf"].map(|n| indirect(&["--gi", "diffuse", "--bounces", n]));
     assert!(bounces[0] == 0.0 && bounces.is_sorted(), "{bounces:?}");
     assert!(bounces[3] > 0.9 * bounces[4] && bounces[3] < bounces[4], "{bounces:?}");
+    let many = indirect(&["--gi", "diffuse", "--bounces", "4000000000"]);
+    assert!((many / bounces[4] - 1.0).abs() < 1e-3, "{many} of {bounces:?}");
 }
 
 #[test]

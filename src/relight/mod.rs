@@ -166,7 +166,9 @@ impl Relighter {
         let pixel_stride = baked.pixel_stride();
         let image_bytes = 12 * pixel_stride as u64;
         let fewest = slot_count(rig, 0);
-        let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4 * 3);
+        // Another relighter may have its share already.
+        let held: u64 = context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum();
+        let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4 * 3).saturating_sub(held);
         let transfer_budget = budget.saturating_sub(fewest as u64 * image_bytes);
         let indirect = baked.transfer.as_ref().map(|t| Indirect::new(context, t, transfer_budget)).transpose()?;
         let taken = indirect.as_ref().map_or(0, |indirect| indirect.device_bytes);
@@ -249,11 +251,11 @@ impl Relighter {
 
     /// Takes over another transfer to the same view samples; the next picture shows it.
     pub fn set_transfer(&mut self, transfer: BakedTransfer) -> Result<()> {
-        let indirect = Indirect::new(&self.context, &transfer, self.transfer_budget)?;
+        self.indirect = None; // its memory first
+        self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
         self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
         self.gpu.emission = upload_emission(&self.context, &baked)?;
-        self.indirect = Some(indirect);
         self.baked = baked;
         self.start_anew();
         Ok(())
@@ -268,6 +270,7 @@ impl Relighter {
             self.kernels.shade_light = Kernel::new(&self.context, "shade_light", &specialization)?;
         }
         let transfer = baked.transfer.as_ref();
+        self.indirect = None; // its memory first
         self.indirect = transfer.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
         self.gpu = GpuBaked::new(&self.context, &baked)?;

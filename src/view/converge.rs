@@ -186,21 +186,27 @@ impl Converge {
     }
 
     /// Takes over what another thread has baked, unless lights have moved since.
-    pub fn take(&mut self, sharper: Sharper, opened: &Opened, rig: &Rig) -> Result<()> {
+    pub fn take(&mut self, sharper: Sharper, opened: &Opened, rig: &Rig) {
         self.baking = None;
         if !Arc::ptr_eq(&sharper.of, &opened.baked) || sharper.edges != edges(&opened.scene, rig) {
-            return Ok(());
+            return;
         }
-        match &mut self.relighter {
-            Some(relighter) => relighter.set_baked(sharper.baked)?,
+        let taken = match &mut self.relighter {
+            Some(relighter) => relighter.set_baked(sharper.baked),
             None => {
                 let (context, settings) = (&self.context, &self.settings);
-                let made = Relighter::new(context, &opened.scene, &opened.bvh, &sharper.baked, rig, settings)?;
-                self.relighter = Some(made);
+                Relighter::new(context, &opened.scene, &opened.bvh, &sharper.baked, rig, settings)
+                    .map(|made| self.relighter = Some(made))
             }
+        };
+        match taken {
+            // The picture that there is does without.
+            Err(error) => {
+                tracing::warn!("edges stay as they are, with one sample a pixel: {error}");
+                (self.relighter, self.samples) = (None, 1);
+            }
+            Ok(()) => self.has = Some((sharper.edges, sharper.of)),
         }
-        self.has = Some((sharper.edges, sharper.of));
-        Ok(())
     }
 
     pub fn progress(&self, opened: &Opened, rig: &Rig) -> Progress {

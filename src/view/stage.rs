@@ -140,8 +140,8 @@ impl Stage {
     }
 
     /// Takes over more samples where edges lie.
-    pub fn sharpen(&mut self, sharper: Sharper) -> Result<()> {
-        self.converge.take(sharper, &self.opened, self.desk.rig())
+    pub fn sharpen(&mut self, sharper: Sharper) {
+        self.converge.take(sharper, &self.opened, self.desk.rig());
     }
 
     /// Device memory by owner, bytes.

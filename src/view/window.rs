@@ -424,9 +424,10 @@ impl ApplicationHandler<LoadEvent> for App {
                 self.check(outcome.map(|()| Then::Continue), event_loop);
             }
             LoadEvent::Sharper(sharper) => {
-                let outcome = self.stage.as_mut().map_or(Ok(()), |stage| stage.sharpen(*sharper));
+                if let Some(stage) = &mut self.stage {
+                    stage.sharpen(*sharper);
+                }
                 self.stale = true;
-                self.check(outcome.map(|()| Then::Continue), event_loop);
             }
             LoadEvent::Ended(outcome) => {
                 self.loading = None;

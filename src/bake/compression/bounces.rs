@@ -148,9 +148,6 @@ impl Series {
                 for _ in 0..*terms {
                     let before = std::mem::replace(&mut sum, panel.clone());
                     linear::add_product(panels::matrix_mut(&mut sum), g, panels::matrix(&before));
-                    if sum == before {
-                        break;
-                    }
                 }
                 sum
             }

@@ -167,7 +167,9 @@ impl<'a> Transfer<'a> {
             unseen: importance.unseen,
         };
         let from_fine = bounces.next();
-        Self { scene, bvh, baked, settings: settings.clone(), fine, coarse, among, from_fine, certificate }
+        let mut settings = settings.clone();
+        settings.bounces = settings.bounces.map(|n| n.min(solve::bounces_that_matter(certificate.spectral_radius)));
+        Self { scene, bvh, baked, settings, fine, coarse, among, from_fine, certificate }
     }
 
     /// Columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.

@@ -135,6 +135,14 @@ pub fn spectral_radius(g: &Rows) -> f64 {
     radius
 }
 
+/// How many bounces tell from all of them, each as long in the making as the first; any number where they grow.
+pub fn bounces_that_matter(radius: f64) -> u32 {
+    if radius < 1.0 { (FAINT.ln() / radius.ln()).ceil() as u32 + 2 } else { u32::MAX }
+}
+
+/// What is left of light after these.
+const FAINT: f64 = 1e-12;
+
 /// |b - (I - G) x| / |b|, the worst of the channels.
 pub fn relative_residual(g: &Rows, b: &[DVec3], x: &[DVec3]) -> f64 {
     (norm(&residual(g, b, x)) * reciprocal(norm(b))).max_element()

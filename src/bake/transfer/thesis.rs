@@ -137,6 +137,7 @@ impl<'a> Thesis<'a> {
             .collect();
         thesis.g = Rows::concatenated(blocks);
         thesis.spectral_radius = solve::spectral_radius(&thesis.g);
+        thesis.bounces = thesis.bounces.min(solve::bounces_that_matter(thesis.spectral_radius));
         thesis
     }
 
