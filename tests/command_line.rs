@@ -405,6 +405,26 @@ fn shadow_maps_come_close_to_rays() {
 }
 
 #[test]
+fn shadow_maps_of_far_lights_are_as_fine() {
+    let folder = folder();
+    let scene = shipped("balls-2.glb");
+    let (map, traced) = (folder.path().join("map.exr"), folder.path().join("traced.exr"));
+    let spot = "kind = \"spot\"\ndirection = [-1, -3, -1]\nouter_deg = 60.0\ninner_deg = 50.0\n";
+    for kind in ["kind = \"point\"\n", spot] {
+        let light = "intensity = 1e6\nposition = [200, 600, 200]\n";
+        let rig = format!("[[light]]\nname = \"far\"\n{kind}{light}");
+        let rig = support::write(folder.path(), "rig.toml", rig.as_bytes());
+        for (method, path) in [("map", &map), ("traced", &traced)] {
+            run!("render", &scene, "-o", path, "--size", "128x96", "--no-cache", "--rig", &rig, "--visibility", method)
+                .silent();
+        }
+        let figures = parse(&run!("compare", &map, &traced, "--trim", "0.03").silent().stdout);
+        assert!(figures["trimmed"].as_f64().unwrap() < 1e-3, "{kind}: {figures}");
+        assert!(mean(&layer(&read_exr(&traced), "")) > 0.1);
+    }
+}
+
+#[test]
 fn a_tiny_budget_changes_nothing() {
     let folder = folder();
     let scene = shipped("balls-16.glb");

@@ -137,7 +137,7 @@ fn against_truth(name: &str, references: &[(&str, Layers)]) {
         for (visibility, floor) in [
             (VisibilityMethod::Traced, Floor { trimmed: if is_direct { 0.002 } else { 0.005 }, whole: 0.03 }),
             // Shadow edges of maps are soft: nothing is asked of the worst pixels.
-            (VisibilityMethod::Map, Floor { trimmed: if is_direct { 0.06 } else { 0.09 }, whole: f64::INFINITY }),
+            (VisibilityMethod::Map, Floor { trimmed: 0.02, whole: f64::INFINITY }),
         ] {
             let setup = Setup { visibility, ..full.clone() };
             let name = format!("{name}.{image}.{visibility:?}");

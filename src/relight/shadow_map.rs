@@ -22,6 +22,8 @@ const FILTER_TEXELS: f32 = 2.0;
 /// Widest half-angle of a spot that takes a single map: texels of a wider one are too uneven (measured at 80 degrees: 6.7 % of error
 /// against 3.5 % on cube faces).
 const MAX_SINGLE_ANGLE: f64 = 45.0 * std::f64::consts::PI / 180.0;
+/// Scene radii from its middle from which a light needs one face: no wider than one of six.
+const FAR_RADII: f32 = 1.5;
 
 pub struct ShadowMaps {
     depth: DepthArray,
@@ -89,7 +91,7 @@ impl ShadowMaps {
         lists: &[(&Buffer<ViewSample>, &Buffer<u32>)],
     ) {
         let margin = 1.0 + 2.0 * FILTER_TEXELS / self.depth.size() as f32;
-        let faces = faces_of(light, margin);
+        let faces = faces_of(light, packed.position, self.radius, margin);
         let matrices: Vec<ShadowFace> = faces
             .iter()
             .map(|face| ShadowFace { clip_from_mesh: face.clip_from_mesh(packed.position, self.radius) })
@@ -128,17 +130,25 @@ impl ShadowMaps {
     }
 }
 
-fn faces_of(light: &Light, margin: f32) -> Vec<Face> {
-    let single = |tangent: f32| {
-        let forward = light.direction.as_vec3();
+/// Faces of a light at `position`, around a scene of `radius`; mesh space.
+fn faces_of(light: &Light, position: Vec3, radius: f32, margin: f32) -> Vec<Face> {
+    let single = |forward: Vec3, tangent: f32| {
         let (right, up) = forward.any_orthonormal_pair();
         vec![Face { axes: [right, up, forward], tangent }]
     };
+    // Of a light far enough outside one face holds the scene.
+    let distance = position.length();
+    let whole =
+        (distance > FAR_RADII * radius).then(|| radius / (distance - radius).sqrt() / (distance + radius).sqrt());
     match light.kind {
-        LightKind::Directional => single(0.0),
-        LightKind::Spot if light.outer_angle <= MAX_SINGLE_ANGLE => {
-            single((light.outer_angle.tan() as f32).max(1e-6) * margin)
+        LightKind::Directional => single(light.direction.as_vec3(), 0.0),
+        LightKind::Spot
+            if light.outer_angle <= MAX_SINGLE_ANGLE
+                && whole.is_none_or(|whole| light.outer_angle.tan() < f64::from(whole)) =>
+        {
+            single(light.direction.as_vec3(), (light.outer_angle.tan() as f32).max(1e-6) * margin)
         }
+        _ if let Some(whole) = whole => single(-position / distance, whole * margin),
         // The order that `cube_face` in shadow_pcf.comp numbers them in.
         _ => [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z]
             .map(|forward| {
