@@ -8,7 +8,7 @@ use common::stage::{self, Build, Setup, lambert, look, mirror, pixels, render, r
 use common::{assert_near, gpu};
 use glam::{DVec3, Vec3};
 use relume::relight::{Layers, Picture, Relighter};
-use relume::scene::{Camera, Light, LightGroup, LightKind, Material, Projection, Rig, Scene};
+use relume::scene::{Camera, Encoding, Light, LightGroup, LightKind, Material, Projection, Rig, Scene, Texture};
 
 /// Relative error of float32 on the way to a radiance: some 30 roundings.
 const FLOAT: f64 = 2e-6;
@@ -93,6 +93,31 @@ fn cosine_law() {
         // At grazing angles the cosine is what float32 directions leave of it.
         let tolerance = FLOAT + 2e-7 / cosine.max(1e-9);
         assert_pixel(got, lambert_radiance(cosine / falloff), tolerance, format!("light {i} at {degrees} degrees"));
+    }
+}
+
+/// A pixel a texel: each shows its own colour.
+#[test]
+fn textures_colour_pixels() {
+    const SIDE: usize = 8;
+    // Four roundings of a coordinate move it by so much of the way to the next texel.
+    const MOVED: f64 = 4.0 * SIDE as f64 / 16_777_216.0;
+    let texel = |i: usize| [(55 + i * 37 % 200) as u8, (55 + i * 101 % 200) as u8, (255 - i) as u8, 255];
+    let texels: Vec<_> = (0..SIDE * SIDE).map(texel).collect();
+    let mut build = Build::default();
+    let texture = Texture::new("colours".into(), SIDE, SIDE, texels.clone(), Encoding::Linear);
+    let base_color_texture = build.texture(texture);
+    let material = build.material(Material { base_color_texture, ..lambert(ALBEDO) });
+    build.quad(DVec3::ZERO, 2.0 * DVec3::X, -2.0 * DVec3::Z, material);
+    let direction = DVec3::NEG_Y;
+    let sun = Light { kind: LightKind::Directional, direction, ..Light::point("sun", DVec3::ZERO) };
+    let (camera, setup) = (overhead(1.0, 2.0), Setup::new(SIDE as u32, SIDE as u32));
+    let got = render(&gpu(), build.scene(), &camera, &rig(vec![sun]), &setup, Layers::All);
+    // The picture's last row of pixels is the texture's first: up is -Z, as v is.
+    for (i, (got, texel)) in got.chunks(SIDE).rev().flatten().zip(texels).enumerate() {
+        let color = DVec3::from_slice(&texel.map(|t| f64::from(t) / 255.0));
+        let tolerance = FLOAT + MOVED / color.min_element();
+        assert_pixel(*got, color * lambert_radiance(1.0), tolerance, format!("texel {i}"));
     }
 }
 

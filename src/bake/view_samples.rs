@@ -243,7 +243,7 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         .scene
         .materials
         .iter()
-        .map(|m| super::surface::brdf(&m.evaluate(&[], Default::default(), [0.0; 2], glam::Vec4::ONE)))
+        .map(|m| super::surface::brdf(&m.evaluate(&eye.scene.textures, Default::default(), [0.0; 2], glam::Vec4::ONE)))
         .collect();
     let mut samples = Vec::with_capacity(pixel_count);
     let mut geometric_normals = Vec::with_capacity(pixel_count);

@@ -20,6 +20,7 @@ pub enum Encoding {
 }
 
 /// An image as a mip pyramid of 8-bit RGBA texels, row 0 at v = 0.
+#[derive(Clone)]
 pub struct Texture {
     pub name: String,
     pub encoding: Encoding,
@@ -28,6 +29,7 @@ pub struct Texture {
 }
 
 /// One level of a mip pyramid.
+#[derive(Clone)]
 pub struct Level {
     pub width: usize,
     pub height: usize,

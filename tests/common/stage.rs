@@ -3,12 +3,12 @@
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Mat3, Vec2, Vec3, Vec4};
 use relume::bake::bvh::Bvh;
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::rig::Rig;
-use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene};
+use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene, Texture, TextureRef, Wrap};
 
 use super::Gpu;
 
@@ -17,12 +17,20 @@ use super::Gpu;
 pub struct Build {
     pub quads: Vec<([DVec3; 4], usize)>,
     pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
 }
 
 impl Build {
     pub fn material(&mut self, material: Material) -> usize {
         self.materials.push(material);
         self.materials.len() - 1
+    }
+
+    /// For a material to look up; each quad shows all of it, u along its own u, v along its own v.
+    pub fn texture(&mut self, texture: Texture) -> Option<TextureRef> {
+        self.textures.push(texture);
+        let texture = self.textures.len() - 1;
+        Some(TextureRef { texture, uv_set: 0, uv_transform: Mat3::IDENTITY, wrap: [Wrap::Clamp; 2] })
     }
 
     /// A parallelogram around `center`; its front is the side that u x v points to.
@@ -51,7 +59,7 @@ impl Build {
             mesh: Default::default(),
             space: MeshSpace::around(low, high),
             materials: self.materials.clone(),
-            textures: Vec::new(),
+            textures: self.textures.clone(),
             cameras: Vec::new(),
             rig: rig(Vec::new()),
             image_size: None,
@@ -61,6 +69,11 @@ impl Build {
             let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]).normalize();
             scene.mesh.positions.extend(corners.map(|p| scene.space.from_world(p).as_vec3()));
             scene.mesh.normals.extend([normal.as_vec3(); 4]);
+            if !self.textures.is_empty() {
+                let tangent = (corners[1] - corners[0]).normalize().as_vec3();
+                scene.mesh.uvs[0].extend([Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y]);
+                scene.mesh.tangents.extend([tangent.extend(1.0); 4]);
+            }
             scene.mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
             scene.mesh.triangle_materials.extend([*material as u32; 2]);
         }
