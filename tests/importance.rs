@@ -124,17 +124,16 @@ fn materials_that_hardly_count_get_fewer_functions() {
     assert!(functions(floor) <= MAX_FUNCTIONS && functions(white) == 1);
 }
 
-/// Quarters of quarters, found from a point and drawn from.
+/// Quarters of quarters around a point: each is a part of the one before, and points of one quarter have it in common.
 #[test]
-fn patches_hold_the_points_around_which_they_are() {
+fn patches_lie_within_patches() {
+    let deepest = |u: f32, v: f32| Patch::around(6, Vec2::new(u, v), Patch::DEEPEST).part;
     for (u, v) in [(0.1, 0.1), (0.7, 0.2), (0.2, 0.7), (0.3, 0.4), (0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0)] {
-        let all = Patch::around(6, Vec2::new(u, v), Patch::DEEPEST);
         for depth in 0..=Patch::DEEPEST {
             let patch = Patch::around(6, Vec2::new(u, v), depth);
-            assert_eq!(patch.part, all.part >> (2 * (Patch::DEEPEST - depth)));
-            let place = patch.place(Vec2::splat(1.0 / 3.0));
-            assert!(place.barycentric.distance(Vec2::new(u, v)) < 1.01 * 0.5f32.powi(depth as i32));
-            assert_eq!((place.triangle, place.back), (3, false));
+            assert_eq!((patch.side, patch.part), (6, deepest(u, v) >> (2 * (Patch::DEEPEST - depth))));
         }
     }
+    let quarter = |u: f32, v: f32| Patch::around(6, Vec2::new(u, v), 1).part;
+    assert_eq!([quarter(0.2, 0.2), quarter(0.7, 0.2), quarter(0.2, 0.7), quarter(0.4, 0.4)], [4, 5, 6, 7]);
 }

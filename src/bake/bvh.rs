@@ -247,7 +247,7 @@ pub(super) fn is_hole(scene: &Scene, triangle: u32, barycentric: Vec2) -> bool {
 }
 
 /// Texture coordinates and vertex colour at a point of a triangle; zeros and white where the mesh has none.
-pub(super) fn interpolate_attributes(scene: &Scene, triangle: u32, barycentric: Vec2) -> ([Vec2; 2], Vec4) {
+pub(in crate::bake) fn interpolate_attributes(scene: &Scene, triangle: u32, barycentric: Vec2) -> ([Vec2; 2], Vec4) {
     let mesh = &scene.mesh;
     let corners = mesh.triangles[triangle as usize].map(|v| v as usize);
     let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];

@@ -22,7 +22,7 @@ pub fn shade(scene: &Scene, bvh: &Bvh, level: &Level, light: &PackedLight) -> Ve
         let sample = &level.samples.samples[sample];
         let share = (irradiance / f64::from(light.strength)) as f32 * sample.area * per_solid_angle;
         let rays = weight_of_rays(share);
-        Projection::get().project(&sample.brdf, wi, values);
+        Projection::get().project(&sample.lit, wi, values);
         values.iter_mut().for_each(|k| *k *= 1.0 - rays);
     };
     let mut coefficients = shade_with(scene, bvh, &level.samples, &level.first, project, light);

@@ -113,6 +113,18 @@ impl Material {
         .flatten()
     }
 
+    /// Least roughness anywhere.
+    pub fn least_roughness(&self, textures: &[Texture]) -> f32 {
+        let least = |t: &TextureRef| f32::from(textures[t.texture].least[1]) / 255.0;
+        (self.roughness * self.metallic_roughness_texture.as_ref().map_or(1.0, least)).clamp(0.0, 1.0)
+    }
+
+    /// glTF roughness alone of [`Self::evaluate`], at the finest level.
+    pub fn roughness_at(&self, textures: &[Texture], uvs: [Vec2; 2]) -> f32 {
+        let read = |t: &TextureRef| t.sample(textures, uvs, [0.0; 2]).y;
+        (self.roughness * self.metallic_roughness_texture.as_ref().map_or(1.0, read)).clamp(0.0, 1.0)
+    }
+
     /// Evaluates all factors at texture coordinates `uvs` (sets 0 and 1) and vertex colour `color`.
     ///
     /// `footprints` is the width of a pixel in each set's units, for choosing mip levels; 0 reads the finest.

@@ -26,6 +26,8 @@ pub struct Texture {
     pub encoding: Encoding,
     /// Finest first; each half as wide and high as the one before, rounded down, the last 1x1. Never empty.
     pub levels: Vec<Level>,
+    /// Least value of each channel, as stored.
+    pub least: [u8; 4],
 }
 
 /// One level of a mip pyramid.
@@ -53,6 +55,7 @@ impl Texture {
     pub fn new(name: String, width: usize, height: usize, texels: Vec<[u8; 4]>, encoding: Encoding) -> Self {
         assert_eq!(texels.len(), width * height, "texels of a {width} x {height} texture");
         assert!(!texels.is_empty(), "a texture has at least one texel");
+        let least = texels.iter().fold([255; 4], |least, t| std::array::from_fn(|c| t[c].min(least[c])));
         let mut levels = vec![Level { width, height, texels }];
         let decode = decode_table(encoding);
         let (mut width, mut height) = (width, height);
@@ -68,7 +71,7 @@ impl Texture {
             let texels = finer.iter().map(|&t| stored(t, encoding)).collect();
             levels.push(Level { width, height, texels });
         }
-        Self { name, encoding, levels }
+        Self { name, encoding, levels, least }
     }
 
     /// Decodes a PNG or JPEG file; deeper channels are rounded to 8 bits.

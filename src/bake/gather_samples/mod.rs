@@ -7,14 +7,14 @@ mod surface_points;
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-pub use self::surface_points::{Patch, Place, Surfaces, is_back, is_from_behind, sides};
+pub use self::surface_points::{Drawn, Patch, Place, Surfaces, Visited, is_back, is_from_behind, sides};
 
 use self::clusters::Clusters;
 use self::surface_points::is_enclosed;
 use super::brdf_factors::NEAR_MIRROR_ALPHA;
 use super::bvh::Bvh;
 use super::packet::{PACKET_SIZE, SamplePacket};
-use super::point_tree::{PointTree, point};
+use super::point_tree::{Point, PointTree, point};
 use super::surface::SurfacePoint;
 use crate::scene::Scene;
 use crate::sequence::Points;
@@ -46,9 +46,12 @@ pub struct GatherSample {
     pub emission: Vec3,
     /// Index into the scene's materials; of the middle, if there are several.
     pub material: u32,
-    /// Its reflection, averaged over its area. Lobes narrower than [`NEAR_MIRROR_ALPHA`] are no part of it: rays go on
-    /// through them.
+    /// What it makes of light from surfaces, averaged over its area. Lobes narrower than [`NEAR_MIRROR_ALPHA`] are no part
+    /// of it: rays go on through them.
     pub brdf: Brdf,
+    /// What it makes of light from lights, averaged likewise. No ray meets these: narrow lobes are as wide as the basis can
+    /// hold, and reflect as much.
+    pub lit: Brdf,
 }
 
 /// A point of a gather sample's area; mesh space.
@@ -69,6 +72,8 @@ pub struct GatherSamples {
     /// `points_per_sample` of each sample in turn: what it receives is the mean over them.
     pub points: Vec<GatherPoint>,
     pub points_per_sample: usize,
+    /// By material: samples of one group stand for its surfaces alone. Empty: all are of one.
+    pub groups: Vec<u32>,
 }
 
 /// Points of the surface for each cluster.
@@ -79,6 +84,8 @@ struct Candidate {
     triangle: u32,
     /// What it stands for, in mesh space.
     area: f64,
+    /// How much light comes from there: its weight in what a sample's surface is like and gets.
+    light: f64,
     surface: SurfacePoint,
 }
 
@@ -125,8 +132,17 @@ impl GatherSamples {
         &self.points[sample * self.points_per_sample..][..self.points_per_sample]
     }
 
+    /// Which samples a material's surfaces read.
+    pub fn group(&self, material: u32) -> u32 {
+        self.groups.get(material as usize).copied().unwrap_or(0)
+    }
+
     /// Puts samples, each with its points, into the order of the tree.
-    fn in_tree_order(samples: Vec<(GatherSample, Vec<GatherPoint>)>, points_per_sample: usize) -> Self {
+    fn in_tree_order(
+        samples: Vec<(GatherSample, Vec<GatherPoint>)>,
+        points_per_sample: usize,
+        groups: Vec<u32>,
+    ) -> Self {
         let length = normal_length(samples.iter().map(|(s, _)| s.area));
         let places: Vec<_> = samples.iter().map(|(s, _)| point(s.position, s.normal, length)).collect();
         let tree = PointTree::new(&places);
@@ -135,6 +151,7 @@ impl GatherSamples {
             samples: in_order().map(|(sample, _)| *sample).collect(),
             points: in_order().flat_map(|(_, points)| points.iter().copied()).collect(),
             points_per_sample,
+            groups,
         }
     }
 }
@@ -177,11 +194,12 @@ fn random(scene: &Scene, surfaces: &Surfaces, count: usize, seed: u64) -> Gather
         let surface = place.surface(scene, area.sqrt());
         let SurfacePoint { position, normal, emission, brdf, material, .. } = surface;
         let triangle = place.triangle;
-        (GatherSample { position, area, normal, triangle, emission, material, brdf }, vec![GatherPoint::new(&surface)])
+        let sample = GatherSample { position, area, normal, triangle, emission, material, brdf, lit: brdf };
+        (sample, vec![GatherPoint::new(&surface)])
     };
     let places = surfaces.random(Points::new(seed, 0), count);
     let samples = places.par_iter().filter(|place| !place.is_hole(scene)).map(sample).collect();
-    GatherSamples::in_tree_order(samples, 1)
+    GatherSamples::in_tree_order(samples, 1, Vec::new())
 }
 
 fn clustered(
@@ -197,10 +215,10 @@ fn clustered(
         .stratified(Points::new(seed, 0), candidate_count)
         .into_par_iter()
         .enumerate()
-        .filter(|(_, (place, _))| !place.is_hole(scene))
-        .map(|(i, (place, area))| {
-            let surface = place.surface(scene, area.sqrt() as f32);
-            (i, Candidate { triangle: place.triangle, area, surface })
+        .filter(|(_, drawn)| !drawn.place.is_hole(scene))
+        .map(|(i, Drawn { place, area, light })| {
+            // Texel by texel: a mean over many, in which those of other surfaces may lie beside, is made of all candidates.
+            (i, Candidate { triangle: place.triangle, area, light, surface: place.surface(scene, 0.0) })
         })
         .filter(|(i, Candidate { surface, .. })| {
             carries_light(surface) && !is_enclosed(scene, bvh, surface, Points::new(seed, 1 + *i as u64))
@@ -209,17 +227,32 @@ fn clustered(
         .collect();
     let length = normal_length(candidates.iter().map(|c| c.area as f32 * CANDIDATES as f32));
     let places: Vec<_> = candidates.par_iter().map(|c| point(c.surface.position, c.surface.normal, length)).collect();
-    let clusters = Clusters::new(&places, count);
-    let sample = |cluster: usize| {
-        let members = clusters.members(cluster);
-        let distance2 = |&&i: &&u32| -> f32 {
-            places[i as usize].iter().zip(&clusters.means[cluster]).map(|(a, b)| (a - b) * (a - b)).sum()
-        };
+    let (groups, grouped) = groups(scene, &candidates);
+    let in_all = candidates.len().max(1);
+    let mut done = 0;
+    // As many samples as each group has of all candidates, and one at least.
+    let clusters: Vec<(Vec<u32>, Point)> = grouped
+        .into_iter()
+        .flat_map(|members| {
+            let before = done * count / in_all;
+            done += members.len();
+            let here: Vec<Point> = members.iter().map(|&i| places[i as usize]).collect();
+            let clusters = Clusters::new(&here, (done * count / in_all - before).max(1));
+            let of_all = |cluster: usize| clusters.members(cluster).iter().map(|&i| members[i as usize]).collect();
+            (0..clusters.len()).map(|cluster| (of_all(cluster), clusters.means[cluster])).collect::<Vec<_>>()
+        })
+        .collect();
+    let sample = |(members, mean): &(Vec<u32>, Point)| {
+        let distance2 =
+            |&&i: &&u32| -> f32 { places[i as usize].iter().zip(mean).map(|(a, b)| (a - b) * (a - b)).sum() };
         let nearest = members.iter().min_by(|a, b| distance2(a).total_cmp(&distance2(b))).expect("none is empty");
         let Candidate { triangle, surface: centre, .. } = &candidates[*nearest as usize];
         let of_members = || members.iter().map(|&i| &candidates[i as usize]);
-        let weight = |c: &Candidate| c.area as f32;
         let area: f64 = of_members().map(|c| c.area).sum();
+        let light: f64 = of_members().map(|c| c.light).sum();
+        let counts = |c: &Candidate| c.area * evened(c.light / c.area * area / light);
+        let counted: f64 = of_members().map(counts).sum();
+        let weight = |c: &Candidate| (counts(c) / counted) as f32;
         let normal: Vec3 = of_members().map(|c| weight(c) * c.surface.normal).sum();
         let sample = GatherSample {
             position: centre.position,
@@ -227,14 +260,15 @@ fn clustered(
             normal: normal.try_normalize().unwrap_or(centre.normal),
             triangle: *triangle,
             material: centre.material,
-            emission: of_members().map(|c| weight(c) * c.surface.emission).sum::<Vec3>() / area as f32,
-            brdf: average(of_members().map(|c| (&c.surface.brdf, c.area))),
+            emission: of_members().map(|c| weight(c) * c.surface.emission).sum::<Vec3>(),
+            brdf: average(of_members().map(|c| (held(&c.surface.brdf), counts(c)))),
+            lit: average(of_members().map(|c| (widened(&c.surface.brdf), counts(c)))),
         };
-        // Members lie in tree order: points picked evenly among their areas are spread over the cluster.
+        // Members lie in tree order: points picked evenly among their weights are spread over the cluster.
         let mut points = Vec::with_capacity(points_per_sample);
         let mut covered = 0.0;
         for member in of_members() {
-            covered += member.area * points_per_sample as f64 / area;
+            covered += counts(member) * points_per_sample as f64 / counted;
             while points.len() < points_per_sample && points.len() as f64 + 0.5 < covered {
                 points.push(GatherPoint::new(&member.surface));
             }
@@ -243,12 +277,38 @@ fn clustered(
         points.resize(points_per_sample, GatherPoint::new(centre));
         (sample, points)
     };
-    GatherSamples::in_tree_order((0..clusters.len()).into_par_iter().map(sample).collect(), points_per_sample)
+    GatherSamples::in_tree_order(clusters.par_iter().map(sample).collect(), points_per_sample, groups)
+}
+
+/// Weight of a place whose area brings `ratio` times the light that its sample's area brings on average. Visits are few: up to
+/// twice as much or as little counts as alike, so that all energy is there where everything is seen alike; what is
+/// hidden counts less and less, lest what nobody sees darkens what is seen.
+fn evened(ratio: f64) -> f64 {
+    if ratio < 0.5 { 2.0 * ratio } else { (0.5 * ratio).max(1.0) }
+}
+
+/// Materials whose candidates are enough for a sample have samples of their own: those of a dark wall tell nothing of the white
+/// skirting before it. All others are one group. Returns each material's group, and each group's candidates.
+fn groups(scene: &Scene, candidates: &[Candidate]) -> (Vec<u32>, Vec<Vec<u32>>) {
+    let mut members = vec![Vec::new(); scene.materials.len()];
+    candidates.iter().enumerate().for_each(|(i, c)| members[c.surface.material as usize].push(i as u32));
+    let mut grouped = vec![Vec::new()];
+    let group = |members: Vec<u32>| {
+        if members.len() < CANDIDATES {
+            grouped[0].extend(members);
+            return 0;
+        }
+        grouped.push(members);
+        grouped.len() as u32 - 1
+    };
+    let groups = members.into_iter().map(group).collect();
+    grouped.retain(|members| !members.is_empty());
+    (groups, grouped)
 }
 
 /// Whether a sample has anything to carry there.
 pub fn carries_light(surface: &SurfacePoint) -> bool {
-    surface.emission != Vec3::ZERO || held(&surface.brdf).reflects_directly()
+    surface.emission != Vec3::ZERO || surface.brdf.reflects_directly()
 }
 
 /// What a gather sample holds of a BRDF: a lobe so narrow that rays go on through it is a perfect mirror's.
@@ -256,15 +316,19 @@ pub fn held(brdf: &Brdf) -> Brdf {
     if brdf.alpha >= NEAR_MIRROR_ALPHA { *brdf } else { Brdf { alpha: 0.0, ..*brdf } }
 }
 
+/// A BRDF with a lobe no narrower than [`NEAR_MIRROR_ALPHA`]; a perfect mirror stays one.
+fn widened(brdf: &Brdf) -> Brdf {
+    if brdf.has_lobe() { Brdf { alpha: brdf.alpha.max(NEAR_MIRROR_ALPHA), ..*brdf } } else { *brdf }
+}
+
 /// The mean of BRDFs, each with its weight: of every reflectance, and of roughness over those that have a lobe. Among these
 /// mirrors reflect diffusely alone.
-pub fn average<'a>(brdfs: impl Iterator<Item = (&'a Brdf, f64)>) -> Brdf {
+pub fn average(brdfs: impl Iterator<Item = (Brdf, f64)>) -> Brdf {
     let (mut all, mut diffuse, mut dielectric) = (0.0, DVec3::ZERO, DVec2::ZERO);
     // F0 and F90 of lobes and of mirrors.
     let (mut lobes, mut mirrors) = ([DVec3::ZERO; 2], [DVec3::ZERO; 2]);
     let (mut roughness, mut rough) = (0.0, 0.0);
     for (brdf, weight) in brdfs {
-        let brdf = held(brdf);
         all += weight;
         diffuse += weight * brdf.diffuse.as_dvec3();
         dielectric += weight * DVec2::new(brdf.dielectric_f0.into(), brdf.dielectric_f90.into());

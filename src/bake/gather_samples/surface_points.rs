@@ -7,7 +7,7 @@ use crate::bake::bvh::{Bvh, Hit, is_hole};
 use crate::bake::surface::SurfacePoint;
 use crate::brdf::cosine_direction;
 use crate::scene::{AlphaMode, Scene};
-use crate::sequence::Points;
+use crate::sequence;
 
 /// A place on one side of a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -55,22 +55,6 @@ impl Patch {
         }
         Self { side, part }
     }
-
-    /// A point of the patch, from barycentric coordinates within it.
-    pub fn place(&self, barycentric: Vec2) -> Place {
-        let (mut at, mut part) = (barycentric, self.part);
-        while part > 1 {
-            at = 0.5
-                * match part % 4 {
-                    0 => at,
-                    1 => at + Vec2::X,
-                    2 => at + Vec2::Y,
-                    _ => 1.0 - at,
-                };
-            part /= 4;
-        }
-        Place { triangle: self.side / 2, barycentric: at, back: self.side % 2 == 1 }
-    }
 }
 
 /// The sides of triangles that reflect light, in the order of the BVH's leaves: neighbours are near each other. Each comes
@@ -85,83 +69,148 @@ pub fn sides(scene: &Scene, bvh: &Bvh) -> Vec<(u32, f64)> {
     bvh.triangle_order().flat_map(of_triangle).collect()
 }
 
-/// Surfaces that points are spread over, and how densely.
+/// Surfaces that points are spread over, in pieces, and how densely.
 pub struct Surfaces {
-    /// Patches with their areas, in mesh space.
-    patches: Vec<(Patch, f64)>,
-    /// Areas times densities up to and with each patch.
+    /// Of each piece, in mesh space.
+    areas: Vec<f64>,
+    /// Areas times densities up to and with each piece.
     cumulative: Vec<f64>,
+    points: Points,
+}
+
+/// Where on a piece points lie.
+enum Points {
+    /// Anywhere: pieces are whole sides.
+    Sides(Vec<u32>),
+    /// At visited places, those of piece p being `first[p]..first[p + 1]`.
+    Visited { first: Vec<usize>, places: Vec<Visited> },
+}
+
+/// A place that paths from the eye came to.
+#[derive(Clone, Copy, Debug)]
+pub struct Visited {
+    pub place: Place,
+    /// How much light paths bring from there.
+    pub light: f32,
+}
+
+/// A point of a surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Drawn {
+    pub place: Place,
+    /// What it stands for, in mesh space.
+    pub area: f64,
+    /// How much of the picture's light comes from that area; where nobody knows, the area.
+    pub light: f64,
 }
 
 impl Surfaces {
-    /// Of patches with their areas and how densely they get points, relative to each other. Those of density 0
-    /// are left out.
-    pub fn new(patches: impl Iterator<Item = (Patch, f64, f32)>) -> Self {
-        let mut surfaces = Self { patches: Vec::new(), cumulative: Vec::new() };
-        let mut total = 0.0;
-        for (patch, area, density) in patches.filter(|&(_, area, density)| area > 0.0 && density > 0.0) {
-            total += area * f64::from(density);
-            surfaces.patches.push((patch, area));
-            surfaces.cumulative.push(total);
-        }
-        surfaces
-    }
-
     /// All of a scene's, alike.
     pub fn even(scene: &Scene, bvh: &Bvh) -> Self {
-        Self::new(sides(scene, bvh).into_iter().map(|(side, area)| (Patch { side, part: 1 }, area, 1.0)))
+        let sides = sides(scene, bvh).into_iter().filter(|&(_, area)| area > 0.0);
+        let (sides, areas): (Vec<u32>, Vec<f64>) = sides.unzip();
+        Self { cumulative: cumulative(areas.iter().copied()), areas, points: Points::Sides(sides) }
+    }
+
+    /// Pieces with their areas, how densely they get points, relative to each other, and the places where points may
+    /// lie: as many of a place as light comes from there. A piece without any is left out.
+    pub fn visited(pieces: Vec<(f64, f32, Vec<Visited>)>) -> Self {
+        let (mut areas, mut needs, mut first, mut places) = (Vec::new(), Vec::new(), vec![0], Vec::new());
+        for (area, density, visited) in pieces {
+            if area > 0.0 && density > 0.0 && !visited.is_empty() {
+                areas.push(area);
+                needs.push(area * f64::from(density));
+                places.extend(visited);
+                first.push(places.len());
+            }
+        }
+        Self { areas, cumulative: cumulative(needs.into_iter()), points: Points::Visited { first, places } }
     }
 
     /// Mesh space, double-sided triangles counted twice.
     pub fn area(&self) -> f64 {
-        self.patches.iter().map(|(_, area)| area).sum()
+        self.areas.iter().sum()
     }
 
-    /// Index of the patch at a share of all points.
+    /// Index of the piece at a share of all points.
     fn at(&self, share: f64) -> usize {
         let at = share * self.cumulative[self.cumulative.len() - 1];
-        self.cumulative.partition_point(|&sum| sum <= at).min(self.patches.len() - 1)
-    }
-
-    /// The place at a point of the unit square over a patch.
-    fn place(&self, patch: usize, [u, v]: [f64; 2]) -> Place {
-        // Folding the square along its diagonal keeps neighbours together.
-        let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-        self.patches[patch].0.place(Vec2::new(u as f32, v as f32))
+        self.cumulative.partition_point(|&sum| sum <= at).min(self.areas.len() - 1)
     }
 
     /// `count` random points, each on its own, if there is any surface: where it is even [Yang 2007, Section 4.1].
-    pub fn random(&self, points: Points, count: usize) -> Vec<Place> {
+    pub fn random(&self, points: sequence::Points, count: usize) -> Vec<Place> {
         let place = |i: usize| {
             let [share, u, v, _] = points.at(0, i as u32);
-            self.place(self.at(share), [u, v])
+            self.points.place(self.at(share), [u, v], 0.5)
         };
-        if self.patches.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
+        if self.areas.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
 
-    /// `count` points, one in each of as many equal shares of all, if there is any surface; each with the area that
-    /// it stands for: those of a patch are shared out evenly, those of one without points go to the next.
-    pub fn stratified(&self, points: Points, count: usize) -> Vec<(Place, f64)> {
-        if self.patches.is_empty() {
+    /// `count` points, one in each of as many equal shares of all, if there is any surface. A piece's area and light are
+    /// shared out evenly, those of a piece without points go to the next.
+    pub fn stratified(&self, points: sequence::Points, count: usize) -> Vec<Drawn> {
+        if self.areas.is_empty() {
             return Vec::new();
         }
-        let place = |i: usize| {
-            let [jitter, u, v, _] = points.at(i as u32, 0);
-            let patch = self.at((i as f64 + jitter) / count as f64);
-            (patch, self.place(patch, [u, v]))
-        };
-        let places: Vec<(usize, Place)> = (0..count).into_par_iter().map(place).collect();
+        let piece = |i: usize| self.at((i as f64 + points.at(i as u32, 0)[0]) / count as f64);
+        let pieces: Vec<usize> = (0..count).into_par_iter().map(piece).collect();
         let mut first = 0;
-        let mut areas = Vec::with_capacity(count);
-        for of_patch in places.chunk_by(|a, b| a.0 == b.0) {
-            let last_of_all = areas.len() + of_patch.len() == count;
-            let end = if last_of_all { self.patches.len() } else { of_patch[0].0 + 1 };
-            let area: f64 = self.patches[first..end].iter().map(|(_, area)| area).sum();
-            areas.extend(std::iter::repeat_n(area / of_patch.len() as f64, of_patch.len()));
+        let mut result = Vec::with_capacity(count);
+        for of_piece in pieces.chunk_by(|a, b| a == b) {
+            let (drawn, count_here) = (result.len(), of_piece.len());
+            let end = if drawn + count_here == count { self.areas.len() } else { of_piece[0] + 1 };
+            let share = 1.0 / count_here as f64;
+            let area = share * self.areas[first..end].iter().sum::<f64>();
+            let light = share * self.points.light(first..end).unwrap_or_else(|| self.areas[first..end].iter().sum());
+            result.extend((0..count_here).map(|i| {
+                let [_, u, v, _] = points.at((drawn + i) as u32, 0);
+                Drawn { place: self.points.place(of_piece[0], [u, v], (i as f64 + 0.5) * share), area, light }
+            }));
             first = end;
         }
-        places.into_iter().map(|(_, place)| place).zip(areas).collect()
+        result
     }
+}
+
+impl Points {
+    /// Light that visits to pieces bring.
+    fn light(&self, pieces: std::ops::Range<usize>) -> Option<f64> {
+        let Self::Visited { first, places } = self else { return None };
+        Some(places[first[pieces.start]..first[pieces.end]].iter().map(|v| f64::from(v.light)).sum())
+    }
+
+    /// A point of a piece: of a side by a point of the unit square, of visited places by a share of their light.
+    fn place(&self, piece: usize, [u, v]: [f64; 2], share: f64) -> Place {
+        match self {
+            Self::Sides(sides) => {
+                // Folding the square along its diagonal keeps neighbours together.
+                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let side = sides[piece];
+                Place { triangle: side / 2, barycentric: Vec2::new(u as f32, v as f32), back: side % 2 == 1 }
+            }
+            Self::Visited { first, places } => {
+                let here = &places[first[piece]..first[piece + 1]];
+                let all: f64 = here.iter().map(|v| f64::from(v.light)).sum();
+                let mut left = share * all;
+                let at = here.iter().position(|v| {
+                    left -= f64::from(v.light);
+                    left < 0.0
+                });
+                here[at.unwrap_or(here.len() - 1)].place
+            }
+        }
+    }
+}
+
+fn cumulative(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut total = 0.0;
+    values
+        .map(|value| {
+            total += value;
+            total
+        })
+        .collect()
 }
 
 impl Place {
@@ -185,7 +234,7 @@ impl Place {
 /// Whether most of what a point sees are the backs of single-sided faces: it lies within a solid, where no light is.
 ///
 /// Four rays mostly tell; where any of them meets a back, twelve more do.
-pub fn is_enclosed(scene: &Scene, bvh: &Bvh, point: &SurfacePoint, points: Points) -> bool {
+pub fn is_enclosed(scene: &Scene, bvh: &Bvh, point: &SurfacePoint, points: sequence::Points) -> bool {
     let origin = point.position + point.geometric_normal * bvh.shadow_offset(0.0);
     let (s, t) = point.geometric_normal.any_orthonormal_pair();
     let backs = |rays: std::ops::Range<u32>| {

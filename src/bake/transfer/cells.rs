@@ -10,6 +10,10 @@ use crate::scene::Scene;
 
 /// Samples that a cell reads.
 pub const NEIGHBOURS: usize = 4;
+/// Samples among which those are chosen.
+const LOOKED_AT: usize = 16;
+/// How much further away a sample counts across the surface's plane than along it.
+const OFF_PLANE: f32 = 4.0;
 /// Cells along the width of a gather sample.
 const CELLS_A_SAMPLE: f32 = 4.0;
 /// Cells along an edge at most.
@@ -68,7 +72,7 @@ impl Cells {
                         back: side % 2 == 1,
                     };
                     let surface = place.surface(scene, width);
-                    carries_light(&surface).then(|| neighbours.cell(surface.position, surface.normal))
+                    carries_light(&surface).then(|| neighbours.cell(surface.position, surface.normal, surface.material))
                 },
             )
         };
@@ -136,13 +140,28 @@ impl<'a> Neighbours<'a> {
         &self.samples.samples[found.items()[0].1 as usize]
     }
 
-    /// The nearest samples of like orientation, falling to nothing at the next further one. There must be a sample.
-    pub fn cell(&self, position: Vec3, normal: Vec3) -> Cell {
+    /// The nearest samples of the same material and of like orientation, falling to nothing at the next further one; where
+    /// the material has none, of any. There must be a sample.
+    pub fn cell(&self, position: Vec3, normal: Vec3, material: u32) -> Cell {
         let from = point(position, Vec3::ZERO, 0.0);
-        let alike = |i: u32| self.samples.samples[i as usize].normal.dot(normal) > LEAST_COSINE;
-        let found = self.tree.nearest::<{ NEIGHBOURS + 1 }>(&from, alike);
+        let sample = |i: u32| &self.samples.samples[i as usize];
+        let group = self.samples.group(material);
+        let alike = |i: u32| sample(i).normal.dot(normal) > LEAST_COSINE;
+        let of_group = |i: u32| self.samples.group(sample(i).material) == group && alike(i);
+        let mut found = self.tree.nearest::<LOOKED_AT>(&from, of_group);
+        if found.items().is_empty() {
+            found = self.tree.nearest::<LOOKED_AT>(&from, alike);
+        }
+        // What lies above or below the surface's plane is further away than what lies in it.
+        let distance2 = |&(distance2, i): &(f32, u32)| {
+            let above = (sample(i).position - position).dot(normal);
+            (distance2 + (OFF_PLANE * OFF_PLANE - 1.0) * above * above, i)
+        };
+        let mut found: Vec<(f32, u32)> = found.items().iter().map(distance2).collect();
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.truncate(NEIGHBOURS + 1);
         let mut cell = Cell::default();
-        match found.items() {
+        match &found[..] {
             [] => {
                 cell.samples[0] = self.tree.nearest::<1>(&from, |_| true).items()[0].1;
                 cell.weights[0] = 1.0;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::paths::{Arrival, Paths};
 use crate::bake::bvh::{Bvh, Hit};
-use crate::bake::gather_samples::{Patch, Surfaces, held, sides};
+use crate::bake::gather_samples::{Patch, Place, Surfaces, Visited, held, sides};
 use crate::bake::surface::SurfacePoint;
 use crate::bake::{Baked, octahedral};
 use crate::brdf::Lobes;
@@ -31,6 +31,14 @@ struct Visit {
     light: f32,
     /// How far the surface before it is.
     distance: f32,
+}
+
+impl Visit {
+    fn place(&self) -> Visited {
+        let place = Place { triangle: self.side / 2, barycentric: self.barycentric, back: self.side % 2 == 1 };
+        // Never 0: means are weighted by it.
+        Visited { place, light: self.light.max(f32::MIN_POSITIVE) }
+    }
 }
 
 /// A surface that a path goes on from.
@@ -160,81 +168,124 @@ fn spread(scene: &Scene, bvh: &Bvh, visits: Vec<Visit>) -> (Surfaces, f64) {
     let need = |visit: &Visit| f64::from((visit.light / visit.distance.max(least_distance)).powi(2));
 
     let deepest = |visit: &Visit| Patch::around(visit.side, visit.barycentric, Patch::DEEPEST);
-    let mut visits: Vec<(Patch, f64)> = visits.par_iter().map(|visit| (deepest(visit), need(visit))).collect();
-    visits.par_sort_by_key(|&(patch, _)| patch);
+    let mut visits: Vec<Counted> = visits
+        .par_iter()
+        .map(|visit| Counted { patch: deepest(visit), need: need(visit), visited: visit.place() })
+        .collect();
+    visits.par_sort_by_key(|visit| visit.patch);
     // Visits to each side: `first[side]..first[side + 1]`.
     let mut first = vec![0u32; 2 * scene.mesh.triangles.len() + 1];
-    visits.iter().for_each(|(patch, _)| first[patch.side as usize + 1] += 1);
+    visits.iter().for_each(|visit| first[visit.patch.side as usize + 1] += 1);
     (1..first.len()).for_each(|i| first[i] += first[i - 1]);
+    let hidden = hidden_sides(scene, &sides, |side| first[side as usize + 1] - first[side as usize]);
     let mut patches = Vec::new();
+    let mut unseen = 0.0;
     for (side, area) in sides {
+        if hidden[side as usize] {
+            unseen += area;
+            continue;
+        }
         let here = &visits[first[side as usize] as usize..first[side as usize + 1] as usize];
-        quarter(Patch { side, part: 1 }, area, 0, here, &mut patches);
+        quarter(1, area, 0, here, &mut patches);
     }
     let evenly = EVENLY * patches.iter().map(|p| p.need).sum::<f64>() / area;
-    let mut densities = vec![0.0; patches.len()];
-    fill(&patches, &mut densities, evenly);
-    let unseen: f64 = patches.iter().zip(&densities).filter(|(_, density)| **density == 0.0).map(|(p, _)| p.area).sum();
-    let surfaces = Surfaces::new(patches.iter().zip(densities).map(|(p, density)| (p.patch, p.area, density)));
-    (surfaces, unseen.abs() / area.max(f64::MIN_POSITIVE))
+    let mut pieces = Vec::new();
+    unseen += fill(&patches, evenly, &mut pieces);
+    (Surfaces::visited(pieces), unseen / area.max(f64::MIN_POSITIVE))
 }
 
-/// A patch with what was counted there.
+/// Sides that nobody sees though the other side of their triangle is seen: the inside of closed meshes whose materials are
+/// double-sided, which hardly a path gets into. `sides` lists neighbours that face the same way together.
+fn hidden_sides(scene: &Scene, sides: &[(u32, f64)], visits: impl Fn(u32) -> u32) -> Vec<bool> {
+    let mut hidden = vec![false; 2 * scene.mesh.triangles.len()];
+    let is_double = |side: u32| {
+        let material = scene.mesh.triangle_materials[side as usize / 2];
+        scene.materials[material as usize].double_sided
+    };
+    let fronts: Vec<u32> =
+        sides.iter().map(|&(side, _)| side).filter(|&side| side % 2 == 0 && is_double(side)).collect();
+    let (mut first, mut counts) = (0, [0, 0]);
+    for (i, &front) in fronts.iter().enumerate() {
+        counts = [counts[0] + visits(front), counts[1] + visits(front + 1)];
+        if counts[0].max(counts[1]) < ENOUGH && i + 1 < fronts.len() {
+            continue;
+        }
+        for back in 0..2 {
+            if counts[back] * HARDLY_ANY < counts[1 - back] {
+                fronts[first..=i].iter().for_each(|front| hidden[*front as usize + back] = true);
+            }
+        }
+        (first, counts) = (i + 1, [0, 0]);
+    }
+    hidden
+}
+
+/// Visits to one side of neighbouring triangles that tell whether the other is hidden.
+const ENOUGH: u32 = 64;
+/// A side is hidden if the other has so many times its visits: paths start a little off surfaces, and slip through cracks.
+const HARDLY_ANY: u32 = 20;
+
+/// A visit, where it went and what for.
 struct Counted {
     patch: Patch,
+    need: f64,
+    visited: Visited,
+}
+
+/// A patch with the visits that were counted there.
+struct Visits<'a> {
     area: f64,
-    visits: usize,
+    visits: &'a [Counted],
     need: f64,
 }
 
-/// Cuts a patch, `depth` cuts deep, until few visits went to each, and leaves together what is alike: points lie more regularly
-/// on large patches. `visits` are in the order of parts.
-fn quarter(patch: Patch, area: f64, depth: u32, visits: &[(Patch, f64)], patches: &mut Vec<Counted>) {
+/// Cuts part `part` of a side, `depth` cuts deep, until few visits went to each, and leaves together what is alike: points lie
+/// more regularly on large patches. `visits` are in the order of parts.
+fn quarter<'a>(part: u32, area: f64, depth: u32, visits: &'a [Counted], patches: &mut Vec<Visits<'a>>) {
+    let whole = || Visits { area, visits, need: visits.iter().map(|visit| visit.need).sum() };
     if visits.len() <= VISITS || depth == Patch::DEEPEST {
-        let need = visits.iter().map(|(_, need)| need).sum();
-        patches.push(Counted { patch, area, visits: visits.len(), need });
+        patches.push(whole());
         return;
     }
     let first = patches.len();
     let mut rest = visits;
-    for part in 4 * patch.part..4 * patch.part + 4 {
+    for part in 4 * part..4 * part + 4 {
         let below = 2 * (Patch::DEEPEST - depth - 1);
-        let (here, others) = rest.split_at(rest.partition_point(|(deepest, _)| deepest.part >> below <= part));
+        let (here, others) = rest.split_at(rest.partition_point(|visit| visit.patch.part >> below <= part));
         rest = others;
-        quarter(Patch { part, ..patch }, 0.25 * area, depth + 1, here, patches);
+        quarter(part, 0.25 * area, depth + 1, here, patches);
     }
     let quarters = &patches[first..];
     let (low, high) = quarters.iter().fold((f64::MAX, 0.0f64), |(low, high), q| (low.min(q.need), high.max(q.need)));
     if quarters.len() == 4 && high <= ALIKE * low {
-        let need = quarters.iter().map(|q| q.need).sum();
         patches.truncate(first);
-        patches.push(Counted { patch, area, visits: visits.len(), need });
+        patches.push(whole());
     }
 }
 
-/// Densities of neighbouring patches: the same where few visits went to them together, about as many as their areas ask for.
-fn fill(patches: &[Counted], densities: &mut [f32], evenly: f64) {
-    let count = |patches: &[Counted]| -> (f64, f64) {
-        patches.iter().fold((0.0, 0.0), |(visits, area), p| (visits + p.visits as f64, area + p.area))
+/// Makes pieces of neighbouring patches: one of those to which few visits went together, about as many as their areas ask
+/// for. Returns the area that none went to.
+fn fill(patches: &[Visits], evenly: f64, pieces: &mut Vec<(f64, f32, Vec<Visited>)>) -> f64 {
+    let count = |patches: &[Visits]| -> (f64, f64) {
+        patches.iter().fold((0.0, 0.0), |(visits, area), p| (visits + p.visits.len() as f64, area + p.area))
     };
     let (visits, area) = count(patches);
     if visits == 0.0 {
-        return;
+        return area;
     }
-    let middle = patches.len() / 2;
+    let (left, right) = patches.split_at(patches.len() / 2);
     let alike = || {
-        let (in_left, left_area) = count(&patches[..middle]);
+        let (in_left, left_area) = count(left);
         let share = left_area / area;
         (in_left - share * visits).powi(2) <= DEVIATIONS.powi(2) * share * (1.0 - share) * visits
     };
     if patches.len() == 1 || (visits <= VISITS as f64 && alike()) {
         let need: f64 = patches.iter().map(|p| p.need).sum();
-        densities.fill((need / area.max(f64::MIN_POSITIVE) + evenly).sqrt() as f32);
-        return;
+        let density = (need / area.max(f64::MIN_POSITIVE) + evenly).sqrt() as f32;
+        pieces.push((area, density, patches.iter().flat_map(|p| p.visits).map(|visit| visit.visited).collect()));
+        return 0.0;
     }
-    let (left, right) = densities.split_at_mut(middle);
-    fill(&patches[..middle], left, evenly);
-    fill(&patches[middle..], right, evenly);
+    fill(left, evenly, pieces) + fill(right, evenly, pieces)
 }
 
 /// Which of six ways a side faces mostly.

@@ -32,10 +32,10 @@ impl Level {
         }));
         let frames: Vec<_> = samples.samples.iter().map(|s| s.frame()).collect();
         let lit = |((s, frame), range): ((&GatherSample, &[Vec3; 3]), &[u32])| LightSample {
-            brdf: s.brdf,
+            brdf: s.lit,
             normal: frame[2],
             tangent: frame[0],
-            roughness: roughness_coordinate(&s.brdf),
+            roughness: roughness_coordinate(&s.lit),
             first: range[0],
             degrees: (range[1] - range[0]).isqrt(),
             area: s.area,

@@ -111,17 +111,17 @@ impl<'a> Transfer<'a> {
         settings: &TransferSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
-        let paths = PATHS_A_SAMPLE * settings.samples;
+        let paths = (PATHS_A_SAMPLE * settings.samples).max(LEAST_PATHS);
         let importance = Importance::new(scene, bvh, baked, settings.layers, paths, settings.seed ^ 4 << 32);
         let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
             let placement = Placement::Clustered { points };
             let mut samples = GatherSamples::place(scene, bvh, &importance.surfaces, placement, count, seed);
             if settings.outgoing == Outgoing::Diffuse {
-                samples.samples.iter_mut().for_each(|s| s.brdf = lambert(&s.brdf));
+                samples.samples.iter_mut().for_each(|s| (s.brdf, s.lit) = (lambert(&s.brdf), lambert(&s.lit)));
             }
             let with = |most: u8| -> Vec<u8> {
                 let dropped = |s: &GatherSample| DROPPED * (MUCH / importance.shares[s.material as usize]).max(1.0);
-                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most, dropped(s))).collect()
+                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.lit, most, dropped(s))).collect()
             };
             let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
             let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
@@ -298,6 +298,8 @@ impl<'a> Transfer<'a> {
 
 /// Paths from the eye that tell where samples are needed, for each of them.
 const PATHS_A_SAMPLE: usize = 16;
+/// And as many at least: they also tell which sides are hidden.
+const LEAST_PATHS: usize = 1 << 17;
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
 

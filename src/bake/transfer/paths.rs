@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::bake::brdf_factors::NEAR_MIRROR_ALPHA;
-use crate::bake::bvh::{Bvh, Hit};
+use crate::bake::bvh::{Bvh, Hit, interpolate_attributes};
 use crate::bake::gather_samples::{Place, is_from_behind};
 use crate::bake::surface::SurfacePoint;
 use crate::brdf::{self, Lobes};
@@ -47,7 +47,7 @@ impl<'a> Paths<'a> {
     pub fn new(scene: &'a Scene, bvh: &'a Bvh, layers: u32) -> Self {
         let sides = |m: &Material| Sides {
             double: m.double_sided,
-            goes_on: m.metallic_roughness_texture.is_some() || m.roughness * m.roughness < NEAR_MIRROR_ALPHA,
+            goes_on: m.least_roughness(&scene.textures).powi(2) < NEAR_MIRROR_ALPHA,
         };
         Self { scene, bvh, layers, sides: scene.materials.iter().map(sides).collect() }
     }
@@ -92,7 +92,7 @@ impl<'a> Paths<'a> {
             }
             distance += hit.distance;
             arrive(&Arrival { place, wo: -direction, tint, distance });
-            if !sides.goes_on || layer == self.layers {
+            if !sides.goes_on || layer == self.layers || !self.is_narrow(&hit) {
                 return;
             }
             let surface = SurfacePoint::new(self.scene, &hit, direction, 0.0);
@@ -106,6 +106,13 @@ impl<'a> Paths<'a> {
             let Some(next) = self.closest_hit(origin, direction) else { return };
             (hit, back) = next;
         }
+    }
+
+    /// Whether the lobe at a hit is so narrow that rays go on through it.
+    fn is_narrow(&self, hit: &Hit) -> bool {
+        let material = self.scene.mesh.triangle_materials[hit.triangle as usize];
+        let (uvs, _) = interpolate_attributes(self.scene, hit.triangle, hit.barycentric);
+        self.scene.materials[material as usize].roughness_at(&self.scene.textures, uvs).powi(2) < NEAR_MIRROR_ALPHA
     }
 
     fn closest_hit(&self, origin: Vec3, direction: Vec3) -> Option<(Hit, bool)> {

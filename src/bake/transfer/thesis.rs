@@ -307,8 +307,7 @@ struct Scratch<'a> {
 }
 
 fn reflection(samples: &GatherSamples, material: u32, settings: &ThesisSettings) -> Option<Reflection> {
-    let of_material =
-        || samples.samples.iter().filter(|s| s.material == material).map(|s| (&s.brdf, f64::from(s.area)));
+    let of_material = || samples.samples.iter().filter(|s| s.material == material).map(|s| (s.brdf, f64::from(s.area)));
     of_material().next()?;
     let brdf = average(of_material());
     Some(match settings.outgoing {

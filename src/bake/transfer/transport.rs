@@ -201,7 +201,7 @@ fn is_black(cells: &Cells, place: &crate::bake::gather_samples::Place) -> bool {
 fn interpolated(receivers: &Level, shares: &[f64], level: &Level) -> Vec<f64> {
     let nearest = super::cells::Neighbours::new(&receivers.samples);
     let share = |s: &crate::bake::gather_samples::GatherSample| {
-        nearest.cell(s.position, s.normal).read().map(|(i, weight)| f64::from(weight) * shares[i]).sum()
+        nearest.cell(s.position, s.normal, s.material).read().map(|(i, weight)| f64::from(weight) * shares[i]).sum()
     };
     level.samples.samples.par_iter().map(share).collect()
 }
