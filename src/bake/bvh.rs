@@ -1,7 +1,6 @@
 //! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays in [`super::packet`].
 
 use glam::{BVec4A, Vec2, Vec3, Vec3A, Vec4, Vec4Swizzles};
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::leaf_collapser::collapse;
@@ -11,8 +10,10 @@ use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 use obvhs::ploc::PlocBuilder;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
+use obvhs::{Boundable, BvhBuildParams};
 use pulp::{Simd, WithSimd};
 
+use super::coincident::Heaps;
 use crate::scene::{AlphaMode, Scene};
 
 /// All triangles of a scene, ready to be hit. Directions need not be unit length; distances are in their lengths.
@@ -25,6 +26,7 @@ pub struct Bvh {
     pub(super) binary_corners: Vec<Corners>,
     /// Half the diagonal of the bounds: 1, but for scenes made in code.
     pub radius: f32,
+    is_empty: bool,
     /// Whether any triangle has holes where its alpha is low.
     pub has_masks: bool,
 }
@@ -57,12 +59,17 @@ pub struct Hit {
 impl Bvh {
     pub fn build(scene: &Scene) -> Self {
         let mesh = &scene.mesh;
-        let corners: Vec<Corners> = mesh
+        let mut corners: Vec<Corners> = mesh
             .triangles
             .iter()
             .enumerate()
             .map(|(i, t)| Corners { v: t.map(|v| mesh.positions[v as usize]), triangle: i as u32 })
             .collect();
+        // Of an empty scene a point that no ray meets, since traversal begins at a root.
+        let is_empty = corners.is_empty();
+        if is_empty {
+            corners.push(Corners { v: [Vec3::ZERO; 3], triangle: 0 });
+        }
         let triangles: Vec<Triangle> = corners
             .iter()
             .map(|c| {
@@ -71,21 +78,30 @@ impl Bvh {
             })
             .collect();
         let params = BvhBuildParams::medium_build();
-        let mut binary = PlocBuilder::with_capacity(triangles.len()).build(
+        let boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
+        let heaps = Heaps::find(&boxes);
+        let leaves = heaps.as_ref().map_or(&boxes, |heaps| &heaps.boxes);
+        let mut binary = PlocBuilder::with_capacity(leaves.len()).build(
             params.ploc_search_distance,
-            &triangles,
-            (0..triangles.len() as u32).collect(),
+            leaves,
+            (0..leaves.len() as u32).collect(),
             params.sort_precision,
             params.search_depth_threshold,
         );
         let mut reinsertion = ReinsertionOptimizer::default();
         reinsertion.run(&mut binary, params.reinsertion_batch_ratio, None);
+        let has_heaps = heaps.is_some();
+        if let Some(heaps) = heaps {
+            heaps.expand(&mut binary, &boxes);
+        }
         let (lo, hi) = mesh.bounds();
-        let radius = (hi - lo).length() / 2.0;
+        let radius = if is_empty { 1.0 } else { (hi - lo).length() / 2.0 };
         let wide = bvh2_to_cwbvh(&padded(&binary, radius), 3, true, false);
         collapse(&mut binary, params.max_prims_per_leaf, params.collapse_traversal_cost);
-        let again = params.post_collapse_reinsertion_batch_ratio_multiplier;
-        reinsertion.run(&mut binary, params.reinsertion_batch_ratio * again, None);
+        if !has_heaps {
+            let again = params.post_collapse_reinsertion_batch_ratio_multiplier;
+            reinsertion.run(&mut binary, params.reinsertion_batch_ratio * again, None);
+        }
         // Nodes and triangles in the order in which they are visited: half of a packet's time is waiting for them.
         binary.reorder_in_stack_traversal_order();
 
@@ -97,6 +113,7 @@ impl Bvh {
             wide,
             binary,
             radius,
+            is_empty,
             has_masks: scene.materials.iter().any(masked),
         }
     }
@@ -146,7 +163,7 @@ impl Bvh {
 
     /// The mesh's triangles, neighbours near each other.
     pub fn triangle_order(&self) -> impl Iterator<Item = u32> {
-        self.binary_corners.iter().map(|corners| corners.triangle)
+        self.binary_corners.iter().filter(|_| !self.is_empty).map(|corners| corners.triangle)
     }
 
     /// How far off a surface a shadow ray ends, for a light `distance` away: above the rounding of both.

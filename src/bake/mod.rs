@@ -5,6 +5,7 @@ pub mod brdf_factors;
 pub mod bvh;
 pub mod cache;
 pub mod channels;
+mod coincident;
 pub mod compression;
 pub mod edges;
 mod forced;
