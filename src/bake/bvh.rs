@@ -79,7 +79,16 @@ impl Bvh {
             .collect();
         let params = BvhBuildParams::medium_build();
         let boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
-        let heaps = Heaps::find(&boxes);
+        // Opaque triangles of one material at one place, facing alike.
+        let same = |i: u32| {
+            let material = *mesh.triangle_materials.get(i as usize)?;
+            let is_opaque = scene.materials[material as usize].alpha_mode == AlphaMode::Opaque;
+            let mut corners = corners[i as usize].v.map(|v| v.to_array().map(|x| (x + 0.0).to_bits()));
+            let first = (0..3).min_by_key(|&k| corners[k])?;
+            corners.rotate_left(first);
+            is_opaque.then_some((corners, material))
+        };
+        let heaps = Heaps::find(&boxes, same);
         let leaves = heaps.as_ref().map_or(&boxes, |heaps| &heaps.boxes);
         let mut binary = PlocBuilder::with_capacity(leaves.len()).build(
             params.ploc_search_distance,

@@ -4,6 +4,9 @@
 //! and its reinsertion prunes nothing, so that n of them take n² steps and make a tree n deep. Here each such heap is one
 //! leaf while the tree is searched for, and becomes a balanced tree afterwards.
 
+use std::collections::HashSet;
+use std::hash::Hash;
+
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
@@ -21,8 +24,9 @@ pub struct Heaps {
 }
 
 impl Heaps {
-    /// `None` if no heap is worth it.
-    pub fn find(boxes: &[Aabb]) -> Option<Self> {
+    /// `None` if no heap is worth it. Of a heap's triangles that are `same` one is enough: no ray tells them apart, and each
+    /// would be tested.
+    pub fn find<K: Hash + Eq>(boxes: &[Aabb], same: impl Fn(u32) -> Option<K>) -> Option<Self> {
         // -0 becomes 0.
         let centre = |aabb: &Aabb| (aabb.min + aabb.max).to_array().map(|x| (x + 0.0).to_bits());
         let mut by_centre: Vec<([u32; 3], u32)> = boxes.iter().map(centre).zip(0..).collect();
@@ -35,7 +39,10 @@ impl Heaps {
         for run in runs() {
             let heap = run.iter().map(|&(_, triangle)| triangle);
             match run.len() {
-                MIN_HEAP.. => triangles.push(heap.collect()),
+                MIN_HEAP.. => {
+                    let mut seen = HashSet::new();
+                    triangles.push(heap.filter(|&i| same(i).is_none_or(|key| seen.insert(key))).collect());
+                }
                 _ => triangles.extend(heap.map(|triangle| vec![triangle])),
             }
         }

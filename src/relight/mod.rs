@@ -551,8 +551,12 @@ fn together(rig: &Rig) -> usize {
 /// How many light images are kept for a rig, where the budget has room for so many.
 fn slot_count(rig: &Rig, image_budget: usize) -> usize {
     let (fewest, most) = LightCache::slot_range(rig.lights.len());
-    image_budget.clamp(fewest, most)
+    image_budget.clamp(fewest, most.min(MAX_IMAGES.max(fewest)))
 }
+
+/// Past this rigs do not keep everything, however much room there is: of 100,000 lights the images of small pictures alone
+/// would be gigabytes, and nobody edits so many at once.
+const MAX_IMAGES: usize = 4_096;
 
 /// Composite, histogram, probe, fit, present, user interface.
 const LAST_PASSES: usize = 6;
