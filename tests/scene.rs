@@ -617,3 +617,172 @@ fn obj_materials() {
     let uv = (texture.uv_transform * Vec3::new(0.5, 1.0, 1.0)).truncate();
     assert!(uv.distance(Vec2::new(1.0, 1.0)) < 1e-6, "{uv}");
 }
+
+#[test]
+fn cameras_say_how_wide_their_picture_is() {
+    let mut gltf = Gltf::square();
+    gltf.json["cameras"] = json!([
+        {"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1, "aspectRatio": 0.5}},
+        {"type": "orthographic", "orthographic": {"xmag": 3.0, "ymag": 2.0, "znear": 0, "zfar": 1}},
+        {"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1, "aspectRatio": 1e9}}]);
+    (0..3).for_each(|camera| _ = gltf.root(json!({ "camera": camera })));
+    let scene = load(&gltf);
+    let sizes = scene.cameras.iter().map(|camera| scene.default_size(Some(camera)));
+    assert_eq!(sizes.collect::<Vec<_>>(), [[240, 480], [720, 480], [720, 480]]);
+    assert_eq!(scene.cameras[1].aspect, Some(1.5));
+    gltf.json["scenes"][0]["extras"] = json!({"width": 100, "height": 50});
+    let scene = load(&gltf);
+    assert_eq!(scene.default_size(Some(&scene.cameras[0])), [100, 50]);
+}
+
+/// Half of each of two joints: one stays, one turns by 90 degrees about x and goes up by 1. The node's own place says nothing.
+#[test]
+fn skins_blend_their_joints() {
+    let mut gltf = Gltf::square();
+    let joints = gltf.accessor(&[0, 1, 0, 0].repeat(4), UNSIGNED_BYTE, "VEC4", 4);
+    let weights = gltf.accessor(&[128, 128, 0, 0].repeat(4), UNSIGNED_BYTE, "VEC4", 4);
+    gltf.json["accessors"][weights]["normalized"] = true.into();
+    let attributes = &mut gltf.json["meshes"][0]["primitives"][0]["attributes"];
+    (attributes["JOINTS_0"], attributes["WEIGHTS_0"]) = (joints.into(), weights.into());
+    let inverse_binds = gltf.accessor(
+        &[glam::Mat4::IDENTITY, glam::Mat4::from_translation(Vec3::Y)]
+            .iter()
+            .flat_map(|m| m.to_cols_array())
+            .flat_map(f32::to_le_bytes)
+            .collect::<Vec<u8>>(),
+        FLOAT,
+        "MAT4",
+        2,
+    );
+    let still = gltf.root(json!({"name": "still"}));
+    let half = 0.5f64.sqrt();
+    let turned = gltf.root(json!({"name": "turned", "rotation": [half, 0.0, 0.0, half]}));
+    gltf.json["skins"] = json!([{"joints": [still, turned], "inverseBindMatrices": inverse_binds}]);
+    gltf.json["nodes"][0]["skin"] = 0.into();
+    gltf.json["nodes"][0]["translation"] = json!([100.0, 0.0, 0.0]);
+    gltf.json["nodes"][0]["scale"] = json!([0.0, 0.0, 0.0]);
+    let scene = load(&gltf);
+    // (x, y, 0) and (x, 0, y + 1), the turned one.
+    let [a, b, c] = world(&scene, 0);
+    assert_near(a, DVec3::new(0.0, 0.0, 0.5), 1e-6);
+    assert_near(b, DVec3::new(1.0, 0.0, 0.5), 1e-6);
+    assert_near(c, DVec3::new(1.0, 0.5, 1.0), 1e-6);
+    // Halfway between +z and -y.
+    assert!(scene.mesh.normals[0].distance(Vec3::new(0.0, -half as f32, half as f32)) < 1e-6);
+    assert_near(face_normal(&scene, 0), DVec3::new(0.0, -half, half), 1e-6);
+}
+
+#[test]
+fn morph_targets_are_weighted_and_added() {
+    let mut gltf = Gltf::square();
+    let up = gltf.f32s(&[[0.0, 2.0, 0.0]; 4]);
+    let tilt = gltf.f32s(&[[1.0, 0.0, 0.0]; 4]);
+    let none = gltf.push("accessors", json!({"componentType": FLOAT, "type": "VEC3", "count": 4}));
+    gltf.json["meshes"][0]["primitives"][0]["targets"] =
+        json!([{"POSITION": up}, {"POSITION": none, "NORMAL": tilt}, {"POSITION": up}]);
+    gltf.json["meshes"][0]["weights"] = json!([1.0, 0.0, 0.0]);
+    assert_near(world(&load(&gltf), 0)[0], DVec3::new(0.0, 2.0, 0.0), 1e-6);
+    // The node's weights go first; what lacks a weight has none.
+    gltf.json["nodes"][0]["weights"] = json!([0.25, 1.0]);
+    let scene = load(&gltf);
+    assert_near(world(&scene, 0)[0], DVec3::new(0.0, 0.5, 0.0), 1e-6);
+    let half = 0.5f32.sqrt();
+    assert!(scene.mesh.normals[0].distance(Vec3::new(half, 0.0, half)) < 1e-6);
+}
+
+#[test]
+fn copies_stand_where_their_attributes_say() {
+    let mut gltf = Gltf::square();
+    let translations = gltf.f32s(&[[0.0; 3], [10.0, 0.0, 0.0]]);
+    let scales = gltf.f32s(&[[1.0; 3], [2.0, 3.0, 1.0]]);
+    // A half turn about z, as normalised 16-bit integers.
+    let rotations: Vec<u8> = [0i16, 0, 0, 32_767, 0, 0, 32_767, 0].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let rotations = gltf.accessor(&rotations, SHORT, "VEC4", 2);
+    gltf.json["accessors"][rotations]["normalized"] = true.into();
+    let attributes = json!({"TRANSLATION": translations, "SCALE": scales, "ROTATION": rotations});
+    gltf.json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+    gltf.json["nodes"][0]["translation"] = json!([0.0, 0.0, 5.0]);
+    let scene = load(&gltf);
+    assert_eq!(scene.mesh.triangles.len(), 4);
+    assert_near(world(&scene, 0)[1], DVec3::new(1.0, 0.0, 5.0), 1e-5);
+    // Corner (1, 1, 0): scaled, turned, moved.
+    assert_near(world(&scene, 2)[2], DVec3::new(8.0, -3.0, 5.0), 1e-5);
+}
+
+/// Two materials that read sets 2 and 5 of one mesh each, and one that reads three.
+#[test]
+fn any_set_of_texture_coordinates() {
+    let mut gltf = Gltf::square();
+    let image = gltf.view(&png(1, 1, &[[255; 4]]));
+    gltf.json["images"] = json!([{"bufferView": image, "mimeType": "image/png"}]);
+    gltf.json["textures"] = json!([{"source": 0}]);
+    let texture = |set: u32| json!({"index": 0, "texCoord": set});
+    gltf.json["materials"] = json!([
+        {"pbrMetallicRoughness": {"baseColorTexture": texture(2)}},
+        {"pbrMetallicRoughness": {"baseColorTexture": texture(5)}, "emissiveTexture": texture(1)},
+        {"pbrMetallicRoughness": {"baseColorTexture": texture(0), "metallicRoughnessTexture": texture(3)},
+            "emissiveTexture": texture(4)}]);
+    let mut primitive = gltf.json["meshes"][0]["primitives"][0].clone();
+    for set in 0..6u16 {
+        let uvs = gltf.f32s(&[[f32::from(set), 0.5]; 4]);
+        primitive["attributes"][format!("TEXCOORD_{set}")] = uvs.into();
+    }
+    let with = |material: usize| {
+        let mut primitive = primitive.clone();
+        primitive["material"] = material.into();
+        primitive
+    };
+    gltf.json["meshes"][0]["primitives"] = (0..3).map(with).collect();
+    let scene = load(&gltf);
+    let read = |material: usize, texture: &Option<relume::scene::TextureRef>| {
+        let vertex = scene.mesh.triangles[2 * material][0] as usize;
+        texture.as_ref().map(|t| scene.mesh.uvs[t.uv_set][vertex].x)
+    };
+    let [two, five, three] = &scene.materials[..] else { panic!("{} materials", scene.materials.len()) };
+    assert_eq!(read(0, &two.base_color_texture), Some(2.0));
+    assert_eq!((read(1, &five.base_color_texture), read(1, &five.emissive_texture)), (Some(5.0), Some(1.0)));
+    // The third of three has no room.
+    assert_eq!((read(2, &three.base_color_texture), read(2, &three.emissive_texture)), (Some(0.0), None));
+    assert_eq!(read(2, &three.metallic_roughness_texture), Some(3.0));
+}
+
+#[test]
+fn unlit_materials_emit_their_base_colour() {
+    let mut gltf = Gltf::square();
+    gltf.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 1.0, 1.0]},
+        "emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_unlit": {}}}]);
+    gltf.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    let material = load(&gltf).materials[0].clone();
+    assert_eq!(material.emissive, Vec3::new(0.5, 0.25, 1.0));
+    assert_eq!((material.base_color.truncate(), material.specular, material.metallic), (Vec3::ZERO, 0.0, 0.0));
+}
+
+/// A closed tetrahedron, its faces turned inwards, alone and around another one.
+#[test]
+fn closed_surfaces_of_obj_that_face_inwards_are_turned() {
+    let tetrahedron = |size: f64, first: usize, faces: [[usize; 3]; 4]| {
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        // Its middle is the origin's, whatever its size.
+        let corner = |c: [f64; 3]| c.map(|x| format!("{}", (x - 0.25) * size)).join(" ");
+        let vertices: String = corners.map(|c| format!("v {}\n", corner(c))).concat();
+        vertices + &faces.map(|f| format!("f {} {} {}\n", f[0] + first, f[1] + first, f[2] + first)).concat()
+    };
+    let outwards = [[1, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 4]];
+    let inwards = outwards.map(|[a, b, c]| [a, c, b]);
+    let volume = |text: String| {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = Scene::load(&write(folder.path(), "x.obj", text.as_bytes())).unwrap();
+        let of = |t: usize| world(&scene, t)[0].dot(world(&scene, t)[1].cross(world(&scene, t)[2]));
+        (0..scene.mesh.triangles.len()).map(of).sum::<f64>()
+    };
+    assert!((volume(tetrahedron(1.0, 0, outwards)) - 1.0).abs() < 1e-5);
+    assert!((volume(tetrahedron(1.0, 0, inwards)) - 1.0).abs() < 1e-5);
+    // Open: as it is.
+    let open = tetrahedron(1.0, 0, inwards).rsplit_once("f ").unwrap().0.to_owned();
+    assert!(volume(open) < 0.0);
+    // A room around something stays, and so does the inside of a vessel.
+    let room = tetrahedron(10.0, 0, inwards) + &tetrahedron(1.0, 4, outwards);
+    assert!((volume(room) - (1.0 - 1000.0)).abs() < 1e-2);
+    let vessel = tetrahedron(1.0, 0, outwards) + &tetrahedron(0.8, 4, inwards);
+    assert!((volume(vessel) - (1.0 - 0.512)).abs() < 1e-4);
+}

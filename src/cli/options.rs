@@ -12,7 +12,7 @@ use super::transfer::TransferOptions;
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Scene and bake")]
 pub struct ViewOptions {
-    /// Image size in pixels [default: the scene's own, else 720x480].
+    /// Image size in pixels [default: the scene's own, else 480 rows of the camera's aspect ratio, else 720x480].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
     /// Camera node to look from, by name [default: the rig's camera, else the first].

@@ -16,6 +16,7 @@ use relume::bake::{BakeSettings, Baked, bake, cache, low_priority};
 use relume::gpu::{Context, Validation};
 use relume::relight::Relighter;
 use relume::relight::light_cache::LightCache;
+use relume::scene::memory::available_bytes;
 use relume::scene::rig::without_dots;
 use relume::scene::{Camera, Rig, Scene};
 use relume::{Error, Result};
@@ -172,7 +173,11 @@ impl Opened {
             tracing::warn!("{}: no lights, {so}", rig_path.unwrap_or(path).display());
         }
         let camera = choose_camera(&scene, &rig, options)?;
-        let size = options.size.or(scene.image_size).unwrap_or([720, 480]);
+        let size = options.size.unwrap_or_else(|| scene.default_size(Some(&camera)));
+        if let (None, None, Some(aspect)) = (options.size, scene.image_size, camera.aspect) {
+            let [width, height] = size;
+            tracing::info!("{width}x{height}: camera \"{}\" has an aspect ratio of {aspect:.4}", camera.name);
+        }
         check_size(size).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
         Ok(Self { scene, rig, camera, size })
     }
@@ -358,10 +363,8 @@ pub fn check_fits(size: [u32; 2], bytes: f64, remedy: &str, path: &Path) -> Resu
 
 /// Refuses what takes more bytes than are free.
 pub fn check_free(bytes: f64, what: &str, remedy: &str, path: &Path) -> Result<()> {
-    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()) else { return Ok(()) };
-    let (needed, free) = (bytes * 1e-9, kib as f64 * 1024e-9);
+    let Some(free) = available_bytes() else { return Ok(()) };
+    let (needed, free) = (bytes * 1e-9, free as f64 * 1e-9);
     if needed <= free {
         return Ok(());
     }

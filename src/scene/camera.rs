@@ -12,6 +12,8 @@ pub struct Camera {
     /// Orthonormal columns right, up, back: the camera looks down its -Z.
     pub world_from_camera: DMat3,
     pub projection: Projection,
+    /// Width over height of the picture that the camera is meant for, if its file says so.
+    pub aspect: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,14 +32,18 @@ impl Camera {
         let right = up.cross(back).try_normalize()?;
         let world_from_camera = DMat3::from_cols(right, back.cross(right), back);
         let finite = position.is_finite() && world_from_camera.is_finite();
-        finite.then(|| Self { name: "camera".into(), position, world_from_camera, projection })
+        finite.then(|| Self { name: "camera".into(), position, world_from_camera, projection, aspect: None })
     }
 
     /// A camera that sees all of `mesh` from the front, slightly above.
     pub fn framing(mesh: &Mesh, space: MeshSpace) -> Self {
         let (lo, hi) = mesh.bounds();
         let center = space.to_world((lo + hi) / 2.0);
-        let radius = space.unit * f64::from((hi - lo).length() / 2.0);
+        // Of nothing, a view of one metre.
+        let radius = match space.unit * f64::from((hi - lo).length() / 2.0) {
+            0.0 => 1.0,
+            radius => radius,
+        };
         let yfov = 40f64.to_radians();
         let back = DVec3::new(0.0, 0.25, 1.0).normalize();
         let position = center + back * radius / (yfov / 2.0).sin();

@@ -28,8 +28,22 @@ pub fn read_uri(scene: &Path, uri: &str, what: &str) -> Result<Vec<u8>> {
     }
     let relative = relative_path(uri)
         .map_err(|reason| Error::import(scene, format!("{what}: URI \"{}\" {reason}", shortened(uri))))?;
-    let path = scene.parent().unwrap_or(Path::new("")).join(relative);
-    read(&path).map_err(|e| Error::import_from(scene, format!("{what}: cannot read \"{}\"", shortened(uri)), e))
+    let folder = scene.parent().unwrap_or(Path::new(""));
+    let bytes = below(folder, &folder.join(relative)).and_then(|path| read(&path));
+    bytes.map_err(|e| Error::import_from(scene, format!("{what}: cannot read \"{}\"", shortened(uri)), e))
+}
+
+/// `path`, unless symbolic links on the way lead out of `folder`: what a scene brings along must not show files of the
+/// machine that it is opened on.
+pub fn below(folder: &Path, path: &Path) -> Result<PathBuf> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    match (folder.canonicalize(), path.canonicalize()) {
+        (Ok(folder), Ok(real)) if !real.starts_with(&folder) => {
+            Err(Error::import(path, "is a link that leads out of the scene's folder"))
+        }
+        // What is not there is said by whoever reads it.
+        _ => Ok(path.to_owned()),
+    }
 }
 
 /// A percent-encoded URI as a path below the scene's folder. A scene may come from anywhere, so it doesn't get to name

@@ -125,6 +125,18 @@ impl Material {
         (self.roughness * self.metallic_roughness_texture.as_ref().map_or(1.0, read)).clamp(0.0, 1.0)
     }
 
+    /// The same, to be changed; `None` where there is none.
+    pub fn textures_mut(&mut self) -> [&mut Option<TextureRef>; 6] {
+        [
+            &mut self.base_color_texture,
+            &mut self.metallic_roughness_texture,
+            &mut self.normal_texture,
+            &mut self.emissive_texture,
+            &mut self.specular_texture,
+            &mut self.specular_color_texture,
+        ]
+    }
+
     /// Evaluates all factors at texture coordinates `uvs` (sets 0 and 1) and vertex colour `color`.
     ///
     /// `footprints` is the width of a pixel in each set's units, for choosing mip levels; 0 reads the finest.

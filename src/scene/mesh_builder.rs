@@ -22,6 +22,21 @@ pub struct Part {
     pub tangents_from: Option<usize>,
 }
 
+/// Why there is no mesh.
+pub enum Unbuilt {
+    /// No triangles.
+    Empty(String),
+    /// Triangles that we cannot show.
+    Wrong(String),
+}
+
+impl Unbuilt {
+    pub fn reason(self) -> String {
+        let (Self::Empty(reason) | Self::Wrong(reason)) = self;
+        reason
+    }
+}
+
 #[derive(Default)]
 pub struct MeshBuilder {
     positions: Vec<DVec3>,
@@ -75,26 +90,27 @@ impl MeshBuilder {
     }
 
     /// The mesh and its space, or why there is none.
-    pub fn finish(mut self) -> Result<(Mesh, MeshSpace), String> {
+    pub fn finish(mut self) -> Result<(Mesh, MeshSpace), Unbuilt> {
         let mut used = self.mesh.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
         let Some(first) = used.next() else {
-            return Err(match self.dropped {
+            return Err(Unbuilt::Empty(match self.dropped {
                 0 => "holds no triangles".into(),
                 n => format!("holds no triangles but {n} of zero area"),
-            });
+            }));
         };
         let (lo, hi) = used.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
         let width = (hi - lo).max_element();
         if !WIDTHS.contains(&width) {
             let how = if width < *WIDTHS.start() { "small" } else { "large" };
-            return Err(format!("is {width:e} metres wide: too {how}"));
+            return Err(Unbuilt::Wrong(format!("is {width:e} metres wide: too {how}")));
         }
         let space = MeshSpace::around(lo, hi);
         let positions: Vec<Vec3> = self.positions.iter().map(|&p| space.from_world(p).as_vec3()).collect();
         self.mesh.positions = positions;
         self.drop_degenerate();
         if self.mesh.triangles.is_empty() {
-            return Err(format!("holds no triangles but {} of zero area in single precision", self.dropped));
+            let reason = format!("holds no triangles but {} of zero area in single precision", self.dropped);
+            return Err(Unbuilt::Empty(reason));
         }
         if self.mesh.colors.iter().all(|&c| c == Vec4::ONE) {
             self.mesh.colors = Vec::new();

@@ -11,6 +11,7 @@ pub mod texture;
 pub(crate) mod files;
 mod gltf;
 mod gltf_export;
+pub mod memory;
 mod mesh_builder;
 mod mesh_space;
 mod obj;
@@ -30,6 +31,9 @@ pub use rig::Rig;
 pub use texture::{Encoding, Texture, Wrap};
 
 use crate::error::{Error, Result};
+
+/// A picture wider or higher than this is a mistake in the file.
+const MAX_IMAGE_SIDE: f64 = 65_536.0;
 
 /// One file, ready to bake.
 pub struct Scene {
@@ -77,6 +81,14 @@ impl Scene {
             "obj" => obj::load(path),
             _ => Err(Error::import(path, "not a scene: expected .glb, .gltf or .obj")),
         }
+    }
+
+    /// Size of a picture through `camera` if nobody asks for another: the scene's own, else 480 rows as wide as the
+    /// camera's aspect ratio says, else 720x480.
+    pub fn default_size(&self, camera: Option<&Camera>) -> [u32; 2] {
+        let of_aspect = |aspect: f64| [(480.0 * aspect).round().clamp(1.0, MAX_IMAGE_SIDE) as u32, 480];
+        let of_camera = || camera.and_then(|camera| camera.aspect).map(of_aspect);
+        self.image_size.or_else(of_camera).unwrap_or([720, 480])
     }
 
     /// File stem: what `{scene}` stands for in messages and tables.

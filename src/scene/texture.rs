@@ -1,8 +1,13 @@
 //! Textures: decoded once, looked up while baking.
 
+use std::path::Path;
 use std::sync::LazyLock;
 
 use glam::{Vec2, Vec4};
+use rayon::prelude::*;
+
+use super::memory;
+use crate::error::Error;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
@@ -39,6 +44,15 @@ pub struct Level {
     pub texels: Vec<[u8; 4]>,
 }
 
+/// A decoded file.
+#[derive(Clone)]
+pub struct Image {
+    pub width: usize,
+    pub height: usize,
+    /// width * height, row by row.
+    pub texels: Vec<[u8; 4]>,
+}
+
 /// All textures of a scene together: 2 GiB as stored, besides their mip levels. Files may name one image any number of
 /// times, and compress an empty one to nothing.
 pub const MAX_TEXELS: u64 = 1 << 29;
@@ -46,6 +60,89 @@ pub const MAX_TEXELS: u64 = 1 << 29;
 // An image may not claim more than this while it is decoded: 16,384 x 16,384 RGBA is 1 GiB.
 const MAX_DECODED_BYTES: u64 = 1 << 30;
 const MAX_SIDE: u32 = 1 << 16;
+
+/// Images of so many texels are believed however small their files.
+const SMALL: u64 = 1 << 24;
+/// No more texels a byte of larger ones: compression makes 8-bit PNGs a thousandth of their size at best, so what holds more
+/// is empty, and made to fill memory.
+const MAX_TEXELS_PER_BYTE: u64 = 2_048;
+
+/// Counts texels by the headers of files, before any is decoded.
+#[derive(Default)]
+pub struct TexelCount {
+    total: u64,
+    largest: u64,
+}
+
+/// Why an image is not decoded.
+pub enum Refusal {
+    Undecodable(image::ImageError),
+    TooLarge(String),
+}
+
+impl Refusal {
+    /// The error of the image `what` in the scene or library at `path`.
+    pub fn at(self, path: &Path, what: &str) -> Error {
+        match self {
+            Self::Undecodable(cause) => Error::import_from(path, format!("{what} cannot be decoded"), cause),
+            Self::TooLarge(reason) => Error::import(path, format!("{what}: {reason}")),
+        }
+    }
+}
+
+impl TexelCount {
+    /// Adds a file, or says why it is too much.
+    pub fn add(&mut self, file: &[u8]) -> Result<(), Refusal> {
+        let [width, height] = dimensions(file).map_err(Refusal::Undecodable)?;
+        let count = u64::from(width) * u64::from(height);
+        let bytes = file.len() as u64;
+        if count > SMALL && count / MAX_TEXELS_PER_BYTE > bytes {
+            return Err(Refusal::TooLarge(format!("{width} x {height} texels in {bytes} bytes are no picture")));
+        }
+        self.total += count;
+        self.largest = self.largest.max(count);
+        if self.total > MAX_TEXELS {
+            return Err(Refusal::TooLarge(format!("the textures are more than {MAX_TEXELS} texels together")));
+        }
+        // All with their mip levels; the largest is there twice while it is decoded, and its second level in single
+        // precision.
+        let needed = self.total * 16 / 3 + self.largest * 8;
+        match memory::available_bytes() {
+            Some(free) if needed > free => {
+                let [needed, free] = [needed, free].map(|bytes| bytes as f64 * 1e-9);
+                let reason = format!("the textures take {needed:.1} GB of memory, {free:.1} GB are free");
+                Err(Refusal::TooLarge(reason))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Width and height by a file's header.
+fn dimensions(file: &[u8]) -> Result<[u32; 2], image::ImageError> {
+    let reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
+    reader.into_dimensions().map(|(width, height)| [width, height])
+}
+
+impl Image {
+    /// Decodes a PNG, JPEG or WebP file; deeper channels are rounded to 8 bits.
+    pub fn decode(file: &[u8]) -> Result<Self, image::ImageError> {
+        let mut reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
+        let mut limits = image::Limits::default();
+        limits.max_alloc = Some(MAX_DECODED_BYTES);
+        limits.max_image_width = Some(MAX_SIDE);
+        limits.max_image_height = Some(MAX_SIDE);
+        reader.limits(limits);
+        let pixels = reader.decode()?.into_rgba8();
+        let (width, height) = (pixels.width() as usize, pixels.height() as usize);
+        if width == 0 || height == 0 {
+            let reason = image::error::ParameterErrorKind::DimensionMismatch;
+            return Err(image::ImageError::Parameter(image::error::ParameterError::from_kind(reason)));
+        }
+        let texels = pixels.into_raw().as_chunks().0.to_vec();
+        Ok(Self { width, height, texels })
+    }
+}
 
 impl Texture {
     /// A texture of `texels`, width * height of them, with all its mip levels.
@@ -68,35 +165,15 @@ impl Texture {
                 _ => shrink(|i| finer[i], [width, height], half),
             };
             [width, height] = half;
-            let texels = finer.iter().map(|&t| stored(t, encoding)).collect();
+            let texels = finer.par_iter().map(|&t| stored(t, encoding)).collect();
             levels.push(Level { width, height, texels });
         }
         Self { name, encoding, levels, least }
     }
 
-    /// Decodes a PNG or JPEG file; deeper channels are rounded to 8 bits.
-    pub fn decode(name: String, file: &[u8], encoding: Encoding) -> Result<Self, image::ImageError> {
-        let mut reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
-        let mut limits = image::Limits::default();
-        limits.max_alloc = Some(MAX_DECODED_BYTES);
-        limits.max_image_width = Some(MAX_SIDE);
-        limits.max_image_height = Some(MAX_SIDE);
-        reader.limits(limits);
-        let pixels = reader.decode()?.into_rgba8();
-        let (width, height) = (pixels.width() as usize, pixels.height() as usize);
-        if width == 0 || height == 0 {
-            let reason = image::error::ParameterErrorKind::DimensionMismatch;
-            return Err(image::ImageError::Parameter(image::error::ParameterError::from_kind(reason)));
-        }
-        let texels = pixels.pixels().map(|p| p.0).collect();
-        Ok(Self::new(name, width, height, texels, encoding))
-    }
-
-    /// How many texels [`Texture::decode`] would make of a file, by its header.
-    pub fn texel_count(file: &[u8]) -> Result<u64, image::ImageError> {
-        let reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
-        let (width, height) = reader.into_dimensions()?;
-        Ok(u64::from(width) * u64::from(height))
+    /// A texture of a decoded file.
+    pub fn of(name: String, image: Image, encoding: Encoding) -> Self {
+        Self::new(name, image.width, image.height, image.texels, encoding)
     }
 
     pub fn width(&self) -> usize {
@@ -158,24 +235,25 @@ fn taps(t: f32, wrap: Wrap, size: usize) -> ([usize; 2], f32) {
 
 /// Box filter: each new texel is the mean of the area that it covers, also where a side is odd.
 fn shrink(
-    finer: impl Fn(usize) -> Vec4,
+    finer: impl Fn(usize) -> Vec4 + Sync,
     [width, height]: [usize; 2],
     [new_width, new_height]: [usize; 2],
 ) -> Vec<Vec4> {
     let columns = covers(width, new_width);
     let rows = covers(height, new_height);
-    let mut coarser = Vec::with_capacity(new_width * new_height);
-    for row in &rows {
-        for column in &columns {
-            let mut sum = Vec4::ZERO;
-            for &(y, wy) in row {
-                for &(x, wx) in column {
-                    sum += finer(y * width + x) * (wx * wy);
-                }
+    let texel = |row: &[(usize, f32)], column: &[(usize, f32)]| {
+        let mut sum = Vec4::ZERO;
+        for &(y, wy) in row {
+            for &(x, wx) in column {
+                sum += finer(y * width + x) * (wx * wy);
             }
-            coarser.push(sum);
         }
-    }
+        sum
+    };
+    let mut coarser = vec![Vec4::ZERO; new_width * new_height];
+    coarser.par_chunks_mut(new_width).zip(&rows).for_each(|(texels, row)| {
+        texels.iter_mut().zip(&columns).for_each(|(t, column)| *t = texel(row, column));
+    });
     coarser
 }
 

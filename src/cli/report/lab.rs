@@ -47,7 +47,8 @@ impl<'a> Lab<'a> {
         extent: &'a Extent,
         kept: &'a mut Kept,
     ) -> Result<Self> {
-        let own = Scene::load(path)?.image_size.unwrap_or([720, 480]);
+        let scene = Scene::load(path)?;
+        let own = scene.default_size(scene.cameras.first());
         let size = view.size.unwrap_or_else(|| fit(own, extent.side));
         let (asked, view) = (view.size, ViewOptions { size: Some(size), ..view.clone() });
         let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;

@@ -6,8 +6,9 @@ use json::accessor::{ComponentType, Type};
 use super::document::Document;
 use crate::error::Result;
 
-// An accessor without a buffer view is all zeros however large it says it is; more than this is no scene.
-const MAX_ZEROS: usize = 1 << 24;
+// An accessor without a buffer view is all zeros however large it says it is; more elements than this are no scene, nor are
+// more than twice as many in a file. Morph targets are made of such accessors, with a few values that are not zero.
+const MAX_ZEROS: usize = 1 << 22;
 
 /// A component type and whether it is normalised, as the specification's tables list them.
 pub type Form = (ComponentType, bool);
@@ -59,7 +60,10 @@ impl Document {
         core: &[Form],
         quantized: &[Form],
     ) -> Result<Vec<[f32; N]>> {
-        let expected = [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4][N - 1];
+        let expected = match N {
+            16 => Type::Mat4,
+            _ => [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4][N - 1],
+        };
         let (component, normalized) = self.form(index, what, expected, core, quantized)?;
         let read = reader(component, normalized);
         let size = component.size();
@@ -112,7 +116,10 @@ impl Document {
                 let offset = accessor.byte_offset.unwrap_or_default().0;
                 self.elements(view.value(), offset, count, size, &what)?.iter().map(&element).collect()
             }
-            None if count <= MAX_ZEROS => vec![zero; count],
+            None if count <= MAX_ZEROS => {
+                self.count_zeros(index, count, &what)?;
+                vec![zero; count]
+            }
             None => return Err(self.error(format!("{what} has {count} elements and no buffer view"))),
         };
         if let Some(sparse) = &accessor.sparse {
@@ -132,6 +139,22 @@ impl Document {
             }
         }
         Ok(values)
+    }
+
+    /// Counts an accessor without a buffer view, once.
+    fn count_zeros(&self, index: usize, count: usize, what: &str) -> Result<()> {
+        let mut zeros = self.zeros.lock().expect("nothing panics while it holds this");
+        zeros.insert(index, count);
+        let of_file: usize = zeros.values().sum();
+        if of_file > 2 * MAX_ZEROS {
+            return Err(self.error(format!("{what}: {of_file} elements together have no buffer view")));
+        }
+        Ok(())
+    }
+
+    /// Whether accessor `index` says nothing but zeros.
+    pub fn is_all_zeros(&self, index: usize) -> bool {
+        self.root.accessors.get(index).is_some_and(|a| a.buffer_view.is_none() && a.sparse.is_none())
     }
 
     fn elements(&self, view: usize, offset: u64, count: usize, size: usize, what: &str) -> Result<Elements<'_>> {
@@ -160,7 +183,7 @@ impl Document {
     pub fn view(&self, index: usize, what: &str) -> Result<&[u8]> {
         let view = self.item(&self.root.buffer_views, index, "buffer view", what)?;
         let what = format!("{what}: buffer view {index}");
-        let buffer = self.item(&self.buffers, view.buffer.value(), "buffer", &what)?;
+        let buffer = self.buffer(view.buffer.value(), &what)?;
         let begin = view.byte_offset.unwrap_or_default().0;
         let range = begin.checked_add(view.byte_length.0).and_then(|end| {
             let range = usize::try_from(begin).ok()?..usize::try_from(end).ok()?;

@@ -7,20 +7,28 @@
 //! Its types hold single precision, which is too coarse for poses and for what artists read back in a rig file, so
 //! nodes, cameras and lights are read a second time, into types of our own.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 use gltf::json;
 use gltf::json::validation::Checked;
 use serde::Deserialize;
 
 use super::container::{Container, buffer_bytes};
+use super::mend::mended;
+use super::unpack::{Unpacked, is_fallback};
 use crate::error::{Error, Result};
+use crate::scene::files;
 
 pub struct Document {
     pub path: PathBuf,
     pub root: json::Root,
     pub poses: Poses,
     pub buffers: Vec<Vec<u8>>,
+    /// Lengths of the accessors without a buffer view that were read.
+    pub zeros: Mutex<HashMap<usize, usize>>,
+    pub unpacked: Unpacked,
 }
 
 /// The part of the file that is read in double precision.
@@ -33,6 +41,8 @@ pub struct Poses {
     pub nodes: Vec<Node>,
     #[serde(default)]
     pub cameras: Vec<CameraEntry>,
+    #[serde(default)]
+    pub skins: Vec<SkinEntry>,
     #[serde(default)]
     extensions: RootExtensions,
 }
@@ -57,8 +67,21 @@ pub struct Node {
     pub scale: Option<[f64; 3]>,
     pub mesh: Option<usize>,
     pub camera: Option<usize>,
+    pub skin: Option<usize>,
+    /// Of morph targets; instead of the mesh's.
+    pub weights: Option<Vec<f64>>,
     #[serde(default)]
     extensions: NodeExtensions,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct SkinEntry {
+    /// Nodes.
+    #[serde(default)]
+    pub joints: Vec<usize>,
+    /// An accessor of as many matrices; none: the identity.
+    pub inverse_bind_matrices: Option<usize>,
 }
 
 #[derive(Deserialize)]
@@ -71,12 +94,15 @@ pub struct CameraEntry {
 }
 
 #[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
 pub struct Perspective {
     pub yfov: f64,
+    pub aspect_ratio: Option<f64>,
 }
 
 #[derive(Deserialize)]
 pub struct Orthographic {
+    pub xmag: Option<f64>,
     pub ymag: f64,
 }
 
@@ -96,11 +122,29 @@ struct Lights {
 struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     light: Option<LightIndex>,
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    instances: Option<Instances>,
 }
 
 #[derive(Deserialize)]
 struct LightIndex {
     light: usize,
+}
+
+/// `EXT_mesh_gpu_instancing`.
+#[derive(Deserialize)]
+pub struct Instances {
+    #[serde(default)]
+    pub attributes: InstanceAttributes,
+}
+
+/// Accessors.
+#[derive(Deserialize, Default)]
+#[serde(rename_all = "UPPERCASE")]
+pub struct InstanceAttributes {
+    pub translation: Option<usize>,
+    pub rotation: Option<usize>,
+    pub scale: Option<usize>,
 }
 
 /// `KHR_lights_punctual`.
@@ -128,33 +172,65 @@ const MAX_BUFFER_BYTES: usize = 1 << 32;
 
 /// What of `extensionsRequired` we have.
 const SUPPORTED: &[&str] = &[
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_specular",
+    "KHR_materials_unlit",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
     "KHR_texture_transform",
+];
+
+/// What may be required although we leave it out: a picture without is still the scene's. Each has a message of its own.
+const LEFT_OUT: &[&str] = &[
+    "KHR_animation_pointer",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
+    "KHR_materials_transmission",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
 ];
 
 impl Document {
     pub fn parse(path: &Path, container: &Container) -> Result<Self> {
         let Container { json, bin } = container;
-        let root: json::Root =
-            serde_json::from_slice(json).map_err(|e| Error::import_from(path, "is not the JSON of a glTF", e))?;
-        let poses = serde_json::from_slice(json)
-            .map_err(|e| Error::import_from(path, "is not the JSON of a glTF's nodes, cameras and lights", e))?;
-        let mut document = Self { path: path.to_owned(), root, poses, buffers: Vec::new() };
+        let (root, poses) = parsed(path, json).or_else(|first| match mended(json) {
+            Some(json) => parsed(path, &json),
+            None => Err(first),
+        })?;
+        let mut document = Self {
+            path: path.to_owned(),
+            root,
+            poses,
+            buffers: Vec::new(),
+            zeros: Mutex::default(),
+            unpacked: Unpacked::default(),
+        };
         document.check_version()?;
         document.check_extensions()?;
         let mut total_bytes = 0;
         for (index, buffer) in document.root.buffers.iter().enumerate() {
             let uri = buffer.uri.as_deref();
-            document.buffers.push(buffer_bytes(path, index, uri, buffer.byte_length.0, bin.as_deref())?);
+            let bytes = match uri {
+                None if is_fallback(buffer) => Vec::new(),
+                _ => buffer_bytes(path, index, uri, buffer.byte_length.0, bin.as_deref())?,
+            };
+            document.buffers.push(bytes);
             total_bytes += document.buffers[index].len();
             if total_bytes > MAX_BUFFER_BYTES {
                 return Err(document.error(format!("buffer {index}: more than {MAX_BUFFER_BYTES} bytes together")));
             }
         }
+        document.unpack()?;
         Ok(document)
     }
 
@@ -195,11 +271,16 @@ impl Document {
     }
 
     fn check_extensions(&self) -> Result<()> {
-        let unknown = |e: &&String| !SUPPORTED.contains(&e.as_str());
-        if let Some(required) = self.root.extensions_required.iter().find(unknown) {
-            return Err(self.error(format!("requires {required}, which is not supported")));
+        let unknown = |all: &'_ [String]| -> Vec<String> {
+            let is_known = |e: &str| SUPPORTED.contains(&e) || LEFT_OUT.contains(&e);
+            all.iter().filter(|e| !is_known(e)).map(|e| files::shortened(e)).collect()
+        };
+        let required = unknown(&self.root.extensions_required);
+        if !required.is_empty() {
+            let (names, is) = (required.join(", "), if required.len() == 1 { "is" } else { "are" });
+            return Err(self.error(format!("requires {names}, which {is} not supported")));
         }
-        let ignored: Vec<&str> = self.root.extensions_used.iter().filter(unknown).map(String::as_str).collect();
+        let ignored = unknown(&self.root.extensions_used);
         if !ignored.is_empty() {
             tracing::warn!("{}: ignored {}", self.path.display(), ignored.join(", "));
         }
@@ -207,8 +288,19 @@ impl Document {
     }
 }
 
+fn parsed(path: &Path, json: &[u8]) -> Result<(json::Root, Poses)> {
+    let root = serde_json::from_slice(json).map_err(|e| Error::import_from(path, "is not the JSON of a glTF", e))?;
+    let poses = serde_json::from_slice(json)
+        .map_err(|e| Error::import_from(path, "is not the JSON of a glTF's nodes, cameras and lights", e))?;
+    Ok((root, poses))
+}
+
 impl Node {
     pub fn light(&self) -> Option<usize> {
         self.extensions.light.as_ref().map(|l| l.light)
+    }
+
+    pub fn instances(&self) -> Option<&InstanceAttributes> {
+        self.extensions.instances.as_ref().map(|i| &i.attributes)
     }
 }

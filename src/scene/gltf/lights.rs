@@ -14,18 +14,29 @@ impl Document {
     pub fn import_lights(&self, placed: &[Placed]) -> Result<Vec<Light>> {
         let mut names = UniqueNames::default();
         let mut lights = Vec::new();
+        let mut without_direction = 0;
         for Placed { node, world_from_node } in placed {
             let Some(index) = self.poses.nodes[*node].light() else { continue };
             let entry = self.item(self.lights(), index, "light", &self.node_name(*node))?;
             let names_of = [&self.poses.nodes[*node].name, &entry.name];
             let name = names_of.into_iter().flatten().find(|n| !n.is_empty()).cloned();
             let name = names.claim(&name.unwrap_or_else(|| format!("light{}", lights.len())));
-            lights.push(self.light(name, index, *node, world_from_node)?);
+            match self.light(name, index, *node, world_from_node)? {
+                Some(light) => lights.push(light),
+                None => without_direction += 1,
+            }
+        }
+        if without_direction > 0 {
+            let path = self.path.display();
+            tracing::warn!(
+                "{path}: {without_direction} lights at nodes of zero scale have no direction and are not there"
+            );
         }
         Ok(lights)
     }
 
-    fn light(&self, name: String, index: usize, node: usize, world_from_node: &DAffine3) -> Result<Light> {
+    /// `None` if a light that has a direction stands where there are none.
+    fn light(&self, name: String, index: usize, node: usize, world_from_node: &DAffine3) -> Result<Option<Light>> {
         let entry = &self.lights()[index];
         let wrong = |reason: &str| self.error(format!("light {index} of {}: {reason}", self.node_name(node)));
         let kind = match entry.kind.as_str() {
@@ -38,9 +49,14 @@ impl Document {
         if !(color.is_finite() && color.min_element() >= 0.0) {
             return Err(wrong("its colour is negative or not finite"));
         }
-        let intensity = entry.intensity.unwrap_or(1.0);
-        if intensity < 0.0 || !(color * intensity as f32).is_finite() {
-            return Err(wrong("its intensity is negative or too large"));
+        let mut intensity = entry.intensity.unwrap_or(1.0);
+        if !(color * intensity as f32).is_finite() {
+            return Err(wrong("its intensity is too large"));
+        }
+        if intensity < 0.0 {
+            let (path, node) = (self.path.display(), self.node_name(node));
+            tracing::warn!("{path}: light {index} of {node} takes light away ({intensity}); it is dark instead");
+            intensity = 0.0;
         }
         if entry.range.is_some_and(|range| range <= 0.0) {
             return Err(wrong("its range is not positive"));
@@ -64,7 +80,11 @@ impl Document {
             // A tiny scale must not underflow.
             let axis = world_from_node.matrix3.z_axis;
             let direction = -(axis / axis.abs().max_element());
-            light.direction = direction.try_normalize().ok_or_else(|| wrong("its node has no direction"))?;
+            let Some(direction) = direction.try_normalize() else {
+                let is_flat = axis == DVec3::ZERO;
+                return if is_flat { Ok(None) } else { Err(wrong("its node has no direction")) };
+            };
+            light.direction = direction;
         }
         if kind == LightKind::Spot {
             let inner = entry.spot.inner_cone_angle.unwrap_or(0.0);
@@ -75,7 +95,7 @@ impl Document {
             }
             (light.inner_angle, light.outer_angle) = (inner.min(FRAC_PI_2), outer.min(FRAC_PI_2));
         }
-        Ok(light)
+        Ok(Some(light))
     }
 
     pub fn import_cameras(&self, placed: &[Placed]) -> Result<Vec<Camera>> {
@@ -85,6 +105,11 @@ impl Document {
             let Some(index) = self.poses.nodes[*node].camera else { continue };
             let entry = self.item(&self.poses.cameras, index, "camera", &self.node_name(*node))?;
             let wrong = |reason: &str| self.error(format!("camera {index} of {}: {reason}", self.node_name(*node)));
+            let aspect = match (&entry.perspective, &entry.orthographic) {
+                (Some(p), _) => p.aspect_ratio,
+                (_, Some(o)) => o.xmag.map(|xmag| xmag / o.ymag),
+                _ => None,
+            };
             let projection = match (entry.kind.as_str(), &entry.perspective, &entry.orthographic) {
                 ("perspective", Some(p), _) if 0.0 < p.yfov && p.yfov < PI => Projection::Perspective { yfov: p.yfov },
                 ("perspective", Some(_), _) => return Err(wrong("yfov does not lie between 0 and pi")),
@@ -98,10 +123,17 @@ impl Document {
             let name = names_of.into_iter().flatten().find(|n| !n.is_empty()).cloned();
             let name = names.claim(&name.unwrap_or_else(|| format!("camera{}", cameras.len())));
             let position = world_from_node.translation;
-            let world_from_camera = unscaled(world_from_node.matrix3)
-                .filter(|_| position.is_finite())
-                .ok_or_else(|| wrong("its node's transform is singular or not finite"))?;
-            cameras.push(Camera { name, position, world_from_camera, projection });
+            if !world_from_node.is_finite() {
+                return Err(wrong("its node's transform is not finite"));
+            }
+            let Some(world_from_camera) = unscaled(world_from_node.matrix3) else {
+                let (path, node) = (self.path.display(), self.node_name(*node));
+                tracing::warn!("{path}: camera {index} of {node} looks nowhere, its scale is zero: it is not there");
+                continue;
+            };
+            // Past these no picture is meant.
+            let aspect = aspect.filter(|aspect| (1.0 / 16.0..=16.0).contains(aspect));
+            cameras.push(Camera { name, position, world_from_camera, projection, aspect });
         }
         Ok(cameras)
     }

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::path::Path;
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
 use gltf::json;
@@ -10,21 +11,42 @@ use json::texture::WrappingMode;
 use rayon::prelude::*;
 
 use super::document::Document;
+use super::material_extensions::{Missing, make_unlit};
 use crate::error::{Error, Result};
-use crate::scene::texture::MAX_TEXELS;
+use crate::scene::texture::{Image, TexelCount};
 use crate::scene::{AlphaMode, Encoding, Material, Texture, TextureRef, Wrap, files};
 
 /// The materials in use so far, in the order of their first use.
 pub struct Materials<'a> {
     document: &'a Document,
     materials: Vec<Material>,
+    /// For each of them, the file's sets of texture coordinates that become ours.
+    uv_sets: Vec<[Option<u32>; 2]>,
     /// By index in the file; `None` is glTF's default material.
     indices: HashMap<Option<usize>, usize>,
     /// What each texture is decoded from: an image of the file, and how to read it.
     textures: Vec<(usize, Encoding)>,
     texture_indices: HashMap<(usize, Encoding), usize>,
     blend_warned: bool,
+    missing: Missing,
 }
+
+/// What a primitive needs to know of its material.
+pub struct InUse {
+    /// Among the materials in use.
+    pub index: usize,
+    /// The file's sets of texture coordinates that are read into ours.
+    pub uv_sets: [Option<u32>; 2],
+    /// Which of ours the normal map uses.
+    pub tangents_from: Option<usize>,
+}
+
+/// How KTX2 files begin.
+const KTX2: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
+
+const NO_KTX2: &str = "is KTX2 (KHR_texture_basisu), which is not supported; PNG, JPEG and WebP are";
+
+const MIME_TYPES: [&str; 3] = ["image/png", "image/jpeg", "image/webp"];
 
 /// The texture of a material: index, texture coordinate set and transform.
 struct Info {
@@ -42,39 +64,47 @@ impl From<&json::texture::Info> for Info {
 
 impl<'a> Materials<'a> {
     pub fn new(document: &'a Document) -> Self {
-        let (materials, indices, textures, texture_indices) = Default::default();
-        Self { document, materials, indices, textures, texture_indices, blend_warned: false }
+        let (materials, uv_sets, indices, textures, texture_indices) = Default::default();
+        let missing = Missing::default();
+        Self { document, materials, uv_sets, indices, textures, texture_indices, blend_warned: false, missing }
     }
 
-    /// Index of a material of the file among those in use, and the material.
-    pub fn get(&mut self, index: Option<usize>, asked_by: &str) -> Result<(usize, &Material)> {
+    /// Material `index` of the file.
+    pub fn get(&mut self, index: Option<usize>, asked_by: &str) -> Result<InUse> {
         let known = match self.indices.get(&index) {
             Some(&known) => known,
             None => {
-                let material = match index {
+                let mut material = match index {
                     Some(index) => self.import(index, asked_by)?,
                     None => Material::default(),
                 };
+                let (uv_sets, is_short) = two_uv_sets(&mut material);
+                self.missing.short_of_uv_sets += usize::from(is_short);
                 self.materials.push(material);
+                self.uv_sets.push(uv_sets);
                 self.indices.insert(index, self.materials.len() - 1);
                 self.materials.len() - 1
             }
         };
-        Ok((known, &self.materials[known]))
+        let material = &self.materials[known];
+        let tangents_from = material.normal_texture.as_ref().map(|t| t.uv_set);
+        Ok(InUse { index: known, uv_sets: self.uv_sets[known], tangents_from })
     }
 
     /// All materials in use, and their textures, decoded.
     pub fn finish(self) -> Result<(Vec<Material>, Vec<Texture>)> {
-        let mut texels = 0;
+        let mut texels = TexelCount::default();
         for &(image, _) in &self.textures {
-            texels += self.document.texel_count(image)?;
-            if texels > MAX_TEXELS {
-                let reason = format!("image {image}: the textures are more than {MAX_TEXELS} texels together");
-                return Err(self.document.error(reason));
+            let (path, name) = (&self.document.path, self.document.image_name(image));
+            let file = self.document.image_file(image)?;
+            if file.starts_with(KTX2) {
+                return Err(self.document.error(format!("{name} {NO_KTX2}")));
             }
+            texels.add(&file).map_err(|e| e.at(path, &name))?;
         }
         let decode = |&(image, encoding): &(usize, Encoding)| self.document.decode_image(image, encoding);
         let textures = self.textures.par_iter().map(decode).collect::<Result<_>>()?;
+        self.missing.warn(self.document);
         Ok((self.materials, textures))
     }
 
@@ -127,7 +157,15 @@ impl<'a> Materials<'a> {
             strip_diffuse: false,
             name,
         };
-        checked(material).map_err(|reason| document.error(format!("{what}: {reason}")))
+        let material = checked(material, &document.path, &what);
+        let mut material = material.map_err(|reason| document.error(format!("{what}: {reason}")))?;
+        if let Some(others) = extensions.map(|e| &e.others) {
+            self.missing.count(others);
+            if others.contains_key("KHR_materials_unlit") {
+                make_unlit(&mut material);
+            }
+        }
+        Ok(material)
     }
 
     fn texture(&mut self, info: Option<Info>, encoding: Encoding, what: &str) -> Result<Option<TextureRef>> {
@@ -135,11 +173,16 @@ impl<'a> Materials<'a> {
         let document = self.document;
         let source = document.item(&document.root.textures, info.index, "texture", what)?;
         let what = format!("{what}: texture {}", info.index);
+        let extension = |name| source.extensions.as_ref().and_then(|e| e.others.get(name)?.get("source")?.as_u64());
         // 2^32 - 1 is what the crate makes of a missing source.
-        if source.source.value() == u32::MAX as usize {
-            return Err(document.error(format!("{what} has no image that we can read")));
-        }
-        let image = source.source.value();
+        let plain = Some(source.source.value()).filter(|&image| image != u32::MAX as usize);
+        let Some(image) = extension("EXT_texture_webp").map(|image| image as usize).or(plain) else {
+            let reason = match extension("KHR_texture_basisu") {
+                Some(_) => NO_KTX2,
+                None => "has no image that we can read",
+            };
+            return Err(document.error(format!("{what} {reason}")));
+        };
         document.item(&document.root.images, image, "image", &what)?;
         let wrap = match source.sampler {
             None => [Wrap::Repeat; 2],
@@ -156,9 +199,6 @@ impl<'a> Materials<'a> {
             }
         };
         let uv_set = info.transform.as_ref().and_then(|t| t.tex_coord).unwrap_or(info.tex_coord) as usize;
-        if uv_set > 1 {
-            return Err(document.error(format!("{what} uses TEXCOORD_{uv_set}; only sets 0 and 1 are read")));
-        }
         let uv_transform = info.transform.as_ref().map_or(Mat3::IDENTITY, uv_transform);
         if !uv_transform.is_finite() {
             return Err(document.error(format!("{what}: its transform is not finite")));
@@ -172,24 +212,26 @@ impl<'a> Materials<'a> {
 }
 
 impl Document {
-    fn texel_count(&self, index: usize) -> Result<u64> {
-        let count = Texture::texel_count(&self.image_file(index)?);
-        count.map_err(|e| self.undecodable(index, e))
-    }
-
     fn decode_image(&self, index: usize, encoding: Encoding) -> Result<Texture> {
         let name = self.root.images[index].name.clone().unwrap_or_else(|| format!("image{index}"));
-        let texture = Texture::decode(name, &self.image_file(index)?, encoding);
-        texture.map_err(|e| self.undecodable(index, e))
+        let image = Image::decode(&self.image_file(index)?).map_err(|e| self.undecodable(index, e))?;
+        Ok(Texture::of(name, image, encoding))
     }
 
     fn image_file(&self, index: usize) -> Result<Cow<'_, [u8]>> {
         let image = &self.root.images[index];
         let what = self.image_name(index);
+        if image.mime_type.as_ref().is_some_and(|mime| mime.0 == "image/ktx2") {
+            return Err(self.error(format!("{what} {NO_KTX2}")));
+        }
         if let Some(mime) = &image.mime_type
-            && !json::image::VALID_MIME_TYPES.contains(&mime.0.as_str())
+            && !MIME_TYPES.contains(&mime.0.as_str())
+            // Exporters write jpg.
+            && mime.0 != "image/jpg"
         {
-            return Err(self.error(format!("{what} is of type {}, expected PNG or JPEG", files::shortened(&mime.0))));
+            return Err(
+                self.error(format!("{what} is of type {}, expected PNG, JPEG or WebP", files::shortened(&mime.0)))
+            );
         }
         match (&image.uri, image.buffer_view) {
             (Some(uri), _) => Ok(files::read_uri(&self.path, uri, &what)?.into()),
@@ -211,6 +253,36 @@ impl Document {
     }
 }
 
+/// Makes the file's numbers of texture coordinate sets ours, of which a mesh has two. Returns the file's number for each
+/// of ours, and whether textures were dropped because the material reads more sets than that.
+fn two_uv_sets(material: &mut Material) -> ([Option<u32>; 2], bool) {
+    let mut used: Vec<usize> = Vec::new();
+    for texture in material.textures() {
+        if !used.contains(&texture.uv_set) {
+            used.push(texture.uv_set);
+        }
+    }
+    let is_short = used.len() > 2;
+    used.truncate(2);
+    used.sort_unstable();
+    // Sets 0 and 1 stay where they are.
+    let slots = match used[..] {
+        [] => [None, None],
+        [1] => [None, Some(1)],
+        [set] => [Some(set), None],
+        [a, b, ..] => [Some(a), Some(b)],
+    };
+    for texture in material.textures_mut() {
+        let slot = texture.as_ref().map(|t| slots.iter().position(|&s| s == Some(t.uv_set)));
+        match (texture.as_mut(), slot) {
+            (Some(texture), Some(Some(slot))) => texture.uv_set = slot,
+            (Some(_), Some(None)) => *texture = None,
+            _ => {}
+        }
+    }
+    (slots.map(|set| set.map(|set| set as u32)), is_short)
+}
+
 /// The gltf crate knows no extensions of normal textures, but keeps them.
 fn normal_info(normal: &json::material::NormalTexture) -> Result<Info, serde_json::Error> {
     let transform = normal.extensions.as_ref().and_then(|e| e.others.get("KHR_texture_transform"));
@@ -230,7 +302,7 @@ fn uv_transform(transform: &TextureTransform) -> Mat3 {
 }
 
 /// Factors in the ranges that shading counts on: finite and not negative, those that are shares clamped to 1.
-fn checked(mut material: Material) -> Result<Material, &'static str> {
+fn checked(mut material: Material, path: &Path, what: &str) -> Result<Material, &'static str> {
     let shares = [&mut material.metallic, &mut material.roughness, &mut material.specular];
     for share in shares {
         if !(share.is_finite() && *share >= 0.0) {
@@ -245,6 +317,16 @@ fn checked(mut material: Material) -> Result<Material, &'static str> {
     }
     if !material.normal_scale.is_finite() {
         return Err("its normal scale is not finite");
+    }
+    // Below 1 is what lies in something denser; n and 1 / n reflect alike at normal incidence.
+    if 0.0 < material.ior && material.ior < 1.0 && material.ior.recip().is_finite() {
+        tracing::warn!(
+            "{}: {what}: its index of refraction {} is taken as {}",
+            path.display(),
+            material.ior,
+            material.ior.recip()
+        );
+        material.ior = material.ior.recip();
     }
     // 0 stands for infinity [KHR_materials_ior].
     if !(material.ior.is_finite() && (material.ior >= 1.0 || material.ior == 0.0)) {

@@ -3,11 +3,20 @@
 mod accessor;
 pub mod container;
 pub mod document;
+mod draco;
+mod instances;
 pub mod kept_rig;
 mod lights;
+mod material_extensions;
 mod materials;
+mod mend;
+mod meshopt;
+mod morph;
 pub mod nodes;
 mod primitives;
+mod skins;
+pub mod unpack;
+mod vertices;
 
 use std::path::Path;
 
@@ -15,12 +24,9 @@ use container::Container;
 use document::Document;
 use materials::Materials;
 
-use super::Scene;
-use super::mesh_builder::MeshBuilder;
+use super::mesh_builder::{MeshBuilder, Unbuilt};
+use super::{MAX_IMAGE_SIDE, Material, Mesh, MeshSpace, Scene};
 use crate::error::Result;
-
-// A picture wider than this is a mistake in the file.
-const MAX_IMAGE_SIDE: f64 = 65_536.0;
 
 pub fn load(path: &Path) -> Result<Scene> {
     let document = Document::parse(path, &Container::read(path)?)?;
@@ -30,8 +36,18 @@ pub fn load(path: &Path) -> Result<Scene> {
     let left_out = primitives::import_meshes(&document, &placed, &mut materials, &mut builder)?;
     let rig = kept_rig::rig(&document, document.import_lights(&placed)?);
     let cameras = document.import_cameras(&placed)?;
-    let (materials, textures) = materials.finish()?;
-    let (mesh, space) = builder.finish().map_err(|reason| document.error(reason))?;
+    let (mut materials, textures) = materials.finish()?;
+    if materials.is_empty() {
+        materials.push(Material::default());
+    }
+    let (mesh, space) = match builder.finish() {
+        Ok(built) => built,
+        Err(Unbuilt::Empty(reason)) => {
+            tracing::warn!("{}: {reason}, so there is nothing to see", document.path.display());
+            (Mesh::default(), MeshSpace::WORLD)
+        }
+        Err(Unbuilt::Wrong(reason)) => return Err(document.error(reason)),
+    };
     warn_of(&document, &left_out);
     let image_size = image_size(&document);
     Ok(Scene { path: path.to_owned(), mesh, space, materials, textures, cameras, rig, image_size })
@@ -39,6 +55,14 @@ pub fn load(path: &Path) -> Result<Scene> {
 
 fn warn_of(document: &Document, left_out: &primitives::LeftOut) {
     let path = document.path.display();
+    if left_out.vanished > 0 {
+        let objects =
+            if left_out.vanished == 1 { "1 object has".into() } else { format!("{} objects have", left_out.vanished) };
+        tracing::warn!("{path}: {objects} a scale of zero and cannot be seen");
+    }
+    if left_out.without_positions > 0 {
+        tracing::warn!("{path}: skipped {} primitives without positions", left_out.without_positions);
+    }
     if left_out.points_and_lines > 0 {
         tracing::warn!("{path}: skipped {} primitives of points or lines", left_out.points_and_lines);
     }
@@ -46,10 +70,8 @@ fn warn_of(document: &Document, left_out: &primitives::LeftOut) {
         let count = left_out.missing_uvs;
         tracing::warn!("{path}: {count} primitives lack texture coordinates that their material uses");
     }
-    let root = &document.root;
-    let morphs = root.meshes.iter().flat_map(|m| &m.primitives).any(|p| p.targets.is_some());
-    if morphs || !root.skins.is_empty() || !root.animations.is_empty() {
-        tracing::warn!("{path}: morph targets, skins and animations are left in their base pose");
+    if !document.root.animations.is_empty() {
+        tracing::warn!("{path}: animations are not played: everything stands as its nodes say");
     }
 }
 

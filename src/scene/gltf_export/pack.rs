@@ -4,10 +4,11 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
-use super::json::{Object, array, element};
+use super::json::{Object, array, element, remove_inner};
 use crate::error::Result;
 use crate::scene::files;
 use crate::scene::gltf::document::Document;
+use crate::scene::gltf::unpack::MESHOPT;
 
 /// All buffers and all images that are files or URIs as one buffer, which is returned.
 pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>> {
@@ -17,8 +18,15 @@ pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>
         begins.push(pad(&mut bin));
         bin.extend_from_slice(buffer);
     }
-    for view in array_if_there(root, "bufferViews") {
+    for (index, view) in array_if_there(root, "bufferViews").enumerate() {
         let Some(view) = view.as_object_mut() else { continue };
+        if let Some(&unpacked) = document.unpacked.views.get(&index) {
+            let bytes = &document.unpacked.buffers[unpacked];
+            let begin = pad(&mut bin);
+            bin.extend_from_slice(bytes);
+            plain(view, begin, bytes.len());
+            continue;
+        }
         let buffer = view.get("buffer").and_then(Value::as_u64).unwrap_or(0) as usize;
         let begin = begins.get(buffer).copied().unwrap_or(0);
         view.insert("buffer".into(), 0.into());
@@ -43,11 +51,17 @@ pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>
         root.remove("buffers");
         return Ok(bin);
     }
+    for key in ["extensionsUsed", "extensionsRequired"] {
+        if let Some(Value::Array(names)) = root.get_mut(key) {
+            names.retain(|name| !MESHOPT.iter().any(|packed| name.as_str() == Some(packed)));
+        }
+    }
     let buffers = array(root, "buffers");
     buffers.truncate(1);
     match buffers.first_mut().and_then(Value::as_object_mut) {
         Some(buffer) => {
             buffer.remove("uri");
+            MESHOPT.iter().for_each(|name| remove_inner(buffer, "extensions", name));
             buffer.insert("byteLength".into(), bin.len().into());
         }
         None => *buffers = vec![json!({"byteLength": bin.len()})],
@@ -55,10 +69,24 @@ pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>
     Ok(bin)
 }
 
+/// Makes a packed view one of bytes in the first buffer, as they are.
+fn plain(view: &mut Object, begin: usize, length: usize) {
+    for (key, value) in [("buffer", 0), ("byteOffset", begin), ("byteLength", length)] {
+        view.insert(key.into(), value.into());
+    }
+    for name in MESHOPT {
+        remove_inner(view, "extensions", name);
+    }
+}
+
 /// All buffers and images as `data:` URIs.
 pub fn into_data_uris(root: &mut Object, document: &Document) -> Result<()> {
     for (index, bytes) in document.buffers.iter().enumerate() {
         let Some(buffer) = element(root, "buffers", index) else { continue };
+        // What others would read in place of packed views, and is not there.
+        if bytes.is_empty() && !buffer.contains_key("uri") {
+            continue;
+        }
         if !buffer.get("uri").and_then(Value::as_str).is_some_and(|uri| uri.starts_with("data:")) {
             buffer.insert("uri".into(), data_uri("application/octet-stream", bytes).into());
         }

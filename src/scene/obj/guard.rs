@@ -13,6 +13,9 @@ use super::materials::Map;
 // A polygon is triangulated in quadratic time at worst; none that means anything has more corners.
 const MAX_CORNERS: usize = 1_024;
 
+/// Stands for a material without a name, which tobj refuses and some exporters write.
+pub const UNNAMED: &str = "(no name)";
+
 pub struct Obj {
     /// Without groups and materials, so that tobj makes one mesh of it, all faces in order.
     pub text: String,
@@ -132,6 +135,7 @@ pub fn mtl(text: &str) -> Result<String, String> {
     for (line_number, line) in logical_lines(text) {
         let (key, rest) = split_word(&line);
         let value = match key {
+            "newmtl" if rest.is_empty() => Ok(UNNAMED.to_owned()),
             "newmtl" => Ok(rest.to_owned()),
             // One number stands for three.
             "Kd" | "Ks" | "Ke" => numbers(rest, 1..=3).map(|c| {
@@ -139,10 +143,11 @@ pub fn mtl(text: &str) -> Result<String, String> {
                 format!("{:e} {green:e} {blue:e}", c[0])
             }),
             "Ns" | "Ni" | "Pr" | "Pm" => numbers(rest, 1..=1).map(|x| format!("{:e}", x[0])),
+            "d" => numbers(rest.strip_prefix("-halo").unwrap_or(rest), 1..=1).map(|x| format!("{:e}", x[0])),
+            "Tr" => numbers(rest, 1..=1).map(|x| format!("{:e}", x[0])),
             "illum" => numbers(rest, 1..=1).map(|x| (x[0] as u8).to_string()),
-            "map_Kd" | "map_Ke" | "norm" | "bump" | "map_bump" | "map_Bump" => {
-                Map::parse(rest).map(|_| rest.to_owned())
-            }
+            "map_Kd" | "map_Ke" | "map_Ks" | "map_Ns" | "map_Pr" | "map_Pm" | "map_d" | "norm" | "bump"
+            | "map_bump" | "map_Bump" => Map::parse(rest).map(|_| rest.to_owned()),
             _ => continue,
         };
         let value = value.map_err(|reason| format!("line {line_number}: {key}: {reason}"))?;

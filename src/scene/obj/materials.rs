@@ -6,17 +6,25 @@
 //! - Ns, the Blinn-Phong exponent: alpha² = 2 / (Ns + 2) [Karis 2013]; roughness is the square root of alpha.
 //! - Ks scales the reflection at normal incidence, 0.5 being glTF's 0.04, as common exporters have it; 0 is Lambert.
 //! - illum 0 and 1 have no highlight; illum 3 is a mirror of colour Ks, or Kd.
-//! - map_Kd, map_Ke, norm, bump. A grey bump map is a height map, which is left out.
+//! - map_Kd, map_Ke, map_Ks, norm, bump. A grey bump map is a height map, which is left out.
+//! - map_Pr, map_Pm and map_Ns take the place of their numbers; map_Ns scales Ns.
+//! - d, or Tr = 1 - d: 0 is a hole, else opaque. map_d is a hole where it is below a half: its alpha if it has any, else its
+//!   red channel.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
-use glam::{DVec3, Mat3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
-use super::guard::{self, number, split_word};
+use super::guard::{self, UNNAMED, number, split_word};
+use super::images::{Images, combined};
 use crate::error::{Error, Result};
-use crate::scene::texture::MAX_TEXELS;
-use crate::scene::{Encoding, Material, Texture, TextureRef, Wrap, files};
+use crate::scene::texture::Image;
+use crate::scene::{AlphaMode, Encoding, Material, Texture, TextureRef, files};
+
+/// Linear; 0.5 in sRGB.
+const GREY: f32 = 0.214;
 
 /// What a face without a material gets.
 pub fn default(name: &str) -> Material {
@@ -28,19 +36,21 @@ pub fn default(name: &str) -> Material {
 #[derive(Default)]
 pub struct Library {
     materials: HashMap<String, Material>,
-    textures: Vec<Texture>,
-    decoded: HashMap<(PathBuf, Encoding), usize>,
-    texel_count: u64,
+    images: Images,
+    /// Materials that let light through, taken as opaque.
+    opaque: usize,
+    /// Materials that are not there at all.
+    holes: usize,
 }
 
 /// A texture statement: options, then a file name.
 pub struct Map {
-    file: String,
-    offset: Vec2,
-    scale: Vec2,
-    clamp: bool,
+    pub file: String,
+    pub offset: Vec2,
+    pub scale: Vec2,
+    pub clamp: bool,
     /// -bm
-    strength: f32,
+    pub strength: f32,
 }
 
 impl Library {
@@ -49,7 +59,19 @@ impl Library {
     }
 
     pub fn into_textures(self) -> Vec<Texture> {
-        self.textures
+        self.images.into_textures()
+    }
+
+    /// Says what was left out.
+    pub fn warn(&self, obj: &Path) {
+        let have = |count: usize| if count == 1 { "1 material has".into() } else { format!("{count} materials have") };
+        let path = obj.display();
+        if self.opaque > 0 {
+            tracing::warn!("{path}: {} d or Tr between nothing and all: they are opaque", have(self.opaque));
+        }
+        if self.holes > 0 {
+            tracing::warn!("{path}: {} d 0 or Tr 1: they are not there", have(self.holes));
+        }
     }
 
     /// Reads what a `mtllib` statement names: one file whose name may hold spaces, else several. A missing file is a
@@ -81,7 +103,8 @@ impl Library {
             tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| Error::import_from(path, "not an MTL file", e))?;
         for entry in entries {
             let material = self.material(path, &entry)?;
-            self.materials.insert(entry.name, material);
+            let name = if entry.name == UNNAMED { String::new() } else { entry.name };
+            self.materials.insert(name, material);
         }
         Ok(())
     }
@@ -95,7 +118,7 @@ impl Library {
         };
         let norm = map(entry.unknown_param.get("norm"))?;
 
-        let mut material = default(&entry.name);
+        let mut material = default(if entry.name == UNNAMED { "" } else { &entry.name });
         let is_mirror = entry.illumination_model == Some(3);
         let base = if is_mirror { ks.or(kd) } else { kd };
         material.base_color = base.unwrap_or(Vec3::ONE).clamp(Vec3::ZERO, Vec3::ONE).extend(1.0);
@@ -113,65 +136,168 @@ impl Library {
             material.ior = entry.optical_density.map(|ni| ni as f32).filter(|&ni| ni > 1.0).unwrap_or(1.5);
         }
         material.emissive = ke.unwrap_or(Vec3::ZERO).max(Vec3::ZERO);
-        if let Some(map) = map(entry.diffuse_texture.as_ref())? {
+        let color_map = map(entry.diffuse_texture.as_ref())?;
+        if let Some(map) = &color_map {
+            material.base_color_texture = self.texture(path, map, Encoding::Srgb)?;
             // Many exporters write black where a texture replaces the colour.
             if base == Some(Vec3::ZERO) {
                 material.base_color = glam::Vec4::ONE;
             }
-            material.base_color_texture = Some(self.texture(path, &map, Encoding::Srgb)?);
+            // A texture that is not there leaves the colour beside it, or a grey that is half of white to the eye.
+            if material.base_color_texture.is_none() && material.base_color == glam::Vec4::ONE {
+                material.base_color = Vec3::splat(GREY).extend(1.0);
+            }
         }
+        if let Some(map) = map(entry.specular_texture.as_ref())?.filter(|_| !is_mirror)
+            && let Some(texture) = self.texture(path, &map, Encoding::Srgb)?
+        {
+            if ks.is_none_or(|ks| ks == Vec3::ZERO) {
+                (material.specular, material.specular_color) = (1.0, Vec3::ONE / 0.5);
+            }
+            material.specular_color_texture = Some(texture);
+        }
+        if !is_mirror {
+            let gloss = map(entry.shininess_texture.as_ref())?;
+            let maps = [map(entry.unknown_param.get("map_Pr"))?, map(entry.unknown_param.get("map_Pm"))?];
+            self.rough_and_metallic(path, &mut material, maps, gloss, entry.shininess)?;
+        }
+        let opacity = entry.dissolve.or(scalar("Tr").map(|tr| 1.0 - f64::from(tr)));
+        self.holes(path, &mut material, opacity, color_map.as_ref(), map(entry.dissolve_texture.as_ref())?)?;
         if let Some(map) = map(entry.unknown_param.get("map_Ke"))? {
-            if ke.is_none_or(|ke| ke == Vec3::ZERO) {
+            let texture = self.texture(path, &map, Encoding::Srgb)?;
+            if texture.is_some() && ke.is_none_or(|ke| ke == Vec3::ZERO) {
                 material.emissive = Vec3::ONE;
             }
-            material.emissive_texture = Some(self.texture(path, &map, Encoding::Srgb)?);
+            material.emissive_texture = texture;
         }
         let is_bump = norm.is_none();
-        if let Some(map) = norm.or(map(entry.normal_texture.as_ref())?) {
-            let texture = self.texture(path, &map, Encoding::Linear)?;
-            let texels = &self.textures[texture.texture].levels[0].texels;
-            if is_bump && texels.iter().all(|t| t[0] == t[1] && t[1] == t[2]) {
+        if let Some(map) = norm.or(map(entry.normal_texture.as_ref())?)
+            && let Some(file) = self.images.find(path, &map)?
+        {
+            let image = self.images.image(path, &file)?;
+            if is_bump && image.texels.iter().all(|t| t[0] == t[1] && t[1] == t[2]) {
                 let file = files::shortened(&map.file);
                 tracing::warn!("{}: \"{file}\" is a height map, which is left out", path.display());
             } else {
-                material.normal_texture = Some(texture);
+                let texture = self.images.texture(path, &file, Encoding::Linear)?;
+                material.normal_texture = Some(map.reference(texture));
                 material.normal_scale = map.strength;
             }
         }
         Ok(material)
     }
-
-    fn decode(&mut self, mtl: &Path, map: &Map, path: &Path, encoding: Encoding) -> Result<Texture> {
-        let name = files::shortened(&map.file);
-        let bytes = files::read(path).map_err(|e| Error::import_from(mtl, format!("cannot read \"{name}\""), e))?;
-        let undecodable = |e| Error::import_from(mtl, format!("\"{name}\" cannot be decoded"), e);
-        self.texel_count += Texture::texel_count(&bytes).map_err(undecodable)?;
-        if self.texel_count > MAX_TEXELS {
-            let reason = format!("\"{name}\": the textures are more than {MAX_TEXELS} texels together");
-            return Err(Error::import(mtl, reason));
-        }
-        Texture::decode(map.file.clone(), &bytes, encoding).map_err(undecodable)
+    /// `None` if there is no such file.
+    fn texture(&mut self, mtl: &Path, map: &Map, encoding: Encoding) -> Result<Option<TextureRef>> {
+        let Some(file) = self.images.find(mtl, map)? else { return Ok(None) };
+        Ok(Some(map.reference(self.images.texture(mtl, &file, encoding)?)))
     }
 
-    fn texture(&mut self, mtl: &Path, map: &Map, encoding: Encoding) -> Result<TextureRef> {
-        let name = files::shortened(&map.file);
-        let relative = files::inside(&map.file).map_err(|reason| Error::import(mtl, format!("\"{name}\" {reason}")))?;
-        let path = mtl.parent().unwrap_or(Path::new("")).join(relative);
-        let key = (path, encoding);
-        let texture = match self.decoded.get(&key) {
-            Some(&known) => known,
-            None => {
-                let texture = self.decode(mtl, map, &key.0, encoding)?;
-                self.textures.push(texture);
-                self.decoded.insert(key, self.textures.len() - 1);
-                self.textures.len() - 1
-            }
+    /// The file of a map, if it says so and is there.
+    fn image(&mut self, mtl: &Path, map: Option<&Map>) -> Result<Option<(PathBuf, Rc<Image>)>> {
+        let Some(map) = map else { return Ok(None) };
+        let Some(file) = self.images.find(mtl, map)? else { return Ok(None) };
+        let image = self.images.image(mtl, &file)?;
+        Ok(Some((file, image)))
+    }
+
+    /// map_Pr or map_Ns, and map_Pm, as green and blue of one texture.
+    fn rough_and_metallic(
+        &mut self,
+        mtl: &Path,
+        material: &mut Material,
+        [roughness, metalness]: [Option<Map>; 2],
+        gloss: Option<Map>,
+        exponent: Option<f64>,
+    ) -> Result<()> {
+        let is_gloss = roughness.is_none();
+        let rough_map = roughness.or(gloss);
+        let aligned = match (&rough_map, &metalness) {
+            (Some(rough), Some(metallic)) => rough.is_aligned(metallic),
+            _ => true,
         };
-        let wrap = if map.clamp { Wrap::Clamp } else { Wrap::Repeat };
-        // Our v is OBJ's turned over, before the transform and after it.
-        let turned = Mat3::from_cols(Vec3::X, -Vec3::Y, Vec3::new(0.0, 1.0, 1.0));
-        let uv_transform = turned * Mat3::from_translation(map.offset) * Mat3::from_scale(map.scale) * turned;
-        Ok(TextureRef { texture, uv_set: 0, uv_transform, wrap: [wrap; 2] })
+        let metal_map = metalness.filter(|_| aligned);
+        if !aligned {
+            tracing::warn!(
+                "{}: \"{}\" has a map_Pm placed unlike its map_Pr; it is left out",
+                mtl.display(),
+                material.name
+            );
+        }
+        let (rough, metal) = (self.image(mtl, rough_map.as_ref())?, self.image(mtl, metal_map.as_ref())?);
+        let Some(map) = rough_map.as_ref().filter(|_| rough.is_some()).or(metal_map.as_ref()) else { return Ok(()) };
+        if rough.is_none() && metal.is_none() {
+            return Ok(());
+        }
+        let exponent = exponent.filter(|&ns| ns > 0.0).unwrap_or(1_000.0) as f32;
+        let roughness_of = |value: u8| match is_gloss {
+            true => (255.0 * (2.0 / (f32::from(value) / 255.0 * exponent + 2.0)).powf(0.25)).round() as u8,
+            false => value,
+        };
+        let file = |found: &Option<(PathBuf, Rc<Image>)>| found.as_ref().map(|(file, _)| file.clone());
+        // The exponent is part of what is made of a file.
+        let kind = is_gloss.then(|| PathBuf::from(format!("Ns {exponent}")));
+        let recipe = (vec![file(&rough), file(&metal), kind], Encoding::Linear);
+        let texture = self.images.made(recipe, |_| {
+            let images = [&rough, &metal].map(|found| found.as_ref().map(|(_, image)| &**image));
+            let texel = |[rough, metal]: [Option<[u8; 4]>; 2]| {
+                [255, rough.map_or(255, |t| roughness_of(t[0])), metal.map_or(255, |t| t[0]), 255]
+            };
+            Ok(combined(images, texel))
+        })?;
+        if rough.is_some() {
+            material.roughness = 1.0;
+        }
+        if metal.is_some() {
+            material.metallic = 1.0;
+        }
+        material.metallic_roughness_texture = Some(map.reference(texture));
+        Ok(())
+    }
+
+    /// d, Tr and map_d: what is not there. The mask becomes the alpha of the colour's texture.
+    fn holes(
+        &mut self,
+        mtl: &Path,
+        material: &mut Material,
+        opacity: Option<f64>,
+        color_map: Option<&Map>,
+        map: Option<Map>,
+    ) -> Result<()> {
+        if opacity.is_some_and(|d| d <= 0.0) {
+            material.base_color.w = 0.0;
+            material.alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
+            self.holes += 1;
+            return Ok(());
+        }
+        self.opaque += usize::from(opacity.is_some_and(|d| d < 1.0));
+        let Some((mask_file, mask)) = self.image(mtl, map.as_ref())? else { return Ok(()) };
+        let map = map.expect("its image was found");
+        let has_alpha = mask.texels.iter().any(|t| t[3] < 255);
+        let color = self.image(mtl, color_map)?;
+        // The colour's own file without alpha: exporters name it where they mean all of it.
+        if !has_alpha && color.as_ref().is_some_and(|(file, _)| *file == mask_file) {
+            return Ok(());
+        }
+        if color.is_some() && !color_map.is_some_and(|color| color.is_aligned(&map)) {
+            tracing::warn!(
+                "{}: \"{}\" has a map_d placed unlike its map_Kd; it is left out",
+                mtl.display(),
+                material.name
+            );
+            return Ok(());
+        }
+        let channel = if has_alpha { 3 } else { 0 };
+        let recipe = (vec![color.as_ref().map(|(file, _)| file.clone()), Some(mask_file)], Encoding::Srgb);
+        let texture = self.images.made(recipe, |_| {
+            let texel = |[color, mask]: [Option<[u8; 4]>; 2]| {
+                let [r, g, b, _] = color.unwrap_or([255; 4]);
+                [r, g, b, mask.map_or(255, |t| t[channel])]
+            };
+            Ok(combined([color.as_ref().map(|(_, image)| &**image), Some(&*mask)], texel))
+        })?;
+        material.base_color_texture = Some(map.reference(texture));
+        material.alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
+        Ok(())
     }
 }
 

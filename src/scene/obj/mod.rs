@@ -1,7 +1,9 @@
 //! Wavefront OBJ and MTL into a [`Scene`]: triangles and materials, no lights, no camera.
 
 mod guard;
+mod images;
 mod materials;
+mod winding;
 
 use std::collections::HashMap;
 use std::iter;
@@ -40,12 +42,22 @@ pub fn load(path: &Path) -> Result<Scene> {
     // No arities: all are triangles.
     let mut arities = mesh.face_arities.iter().copied().chain(iter::repeat(3));
     let mut first = 0;
-    for face in &obj.faces {
+    let mut all_corners = Vec::with_capacity(obj.faces.len());
+    for _ in &obj.faces {
         let corners = first..first + arities.next().expect("endless") as usize;
         first = corners.end;
-        polygons_of[face.material].push((face, corners));
+        all_corners.push(corners);
     }
     assert_eq!(first, mesh.indices.len(), "a face of tobj's is none of ours");
+    let turned = winding::turned(&mesh, &all_corners);
+    if turned.surface_count > 0 {
+        let (path, count) = (path.display(), turned.surface_count);
+        tracing::warn!("{path}: {count} closed surfaces faced inwards and were turned");
+    }
+    for (i, (face, corners)) in obj.faces.iter().zip(all_corners).enumerate() {
+        let polygon = Polygon { face, corners, turns: turned.winding[i], turns_normals: turned.normals[i] };
+        polygons_of[face.material].push(polygon);
+    }
 
     let mut builder = MeshBuilder::default();
     let mut materials = Vec::new();
@@ -58,13 +70,14 @@ pub fn load(path: &Path) -> Result<Scene> {
         });
         // Faces without normals are flat, those with normals aren't: two kinds of parts.
         for has_normals in [true, false] {
-            let polygons = polygons.iter().filter(|(face, _)| face.has_normals == has_normals);
+            let polygons = polygons.iter().filter(|polygon| polygon.face.has_normals == has_normals);
             builder.add(part(&mesh, polygons, &material, materials.len() as u32));
         }
         materials.push(material);
     }
+    library.warn(path);
     let textures = library.into_textures();
-    let (mesh, space) = builder.finish().map_err(|reason| Error::import(path, reason))?;
+    let (mesh, space) = builder.finish().map_err(|unbuilt| Error::import(path, unbuilt.reason()))?;
     Ok(Scene {
         path: path.to_owned(),
         mesh,
@@ -77,10 +90,19 @@ pub fn load(path: &Path) -> Result<Scene> {
     })
 }
 
-/// Polygons are ranges of the mesh's corners; either all or none of them have normals.
+#[derive(Clone)]
+struct Polygon<'a> {
+    face: &'a Face,
+    /// Among the mesh's.
+    corners: Range<usize>,
+    turns: bool,
+    turns_normals: bool,
+}
+
+/// Either all or none of the polygons have normals.
 fn part<'a>(
     mesh: &Mesh,
-    polygons: impl Iterator<Item = &'a (&'a Face, Range<usize>)>,
+    polygons: impl Iterator<Item = &'a Polygon<'a>>,
     material: &Material,
     material_index: u32,
 ) -> Part {
@@ -89,15 +111,16 @@ fn part<'a>(
     let textured = material.textures().next().is_some();
     let three = |values: &[f64], i: u32| DVec3::from_slice(&values[3 * i as usize..]);
     let mut numbers = HashMap::new();
-    for (face, corners) in polygons {
+    for Polygon { face, corners, turns, turns_normals } in polygons {
+        let sign = if *turns_normals { -1.0 } else { 1.0 };
         let mut vertex = |corner: usize| {
             let next = part.positions.len() as u32;
             let position = mesh.indices[corner];
             let uv = face.has_uvs.then(|| mesh.texcoord_indices[corner]);
             let normal = face.has_normals.then(|| mesh.normal_indices[corner]);
-            *numbers.entry((position, uv, normal)).or_insert_with(|| {
+            *numbers.entry((position, uv, normal, *turns_normals)).or_insert_with(|| {
                 part.positions.push(three(&mesh.positions, position));
-                part.normals.extend(normal.map(|i| three(&mesh.normals, i).as_vec3()));
+                part.normals.extend(normal.map(|i| sign * three(&mesh.normals, i).as_vec3()));
                 if textured {
                     // OBJ's v grows upwards, glTF's and ours downwards.
                     let turned = |i| Vec2::new(mesh.texcoords[2 * i] as f32, 1.0 - mesh.texcoords[2 * i + 1] as f32);
@@ -112,7 +135,9 @@ fn part<'a>(
         };
         let vertices: Vec<u32> = corners.clone().map(&mut vertex).collect();
         let outline: Vec<DVec3> = mesh.indices[corners.clone()].iter().map(|&i| three(&mesh.positions, i)).collect();
-        part.triangles.extend(triangulated(&outline).into_iter().map(|t| t.map(|i| vertices[i])));
+        for [a, b, c] in triangulated(&outline).into_iter().map(|t| t.map(|i| vertices[i])) {
+            part.triangles.push(if *turns { [a, c, b] } else { [a, b, c] });
+        }
     }
     part
 }

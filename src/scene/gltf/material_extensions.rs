@@ -1,0 +1,109 @@
+//! Extensions of materials that [`Material`] has no words for: what can be said exactly is, the rest is counted and named
+//! once a file, with what will look different.
+
+use glam::Vec3;
+use serde_json::{Map, Value};
+
+use super::document::Document;
+use crate::scene::Material;
+
+/// An extension that is left out, the factors any of which makes a difference, and what is missing then.
+struct LeftOut {
+    extension: &'static str,
+    factors: &'static [&'static str],
+    effect: &'static str,
+}
+
+/// Volumes and dispersion show only behind a surface that transmits, so they go without a word of their own.
+const LEFT_OUT: [LeftOut; 6] = [
+    LeftOut {
+        extension: "KHR_materials_clearcoat",
+        factors: &["clearcoatFactor"],
+        effect: "their coat's highlight is missing",
+    },
+    LeftOut {
+        extension: "KHR_materials_transmission",
+        factors: &["transmissionFactor"],
+        effect: "nothing is seen through them",
+    },
+    LeftOut {
+        extension: "KHR_materials_diffuse_transmission",
+        factors: &["diffuseTransmissionFactor"],
+        effect: "no light shines through them",
+    },
+    LeftOut { extension: "KHR_materials_sheen", factors: &["sheenColorFactor"], effect: "their sheen is missing" },
+    LeftOut {
+        extension: "KHR_materials_anisotropy",
+        factors: &["anisotropyStrength"],
+        effect: "their highlights are round",
+    },
+    LeftOut {
+        extension: "KHR_materials_iridescence",
+        factors: &["iridescenceFactor"],
+        effect: "their reflections lack the colours of thin films",
+    },
+];
+
+/// How many materials lack what.
+#[derive(Default)]
+pub struct Missing {
+    counts: [usize; LEFT_OUT.len()],
+    unlit: usize,
+    pub short_of_uv_sets: usize,
+}
+
+impl Missing {
+    /// Counts what the extensions of one material would change.
+    pub fn count(&mut self, extensions: &Map<String, Value>) {
+        for (count, left_out) in self.counts.iter_mut().zip(&LEFT_OUT) {
+            let Some(extension) = extensions.get(left_out.extension) else { continue };
+            // All these factors are zero where the file does not name them.
+            let is_zero = |value: &Value| match value {
+                Value::Array(items) => items.iter().all(|item| item.as_f64() == Some(0.0)),
+                value => value.as_f64() == Some(0.0),
+            };
+            let counts = left_out.factors.iter().any(|&key| extension.get(key).is_some_and(|value| !is_zero(value)));
+            *count += usize::from(counts);
+        }
+        self.unlit += usize::from(extensions.contains_key("KHR_materials_unlit"));
+    }
+
+    pub fn warn(&self, document: &Document) {
+        let path = document.path.display();
+        let have = |count: usize| if count == 1 { "1 material has".into() } else { format!("{count} materials have") };
+        for (&count, left_out) in self.counts.iter().zip(&LEFT_OUT).filter(|(count, _)| **count > 0) {
+            tracing::warn!("{path}: {} {}: {}", have(count), left_out.extension, left_out.effect);
+        }
+        if self.unlit > 0 {
+            let effect = "no light falls on them, their base colour is emitted instead";
+            tracing::warn!("{path}: {} KHR_materials_unlit: {effect}", have(self.unlit));
+        }
+        if self.short_of_uv_sets > 0 {
+            let count = have(self.short_of_uv_sets);
+            tracing::warn!(
+                "{path}: {count} textures on more than two sets of texture coordinates; the rest is left out"
+            );
+        }
+        if let Some(names) = variants(document).filter(|names| !names.is_empty()) {
+            tracing::warn!("{path}: shows the default of its variants ({})", names.join(", "));
+        }
+    }
+}
+
+/// Names of `KHR_materials_variants`; the materials that primitives name themselves are the default.
+fn variants(document: &Document) -> Option<Vec<String>> {
+    let extensions = document.root.extensions.as_ref()?;
+    let variants = extensions.others.get("KHR_materials_variants")?.get("variants")?.as_array()?;
+    // As many as a line holds.
+    Some(variants.iter().filter_map(|v| v.get("name")?.as_str().map(crate::scene::files::shortened)).take(8).collect())
+}
+
+/// `KHR_materials_unlit`: the base colour is what is seen. Nothing is reflected, so it is emitted; alpha stays.
+pub fn make_unlit(material: &mut Material) {
+    material.emissive = material.base_color.truncate();
+    material.emissive_texture = material.base_color_texture;
+    material.base_color = Vec3::ZERO.extend(material.base_color.w);
+    (material.metallic, material.roughness, material.specular) = (0.0, 1.0, 0.0);
+    material.metallic_roughness_texture = None;
+    (material.normal_texture, material.specular_texture, material.specular_color_texture) = (None, None, None);
+}

@@ -1,0 +1,115 @@
+//! Texture files of MTL: found, decoded once, and put together where our materials want several in one.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use glam::{Mat3, Vec2, Vec3};
+
+use super::materials::Map;
+use crate::error::{Error, Result};
+use crate::scene::texture::{Image, TexelCount};
+use crate::scene::{Encoding, Texture, TextureRef, Wrap, files};
+
+/// What textures are made of: files, each for the channels that it fills.
+type Recipe = (Vec<Option<PathBuf>>, Encoding);
+
+#[derive(Default)]
+pub struct Images {
+    textures: Vec<Texture>,
+    made: HashMap<Recipe, usize>,
+    images: HashMap<PathBuf, Rc<Image>>,
+    texels: TexelCount,
+    /// Files that are not there, to be said once.
+    missing: Vec<String>,
+}
+
+impl Images {
+    pub fn into_textures(self) -> Vec<Texture> {
+        self.textures
+    }
+
+    /// Where the file of `map` is: where the MTL says, else under its name beside the MTL, since many name folders of the
+    /// machine that they come from. `None`, with a warning, if it is nowhere.
+    pub fn find(&mut self, mtl: &Path, map: &Map) -> Result<Option<PathBuf>> {
+        let folder = mtl.parent().unwrap_or(Path::new(""));
+        let name = map.file.rsplit('/').next().unwrap_or_default();
+        for candidate in [map.file.as_str(), name] {
+            let Ok(relative) = files::inside(candidate) else { continue };
+            let path = folder.join(relative);
+            if path.exists() {
+                let leaves = |e| Error::import_from(mtl, format!("\"{}\"", files::shortened(&map.file)), e);
+                return files::below(folder, &path).map(Some).map_err(leaves);
+            }
+        }
+        let name = files::shortened(&map.file);
+        if !self.missing.contains(&name) {
+            tracing::warn!("{}: there is no texture \"{name}\"; what it colours is grey", mtl.display());
+            // Enough to be silent about those that all materials share.
+            if self.missing.len() < 64 {
+                self.missing.push(name);
+            }
+        }
+        Ok(None)
+    }
+
+    /// The file as it is.
+    pub fn image(&mut self, mtl: &Path, path: &Path) -> Result<Rc<Image>> {
+        if let Some(image) = self.images.get(path) {
+            return Ok(image.clone());
+        }
+        let name = files::shortened(&path.file_name().unwrap_or_default().to_string_lossy());
+        let bytes = files::read(path).map_err(|e| Error::import_from(mtl, format!("cannot read \"{name}\""), e))?;
+        let undecodable = |e| Error::import_from(mtl, format!("\"{name}\" cannot be decoded"), e);
+        self.texels.add(&bytes).map_err(|e| e.at(mtl, &format!("\"{name}\"")))?;
+        let image = Rc::new(Image::decode(&bytes).map_err(undecodable)?);
+        self.images.insert(path.to_owned(), image.clone());
+        Ok(image)
+    }
+
+    /// A texture of the file at `path`.
+    pub fn texture(&mut self, mtl: &Path, path: &Path, encoding: Encoding) -> Result<usize> {
+        let recipe = (vec![Some(path.to_owned())], encoding);
+        self.made(recipe, |images| Ok(Image::clone(&*images.image(mtl, path)?)))
+    }
+
+    /// The texture of a recipe that is made the first time.
+    pub fn made(&mut self, recipe: Recipe, make: impl FnOnce(&mut Self) -> Result<Image>) -> Result<usize> {
+        if let Some(&known) = self.made.get(&recipe) {
+            return Ok(known);
+        }
+        let image = make(self)?;
+        let name = recipe.0.iter().flatten().next().and_then(|path| path.file_name()).unwrap_or_default();
+        self.textures.push(Texture::of(name.to_string_lossy().into_owned(), image, recipe.1));
+        self.made.insert(recipe, self.textures.len() - 1);
+        Ok(self.textures.len() - 1)
+    }
+}
+
+impl Map {
+    /// How the map looks up `texture`.
+    pub fn reference(&self, texture: usize) -> TextureRef {
+        let wrap = if self.clamp { Wrap::Clamp } else { Wrap::Repeat };
+        // Our v is OBJ's turned over, before the transform and after it.
+        let turned = Mat3::from_cols(Vec3::X, -Vec3::Y, Vec3::new(0.0, 1.0, 1.0));
+        let uv_transform = turned * Mat3::from_translation(self.offset) * Mat3::from_scale(self.scale) * turned;
+        TextureRef { texture, uv_set: 0, uv_transform, wrap: [wrap; 2] }
+    }
+
+    /// Whether two maps read their files at the same places.
+    pub fn is_aligned(&self, other: &Self) -> bool {
+        let places = |map: &Self| -> (Vec2, Vec2, bool) { (map.offset, map.scale, map.clamp) };
+        places(self) == places(other)
+    }
+}
+
+/// An image as large as the larger of its sources, each texel made of the sources' nearest ones.
+pub fn combined(sources: [Option<&Image>; 2], texel: impl Fn([Option<[u8; 4]>; 2]) -> [u8; 4]) -> Image {
+    let largest = |side: fn(&Image) -> usize| sources.iter().flatten().map(|image| side(image)).max().unwrap_or(1);
+    let (width, height) = (largest(|image| image.width), largest(|image| image.height));
+    let read = |source: Option<&Image>, x: usize, y: usize| {
+        source.map(|s| s.texels[y * s.height / height * s.width + x * s.width / width])
+    };
+    let texels = (0..width * height).map(|i| texel(sources.map(|source| read(source, i % width, i / width))));
+    Image { width, height, texels: texels.collect() }
+}

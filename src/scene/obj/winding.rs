@@ -1,0 +1,184 @@
+//! Closed surfaces that face inwards, as some exporters leave them: they would be black from everywhere.
+//!
+//! A surface is what hangs together by its positions. It faces inwards if it is closed and the volume that its faces
+//! enclose is negative. Two kinds of such surfaces are meant that way and stay: those around other surfaces (the walls of a
+//! room), and those within a closed surface not much larger (the inside of a vessel).
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use glam::DVec3;
+use tobj::Mesh;
+
+/// What to turn, for each polygon.
+pub struct Turned {
+    pub winding: Vec<bool>,
+    /// Whether its normals point inwards too.
+    pub normals: Vec<bool>,
+    pub surface_count: usize,
+}
+
+/// One surface.
+#[derive(Clone)]
+struct Surface {
+    /// Six times what its faces enclose, seen from `origin`.
+    volume: f64,
+    /// Twice the sum of its faces' areas, as vectors and as numbers: closed surfaces have no sum of vectors.
+    area: DVec3,
+    total_area: f64,
+    origin: DVec3,
+    low: DVec3,
+    high: DVec3,
+    /// How far its normals agree with its faces; 0 without any.
+    agreement: f64,
+}
+
+/// A closed surface may miss this share of its area and of its box's volume to rounding in the file.
+const ROUNDING: f64 = 1e-4;
+/// A vessel's inside is at least this share of its outside.
+const VESSEL: f64 = 0.125;
+/// Pairs of surfaces that are compared at most; scattered triangles are surfaces too.
+const MAX_PAIRS: usize = 1 << 24;
+
+/// `polygons` are ranges of the mesh's corners.
+pub fn turned(mesh: &Mesh, polygons: &[Range<usize>]) -> Turned {
+    let surface_of = surfaces(mesh, polygons);
+    let count = surface_of.iter().map(|&s| s as usize + 1).max().unwrap_or(0);
+    let surfaces = measure(mesh, polygons, &surface_of, count);
+    let may_turn: Vec<bool> = surfaces.iter().map(Surface::faces_inwards).collect();
+    let turns = match may_turn.contains(&true) {
+        true => {
+            let closed = closed(mesh, polygons, &surface_of, &may_turn);
+            let inwards: Vec<usize> = (0..count).filter(|&s| may_turn[s] && closed[s]).collect();
+            let is_many = inwards.len().saturating_mul(count) > MAX_PAIRS;
+            let mut turns = vec![false; count];
+            inwards.iter().filter(|&&s| !is_many && !is_meant(&surfaces, s)).for_each(|&s| turns[s] = true);
+            turns
+        }
+        false => vec![false; count],
+    };
+    let of = |flag: &dyn Fn(usize) -> bool| surface_of.iter().map(|&s| flag(s as usize)).collect();
+    Turned {
+        winding: of(&|s| turns[s]),
+        normals: of(&|s| turns[s] && surfaces[s].agreement > 0.0),
+        surface_count: turns.iter().filter(|&&t| t).count(),
+    }
+}
+
+impl Surface {
+    /// Clearly, if it is closed.
+    fn faces_inwards(&self) -> bool {
+        let size = self.high - self.low;
+        self.is_closed() && self.volume < -ROUNDING * size.element_product().abs() && self.volume < 0.0
+    }
+
+    /// As far as its area tells.
+    fn is_closed(&self) -> bool {
+        self.area.length() <= ROUNDING * self.total_area
+    }
+
+    fn contains(&self, other: &Self) -> bool {
+        self.low.cmple(other.low).all() && self.high.cmpge(other.high).all()
+    }
+}
+
+/// Whether a surface that faces inwards is around others, or the inside of one.
+fn is_meant(surfaces: &[Surface], inwards: usize) -> bool {
+    let this = &surfaces[inwards];
+    surfaces.iter().enumerate().filter(|(other, _)| *other != inwards).any(|(_, other)| {
+        let is_vessel = other.volume > 0.0 && other.is_closed() && -this.volume >= VESSEL * other.volume;
+        this.contains(other) || is_vessel && other.contains(this)
+    })
+}
+
+/// For each polygon the number of its surface.
+fn surfaces(mesh: &Mesh, polygons: &[Range<usize>]) -> Vec<u32> {
+    let welded = weld(mesh);
+    let mut parents: Vec<u32> = (0..welded.len() as u32).collect();
+    fn root(parents: &mut [u32], mut i: u32) -> u32 {
+        while parents[i as usize] != i {
+            parents[i as usize] = parents[parents[i as usize] as usize];
+            i = parents[i as usize];
+        }
+        i
+    }
+    for polygon in polygons {
+        let corners = &mesh.indices[polygon.clone()];
+        let first = root(&mut parents, welded[corners[0] as usize]);
+        for &corner in &corners[1..] {
+            let other = root(&mut parents, welded[corner as usize]);
+            parents[other as usize] = first;
+        }
+    }
+    let mut numbers = HashMap::new();
+    let number = |polygon: &Range<usize>| {
+        let next = numbers.len() as u32;
+        *numbers.entry(root(&mut parents, welded[mesh.indices[polygon.start] as usize])).or_insert(next)
+    };
+    polygons.iter().map(number).collect()
+}
+
+/// For each position the first one at its place.
+fn weld(mesh: &Mesh) -> Vec<u32> {
+    let mut firsts = HashMap::with_capacity(mesh.positions.len() / 3);
+    let place = |p: &[f64]| [p[0], p[1], p[2]].map(|x| (x + 0.0).to_bits());
+    let positions = mesh.positions.chunks_exact(3).zip(0u32..);
+    positions.map(|(p, i)| *firsts.entry(place(p)).or_insert(i)).collect()
+}
+
+fn measure(mesh: &Mesh, polygons: &[Range<usize>], surface_of: &[u32], count: usize) -> Vec<Surface> {
+    let (low, high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (area, origin) = (DVec3::ZERO, DVec3::NAN);
+    let empty = Surface { volume: 0.0, area, total_area: 0.0, origin, low, high, agreement: 0.0 };
+    let mut surfaces = vec![empty; count];
+    let three = |values: &[f64], i: u32| DVec3::from_slice(&values[3 * i as usize..]);
+    for (polygon, &surface) in polygons.iter().zip(surface_of) {
+        let surface = &mut surfaces[surface as usize];
+        let corners = &mesh.indices[polygon.clone()];
+        let first = three(&mesh.positions, corners[0]);
+        if surface.origin.is_nan() {
+            surface.origin = first;
+        }
+        let mut of_face = DVec3::ZERO;
+        for pair in corners[1..].windows(2) {
+            let [b, c] = [pair[0], pair[1]].map(|i| three(&mesh.positions, i));
+            of_face += (b - first).cross(c - first);
+        }
+        for &corner in corners {
+            let position = three(&mesh.positions, corner);
+            (surface.low, surface.high) = (surface.low.min(position), surface.high.max(position));
+        }
+        surface.volume += (first - surface.origin).dot(of_face);
+        surface.area += of_face;
+        surface.total_area += of_face.length();
+        for &normal in mesh.normal_indices.get(polygon.clone()).unwrap_or_default() {
+            let normal = mesh.normals.get(3 * normal as usize..).filter(|n| n.len() >= 3);
+            surface.agreement += normal.map_or(0.0, |n| DVec3::from_slice(n).dot(of_face));
+        }
+    }
+    surfaces
+}
+
+/// Which of the surfaces in question are closed: each of their edges is passed as often one way as the other.
+fn closed(mesh: &Mesh, polygons: &[Range<usize>], surface_of: &[u32], in_question: &[bool]) -> Vec<bool> {
+    let welded = weld(mesh);
+    let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+    let asked = || polygons.iter().zip(surface_of).filter(|(_, surface)| in_question[**surface as usize]);
+    let edges_of = |polygon: &Range<usize>| {
+        let corners: Vec<u32> = mesh.indices[polygon.clone()].iter().map(|&i| welded[i as usize]).collect();
+        let next: Vec<u32> = corners.iter().copied().cycle().skip(1).take(corners.len()).collect();
+        corners.into_iter().zip(next).filter(|(a, b)| a != b)
+    };
+    for (polygon, _) in asked() {
+        for (a, b) in edges_of(polygon) {
+            *edges.entry((a.min(b), a.max(b))).or_default() += if a < b { 1 } else { -1 };
+        }
+    }
+    let mut closed = in_question.to_vec();
+    for (polygon, &surface) in asked() {
+        if edges_of(polygon).any(|(a, b)| edges[&(a.min(b), a.max(b))] != 0) {
+            closed[surface as usize] = false;
+        }
+    }
+    closed
+}
