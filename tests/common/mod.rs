@@ -6,6 +6,7 @@
 pub mod drawn;
 pub mod kernel;
 pub mod random;
+pub mod ratio;
 pub mod stage;
 pub mod transfer;
 

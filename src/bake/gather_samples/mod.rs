@@ -280,12 +280,15 @@ fn clustered(
     GatherSamples::in_tree_order(clusters.par_iter().map(sample).collect(), points_per_sample, groups)
 }
 
-/// Weight of a place whose area brings `ratio` times the light that its sample's area brings on average. Visits are few: up to
-/// twice as much or as little counts as alike, so that all energy is there where everything is seen alike; what is
-/// hidden counts less and less, lest what nobody sees darkens what is seen.
+/// Weight of a place whose area brings `ratio` times the light that its sample's area brings on average. Visits are few: what
+/// differs by a quarter counts as alike, so that all energy is there where everything is seen alike; what is hidden
+/// counts less and less, lest what nobody sees darkens what is seen.
 fn evened(ratio: f64) -> f64 {
-    if ratio < 0.5 { 2.0 * ratio } else { (0.5 * ratio).max(1.0) }
+    if ratio < ALIKE { ratio / ALIKE } else { (ratio * ALIKE).max(1.0) }
 }
+
+/// See [`evened`].
+const ALIKE: f64 = 0.8;
 
 /// Materials whose candidates are enough for a sample have samples of their own: those of a dark wall tell nothing of the white
 /// skirting before it. All others are one group. Returns each material's group, and each group's candidates.

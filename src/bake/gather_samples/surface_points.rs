@@ -82,16 +82,18 @@ pub struct Surfaces {
 enum Points {
     /// Anywhere: pieces are whole sides.
     Sides(Vec<u32>),
-    /// At visited places, those of piece p being `first[p]..first[p + 1]`.
-    Visited { first: Vec<usize>, places: Vec<Visited> },
+    /// At visited places, those of piece p being `first[p]..first[p + 1]`; with the area of a piece up to and with each.
+    Visited { first: Vec<usize>, places: Vec<Visited>, until: Vec<f64> },
 }
 
 /// A place that paths from the eye came to.
 #[derive(Clone, Copy, Debug)]
 pub struct Visited {
     pub place: Place,
-    /// How much light paths bring from there.
-    pub light: f32,
+    /// Its share of the piece's area, in mesh space.
+    pub area: f64,
+    /// How much light paths bring from there; not 0.
+    pub light: f64,
 }
 
 /// A point of a surface.
@@ -113,7 +115,7 @@ impl Surfaces {
     }
 
     /// Pieces with their areas, how densely they get points, relative to each other, and the places where points may
-    /// lie: as many of a place as light comes from there. A piece without any is left out.
+    /// lie, each as often as its area asks for. A piece without any is left out.
     pub fn visited(pieces: Vec<(f64, f32, Vec<Visited>)>) -> Self {
         let (mut areas, mut needs, mut first, mut places) = (Vec::new(), Vec::new(), vec![0], Vec::new());
         for (area, density, visited) in pieces {
@@ -124,7 +126,9 @@ impl Surfaces {
                 first.push(places.len());
             }
         }
-        Self { areas, cumulative: cumulative(needs.into_iter()), points: Points::Visited { first, places } }
+        let until =
+            first.windows(2).flat_map(|p| cumulative(places[p[0]..p[1]].iter().map(|v: &Visited| v.area))).collect();
+        Self { areas, cumulative: cumulative(needs.into_iter()), points: Points::Visited { first, places, until } }
     }
 
     /// Mesh space, double-sided triangles counted twice.
@@ -142,7 +146,7 @@ impl Surfaces {
     pub fn random(&self, points: sequence::Points, count: usize) -> Vec<Place> {
         let place = |i: usize| {
             let [share, u, v, _] = points.at(0, i as u32);
-            self.points.place(self.at(share), [u, v], 0.5)
+            self.points.place(self.at(share), [u, v], 0.5).0
         };
         if self.areas.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
@@ -162,10 +166,10 @@ impl Surfaces {
             let end = if drawn + count_here == count { self.areas.len() } else { of_piece[0] + 1 };
             let share = 1.0 / count_here as f64;
             let area = share * self.areas[first..end].iter().sum::<f64>();
-            let light = share * self.points.light(first..end).unwrap_or_else(|| self.areas[first..end].iter().sum());
             result.extend((0..count_here).map(|i| {
                 let [_, u, v, _] = points.at((drawn + i) as u32, 0);
-                Drawn { place: self.points.place(of_piece[0], [u, v], (i as f64 + 0.5) * share), area, light }
+                let (place, light) = self.points.place(of_piece[0], [u, v], (i as f64 + 0.5) * share);
+                Drawn { place, area, light: light * area }
             }));
             first = end;
         }
@@ -174,30 +178,22 @@ impl Surfaces {
 }
 
 impl Points {
-    /// Light that visits to pieces bring.
-    fn light(&self, pieces: std::ops::Range<usize>) -> Option<f64> {
-        let Self::Visited { first, places } = self else { return None };
-        Some(places[first[pieces.start]..first[pieces.end]].iter().map(|v| f64::from(v.light)).sum())
-    }
-
-    /// A point of a piece: of a side by a point of the unit square, of visited places by a share of their light.
-    fn place(&self, piece: usize, [u, v]: [f64; 2], share: f64) -> Place {
+    /// A point of a piece, and how much light an area of 1 there brings: of a side by a point of the unit square, of visited
+    /// places by a share of their area.
+    fn place(&self, piece: usize, [u, v]: [f64; 2], share: f64) -> (Place, f64) {
         match self {
             Self::Sides(sides) => {
                 // Folding the square along its diagonal keeps neighbours together.
                 let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-                let side = sides[piece];
-                Place { triangle: side / 2, barycentric: Vec2::new(u as f32, v as f32), back: side % 2 == 1 }
+                let (side, barycentric) = (sides[piece], Vec2::new(u as f32, v as f32));
+                (Place { triangle: side / 2, barycentric, back: side % 2 == 1 }, 1.0)
             }
-            Self::Visited { first, places } => {
-                let here = &places[first[piece]..first[piece + 1]];
-                let all: f64 = here.iter().map(|v| f64::from(v.light)).sum();
-                let mut left = share * all;
-                let at = here.iter().position(|v| {
-                    left -= f64::from(v.light);
-                    left < 0.0
-                });
-                here[at.unwrap_or(here.len() - 1)].place
+            Self::Visited { first, places, until } => {
+                let here = first[piece]..first[piece + 1];
+                let at = share * until[here.end - 1];
+                let past = until[here.clone()].partition_point(|&area| area <= at).min(here.len() - 1);
+                let Visited { place, area, light } = places[here.start + past];
+                (place, light / area)
             }
         }
     }

@@ -34,10 +34,8 @@ struct Visit {
 }
 
 impl Visit {
-    fn place(&self) -> Visited {
-        let place = Place { triangle: self.side / 2, barycentric: self.barycentric, back: self.side % 2 == 1 };
-        // Never 0: means are weighted by it.
-        Visited { place, light: self.light.max(f32::MIN_POSITIVE) }
+    fn place(&self) -> Place {
+        Place { triangle: self.side / 2, barycentric: self.barycentric, back: self.side % 2 == 1 }
     }
 }
 
@@ -170,7 +168,7 @@ fn spread(scene: &Scene, bvh: &Bvh, visits: Vec<Visit>) -> (Surfaces, f64) {
     let deepest = |visit: &Visit| Patch::around(visit.side, visit.barycentric, Patch::DEEPEST);
     let mut visits: Vec<Counted> = visits
         .par_iter()
-        .map(|visit| Counted { patch: deepest(visit), need: need(visit), visited: visit.place() })
+        .map(|visit| Counted { patch: deepest(visit), place: visit.place(), light: visit.light, need: need(visit) })
         .collect();
     visits.par_sort_by_key(|visit| visit.patch);
     // Visits to each side: `first[side]..first[side + 1]`.
@@ -228,12 +226,15 @@ const HARDLY_ANY: u32 = 20;
 /// A visit, where it went and what for.
 struct Counted {
     patch: Patch,
+    place: Place,
+    light: f32,
     need: f64,
-    visited: Visited,
 }
 
-/// A patch with the visits that were counted there.
+/// A patch, part `part` of a side, `depth` cuts deep, with the visits that were counted there.
 struct Visits<'a> {
+    part: u32,
+    depth: u32,
     area: f64,
     visits: &'a [Counted],
     need: f64,
@@ -242,25 +243,57 @@ struct Visits<'a> {
 /// Cuts part `part` of a side, `depth` cuts deep, until few visits went to each, and leaves together what is alike: points lie
 /// more regularly on large patches. `visits` are in the order of parts.
 fn quarter<'a>(part: u32, area: f64, depth: u32, visits: &'a [Counted], patches: &mut Vec<Visits<'a>>) {
-    let whole = || Visits { area, visits, need: visits.iter().map(|visit| visit.need).sum() };
+    let whole = || Visits { part, depth, area, visits, need: visits.iter().map(|visit| visit.need).sum() };
     if visits.len() <= VISITS || depth == Patch::DEEPEST {
         patches.push(whole());
         return;
     }
     let first = patches.len();
-    let mut rest = visits;
-    for part in 4 * part..4 * part + 4 {
-        let below = 2 * (Patch::DEEPEST - depth - 1);
-        let (here, others) = rest.split_at(rest.partition_point(|visit| visit.patch.part >> below <= part));
-        rest = others;
+    for (part, here) in quarters(part, depth, visits) {
         quarter(part, 0.25 * area, depth + 1, here, patches);
     }
-    let quarters = &patches[first..];
-    let (low, high) = quarters.iter().fold((f64::MAX, 0.0f64), |(low, high), q| (low.min(q.need), high.max(q.need)));
-    if quarters.len() == 4 && high <= ALIKE * low {
+    let four = &patches[first..];
+    let (low, high) = four.iter().fold((f64::MAX, 0.0f64), |(low, high), q| (low.min(q.need), high.max(q.need)));
+    if four.len() == 4 && high <= ALIKE * low {
         patches.truncate(first);
         patches.push(whole());
     }
+}
+
+/// The four quarters of a part, `depth` cuts deep, each with its visits.
+fn quarters(part: u32, depth: u32, visits: &[Counted]) -> [(u32, &[Counted]); 4] {
+    let mut rest = visits;
+    [0, 1, 2, 3].map(|quarter| {
+        let part = 4 * part + quarter;
+        let below = 2 * (Patch::DEEPEST - depth - 1);
+        let (here, others) = rest.split_at(rest.partition_point(|visit| visit.patch.part >> below <= part));
+        rest = others;
+        (part, here)
+    })
+}
+
+/// Shares a part's area out among its visits, more to each where they are few: quarter by quarter until few are left, that of
+/// quarters without any going to the others.
+fn share_out(part: u32, area: f64, depth: u32, visits: &[Counted], visited: &mut Vec<Visited>) {
+    if visits.len() <= FEW || depth == Patch::DEEPEST {
+        return share_evenly(area, visits.iter(), visited);
+    }
+    let quarters = quarters(part, depth, visits);
+    let seen = quarters.iter().filter(|(_, here)| !here.is_empty()).count();
+    for (part, here) in quarters.into_iter().filter(|(_, here)| !here.is_empty()) {
+        share_out(part, area / seen as f64, depth + 1, here, visited);
+    }
+}
+
+/// Visits among which an area is shared out evenly.
+const FEW: usize = 16;
+
+/// Light is shared out, too: that of single visits differs by chance.
+fn share_evenly<'a>(area: f64, visits: impl Iterator<Item = &'a Counted> + Clone, visited: &mut Vec<Visited>) {
+    let (count, light) = visits.clone().fold((0.0, 0.0), |(n, sum), visit| (n + 1.0, sum + f64::from(visit.light)));
+    // Never 0: means are weighted by it.
+    let light = (light / count).max(f64::MIN_POSITIVE);
+    visited.extend(visits.map(|visit| Visited { place: visit.place, area: area / count, light }));
 }
 
 /// Makes pieces of neighbouring patches: one of those to which few visits went together, about as many as their areas ask
@@ -282,7 +315,12 @@ fn fill(patches: &[Visits], evenly: f64, pieces: &mut Vec<(f64, f32, Vec<Visited
     if patches.len() == 1 || (visits <= VISITS as f64 && alike()) {
         let need: f64 = patches.iter().map(|p| p.need).sum();
         let density = (need / area.max(f64::MIN_POSITIVE) + evenly).sqrt() as f32;
-        pieces.push((area, density, patches.iter().flat_map(|p| p.visits).map(|visit| visit.visited).collect()));
+        let mut visited = Vec::with_capacity(visits as usize);
+        match patches {
+            [patch] => share_out(patch.part, patch.area, patch.depth, patch.visits, &mut visited),
+            _ => share_evenly(area, patches.iter().flat_map(|p| p.visits), &mut visited),
+        }
+        pieces.push((area, density, visited));
         return 0.0;
     }
     fill(left, evenly, pieces) + fill(right, evenly, pieces)
