@@ -1,6 +1,7 @@
-//! A glTF 2.0 binary writer for scenes made of plain factors: no textures, float32 positions and normals.
+//! A glTF 2.0 binary writer: float32 positions, normals and texture coordinates, metallic-roughness materials with PNG
+//! textures.
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 use serde_json::{Value, json};
 
 use crate::mesh::Mesh;
@@ -12,6 +13,14 @@ pub struct Scene {
     pub camera: Camera,
     pub lights: Vec<Light>,
     pub objects: Vec<Object>,
+    /// What materials look up by name.
+    pub textures: Vec<Texture>,
+}
+
+pub struct Texture {
+    pub name: &'static str,
+    /// A PNG file.
+    pub png: Vec<u8>,
 }
 
 pub struct Camera {
@@ -37,7 +46,7 @@ pub struct Cone {
 }
 
 pub struct Object {
-    pub name: &'static str,
+    pub name: String,
     pub mesh: Mesh,
     pub translation: DVec3,
     /// Turn about +Y.
@@ -51,8 +60,20 @@ pub struct Material {
     pub base_color: [f64; 3],
     pub metallic: f64,
     pub roughness: f64,
+    /// Linear Rec. 709 radiance; above 1 it takes `KHR_materials_emissive_strength`.
+    pub emissive: [f64; 3],
+    /// Of a texture; each multiplies the factor above.
+    pub base_color_map: Option<&'static str>,
+    pub metallic_roughness_map: Option<&'static str>,
+    pub normal_map: Option<&'static str>,
+    pub emissive_map: Option<&'static str>,
+    /// Not there where alpha is below.
+    pub alpha_cutoff: Option<f64>,
+    pub double_sided: bool,
 }
 
+const LINEAR: u32 = 9729;
+const LINEAR_MIPMAP_LINEAR: u32 = 9987;
 const FLOAT: u32 = 5126;
 const U16: u32 = 5123;
 const U32: u32 = 5125;
@@ -83,11 +104,15 @@ impl Scene {
                 node["rotation"] = single(DQuat::from_rotation_y(object.yaw_deg.to_radians()).to_array());
             }
             nodes.push(node);
+            let mut attributes = json!({
+                "POSITION": buffer.push_vectors(&object.mesh.positions, Bounds::Stored),
+                "NORMAL": buffer.push_vectors(&object.mesh.normals, Bounds::Omitted),
+            });
+            if object.material.maps().next().is_some() {
+                attributes["TEXCOORD_0"] = json!(buffer.push_uvs(&object.mesh.uvs));
+            }
             meshes.push(json!({"name": object.name, "primitives": [{
-                "attributes": {
-                    "POSITION": buffer.push_vectors(&object.mesh.positions, Bounds::Stored),
-                    "NORMAL": buffer.push_vectors(&object.mesh.normals, Bounds::Omitted),
-                },
+                "attributes": attributes,
                 "indices": buffer.push_triangles(&object.mesh),
                 "material": material,
             }]}));
@@ -121,7 +146,12 @@ impl Scene {
             "rotation": single(look_along(self.camera.target - self.camera.position).to_array()),
         }));
         let [width, height] = self.image_size;
-        let document = json!({
+        let images: Vec<Value> = self.textures.iter().map(|t| buffer.push_image(t)).collect();
+        let mut extensions = vec!["KHR_lights_punctual"];
+        if materials.iter().any(|m| m.emissive_strength() > 1.0) {
+            extensions.push("KHR_materials_emissive_strength");
+        }
+        let mut document = json!({
             "asset": {"version": "2.0", "generator": "relume make_scenes"},
             "scene": 0,
             "scenes": [{
@@ -131,31 +161,94 @@ impl Scene {
             }],
             "nodes": nodes,
             "meshes": meshes,
-            "materials": materials.iter().map(Material::json).collect::<Vec<_>>(),
+            "materials": materials.iter().map(|m| m.json(&self.textures)).collect::<Vec<_>>(),
             "cameras": [{"name": "camera", "type": "perspective", "perspective": {
                 "aspectRatio": (f64::from(width) / f64::from(height)) as f32,
                 "yfov": self.camera.yfov_deg.to_radians() as f32,
                 "znear": 0.05f32,
                 "zfar": 100.0f32,
             }}],
-            "extensionsUsed": ["KHR_lights_punctual"],
+            "extensionsUsed": extensions,
             "extensions": {"KHR_lights_punctual": {"lights": lights}},
             "buffers": [{"byteLength": buffer.bytes.len()}],
             "bufferViews": buffer.views,
             "accessors": buffer.accessors,
         });
+        if !images.is_empty() {
+            document["samplers"] = json!([{"magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR}]);
+            document["textures"] = (0..images.len()).map(|i| json!({"sampler": 0, "source": i})).collect();
+            document["images"] = Value::Array(images);
+        }
         pack(document.to_string().into_bytes(), buffer.bytes)
     }
 }
 
 impl Material {
-    fn json(&self) -> Value {
+    /// Grey of 0.5, rough, opaque.
+    pub const PLAIN: Self = Self {
+        name: "plain",
+        base_color: [0.5; 3],
+        metallic: 0.0,
+        roughness: 1.0,
+        emissive: [0.0; 3],
+        base_color_map: None,
+        metallic_roughness_map: None,
+        normal_map: None,
+        emissive_map: None,
+        alpha_cutoff: None,
+        double_sided: false,
+    };
+
+    fn maps(&self) -> impl Iterator<Item = &'static str> {
+        [self.base_color_map, self.metallic_roughness_map, self.normal_map, self.emissive_map].into_iter().flatten()
+    }
+
+    /// What the emissive factor, at most 1, is multiplied by.
+    fn emissive_strength(&self) -> f64 {
+        self.emissive.into_iter().fold(1.0, f64::max)
+    }
+
+    /// # Panics
+    /// If a map is none of `textures`.
+    fn json(&self, textures: &[Texture]) -> Value {
+        let map = |name: &str| {
+            let index = textures.iter().position(|t| t.name == name);
+            json!({"index": index.unwrap_or_else(|| panic!("{}: there is no texture {name}", self.name))})
+        };
         let [r, g, b] = self.base_color.map(|c| c as f32);
-        json!({"name": self.name, "pbrMetallicRoughness": {
+        let mut material = json!({"name": self.name, "pbrMetallicRoughness": {
             "baseColorFactor": [r, g, b, 1.0],
             "metallicFactor": self.metallic as f32,
             "roughnessFactor": self.roughness as f32,
-        }})
+        }});
+        if let Some(name) = self.base_color_map {
+            material["pbrMetallicRoughness"]["baseColorTexture"] = map(name);
+        }
+        if let Some(name) = self.metallic_roughness_map {
+            material["pbrMetallicRoughness"]["metallicRoughnessTexture"] = map(name);
+        }
+        if let Some(name) = self.normal_map {
+            material["normalTexture"] = map(name);
+        }
+        if self.emissive != [0.0; 3] {
+            let strength = self.emissive_strength();
+            material["emissiveFactor"] = single(self.emissive.map(|e| e / strength));
+            if strength > 1.0 {
+                let entry = json!({"emissiveStrength": strength as f32});
+                material["extensions"] = json!({"KHR_materials_emissive_strength": entry});
+            }
+        }
+        if let Some(name) = self.emissive_map {
+            material["emissiveTexture"] = map(name);
+        }
+        if let Some(cutoff) = self.alpha_cutoff {
+            material["alphaMode"] = json!("MASK");
+            material["alphaCutoff"] = json!(cutoff as f32);
+        }
+        if self.double_sided {
+            material["doubleSided"] = json!(true);
+        }
+        material
     }
 }
 
@@ -185,6 +278,19 @@ impl Buffer {
         self.push(bytes, ARRAY_BUFFER, accessor)
     }
 
+    /// Returns the accessor's index.
+    fn push_uvs(&mut self, uvs: &[DVec2]) -> usize {
+        let bytes = uvs.iter().flat_map(|uv| uv.as_vec2().to_array()).flat_map(f32::to_le_bytes).collect();
+        let accessor = json!({"componentType": FLOAT, "count": uvs.len(), "type": "VEC2"});
+        self.push(bytes, ARRAY_BUFFER, accessor)
+    }
+
+    /// Returns the image's entry.
+    fn push_image(&mut self, texture: &Texture) -> Value {
+        let view = self.push_bytes(texture.png.clone(), None);
+        json!({"name": texture.name, "mimeType": "image/png", "bufferView": view})
+    }
+
     /// Returns the accessor's index. 65,535 is glTF's restart value and stays unused.
     fn push_triangles(&mut self, mesh: &Mesh) -> usize {
         let indices = mesh.triangles.iter().flatten();
@@ -198,14 +304,21 @@ impl Buffer {
     }
 
     fn push(&mut self, bytes: Vec<u8>, target: u32, mut accessor: Value) -> usize {
-        accessor["bufferView"] = json!(self.views.len());
-        self.views.push(json!({
-            "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(), "target": target,
-        }));
-        self.bytes.extend(bytes);
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        accessor["bufferView"] = json!(self.push_bytes(bytes, Some(target)));
         self.accessors.push(accessor);
         self.accessors.len() - 1
+    }
+
+    /// Returns the view's index.
+    fn push_bytes(&mut self, bytes: Vec<u8>, target: Option<u32>) -> usize {
+        let mut view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
+        if let Some(target) = target {
+            view["target"] = json!(target);
+        }
+        self.views.push(view);
+        self.bytes.extend(bytes);
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        self.views.len() - 1
     }
 }
 

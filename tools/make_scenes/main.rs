@@ -4,6 +4,8 @@
 
 mod glb;
 mod mesh;
+mod noise;
+mod room;
 mod scenes;
 mod statues;
 

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DVec3, UVec3, uvec3};
+use glam::{DAffine3, DVec2, DVec3, UVec3, dvec2, uvec3};
 use rayon::prelude::*;
 
 /// Counter-clockwise from outside, one unit normal a vertex.
@@ -10,14 +10,18 @@ use rayon::prelude::*;
 pub struct Mesh {
     pub positions: Vec<DVec3>,
     pub normals: Vec<DVec3>,
+    /// Texture coordinates in metres, v downwards; empty where no texture can be put on.
+    pub uvs: Vec<DVec2>,
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
-    fn push_quad(&mut self, corner: DVec3, u: DVec3, v: DVec3) {
+    pub fn push_quad(&mut self, corner: DVec3, u: DVec3, v: DVec3) {
         let first = self.positions.len() as u32;
         self.positions.extend([corner, corner + u, corner + u + v, corner + v]);
         self.normals.extend([u.cross(v).normalize(); 4]);
+        let (width, height) = (u.length(), v.length());
+        self.uvs.extend([dvec2(0.0, height), dvec2(width, height), dvec2(width, 0.0), DVec2::ZERO]);
         self.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     }
 
@@ -25,8 +29,38 @@ impl Mesh {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions);
         self.normals.extend(other.normals);
+        self.uvs.extend(other.uvs);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + first)));
     }
+
+    /// Moved and turned; `placement` has no scale.
+    pub fn placed(mut self, placement: DAffine3) -> Self {
+        self.positions.iter_mut().for_each(|p| *p = placement.transform_point3(*p));
+        self.normals.iter_mut().for_each(|n| *n = placement.transform_vector3(*n).normalize());
+        self
+    }
+
+    pub fn moved(self, by: DVec3) -> Self {
+        self.placed(DAffine3::from_translation(by))
+    }
+
+    /// Turned about +Y, then moved.
+    pub fn turned(self, yaw_deg: f64, by: DVec3) -> Self {
+        self.placed(DAffine3::from_translation(by) * DAffine3::from_rotation_y(yaw_deg.to_radians()))
+    }
+
+    /// With all texture coordinates moved, so that equal pieces look unlike.
+    pub fn slid(mut self, by: DVec2) -> Self {
+        self.uvs.iter_mut().for_each(|uv| *uv += by);
+        self
+    }
+}
+
+/// All pieces as one.
+pub fn joined(pieces: impl IntoIterator<Item = Mesh>) -> Mesh {
+    let mut all = Mesh::default();
+    pieces.into_iter().for_each(|piece| all.append(piece));
+    all
 }
 
 /// A parallelogram facing `u x v`.
@@ -72,7 +106,7 @@ pub fn sphere(radius: f64, slices: u32, stacks: u32) -> Mesh {
         }
         triangles.push([south, at(stacks - 1, slice + 1), at(stacks - 1, slice)]);
     }
-    Mesh { positions: normals.iter().map(|n| *n * radius).collect(), normals, triangles }
+    Mesh { positions: normals.iter().map(|n| *n * radius).collect(), normals, uvs: Vec::new(), triangles }
 }
 
 /// A closed tube: `surface(u, v)` has period 1 in both, and `d/du x d/dv` points outwards.
@@ -86,7 +120,7 @@ pub fn torus(rings: u32, sides: u32, surface: impl Fn(f64, f64) -> DVec3 + Sync)
         (surface(u, v), du.cross(dv).normalize())
     };
     let (positions, normals) = (0..rings * sides).into_par_iter().map(vertex).unzip();
-    let mut mesh = Mesh { positions, normals, triangles: Vec::new() };
+    let mut mesh = Mesh { positions, normals, ..Mesh::default() };
     for ring in 0..rings {
         for side in 0..sides {
             let at = |ring: u32, side: u32| ring % rings * sides + side % sides;
@@ -133,7 +167,7 @@ pub fn surface_nets(field: impl Fn(DVec3) -> f64 + Sync, min: DVec3, max: DVec3,
         (position, gradient(position, 0.4 * cell).normalize())
     };
     let (positions, normals) = crossed.par_iter().map(vertex).unzip();
-    let mut mesh = Mesh { positions, normals, triangles: Vec::new() };
+    let mut mesh = Mesh { positions, normals, ..Mesh::default() };
 
     // One quad across each crossed grid edge, between the four cells round it.
     let mut vertex_of_cell = vec![u32::MAX; values.len()];

@@ -6,7 +6,7 @@ use glam::{DVec3, dvec3};
 
 use crate::glb::{Camera, Cone, Light, Material, Object, Scene};
 use crate::mesh::{Mesh, cuboid, quad, sphere};
-use crate::statues;
+use crate::{room, statues};
 
 /// Small enough to be kept in git.
 pub fn small() -> Vec<Scene> {
@@ -25,6 +25,7 @@ pub fn large() -> Vec<Scene> {
     vec![
         statues("statues-2", raking(), figure.clone(), knot.clone()),
         statues("statues-16", BEFORE_THE_STATUES.lights(), figure, knot),
+        room::scene(),
     ]
 }
 
@@ -51,18 +52,23 @@ const BEFORE_THE_STATUES: Arc = Arc {
 const WHITE: Material = matte("white", [0.73, 0.73, 0.73]);
 /// Roughness² = 0.3 = alpha.
 const GLOSSY_FLOOR: Material =
-    Material { name: "glossy_floor", base_color: [0.7, 0.7, 0.7], metallic: 0.6, roughness: 0.5477 };
+    Material { name: "glossy_floor", base_color: [0.7, 0.7, 0.7], metallic: 0.6, roughness: 0.5477, ..Material::PLAIN };
 const GLOSSY_METAL: Material =
-    Material { name: "glossy_metal", base_color: [0.9, 0.85, 0.75], metallic: 1.0, roughness: 0.3 };
-const GLOSSY_PLASTIC: Material =
-    Material { name: "glossy_plastic", base_color: [0.25, 0.35, 0.75], metallic: 0.0, roughness: 0.3 };
+    Material { name: "glossy_metal", base_color: [0.9, 0.85, 0.75], metallic: 1.0, roughness: 0.3, ..Material::PLAIN };
+const GLOSSY_PLASTIC: Material = Material {
+    name: "glossy_plastic",
+    base_color: [0.25, 0.35, 0.75],
+    metallic: 0.0,
+    roughness: 0.3,
+    ..Material::PLAIN
+};
 
 const fn matte(name: &'static str, base_color: [f64; 3]) -> Material {
-    Material { name, base_color, metallic: 0.0, roughness: 1.0 }
+    Material { name, base_color, metallic: 0.0, roughness: 1.0, ..Material::PLAIN }
 }
 
 fn placed(name: &'static str, mesh: Mesh, translation: DVec3, yaw_deg: f64, material: Material) -> Object {
-    Object { name, mesh, translation, yaw_deg, material }
+    Object { name: name.into(), mesh, translation, yaw_deg, material }
 }
 
 fn fixed(name: &'static str, mesh: Mesh, material: Material) -> Object {
@@ -77,6 +83,7 @@ fn cornell(name: &'static str, floor: Material, block: Material, ball: Material)
     Scene {
         name,
         image_size: [512, 512],
+        textures: Vec::new(),
         camera: Camera { position: dvec3(0.0, 1.0, 3.6), target: dvec3(0.0, 1.0, 0.0), yfov_deg: 42.0 },
         lights: vec![Light {
             position: dvec3(0.0, 1.95, 0.0),
@@ -98,11 +105,12 @@ fn cornell(name: &'static str, floor: Material, block: Material, ball: Material)
 
 /// One diffuse and four mirror balls on the ground: 5 x 1,984 + 2 = 9,922 triangles, as in [Hasan 2006].
 fn balls(name: &'static str, lights: Vec<Light>) -> Scene {
-    let mirror = |name, base_color| Material { name, base_color, metallic: 1.0, roughness: 0.0 };
+    let mirror = |name, base_color| Material { name, base_color, metallic: 1.0, roughness: 0.0, ..Material::PLAIN };
     let ball = |name, radius, x, z, material| placed(name, sphere(radius, 32, 32), dvec3(x, radius, z), 0.0, material);
     Scene {
         name,
         image_size: [720, 480],
+        textures: Vec::new(),
         camera: Camera { position: dvec3(0.0, 1.9, 5.2), target: dvec3(0.0, 0.45, 0.0), yfov_deg: 36.0 },
         lights,
         objects: vec![
@@ -123,13 +131,21 @@ fn balls(name: &'static str, lights: Vec<Light>) -> Scene {
 /// Two sculptures on a half-mirror floor between three walls.
 fn statues(name: &'static str, lights: Vec<Light>, figure: Mesh, knot: Mesh) -> Scene {
     let (x, y, z) = (4.4 * DVec3::X, 2.2 * DVec3::Y, 4.0 * DVec3::Z);
-    let mirror_floor =
-        Material { name: "mirror_floor", base_color: [0.75, 0.75, 0.72], metallic: 0.25, roughness: 0.0 };
-    let marble = Material { name: "marble", base_color: [0.78, 0.74, 0.68], metallic: 0.0, roughness: 0.9 };
-    let jade = Material { name: "jade", base_color: [0.20, 0.55, 0.30], metallic: 0.0, roughness: 0.35 };
+    let mirror_floor = Material {
+        name: "mirror_floor",
+        base_color: [0.75, 0.75, 0.72],
+        metallic: 0.25,
+        roughness: 0.0,
+        ..Material::PLAIN
+    };
+    let marble =
+        Material { name: "marble", base_color: [0.78, 0.74, 0.68], metallic: 0.0, roughness: 0.9, ..Material::PLAIN };
+    let jade =
+        Material { name: "jade", base_color: [0.20, 0.55, 0.30], metallic: 0.0, roughness: 0.35, ..Material::PLAIN };
     Scene {
         name,
         image_size: [720, 480],
+        textures: Vec::new(),
         camera: Camera { position: dvec3(0.0, 1.1, 3.5), target: dvec3(0.0, 0.5, 0.0), yfov_deg: 32.0 },
         lights,
         objects: vec![

@@ -7,6 +7,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
 use crate::mesh::{Mesh, surface_nets, torus};
+use crate::noise::noise;
 
 /// A trefoil of fluted, twisted stone on a drum.
 pub fn knot() -> Mesh {
@@ -226,25 +227,6 @@ fn curve(x: f64, points: &[(f64, f64)]) -> f64 {
         + width * slope(i) * (t3 - 2.0 * t2 + t)
         + y1 * (3.0 * t2 - 2.0 * t3)
         + width * slope(i + 1) * (t3 - t2)
-}
-
-/// Smooth lattice noise in -1..1.
-fn noise(p: DVec3) -> f64 {
-    let cell = p.floor();
-    let t = p - cell;
-    let t = t * t * (3.0 - 2.0 * t);
-    let value = |x: f64, y: f64, z: f64| {
-        let c = cell + dvec3(x, y, z);
-        let mut hash = (c.x as i64 as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        hash ^= (c.y as i64 as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
-        hash ^= (c.z as i64 as u64).wrapping_mul(0x1656_67B1_9E37_79F9);
-        hash = (hash ^ hash >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        (hash >> 40) as f64 / f64::from(1 << 23) - 1.0
-    };
-    let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
-    let row = |y: f64, z: f64| mix(value(0.0, y, z), value(1.0, y, z), t.x);
-    let plane = |z: f64| mix(row(0.0, z), row(1.0, z), t.y);
-    mix(plane(0.0), plane(1.0), t.z)
 }
 
 trait XzLength {
