@@ -67,8 +67,11 @@ fn rail(height: f64) -> Mesh {
     mesh
 }
 
-fn leg(from: DVec3, to: DVec3, radii: [f64; 2]) -> Mesh {
-    rod(from, to, radii, 20).slid(dvec2(from.x * 3.1, from.z * 2.3))
+/// A round leg, its grain along it.
+pub fn leg(from: DVec3, to: DVec3, radii: [f64; 2]) -> Mesh {
+    let mut mesh = rod(from, to, radii, 20);
+    mesh.uvs.iter_mut().for_each(|uv| *uv = dvec2(uv.y, uv.x));
+    mesh.slid(dvec2(from.x * 3.1, from.z * 2.3))
 }
 
 fn corners(x: f64, z: f64) -> [(f64, f64); 4] {

@@ -98,7 +98,7 @@ pub const WAX: Look = painted("wax", [0.78, 0.72, 0.60], 0.5);
 pub const APPLE: Look = painted("apple", [0.42, 0.07, 0.04], 0.3);
 pub const PEAR: Look = painted("pear", [0.46, 0.42, 0.09], 0.4);
 
-pub const PORCELAIN: Look = painted("porcelain", [0.78, 0.77, 0.73], 0.12);
+pub const PORCELAIN: Look = painted("porcelain", [0.70, 0.69, 0.65], 0.12);
 pub const BLUE_GLAZE: Look = painted("blue_glaze", [0.05, 0.12, 0.24], 0.10);
 pub const CELADON: Look = painted("celadon", [0.30, 0.42, 0.36], 0.15);
 pub const TERRACOTTA: Look = painted("terracotta", [0.44, 0.20, 0.12], 0.75);
@@ -109,9 +109,9 @@ pub const GILT: Look = metal("gilt", [0.68, 0.50, 0.24], 0.42);
 /// The layered framebuffer reflects it exactly.
 pub const MIRROR: Look = metal("mirror", [0.90, 0.91, 0.90], 0.0);
 
-pub const OAK: Look = wood("oak", [0.50, 0.33, 0.18]);
+pub const OAK: Look = wood("oak", [0.42, 0.27, 0.15]);
 pub const WALNUT: Look = wood("walnut", [0.22, 0.115, 0.06]);
-pub const BEECH: Look = wood("beech", [0.58, 0.38, 0.21]);
+pub const BEECH: Look = wood("beech", [0.40, 0.235, 0.12]);
 
 pub const SOFA: Look = cloth("sofa_cloth", [0.20, 0.25, 0.26]);
 pub const MUSTARD: Look = cloth("mustard_cloth", [0.55, 0.34, 0.08]);

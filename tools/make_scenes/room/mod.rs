@@ -71,7 +71,7 @@ pub fn scene() -> Scene {
     room.put("floor_lamp", lamps::floor_lamp(), FLOOR_LAMP, 0.0);
     room.put("reading_lamp", lamps::reading_lamp(), READING_LAMP, READING_YAW_DEG);
     room.put("ceiling_spots", lamps::ceiling_spots(&CEILING_SPOTS), DVec3::ZERO, 0.0);
-    room.put("picture_back", shell::picture(0, [0.44, 0.34]), dvec3(0.07, 1.72, shell::BACK), 0.0);
+    room.put("picture_back", shell::picture(0, [0.38, 0.30]), dvec3(0.07, 1.72, shell::BACK), 0.0);
     room.put("picture_alcove", shell::picture(1, [0.36, 0.46]), dvec3(-2.17, 1.82, shell::BACK), 0.0);
     room.put("picture_left", shell::picture(2, [0.50, 0.50]), dvec3(shell::LEFT, 1.60, 1.35), 90.0);
     room.put("picture_right", shell::picture(3, [0.60, 0.45]), dvec3(shell::RIGHT, 1.60, 0.0), -90.0);
@@ -92,7 +92,7 @@ const FLOOR_LAMP: DVec3 = dvec3(-2.15, 0.0, -2.05);
 const READING_LAMP: DVec3 = dvec3(-2.15, 0.0, 0.72);
 const READING_YAW_DEG: f64 = 65.0;
 /// Where their light leaves them.
-const CEILING_SPOTS: [DVec3; 2] = [dvec3(0.9, 2.56, -0.6), dvec3(-0.9, 2.56, -0.9)];
+const CEILING_SPOTS: [DVec3; 2] = [dvec3(1.2, 2.56, 0.75), dvec3(-0.9, 2.56, -0.9)];
 
 /// Two spots in the ceiling, the floor lamp, daylight, a reading lamp at the sofa.
 fn lights() -> Vec<Light> {
@@ -105,7 +105,7 @@ fn lights() -> Vec<Light> {
     };
     let [over_table, over_rug] = CEILING_SPOTS;
     vec![
-        spot(over_table, dvec3(1.0, 0.0, -0.75), [1.0, 0.90, 0.76], 26.0, 26.0, 58.0),
+        spot(over_table, dvec3(0.85, 0.3, -0.8), [1.0, 0.90, 0.76], 30.0, 26.0, 58.0),
         spot(over_rug, dvec3(-1.0, 0.6, -2.4), [1.0, 0.90, 0.76], 24.0, 24.0, 56.0),
         Light { position: FLOOR_LAMP + dvec3(0.0, 1.50, 0.0), color: warm, intensity: 4.5, cone: None },
         spot(dvec3(-4.3, 3.1, -0.95), dvec3(-0.6, 0.0, -0.40), [1.0, 0.96, 0.90], 200.0, 9.0, 17.0),

@@ -2,8 +2,8 @@
 
 use glam::{DAffine3, DVec3, dvec3};
 
+use super::furniture::leg;
 use super::looks::{CREAM, MUSTARD, SOFA, WALNUT};
-use super::shapes::rod;
 use super::soft::{Stuffing, cushion, pillow};
 use super::{Piece, piece};
 use crate::mesh::{Mesh, joined};
@@ -24,7 +24,7 @@ pub fn sofa() -> Vec<Piece> {
         leaning(cushion(dvec3(0.73, 0.42, 0.17), PLUMP, 9.0 + side), 14.0, dvec3(0.374 * side, 0.68, -0.135))
     });
     let legs = [(-0.84, 0.34), (0.84, 0.34), (-0.84, -0.36), (0.84, -0.36)]
-        .map(|(x, z)| rod(dvec3(x, 0.0, z), dvec3(x, 0.14, z), [0.018, 0.026], 20));
+        .map(|(x, z)| leg(dvec3(x, 0.0, z), dvec3(x, 0.14, z), [0.018, 0.026]));
     vec![
         piece("frame", joined(frame), SOFA),
         piece("cushions", joined(seats.into_iter().chain(backs)), SOFA),

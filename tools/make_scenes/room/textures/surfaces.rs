@@ -81,8 +81,8 @@ fn plank_roughness(uv: DVec2) -> f64 {
 
 /// Multiplied by the material's own colour, so nearly white where it is lightest.
 fn wood_color(uv: DVec2) -> DVec3 {
-    let light = (0.62 + 0.3 * grain(uv, 0)).clamp(0.0, 1.0);
-    dvec3(0.62, 0.52, 0.44).lerp(dvec3(0.95, 0.92, 0.88), light)
+    let light = (0.60 + 0.42 * grain(uv, 0)).clamp(0.0, 1.0);
+    dvec3(0.50, 0.38, 0.29).lerp(dvec3(0.97, 0.95, 0.92), light)
 }
 
 fn plaster_color(uv: DVec2) -> DVec3 {
