@@ -149,8 +149,8 @@ fn jug() -> Mesh {
         3,
     );
     let handle = tube(24, 10, [0.0065, 0.0055], |t| {
-        let angle = std::f64::consts::PI * (t - 0.5) * 1.0;
-        dvec3(0.043 + 0.044 * angle.cos(), 0.112 + 0.056 * angle.sin() + 0.004 * t, 0.0)
+        let angle = std::f64::consts::PI * (t - 0.5);
+        dvec3(0.043 + 0.044 * angle.cos(), 0.112 + 0.056 * angle.sin(), 0.0)
     });
     joined([body, handle])
 }

@@ -138,7 +138,7 @@ pub const LEAF: Look = Look {
 pub const SHADE: Look = Look {
     material: Material {
         name: "lamp_shade",
-        base_color: [0.75, 0.66, 0.50],
+        base_color: [0.38, 0.32, 0.23],
         emissive: [4.0, 2.75, 1.5],
         base_color_map: Some("cloth_color"),
         emissive_map: Some("cloth_color"),

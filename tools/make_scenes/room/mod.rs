@@ -92,7 +92,7 @@ const FLOOR_LAMP: DVec3 = dvec3(-2.15, 0.0, -2.05);
 const READING_LAMP: DVec3 = dvec3(-2.15, 0.0, 0.72);
 const READING_YAW_DEG: f64 = 65.0;
 /// Where their light leaves them.
-const CEILING_SPOTS: [DVec3; 2] = [dvec3(1.2, 2.56, 0.75), dvec3(-0.9, 2.56, -0.9)];
+const CEILING_SPOTS: [DVec3; 2] = [dvec3(1.2, 2.56, 0.75), dvec3(-0.6, 2.56, 0.45)];
 
 /// Two spots in the ceiling, the floor lamp, daylight, a reading lamp at the sofa.
 fn lights() -> Vec<Light> {
@@ -103,11 +103,11 @@ fn lights() -> Vec<Light> {
         intensity,
         cone: Some(Cone { target, inner_deg, outer_deg }),
     };
-    let [over_table, over_rug] = CEILING_SPOTS;
+    let [over_table, over_sofa] = CEILING_SPOTS;
     vec![
         spot(over_table, dvec3(0.85, 0.3, -0.8), [1.0, 0.90, 0.76], 30.0, 26.0, 58.0),
-        spot(over_rug, dvec3(-1.0, 0.6, -2.4), [1.0, 0.90, 0.76], 24.0, 24.0, 56.0),
-        Light { position: FLOOR_LAMP + dvec3(0.0, 1.50, 0.0), color: warm, intensity: 4.5, cone: None },
+        spot(over_sofa, dvec3(-2.1, 0.9, -0.5), [1.0, 0.90, 0.76], 24.0, 24.0, 56.0),
+        Light { position: FLOOR_LAMP + dvec3(0.0, 1.50, 0.0), color: warm, intensity: 3.2, cone: None },
         spot(dvec3(-4.3, 3.1, -0.95), dvec3(-0.6, 0.0, -0.40), [1.0, 0.96, 0.90], 200.0, 9.0, 17.0),
         spot(READING_LAMP + lamps::reading_light(READING_YAW_DEG), dvec3(-1.75, 0.45, -0.35), warm, 10.0, 18.0, 40.0),
     ]

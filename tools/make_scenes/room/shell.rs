@@ -131,8 +131,8 @@ pub fn window() -> Vec<Piece> {
         bar(dvec2(middle + 0.03, transom - 0.02), dvec2(high.x - 0.06, transom + 0.02)),
     ]);
     let sill = board(dvec3(outside + 0.07, low.y, low.x + 0.001), dvec3(LEFT + 0.06, low.y + 0.025, high.x - 0.001));
-    let mut garden = quad(dvec3(-4.6, 0.0, 1.6), -5.4 * DVec3::Z, 3.6 * DVec3::Y);
-    garden.uvs.iter_mut().for_each(|uv| *uv /= dvec2(5.4, 3.6));
+    let mut garden = quad(dvec3(-4.6, 0.0, 4.2), -8.0 * DVec3::Z, 3.6 * DVec3::Y);
+    garden.uvs.iter_mut().for_each(|uv| *uv /= dvec2(8.0, 3.6));
     vec![
         piece("reveal", reveal, WALL),
         piece("frame", joined([frame, sill]), WHITE_PAINT),

@@ -90,7 +90,7 @@ fn plaster_color(uv: DVec2) -> DVec3 {
 }
 
 fn plaster_height(uv: DVec2) -> f64 {
-    0.0012 * fractal(uv, [14, 14], 4, 70) + 0.0015 * fractal(uv, [4, 4], 2, 80)
+    0.0005 * fractal(uv, [14, 14], 3, 70) + 0.0012 * fractal(uv, [4, 4], 2, 80)
 }
 
 const THREADS: f64 = 40.0;
