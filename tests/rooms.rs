@@ -9,8 +9,11 @@ use relume::bake::bvh::Bvh;
 use relume::bake::transfer::TransferSettings;
 use relume::scene::{Material, Scene};
 
-/// What is taken away from materials, each with all before it.
-const LESS: [(&str, fn(&mut Material)); 6] = [
+/// Takes something away from a material.
+type Take = fn(&mut Material);
+
+/// What is taken away, each with all before it.
+const LESS: [(&str, Take); 6] = [
     ("as it is", |_| ()),
     ("no normal maps", |m| m.normal_texture = None),
     ("no roughness maps", |m| m.metallic_roughness_texture = None),

@@ -170,6 +170,13 @@ impl Bvh {
         (within && !(self.has_masks && is_hole(scene, hit.triangle, hit.barycentric))).then_some(hit)
     }
 
+    /// Whether a triangle may have holes.
+    #[inline(always)]
+    pub(super) fn is_masked(&self, scene: &Scene, triangle: u32) -> bool {
+        let material = || scene.mesh.triangle_materials[triangle as usize] as usize;
+        self.has_masks && scene.materials[material()].alpha_mode != AlphaMode::Opaque
+    }
+
     /// The mesh's triangles, neighbours near each other.
     pub fn triangle_order(&self) -> impl Iterator<Item = u32> {
         self.binary_corners.iter().filter(|_| !self.is_empty).map(|corners| corners.triangle)
@@ -269,7 +276,7 @@ pub(super) fn is_hole(scene: &Scene, triangle: u32, barycentric: Vec2) -> bool {
     let material = &scene.materials[scene.mesh.triangle_materials[triangle as usize] as usize];
     let AlphaMode::Mask { cutoff } = material.alpha_mode else { return false };
     let (uvs, color) = interpolate_attributes(scene, triangle, barycentric);
-    material.evaluate(&scene.textures, uvs, [0.0; 2], color).alpha < cutoff
+    material.alpha_at(&scene.textures, uvs, color) < cutoff
 }
 
 /// Texture coordinates and vertex colour at a point of a triangle; zeros and white where the mesh has none.

@@ -137,6 +137,12 @@ impl Material {
         ]
     }
 
+    /// Alpha alone of [`Self::evaluate`], at the finest level.
+    pub fn alpha_at(&self, textures: &[Texture], uvs: [Vec2; 2], color: Vec4) -> f32 {
+        let read = |t: &TextureRef| t.sample(textures, uvs, [0.0; 2]).w;
+        self.base_color.w * self.base_color_texture.as_ref().map_or(1.0, read) * color.w
+    }
+
     /// Evaluates all factors at texture coordinates `uvs` (sets 0 and 1) and vertex colour `color`.
     ///
     /// `footprints` is the width of a pixel in each set's units, for choosing mip levels; 0 reads the finest.

@@ -118,11 +118,12 @@ fn traverse<S: Simd>(simd: S, bvh: &Bvh, scene: &Scene, origin: Vec3, fan: &mut 
         for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
             let edges = Edges::new::<false>(origin, corners.v);
             let id = corners.triangle | if edges.is_behind() { BEHIND } else { 0 };
+            let is_masked = bvh.is_masked(scene, corners.triangle);
             let mut left = met;
             while left != 0 {
                 let register = left.trailing_zeros() as usize;
                 left &= left - 1;
-                if bvh.has_masks {
+                if is_masked {
                     let hole = |barycentric| is_hole(scene, corners.triangle, barycentric);
                     meet_unless_hole(&edges, id, fan, register, S::F32_LANES, hole);
                 } else {

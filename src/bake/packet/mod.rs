@@ -241,11 +241,12 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
         }
         for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
             let edges = Edges::new::<DIRECTIONAL>(shared, corners.v);
+            let is_masked = bvh.is_masked(scene, corners.triangle);
             let mut left = met;
             while left != 0 {
                 let register = left.trailing_zeros() as usize;
                 left &= left - 1;
-                let some_left = if bvh.has_masks {
+                let some_left = if is_masked {
                     let hole = |barycentric| is_hole(scene, corners.triangle, barycentric);
                     block_unless_hole::<DIRECTIONAL>(&edges, rays, register, S::F32_LANES, hole)
                 } else {

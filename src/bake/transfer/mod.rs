@@ -121,7 +121,7 @@ impl<'a> Transfer<'a> {
             }
             let with = |most: u8| -> Vec<u8> {
                 let dropped = |s: &GatherSample| DROPPED * (MUCH / importance.shares[s.material as usize]).max(1.0);
-                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.lit, most, dropped(s))).collect()
+                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most, dropped(s))).collect()
             };
             let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
             let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
