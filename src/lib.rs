@@ -59,6 +59,7 @@
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
 //! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
 //! - [Dupuy 2023] Dupuy, Benyoub, Sampling visible GGX normals with spherical caps, Computer Graphics Forum 42(8).
+//! - [Enderton 2010] Enderton et al., Stochastic transparency, I3D.
 //! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
 //!   KHR_lights_punctual, KHR_materials_specular, KHR_materials_ior, ...

@@ -418,8 +418,16 @@ fn material_modes() {
     assert_eq!(scene.materials.len(), 1);
     assert_eq!(scene.materials[0].alpha_mode, AlphaMode::Mask { cutoff: 0.25 });
     assert!(scene.materials[0].double_sided);
+    gltf.json["materials"][2] =
+        json!({"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1.0, 1.0, 1.0, 0.25]}});
+    let pane = &load(&gltf).materials[0];
+    assert_eq!((pane.alpha_mode, pane.base_color.w), (AlphaMode::Blend, 0.25));
+    // All of it is there: that is opaque, unless vertices say otherwise.
     gltf.json["materials"][2] = json!({"alphaMode": "BLEND"});
     assert_eq!(load(&gltf).materials[0].alpha_mode, AlphaMode::Opaque);
+    let colors = gltf.f32s(&[[1.0, 1.0, 1.0, 0.5]; 4]);
+    gltf.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = colors.into();
+    assert_eq!(load(&gltf).materials[0].alpha_mode, AlphaMode::Blend);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays in [`super::packet`].
 
+use std::cell::Cell;
+
 use glam::{BVec4A, Vec2, Vec3, Vec3A, Vec4, Vec4Swizzles};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -27,8 +29,10 @@ pub struct Bvh {
     /// Half the diagonal of the bounds: 1, but for scenes made in code.
     pub radius: f32,
     is_empty: bool,
-    /// Whether any triangle has holes where its alpha is low.
+    /// Whether light passes any triangle, where its alpha is low or in part.
     pub has_masks: bool,
+    /// Whether any passes it in part.
+    pub has_blends: bool,
 }
 
 /// A triangle where traversal finds it: in leaf order.
@@ -124,18 +128,46 @@ impl Bvh {
             radius,
             is_empty,
             has_masks: scene.materials.iter().any(masked),
+            has_blends: scene.materials.iter().any(|m| m.alpha_mode == AlphaMode::Blend),
         }
     }
 
-    /// First surface along the ray between its origin and `max_distance`.
+    /// First surface along the ray between its origin and `max_distance`. One that blends is met as often as its coverage
+    /// tells: what a mean over rays sees is what blending makes [Enderton 2010]. The same ray meets the same, always.
     pub fn closest_hit(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
+        let passes = |hit: &Hit| passes_by_chance(scene, hit.triangle, hit.barycentric, [origin, direction]);
         // With the machine's own registers, a quarter faster; products and sums are rounded one by one all the same.
-        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: self, scene, origin, direction, max_distance }))
+        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: self, origin, direction, max_distance, passes }))
     }
 
-    /// Whether anything lies along the ray between its origin and `max_distance`.
+    /// First surface along the ray that it does not pass. `passes` is asked in any order, and never where all is opaque.
+    pub fn closest_hit_unless(&self, origin: Vec3, direction: Vec3, passes: impl Fn(&Hit) -> bool) -> Option<Hit> {
+        let max_distance = f32::INFINITY;
+        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: self, origin, direction, max_distance, passes }))
+    }
+
+    /// First surface along the ray of which at least half is there: what one sees at a glance.
+    pub fn closest_solid_hit(&self, scene: &Scene, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.closest_hit_unless(origin, direction, |hit| coverage(scene, hit.triangle, hit.barycentric) < 0.5)
+    }
+
+    /// Whether anything lies along the ray between its origin and `max_distance`; what blends, by chance as in
+    /// [`Self::closest_hit`].
     pub fn occluded(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
-        pulp::Arch::new().dispatch(Occluded(SingleRay { bvh: self, scene, origin, direction, max_distance }))
+        let passes = |hit: &Hit| passes_by_chance(scene, hit.triangle, hit.barycentric, [origin, direction]);
+        pulp::Arch::new().dispatch(Occluded(SingleRay { bvh: self, origin, direction, max_distance, passes }))
+    }
+
+    /// Share of light that gets along the ray from its origin to `max_distance`, past all that blends: 0 or 1 where nothing
+    /// does.
+    pub fn transmittance(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
+        let left = Cell::new(1.0f32);
+        let passes = |hit: &Hit| {
+            left.set(left.get() * (1.0 - taken(scene, hit.triangle, hit.barycentric)));
+            left.get() >= LEAST_SHARE
+        };
+        let ray = SingleRay { bvh: self, origin, direction, max_distance, passes };
+        if pulp::Arch::new().dispatch(Occluded(ray)) { 0.0 } else { left.get() }
     }
 
     /// By the signs of three edge functions, all or none of them negative [Kensler 2006]. Each edge enters as its sum
@@ -143,11 +175,11 @@ impl Bvh {
     #[inline(always)] // a call costs a fifth of it
     fn intersect(
         &self,
-        scene: &Scene,
         corners: &Lanes,
         origin: Vec3,
         direction: Vec3,
         max_distance: f32,
+        passes: impl Fn(&Hit) -> bool,
     ) -> Option<Hit> {
         let [x, y, z] = corners.axes;
         let (x, y, z) = (x - origin.x, y - origin.y, z - origin.z);
@@ -167,12 +199,12 @@ impl Bvh {
         // What is not a number, from a ray within the triangle's plane, is no hit.
         let within = distance > 0.0 && distance < max_distance && barycentric.is_finite();
         let hit = Hit { triangle: corners.triangle, barycentric, distance };
-        (within && !(self.has_masks && is_hole(scene, hit.triangle, hit.barycentric))).then_some(hit)
+        (within && !(self.has_masks && passes(&hit))).then_some(hit)
     }
 
-    /// Whether a triangle may have holes.
+    /// Whether light may pass a triangle.
     #[inline(always)]
-    pub(super) fn is_masked(&self, scene: &Scene, triangle: u32) -> bool {
+    pub fn is_masked(&self, scene: &Scene, triangle: u32) -> bool {
         let material = || scene.mesh.triangle_materials[triangle as usize] as usize;
         self.has_masks && scene.materials[material()].alpha_mode != AlphaMode::Opaque
     }
@@ -197,26 +229,27 @@ impl Lanes {
     }
 }
 
-struct SingleRay<'a> {
+struct SingleRay<'a, P> {
     bvh: &'a Bvh,
-    scene: &'a Scene,
     origin: Vec3,
     direction: Vec3,
     max_distance: f32,
+    /// Whether the ray goes on through a surface that is not opaque.
+    passes: P,
 }
 
-struct ClosestHit<'a>(SingleRay<'a>);
+struct ClosestHit<'a, P>(SingleRay<'a, P>);
 
-impl WithSimd for ClosestHit<'_> {
+impl<P: Fn(&Hit) -> bool> WithSimd for ClosestHit<'_, P> {
     type Output = Option<Hit>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<Hit> {
-        let SingleRay { bvh, scene, origin, direction, max_distance } = self.0;
+        let SingleRay { bvh, origin, direction, max_distance, passes } = self.0;
         let mut closest: Option<Hit> = None;
         bvh.wide.ray_traverse(wide_ray(origin, direction, max_distance), &mut RayHit::none(), |ray, primitive| {
             let max_distance = ray.tmax / WIDE_UNIT;
-            let candidate = bvh.intersect(scene, &bvh.wide_corners[primitive], origin, direction, max_distance);
+            let candidate = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, &passes);
             closest = candidate.or(closest);
             candidate.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         });
@@ -224,16 +257,16 @@ impl WithSimd for ClosestHit<'_> {
     }
 }
 
-struct Occluded<'a>(SingleRay<'a>);
+struct Occluded<'a, P>(SingleRay<'a, P>);
 
-impl WithSimd for Occluded<'_> {
+impl<P: Fn(&Hit) -> bool> WithSimd for Occluded<'_, P> {
     type Output = bool;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> bool {
-        let SingleRay { bvh, scene, origin, direction, max_distance } = self.0;
+        let SingleRay { bvh, origin, direction, max_distance, passes } = self.0;
         !bvh.wide.ray_traverse_miss(wide_ray(origin, direction, max_distance), |_, primitive| {
-            let hit = bvh.intersect(scene, &bvh.wide_corners[primitive], origin, direction, max_distance);
+            let hit = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, &passes);
             hit.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         })
     }
@@ -271,12 +304,52 @@ fn padded(bvh: &Bvh2, radius: f32) -> Bvh2 {
     bvh
 }
 
-/// Whether a masked material is absent at this point.
-pub(super) fn is_hole(scene: &Scene, triangle: u32, barycentric: Vec2) -> bool {
+/// Less light than this is none: half a step of the 8 bits that visibility has.
+pub(super) const LEAST_SHARE: f32 = 0.5 / 255.0;
+
+/// Share of a surface that is there at a point, by its texture's finest level.
+pub fn coverage(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
     let material = &scene.materials[scene.mesh.triangle_materials[triangle as usize] as usize];
-    let AlphaMode::Mask { cutoff } = material.alpha_mode else { return false };
+    if material.alpha_mode == AlphaMode::Opaque {
+        return 1.0;
+    }
     let (uvs, color) = interpolate_attributes(scene, triangle, barycentric);
-    material.alpha_at(&scene.textures, uvs, color) < cutoff
+    material.alpha_mode.coverage(material.alpha_at(&scene.textures, uvs, color))
+}
+
+/// [`coverage`], but nothing on those edges that count as a neighbour's: what two triangles share is passed once.
+pub(super) fn taken(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
+    let coverage = coverage(scene, triangle, barycentric);
+    let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];
+    if coverage == 1.0 || weights.iter().all(|weight| *weight > f32::EPSILON) {
+        return coverage;
+    }
+    let corners = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize].to_array());
+    // The neighbour has the corners the other way round.
+    let is_neighbours = |i: usize| weights[i] <= f32::EPSILON && corners[(i + 1) % 3] > corners[(i + 2) % 3];
+    if (0..3).any(is_neighbours) { 0.0 } else { coverage }
+}
+
+/// Whether a ray, by origin and direction, goes through a surface at this point: with a chance of what is not there.
+pub(super) fn passes_by_chance(scene: &Scene, triangle: u32, barycentric: Vec2, ray: [Vec3; 2]) -> bool {
+    match coverage(scene, triangle, barycentric) {
+        0.0 => true,
+        1.0 => false,
+        coverage => chance(ray, triangle) >= coverage,
+    }
+}
+
+/// A number in [0, 1) that follows from a ray and a triangle [MurmurHash3].
+fn chance([origin, direction]: [Vec3; 2], triangle: u32) -> f32 {
+    let [o, d] = [origin, direction].map(|v| v.to_array().map(f32::to_bits));
+    let mut hash = 0u32;
+    for word in [o[0], o[1], o[2], d[0], d[1], d[2], triangle] {
+        hash ^= word.wrapping_mul(0xcc9e_2d51).rotate_left(15).wrapping_mul(0x1b87_3593);
+        hash = hash.rotate_left(13).wrapping_mul(5).wrapping_add(0xe654_6b64);
+    }
+    hash = (hash ^ hash >> 16).wrapping_mul(0x85eb_ca6b);
+    hash = (hash ^ hash >> 13).wrapping_mul(0xc2b2_ae35);
+    ((hash ^ hash >> 16) >> 8) as f32 * f32::exp2(-24.0)
 }
 
 /// Texture coordinates and vertex colour at a point of a triangle; zeros and white where the mesh has none.

@@ -50,9 +50,11 @@ fn sources(from: &Baked, to: &Baked, radius: f32) -> Vec<Option<u32>> {
             (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy))));
         let places = around.filter(|&at| to.tiling.contains(at)).map(|(x, y)| to.tiling.index(x, y));
         let of_layer = places.flat_map(|place| {
-            let deeper = lists[place].iter().filter(move |_| layer > 0);
-            let deeper =
-                deeper.filter(|&&i| from.extra_samples[i as usize].layer == layer).map(|&i| (pixels as u32) + i);
+            // Extra ones of layer 1 lie behind what blends.
+            let deeper = lists[place]
+                .iter()
+                .filter(|&&i| from.extra_samples[i as usize].layer == layer)
+                .map(|&i| (pixels as u32) + i);
             (layer == 0).then_some(place as u32).into_iter().chain(deeper)
         });
         let lit = of_layer.filter(|&i| from.samples[i as usize].brdf != NO_BRDF);

@@ -3,7 +3,7 @@
 use glam::{Vec3, Vec4};
 
 use super::bvh::{Hit, interpolate_attributes};
-use crate::scene::{Scene, Surface};
+use crate::scene::{AlphaMode, Scene, Surface};
 use crate::shared::Brdf;
 
 /// Narrowest lobe that is not a perfect mirror: glTF roughness 1e-6. Below, float32 directions cannot aim at it.
@@ -20,6 +20,8 @@ pub struct SurfacePoint {
     pub brdf: Brdf,
     /// Radiance that the surface emits towards the viewer.
     pub emission: Vec3,
+    /// Share of the surface that is there where it blends, in [0, 1], averaged over the footprint; else 1.
+    pub coverage: f32,
     /// Index into the scene's materials.
     pub material: u32,
     /// Whether the BRDF is the same all over the material.
@@ -63,8 +65,9 @@ impl SurfacePoint {
             geometric_normal = -geometric_normal;
         }
         let emission = if behind && !m.double_sided { Vec3::ZERO } else { surface.emissive };
+        let coverage = if m.alpha_mode == AlphaMode::Blend { AlphaMode::Blend.coverage(surface.alpha) } else { 1.0 };
         let position = p0 * weights[0] + p1 * weights[1] + p2 * weights[2];
-        Self { position, normal, geometric_normal, brdf: brdf(&surface), emission, material, uniform }
+        Self { position, normal, geometric_normal, brdf: brdf(&surface), emission, coverage, material, uniform }
     }
 
     /// Unit direction in which a perfect mirror sends what is seen along `wo`; `None` where the interpolated normal bends

@@ -1,33 +1,54 @@
 //! The layered deep framebuffer [Yang 2007, Tables 3.1 and 3.2], ray-cast, as a compact list of view samples.
 //!
 //! Layer 1 holds one sample a pixel, tile by tile; deeper layers, and further samples of pixels on edges, are extra
-//! samples that exist only where a mirror or an edge is seen. Order: layer, then pixel, so that neighbours in memory
-//! are neighbours in the scene.
+//! samples that exist only where a mirror, an edge or something behind a surface that blends is seen. Order: layer, then
+//! pixel, so that neighbours in memory are neighbours in the scene.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::bvh::Bvh;
+use super::bvh::{Bvh, Hit, coverage, passes_by_chance};
 use super::packet::{PACKET_SIZE, SamplePacket};
 use super::surface::SurfacePoint;
 use super::{BakeSettings, Baked, octahedral};
 use crate::brdf;
-use crate::scene::{Camera, Projection, Scene};
+use crate::scene::{AlphaMode, Camera, Projection, Scene};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSample};
 
 /// A path from the eye is not followed below this share of a pixel: half of an 8-bit step a thousand times brighter.
 const MIN_WEIGHT: f32 = 1e-6;
 
-/// One surface along a path from the eye through mirrors; mesh space.
+/// Surfaces that blend, and what is behind them, have samples of their own, without noise, up to so many surfaces a path and
+/// down to such a share of it. Further on chance picks one, as on all other rays.
+const MOST_IN_A_ROW: u32 = 16;
+/// See [`MOST_IN_A_ROW`]: one step of 8 bits.
+const LEAST_BEHIND: f32 = 1.0 / 256.0;
+/// The same with those that turn out not to be there.
+const MOST_STEPS: u32 = 256;
+
+/// One surface along a path from the eye through mirrors and what blends; mesh space.
 #[derive(Clone, Copy)]
 pub struct PathVertex {
     pub point: SurfacePoint,
     /// Unit, towards the eye or the mirror that sees it.
     pub wo: Vec3,
-    /// Product of BRDF and cosine along the path up to here.
+    /// Product of BRDF and cosine along the path up to here, of what surfaces before it let through, and of its own coverage.
     pub weight: Vec3,
-    /// From 0.
+    /// Mirrors before it.
     pub layer: u32,
+}
+
+/// A straight part of a path from the eye.
+#[derive(Clone, Copy)]
+struct Segment {
+    origin: Vec3,
+    direction: Vec3,
+    /// The triangle that blends and that it has passed last, and up to where it has met all of those.
+    passed: Option<(u32, f32)>,
+    /// Length of the path up to the origin.
+    before: f32,
+    weight: Vec3,
+    layer: u32,
 }
 
 /// Image points and pixels in tile order.
@@ -79,7 +100,8 @@ pub struct EyeRays<'a> {
 }
 
 impl EyeRays<'_> {
-    /// Follows the ray through image point (x, y), in pixels, through perfect mirrors. Calls `visit` at each surface.
+    /// Follows the ray through image point (x, y), in pixels, through perfect mirrors and past surfaces that blend. Calls
+    /// `visit` at each surface, first at the one in front.
     pub fn follow(&self, x: f64, y: f64, mut visit: impl FnMut(PathVertex)) {
         let (width, height) = (f64::from(self.tiling.width), f64::from(self.tiling.height));
         let (origin, direction) = self.camera.ray(x / width, y / height, width / height);
@@ -87,33 +109,76 @@ impl EyeRays<'_> {
         let space = self.scene.space;
         let origin = space.from_world(origin);
         let start = (-origin.dot(direction) - f64::from(self.bvh.radius)).max(0.0);
-        let mut origin = (origin + start * direction).as_vec3();
-        let mut direction = direction.as_vec3();
         // Width of a pixel at distance d: fixed + growing * d.
         let (fixed, growing) = match self.camera.projection {
             Projection::Perspective { yfov } => (0.0, (2.0 * (yfov / 2.0).tan() / height) as f32),
             Projection::Orthographic { ymag } => ((2.0 * ymag / height / space.unit) as f32, 0.0),
         };
-        let mut distance = start as f32;
-        let mut weight = Vec3::ONE;
-        for layer in 0..self.layers {
-            let Some(hit) = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY) else { return };
-            distance += hit.distance;
-            let point = SurfacePoint::new(self.scene, &hit, direction, fixed + growing * distance);
-            let wo = -direction;
-            visit(PathVertex { point, wo, weight, layer });
-            let cosine = point.normal.dot(wo);
-            if cosine <= 0.0 {
-                return; // single-sided, seen from behind
+        let mut next = Some(Segment {
+            origin: (origin + start * direction).as_vec3(),
+            direction: direction.as_vec3(),
+            passed: None,
+            before: start as f32,
+            weight: Vec3::ONE,
+            layer: 0,
+        });
+        // What lies behind surfaces that blend.
+        let mut behind: Vec<Segment> = Vec::new();
+        let (mut met, mut steps) = (0, 0);
+        while let Some(segment) = next.take().or_else(|| behind.pop()) {
+            let in_a_row = met < MOST_IN_A_ROW && steps < MOST_STEPS && segment.weight.max_element() >= LEAST_BEHIND;
+            let Some(hit) = self.first_hit(&segment, in_a_row) else { continue };
+            let distance = segment.before + hit.distance;
+            let point = SurfacePoint::new(self.scene, &hit, segment.direction, fixed + growing * distance);
+            let mut weight = segment.weight;
+            if in_a_row && point.coverage < 1.0 {
+                let passed = Some((hit.triangle, hit.distance + self.bvh.shadow_offset(hit.distance)));
+                behind.push(Segment { passed, weight: weight * (1.0 - point.coverage), ..segment });
+                steps += 1;
+                if point.coverage <= 0.0 {
+                    continue;
+                }
+                weight *= point.coverage;
+                met += 1;
             }
-            weight *= brdf::mirror(&point.brdf, cosine.into()).as_vec3();
-            if weight.max_element() < MIN_WEIGHT {
-                return;
-            }
-            let Some(mirrored) = point.mirrored(wo) else { return };
-            direction = mirrored;
-            origin = point.leave(direction, self.bvh.shadow_offset(hit.distance));
+            visit(PathVertex { point, wo: -segment.direction, weight, layer: segment.layer });
+            next = self.mirrored(&segment, &point, hit.distance, weight);
         }
+    }
+
+    /// The first surface that was not passed: `in_a_row`, whatever its coverage, which is averaged over a pixel; else by chance.
+    fn first_hit(&self, segment: &Segment, in_a_row: bool) -> Option<Hit> {
+        let Segment { origin, direction, passed, .. } = *segment;
+        if !self.bvh.has_blends {
+            return self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY);
+        }
+        // From the same origin again: what is behind is met at the same point, to the last bit, as without the surfaces before.
+        self.bvh.closest_hit_unless(origin, direction, |hit| {
+            let coverage = coverage(self.scene, hit.triangle, hit.barycentric);
+            let is_passed = |(last, beyond)| hit.triangle == last || (hit.distance <= beyond && coverage < 1.0);
+            let material = &self.scene.materials[self.scene.mesh.triangle_materials[hit.triangle as usize] as usize];
+            let stops = in_a_row && material.alpha_mode == AlphaMode::Blend;
+            let by_chance = || passes_by_chance(self.scene, hit.triangle, hit.barycentric, [origin, direction]);
+            passed.is_some_and(is_passed) || !stops && by_chance()
+        })
+    }
+
+    /// How a path goes on from a mirror.
+    fn mirrored(&self, segment: &Segment, point: &SurfacePoint, distance: f32, weight: Vec3) -> Option<Segment> {
+        let wo = -segment.direction;
+        let cosine = point.normal.dot(wo);
+        // Single-sided, seen from behind; or the last one.
+        if cosine <= 0.0 || segment.layer + 1 >= self.layers {
+            return None;
+        }
+        let weight = weight * brdf::mirror(&point.brdf, cosine.into()).as_vec3();
+        if weight.max_element() < MIN_WEIGHT {
+            return None;
+        }
+        let direction = point.mirrored(wo)?;
+        let origin = point.leave(direction, self.bvh.shadow_offset(distance));
+        let before = segment.before + distance;
+        Some(Segment { origin, direction, passed: None, before, weight, layer: segment.layer + 1 })
     }
 }
 
@@ -160,6 +225,8 @@ struct Tile {
     extra: Collector,
     /// Pixel in tile order, weight and layer of each extra sample.
     extra_of: Vec<(u32, ExtraSample)>,
+    /// Pixels of which the first sample has not all, in tile order, and what it has.
+    covered: Vec<(u32, f32)>,
     emission: Vec<(u32, Vec3)>,
 }
 
@@ -190,12 +257,12 @@ fn collect_tile(eye: &EyeRays, pixels: std::ops::Range<u32>, edges: &[u32], samp
     let first_pixel = pixels.start;
     for pixel in pixels {
         let (x, y) = eye.tiling.pixel(pixel as usize);
-        let seen = tile.first.samples.len();
+        let index = tile.first.samples.len();
         if eye.tiling.contains((x, y)) {
             let share = if edges.binary_search(&pixel).is_ok() { 1.0 / samples as f32 } else { 1.0 };
-            eye.follow(f64::from(x) + 0.5, f64::from(y) + 0.5, |vertex| tile.add(&vertex, pixel, share, true));
+            eye.follow(f64::from(x) + 0.5, f64::from(y) + 0.5, |vertex| tile.add(&vertex, pixel, share, Some(index)));
         }
-        if tile.first.samples.len() == seen {
+        if tile.first.samples.len() == index {
             tile.first.push_empty();
         }
         debug_assert_eq!(tile.first.samples.len() as u32, pixel - first_pixel + 1);
@@ -205,19 +272,23 @@ fn collect_tile(eye: &EyeRays, pixels: std::ops::Range<u32>, edges: &[u32], samp
         for i in 1..samples {
             let (u, v) = (radical_inverse(2, i), radical_inverse(3, i));
             let share = 1.0 / samples as f32;
-            eye.follow(f64::from(x) + u, f64::from(y) + v, |vertex| tile.add(&vertex, pixel, share, false));
+            eye.follow(f64::from(x) + u, f64::from(y) + v, |vertex| tile.add(&vertex, pixel, share, None));
         }
     }
     tile
 }
 
 impl Tile {
-    fn add(&mut self, vertex: &PathVertex, pixel: u32, share: f32, centre: bool) {
+    /// The first vertex of a path through a pixel's centre becomes sample `first` of the tile's layer 1.
+    fn add(&mut self, vertex: &PathVertex, pixel: u32, share: f32, first: Option<usize>) {
         if vertex.point.emission != Vec3::ZERO {
             self.emission.push((pixel, vertex.weight * share * vertex.point.emission));
         }
-        if centre && vertex.layer == 0 {
+        if first == Some(self.first.samples.len()) {
             self.first.push(vertex);
+            if vertex.weight.x < 1.0 {
+                self.covered.push((pixel, vertex.weight.x));
+            }
         } else if vertex.point.brdf.reflects_directly() && vertex.point.normal.dot(vertex.wo) > 0.0 {
             self.extra.push(vertex);
             self.extra_of.push((pixel, ExtraSample { weight: vertex.weight * share, layer: vertex.layer }));
@@ -292,9 +363,12 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         layers[extra.layer as usize] += 1;
     }
 
-    // Pixels on edges are listed even if their extra rays saw nothing: their first sample counts for a share only.
+    // Pixels on edges, or with a surface that blends in front, are listed even if their extra rays saw nothing: their first
+    // sample counts for a share only.
     owners.sort_unstable();
-    let mut pixels: Vec<u32> = owners.iter().map(|&(pixel, _)| pixel).chain(edges.iter().copied()).collect();
+    let covered: Vec<(u32, f32)> = tiles.iter().flat_map(|tile| tile.covered.iter().copied()).collect();
+    let in_part = covered.iter().map(|&(pixel, _)| pixel).chain(edges.iter().copied());
+    let mut pixels: Vec<u32> = owners.iter().map(|&(pixel, _)| pixel).chain(in_part).collect();
     pixels.sort_unstable();
     pixels.dedup();
     let mut first = 0;
@@ -303,7 +377,9 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         .map(|pixel| {
             let count = owners[first..].iter().take_while(|owner| owner.0 == pixel).count();
             let on_edge = edges.binary_search(&pixel).is_ok();
-            let first_weight = if on_edge { 1.0 / settings.samples as f32 } else { 1.0 };
+            let share = if on_edge { 1.0 / settings.samples as f32 } else { 1.0 };
+            let coverage = covered.binary_search_by_key(&pixel, |c| c.0).map_or(1.0, |i| covered[i].1);
+            let first_weight = share * coverage;
             let listed = ExtraPixel { pixel, first: first as u32, count: count as u32, first_weight };
             first += count;
             listed

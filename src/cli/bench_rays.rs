@@ -54,8 +54,8 @@ pub fn measure(session: &Session) -> RayTimes {
                             *visible = 0;
                             if let Some(ray) = packet.shadow_ray(bvh, light, lane) {
                                 rays += 1;
-                                *visible =
-                                    if bvh.occluded(scene, ray.origin, ray.direction, ray.length) { 0 } else { 255 };
+                                let share = bvh.transmittance(scene, ray.origin, ray.direction, ray.length);
+                                *visible = (255.0 * share).round() as u8;
                             }
                         }
                     }

@@ -58,10 +58,11 @@ fn shade_with(
         for (p, point) in samples.points_of(i).iter().enumerate() {
             let Some(arriving) = light::incident(light, point.position.as_dvec3()) else { continue };
             let wi = local(&point.frame(sample), arriving.wi.as_vec3());
-            if visibility[i * samples.points_per_sample + p] == 0 || wi.z <= 0.0 {
+            let seen = f64::from(visibility[i * samples.points_per_sample + p]) / 255.0;
+            if seen == 0.0 || wi.z <= 0.0 {
                 continue;
             }
-            let irradiance = arriving.irradiance * f64::from(wi.z) / samples.points_per_sample as f64;
+            let irradiance = seen * arriving.irradiance * f64::from(wi.z) / samples.points_per_sample as f64;
             project(i, wi, irradiance, &mut k);
             sum.iter_mut().zip(&k).for_each(|(sum, k)| *sum += irradiance * k.as_dvec3());
         }

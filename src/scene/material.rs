@@ -40,6 +40,20 @@ pub enum AlphaMode {
     Mask {
         cutoff: f32,
     },
+    /// There to the extent that alpha tells: the rest of what comes passes straight through.
+    Blend,
+}
+
+impl AlphaMode {
+    /// Share of a surface that is there, in [0, 1]: of light that would pass it takes as much.
+    pub fn coverage(self, alpha: f32) -> f32 {
+        match self {
+            Self::Opaque => 1.0,
+            Self::Mask { cutoff } if alpha < cutoff => 0.0,
+            Self::Mask { .. } => 1.0,
+            Self::Blend => alpha.clamp(0.0, 1.0),
+        }
+    }
 }
 
 /// How a material looks up one texture.
@@ -111,6 +125,12 @@ impl Material {
         ]
         .into_iter()
         .flatten()
+    }
+
+    /// Whether alpha is 1 all over it, vertex colours apart.
+    pub fn has_full_alpha(&self, textures: &[Texture]) -> bool {
+        let is_full = |t: &TextureRef| textures[t.texture].least[3] == 255;
+        self.base_color.w >= 1.0 && self.base_color_texture.as_ref().is_none_or(is_full)
     }
 
     /// Least roughness anywhere.

@@ -59,7 +59,7 @@ fn seen(opened: &Opened) -> Vec<DVec3> {
         let (origin, direction) = camera.ray(x, y, aspect);
         let distance = (world - origin).dot(direction) / scene.space.unit;
         let from = scene.space.from_world(origin).as_vec3();
-        let hit = bvh.closest_hit(scene, from, direction.as_vec3(), f32::INFINITY)?;
+        let hit = bvh.closest_solid_hit(scene, from, direction.as_vec3())?;
         let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
         (inside && f64::from(hit.distance) > distance * (1.0 - NEAR) - 1e-4).then_some(world)
     };

@@ -43,9 +43,10 @@ impl Lit<'_> {
         let transfer = Transfer::new(self.scene, self.bvh, &baked, settings, &|_| ());
         let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
         let image = transfer.apply(&[self.direct(&transfer)], &all, Lobe::All, &|_| ()).remove(0);
-        let weight =
-            |i: usize| i.checked_sub(baked.pixel_stride()).map_or(Vec3::ONE, |extra| baked.extra_samples[extra].weight);
-        let sum: DVec3 = image.into_iter().enumerate().map(|(i, radiance)| weight(i).as_dvec3() * radiance).sum();
+        let mut weights = vec![Vec3::ONE; baked.pixel_stride()];
+        baked.extra_pixels.iter().for_each(|p| weights[p.pixel as usize] = Vec3::splat(p.first_weight));
+        weights.extend(baked.extra_samples.iter().map(|extra| extra.weight));
+        let sum: DVec3 = image.into_iter().enumerate().map(|(i, radiance)| weights[i].as_dvec3() * radiance).sum();
         sum / f64::from(self.size[0] * self.size[1])
     }
 

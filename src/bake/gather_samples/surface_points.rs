@@ -3,10 +3,10 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::bake::bvh::{Bvh, Hit, is_hole};
+use crate::bake::bvh::{Bvh, Hit, coverage};
 use crate::bake::surface::SurfacePoint;
 use crate::brdf::cosine_direction;
-use crate::scene::{AlphaMode, Scene};
+use crate::scene::Scene;
 use crate::sequence;
 
 /// A place on one side of a triangle.
@@ -219,11 +219,14 @@ impl Place {
         SurfacePoint::new(scene, &hit, seen_along, footprint)
     }
 
+    /// Share of the surface that is there.
+    pub fn coverage(&self, scene: &Scene) -> f32 {
+        coverage(scene, self.triangle, self.barycentric)
+    }
+
     /// Whether the surface has a hole there.
     pub fn is_hole(&self, scene: &Scene) -> bool {
-        let material = scene.mesh.triangle_materials[self.triangle as usize];
-        scene.materials[material as usize].alpha_mode != AlphaMode::Opaque
-            && is_hole(scene, self.triangle, self.barycentric)
+        self.coverage(scene) == 0.0
     }
 }
 

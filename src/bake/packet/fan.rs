@@ -10,7 +10,7 @@ use pulp::{Simd, WithSimd};
 use super::rays::{Rays, any, inverse, load, meets_box};
 use super::triangle::Edges;
 use super::{Entry, Lanes, PACKET_SIZE};
-use crate::bake::bvh::{Bvh, Hit, is_hole};
+use crate::bake::bvh::{Bvh, Hit, passes_by_chance};
 use crate::scene::Scene;
 
 /// 64 rays from one point, and what they met.
@@ -124,8 +124,8 @@ fn traverse<S: Simd>(simd: S, bvh: &Bvh, scene: &Scene, origin: Vec3, fan: &mut 
                 let register = left.trailing_zeros() as usize;
                 left &= left - 1;
                 if is_masked {
-                    let hole = |barycentric| is_hole(scene, corners.triangle, barycentric);
-                    meet_unless_hole(&edges, id, fan, register, S::F32_LANES, hole);
+                    let passes = |at, direction| passes_by_chance(scene, corners.triangle, at, [origin, direction]);
+                    meet_unless(&edges, id, fan, register, S::F32_LANES, passes);
                 } else {
                     meet(simd, &edges, id, fan, register);
                 }
@@ -163,13 +163,20 @@ fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, fan: &mut Fan, register: usize
     *triangles = simd.select_u32s(within, simd.splat_u32s(id), *triangles);
 }
 
-/// The same for triangles with holes: `hole` tells by barycentric coordinates.
+/// The same for triangles that are not opaque: `passes` tells by barycentric coordinates and direction.
 #[inline(never)]
-fn meet_unless_hole(edges: &Edges, id: u32, fan: &mut Fan, register: usize, lanes: usize, hole: impl Fn(Vec2) -> bool) {
+fn meet_unless(
+    edges: &Edges,
+    id: u32,
+    fan: &mut Fan,
+    register: usize,
+    lanes: usize,
+    passes: impl Fn(Vec2, Vec3) -> bool,
+) {
     for lane in register * lanes..(register + 1) * lanes {
         let direction = fan.direction(lane);
         let Some((barycentric, distance)) = edges.meet(direction) else { continue };
-        if distance < fan.rays.end[lane] && !hole(barycentric) {
+        if distance < fan.rays.end[lane] && !passes(barycentric, direction) {
             fan.rays.end[lane] = distance;
             fan.triangles[lane] = id;
             (0..2).for_each(|i| fan.barycentric[i][lane] = barycentric[i]);

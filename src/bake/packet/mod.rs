@@ -17,8 +17,8 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use self::rays::{Rays, any_positive, meets_box, meets_box_along, start_rays};
-use self::triangle::{Edges, block, block_unless_hole};
-use super::bvh::{Bvh, is_hole};
+use self::triangle::{Edges, block, dim};
+use super::bvh::{Bvh, taken};
 use crate::scene::Scene;
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight, TILE_SIZE};
 
@@ -50,7 +50,8 @@ impl Default for SamplePacket {
     }
 }
 
-/// Traces `packets` towards `light`. `visibility` gets 255 a sample that sees it and faces it, else 0; 64 a packet.
+/// Traces `packets` towards `light`. `visibility` gets 255 a sample that sees it and faces it, else 0, and what surfaces that
+/// blend let through in between; 64 a packet.
 pub fn trace_packets(bvh: &Bvh, scene: &Scene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
     pulp::Arch::new().dispatch(TracePackets { bvh, scene, light, packets, visibility });
 }
@@ -95,8 +96,8 @@ impl TracePackets<'_> {
         let Self { bvh, scene, light, packets, visibility } = self;
         for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
             for (lane, visible) in visibility.iter_mut().enumerate() {
-                let sees = |ray: ShadowRay| !bvh.occluded(scene, ray.origin, ray.direction, ray.length);
-                *visible = if packet.shadow_ray(bvh, light, lane).is_some_and(sees) { 255 } else { 0 };
+                let share = |ray: ShadowRay| bvh.transmittance(scene, ray.origin, ray.direction, ray.length);
+                *visible = in_8_bits(packet.shadow_ray(bvh, light, lane).map_or(0.0, share));
             }
         }
     }
@@ -108,6 +109,7 @@ impl TracePackets<'_> {
         let mut stack = Vec::with_capacity(128);
         let zero = [[0.0; PACKET_SIZE]; 3];
         let mut rays = Rays { q: zero, inverse_q: zero, end: [-1.0; PACKET_SIZE] };
+        let mut left = [1.0; PACKET_SIZE];
         for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
             start_rays::<S, DIRECTIONAL>(simd, bvh, light, packet, &mut rays);
             let mut alive = 0;
@@ -115,13 +117,23 @@ impl TracePackets<'_> {
                 alive |= u64::from(any_positive(simd, *end)) << register;
             }
             if alive != 0 {
-                traverse::<S, DIRECTIONAL>(simd, bvh, scene, shared, &mut rays, alive, &mut stack);
+                traverse::<S, DIRECTIONAL>(simd, bvh, scene, shared, (&mut rays, &mut left), alive, &mut stack);
             }
             for (visible, end) in visibility.iter_mut().zip(&rays.end) {
                 *visible = if *end > 0.0 { 255 } else { 0 };
             }
+            if bvh.has_blends {
+                for ((visible, end), left) in visibility.iter_mut().zip(&rays.end).zip(&mut left) {
+                    *visible = if *end > 0.0 { in_8_bits(*left) } else { 0 };
+                    *left = 1.0;
+                }
+            }
         }
     }
+}
+
+fn in_8_bits(share: f32) -> u8 {
+    (255.0 * share).round() as u8
 }
 
 /// A ray from the light to a view sample, or from a sample towards a directional or far light.
@@ -196,13 +208,14 @@ fn target<const DIRECTIONAL: bool>(
     (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
 }
 
+/// Ends the rays that are blocked, and dims others: `left` is what is left of their light.
 #[inline(always)]
 fn traverse<S: Simd, const DIRECTIONAL: bool>(
     simd: S,
     bvh: &Bvh,
     scene: &Scene,
     shared: Vec3,
-    rays: &mut Rays,
+    (rays, left_of_light): (&mut Rays, &mut Lanes),
     mut alive: u64,
     stack: &mut Vec<Entry>,
 ) {
@@ -247,8 +260,8 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
                 let register = left.trailing_zeros() as usize;
                 left &= left - 1;
                 let some_left = if is_masked {
-                    let hole = |barycentric| is_hole(scene, corners.triangle, barycentric);
-                    block_unless_hole::<DIRECTIONAL>(&edges, rays, register, S::F32_LANES, hole)
+                    let taken = |barycentric| taken(scene, corners.triangle, barycentric);
+                    dim::<DIRECTIONAL>(&edges, rays, left_of_light, register, S::F32_LANES, taken)
                 } else {
                     block::<S, DIRECTIONAL>(simd, &edges, rays, register)
                 };

@@ -3,7 +3,9 @@
 use glam::{Vec2, Vec3};
 use pulp::Simd;
 
+use super::Lanes;
 use super::rays::{Rays, any, any_positive, load};
+use crate::bake::bvh::LEAST_SHARE;
 
 /// A triangle as seen by all rays of a packet: edge function i of a ray is `normals[i] . q + offsets[i]`; it belongs to
 /// the edge opposite to corner i. All three have one sign where the ray's line meets the triangle [Kensler 2006].
@@ -122,20 +124,27 @@ pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
     any_positive(simd, end)
 }
 
-/// The same for triangles with holes: `hole` tells by barycentric coordinates.
+/// The same for triangles that light may pass: `taken` tells by barycentric coordinates what share of it they take. Rays of which
+/// nothing is `left` end.
 #[inline(never)]
-pub(super) fn block_unless_hole<const DIRECTIONAL: bool>(
+pub(super) fn dim<const DIRECTIONAL: bool>(
     edges: &Edges,
     rays: &mut Rays,
+    left: &mut Lanes,
     register: usize,
     lanes: usize,
-    hole: impl Fn(Vec2) -> bool,
+    taken: impl Fn(Vec2) -> f32,
 ) -> bool {
     let mut any = false;
-    for i in register * lanes..(register + 1) * lanes {
+    for (i, left) in left.iter_mut().enumerate().skip(register * lanes).take(lanes) {
         let (w, hit) = edges.test::<DIRECTIONAL>(Vec3::new(rays.q[0][i], rays.q[1][i], rays.q[2][i]));
-        if hit && rays.end[i] > 0.0 && !hole(Vec2::new(w[1], w[2]) / (w[0] + w[1] + w[2])) {
-            rays.end[i] = -1.0;
+        if hit && rays.end[i] > 0.0 {
+            let now = *left * (1.0 - taken(Vec2::new(w[1], w[2]) / (w[0] + w[1] + w[2])));
+            if now < LEAST_SHARE {
+                rays.end[i] = -1.0;
+            } else {
+                *left = now;
+            }
         }
         any |= rays.end[i] > 0.0;
     }

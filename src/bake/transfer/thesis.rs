@@ -280,7 +280,8 @@ impl<'a> Thesis<'a> {
         };
         trace_packets(self.bvh, self.scene, &light, &self.packets, &mut scratch.visibility);
         for sender in 0..self.samples.len() {
-            if scratch.visibility[sender] == 0 {
+            let seen = f32::from(scratch.visibility[sender]) / 255.0;
+            if seen == 0.0 {
                 continue;
             }
             let sample = &self.samples.samples[sender];
@@ -293,7 +294,7 @@ impl<'a> Thesis<'a> {
             let terms = self.reflection(sender).terms();
             scratch.h.resize(terms, Vec3::ZERO);
             self.reflection(sender).h(local(&self.frames[sender], -wi), &mut scratch.h);
-            visit(scratch, sender, wi, sample.area * cosines / r2);
+            visit(scratch, sender, wi, seen * sample.area * cosines / r2);
         }
     }
 }

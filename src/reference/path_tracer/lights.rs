@@ -92,15 +92,17 @@ impl Lamp {
         if arriving.irradiance <= 0.0 || normal.dot(arriving.wi) <= 0.0 {
             return DVec3::ZERO;
         }
-        if self.has_shadows && !self.is_seen(scene, bvh, point) {
+        let seen = if self.has_shadows { self.share_seen(scene, bvh, point) } else { 1.0 };
+        if seen <= 0.0 {
             return DVec3::ZERO;
         }
-        self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
+        seen * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
     }
 
-    fn is_seen(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint) -> bool {
+    /// What surfaces that blend let through is counted, not drawn by chance: the eye's surfaces look only once.
+    fn share_seen(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint) -> f64 {
         let ray = shadow_ray(bvh, &self.packed, point.position, point.normal, point.geometric_normal);
-        ray.is_some_and(|ray| !bvh.occluded(scene, ray.origin, ray.direction, ray.length))
+        ray.map_or(0.0, |ray| bvh.transmittance(scene, ray.origin, ray.direction, ray.length).into())
     }
 }
 

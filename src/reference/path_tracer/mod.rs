@@ -2,8 +2,8 @@
 //!
 //! It looks for lights at every surface, draws directions from the BRDF and from aims at mirrored lights (`aims`, `curves`),
 //! and weighs whatever two ways can find by the balance heuristic [Veach 1995, Eq. 14]. What the eye sees, straight and
-//! through perfect mirrors, are the vertices of the deep framebuffer, so that direct light and reflections are
-//! those of [`crate::relight`]; a bounced ray sees as many surfaces through mirrors as one from the eye.
+//! through perfect mirrors and past what blends, are the vertices of the deep framebuffer, so that direct light and
+//! reflections are those of [`crate::relight`]; a bounced ray sees as many surfaces through mirrors as one from the eye.
 //!
 //! Not found: light that reaches a surface off a perfect mirror from a point, spot or directional light. No ray meets a
 //! light without size, and the gather rows do not find it either.
@@ -154,7 +154,7 @@ impl<'a> PathTracer<'a> {
                     }
                     sample.copy_from(&direct);
                     for seen in &seen {
-                        let points = self.points(u64::from(seen.vertex.layer) << 40 | stream);
+                        let points = self.points(seen.number << 40 | stream);
                         segments += self.follow(seen, Numbers { points, index }, &mut sample);
                     }
                     sample.add_to(tile.pixel(half, pixel));
@@ -175,6 +175,7 @@ impl<'a> PathTracer<'a> {
         seen.clear();
         let mut segments = 0;
         self.eye.follow(x, y, |vertex| {
+            let number = segments;
             segments += 1;
             let (weight, wo) = (vertex.weight.as_dvec3(), vertex.wo.as_dvec3());
             sums[EMISSION] += weight * vertex.point.emission.as_dvec3();
@@ -185,7 +186,7 @@ impl<'a> PathTracer<'a> {
             for (source, lit) in self.lamps.reflect_each(self.scene, self.bvh, &vertex.point, wo) {
                 sums.add_light(layer, source, weight * lit);
             }
-            seen.push(Seen { aims: self.faces.aim(&self.lamps, &vertex.point), vertex });
+            seen.push(Seen { aims: self.faces.aim(&self.lamps, &vertex.point), vertex, number });
         });
         segments
     }

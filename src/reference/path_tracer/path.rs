@@ -37,6 +37,8 @@ const EMITTER: u32 = 2;
 /// What the eye sees, and what to aim at from there: the same for many paths.
 pub(super) struct Seen {
     pub vertex: PathVertex,
+    /// Surfaces before it on the path from the eye.
+    pub number: u64,
     pub aims: Aims,
 }
 

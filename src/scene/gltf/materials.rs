@@ -27,7 +27,6 @@ pub struct Materials<'a> {
     /// What each texture is decoded from: an image of the file, and how to read it.
     textures: Vec<(usize, Encoding)>,
     texture_indices: HashMap<(usize, Encoding), usize>,
-    blend_warned: bool,
     missing: Missing,
 }
 
@@ -66,7 +65,7 @@ impl<'a> Materials<'a> {
     pub fn new(document: &'a Document) -> Self {
         let (materials, uv_sets, indices, textures, texture_indices) = Default::default();
         let missing = Missing::default();
-        Self { document, materials, uv_sets, indices, textures, texture_indices, blend_warned: false, missing }
+        Self { document, materials, uv_sets, indices, textures, texture_indices, missing }
     }
 
     /// Material `index` of the file.
@@ -120,13 +119,7 @@ impl<'a> Materials<'a> {
         let alpha_mode = match document.valid(source.alpha_mode, &format!("{what}: the alpha mode"))? {
             json::material::AlphaMode::Opaque => AlphaMode::Opaque,
             json::material::AlphaMode::Mask => AlphaMode::Mask { cutoff: source.alpha_cutoff.unwrap_or_default().0 },
-            json::material::AlphaMode::Blend => {
-                if !std::mem::replace(&mut self.blend_warned, true) {
-                    let path = document.path.display();
-                    tracing::warn!("{path}: {what} blends; such materials are taken as opaque");
-                }
-                AlphaMode::Opaque
-            }
+            json::material::AlphaMode::Blend => AlphaMode::Blend,
         };
         let normal = source.normal_texture.as_ref();
         let normal_info = normal.map(normal_info).transpose();

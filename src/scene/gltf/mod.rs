@@ -25,7 +25,7 @@ use document::Document;
 use materials::Materials;
 
 use super::mesh_builder::{MeshBuilder, Unbuilt};
-use super::{MAX_IMAGE_SIDE, Material, Mesh, MeshSpace, Scene};
+use super::{AlphaMode, MAX_IMAGE_SIDE, Material, Mesh, MeshSpace, Scene, Texture};
 use crate::error::Result;
 
 pub fn load(path: &Path) -> Result<Scene> {
@@ -49,8 +49,18 @@ pub fn load(path: &Path) -> Result<Scene> {
         Err(Unbuilt::Wrong(reason)) => return Err(document.error(reason)),
     };
     warn_of(&document, &left_out);
+    mark_opaque(&mut materials, &textures, &mesh);
     let image_size = image_size(&document);
     Ok(Scene { path: path.to_owned(), mesh, space, materials, textures, cameras, rig, image_size })
+}
+
+/// Materials that blend and let nothing through, as many exporters write them, are opaque: they cost nothing then.
+fn mark_opaque(materials: &mut [Material], textures: &[Texture], mesh: &Mesh) {
+    if mesh.colors.iter().any(|color| color.w < 1.0) {
+        return;
+    }
+    let blending = materials.iter_mut().filter(|m| m.alpha_mode == AlphaMode::Blend);
+    blending.filter(|m| m.has_full_alpha(textures)).for_each(|m| m.alpha_mode = AlphaMode::Opaque);
 }
 
 fn warn_of(document: &Document, left_out: &primitives::LeftOut) {

@@ -8,7 +8,7 @@
 //! - illum 0 and 1 have no highlight; illum 3 is a mirror of colour Ks, or Kd.
 //! - map_Kd, map_Ke, map_Ks, norm, bump. A grey bump map is a height map, which is left out.
 //! - map_Pr, map_Pm and map_Ns take the place of their numbers; map_Ns scales Ns.
-//! - d, or Tr = 1 - d: 0 is a hole, else opaque. map_d is a hole where it is below a half: its alpha if it has any, else its
+//! - d, or Tr = 1 - d: 0 is a hole, 1 opaque, between them it blends. map_d is a hole where it is below a half: its alpha if it has any, else its
 //!   red channel.
 
 use std::collections::HashMap;
@@ -37,8 +37,6 @@ pub fn default(name: &str) -> Material {
 pub struct Library {
     materials: HashMap<String, Material>,
     images: Images,
-    /// Materials that let light through, taken as opaque.
-    opaque: usize,
     /// Materials that are not there at all.
     holes: usize,
 }
@@ -66,9 +64,6 @@ impl Library {
     pub fn warn(&self, obj: &Path) {
         let have = |count: usize| if count == 1 { "1 material has".into() } else { format!("{count} materials have") };
         let path = obj.display();
-        if self.opaque > 0 {
-            tracing::warn!("{path}: {} d or Tr between nothing and all: they are opaque", have(self.opaque));
-        }
         if self.holes > 0 {
             tracing::warn!("{path}: {} d 0 or Tr 1: they are not there", have(self.holes));
         }
@@ -269,7 +264,14 @@ impl Library {
             self.holes += 1;
             return Ok(());
         }
-        self.opaque += usize::from(opacity.is_some_and(|d| d < 1.0));
+        let alpha_mode = match opacity {
+            Some(share) if share < 1.0 => {
+                material.base_color.w = share as f32;
+                material.alpha_mode = AlphaMode::Blend;
+                AlphaMode::Blend
+            }
+            _ => AlphaMode::Mask { cutoff: 0.5 },
+        };
         let Some((mask_file, mask)) = self.image(mtl, map.as_ref())? else { return Ok(()) };
         let map = map.expect("its image was found");
         let has_alpha = mask.texels.iter().any(|t| t[3] < 255);
@@ -296,7 +298,7 @@ impl Library {
             Ok(combined([color.as_ref().map(|(_, image)| &**image), Some(&*mask)], texel))
         })?;
         material.base_color_texture = Some(map.reference(texture));
-        material.alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
+        material.alpha_mode = alpha_mode;
         Ok(())
     }
 }
