@@ -137,11 +137,11 @@ impl DepthArray {
         Ok(view)
     }
 
-    /// Moves layers 0..`count` between layouts.
+    /// Moves layers between layouts.
     fn transition(
         &self,
         commands: vk::CommandBuffer,
-        count: u32,
+        layers: Range<u32>,
         (from, from_stage, from_access): (vk::ImageLayout, vk::PipelineStageFlags2, vk::AccessFlags2),
         (to, to_stage, to_access): (vk::ImageLayout, vk::PipelineStageFlags2, vk::AccessFlags2),
     ) {
@@ -153,7 +153,7 @@ impl DepthArray {
             .src_access_mask(from_access)
             .dst_stage_mask(to_stage)
             .dst_access_mask(to_access)
-            .subresource_range(depth_layers(0, count))];
+            .subresource_range(depth_layers(layers.start, layers.end - layers.start))];
         let info = vk::DependencyInfo::default().image_memory_barriers(&barriers);
         // SAFETY: the command buffer is being recorded, outside of rendering.
         unsafe { self.context.device.cmd_pipeline_barrier2(commands, &info) };
@@ -264,11 +264,16 @@ impl Pass<'_> {
         self.write_depth(target);
         self.record(|context, commands| {
             let sampled = (Layout::DEPTH_READ_ONLY_OPTIMAL, Stage::COMPUTE_SHADER, Rights::SHADER_SAMPLED_READ);
-            target.transition(commands, count, (Layout::UNDEFINED, sampled.1, sampled.2), attachment);
+            let undefined = (Layout::UNDEFINED, sampled.1, sampled.2);
+            target.transition(commands, 0..count, undefined, attachment);
+            // All are bound, also those that are not drawn.
+            if (count as usize) < target.layer_views.len() {
+                target.transition(commands, count..target.layer_views.len() as u32, undefined, sampled);
+            }
             for (layer, draw) in draws.iter().enumerate() {
                 draw_layer(context, commands, kernel, target, indices, layer, draw);
             }
-            target.transition(commands, count, attachment, sampled);
+            target.transition(commands, 0..count, attachment, sampled);
         });
     }
 }
