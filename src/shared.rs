@@ -23,6 +23,15 @@ gpu_shared! {
         /// [`PackedLight::kind`]
         pub const LIGHT_DIRECTIONAL: u32 = 2;
 
+        /// [`Cutout::first`] without a texture.
+        pub const NO_TEXELS: u32 = 0xffff_ffff;
+        /// [`Cutout::wrap_u`]
+        pub const WRAP_REPEAT: u32 = 0;
+        /// [`Cutout::wrap_u`]
+        pub const WRAP_MIRROR: u32 = 1;
+        /// [`Cutout::wrap_u`]
+        pub const WRAP_CLAMP: u32 = 2;
+
         /// Images that a pass sums at most: so many terms fit its push constants.
         pub const MAX_TERMS: u32 = 4;
 
@@ -161,6 +170,34 @@ gpu_shared! {
         pub struct ShadowFace {
             /// Reversed depth: 1 at the near plane, 0 at infinity.
             pub clip_from_mesh: Mat4,
+        }
+
+        /// A corner of a triangle that light may pass.
+        pub struct CutoutCorner {
+            /// Mesh space.
+            pub position: Vec3,
+            /// Alpha without its texture.
+            pub alpha: f32,
+            /// Where it is looked up.
+            pub uv: Vec2,
+            /// Index of its [`Cutout`].
+            pub cutout: u32,
+        }
+
+        /// Where a material lets light pass.
+        pub struct Cutout {
+            /// Its texture's first texel; [`NO_TEXELS`] without one.
+            pub first: u32,
+            /// Of the texture.
+            pub width: u32,
+            /// Of the texture.
+            pub height: u32,
+            /// One of the `WRAP_` constants, along u.
+            pub wrap_u: u32,
+            /// The same along v.
+            pub wrap_v: u32,
+            /// Alpha from which all is there; negative where the material blends.
+            pub cutoff: f32,
         }
 
         /// One term of a sum of images.
@@ -448,6 +485,22 @@ gpu_shared! {
         pub push ShadowPush {
             /// Vertices, three floats each.
             pub positions: Read<f32>,
+            /// All faces of the light.
+            pub faces: Read<ShadowFace>,
+            /// Which one is drawn.
+            pub face: u32,
+            /// Keeps the size a multiple of eight.
+            pub unused: u32,
+        }
+
+        /// shadow_cutout.vert, shadow_cutout.frag
+        pub push ShadowCutoutPush {
+            /// Three a triangle.
+            pub corners: Read<CutoutCorner>,
+            /// One a material.
+            pub cutouts: Read<Cutout>,
+            /// Alphas of textures, 8 bits each, four a word.
+            pub texels: Read<u32>,
             /// All faces of the light.
             pub faces: Read<ShadowFace>,
             /// Which one is drawn.

@@ -8,14 +8,16 @@ use common::random::Random;
 use common::ratio::Lit;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, pixels, render, rig};
 use common::{assert_near, drawn, gpu, transfer};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 use relume::bake::bvh::Bvh;
 use relume::bake::packet::fan::{Fan, trace_fans};
 use relume::bake::packet::{PACKET_SIZE, SamplePacket, shadow_ray, trace_packets};
 use relume::bake::transfer::TransferSettings;
 use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
-use relume::relight::Layers;
-use relume::scene::{AlphaMode, Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture};
+use relume::relight::{Layers, VisibilityMethod};
+use relume::scene::{
+    AlphaMode, Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture, TextureRef, Wrap,
+};
 
 /// Of single precision on the way to a radiance.
 const FLOAT: f64 = 2e-6;
@@ -228,6 +230,98 @@ fn a_leaf_with_an_alpha_texture() {
                 assert!((got - want).abs().max_element() < HALF_STEP + 1e-5, "texel {i}: {got}, want {want}");
             }
         }
+    }
+}
+
+/// A floor under a sheet whose texture has seven alphas to a side, repeated or mirrored, in maps and traced.
+#[test]
+fn masks_have_their_holes_in_shadow_maps() {
+    const SIDE: usize = 7;
+    let mut random = Random::new(9);
+    let texels: Vec<[u8; 4]> = (0..SIDE * SIDE).map(|_| [255, 255, 255, random.pick(&[0, 90, 160, 255])]).collect();
+    let lights = [
+        sun(DVec3::new(0.2, -1.0, 0.1)),
+        Light { intensity: 30.0, ..Light::point("point", DVec3::new(0.3, 2.5, 0.2)) },
+        Light {
+            kind: LightKind::Spot,
+            direction: DVec3::NEG_Y,
+            outer_angle: 0.7,
+            ..Light::point("spot", DVec3::new(0.1, 2.5, 0.0))
+        },
+    ];
+    let below = look(DVec3::Y * 0.5, DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: 1.0 });
+    for (wrap, scale) in [(Wrap::Clamp, 1.0), (Wrap::Repeat, 1.7), (Wrap::Mirror, -2.3)] {
+        let mut build = Build::default();
+        let texture = Texture::new("holes".into(), SIDE, SIDE, texels.clone(), Encoding::Linear);
+        let texture = build.texture(texture).map(|t| TextureRef {
+            uv_transform: Mat3::from_scale(Vec2::new(scale, scale)),
+            wrap: [wrap, Wrap::Repeat],
+            ..t
+        });
+        let wall = build.material(lambert(WALL));
+        let sheet = build.material(Material {
+            base_color_texture: texture,
+            alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+            ..blending(Vec3::ONE, 0.9)
+        });
+        let solid = build.material(lambert(WALL));
+        build.quad(DVec3::ZERO, 2.0 * DVec3::X, -2.0 * DVec3::Z, wall);
+        build.quad(DVec3::Y, 1.2 * DVec3::X, -1.2 * DVec3::Z, sheet);
+        build.quad(DVec3::new(0.9, 0.7, 0.9), 0.2 * DVec3::X, -0.2 * DVec3::Z, solid);
+        for light in &lights {
+            const SIZE: usize = 96;
+            let rig = rig(vec![light.clone()]);
+            let exact = Setup::new(SIZE as u32, SIZE as u32);
+            let maps = Setup { visibility: VisibilityMethod::Map, ..exact.clone() };
+            let gpu = gpu();
+            let [traced, mapped] = [&exact, &maps].map(|setup| {
+                render(&gpu, build.scene(), &below, &rig, setup, Layers::Direct)
+                    .iter()
+                    .map(|p| p[0])
+                    .collect::<Vec<_>>()
+            });
+            let brightest = traced.iter().copied().fold(0.0, f32::max);
+            let (mut lit, mut dark) = (0, 0);
+            for (x, y) in (1..SIZE - 1).flat_map(|y| (1..SIZE - 1).map(move |x| (x, y))) {
+                let i = y * SIZE + x;
+                let around =
+                    [i - SIZE - 1, i - SIZE, i - SIZE + 1, i - 1, i, i + 1, i + SIZE - 1, i + SIZE, i + SIZE + 1];
+                if around.iter().any(|&j| (traced[j] > 0.0) != (traced[i] > 0.0)) {
+                    continue; // an edge, which a filter blurs
+                }
+                // The weights of a filtered map have 8 bits; a wrong tap is a ninth.
+                let off = (mapped[i] - traced[i]).abs();
+                assert!(off <= 3.0 / 255.0 * brightest, "{wrap:?}, {}, pixel {x}, {y}: off by {off}", light.name);
+                (lit, dark) = (lit + usize::from(traced[i] > 0.0), dark + usize::from(traced[i] == 0.0));
+            }
+            assert!(lit > 1000 && dark > 1000, "{wrap:?}, {}: {lit} lit, {dark} dark", light.name);
+        }
+    }
+}
+
+/// What blends leaves out texels by chance: the mean of the floor's light is right.
+#[test]
+fn sheets_dim_shadow_maps_on_average() {
+    let over = [(0.8, blending(SHEET, 0.25)), (1.0, blending(SHEET, 0.5))];
+    let below = look(DVec3::Y * 0.5, DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: 0.8 });
+    let setup = Setup { visibility: VisibilityMethod::Map, ..Setup::new(128, 128) };
+    for light in [sun(DVec3::new(0.2, -1.0, 0.1)), Light::point("lamp", DVec3::new(0.3, 2.0, 0.2))] {
+        let mean = |over: &[(f64, Material)]| {
+            let picture =
+                render(&gpu(), sheets(over).scene(), &below, &rig(vec![light.clone()]), &setup, Layers::Direct);
+            picture.iter().map(|p| f64::from(p[0])).sum::<f64>() / picture.len() as f64
+        };
+        let [dimmed, open] =
+            [
+                mean(&over),
+                mean(&over.clone().map(|(at, sheet)| {
+                    (at, Material { base_color: sheet.base_color.truncate().extend(0.0), ..sheet })
+                })),
+            ];
+        // Pixels see about as many texels of their own as there are pixels: 4 standard errors.
+        let error = 4.0 * (0.375 * 0.625f64).sqrt() / 128.0 / 0.375;
+        println!("{}: {:.4} of 0.375", light.name, dimmed / open);
+        assert_near(dimmed / open, 0.75 * 0.5, error, &light.name);
     }
 }
 

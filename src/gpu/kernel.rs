@@ -40,6 +40,8 @@ embedded![
     "fit.comp",
     "yardstick.comp",
     "shadow.vert",
+    "shadow_cutout.vert",
+    "shadow_cutout.frag",
     "shadow_pcf.comp"
 ];
 

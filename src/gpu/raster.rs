@@ -1,4 +1,4 @@
-//! Depth from a light: an array of depth images, and the one graphics pipeline that draws into it.
+//! Depth from a light: an array of depth images, and the graphics pipelines that draw into it.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -39,7 +39,7 @@ pub struct DepthKernel {
     context: Arc<Context>,
 }
 
-/// What is drawn into one layer: push constants and ranges of indices.
+/// What is drawn into one layer: push constants and ranges of indices, or of vertices.
 pub struct DepthDraw<'a, P> {
     pub push: P,
     pub ranges: &'a [Range<u32>],
@@ -187,14 +187,19 @@ fn depth_layers(first: u32, count: u32) -> vk::ImageSubresourceRange {
 }
 
 impl DepthKernel {
-    /// Makes the pipeline of `glsl/{name}.vert`. Both sides of a triangle block light.
+    /// Makes the pipeline of `glsl/{name}.vert` and, if there is one, `glsl/{name}.frag`. Both sides of a triangle block light.
     pub fn new(context: &Arc<Context>, name: &str) -> Result<Self> {
         let spirv = embedded_spirv(&format!("{name}.vert")).expect("the name is one of ours");
         let module = ShaderModule::new(context, name, spirv)?;
-        let stages = [vk::PipelineShaderStageCreateInfo::default()
-            .stage(vk::ShaderStageFlags::VERTEX)
-            .module(module.handle)
-            .name(ENTRY_POINT)];
+        let fragment = embedded_spirv(&format!("{name}.frag"));
+        let fragment = fragment.map(|spirv| ShaderModule::new(context, name, spirv)).transpose()?;
+        let stage = |stage, module: &ShaderModule| {
+            vk::PipelineShaderStageCreateInfo::default().stage(stage).module(module.handle).name(ENTRY_POINT)
+        };
+        let stages: Vec<_> = [stage(vk::ShaderStageFlags::VERTEX, &module)]
+            .into_iter()
+            .chain(fragment.as_ref().map(|module| stage(vk::ShaderStageFlags::FRAGMENT, module)))
+            .collect();
         let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
         let assembly =
             vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
@@ -244,13 +249,13 @@ impl Drop for DepthKernel {
 }
 
 impl Pass<'_> {
-    /// Draws indexed triangles into layer 0, 1, ... of `target`, one [`DepthDraw`] a layer; each layer is cleared.
-    pub fn draw_depth<P: Pod>(
+    /// Draws indexed triangles into layer 0, 1, ... of `target`, one [`DepthDraw`] a layer, and triangles without indices by
+    /// another kernel; each layer is cleared.
+    pub fn draw_depth<P: Pod, Q: Pod>(
         mut self,
-        kernel: &DepthKernel,
         target: &DepthArray,
-        indices: &Buffer<u32>,
-        draws: &[DepthDraw<P>],
+        (kernel, indices, draws): (&DepthKernel, &Buffer<u32>, &[DepthDraw<P>]),
+        unindexed: Option<(&DepthKernel, &[DepthDraw<Q>])>,
     ) {
         use vk::{AccessFlags2 as Rights, ImageLayout as Layout, PipelineStageFlags2 as Stage};
         let _ = self.read(indices);
@@ -271,22 +276,20 @@ impl Pass<'_> {
                 target.transition(commands, count..target.layer_views.len() as u32, undefined, sampled);
             }
             for (layer, draw) in draws.iter().enumerate() {
-                draw_layer(context, commands, kernel, target, indices, layer, draw);
+                begin_layer(context, commands, target, layer);
+                draw_indexed(context, commands, kernel, indices, draw);
+                if let Some((kernel, draws)) = unindexed {
+                    draw_unindexed(context, commands, kernel, &draws[layer]);
+                }
+                // SAFETY: it was begun above.
+                unsafe { context.device.cmd_end_rendering(commands) };
             }
             target.transition(commands, 0..count, attachment, sampled);
         });
     }
 }
 
-fn draw_layer<P: Pod>(
-    context: &Context,
-    commands: vk::CommandBuffer,
-    kernel: &DepthKernel,
-    target: &DepthArray,
-    indices: &Buffer<u32>,
-    layer: usize,
-    draw: &DepthDraw<P>,
-) {
+fn begin_layer(context: &Context, commands: vk::CommandBuffer, target: &DepthArray, layer: usize) {
     let device = &context.device;
     let extent = vk::Extent2D { width: target.size, height: target.size };
     let area = vk::Rect2D { offset: vk::Offset2D::default(), extent };
@@ -299,20 +302,49 @@ fn draw_layer<P: Pod>(
         .store_op(vk::AttachmentStoreOp::STORE)
         .clear_value(vk::ClearValue { depth_stencil: vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 } });
     let rendering = vk::RenderingInfo::default().render_area(area).layer_count(1).depth_attachment(&depth);
-    let stages = vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT;
-    // SAFETY: the command buffer is being recorded; indices were checked against the vertices when the mesh was
-    // imported, and the ranges against the indices by whoever made the clusters.
+    // SAFETY: the command buffer is being recorded; viewport and scissor are dynamic in every pipeline.
     unsafe {
         device.cmd_begin_rendering(commands, &rendering);
-        device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, kernel.pipeline);
         device.cmd_set_viewport(commands, 0, &[viewport]);
         device.cmd_set_scissor(commands, 0, &[area]);
-        device.cmd_push_constants(commands, context.pipeline_layout, stages, 0, bytemuck::bytes_of(&draw.push));
+    }
+}
+
+const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
+    vk::ShaderStageFlags::COMPUTE.as_raw()
+        | vk::ShaderStageFlags::VERTEX.as_raw()
+        | vk::ShaderStageFlags::FRAGMENT.as_raw(),
+);
+
+fn draw_indexed<P: Pod>(
+    context: &Context,
+    commands: vk::CommandBuffer,
+    kernel: &DepthKernel,
+    indices: &Buffer<u32>,
+    draw: &DepthDraw<P>,
+) {
+    let device = &context.device;
+    // SAFETY: rendering was begun; indices were checked against the vertices when the mesh was imported, and the ranges
+    // against the indices by whoever made the clusters.
+    unsafe {
+        device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, kernel.pipeline);
+        device.cmd_push_constants(commands, context.pipeline_layout, STAGES, 0, bytemuck::bytes_of(&draw.push));
         device.cmd_bind_index_buffer(commands, indices.raw().handle, 0, vk::IndexType::UINT32);
         for range in draw.ranges {
             assert!(range.end as usize <= indices.len(), "{range:?} of {} indices", indices.len());
             device.cmd_draw_indexed(commands, range.end - range.start, 1, range.start, 0, 0);
         }
-        device.cmd_end_rendering(commands);
+    }
+}
+
+fn draw_unindexed<P: Pod>(context: &Context, commands: vk::CommandBuffer, kernel: &DepthKernel, draw: &DepthDraw<P>) {
+    let device = &context.device;
+    // SAFETY: rendering was begun; whoever made the clusters made as many vertices.
+    unsafe {
+        device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, kernel.pipeline);
+        device.cmd_push_constants(commands, context.pipeline_layout, STAGES, 0, bytemuck::bytes_of(&draw.push));
+        for range in draw.ranges {
+            device.cmd_draw(commands, range.end - range.start, 1, range.start, 0);
+        }
     }
 }

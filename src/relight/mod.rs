@@ -1,5 +1,6 @@
 //! The whole frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
 
+mod cutouts;
 pub mod exposure;
 mod gpu_baked;
 mod haar;

@@ -1,5 +1,7 @@
 //! Depth from each light, drawn; then visibility of samples from it, percentage-closer filtered.
 //!
+//! Surfaces that are not opaque are drawn by a pipeline of their own ([`super::cutouts`]).
+//!
 //! A spot of up to 45 degrees half-angle and a directional light take one map; wider spots and points take six cube
 //! faces. Clusters of triangles that a face cannot see are not drawn.
 
@@ -8,6 +10,7 @@ use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
 
+use super::cutouts::Cutouts;
 use crate::bake::bvh::Bvh;
 use crate::error::Result;
 use crate::gpu::raster::DepthDraw;
@@ -33,20 +36,22 @@ pub struct ShadowMaps {
     positions: Buffer<f32>,
     indices: Buffer<u32>,
     clusters: Vec<Cluster>,
+    /// Triangles that light may pass, if there are any.
+    cutouts: Option<Cutouts>,
     /// Half the diagonal of the bounds around mesh space's origin.
     radius: f32,
     /// Index ranges of each face; kept for their memory.
     ranges: Vec<Vec<Range<u32>>>,
 }
 
-struct Cluster {
+pub(super) struct Cluster {
     center: Vec3,
     radius: f32,
     indices: Range<u32>,
 }
 
 /// What one side of a map sees.
-struct Face {
+pub(super) struct Face {
     /// Rows right, up, towards the scene.
     axes: [Vec3; 3],
     /// Tangent of the half-angle; 0 is orthographic.
@@ -57,26 +62,18 @@ impl ShadowMaps {
     pub fn new(context: &Arc<Context>, scene: &Scene, bvh: &Bvh, size: u32) -> Result<Self> {
         let mesh = &scene.mesh;
         // The BVH's order keeps neighbours together: clusters are compact and vertices are used again soon.
-        let order: Vec<[u32; 3]> = bvh.triangle_order().map(|t| mesh.triangles[t as usize]).collect();
-        let clusters = order
-            .chunks(CLUSTER_SIZE)
-            .enumerate()
-            .map(|(i, triangles)| {
-                let corners = || triangles.iter().flatten().map(|&v| mesh.positions[v as usize]);
-                let (lo, hi) = corners().fold((Vec3::MAX, Vec3::MIN), |(lo, hi), p| (lo.min(p), hi.max(p)));
-                let center = (lo + hi) / 2.0;
-                let radius = corners().map(|p| p.distance(center)).fold(0.0, f32::max);
-                let first = (3 * i * CLUSTER_SIZE) as u32;
-                Cluster { center, radius, indices: first..first + 3 * triangles.len() as u32 }
-            })
-            .collect();
+        let (passable, opaque): (Vec<u32>, Vec<u32>) =
+            bvh.triangle_order().partition(|&triangle| bvh.is_masked(scene, triangle));
+        let order: Vec<[u32; 3]> = opaque.iter().map(|&t| mesh.triangles[t as usize]).collect();
+        let cutouts = || Cutouts::new(context, scene, &passable);
         Ok(Self {
             depth: DepthArray::new(context, "shadow map", size, 6)?,
             draw: DepthKernel::new(context, "shadow")?,
             pcf: Kernel::new(context, "shadow_pcf", &[])?,
             positions: Buffer::from_slice(context, "shadow positions", bytemuck::cast_slice(&mesh.positions))?,
             indices: Buffer::from_slice(context, "shadow indices", bytemuck::cast_slice(&order))?,
-            clusters,
+            clusters: clusters(scene, &order),
+            cutouts: if passable.is_empty() { None } else { Some(cutouts()?) },
             radius: bvh.radius,
             ranges: vec![Vec::new(); 6],
         })
@@ -100,6 +97,9 @@ impl ShadowMaps {
             for (face, ranges) in faces.iter().zip(&mut self.ranges) {
                 visible_ranges(&self.clusters, face, packed, ranges);
             }
+            if let Some(cutouts) = &mut self.cutouts {
+                cutouts.cull(&faces, packed);
+            }
         });
         let uploaded = frame.upload(&matrices);
 
@@ -111,7 +111,9 @@ impl ShadowMaps {
                 ranges: &self.ranges[face],
             })
             .collect();
-        pass.draw_depth(&self.draw, &self.depth, &self.indices, &draws);
+        let cutouts = self.cutouts.as_ref().map(|cutouts| (cutouts, cutouts.draws(&mut pass, uploaded, faces.len())));
+        let unindexed = cutouts.as_ref().map(|(cutouts, draws)| (cutouts.kernel(), &draws[..]));
+        pass.draw_depth(&self.depth, (&self.draw, &self.indices, &draws), unindexed);
 
         for &(samples, visibility) in lists {
             let mut pass = frame.pass("look up shadow map");
@@ -128,6 +130,19 @@ impl ShadowMaps {
             pass.dispatch(&self.pcf, &push, push.sample_count.div_ceil(4));
         }
     }
+}
+
+/// Neighbours among triangles in order, with ranges of their corners.
+pub(super) fn clusters(scene: &Scene, order: &[[u32; 3]]) -> Vec<Cluster> {
+    let cluster = |(i, triangles): (usize, &[[u32; 3]])| {
+        let corners = || triangles.iter().flatten().map(|&v| scene.mesh.positions[v as usize]);
+        let (lo, hi) = corners().fold((Vec3::MAX, Vec3::MIN), |(lo, hi), p| (lo.min(p), hi.max(p)));
+        let center = (lo + hi) / 2.0;
+        let radius = corners().map(|p| p.distance(center)).fold(0.0, f32::max);
+        let first = (3 * i * CLUSTER_SIZE) as u32;
+        Cluster { center, radius, indices: first..first + 3 * triangles.len() as u32 }
+    };
+    order.chunks(CLUSTER_SIZE).enumerate().map(cluster).collect()
 }
 
 /// Faces of a light at `position`, around a scene of `radius`; mesh space.
@@ -190,7 +205,7 @@ impl Face {
 }
 
 /// Index ranges of the clusters that `face` sees, neighbours merged.
-fn visible_ranges(clusters: &[Cluster], face: &Face, light: &PackedLight, ranges: &mut Vec<Range<u32>>) {
+pub(super) fn visible_ranges(clusters: &[Cluster], face: &Face, light: &PackedLight, ranges: &mut Vec<Range<u32>>) {
     ranges.clear();
     let range = if light.inverse_range > 0.0 { light.inverse_range.recip() } else { f32::INFINITY };
     for cluster in clusters {

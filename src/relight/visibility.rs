@@ -24,14 +24,11 @@ pub enum VisibilityMethod {
 }
 
 impl VisibilityMethod {
-    /// Whether rays are traced. Maps cannot show holes, so scenes with alpha masks are traced too.
+    /// Whether rays are traced. Maps show what blends by chance, so that scenes where anything does are traced unless maps are
+    /// asked for.
     pub fn traces(self, context: &Context, bvh: &Bvh) -> bool {
-        if self == Self::Map && bvh.has_masks {
-            tracing::warn!("alpha masks cast no holes in shadow maps: tracing shadow rays instead");
-        }
         match self {
-            _ if bvh.has_masks => true,
-            Self::Auto => context.is_cpu(),
+            Self::Auto => context.is_cpu() || bvh.has_blends,
             Self::Map => false,
             Self::Traced => true,
         }

@@ -1,0 +1,19 @@
+// Depth from the light of triangles that it may pass.
+#version 460
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "shared.glsl"
+
+layout(push_constant, scalar) uniform Block { ShadowCutoutPush push; };
+layout(location = 0) out vec2 uv;
+layout(location = 1) out float alpha;
+layout(location = 2) flat out uvec2 cutout_and_triangle;
+
+void main() {
+    CutoutCorner c = push.corners.at[gl_VertexIndex];
+    uv = c.uv;
+    alpha = c.alpha;
+    cutout_and_triangle = uvec2(c.cutout, gl_VertexIndex / 3);
+    gl_Position = push.faces.at[push.face].clip_from_mesh * vec4(c.position, 1.0);
+}
