@@ -162,7 +162,7 @@ gpu_shared! {
             pub first: u32,
             /// How many they are.
             pub count: u32,
-            /// Share of the pixel's first sample: 1 / samples a pixel.
+            /// Share of the pixel's first sample: 1 / samples a pixel, times its coverage where it blends.
             pub first_weight: f32,
         }
 
