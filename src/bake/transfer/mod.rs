@@ -13,7 +13,6 @@
 
 pub mod baked;
 pub mod blocks;
-pub mod cells;
 pub mod directions;
 pub mod importance;
 pub mod level;
@@ -131,7 +130,7 @@ impl<'a> Transfer<'a> {
             {
                 tracing::warn!("{asked} harmonics for each of {count} gather samples are too many, {most} are kept");
             }
-            Level::new(scene, samples, &functions)
+            Level::new(samples, &functions)
         };
         let limit = MOST_FINE_COEFFICIENTS.max(6 * settings.samples);
         let fine = level(settings.samples, settings.points, settings.seed, &FINE_FUNCTIONS, limit);
@@ -298,8 +297,8 @@ impl<'a> Transfer<'a> {
 
 /// Paths from the eye that tell where samples are needed, for each of them.
 const PATHS_A_SAMPLE: usize = 16;
-/// And as many at least: they also tell which sides are hidden.
-const LEAST_PATHS: usize = 1 << 17;
+/// And as many at least: they also tell which sides are hidden, and weigh places by how much is seen of them.
+const LEAST_PATHS: usize = 1 << 19;
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
 
