@@ -60,7 +60,7 @@ def check(relume):
     """Two rooms in units of Cycles; whether the one of Lambert surfaces has its light.
 
     The other's materials differ by design: Blender's energy is conserved where glTF's BRDF is not, coats, sheen and glass
-    are left out, and Blender exports no index of refraction without transmission.
+    are left out, and Blender exports no index of refraction by itself.
     """
     for name, is_plain in (("rich", False), ("plain", True)):
         scene.room(is_plain)
