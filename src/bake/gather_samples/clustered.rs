@@ -64,8 +64,9 @@ pub fn clustered(
     let members: Vec<&[u32]> = order.iter().map(|&i| &pieces[i as usize].members[..]).collect();
     let shares = shares(&samples, &members, &candidates);
     let finish = |(sample, shares): (&mut GatherSample, &Vec<Share>)| {
-        fill(sample, shares, &candidates);
-        points(shares, &candidates, points_per_sample)
+        let weights = weights(shares, &candidates);
+        fill(sample, shares, &weights, &candidates);
+        points(shares, &weights, &candidates, points_per_sample)
     };
     let points: Vec<_> = samples.samples.par_iter_mut().zip(&shares).map(finish).collect();
     samples.points = points.concat();
@@ -167,26 +168,43 @@ fn shares(samples: &GatherSamples, members: &[&[u32]], candidates: &[Candidate])
     shares
 }
 
-/// Makes a sample the mean of its shares.
-fn fill(sample: &mut GatherSample, shares: &[Share], candidates: &[Candidate]) {
+/// The weights by which a sample is the mean of its shares.
+fn weights(shares: &[Share], candidates: &[Candidate]) -> Vec<f64> {
     let all = || shares.iter().map(|&(i, share)| (&candidates[i as usize], share));
+    let area: f64 = all().map(|(c, share)| share * c.area).sum();
     let light: f64 = all().map(|(c, share)| share * c.light).sum();
-    sample.area = all().map(|(c, share)| share * c.area).sum::<f64>() as f32;
-    sample.emission = all().map(|(c, share)| (share * c.light / light) as f32 * c.surface.emission).sum();
-    sample.brdf = average(all().map(|(c, share)| (held(&c.surface.brdf), share * c.light)));
-    sample.lit = average(all().map(|(c, share)| (widened(&c.surface.brdf), share * c.light)));
+    all().map(|(c, share)| share * c.area * evened(c.light / c.area * area / light)).collect()
+}
+
+/// Weight of a place whose area brings `ratio` times the light that its sample's area brings on average. Visits are few: what
+/// differs by a quarter counts as alike, so that all energy is there where everything is seen alike; what is hidden
+/// counts less and less, lest what nobody sees darkens what is seen.
+fn evened(ratio: f64) -> f64 {
+    if ratio < ALIKE { ratio / ALIKE } else { (ratio * ALIKE).max(1.0) }
+}
+
+/// See [`evened`].
+const ALIKE: f64 = 0.8;
+
+/// Makes a sample the mean of its shares.
+fn fill(sample: &mut GatherSample, shares: &[Share], weights: &[f64], candidates: &[Candidate]) {
+    let all = || shares.iter().zip(weights).map(|(&(i, _), &weight)| (&candidates[i as usize], weight));
+    let sum: f64 = weights.iter().sum();
+    sample.area = shares.iter().map(|&(i, share)| share * candidates[i as usize].area).sum::<f64>() as f32;
+    sample.emission = all().map(|(c, weight)| (weight / sum) as f32 * c.surface.emission).sum();
+    sample.brdf = average(all().map(|(c, weight)| (held(&c.surface.brdf), weight)));
+    sample.lit = average(all().map(|(c, weight)| (widened(&c.surface.brdf), weight)));
 }
 
 /// `count` of a sample's candidates, picked evenly among their weights: as neighbours lie together, they are spread over all.
-fn points(shares: &[Share], candidates: &[Candidate], count: usize) -> Vec<GatherPoint> {
-    let all = || shares.iter().map(|&(i, share)| (&candidates[i as usize], share));
-    let light: f64 = all().map(|(c, share)| share * c.light).sum();
+fn points(shares: &[Share], weights: &[f64], candidates: &[Candidate], count: usize) -> Vec<GatherPoint> {
+    let sum: f64 = weights.iter().sum();
     let mut points = Vec::with_capacity(count);
     let mut covered = 0.0;
-    for (candidate, share) in all() {
-        covered += share * candidate.light * count as f64 / light;
+    for (&(candidate, _), weight) in shares.iter().zip(weights) {
+        covered += weight * count as f64 / sum;
         while points.len() < count && points.len() as f64 + 0.5 < covered {
-            points.push(GatherPoint::new(&candidate.surface));
+            points.push(GatherPoint::new(&candidates[candidate as usize].surface));
         }
     }
     // Where rounding leaves the last one out.
