@@ -450,7 +450,7 @@ fn indirect_light_through_curtains() {
             let rig = rig(vec![Light::point("lamp", lamp)]);
             let lit = Lit { scene: &scene, bvh: &bvh, camera: &camera, rig: &rig, size: [48, 32] };
             for (bounces, most) in [(Some(1), 0.01), (None, 0.015)] {
-                let settings = TransferSettings { bounces, points: 16, ..transfer::settings(4096, 1024, 512) };
+                let settings = TransferSettings { bounces, points: 16, ..transfer::settings(2048, 512, 512) };
                 let ratio = (lit.mean(&settings) / lit.traced_mean(bounces, 256)).element_sum() / 3.0;
                 println!("{name}, lamp at {lamp}, bounces {bounces:?}: {ratio:.4}");
                 assert_near(ratio, 1.0, most, format!("{name}, lamp at {lamp}, bounces {bounces:?}"));

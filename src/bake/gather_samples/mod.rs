@@ -1,7 +1,5 @@
 //! Gather samples: points on surfaces that stand for an area and carry outgoing radiance as a few coefficients.
 
-pub mod cells;
-mod clustered;
 mod clusters;
 pub mod light_rays;
 mod surface_points;
@@ -11,12 +9,12 @@ use rayon::prelude::*;
 
 pub use self::surface_points::{Drawn, Patch, Place, Surfaces, Visited, is_back, is_from_behind, sides};
 
-use self::cells::Cells;
-use self::clustered::clustered;
+use self::clusters::Clusters;
+use self::surface_points::is_enclosed;
 use super::brdf_factors::NEAR_MIRROR_ALPHA;
 use super::bvh::Bvh;
 use super::packet::{PACKET_SIZE, SamplePacket};
-use super::point_tree::{PointTree, point};
+use super::point_tree::{Point, PointTree, point};
 use super::surface::SurfacePoint;
 use crate::scene::Scene;
 use crate::sequence::Points;
@@ -76,8 +74,19 @@ pub struct GatherSamples {
     pub points_per_sample: usize,
     /// By material: samples of one group stand for its surfaces alone. Empty: all are of one.
     pub groups: Vec<u32>,
-    /// Who reads them; of random samples nobody.
-    pub cells: Cells,
+}
+
+/// Points of the surface for each cluster.
+const CANDIDATES: usize = 32;
+
+/// One of these.
+struct Candidate {
+    triangle: u32,
+    /// What it stands for, in mesh space.
+    area: f64,
+    /// How much light comes from there: its weight in what a sample's surface is like and gets.
+    light: f64,
+    surface: SurfacePoint,
 }
 
 impl GatherSamples {
@@ -127,13 +136,24 @@ impl GatherSamples {
     pub fn group(&self, material: u32) -> u32 {
         self.groups.get(material as usize).copied().unwrap_or(0)
     }
-}
 
-/// Indices of samples in the order of the tree.
-fn tree_order(samples: &[GatherSample]) -> Vec<u32> {
-    let length = normal_length(samples.iter().map(|s| s.area));
-    let places: Vec<_> = samples.iter().map(|s| point(s.position, s.normal, length)).collect();
-    PointTree::new(&places).order().to_vec()
+    /// Puts samples, each with its points, into the order of the tree.
+    fn in_tree_order(
+        samples: Vec<(GatherSample, Vec<GatherPoint>)>,
+        points_per_sample: usize,
+        groups: Vec<u32>,
+    ) -> Self {
+        let length = normal_length(samples.iter().map(|(s, _)| s.area));
+        let places: Vec<_> = samples.iter().map(|(s, _)| point(s.position, s.normal, length)).collect();
+        let tree = PointTree::new(&places);
+        let in_order = || tree.order().iter().map(|&i| &samples[i as usize]);
+        Self {
+            samples: in_order().map(|(sample, _)| *sample).collect(),
+            points: in_order().flat_map(|(_, points)| points.iter().copied()).collect(),
+            points_per_sample,
+            groups,
+        }
+    }
 }
 
 /// How far apart opposite faces count when samples of such areas are compared: twice their mean width. Scale-free.
@@ -175,18 +195,120 @@ fn random(scene: &Scene, surfaces: &Surfaces, count: usize, seed: u64) -> Gather
         let SurfacePoint { position, normal, emission, brdf, material, .. } = surface;
         let (triangle, area) = (place.triangle, area * place.coverage(scene));
         let sample = GatherSample { position, area, normal, triangle, emission, material, brdf, lit: brdf };
-        (sample, GatherPoint::new(&surface))
+        (sample, vec![GatherPoint::new(&surface)])
     };
     let places = surfaces.random(Points::new(seed, 0), count);
-    let (samples, points): (Vec<_>, Vec<_>) =
-        places.par_iter().filter(|place| !place.is_hole(scene)).map(sample).unzip();
-    let order = tree_order(&samples);
-    GatherSamples {
-        samples: order.iter().map(|&i| samples[i as usize]).collect(),
-        points: order.iter().map(|&i| points[i as usize]).collect(),
-        points_per_sample: 1,
-        ..Default::default()
-    }
+    let samples = places.par_iter().filter(|place| !place.is_hole(scene)).map(sample).collect();
+    GatherSamples::in_tree_order(samples, 1, Vec::new())
+}
+
+fn clustered(
+    scene: &Scene,
+    bvh: &Bvh,
+    surfaces: &Surfaces,
+    count: usize,
+    points_per_sample: usize,
+    seed: u64,
+) -> GatherSamples {
+    let candidate_count = count * CANDIDATES;
+    let candidates: Vec<Candidate> = surfaces
+        .stratified(Points::new(seed, 0), candidate_count)
+        .into_par_iter()
+        .enumerate()
+        .filter(|(_, drawn)| !drawn.place.is_hole(scene))
+        .map(|(i, Drawn { place, area, light })| {
+            // Texel by texel: a mean over many, in which those of other surfaces may lie beside, is made of all candidates.
+            let surface = place.surface(scene, 0.0);
+            // What blends meets fewer rays, and sends out as much less.
+            (i, Candidate { triangle: place.triangle, area: area * f64::from(surface.coverage), light, surface })
+        })
+        .filter(|(i, Candidate { surface, .. })| {
+            carries_light(surface) && !is_enclosed(scene, bvh, surface, Points::new(seed, 1 + *i as u64))
+        })
+        .map(|(_, candidate)| candidate)
+        .collect();
+    let length = normal_length(candidates.iter().map(|c| c.area as f32 * CANDIDATES as f32));
+    let places: Vec<_> = candidates.par_iter().map(|c| point(c.surface.position, c.surface.normal, length)).collect();
+    let (groups, grouped) = groups(scene, &candidates);
+    let in_all = candidates.len().max(1);
+    let mut done = 0;
+    // As many samples as each group has of all candidates, and one at least.
+    let clusters: Vec<(Vec<u32>, Point)> = grouped
+        .into_iter()
+        .flat_map(|members| {
+            let before = done * count / in_all;
+            done += members.len();
+            let here: Vec<Point> = members.iter().map(|&i| places[i as usize]).collect();
+            let clusters = Clusters::new(&here, (done * count / in_all - before).max(1));
+            let of_all = |cluster: usize| clusters.members(cluster).iter().map(|&i| members[i as usize]).collect();
+            (0..clusters.len()).map(|cluster| (of_all(cluster), clusters.means[cluster])).collect::<Vec<_>>()
+        })
+        .collect();
+    let sample = |(members, mean): &(Vec<u32>, Point)| {
+        let distance2 =
+            |&&i: &&u32| -> f32 { places[i as usize].iter().zip(mean).map(|(a, b)| (a - b) * (a - b)).sum() };
+        let nearest = members.iter().min_by(|a, b| distance2(a).total_cmp(&distance2(b))).expect("none is empty");
+        let Candidate { triangle, surface: centre, .. } = &candidates[*nearest as usize];
+        let of_members = || members.iter().map(|&i| &candidates[i as usize]);
+        let area: f64 = of_members().map(|c| c.area).sum();
+        let light: f64 = of_members().map(|c| c.light).sum();
+        let counts = |c: &Candidate| c.area * evened(c.light / c.area * area / light);
+        let counted: f64 = of_members().map(counts).sum();
+        let weight = |c: &Candidate| (counts(c) / counted) as f32;
+        let normal: Vec3 = of_members().map(|c| weight(c) * c.surface.normal).sum();
+        let sample = GatherSample {
+            position: centre.position,
+            area: area as f32,
+            normal: normal.try_normalize().unwrap_or(centre.normal),
+            triangle: *triangle,
+            material: centre.material,
+            emission: of_members().map(|c| weight(c) * c.surface.emission).sum::<Vec3>(),
+            brdf: average(of_members().map(|c| (held(&c.surface.brdf), counts(c)))),
+            lit: average(of_members().map(|c| (widened(&c.surface.brdf), counts(c)))),
+        };
+        // Members lie in tree order: points picked evenly among their weights are spread over the cluster.
+        let mut points = Vec::with_capacity(points_per_sample);
+        let mut covered = 0.0;
+        for member in of_members() {
+            covered += counts(member) * points_per_sample as f64 / counted;
+            while points.len() < points_per_sample && points.len() as f64 + 0.5 < covered {
+                points.push(GatherPoint::new(&member.surface));
+            }
+        }
+        // Where rounding leaves the last one out.
+        points.resize(points_per_sample, GatherPoint::new(centre));
+        (sample, points)
+    };
+    GatherSamples::in_tree_order(clusters.par_iter().map(sample).collect(), points_per_sample, groups)
+}
+
+/// Weight of a place whose area brings `ratio` times the light that its sample's area brings on average. Visits are few: what
+/// differs by a quarter counts as alike, so that all energy is there where everything is seen alike; what is hidden
+/// counts less and less, lest what nobody sees darkens what is seen.
+fn evened(ratio: f64) -> f64 {
+    if ratio < ALIKE { ratio / ALIKE } else { (ratio * ALIKE).max(1.0) }
+}
+
+/// See [`evened`].
+const ALIKE: f64 = 0.8;
+
+/// Materials whose candidates are enough for a sample have samples of their own: those of a dark wall tell nothing of the white
+/// skirting before it. All others are one group. Returns each material's group, and each group's candidates.
+fn groups(scene: &Scene, candidates: &[Candidate]) -> (Vec<u32>, Vec<Vec<u32>>) {
+    let mut members = vec![Vec::new(); scene.materials.len()];
+    candidates.iter().enumerate().for_each(|(i, c)| members[c.surface.material as usize].push(i as u32));
+    let mut grouped = vec![Vec::new()];
+    let group = |members: Vec<u32>| {
+        if members.len() < CANDIDATES {
+            grouped[0].extend(members);
+            return 0;
+        }
+        grouped.push(members);
+        grouped.len() as u32 - 1
+    };
+    let groups = members.into_iter().map(group).collect();
+    grouped.retain(|members| !members.is_empty());
+    (groups, grouped)
 }
 
 /// Whether a sample has anything to carry there.

@@ -168,8 +168,7 @@ impl Surfaces {
             let area = share * self.areas[first..end].iter().sum::<f64>();
             result.extend((0..count_here).map(|i| {
                 let [_, u, v, _] = points.at((drawn + i) as u32, 0);
-                // Not the middle of each share, which would meet the same texels of a texture that repeats.
-                let (place, light) = self.points.place(of_piece[0], [u, v], (i as f64 + u) * share);
+                let (place, light) = self.points.place(of_piece[0], [u, v], (i as f64 + 0.5) * share);
                 Drawn { place, area, light: light * area }
             }));
             first = end;

@@ -53,7 +53,7 @@ const BOUNCES: u32 = 6;
 /// A path ends when it has a smaller share of the pixel's light.
 const LEAST_LIGHT: f32 = 0.01;
 /// Visits to a patch above which it is quartered, and to neighbouring patches above which these have densities of their own.
-const VISITS: usize = 256;
+const VISITS: usize = 64;
 /// Quarters of which one needs no more than so many times what another does are alike.
 const ALIKE: f64 = 4.0;
 /// Standard deviations by which visits to patches of one density may differ from what their areas ask for.
@@ -286,7 +286,7 @@ fn share_out(part: u32, area: f64, depth: u32, visits: &[Counted], visited: &mut
 }
 
 /// Visits among which an area is shared out evenly.
-const FEW: usize = 128;
+const FEW: usize = 16;
 
 /// Light is shared out, too: that of single visits differs by chance.
 fn share_evenly<'a>(area: f64, visits: impl Iterator<Item = &'a Counted> + Clone, visited: &mut Vec<Visited>) {

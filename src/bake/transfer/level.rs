@@ -2,16 +2,19 @@
 
 use glam::Vec3;
 
+use super::cells::Cells;
 use crate::bake::brdf_factors::harmonics::{Harmonics, MAX_FUNCTIONS};
 use crate::bake::brdf_factors::roughness_coordinate;
 use crate::bake::gather_samples::light_rays::LightRays;
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Place};
+use crate::scene::Scene;
 use crate::shared::LightSample;
 
 /// Gather samples with their coefficients. Those of sample i are `first[i]..first[i + 1]` of a vector of coefficients.
 pub struct Level {
     pub samples: GatherSamples,
     pub first: Vec<u32>,
+    pub cells: Cells,
     /// Two tangents and the normal of each sample.
     pub frames: Vec<[Vec3; 3]>,
     /// The samples as light finds them.
@@ -21,7 +24,7 @@ pub struct Level {
 
 impl Level {
     /// `functions` tells how many of the harmonics a sample keeps: 1, 4, 9 or 16.
-    pub fn new(samples: GatherSamples, functions: &[u8]) -> Self {
+    pub fn new(scene: &Scene, samples: GatherSamples, functions: &[u8]) -> Self {
         let mut first = vec![0];
         first.extend(functions.iter().scan(0, |sum, &count| {
             *sum += u32::from(count);
@@ -39,6 +42,7 @@ impl Level {
         };
         let lit: Vec<_> = samples.samples.iter().zip(&frames).zip(first.windows(2)).map(lit).collect();
         Self {
+            cells: Cells::new(scene, &samples),
             light_rays: LightRays::new(&lit, samples.points.iter().map(|p| (p.position, p.normal))),
             lit,
             frames,
@@ -59,11 +63,11 @@ impl Level {
     /// of its coefficients and the values of its functions.
     #[inline(always)]
     pub fn read(&self, place: &Place, wo: Vec3, mut read: impl FnMut(usize, f32, u32, &[f32])) {
-        let Some(cell) = self.samples.cells.index(place) else { return };
+        let Some(cell) = self.cells.index(place) else { return };
         let mut values = [0.0; MAX_FUNCTIONS];
         // On flat surfaces neighbours have one frame.
         let mut known: Option<(Vec3, usize)> = None;
-        for (sample, weight) in self.samples.cells.get(cell).read() {
+        for (sample, weight) in self.cells.get(cell).read() {
             let range = self.coefficients(sample);
             let (first, count) = (range.start as u32, range.len());
             if count == 1 {
@@ -83,7 +87,7 @@ impl Level {
     /// 0..1: right on average, and a third of the entries.
     #[inline(always)]
     pub fn read_few(&self, place: &Place, wo: Vec3, random: f32, mut read: impl FnMut(usize, f32, &[f32])) {
-        let picked = self.samples.cells.index(place).and_then(|cell| self.samples.cells.get(cell).pick(random));
+        let picked = self.cells.index(place).and_then(|cell| self.cells.get(cell).pick(random));
         let Some(sample) = picked else { return };
         let count = self.coefficients(sample).len();
         if count < MANY_FUNCTIONS {

@@ -13,6 +13,7 @@
 
 pub mod baked;
 pub mod blocks;
+pub mod cells;
 pub mod directions;
 pub mod importance;
 pub mod level;
@@ -110,8 +111,7 @@ impl<'a> Transfer<'a> {
         settings: &TransferSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
-        let few = (PATHS_OF_FEW * settings.samples).min(ENOUGH_PATHS);
-        let paths = few.max(PATHS_A_SAMPLE * settings.samples);
+        let paths = (PATHS_A_SAMPLE * settings.samples).max(LEAST_PATHS);
         let importance = Importance::new(scene, bvh, baked, settings.layers, paths, settings.seed ^ 4 << 32);
         let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
             let placement = Placement::Clustered { points };
@@ -131,7 +131,7 @@ impl<'a> Transfer<'a> {
             {
                 tracing::warn!("{asked} harmonics for each of {count} gather samples are too many, {most} are kept");
             }
-            Level::new(samples, &functions)
+            Level::new(scene, samples, &functions)
         };
         let limit = MOST_FINE_COEFFICIENTS.max(6 * settings.samples);
         let fine = level(settings.samples, settings.points, settings.seed, &FINE_FUNCTIONS, limit);
@@ -298,10 +298,8 @@ impl<'a> Transfer<'a> {
 
 /// Paths from the eye that tell where samples are needed, for each of them.
 const PATHS_A_SAMPLE: usize = 16;
-/// And as many for each of a few: they also tell which sides are hidden, and weigh places by how much is seen of them.
-const PATHS_OF_FEW: usize = 256;
-/// Up to so many.
-const ENOUGH_PATHS: usize = 1 << 20;
+/// And as many at least: they also tell which sides are hidden.
+const LEAST_PATHS: usize = 1 << 17;
 /// Points of a coarse sample that its rays start from.
 const RAY_POINTS: usize = 16;
 

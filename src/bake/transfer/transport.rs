@@ -11,13 +11,12 @@ use std::f32::consts::PI;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::cells::Cells;
 use super::level::Level;
 use super::paths::Paths;
 use super::rows::{Row, Rows};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
-use crate::bake::gather_samples::cells::{Cells, Neighbours};
-use crate::bake::gather_samples::{GatherSample, Place};
 use crate::brdf::cosine_direction;
 use crate::sequence::Points;
 
@@ -115,7 +114,7 @@ impl BounceGatherer<'_> {
                         rows.iter_mut().zip(&*k).for_each(|(row, k)| row.add(sender, values, *k * light));
                     });
                 }
-                if senders.iter().any(|level| !is_black(&level.samples.cells, &arrival.place)) {
+                if senders.iter().any(|level| !is_black(&level.cells, &arrival.place)) {
                     met += f64::from(reach);
                 }
             });
@@ -194,14 +193,14 @@ impl<'a> Scratch<'a> {
     }
 }
 
-fn is_black(cells: &Cells, place: &Place) -> bool {
+fn is_black(cells: &Cells, place: &crate::bake::gather_samples::Place) -> bool {
     cells.index(place).is_none_or(|cell| cells.get(cell).is_black())
 }
 
 /// Shares of the receiving level's rays, interpolated at the samples of another.
 fn interpolated(receivers: &Level, shares: &[f64], level: &Level) -> Vec<f64> {
-    let nearest = Neighbours::new(&receivers.samples);
-    let share = |s: &GatherSample| {
+    let nearest = super::cells::Neighbours::new(&receivers.samples);
+    let share = |s: &crate::bake::gather_samples::GatherSample| {
         nearest.cell(s.position, s.normal, s.material).read().map(|(i, weight)| f64::from(weight) * shares[i]).sum()
     };
     level.samples.samples.par_iter().map(share).collect()

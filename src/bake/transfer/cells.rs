@@ -4,7 +4,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::{GatherSample, GatherSamples, Place, carries_light};
+use crate::bake::gather_samples::{GatherSample, GatherSamples, Place, carries_light};
 use crate::bake::point_tree::{PointTree, point};
 use crate::scene::Scene;
 
@@ -40,7 +40,6 @@ struct Grid {
     corner: u8,
 }
 
-#[derive(Clone, Debug, Default)]
 pub struct Cells {
     /// Front and back of each triangle.
     grids: Vec<Grid>,
