@@ -31,7 +31,8 @@ pub struct Group {
     pub seed: u64,
 }
 
-/// A light is passed over if view samples see less than this share of what they see of others, of as much direct light.
+/// A light is passed over if what view samples see of it is less than this share of what they see of another one as bright: it
+/// stands within a thing, and what leaks out of there are a few rays, all noise.
 const SEEN: f64 = 0.02;
 /// Lights looked at for each one wanted, at most.
 const ATTEMPTS: u32 = 20;
@@ -90,9 +91,12 @@ impl Trainer<'_> {
         let direct = Panels::from_fn(self.transfer.fine.coefficient_count(), lights.len(), entry);
         let further = self.bounces.further(&direct);
         let seen = panels::multiply(self.scouts, &self.bounces.seen(&direct, &further)).squares();
-        let least = SEEN * SEEN * seen.iter().copied().fold(0.0, f64::max);
-        let scale = |seen: &f64| if *seen > least { (self.share / seen).sqrt() as f32 } else { 0.0 };
-        let scales = seen.iter().map(scale).collect();
+        // Squares of images, of lights as they are rather than in their units.
+        let image = |(seen, unit): (&f64, &f64)| if *unit > 0.0 { seen / (unit * unit) } else { 0.0 };
+        let images: Vec<f64> = seen.iter().zip(&units).map(image).collect();
+        let least = SEEN * SEEN * images.iter().copied().fold(0.0, f64::max);
+        let scale = |(seen, image): (&f64, &f64)| if *image > least { (self.share / seen).sqrt() as f32 } else { 0.0 };
+        let scales = seen.iter().zip(&images).map(scale).collect();
         (Bounced { direct, further }, scales)
     }
 }
