@@ -95,7 +95,8 @@ impl Projection {
         (0..steps).map(at).sum()
     }
 
-    /// Sum of the squares of k_i over the functions of each degree, under even light from everywhere, mean of RGB.
+    /// Mean square of what leaves in the functions of each degree, over lights of the same irradiance at normal incidence from
+    /// all directions, mean of RGB. A light near the horizon brings little, however sharply it is reflected.
     pub fn energy_by_degree(&self, brdf: &Brdf) -> [f32; DEGREES] {
         let steps = 256;
         let mut energy = [0.0; DEGREES];
@@ -105,7 +106,7 @@ impl Projection {
             self.project(brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), &mut values);
             for (degree, sum) in energy.iter_mut().enumerate() {
                 let of_degree = &values[degree * degree..(degree + 1) * (degree + 1)];
-                *sum += of_degree.iter().map(|k| k.dot(*k)).sum::<f32>() / 3.0 * 2.0 * z / steps as f32;
+                *sum += of_degree.iter().map(|k| k.dot(*k)).sum::<f32>() / 3.0 * z * z / steps as f32;
             }
         }
         energy

@@ -23,7 +23,7 @@ pub struct Level {
 }
 
 impl Level {
-    /// `functions` tells how many of the harmonics a sample keeps: 1, 4, 9 or 16.
+    /// `functions` tells how many of the harmonics a sample keeps: a square number.
     pub fn new(scene: &Scene, samples: GatherSamples, functions: &[u8]) -> Self {
         let mut first = vec![0];
         first.extend(functions.iter().scan(0, |sum, &count| {

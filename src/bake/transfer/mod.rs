@@ -325,21 +325,24 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
                 let degrees = functions.isqrt() as usize;
                 all == 0.0 || energy[degrees..].iter().sum::<f32>() <= dropped * all
             };
-            [1, 4, 9, 16, 25, 36].into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
+            EVEN_DEGREES.into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
         }
     }
 }
 
-/// Share of a material's energy beyond its functions, at most.
-const DROPPED: f32 = 0.01;
+/// Share of a material's energy beyond its functions, at most. What is seen is a mean over many samples and lights.
+const DROPPED: f32 = 0.2;
 /// Materials with less than this share of the picture's indirect light may drop as much more.
 const MUCH: f32 = 0.1;
+/// Functions up to an even degree, of which a material gets as many as it needs: sums that end with an odd one come out further
+/// off (docs/transfer.md, "How many functions").
+const EVEN_DEGREES: [u8; 4] = [1, 9, 25, MAX_FUNCTIONS as u8];
 /// Functions of a fine sample at most, for direct light, the first that fits: highlights that it casts.
 const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
 /// Coefficients of the fine level, or six a sample: hundreds of lights are learned from, each with as many.
-const MOST_FINE_COEFFICIENTS: usize = 200_000;
+const MOST_FINE_COEFFICIENTS: usize = 150_000;
 /// The same of a coarse sample: light that has bounced is smoother.
-const COARSE_FUNCTIONS: [u8; 4] = [16, 9, 4, 1];
+const COARSE_FUNCTIONS: [u8; 2] = [9, 1];
 /// Coefficients of a coarse level: compression factors the matrix among them.
 pub const MOST_COARSE_COEFFICIENTS: usize = 6_000;
 
