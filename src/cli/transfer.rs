@@ -7,8 +7,8 @@ use glam::Vec3;
 use relume::bake::Baked;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::bvh::Bvh;
+use relume::bake::compression::CompressionSettings;
 use relume::bake::compression::verify::{self, Judge, Verdict};
-use relume::bake::compression::{self, CompressionSettings};
 use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
@@ -292,11 +292,7 @@ impl TransferPlan {
                     }
                 });
                 progress.end();
-                let made = made.inspect_err(|_| journal.remove())?;
-                if let (Stored::Nested(asked) | Stored::Haar(asked), Some(found)) = (stored, &made.report.held_out) {
-                    warn_of_error(found, *asked);
-                }
-                made
+                made.inspect_err(|_| journal.remove())?
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);
@@ -327,20 +323,6 @@ impl TransferPlan {
 
 /// Spectral radius from which light bounces some thousand times: a thousandth more or less reflected halves or doubles it.
 const HARDLY_ABSORBED: f64 = 0.999;
-
-/// Says so where an operator is much further from its rows than was asked for.
-fn warn_of_error(found: &compression::Report, asked: f64) {
-    let beyond_noise = (found.point.powi(2) - found.noise.powi(2)).max(0.0).sqrt();
-    if beyond_noise > MISSED * asked {
-        let percent = 100.0 * beyond_noise;
-        tracing::warn!(
-            "--error {asked} is not met: under point lights indirect light is {percent:.1} % off, noise left out; relume bake --verify tells more"
-        );
-    }
-}
-
-/// Errors up to so many times the one asked for are no miss: single lights differ as much.
-const MISSED: f64 = 2.0;
 
 /// Rays of rows gathered anew, for each of the operator's own.
 const RAYS_ANEW: u32 = 8;
