@@ -65,7 +65,7 @@ fn encode(image: &Image, label: Option<&Label>) -> ExrResult<Vec<u8>> {
             .collect();
         chunks?.into_iter().try_for_each(|(order, chunk)| file.write_chunk(order, chunk))
     })?;
-    // exr 1.74.2 sets this flag for long attribute names only (a TODO in its `ChannelDescription::validate`), and
+    // exr 1.74.2 sets this flag for long attribute names only (its `ChannelDescription::validate` says so), and
     // OpenEXR refuses long channel names without it. Can go when the crate counts channels too.
     if channels.iter().any(|channel| channel.name.len() > 31) {
         bytes[LONG_NAMES.0] |= LONG_NAMES.1;

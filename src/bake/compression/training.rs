@@ -31,8 +31,8 @@ pub struct Group {
     pub seed: u64,
 }
 
-/// A light is passed over if what view samples see of it is less than this share of what they see of another one as bright: it
-/// stands within a thing, and what leaks out of there are a few rays, all noise.
+/// A light is passed over if what view samples see of it is less than this share of what they see of another one as bright: few
+/// rays of the rows meet that little light, so that its image is mostly their noise.
 const SEEN: f64 = 0.02;
 /// Lights looked at for each one wanted, at most.
 const ATTEMPTS: u32 = 20;
