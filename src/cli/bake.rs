@@ -80,14 +80,18 @@ pub fn run(args: &Args) -> Result<()> {
         let residual = residual.map_or(String::new(), |residual| format!("; residual of all bounces: {residual:.0e}"));
         out!("spectral radius: {spectral_radius:.4}{residual}")?;
         if let Some(held_out) = held_out {
-            let Report { point, spot, worst, noise, refined, missed, .. } = held_out;
+            let Report { point, spot, worst, noise, refined, missed, excess, .. } = held_out;
             out!(
                 "against its own rows: points {}, spots {}, worst {}",
                 percent(*point),
                 percent(*spot),
                 percent(*worst)
             )?;
-            out!("noise of the rows: {}; superclusters refined {refined}, missed {missed}", percent(*noise))?;
+            out!(
+                "noise of the rows: {}; superclusters refined {refined}, missed {missed} by {} of all squares",
+                percent(*noise),
+                percent(*excess)
+            )?;
         }
         let costs = [bytes as f64, multiply_adds as f64].map(|cost| cost / session.baked.pixel_stride() as f64);
         out!("a pixel: {:.0} multiply-adds, {:.0} bytes", costs[1], costs[0])?;

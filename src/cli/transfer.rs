@@ -292,7 +292,17 @@ impl TransferPlan {
                     }
                 });
                 progress.end();
-                made.inspect_err(|_| journal.remove())?
+                let made = made.inspect_err(|_| journal.remove())?;
+                if let (&Stored::Nested(error), Some(held_out)) = (stored, &made.report.held_out)
+                    && held_out.is_exceeded()
+                {
+                    tracing::warn!(
+                        "indirect light exceeds --error {error} in {} parts of the picture; the square of what all of them lose is {:.0} % above what that allows",
+                        held_out.missed,
+                        100.0 * held_out.excess
+                    );
+                }
+                made
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);

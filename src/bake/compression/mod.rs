@@ -96,6 +96,11 @@ impl Fitted {
     fn is_enough(&self) -> bool {
         self.lost <= self.allowed
     }
+
+    /// Square of the light that is lost beyond what may be.
+    fn excess(&self) -> f64 {
+        (self.lost - self.allowed).max(0.0)
+    }
 }
 
 impl<'a> Compressor<'a> {
@@ -249,12 +254,11 @@ impl<'a> Compressor<'a> {
 /// Takes out those that lose most, while what some lose too much is more than [`OUTSIDE`] of what all may lose. Returns their
 /// halves, each of which gets a basis of its own.
 fn take_halves(fitted: &mut Vec<Fitted>) -> Vec<Range<usize>> {
-    let excess = |f: &Fitted| f.lost - f.allowed;
-    let too_much: f64 = fitted.iter().map(|f| excess(f).max(0.0)).sum();
+    let too_much: f64 = fitted.iter().map(Fitted::excess).sum();
     if too_much <= OUTSIDE * fitted.iter().map(|f| f.allowed).sum::<f64>() {
         return Vec::new();
     }
-    fitted.sort_by(|f, g| excess(g).total_cmp(&excess(f)));
+    fitted.sort_by(|f, g| g.excess().total_cmp(&f.excess()));
     let halved = fitted.extract_if(.., |f| !f.is_enough() && f.tiles.len() > 1).take(HALVED);
     let halves = |Fitted { tiles: Range { start, end }, .. }| {
         let middle = usize::midpoint(start, end);

@@ -1,7 +1,7 @@
 //! How well the compressed operator does on lights that it has not learned from.
 
 use super::clusters::Clusters;
-use super::{Fitted, POINTS, SPOTS};
+use super::{Fitted, OUTSIDE, POINTS, SPOTS};
 
 /// Errors against the rows that the operator was made of, root mean square over all view samples and channels.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -19,9 +19,16 @@ pub struct Report {
     /// Superclusters that had to be fitted again, and those whose error beyond noise stayed larger than allowed; wavelets have none.
     pub refined: usize,
     pub missed: usize,
+    /// What those lose too much, squared, as a share of what all may lose.
+    pub excess: f64,
 }
 
 impl Report {
+    /// Whether the error that was asked for is exceeded by more than fits can mend.
+    pub fn is_exceeded(&self) -> bool {
+        self.excess > OUTSIDE
+    }
+
     /// From squared error and square of each light to check with.
     pub(super) fn new(lights: &[[f64; 2]], noise: f64) -> Self {
         let worst = relative(&lights[POINTS.start..SPOTS.end]).fold(0.0, f64::max);
@@ -41,12 +48,16 @@ pub(super) struct Errors<'a> {
     /// Of each light to check with: squared error and square.
     lights: Vec<[f64; 2]>,
     noise: f64,
+    /// What all superclusters may lose, squared, and what some lose beyond that.
+    allowed: f64,
+    excess: f64,
     report: Report,
 }
 
 impl<'a> Errors<'a> {
     pub fn new(clusters: &'a Clusters) -> Self {
-        Self { clusters, lights: vec![[0.0; 2]; SPOTS.end], noise: 0.0, report: Report::default() }
+        let lights = vec![[0.0; 2]; SPOTS.end];
+        Self { clusters, lights, noise: 0.0, allowed: 0.0, excess: 0.0, report: Report::default() }
     }
 
     pub fn add(&mut self, fitted: &Fitted) {
@@ -59,13 +70,16 @@ impl<'a> Errors<'a> {
             self.report.tiles.push((mean(found[POINTS].iter().map(|e| e[0])) / share).sqrt());
         }
         self.noise += fitted.noise;
+        self.allowed += fitted.allowed;
+        self.excess += fitted.excess();
         self.report.refined += usize::from(fitted.rounds > 1);
         self.report.missed += usize::from(!fitted.is_enough());
     }
 
     pub fn report(self) -> Report {
         let Report { tiles, refined, missed, .. } = self.report;
-        Report { tiles, refined, missed, ..Report::new(&self.lights, self.noise.sqrt()) }
+        let excess = if self.excess > 0.0 { self.excess / self.allowed } else { 0.0 };
+        Report { tiles, refined, missed, excess, ..Report::new(&self.lights, self.noise.sqrt()) }
     }
 }
 
