@@ -542,6 +542,39 @@ fn obj_with_a_rig() {
 }
 
 #[test]
+fn plan_tells_why_it_takes_so_many_samples_and_rays() {
+    let scene = shipped("cornell-diffuse.glb");
+    let plan = |arguments: &[&str]| {
+        let plan = Run::of(relume().args(["plan", "--json", "--no-cache"]).arg(&scene).args(arguments)).silent().stdout;
+        let plan = parse(&plan);
+        plan["reasons"].as_array().unwrap().iter().map(|r| r.as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    let start = |arguments: &[&str], samples: &str, rays: &str| {
+        let reasons = plan(arguments);
+        assert!(reasons[0].starts_with(samples) && reasons[1].starts_with(rays), "{arguments:?}: {reasons:?}");
+        reasons
+    };
+    start(
+        &["--size", "96x64"],
+        "2304 gather samples: one for 4 of 6144 pixels, at least 2304",
+        "1024 rays a row: 1024",
+    );
+    start(&["--size", "200x100"], "5000 gather samples: one for 4 of 20000 pixels,", "1024 rays");
+    start(&["--size", "200x100", "--error", "0.02"], "2500 gather samples: one for 8 of", "512 rays");
+    start(
+        &["--size", "720x480", "--error", "0.02"],
+        "16384 gather samples",
+        "256 rays a row: 512 with --error 0.02, 0.50",
+    );
+    start(&["--size", "96x64", "--error", "0.005"], "2304 gather samples", "2048 rays");
+    let given =
+        start(&["--gather", "99", "--rays", "7", "--gi", "diffuse"], "99 gather samples: --gather", "7 rays a row: --");
+    assert_eq!(given[2], "1 function a sample: --gi diffuse");
+    assert_eq!(plan(&["--method", "thesis"])[0], "2304 gather samples: a dense matrix of more is too large");
+    assert!(plan(&["--gi", "off"]).is_empty());
+}
+
+#[test]
 fn plan_tells_what_is_left_out() {
     let scene = shipped("cornell-diffuse.glb");
     let plan = parse(&run!("plan", &scene, "--json", "--no-cache", "--size", "64x48").silent().stdout);

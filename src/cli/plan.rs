@@ -91,7 +91,9 @@ pub fn run(args: &Args) -> Result<()> {
     options.transfer.gi = Gi::Off;
     let session = Session::open(&args.scene, args.rig.as_deref(), &options)?;
     let baked = &session.baked;
-    let transfer = args.options.transfer.plan(&args.options.view, [baked.tiling.width, baked.tiling.height])?;
+    let size = [baked.tiling.width, baked.tiling.height];
+    let transfer = args.options.transfer.plan(&args.options.view, size)?;
+    let reasons = if transfer.is_some() { args.options.transfer.reasons(size) } else { Vec::new() };
     let images = 2 * session.rig.lights.len() * 12 * baked.pixel_stride();
     // Whether maps are drawn depends on the device, which a plan does not open.
     let unseen = match &transfer {
@@ -113,6 +115,7 @@ pub fn run(args: &Args) -> Result<()> {
             "samples": { "view": baked.samples.len(), "layers": session.layers() },
             "light_image_bytes": images,
             "transfer": transfer.as_ref().map(TransferPlan::describe),
+            "reasons": reasons,
             "left_out": left_out,
         });
         out!("{plan:#}")?;
@@ -124,6 +127,9 @@ pub fn run(args: &Args) -> Result<()> {
     out!("  light images: up to {:.0} MB", images as f64 * 1e-6)?;
     if let Some(plan) = &transfer {
         out!("  indirect light: {}", plan.describe())?;
+    }
+    for reason in reasons {
+        out!("    {reason}")?;
     }
     out!("left out:")?;
     for item in left_out {

@@ -33,12 +33,12 @@ pub struct TransferOptions {
     /// The thesis's method as printed, or ours.
     #[arg(long, value_enum, default_value = "robust")]
     pub method: MethodName,
-    /// Gather samples [default: a quarter of the pixels, 2304 to 16384; 2304 in dense form].
+    /// Gather samples [default: by pixels and --error, 2304 to 16384; 2304 in dense form; `relume plan` tells why].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub gather: Option<u32>,
-    /// Rays a row of the operator, for --method robust.
-    #[arg(long, value_name = "K", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    pub rays: u32,
+    /// Rays a row of the operator, for --method robust [default: by pixels and --error, 128 to 4096; 1024 in dense form].
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub rays: Option<u32>,
     /// Outgoing light of a gather sample: sh1, sh4, sh9, sh16, sh25, sh36 or sh49 harmonics; svdN terms for --method thesis
     /// [default: what each material needs].
     #[arg(long, value_name = "BASIS", value_parser = parse_basis)]
@@ -47,7 +47,7 @@ pub struct TransferOptions {
     #[arg(long, value_enum, default_value = "auto")]
     pub transfer: Form,
     /// Relative error of the compressed operator, mean over point lights that it has not learned from.
-    #[arg(long, value_name = "E", default_value_t = 0.01, value_parser = parse_error)]
+    #[arg(long, value_name = "E", default_value_t = ERROR, value_parser = parse_error)]
     pub error: f64,
     /// Indirect bounces counted at the pixel, or inf [default: inf; 5 with --method thesis].
     #[arg(long, value_name = "N|inf", value_parser = parse_bounces)]
@@ -112,8 +112,18 @@ pub enum Stored {
 const DENSE_SAMPLES: usize = 2304;
 /// Gather samples of the compressed form at most; small pictures show less.
 const SAMPLES: usize = 16_384;
-/// Pixels for each of them.
-const PIXELS_A_SAMPLE: usize = 4;
+/// Pixels for each of them, at the default error.
+const PIXELS_A_SAMPLE: f64 = 4.0;
+/// Rays a row: of the dense form, of small pictures at the default error.
+const RAYS: u32 = 1024;
+/// What --error may make of them.
+const RAYS_BY_ERROR: [f64; 2] = [256.0, 4096.0];
+/// Pixels beyond which neighbours share their noise: as many rays in all answer for as large a part of the picture.
+const RAYS_PIXELS: usize = 100_000;
+/// Share of the rays that remains in the largest picture. What noise hides is lost with it (docs/compression.md).
+const RAYS_LEAST: f64 = 0.5;
+/// The default of --error.
+const ERROR: f64 = 0.01;
 /// Random lights that compression learns from.
 const LIGHTS: usize = 512;
 /// Gather samples among which light bounces on.
@@ -138,10 +148,8 @@ impl TransferOptions {
         if let Some(option) = compressed.filter(|_| thesis) {
             return refuse(option, "the thesis's operator is dense");
         }
-        let dense = thesis || self.transfer == Form::Dense;
-        let pixels = size[0] as usize * size[1] as usize;
-        let planned = if dense { DENSE_SAMPLES } else { (pixels / PIXELS_A_SAMPLE).clamp(DENSE_SAMPLES, SAMPLES) };
-        let samples = self.gather.map_or(planned, |n| n as usize);
+        let dense = self.is_dense();
+        let samples = self.samples(size).0;
         let diffuse = match self.gi {
             Gi::Off => return Ok(None),
             Gi::Diffuse => true,
@@ -164,7 +172,7 @@ impl TransferOptions {
                     // The compressed form inverts the matrix among them.
                     coarse_samples: if dense { COARSE_SAMPLES } else { COARSE_SAMPLES.min(samples / 2) },
                     points: (POINTS / samples).clamp(1, 16),
-                    rays: self.rays,
+                    rays: self.rays(size).0,
                     layers: view.layers,
                     bounces: self.bounces.and_then(|bounces| bounces.0),
                     seed: view.seed,
@@ -193,6 +201,69 @@ impl TransferOptions {
                 seed: view.seed,
             }))),
         }
+    }
+}
+
+impl TransferOptions {
+    fn is_dense(&self) -> bool {
+        self.method == MethodName::Thesis || self.transfer == Form::Dense
+    }
+
+    /// How much closer than by default the operator is to be.
+    fn closeness(&self) -> f64 {
+        ERROR / self.error
+    }
+
+    /// Gather samples for a picture of `size` pixels, and why.
+    fn samples(&self, size: [u32; 2]) -> (usize, String) {
+        if let Some(samples) = self.gather {
+            return (samples as usize, "--gather".into());
+        }
+        if self.is_dense() {
+            return (DENSE_SAMPLES, "a dense matrix of more is too large".into());
+        }
+        let pixels = size[0] as usize * size[1] as usize;
+        let pixels_each = (PIXELS_A_SAMPLE / self.closeness().min(1.0)).round() as usize;
+        let samples = (pixels / pixels_each).clamp(DENSE_SAMPLES, SAMPLES);
+        let bound = match samples {
+            DENSE_SAMPLES => format!(", at least {DENSE_SAMPLES}"),
+            SAMPLES => format!(", at most {SAMPLES}"),
+            _ => String::new(),
+        };
+        (samples, format!("one for {pixels_each} of {pixels} pixels{bound}, with --error {}", self.error))
+    }
+
+    /// Rays a row, and why.
+    fn rays(&self, size: [u32; 2]) -> (u32, String) {
+        if let Some(rays) = self.rays {
+            return (rays, "--rays".into());
+        }
+        if self.is_dense() {
+            return (RAYS, "the dense form is not compressed".into());
+        }
+        let [least, most] = RAYS_BY_ERROR;
+        let by_error = (f64::from(RAYS) * self.closeness()).clamp(least, most);
+        let pixels = size[0] as usize * size[1] as usize;
+        let share = (RAYS_PIXELS as f64 / pixels as f64).clamp(RAYS_LEAST, 1.0);
+        let why = format!("{by_error:.0} with --error {}, {share:.2} of them in {pixels} pixels", self.error);
+        ((by_error * share).round() as u32, why)
+    }
+
+    /// What is chosen for a picture of `size` pixels, and why; for people.
+    pub fn reasons(&self, size: [u32; 2]) -> Vec<String> {
+        let (samples, why_samples) = self.samples(size);
+        let mut reasons = vec![format!("{samples} gather samples: {why_samples}")];
+        if self.method == MethodName::Robust {
+            let (rays, why_rays) = self.rays(size);
+            reasons.push(format!("{rays} rays a row: {why_rays}"));
+        }
+        reasons.push(match (self.gi, self.basis, self.method) {
+            (Gi::Diffuse, ..) => "1 function a sample: --gi diffuse".into(),
+            (_, Some(_), _) => "functions a sample: --basis".into(),
+            (_, None, MethodName::Robust) => "1 to 49 functions a sample: as its material's gloss needs".into(),
+            (_, None, MethodName::Thesis) => format!("singular values down to {THESIS_ERROR} of a BRDF"),
+        });
+        reasons
     }
 }
 

@@ -270,7 +270,8 @@ fn setting(options: &TransferOptions) -> String {
         return format!("--method thesis {basis} {gather}");
     }
     let form = if options.transfer == Form::Haar { " --transfer haar" } else { "" };
-    format!("{gather} --rays {} --error {}{form}", options.rays, options.error)
+    let rays = options.rays.map_or_else(String::new, |rays| format!(" --rays {rays}"));
+    format!("{gather}{rays} --error {}{form}", options.error)
 }
 
 fn whole_and_indirect(relighter: &mut Relighter, (width, height): (usize, usize)) -> Result<Image> {

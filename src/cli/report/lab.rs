@@ -157,7 +157,7 @@ pub fn scene_options(view: &ViewOptions, transfer: Option<TransferOptions>) -> S
 /// Our indirect light.
 pub fn ours(gather: Option<u32>, rays: u32, error: f64, form: Form) -> TransferOptions {
     let (gi, method) = (Gi::Glossy, MethodName::Robust);
-    TransferOptions { gi, method, gather, rays, basis: None, transfer: form, error, bounces: None }
+    TransferOptions { gi, method, gather, rays: Some(rays), basis: None, transfer: form, error, bounces: None }
 }
 
 pub fn light_options(device: &Option<String>, visibility: Visibility) -> LightOptions {
