@@ -67,6 +67,7 @@
 //! - [Grassmann 1985] Grassmann, Taksar, Heyman, Regenerative analysis and steady state distributions for Markov chains,
 //!   Operations Research 33(5).
 //! - [Halton 1960] Halton, On the efficiency of certain quasi-random sequences of points, Numerische Mathematik 2.
+//! - [Hanika 2021] Hanika, Hacking the shadow terminator, Ray Tracing Gems II, chapter 4.
 //! - [Hasan 2006] Hašan, Pellacini, Bala, Direct-to-indirect transfer for cinematic relighting, SIGGRAPH.
 //! - [Heitz 2014] Heitz, Understanding the masking-shadowing function in microfacet-based BRDFs, JCGT 3(2).
 //! - [Heitz 2018] Heitz, Sampling the GGX distribution of visible normals, JCGT 7(4).
@@ -74,6 +75,7 @@
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
 //! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
 //! - [Keinert 2015] Keinert et al., Spherical Fibonacci mapping, ACM Transactions on Graphics 34(6).
+//! - [Keller 2017] Keller et al., The Iray light transport simulation and rendering system, SIGGRAPH talks.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
 //! - [Kollig 2002] Kollig, Keller, Efficient multidimensional sampling, Computer Graphics Forum 21(3).

@@ -4,7 +4,7 @@ mod common;
 
 use std::f64::consts::PI;
 
-use common::stage::{self, Build, Setup, lambert, look, mirror, pixels, render, rig};
+use common::stage::{self, Build, Setup, emitter, lambert, look, mirror, pixels, render, rig};
 use common::{assert_near, gpu};
 use glam::{DVec3, Vec3};
 use relume::relight::{Layers, Picture, Relighter};
@@ -538,4 +538,63 @@ fn groups_and_switches() {
     all.lights[2].enabled = false;
     relighter.set_rig(&all).unwrap();
     assert_eq!(relit(&mut relighter), parts[1], "one light left");
+}
+
+/// A coarse ball with smooth normals, seen from outside; its triangles are a tenth of its radius from the sphere.
+fn coarse_ball(material: Material) -> Scene {
+    let mut scene = stage::ball(3, material);
+    let mesh = &mut scene.mesh;
+    mesh.normals = mesh.positions.iter().map(|p| p.normalize()).collect();
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    scene
+}
+
+/// A mesh that shadows itself is black where its smooth normals face the light, triangle by triangle [Hanika 2021].
+#[test]
+fn coarse_balls_are_lit_up_to_their_terminator() {
+    let gpu = gpu();
+    let setup = Setup::new(64, 64);
+    let camera = look(3.0 * DVec3::Z, DVec3::ZERO, DVec3::Y, Projection::Orthographic { ymag: 1.0 });
+    for (name, direction) in [("side", DVec3::NEG_X), ("above", DVec3::new(-0.5, -1.0, 0.1).normalize())] {
+        let all = rig(vec![Light { kind: LightKind::Directional, direction, ..Light::point("sun", DVec3::ZERO) }]);
+        let got = render(&gpu, coarse_ball(lambert(ALBEDO)), &camera, &all, &setup, Layers::All);
+        for (i, (x, y)) in each_pixel(&setup).enumerate() {
+            let at = seen(&camera, &setup, (x, y), DVec3::ZERO, DVec3::Z);
+            // Within all triangles, whose edges cut into the disc.
+            if at.length() > 0.85 {
+                continue;
+            }
+            let normal = DVec3::new(at.x, at.y, (1.0 - at.length_squared()).sqrt());
+            let want = lambert_radiance(-normal.dot(direction));
+            // Interpolated normals are off by some degrees.
+            if want.y > 0.1 * f64::from(ALBEDO.y) / PI {
+                assert_pixel(got[i], want, 0.25, format!("pixel ({x}, {y}), light from the {name}"));
+            }
+        }
+    }
+}
+
+/// All of a white mirror shows the room around it, also where interpolated normals face away from the eye or would send
+/// its ray into the mirror.
+#[test]
+fn silhouettes_of_coarse_mirror_balls_are_not_black() {
+    let gpu = gpu();
+    let setup = Setup::new(64, 64);
+    let mut scene = coarse_ball(mirror(Vec3::ONE, 1.0));
+    let mut walls = Build::default();
+    let material = walls.material(emitter(Vec3::ONE));
+    let walls = walls.room(DVec3::ZERO, 4.0, material).scene();
+    let first = scene.mesh.positions.len() as u32;
+    // Both lie around the origin; the ball is one unit of its own space wide.
+    let unit = scene.space.unit;
+    scene.mesh.positions.extend(walls.mesh.positions.iter().map(|p| *p * (walls.space.unit / unit) as f32));
+    scene.mesh.normals.extend(&walls.mesh.normals);
+    scene.mesh.triangles.extend(walls.mesh.triangles.iter().map(|t| t.map(|v| v + first)));
+    scene.mesh.triangle_materials.extend(walls.mesh.triangles.iter().map(|_| 1));
+    scene.materials.extend(walls.materials);
+    let camera = look(3.0 * DVec3::Z, DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.8 });
+    let got = render(&gpu, scene, &camera, &rig(Vec::new()), &setup, Layers::All);
+    for (i, pixel) in got.into_iter().enumerate() {
+        assert_pixel(pixel, DVec3::ONE, 1e-5, format!("pixel {i}"));
+    }
 }

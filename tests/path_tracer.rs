@@ -109,7 +109,8 @@ fn check_agreement(ours: &Halves, theirs: &Halves, side: usize, left_out: &[bool
 
 /// Pixels that any two tracers decide for themselves: whose centre lies within a thousandth of a pixel of an edge between
 /// two faces, or within a tenth of one of a shadow's edge. Where shadow rays start, 1e-5 m off a surface here and 1e-4 m
-/// there, moves that edge by a fiftieth of a pixel, and further where light grazes.
+/// there, moves that edge by a fiftieth of a pixel, and further where light grazes. And those where a coarse mesh would
+/// shadow itself if rays started on its triangles, as theirs do.
 fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
     let bvh = Bvh::build(scene);
     let tiling = Tiling { width, height };
@@ -121,8 +122,12 @@ fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
         seen
     };
     let is_lit = |point: &SurfacePoint, light| {
-        let ray = shadow_ray(&bvh, light, point.position, point.normal, point.geometric_normal);
+        let ray = shadow_ray(&bvh, light, point.position, point.normal, point.geometric_normal, point.lift);
         ray.is_some_and(|ray| !bvh.occluded(scene, ray.origin, ray.direction, ray.length))
+    };
+    let shadows_itself = |a: &SurfacePoint| {
+        let flat = SurfacePoint { lift: 0.0, ..*a };
+        lights.iter().any(|light| is_lit(a, light) != is_lit(&flat, light))
     };
     let on_seam = |a: &SurfacePoint, b: &SurfacePoint| a.material != b.material || a.normal.dot(b.normal) < 0.9;
     let on_shadow_edge = |a: &SurfacePoint, b: &SurfacePoint| lights.iter().any(|l| is_lit(a, l) != is_lit(b, l));
@@ -135,7 +140,8 @@ fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
                 (a, b) => a.is_some() != b.is_some(),
             })
         };
-        differ(around(1e-3), &on_seam) || differ(around(0.1), &on_shadow_edge)
+        let at_terminator = seen(x, y).is_some_and(|point| shadows_itself(&point));
+        at_terminator || differ(around(1e-3), &on_seam) || differ(around(0.1), &on_shadow_edge)
     };
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(is_edge).collect()
 }

@@ -9,7 +9,7 @@ use common::stage::{Setup, Stage, pixels};
 use common::{Gpu, gpu, not_run, output_dir, shared, shipped};
 use glam::DVec3;
 use rayon::prelude::*;
-use relume::bake::packet::{PACKET_SIZE, trace_packets};
+use relume::bake::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 use relume::image::compare::{Figures, Pictures, Settings};
 use relume::image::{Image, exr, png};
 use relume::relight::{Layers, VisibilityMethod};
@@ -80,13 +80,28 @@ fn check(figures: &Figures, floor: &Floor, name: &str) -> Result<(), String> {
     ))
 }
 
-/// Pixels with neighbours of another surface, normal or visibility, row by row: those that would get more samples.
+/// Pixels with neighbours of another surface, normal or visibility, row by row: those that would get more samples. And those
+/// in which a coarse mesh would shadow itself if rays started on its triangles, as the references' do.
 fn edges(path: &Path, setup: &Setup) -> Vec<bool> {
     let stage = bake_scene(path, &Setup { samples: 2, ..setup.clone() });
     let mut edges = vec![false; (setup.width * setup.height) as usize];
-    for pixel in stage.baked.extra_pixels.iter().filter(|p| p.first_weight < 1.0) {
-        let (x, y) = stage.baked.tiling.pixel(pixel.pixel as usize);
-        edges[(y * setup.width + x) as usize] = true;
+    let mut mark = |pixel: usize| {
+        let (x, y) = stage.baked.tiling.pixel(pixel);
+        if stage.baked.tiling.contains((x, y)) {
+            edges[(y * setup.width + x) as usize] = true;
+        }
+    };
+    stage.baked.extra_pixels.iter().filter(|p| p.first_weight < 1.0).for_each(|p| mark(p.pixel as usize));
+    let lifted = &stage.baked.packets;
+    let flat: Vec<SamplePacket> =
+        lifted.iter().map(|p| SamplePacket { lift: [0.0; PACKET_SIZE], ..p.clone() }).collect();
+    for light in stage.scene.rig.lights.iter().map(|light| light.pack(stage.scene.space)) {
+        let [lifted, flat] = [lifted, &flat].map(|packets| {
+            let mut visibility = vec![0u8; packets.len() * PACKET_SIZE];
+            trace_packets(&stage.bvh, &stage.scene, &light, packets, &mut visibility);
+            visibility
+        });
+        (0..stage.baked.pixel_stride()).filter(|&i| lifted[i] != flat[i]).for_each(&mut mark);
     }
     edges
 }

@@ -32,6 +32,7 @@ impl Baked {
                 self.extra_samples.push(ExtraSample { layer, ..bytemuck::Zeroable::zeroed() });
                 self.samples.push(EMPTY_SAMPLE);
                 self.geometric_normals.push(glam::Vec3::ZERO);
+                self.lifts.push(0.0);
                 self.layers[layer as usize] += 1;
             }
         }
@@ -42,7 +43,7 @@ impl Baked {
             self.extra_pixels.push(ExtraPixel { pixel: pixel as u32, first, count, first_weight });
             self.extra_indices.extend(list);
         }
-        self.packets = pack(&self.samples, &self.geometric_normals, pixels);
+        self.packets = pack(&self.samples, &self.geometric_normals, &self.lifts, pixels);
         self
     }
 }

@@ -56,6 +56,8 @@ pub struct Baked {
     pub samples: Vec<ViewSample>,
     /// Of each sample, unit, mesh space.
     pub geometric_normals: Vec<Vec3>,
+    /// How far above each sample, along its geometric normal, rays to lights start; mesh space.
+    pub lifts: Vec<f32>,
     /// The same samples as the shadow tracer wants them.
     pub packets: Vec<SamplePacket>,
     /// One for each material, then those of textured samples.
@@ -89,6 +91,7 @@ impl Baked {
         };
         self.samples.len() == pixels + extras
             && self.geometric_normals.len() == self.samples.len()
+            && self.lifts.len() == self.samples.len()
             && self.samples.iter().all(brdf_exists)
             && self.extra_pixels.iter().all(list_exists)
             && self.extra_indices.iter().all(|&i| (i as usize) < extras)

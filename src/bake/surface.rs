@@ -13,6 +13,9 @@ const MIN_ALPHA: f32 = 1e-12;
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     pub position: Vec3,
+    /// How far above it, along `geometric_normal`, rays to lights start: about on the smooth surface that the normals of the
+    /// triangle's corners describe, so that a coarse mesh does not shadow itself along its terminator [Hanika 2021].
+    pub lift: f32,
     /// Unit shading normal, normal map included; of the side that is seen if the material is double-sided.
     pub normal: Vec3,
     /// Unit geometric normal, turned likewise.
@@ -67,20 +70,51 @@ impl SurfacePoint {
         let emission = if behind && !m.double_sided { Vec3::ZERO } else { surface.emissive };
         let coverage = if m.alpha_mode == AlphaMode::Blend { AlphaMode::Blend.coverage(surface.alpha) } else { 1.0 };
         let position = p0 * weights[0] + p1 * weights[1] + p2 * weights[2];
-        Self { position, normal, geometric_normal, brdf: brdf(&surface), emission, coverage, material, uniform }
+        let lift = lift(scene, corners, weights, position, geometric_normal);
+        Self { position, lift, normal, geometric_normal, brdf: brdf(&surface), emission, coverage, material, uniform }
     }
 
-    /// Unit direction in which a perfect mirror sends what is seen along `wo`; `None` where the interpolated normal bends
-    /// it into the surface.
-    pub fn mirrored(&self, wo: Vec3) -> Option<Vec3> {
+    /// The same with a normal that faces the eye wherever the side that it sees does, so that silhouettes of coarse meshes and
+    /// steep normal maps are not black. `wo` is unit, towards the eye.
+    pub fn facing(self, wo: Vec3) -> Self {
+        let cosine = self.normal.dot(wo);
+        if cosine > 0.0 || self.geometric_normal.dot(wo) <= 0.0 {
+            return self;
+        }
+        Self { normal: (self.normal + (GRAZING - cosine) * wo).normalize(), ..self }
+    }
+
+    /// Unit direction in which a perfect mirror sends what is seen along `wo`. Where the interpolated normal bends it into the
+    /// surface it is lifted out [Keller 2017].
+    pub fn mirrored(&self, wo: Vec3) -> Vec3 {
         let direction = (2.0 * self.normal.dot(wo) * self.normal - wo).normalize();
-        (self.geometric_normal.dot(wo) * self.geometric_normal.dot(direction) > 0.0).then_some(direction)
+        let height = self.geometric_normal.dot(direction);
+        if height > 0.0 { direction } else { (direction + (GRAZING - height) * self.geometric_normal).normalize() }
     }
 
     /// Where a ray in `direction` starts: off the surface, on that side of it.
     pub fn leave(&self, direction: Vec3, offset: f32) -> Vec3 {
         self.position + self.geometric_normal * offset.copysign(self.geometric_normal.dot(direction))
     }
+}
+
+/// Cosine between a normal and a direction that hardly leaves the surface.
+const GRAZING: f32 = 0.01;
+
+/// Height above a triangle, on the side of `geometric_normal`, of the mean of the projections of `position` onto the tangent
+/// planes of those corners behind whose planes it lies [Hanika 2021].
+fn lift(scene: &Scene, corners: [usize; 3], weights: [f32; 3], position: Vec3, geometric_normal: Vec3) -> f32 {
+    let mesh = &scene.mesh;
+    let normals = corners.map(|v| mesh.normals[v]);
+    // Exactly none where it is flat.
+    if normals[0] == normals[1] && normals[0] == normals[2] {
+        return 0.0;
+    }
+    let onto_plane = |i: usize| {
+        let normal = normals[i] * 1f32.copysign(normals[i].dot(geometric_normal));
+        normal.dot(mesh.positions[corners[i]] - position).max(0.0) * normal.dot(geometric_normal)
+    };
+    weights[0] * onto_plane(0) + weights[1] * onto_plane(1) + weights[2] * onto_plane(2)
 }
 
 /// Width of a pixel in texture coordinates: its width on the surface times the square root of the ratio of areas.

@@ -129,7 +129,8 @@ impl EyeRays<'_> {
             let in_a_row = met < MOST_IN_A_ROW && steps < MOST_STEPS && segment.weight.max_element() >= LEAST_BEHIND;
             let Some(hit) = self.first_hit(&segment, in_a_row) else { continue };
             let distance = segment.before + hit.distance;
-            let point = SurfacePoint::new(self.scene, &hit, segment.direction, fixed + growing * distance);
+            let point = SurfacePoint::new(self.scene, &hit, segment.direction, fixed + growing * distance)
+                .facing(-segment.direction);
             let mut weight = segment.weight;
             if in_a_row && point.coverage < 1.0 {
                 let passed = Some((hit.triangle, hit.distance + self.bvh.shadow_offset(hit.distance)));
@@ -175,7 +176,7 @@ impl EyeRays<'_> {
         if weight.max_element() < MIN_WEIGHT {
             return None;
         }
-        let direction = point.mirrored(wo)?;
+        let direction = point.mirrored(wo);
         let origin = point.leave(direction, self.bvh.shadow_offset(distance));
         let before = segment.before + distance;
         Some(Segment { origin, direction, passed: None, before, weight, layer: segment.layer + 1 })
@@ -187,13 +188,14 @@ impl EyeRays<'_> {
 struct Collector {
     samples: Vec<ViewSample>,
     geometric_normals: Vec<Vec3>,
+    lifts: Vec<f32>,
     /// Only those that are not a material's own.
     brdfs: Vec<Brdf>,
 }
 
 impl Collector {
     fn push(&mut self, vertex: &PathVertex) {
-        let SurfacePoint { position, normal, geometric_normal, brdf, material, uniform, .. } = vertex.point;
+        let SurfacePoint { position, lift, normal, geometric_normal, brdf, material, uniform, .. } = vertex.point;
         let brdf = if !brdf.reflects_directly() || normal.dot(vertex.wo) <= 0.0 {
             NO_BRDF
         } else if uniform {
@@ -205,11 +207,13 @@ impl Collector {
         let (normal, wo) = (octahedral::encode(normal), octahedral::encode(vertex.wo));
         self.samples.push(ViewSample { position, brdf, normal, wo });
         self.geometric_normals.push(geometric_normal);
+        self.lifts.push(lift);
     }
 
     fn push_empty(&mut self) {
         self.samples.push(EMPTY_SAMPLE);
         self.geometric_normals.push(Vec3::ZERO);
+        self.lifts.push(0.0);
     }
 }
 
@@ -318,6 +322,7 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         .collect();
     let mut samples = Vec::with_capacity(pixel_count);
     let mut geometric_normals = Vec::with_capacity(pixel_count);
+    let mut lifts = Vec::with_capacity(pixel_count);
     let mut append = |collector: &Collector, order: &mut dyn Iterator<Item = usize>, brdf_of: &[u32]| {
         for i in order {
             let mut sample = collector.samples[i];
@@ -326,6 +331,7 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
             }
             samples.push(sample);
             geometric_normals.push(collector.geometric_normals[i]);
+            lifts.push(collector.lifts[i]);
         }
     };
     let mut place_brdfs = |collector: &Collector| -> Vec<u32> {
@@ -397,9 +403,10 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
     Baked {
         tiling: eye.tiling,
         has_specular,
-        packets: pack(&samples, &geometric_normals, pixel_count),
+        packets: pack(&samples, &geometric_normals, &lifts, pixel_count),
         samples,
         geometric_normals,
+        lifts,
         brdfs,
         extra_samples,
         extra_indices: owners.into_iter().map(|(_, extra)| extra).collect(),
@@ -411,14 +418,22 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
     }
 }
 
-/// Samples as packets of 64; a packet holds samples of layer 1 or extra ones, not both.
-pub(super) fn pack(samples: &[ViewSample], geometric_normals: &[Vec3], pixel_count: usize) -> Vec<SamplePacket> {
+/// Samples as packets of 64; a packet holds samples of layer 1 or extra ones, not both. Without `lifts` they have none.
+pub(super) fn pack(
+    samples: &[ViewSample],
+    geometric_normals: &[Vec3],
+    lifts: &[f32],
+    pixel_count: usize,
+) -> Vec<SamplePacket> {
     assert_eq!(pixel_count % PACKET_SIZE, 0, "layer 1 is padded to whole tiles");
     samples
         .par_chunks(PACKET_SIZE)
         .zip(geometric_normals.par_chunks(PACKET_SIZE))
-        .map(|(samples, geometric_normals)| {
+        .enumerate()
+        .map(|(i, (samples, geometric_normals))| {
             let mut packet = SamplePacket::default();
+            let lifts = lifts.iter().skip(i * PACKET_SIZE);
+            packet.lift.iter_mut().zip(lifts).for_each(|(lane, lift)| *lane = *lift);
             for (lane, (sample, geometric_normal)) in samples.iter().zip(geometric_normals).enumerate() {
                 let lit = sample.brdf != NO_BRDF;
                 let normal = if lit { octahedral::decode(sample.normal) } else { Vec3::ZERO };

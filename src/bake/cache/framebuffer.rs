@@ -14,7 +14,7 @@ use crate::shared::{Brdf, NO_BRDF, ViewSample};
 /// Looks a bake up. A file that is damaged or of another version counts as absent.
 pub fn load(dir: &Path, key: &Key, settings: &BakeSettings) -> Option<Baked> {
     let baked = read(dir, key, |reader| decode(reader, settings))?;
-    let packets = pack(&baked.samples, &baked.geometric_normals, baked.tiling.len());
+    let packets = pack(&baked.samples, &baked.geometric_normals, &baked.lifts, baked.tiling.len());
     Some(Baked { packets, ..baked })
 }
 
@@ -23,6 +23,7 @@ pub fn store(dir: &Path, key: &Key, name: &str, baked: &Baked) -> Result<()> {
     let mut writer = Writer { tensors: Vec::new() };
     writer.add("view_samples", Dtype::U32, 8, &baked.samples);
     writer.add("geometric_normals", Dtype::F32, 3, &baked.geometric_normals);
+    writer.add("lifts", Dtype::F32, 1, &baked.lifts);
     writer.add("brdfs", Dtype::F32, 10, &baked.brdfs);
     writer.add("extra_samples", Dtype::U32, 4, &baked.extra_samples);
     writer.add("extra_indices", Dtype::U32, 1, &baked.extra_indices);
@@ -42,6 +43,7 @@ pub fn store(dir: &Path, key: &Key, name: &str, baked: &Baked) -> Result<()> {
 fn decode(reader: &Reader, settings: &BakeSettings) -> Option<Baked> {
     let samples: Vec<ViewSample> = reader.take("view_samples")?;
     let geometric_normals: Vec<Vec3> = reader.take("geometric_normals")?;
+    let lifts = reader.take("lifts")?;
     let brdfs: Vec<Brdf> = reader.take("brdfs")?;
     let extra_samples = reader.take("extra_samples")?;
     let extra_indices: Vec<u32> = reader.take("extra_indices")?;
@@ -58,6 +60,7 @@ fn decode(reader: &Reader, settings: &BakeSettings) -> Option<Baked> {
         transfer: None,
         samples,
         geometric_normals,
+        lifts,
         brdfs,
         extra_samples,
         extra_indices,

@@ -20,7 +20,7 @@ use crate::image::file::{is_temporary, open, write_whole};
 use crate::scene::{Camera, Rig, Scene};
 
 /// Counts changes of what a file holds.
-const FORMAT: &str = "19";
+const FORMAT: &str = "20";
 
 /// Name of what a bake depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -57,6 +57,7 @@ pub struct GatherSample {
 /// A point of a gather sample's area; mesh space.
 #[derive(Clone, Copy, Debug)]
 pub struct GatherPoint {
+    /// Where rays start, above the surface by [`SurfacePoint::lift`].
     pub position: Vec3,
     /// Unit shading normal.
     pub normal: Vec3,
@@ -172,8 +173,8 @@ impl GatherSample {
 
 impl GatherPoint {
     fn new(surface: &SurfacePoint) -> Self {
-        let SurfacePoint { position, normal, geometric_normal, .. } = *surface;
-        Self { position, normal, geometric_normal }
+        let SurfacePoint { position, lift, normal, geometric_normal, .. } = *surface;
+        Self { position: position + lift * geometric_normal, normal, geometric_normal }
     }
 
     /// The frame of its sample, turned until its normal is the point's own.

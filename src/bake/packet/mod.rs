@@ -41,12 +41,14 @@ pub struct SamplePacket {
     pub normal: [Lanes; 3],
     /// Geometric normal.
     pub geometric_normal: [Lanes; 3],
+    /// How far above the position, along the geometric normal, rays start.
+    pub lift: Lanes,
 }
 
 impl Default for SamplePacket {
     fn default() -> Self {
         let zero = [[0.0; PACKET_SIZE]; 3];
-        Self { position: zero, normal: zero, geometric_normal: zero }
+        Self { position: zero, normal: zero, geometric_normal: zero, lift: [0.0; PACKET_SIZE] }
     }
 }
 
@@ -145,20 +147,21 @@ pub struct ShadowRay {
 }
 
 /// The ray that tells whether a surface point sees `light`; `None` if it faces away or lies outside of the light's cone
-/// or range. Normals are unit; all in mesh space.
+/// or range. Normals are unit, rays start `lift` above the position; all in mesh space.
 pub fn shadow_ray(
     bvh: &Bvh,
     light: &PackedLight,
     position: Vec3,
     normal: Vec3,
     geometric_normal: Vec3,
+    lift: f32,
 ) -> Option<ShadowRay> {
     let [p, n, g] = [position, normal, geometric_normal].map(|v| v.to_array());
     if light.kind == LIGHT_DIRECTIONAL {
-        let (needed, origin) = target::<true>(bvh, light, p, n, g);
+        let (needed, origin) = target::<true>(bvh, light, p, n, g, lift);
         needed.then_some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
     } else {
-        let (needed, target) = target::<false>(bvh, light, p, n, g);
+        let (needed, target) = target::<false>(bvh, light, p, n, g, lift);
         let (origin, end) = match is_far(bvh, light) {
             true => (Vec3::from(target), light.position),
             false => (light.position, Vec3::from(target)),
@@ -173,7 +176,7 @@ impl SamplePacket {
     pub fn shadow_ray(&self, bvh: &Bvh, light: &PackedLight, lane: usize) -> Option<ShadowRay> {
         let [position, normal, geometric_normal] = [&self.position, &self.normal, &self.geometric_normal]
             .map(|v| Vec3::new(v[0][lane], v[1][lane], v[2][lane]));
-        shadow_ray(bvh, light, position, normal, geometric_normal)
+        shadow_ray(bvh, light, position, normal, geometric_normal, self.lift[lane])
     }
 
     /// [`target`] of one lane.
@@ -181,7 +184,7 @@ impl SamplePacket {
     fn target<const DIRECTIONAL: bool>(&self, bvh: &Bvh, light: &PackedLight, i: usize) -> (bool, [f32; 3]) {
         let [position, normal, geometric_normal] =
             [&self.position, &self.normal, &self.geometric_normal].map(|v| [v[0][i], v[1][i], v[2][i]]);
-        target::<DIRECTIONAL>(bvh, light, position, normal, geometric_normal)
+        target::<DIRECTIONAL>(bvh, light, position, normal, geometric_normal, self.lift[i])
     }
 }
 
@@ -193,6 +196,7 @@ fn target<const DIRECTIONAL: bool>(
     [px, py, pz]: [f32; 3],
     [nx, ny, nz]: [f32; 3],
     [gx, gy, gz]: [f32; 3],
+    lift: f32,
 ) -> (bool, [f32; 3]) {
     let (l, d) = (light.position, light.direction);
     let (tx, ty, tz) = if DIRECTIONAL { (-d.x, -d.y, -d.z) } else { (l.x - px, l.y - py, l.z - pz) };
@@ -204,7 +208,7 @@ fn target<const DIRECTIONAL: bool>(
     let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
     let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
     let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance.min(FAR_RADII * bvh.radius) });
-    let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
+    let offset = lift + if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
     (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
 }
 

@@ -134,8 +134,7 @@ fn bounce(surface: &SurfacePoint, wo: Vec3, random: [f64; 3]) -> Option<(Vec3, V
         return None;
     }
     if !surface.brdf.has_lobe() {
-        let direction = (2.0 * cosine * surface.normal - wo).normalize();
-        return Some((direction, brdf::mirror(&surface.brdf, cosine.into()).as_vec3()));
+        return Some((surface.mirrored(wo), brdf::mirror(&surface.brdf, cosine.into()).as_vec3()));
     }
     let lobe = Brdf { diffuse: Vec3::ZERO, ..surface.brdf };
     let normal = surface.normal.as_dvec3().normalize();

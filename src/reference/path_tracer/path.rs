@@ -152,7 +152,7 @@ impl PathTracer<'_> {
                     break;
                 }
                 throughput *= mirrored / share;
-                let Some(next) = point.mirrored(-direction) else { return segments };
+                let next = point.mirrored(-direction);
                 origin = point.leave(next, self.bvh.shadow_offset(hit.distance));
                 direction = next;
                 density = None; // looking for emitters finds none in a mirror

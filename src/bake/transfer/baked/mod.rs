@@ -118,7 +118,7 @@ impl BakedTransfer {
 
     /// The points once more for the shadow tracer.
     pub(in crate::bake) fn with_packets(self) -> Self {
-        let packets = pack(&self.points, &self.geometric_normals, 0);
+        let packets = pack(&self.points, &self.geometric_normals, &[], 0);
         Self { packets, ..self }
     }
 
