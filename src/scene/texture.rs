@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use glam::{Vec2, Vec4};
+use image::ImageDecoder;
 use rayon::prelude::*;
 
 use super::memory;
@@ -24,14 +25,14 @@ pub enum Encoding {
     Linear,
 }
 
-/// An image as a mip pyramid of 8-bit RGBA texels, row 0 at v = 0.
+/// An image as a mip pyramid of RGBA texels of 8 or 16 bits a channel, row 0 at v = 0.
 #[derive(Clone)]
 pub struct Texture {
     pub name: String,
     pub encoding: Encoding,
     /// Finest first; each half as wide and high as the one before, rounded down, the last 1x1. Never empty.
     pub levels: Vec<Level>,
-    /// Least value of each channel, as stored.
+    /// Least value of each channel, as stored; of 16 bits the higher 8.
     pub least: [u8; 4],
 }
 
@@ -40,8 +41,10 @@ pub struct Texture {
 pub struct Level {
     pub width: usize,
     pub height: usize,
-    /// width * height, row by row.
+    /// width * height, row by row; of 16 bits the higher 8.
     pub texels: Vec<[u8; 4]>,
+    /// Of 16 bits the lower 8, else empty.
+    pub low: Vec<[u8; 4]>,
 }
 
 /// A decoded file.
@@ -49,8 +52,10 @@ pub struct Level {
 pub struct Image {
     pub width: usize,
     pub height: usize,
-    /// width * height, row by row.
+    /// width * height, row by row; of 16 bits the higher 8.
     pub texels: Vec<[u8; 4]>,
+    /// Of 16 bits the lower 8, else empty.
+    pub low: Vec<[u8; 4]>,
 }
 
 /// All textures of a scene together: 2 GiB as stored, besides their mip levels. Files may name one image any number of
@@ -70,7 +75,8 @@ const MAX_TEXELS_PER_BYTE: u64 = 2_048;
 /// Counts texels by the headers of files, before any is decoded.
 #[derive(Default)]
 pub struct TexelCount {
-    total: u64,
+    texels: u64,
+    bytes: u64,
     largest: u64,
 }
 
@@ -93,20 +99,21 @@ impl Refusal {
 impl TexelCount {
     /// Adds a file, or says why it is too much.
     pub fn add(&mut self, file: &[u8]) -> Result<(), Refusal> {
-        let [width, height] = dimensions(file).map_err(Refusal::Undecodable)?;
+        let Header { width, height, texel_bytes } = Header::read(file).map_err(Refusal::Undecodable)?;
         let count = u64::from(width) * u64::from(height);
         let bytes = file.len() as u64;
         if count > SMALL && count / MAX_TEXELS_PER_BYTE > bytes {
             return Err(Refusal::TooLarge(format!("{width} x {height} texels in {bytes} bytes are no picture")));
         }
-        self.total += count;
-        self.largest = self.largest.max(count);
-        if self.total > MAX_TEXELS {
+        self.texels += count;
+        self.bytes += count * texel_bytes;
+        self.largest = self.largest.max(count * texel_bytes);
+        if self.texels > MAX_TEXELS {
             return Err(Refusal::TooLarge(format!("the textures are more than {MAX_TEXELS} texels together")));
         }
         // All with their mip levels; the largest is there twice while it is decoded, and its second level in single
         // precision.
-        let needed = self.total * 16 / 3 + self.largest * 8;
+        let needed = self.bytes * 4 / 3 + self.largest * 2;
         match memory::available_bytes() {
             Some(free) if needed > free => {
                 let [needed, free] = [needed, free].map(|bytes| bytes as f64 * 1e-9);
@@ -118,14 +125,31 @@ impl TexelCount {
     }
 }
 
-/// Width and height by a file's header.
-fn dimensions(file: &[u8]) -> Result<[u32; 2], image::ImageError> {
-    let reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
-    reader.into_dimensions().map(|(width, height)| [width, height])
+/// What a file's header tells.
+struct Header {
+    width: u32,
+    height: u32,
+    /// Of a texel as we store it.
+    texel_bytes: u64,
+}
+
+impl Header {
+    fn read(file: &[u8]) -> Result<Self, image::ImageError> {
+        let mut reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
+        reader.no_limits();
+        let decoder = reader.into_decoder()?;
+        let (width, height) = decoder.dimensions();
+        Ok(Self { width, height, texel_bytes: if is_deep(decoder.color_type()) { 8 } else { 4 } })
+    }
+}
+
+/// Whether channels have more than 8 bits.
+fn is_deep(color: image::ColorType) -> bool {
+    color.bytes_per_pixel() > color.channel_count()
 }
 
 impl Image {
-    /// Decodes a PNG, JPEG or WebP file; deeper channels are rounded to 8 bits.
+    /// Decodes a PNG, JPEG or WebP file; channels of more than 8 bits are kept as 16.
     pub fn decode(file: &[u8]) -> Result<Self, image::ImageError> {
         let mut reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
         let mut limits = image::Limits::default();
@@ -133,47 +157,62 @@ impl Image {
         limits.max_image_width = Some(MAX_SIDE);
         limits.max_image_height = Some(MAX_SIDE);
         reader.limits(limits);
-        let pixels = reader.decode()?.into_rgba8();
+        let pixels = reader.decode()?;
         let (width, height) = (pixels.width() as usize, pixels.height() as usize);
         if width == 0 || height == 0 {
             let reason = image::error::ParameterErrorKind::DimensionMismatch;
             return Err(image::ImageError::Parameter(image::error::ParameterError::from_kind(reason)));
         }
-        let texels = pixels.into_raw().as_chunks().0.to_vec();
-        Ok(Self { width, height, texels })
+        let (texels, low) = if is_deep(pixels.color()) {
+            let deep = pixels.into_rgba16();
+            let texels: &[[u16; 4]] = deep.as_raw().as_chunks().0;
+            texels.iter().map(|&texel| halves(texel)).unzip()
+        } else {
+            (pixels.into_rgba8().into_raw().as_chunks().0.to_vec(), Vec::new())
+        };
+        Ok(Self { width, height, texels, low })
     }
 }
 
 impl Texture {
-    /// A texture of `texels`, width * height of them, with all its mip levels.
+    /// A texture of 8-bit `texels`, width * height of them, with all its mip levels.
     ///
     /// # Panics
     /// If the number of texels is not width * height, or zero.
     pub fn new(name: String, width: usize, height: usize, texels: Vec<[u8; 4]>, encoding: Encoding) -> Self {
+        Self::of(name, Image { width, height, texels, low: Vec::new() }, encoding)
+    }
+
+    /// A texture of a decoded file.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn of(name: String, image: Image, encoding: Encoding) -> Self {
+        let Image { mut width, mut height, texels, low } = image;
         assert_eq!(texels.len(), width * height, "texels of a {width} x {height} texture");
         assert!(!texels.is_empty(), "a texture has at least one texel");
+        let is_deep = !low.is_empty();
         let least = texels.iter().fold([255; 4], |least, t| std::array::from_fn(|c| t[c].min(least[c])));
-        let mut levels = vec![Level { width, height, texels }];
-        let decode = decode_table(encoding);
-        let (mut width, mut height) = (width, height);
+        let mut levels = vec![Level { width, height, texels, low }];
+        let decode = Decode::of(encoding);
         // Levels come from the one before as it was before rounding; the finest is exact as it is stored.
         let mut finer: Vec<Vec4> = Vec::new();
         while width > 1 || height > 1 {
             let half = [(width / 2).max(1), (height / 2).max(1)];
             finer = match levels.len() {
-                1 => shrink(|i| linear(levels[0].texels[i], decode), [width, height], half),
+                1 => shrink(|i| decode.texel(&levels[0], i), [width, height], half),
                 _ => shrink(|i| finer[i], [width, height], half),
             };
             [width, height] = half;
-            let texels = finer.par_iter().map(|&t| stored(t, encoding)).collect();
-            levels.push(Level { width, height, texels });
+            let (texels, low) = if is_deep {
+                finer.par_iter().map(|&t| halves(stored(t, encoding, 65_535.0))).unzip()
+            } else {
+                let byte = |&t: &Vec4| stored(t, encoding, 255.0).map(|c| c as u8);
+                (finer.par_iter().map(byte).collect(), Vec::new())
+            };
+            levels.push(Level { width, height, texels, low });
         }
         Self { name, encoding, levels, least }
-    }
-
-    /// A texture of a decoded file.
-    pub fn of(name: String, image: Image, encoding: Encoding) -> Self {
-        Self::new(name, image.width, image.height, image.texels, encoding)
     }
 
     pub fn width(&self) -> usize {
@@ -202,8 +241,8 @@ impl Texture {
         let level = &self.levels[level];
         let (x, tx) = taps(uv.x, wrap[0], level.width);
         let (y, ty) = taps(uv.y, wrap[1], level.height);
-        let decode = decode_table(self.encoding);
-        let texel = |x: usize, y: usize| linear(level.texels[y * level.width + x], decode);
+        let decode = Decode::of(self.encoding);
+        let texel = |x: usize, y: usize| decode.texel(level, y * level.width + x);
         let top = texel(x[0], y[0]).lerp(texel(x[1], y[0]), tx);
         let bottom = texel(x[0], y[1]).lerp(texel(x[1], y[1]), tx);
         top.lerp(bottom, ty)
@@ -268,33 +307,55 @@ fn covers(fine: usize, coarse: usize) -> Vec<Vec<(usize, f32)>> {
     (0..coarse).map(cover).collect()
 }
 
-fn linear(texel: [u8; 4], decode: &[f32; 256]) -> Vec4 {
-    let [r, g, b, a] = texel;
-    Vec4::new(decode[r as usize], decode[g as usize], decode[b as usize], a as f32 / 255.0)
-}
-
-fn stored(linear: Vec4, encoding: Encoding) -> [u8; 4] {
+/// Linear RGBA as stored in channels from 0 to `most`.
+fn stored(linear: Vec4, encoding: Encoding, most: f32) -> [u16; 4] {
     let encode = |c: f32| match encoding {
         Encoding::Srgb if c <= 0.003_130_8 => c * 12.92,
         Encoding::Srgb => 1.055 * c.powf(1.0 / 2.4) - 0.055,
         Encoding::Linear => c,
     };
-    let byte = |c: f32| (c * 255.0).round() as u8;
-    [byte(encode(linear.x)), byte(encode(linear.y)), byte(encode(linear.z)), byte(linear.w)]
+    let round = |c: f32| (c * most).round() as u16;
+    [round(encode(linear.x)), round(encode(linear.y)), round(encode(linear.z)), round(linear.w)]
 }
 
-/// What each stored byte is as linear light: IEC 61966-2-1, or the identity.
-fn decode_table(encoding: Encoding) -> &'static [f32; 256] {
-    static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
-        std::array::from_fn(|i| {
-            let c = i as f64 / 255.0;
-            (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
-        })
-    });
-    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|i| i as f32 / 255.0));
-    match encoding {
-        Encoding::Srgb => &SRGB,
-        Encoding::Linear => &LINEAR,
+/// The higher and the lower 8 bits of a texel.
+fn halves(texel: [u16; 4]) -> ([u8; 4], [u8; 4]) {
+    (texel.map(|c| (c >> 8) as u8), texel.map(|c| c as u8))
+}
+
+/// What stored values are as linear light: IEC 61966-2-1, or the identity.
+struct Decode {
+    of_8_bits: Vec<f32>,
+    of_16_bits: Vec<f32>,
+}
+
+impl Decode {
+    fn new(linear: impl Fn(f64) -> f64) -> Self {
+        let table = |most: u32| (0..=most).map(|i| linear(f64::from(i) / f64::from(most)) as f32).collect();
+        Self { of_8_bits: table(255), of_16_bits: table(65_535) }
+    }
+
+    fn of(encoding: Encoding) -> &'static Self {
+        static SRGB: LazyLock<Decode> =
+            LazyLock::new(|| Decode::new(|c| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }));
+        static LINEAR: LazyLock<Decode> = LazyLock::new(|| Decode::new(|c| c));
+        match encoding {
+            Encoding::Srgb => &SRGB,
+            Encoding::Linear => &LINEAR,
+        }
+    }
+
+    /// Texel number `i` as linear RGBA.
+    #[inline(always)]
+    fn texel(&self, level: &Level, i: usize) -> Vec4 {
+        let [r, g, b, a] = level.texels[i];
+        let Some(low) = level.low.get(i) else {
+            let of = |c: u8| self.of_8_bits[c as usize];
+            return Vec4::new(of(r), of(g), of(b), f32::from(a) / 255.0);
+        };
+        let word = |high: u8, low: u8| u16::from_be_bytes([high, low]);
+        let of = |high: u8, low: u8| self.of_16_bits[word(high, low) as usize];
+        Vec4::new(of(r, low[0]), of(g, low[1]), of(b, low[2]), f32::from(word(a, low[3])) / 65_535.0)
     }
 }
 
@@ -316,6 +377,28 @@ mod tests {
             let read = texture.sample(Vec2::new((i as f32 + 0.5) / 4.0, 0.5), REPEAT, 0.0);
             assert!((read.x - value).abs() < 1e-6, "{read}");
         }
+    }
+
+    #[test]
+    fn sixteen_bits_are_kept() {
+        let pixels = image::ImageBuffer::<image::Rgba<u16>, _>::from_fn(64, 64, |x, y| {
+            image::Rgba([(x * 1000 + y) as u16, 32_768 + y as u16, 17, 65_535 - x as u16])
+        });
+        let mut file = Vec::new();
+        pixels.write_to(&mut std::io::Cursor::new(&mut file), image::ImageFormat::Png).unwrap();
+        let image = Image::decode(&file).ok().expect("it is a PNG file");
+        let texture = Texture::of("deep".into(), image.clone(), Encoding::Linear);
+        for (x, y, pixel) in pixels.enumerate_pixels() {
+            let uv = Vec2::new((x as f32 + 0.5) / 64.0, (y as f32 + 0.5) / 64.0);
+            let read = texture.sample(uv, REPEAT, 0.0).to_array().map(|c| (c * 65_535.0).round() as u16);
+            assert_eq!(read, pixel.0, "({x}, {y})");
+        }
+        // The mean of 1000 x + y.
+        let mean = texture.sample(Vec2::ZERO, REPEAT, 1e9).x * 65_535.0;
+        assert!((mean - 31_531.5).abs() < 1.0, "{mean}");
+        let colour = Texture::of("colour".into(), image, Encoding::Srgb).sample(Vec2::splat(0.5 / 64.0), REPEAT, 0.0);
+        let half = (32_768.0f64 / 65_535.0 + 0.055) / 1.055;
+        assert!((f64::from(colour.y) - half.powf(2.4)).abs() < 1e-6, "{colour}");
     }
 
     #[test]

@@ -71,6 +71,7 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
         let finest = &texture.levels[0];
         hasher.update(format!("{:?} {} {}", texture.encoding, finest.width, finest.height).as_bytes());
         hasher.update_rayon(bytemuck::cast_slice(&finest.texels));
+        hasher.update_rayon(bytemuck::cast_slice(&finest.low));
     }
     Key(hasher.finalize().to_hex()[..32].to_owned())
 }

@@ -103,7 +103,7 @@ impl Map {
     }
 }
 
-/// An image as large as the larger of its sources, each texel made of the sources' nearest ones.
+/// An image of 8 bits as large as the larger of its sources, each texel made of the sources' nearest ones.
 pub fn combined(sources: [Option<&Image>; 2], texel: impl Fn([Option<[u8; 4]>; 2]) -> [u8; 4]) -> Image {
     let largest = |side: fn(&Image) -> usize| sources.iter().flatten().map(|image| side(image)).max().unwrap_or(1);
     let (width, height) = (largest(|image| image.width), largest(|image| image.height));
@@ -111,5 +111,5 @@ pub fn combined(sources: [Option<&Image>; 2], texel: impl Fn([Option<[u8; 4]>; 2
         source.map(|s| s.texels[y * s.height / height * s.width + x * s.width / width])
     };
     let texels = (0..width * height).map(|i| texel(sources.map(|source| read(source, i % width, i / width))));
-    Image { width, height, texels: texels.collect() }
+    Image { width, height, texels: texels.collect(), low: Vec::new() }
 }
