@@ -21,13 +21,25 @@ struct Setup {
 
 impl Setup {
     fn new() -> Self {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/balls-2.glb");
-        let scene = Scene::load(&path).expect("the scene ships with the project");
+        Self::of("balls-2.glb").expect("the scene ships with the project")
+    }
+
+    /// The furnished room, if `make_scenes` has made it.
+    fn room() -> Option<Self> {
+        let room = Self::of("generated/room.glb");
+        if room.is_none() {
+            println!("not run: the furnished room (cargo run --release --example make_scenes -- scenes large)");
+        }
+        room
+    }
+
+    fn of(name: &str) -> Option<Self> {
+        let scene = Scene::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)).ok()?;
         let bvh = Bvh::build(&scene);
         let settings = BakeSettings { width: 720, height: 480, layers: 4, samples: 1 };
         let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ());
         let context = Context::new(None, Validation::Off, None).expect("a Vulkan device");
-        Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked), context }
+        Some(Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked), context })
     }
 
     fn relighter(&self, visibility: VisibilityMethod) -> Relighter {
@@ -62,6 +74,16 @@ fn frames(criterion: &mut Criterion) {
     for visibility in [VisibilityMethod::Traced, VisibilityMethod::Map] {
         let mut relighter = setup.relighter(visibility);
         group.bench_function(BenchmarkId::new("move a light", format!("{visibility:?}")), |bencher| {
+            let mut i = 0;
+            bencher.iter(|| {
+                i += 1;
+                frame_with_moved_light(&mut relighter, i, None)
+            });
+        });
+    }
+    if let Some(room) = Setup::room() {
+        let mut relighter = room.relighter(VisibilityMethod::Traced);
+        group.bench_function(BenchmarkId::new("move a light", "Traced, furnished room"), |bencher| {
             let mut i = 0;
             bencher.iter(|| {
                 i += 1;

@@ -74,14 +74,11 @@ impl SurfacePoint {
         Self { position, lift, normal, geometric_normal, brdf: brdf(&surface), emission, coverage, material, uniform }
     }
 
-    /// The same with a normal that faces the eye wherever the side that it sees does, so that silhouettes of coarse meshes and
-    /// steep normal maps are not black. `wo` is unit, towards the eye.
+    /// The same with the geometric normal where the shading normal faces away from the eye, though the side that it sees does
+    /// not: silhouettes of coarse meshes and steep normal maps are not black. `wo` is unit, towards the eye.
     pub fn facing(self, wo: Vec3) -> Self {
-        let cosine = self.normal.dot(wo);
-        if cosine > 0.0 || self.geometric_normal.dot(wo) <= 0.0 {
-            return self;
-        }
-        Self { normal: (self.normal + (GRAZING - cosine) * wo).normalize(), ..self }
+        let is_turned_away = self.normal.dot(wo) <= 0.0 && self.geometric_normal.dot(wo) > 0.0;
+        Self { normal: if is_turned_away { self.geometric_normal } else { self.normal }, ..self }
     }
 
     /// Unit direction in which a perfect mirror sends what is seen along `wo`. Where the interpolated normal bends it into the
@@ -101,13 +98,18 @@ impl SurfacePoint {
 /// Cosine between a normal and a direction that hardly leaves the surface.
 const GRAZING: f32 = 0.01;
 
+/// Cosine between a triangle and the normals of its corners, 26 degrees, below which no smooth surface is meant: of a box
+/// whose corners have one normal each, faces would be lifted by a part of its size.
+const SMOOTH: f32 = 0.9;
+
 /// Height above a triangle, on the side of `geometric_normal`, of the mean of the projections of `position` onto the tangent
 /// planes of those corners behind whose planes it lies [Hanika 2021].
 fn lift(scene: &Scene, corners: [usize; 3], weights: [f32; 3], position: Vec3, geometric_normal: Vec3) -> f32 {
     let mesh = &scene.mesh;
     let normals = corners.map(|v| mesh.normals[v]);
-    // Exactly none where it is flat.
-    if normals[0] == normals[1] && normals[0] == normals[2] {
+    let is_flat = normals[0] == normals[1] && normals[0] == normals[2];
+    let is_smooth = normals.iter().all(|normal| normal.dot(geometric_normal).abs() > SMOOTH);
+    if is_flat || !is_smooth {
         return 0.0;
     }
     let onto_plane = |i: usize| {

@@ -24,8 +24,8 @@ use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scenes: .glb, .gltf or .obj [default: some of those in `scenes`, and the thesis's where RELUME_SHARED or ../shared
-    /// has them].
+    /// Scenes: .glb, .gltf or .obj [default: some of those in `scenes`, the furnished room if it was made, and the thesis's
+    /// where RELUME_SHARED or ../shared has them].
     #[arg(value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Folder to write: index.html, CSV files, pictures. Measurements that it holds already are not made again.
@@ -163,7 +163,7 @@ pub fn run(args: &Args) -> Result<()> {
     out!("{}", args.output.join("index.html").display())
 }
 
-/// Ours, and the thesis's where they are at hand.
+/// Ours, the furnished room among them where `make_scenes` has made it, and the thesis's where they are at hand.
 fn default_scenes(quick: bool) -> Result<Vec<PathBuf>> {
     let shipped = ["cornell-diffuse", "cornell-glossy", "balls-2"].map(|name| Path::new("scenes").join(name));
     let mut scenes: Vec<PathBuf> = shipped.iter().map(|path| path.with_extension("glb")).collect();
@@ -171,6 +171,7 @@ fn default_scenes(quick: bool) -> Result<Vec<PathBuf>> {
         let reason = "is not here; name scenes, or start from the folder of relume";
         return Err(Error::invalid(missing.display().to_string(), reason));
     }
+    scenes.extend(Some(PathBuf::from("scenes/generated/room.glb")).filter(|room| room.exists()));
     let theirs = ["buddha", "bunny-dragon-2"].iter().filter(|_| !quick).filter_map(|name| thesis::shared_scene(name));
     scenes.extend(theirs);
     Ok(scenes)
