@@ -1,25 +1,16 @@
-//! Compiles every kernel in `glsl/` to SPIR-V in `OUT_DIR`, with `shared.glsl` generated from `src/shared.rs`.
+//! Compiles every kernel in `glsl/` to SPIR-V in `OUT_DIR`, with `shared.glsl` generated from `src/shared`.
 
 #[path = "src/gpu/compile.rs"]
 mod compile;
-#[path = "src/gpu/gpu_struct.rs"]
-#[allow(unsafe_code)]
-pub mod gpu_struct;
-#[path = "src/shared.rs"]
+#[path = "src/shared/mod.rs"]
 mod shared;
-
-mod gpu {
-    pub use super::gpu_struct;
-}
 
 use std::path::Path;
 
 fn main() {
     println!("cargo:rerun-if-changed=glsl");
-    for file in ["compile", "gpu_struct"] {
-        println!("cargo:rerun-if-changed=src/gpu/{file}.rs");
-    }
-    println!("cargo:rerun-if-changed=src/shared.rs");
+    println!("cargo:rerun-if-changed=src/gpu/compile.rs");
+    println!("cargo:rerun-if-changed=src/shared");
 
     let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let shared = shared::shared_glsl();

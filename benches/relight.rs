@@ -5,12 +5,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use relume::bake::bvh::Bvh;
-use relume::bake::packet::{PACKET_SIZE, trace_packets};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::gpu::{Context, Validation};
 use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::Scene;
+use relume::trace::bvh::Bvh;
+use relume::trace::packet::{PACKET_SIZE, trace_packets};
 
 struct Setup {
     scene: Arc<Scene>,

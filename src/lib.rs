@@ -4,31 +4,33 @@
 //! framebuffer. A light that moves is shaded again at its view samples; a light that is only recoloured is not even
 //! that: the picture is a sum of cached images, one a light.
 //!
-//! Data flows one way, and no arrow points back:
+//! Data flows one way, and no arrow points back (`tests/architecture.rs` has the table):
 //!
 //! ```text
 //! scene -> bake -> relight -> view
-//!                     |
-//!                    gpu        all Vulkan, all unsafe
+//!   physics, trace, storage and gpu lie below and know none of them
 //! ```
 //!
 //! - [`scene`]: files in, plain data out. World space is in double precision.
-//! - [`bake`]: [`scene::Scene`] -> [`bake::Baked`], what does not depend on the lights: BVH, view samples.
+//! - [`bake`]: [`scene::Scene`] -> [`bake::Baked`], what does not depend on the lights: view samples, transfer, its compression.
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
 //! - [`view`]: the window, its keys, and the lighting desk behind them.
-//! - [`gpu`]: device, memory, kernels, frames, files mapped for uploads. Knows no lights.
+//! - [`physics`]: glTF's BRDF, punctual lights, sampling sequences, directions: pure functions.
+//! - [`trace`]: BVH, packets of shadow rays, the surface at a hit.
+//! - [`storage`]: mapped files, journals, files that are whole or not there.
+//! - [`gpu`]: device, memory, kernels, frames. Knows no lights.
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
-//! - [`brdf`]: glTF's BRDF on the CPU, and directions drawn from it; [`sequence`]: the points that draw them.
 //! - [`image`]: EXR and PNG, and how pictures differ.
 //! - [`report`]: a page of what was measured, errors against run time above all.
 //! - [`reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the truth.
 //!
 //! ```no_run
 //! use std::{path::Path, sync::Arc};
-//! use relume::bake::{BakeSettings, bake, bvh::Bvh};
+//! use relume::bake::{BakeSettings, bake};
 //! use relume::gpu::{Context, Validation};
 //! use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 //! use relume::scene::Scene;
+//! use relume::trace::bvh::Bvh;
 //!
 //! # fn main() -> relume::Result<()> {
 //! let scene = Arc::new(Scene::load(Path::new("scenes/balls-2.glb"))?);
@@ -103,16 +105,17 @@
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.
 
 pub mod bake;
-pub mod brdf;
 pub mod error;
 pub mod gpu;
 pub mod image;
+pub mod physics;
 pub mod reference;
 pub mod relight;
 pub mod report;
 pub mod scene;
-pub mod sequence;
 pub mod shared;
+pub mod storage;
+pub mod trace;
 pub mod view;
 
 pub use error::{Error, Result};

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use common::shared;
 use glam::DVec3;
 use relume::Error;
-use relume::bake::bvh::Bvh;
 use relume::scene::{AlphaMode, Projection, Scene};
+use relume::trace::bvh::Bvh;
 
 /// What a file is expected to do.
 enum Expected {

@@ -9,15 +9,15 @@ use common::ratio::Lit;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, pixels, render, rig};
 use common::{assert_near, drawn, gpu, transfer};
 use glam::{DVec3, Mat3, Vec2, Vec3};
-use relume::bake::bvh::Bvh;
-use relume::bake::packet::fan::{Fan, trace_fans};
-use relume::bake::packet::{PACKET_SIZE, SamplePacket, shadow_ray, trace_packets};
 use relume::bake::transfer::TransferSettings;
 use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
 use relume::relight::{Layers, VisibilityMethod};
 use relume::scene::{
     AlphaMode, Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture, TextureRef, Wrap,
 };
+use relume::trace::bvh::Bvh;
+use relume::trace::packet::fan::{Fan, trace_fans};
+use relume::trace::packet::{PACKET_SIZE, SamplePacket, shadow_ray, trace_packets};
 
 /// Of single precision on the way to a radiance.
 const FLOAT: f64 = 2e-6;

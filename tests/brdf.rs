@@ -10,11 +10,11 @@ use std::path::Path;
 use common::random::Random;
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
-use relume::bake::surface::brdf;
-use relume::brdf::{Lobes, f, mirror};
+use relume::physics::brdf::{Lobes, f, mirror};
+use relume::physics::sequence::Points;
 use relume::scene::Surface;
-use relume::sequence::Points;
 use relume::shared::Brdf;
+use relume::trace::surface::brdf;
 
 fn surface(base_color: f32, metallic: f32, roughness: f32) -> Surface {
     common::plain_surface(Vec3::splat(base_color), metallic, roughness)

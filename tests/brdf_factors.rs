@@ -9,8 +9,8 @@ use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::harmonics::{Harmonics, MAX_FUNCTIONS};
 use relume::bake::brdf_factors::svd::{self, Factors, Terms};
-use relume::brdf::{Lobes, f};
-use relume::sequence::Points;
+use relume::physics::brdf::{Lobes, f};
+use relume::physics::sequence::Points;
 use relume::shared::Brdf;
 
 const ROUGHNESS: [f32; 5] = [0.2, 0.3, 0.4, 0.55, 0.8];

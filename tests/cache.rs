@@ -7,14 +7,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use command::{Run, folder, json, names_in, relume, shipped};
-use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, bake, cache};
 use relume::scene::Scene;
+use relume::storage::journal::Journal;
+use relume::trace::bvh::Bvh;
 
 /// Few samples and rays: what is tested does not depend on them.
 const SMALL: [&str; 8] = ["--gather", "60", "--rays", "16", "--size", "32x24", "--gi", "diffuse"];

@@ -8,12 +8,12 @@ use common::stage::{Setup, Stage};
 use common::{Gpu, gpu, shipped, transfer};
 use relume::bake::Baked;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::relight::{Detail, Layers, Picture, Relighter};
 use relume::scene::{Rig, Scene};
+use relume::storage::journal::Journal;
 
 fn setup() -> Setup {
     Setup::new(120, 80)

@@ -8,7 +8,6 @@ use common::stage::{Build, lambert, look};
 use common::{shipped, transfer};
 use glam::{DVec3, Vec3};
 use half::f16;
-use relume::bake::bvh::Bvh;
 use relume::bake::compression::bounces::Bounces;
 use relume::bake::compression::data::{Compressed, MULTIPLE};
 use relume::bake::compression::haar::Haar;
@@ -17,13 +16,14 @@ use relume::bake::compression::panels;
 use relume::bake::compression::training::{Group, Trainer};
 use relume::bake::compression::verify::{Judge, judge};
 use relume::bake::compression::{CompressionSettings, Compressor, Report};
-use relume::bake::journal::Journal;
 use relume::bake::transfer::Transfer;
+use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::{BakeSettings, Baked, bake};
-use relume::reference::gather;
 use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::{LIGHT_POINT, PackedLight};
+use relume::storage::journal::Journal;
+use relume::trace::bvh::Bvh;
 
 struct Stage {
     scene: Scene,
@@ -60,7 +60,7 @@ impl Stage {
     }
 
     fn direct(&self, transfer: &Transfer, light: &PackedLight) -> Vec<DVec3> {
-        gather::shade(&self.scene, &self.bvh, &transfer.fine, light)
+        direct::shade(&self.scene, &self.bvh, &transfer.fine, light)
     }
 
     fn compress(&self, transfer: &Transfer, error: f64) -> (Compressed, Report) {

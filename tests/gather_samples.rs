@@ -7,10 +7,10 @@ use std::time::Instant;
 use common::stage::{Build, lambert, mirror};
 use common::{assert_near, shared};
 use glam::{DVec3, Vec3};
-use relume::bake::bvh::Bvh;
 use relume::bake::gather_samples::{GatherSamples, Placement, Surfaces};
-use relume::bake::point_tree::middle;
 use relume::scene::{Material, Scene};
+use relume::trace::bvh::Bvh;
+use relume::trace::point_tree::middle;
 
 const CLUSTERED: Placement = Placement::Clustered { points: 4 };
 

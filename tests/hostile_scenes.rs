@@ -7,8 +7,8 @@ use std::path::Path;
 use glam::Vec3;
 use proptest::prelude::*;
 use relume::Error;
-use relume::bake::bvh::Bvh;
 use relume::scene::{Rig, Scene, export_gltf};
+use relume::trace::bvh::Bvh;
 use serde_json::{Value, json};
 use support::*;
 

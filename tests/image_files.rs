@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude as ex;
 use exr::prelude::{Blocks, Compression, Encoding, FlatSamples, LayerAttributes, LineOrder, Vec2, WritableImage, f16};
-use relume::image::{Image, exr as our_exr, file, png};
+use relume::image::{Image, exr as our_exr, png};
+use relume::storage::file;
 use relume::{Error, Result};
 
 fn ramp(width: usize, height: usize, offset: f32) -> Vec<[f32; 3]> {

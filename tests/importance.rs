@@ -7,9 +7,9 @@ use common::{assert_near, transfer};
 use glam::{DVec3, Vec2, Vec3};
 use relume::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use relume::bake::gather_samples::{GatherSamples, Patch, Placement};
+use relume::bake::transfer::direct;
 use relume::bake::transfer::importance::Importance;
 use relume::bake::transfer::{Transfer, TransferSettings};
-use relume::reference::gather;
 use relume::scene::{Light, Material, Projection};
 
 /// What a camera sees.
@@ -58,7 +58,7 @@ fn light_where_nobody_looks_is_lost() {
     let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &transfer::settings(2000, 100, 16), &|_| ());
     let received = |x: f64| {
         let light = Light::point("near the floor", DVec3::new(x, -0.98, 0.1)).pack(stage.scene.space);
-        gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light).iter().map(|c| c.length()).sum::<f64>()
+        direct::shade(&stage.scene, &stage.bvh, &transfer.fine, &light).iter().map(|c| c.length()).sum::<f64>()
     };
     assert!(received(0.0) > 0.0);
     assert_eq!(received(5.0), 0.0);

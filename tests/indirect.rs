@@ -14,20 +14,21 @@ use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::gather_samples::light_rays::per_solid_angle;
-use relume::bake::journal::Journal;
-use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
+use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::gpu::gpu_struct::Write;
+use relume::bake::view_samples::resolve;
 use relume::gpu::{Access, Buffer, Frames, Kernel, Pass};
-use relume::reference::{gather, resolve};
 use relume::relight::{Layers, Picture, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Light, LightKind, Material, Projection as Lens, Scene};
+use relume::shared::gpu_struct::Write;
 use relume::shared::*;
+use relume::storage::journal::Journal;
+use relume::trace::packet::{PACKET_SIZE, trace_all};
 
 /// Blocks of random shape: rows are dealt out to blocks at random, columns drawn anew for each.
 fn random_matrix(random: &mut Random, channels: u32, inputs: usize, outputs: usize) -> BlockMatrix {
@@ -398,7 +399,7 @@ fn shade_gather() {
             };
             pass.dispatch(&add_light_rays, &push, push.count);
         });
-        let want = gather::shade(&stage.scene, &stage.bvh, level, &packed);
+        let want = direct::shade(&stage.scene, &stage.bvh, level, &packed);
         let largest = want.iter().fold(0.0, |m: f64, v| m.max(v.abs().max_element()));
         for (i, want) in want.iter().enumerate() {
             let got = DVec3::from_slice(&[0, 1, 2].map(|c| f64::from(coefficients.host()[4 * i + c])));
@@ -416,7 +417,7 @@ fn expected(stage: &Stage, transfer: &Transfer, rig: &Rig) -> Vec<DVec3> {
     let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
     let mut direct = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
     for light in &rig.lights {
-        let unit = gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space));
+        let unit = direct::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space));
         direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     resolved(stage, &transfer.apply(&[direct], &all, Lobe::All, &|_| ())[0])
@@ -521,7 +522,7 @@ fn pictures_are_what_the_operator_says() {
 
 /// What the device does with a transfer, in double precision.
 fn applied(stage: &Stage, transfer: &Transfer, baked: &BakedTransfer, light: &Light) -> Vec<DVec3> {
-    baked.apply(&gather::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space)))
+    baked.apply(&direct::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space)))
 }
 
 #[test]
@@ -600,7 +601,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
     let rows = thesis.rows(&all, Lobe::All);
     relighter.linear(Picture::Whole).unwrap(); // all lights together; each is looked at below
     for (i, light) in lights().lights.iter().enumerate() {
-        let direct = gather::shade_thesis(&scene, &bvh, &thesis, &light.pack(scene.space));
+        let direct = direct::shade_thesis(&scene, &bvh, &thesis, &light.pack(scene.space));
         let scale = light.scale().as_dvec3();
         let want: Vec<DVec3> =
             resolved(&stage, &rows.multiply(&thesis.bounce(&direct))).into_iter().map(|p| scale * p).collect();

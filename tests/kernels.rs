@@ -8,10 +8,10 @@ use common::gpu;
 use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use glam::{DVec3, Vec2, Vec3, Vec4};
-use relume::bake::octahedral;
-use relume::gpu::gpu_struct::Read;
 use relume::gpu::{Access, Buffer, Frame, Frames, Kernel};
+use relume::physics::octahedral;
 use relume::reference::{self, composite};
+use relume::shared::gpu_struct::Read;
 use relume::shared::*;
 
 /// As push constants hold them.
@@ -73,7 +73,7 @@ fn resolve() {
         });
         let extras: Vec<DVec3> = (0..extras).map(|i| pixel(&radiance, extra_stride, i)).collect();
         let mut want: Vec<DVec3> = (0..pixels).map(|i| pixel(&before, pixels, i)).collect();
-        reference::resolve(&listed, &indices, &samples, &extras, layers, &mut want);
+        relume::bake::view_samples::resolve(&listed, &indices, &samples, &extras, layers, &mut want);
         for (i, want) in want.iter().enumerate() {
             // Six products and their sum, all positive: a rounding each.
             let error = (pixel(image.host(), pixels, i) - want).abs();
@@ -434,7 +434,7 @@ fn octahedral_normals_decode_alike_on_both_sides() {
 #[test]
 fn shaders_store_only_through_write_references() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    let shared = std::fs::read_to_string(root.join("src/shared.rs")).unwrap();
+    let shared = std::fs::read_to_string(root.join("src/shared/mod.rs")).unwrap();
     let mut stores_seen = 0;
     for entry in std::fs::read_dir(root.join("glsl")).unwrap() {
         let path = entry.unwrap().path();

@@ -9,14 +9,14 @@ use std::path::Path;
 use common::random::Random;
 use common::{mutants, shipped, transfer};
 use glam::DVec3;
-use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, bake, cache};
 use relume::scene::{MeshSpace, Rig, Scene};
+use relume::storage::journal::Journal;
+use relume::trace::bvh::Bvh;
 use relume::view::script::Script;
 
 /// A text with numbers replaced; or with words, lines and bytes replaced, repeated or left out.

@@ -10,14 +10,14 @@ use common::drawn::tracing;
 use common::stage::{Setup, Stage, pixels};
 use common::{gpu, not_run, shared, shipped};
 use rayon::ThreadPoolBuilder;
-use relume::bake::bvh::Bvh;
-use relume::bake::packet::shadow_ray;
-use relume::bake::surface::SurfacePoint;
 use relume::bake::view_samples::{EyeRays, Tiling};
 use relume::image::{Layer as Picture, exr};
 use relume::reference::path_tracer::{Film, Half, Layer, PathTracer, Settings};
 use relume::relight::Layers;
 use relume::scene::Scene;
+use relume::trace::bvh::Bvh;
+use relume::trace::packet::shadow_ray;
+use relume::trace::surface::SurfacePoint;
 
 fn is_full() -> bool {
     std::env::var_os("RELUME_FULL").is_some_and(|value| value == "1")

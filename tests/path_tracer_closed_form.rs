@@ -6,9 +6,9 @@ use std::f64::consts::PI;
 
 use common::stage::{Build, lambert, look, mirror, rig};
 use glam::{DVec3, Vec3};
-use relume::bake::bvh::Bvh;
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
+use relume::trace::bvh::Bvh;
 
 const ALBEDO: f64 = 0.6;
 

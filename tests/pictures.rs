@@ -9,11 +9,11 @@ use common::stage::{Setup, Stage, pixels};
 use common::{Gpu, gpu, not_run, output_dir, shared, shipped};
 use glam::DVec3;
 use rayon::prelude::*;
-use relume::bake::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 use relume::image::compare::{Figures, Pictures, Settings};
 use relume::image::{Image, exr, png};
 use relume::relight::{Layers, VisibilityMethod};
 use relume::scene::{Light, LightKind, Scene};
+use relume::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 
 /// Share of the pixels that may differ at will, on seams and edges: two tracers decide those differently.
 const TRIM: f64 = 1e-3;

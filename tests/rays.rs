@@ -6,11 +6,11 @@ use common::assert_near;
 use common::random::Random;
 use common::stage::{Build, lambert};
 use glam::{DVec3, Vec3};
-use relume::bake::bvh::Bvh;
-use relume::bake::packet::fan::{Fan, trace_fans};
-use relume::bake::packet::{PACKET_SIZE, trace_packets};
 use relume::bake::{BakeSettings, bake};
 use relume::scene::{Light, LightKind, Scene};
+use relume::trace::bvh::Bvh;
+use relume::trace::packet::fan::{Fan, trace_fans};
+use relume::trace::packet::{PACKET_SIZE, trace_packets};
 
 /// Triangles all over a ball, some long and thin, some flat along an axis.
 fn shards(random: &mut Random, count: usize) -> Scene {

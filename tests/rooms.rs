@@ -5,9 +5,9 @@ mod common;
 use common::ratio::Lit;
 use common::{shared, transfer};
 use glam::Vec3;
-use relume::bake::bvh::Bvh;
 use relume::bake::transfer::TransferSettings;
 use relume::scene::{Material, Scene};
+use relume::trace::bvh::Bvh;
 
 /// Takes something away from a material.
 type Take = fn(&mut Material);

@@ -16,17 +16,18 @@ use relume::bake::Baked;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::compression::haar::Haar;
 use relume::bake::compression::row_wavelets::RowWavelets;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::{Lobe, Rows};
 use relume::bake::transfer::sparse::SparseMatrix;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::view_samples::resolve;
 use relume::gpu::{Buffer, Frames, Kernel};
-use relume::reference::{gather, resolve};
 use relume::relight::Layers;
 use relume::scene::rig::Rig;
 use relume::scene::{Light, Material, Projection};
 use relume::shared::*;
+use relume::storage::journal::Journal;
 
 /// Rows of many lengths and magnitudes, some without terms, with columns near each other and far apart.
 fn random_matrix(random: &mut Random, inputs: usize, outputs: usize) -> SparseMatrix {
@@ -205,7 +206,7 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
     let stage = Stage::new(scene, &camera, &lights(), &Setup::new(40, 30));
     for samples in [400, 60] {
         let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(samples, 60), &|_| ());
-        let direct = |light: &PackedLight| gather::shade(&stage.scene, &stage.bvh, &transfer.fine, light);
+        let direct = |light: &PackedLight| direct::shade(&stage.scene, &stage.bvh, &transfer.fine, light);
         let haar = Haar::new(&transfer.fine.first);
         let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
         let light = direct(&lights().lights[0].pack(stage.scene.space));
@@ -254,7 +255,7 @@ fn pictures_are_what_the_terms_say() {
 
     let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
     for light in &lights().lights {
-        let unit = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
+        let unit = direct::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
         sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let radiance = one.multiply(&Haar::new(&transfer.fine.first).terms(&sum));

@@ -10,13 +10,14 @@ use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::{gpu, plain_surface};
 use glam::{DVec3, Vec3};
-use relume::bake::octahedral;
-use relume::bake::surface::brdf;
-use relume::brdf::{Angles, f_of_angles};
 use relume::gpu::{Buffer, Frames, Kernel};
-use relume::reference::{self, light};
+use relume::physics::brdf::{Angles, f_of_angles};
+use relume::physics::light;
+use relume::physics::octahedral;
+use relume::reference;
 use relume::scene::{Light, LightKind, MeshSpace, Surface};
 use relume::shared::*;
+use relume::trace::surface::brdf;
 
 /// Relative error of some 30 float32 operations on the way to a radiance: square roots and divisions included.
 const ARITHMETIC: f64 = 30.0 * ROUNDING;

@@ -8,13 +8,13 @@ use common::stage::{Setup, Stage};
 use common::{gpu, shipped, transfer};
 use glam::DVec3;
 use relume::bake::Baked;
-use relume::bake::journal::Journal;
 use relume::bake::spread::spread;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::relight::{Layers, Picture};
 use relume::scene::Scene;
+use relume::storage::journal::Journal;
 
 fn setup(samples: u32) -> Setup {
     Setup { samples, ..Setup::new(72, 48) }

@@ -9,13 +9,13 @@ use common::stage::{Build, ball, emitter, lambert, look, mirror, rig};
 use common::{assert_near, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::NEAR_MIRROR_ALPHA;
-use relume::bake::bvh::Bvh;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::brdf::Lobes;
+use relume::physics::brdf::Lobes;
+use relume::physics::sequence::Points;
 use relume::scene::{Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture};
-use relume::sequence::Points;
 use relume::shared::{Brdf, NO_BRDF};
+use relume::trace::bvh::Bvh;
 
 fn double_sided(material: Material) -> Material {
     Material { double_sided: true, ..material }

@@ -9,15 +9,15 @@ use common::stage::{Build, ball, lambert, look, mirror};
 use common::{assert_near, drawn, not_run, shared, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::svd::Terms;
-use relume::bake::bvh::Bvh;
+use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{MOST_COARSE_COEFFICIENTS, Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::{Image, exr};
-use relume::reference::gather;
 use relume::scene::{Light, LightKind, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
+use relume::trace::bvh::Bvh;
 
 fn settings(samples: usize, rays: u32) -> TransferSettings {
     TransferSettings { points: 16, ..transfer::settings(samples, samples, rays) }
@@ -47,7 +47,7 @@ impl Stage {
     fn direct(&self, transfer: &Transfer, lights: &[Light]) -> Vec<DVec3> {
         let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
         for light in lights {
-            let unit = gather::shade(&self.scene, &self.bvh, &transfer.fine, &light.pack(self.scene.space));
+            let unit = direct::shade(&self.scene, &self.bvh, &transfer.fine, &light.pack(self.scene.space));
             sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
         }
         sum
@@ -176,7 +176,7 @@ fn compare_thesis(scene: &str, step: usize, settings: &ThesisSettings) -> Option
     let gathered = cpu_seconds();
     let mut direct = vec![DVec3::ZERO; thesis.column_count()];
     for light in &stage.scene.rig.lights {
-        let unit = gather::shade_thesis(&stage.scene, &stage.bvh, &thesis, &light.pack(stage.scene.space));
+        let unit = direct::shade_thesis(&stage.scene, &stage.bvh, &thesis, &light.pack(stage.scene.space));
         direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let all = thesis.bounce(&direct);

@@ -6,16 +6,16 @@ use common::drawn::{self, Drawn};
 use common::{not_run, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::compression::CompressionSettings;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Transfer, TransferSettings};
+use relume::bake::view_samples::resolve;
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::Image;
 use relume::image::compare::{Figures, Pictures, Settings};
-use relume::reference::gather;
-use relume::reference::resolve;
 use relume::scene::{Light, LightKind};
+use relume::storage::journal::Journal;
 
 /// Samples a pixel in each half of a truth.
 const SAMPLES: u32 = 128;
@@ -41,7 +41,7 @@ impl<'a> Lit<'a> {
     /// What each light leaves in gather samples.
     fn direct(&self) -> Vec<Vec<DVec3>> {
         let Drawn { scene, bvh, lights } = self.drawn;
-        let shade = |light: &Light| gather::shade(scene, bvh, &self.transfer.fine, &light.pack(scene.space));
+        let shade = |light: &Light| direct::shade(scene, bvh, &self.transfer.fine, &light.pack(scene.space));
         lights.iter().map(shade).collect()
     }
 

@@ -1,4 +1,4 @@
-// glTF's BRDF [glTF 2.0, Appendix B]. Twin: src/brdf/mod.rs.
+// glTF's BRDF [glTF 2.0, Appendix B]. Twin: src/physics/brdf/mod.rs.
 
 const float PI = 3.14159265358979;
 

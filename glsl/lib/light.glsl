@@ -1,4 +1,4 @@
-// Punctual lights [KHR_lights_punctual]. Twin: src/reference/light.rs.
+// Punctual lights [KHR_lights_punctual]. Twin: src/physics/light.rs.
 
 // Unit direction towards the light, and irradiance at normal incidence for unit intensity.
 float incident(PackedLight light, vec3 position, out vec3 wi) {

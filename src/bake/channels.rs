@@ -2,8 +2,9 @@
 
 use glam::Vec3;
 
+use super::Baked;
 use super::compression::clusters::Clusters;
-use super::{Baked, octahedral};
+use crate::physics::octahedral;
 use crate::scene::{Camera, MeshSpace};
 use crate::shared::{Brdf, NO_BRDF};
 
@@ -155,7 +156,7 @@ impl Baked {
     }
 }
 
-/// Base colour and metallic of a surface from what [`super::surface::brdf`] multiplied out: with m metallic and d = base
+/// Base colour and metallic of a surface from what [`crate::trace::surface::brdf`] multiplied out: with m metallic and d = base
 /// (1 - m), f0 = dielectric + m (base - dielectric) makes 1 - m a root of dielectric x² - (f0 + d) x + d.
 fn material(brdf: &Brdf) -> (Vec3, f32) {
     let dielectric = f64::from(brdf.dielectric_f0);
@@ -180,8 +181,8 @@ fn material(brdf: &Brdf) -> (Vec3, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::surface;
     use crate::scene::Surface;
+    use crate::trace::surface;
 
     /// glTF's dielectrics, metals and mixtures come back from their products.
     #[test]

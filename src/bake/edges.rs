@@ -4,11 +4,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Baked;
-use super::octahedral::decode;
-use super::packet::{PACKET_SIZE, trace_all};
 use super::view_samples::EyeRays;
+use crate::physics::octahedral::decode;
 use crate::scene::Rig;
 use crate::shared::NO_BRDF;
+use crate::trace::packet::{PACKET_SIZE, trace_all};
 
 /// Normals further apart than this lie on an edge: 8 degrees.
 const NORMAL_COSINE: f32 = 0.99;

@@ -2,20 +2,13 @@
 
 mod background;
 pub mod brdf_factors;
-pub mod bvh;
 pub mod cache;
 pub mod channels;
-mod coincident;
 pub mod compression;
 pub mod edges;
 mod forced;
 pub mod gather_samples;
-pub mod journal;
-pub mod octahedral;
-pub mod packet;
-pub mod point_tree;
 pub mod spread;
-pub mod surface;
 pub mod transfer;
 pub mod view_samples;
 
@@ -23,12 +16,12 @@ use glam::Vec3;
 
 pub use self::background::low_priority;
 
-use self::bvh::Bvh;
-use self::packet::SamplePacket;
 use self::transfer::baked::BakedTransfer;
 use self::view_samples::{EyeRays, Tiling};
 use crate::scene::{Camera, Rig, Scene};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, ViewSample};
+use crate::trace::bvh::Bvh;
+use crate::trace::packet::{self, SamplePacket};
 
 /// What of a scene is baked, and how finely.
 #[derive(Clone, Debug, PartialEq)]

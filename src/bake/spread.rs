@@ -7,8 +7,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::Baked;
 use super::transfer::baked::BakedTransfer;
-use super::{Baked, octahedral};
+use crate::physics::octahedral;
 use crate::shared::NO_BRDF;
 
 /// Parts of the scene's radius that a normal opposite, and another material, are as far apart as.

@@ -4,16 +4,17 @@
 //! samples that exist only where a mirror, an edge or something behind a surface that blends is seen. Order: layer, then
 //! pixel, so that neighbours in memory are neighbours in the scene.
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::bvh::{Bvh, Hit, coverage, passes_by_chance};
-use super::packet::{PACKET_SIZE, SamplePacket};
-use super::surface::SurfacePoint;
-use super::{BakeSettings, Baked, octahedral};
-use crate::brdf;
+use super::{BakeSettings, Baked};
+use crate::physics::brdf;
+use crate::physics::octahedral;
 use crate::scene::{AlphaMode, Camera, Projection, Scene};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSample};
+use crate::trace::bvh::{Bvh, Hit, coverage, passes_by_chance};
+use crate::trace::packet::{PACKET_SIZE, SamplePacket};
+use crate::trace::surface::SurfacePoint;
 
 /// A path from the eye is not followed below this share of a pixel: half of an 8-bit step a thousand times brighter.
 const MIN_WEIGHT: f32 = 1e-6;
@@ -318,7 +319,9 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         .scene
         .materials
         .iter()
-        .map(|m| super::surface::brdf(&m.evaluate(&eye.scene.textures, Default::default(), [0.0; 2], glam::Vec4::ONE)))
+        .map(|m| {
+            crate::trace::surface::brdf(&m.evaluate(&eye.scene.textures, Default::default(), [0.0; 2], glam::Vec4::ONE))
+        })
         .collect();
     let mut samples = Vec::with_capacity(pixel_count);
     let mut geometric_normals = Vec::with_capacity(pixel_count);
@@ -415,6 +418,26 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         layers,
         asked_layers: eye.layers,
         transfer: None,
+    }
+}
+
+/// Adds the extra view samples to their pixels of a light's image. Twin of resolve.comp.
+///
+/// `image` is by pixel, `extras` the radiance of the extra samples; `layers` has bit l set where layer l counts.
+pub fn resolve(
+    pixels: &[ExtraPixel],
+    indices: &[u32],
+    samples: &[ExtraSample],
+    extras: &[DVec3],
+    layers: u32,
+    image: &mut [DVec3],
+) {
+    for p in pixels {
+        let listed = &indices[p.first as usize..][..p.count as usize];
+        let counted = listed.iter().map(|&i| i as usize).filter(|&i| layers >> samples[i].layer.min(31) & 1 != 0);
+        let deeper: DVec3 = counted.map(|i| samples[i].weight.as_dvec3() * extras[i]).sum();
+        let pixel = &mut image[p.pixel as usize];
+        *pixel = f64::from(p.first_weight) * *pixel + deeper;
     }
 }
 

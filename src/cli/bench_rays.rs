@@ -3,11 +3,11 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
-use relume::bake::packet::{PACKET_SIZE, trace_all};
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::reference::path_tracer::{Filter, PathTracer, Settings};
 use relume::shared::PackedLight;
+use relume::trace::packet::{PACKET_SIZE, trace_all};
 
 use super::bench::percentile;
 use super::session::{Session, cpu_seconds};

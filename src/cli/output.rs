@@ -4,10 +4,10 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use relume::gpu::PassTime;
-use relume::image::file::write_bytes;
 use relume::image::{Image, exr, png};
 use relume::relight::{Layers, Picture, Relighter, exposure};
 use relume::scene::Rig;
+use relume::storage::file::write_bytes;
 use relume::{Error, Result};
 
 use super::options::{Exposure, check_extension};

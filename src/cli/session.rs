@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
-use relume::bake::bvh::Bvh;
 use relume::bake::compression::verify::Verdict;
 use relume::bake::spread::spread;
 use relume::bake::transfer::baked::BakedTransfer;
@@ -19,6 +18,7 @@ use relume::relight::light_cache::LightCache;
 use relume::scene::memory::available_bytes;
 use relume::scene::rig::without_dots;
 use relume::scene::{Camera, Rig, Scene};
+use relume::trace::bvh::Bvh;
 use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions, ViewOptions, check_size};

@@ -324,7 +324,7 @@ impl Context {
         let data = unsafe { self.device.get_pipeline_cache_data(self.pipeline_cache) }
             .map_err(vulkan("read the pipeline cache"))?;
         let unchanged = std::fs::read(file).is_ok_and(|old| old == data);
-        if unchanged { Ok(()) } else { crate::image::file::write_bytes(file, &data) }
+        if unchanged { Ok(()) } else { crate::storage::file::write_bytes(file, &data) }
     }
 }
 

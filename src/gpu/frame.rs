@@ -6,7 +6,6 @@
 //! cannot see buffer addresses, and lavapipe forgives a missing barrier.)
 
 use std::collections::HashMap;
-use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -15,12 +14,12 @@ use ash::vk;
 use bytemuck::Pod;
 
 use super::context::{Context, vulkan};
-use super::gpu_struct::{Glsl, Read, Write};
 use super::kernel::Kernel;
 use super::memory::{Access, Buffer, RawBuffer};
 use super::raster::DepthArray;
 use super::surface::Surface;
 use crate::error::Result;
+use crate::shared::gpu_struct::{Glsl, Read, Write};
 use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 
 /// Where a pass ran.
@@ -292,7 +291,7 @@ impl Frames {
         assert!(end <= UPLOAD_BYTES, "{} bytes do not fit the {UPLOAD_BYTES} that a frame can upload", bytes.len());
         self.upload_used = end;
         self.upload.host_mut()[start..end].copy_from_slice(bytes);
-        Read::new(self.upload.raw().address + start as u64)
+        Read::from(self.upload.raw().address + start as u64)
     }
 
     /// Device ticks of the finished frame to [`PassTime`]s, `submitted_ms` after its beginning.
@@ -417,37 +416,25 @@ impl Frame<'_> {
     }
 }
 
-impl<T> Read<T> {
-    fn new(address: u64) -> Self {
-        Self(address, PhantomData)
-    }
-}
-
-impl<T> Write<T> {
-    fn new(address: u64) -> Self {
-        Self(address, PhantomData)
-    }
-}
-
 impl Pass<'_> {
     /// Declares that the pass reads `buffer`.
     pub fn read<T: Glsl>(&mut self, buffer: &Buffer<T>) -> Read<T> {
-        Read::new(self.frames.touch(self.name, buffer.raw(), Touch::Read))
+        Read::from(self.frames.touch(self.name, buffer.raw(), Touch::Read))
     }
 
     /// Declares that the pass writes `buffer`, and perhaps reads it.
     pub fn write<T: Glsl>(&mut self, buffer: &Buffer<T>) -> Write<T> {
-        Write::new(self.frames.touch(self.name, buffer.raw(), Touch::Write))
+        Write::from(self.frames.touch(self.name, buffer.raw(), Touch::Write))
     }
 
     /// The same as [`Pass::read`], where a kernel sees the elements as another type of the same bytes.
     pub fn read_as<T: Glsl, U: Glsl>(&mut self, buffer: &Buffer<T>) -> Read<U> {
-        Read::new(self.frames.touch(self.name, buffer.raw(), Touch::Read))
+        Read::from(self.frames.touch(self.name, buffer.raw(), Touch::Read))
     }
 
     /// The same as [`Pass::write`], where a kernel sees the elements as another type of the same bytes.
     pub fn write_as<T: Glsl, U: Glsl>(&mut self, buffer: &Buffer<T>) -> Write<U> {
-        Write::new(self.frames.touch(self.name, buffer.raw(), Touch::Write))
+        Write::from(self.frames.touch(self.name, buffer.raw(), Touch::Write))
     }
 
     /// Declares that the kernel samples `depth`, its set 0.

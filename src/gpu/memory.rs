@@ -10,8 +10,8 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use rayon::prelude::*;
 
 use super::context::{Context, UNPOISONED, vulkan};
-use super::gpu_struct::Glsl;
 use crate::error::Result;
+use crate::shared::gpu_struct::Glsl;
 
 /// Who touches a buffer besides kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! All Vulkan, all `unsafe`. Knows buffers, kernels and passes, and files that are uploaded as they lie; knows no lights.
+//! All Vulkan, and all `unsafe` but that of mapped files. Knows buffers, kernels and passes; knows no lights.
 #![allow(unsafe_code)]
 
 #[cfg(feature = "hot-reload")]
@@ -7,9 +7,7 @@ pub mod context;
 pub mod device;
 mod faults;
 pub mod frame;
-pub mod gpu_struct;
 pub mod kernel;
-pub mod mapped;
 pub mod memory;
 pub mod present;
 pub mod raster;

@@ -16,9 +16,10 @@ use exr::meta::attribute::{AttributeValue, ChannelDescription, Chromaticities, L
 use exr::meta::header::Header;
 use rayon::prelude::*;
 
+use super::Image;
 pub use super::exr_read::read;
-use super::{Image, file};
 use crate::error::{Error, Result};
+use crate::storage::file;
 
 /// What a file says of its pixels beside them.
 #[derive(Clone, Debug)]

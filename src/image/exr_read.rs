@@ -15,8 +15,9 @@ use exr::meta::attribute::{IntegerBounds, SampleType};
 use exr::meta::header::Header;
 use rayon::prelude::*;
 
-use super::{Image, Layer, file};
+use super::{Image, Layer};
 use crate::error::{Error, Result};
+use crate::storage::file;
 
 /// More than this is no picture of ours: 8192 x 4096 pixels in twenty layers take as much.
 const MOST_BYTES: u64 = 8 << 30;

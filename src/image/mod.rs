@@ -3,7 +3,6 @@
 pub mod compare;
 pub mod exr;
 mod exr_read;
-pub mod file;
 pub mod png;
 
 /// Layers of linear RGB, all of one size. Row 0 is the top.

@@ -3,8 +3,8 @@
 use std::io::BufReader;
 use std::path::Path;
 
-use super::file;
 use crate::error::{Error, Result};
+use crate::storage::file;
 
 /// Pixels of a PNG file, row by row from the top, as stored (sRGB unless the file says otherwise).
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use super::shadow_map::{Cluster, Face, clusters, visible_ranges};
 use crate::error::Result;
-use crate::gpu::gpu_struct::Read;
 use crate::gpu::raster::DepthDraw;
 use crate::gpu::{Buffer, Context, DepthKernel, Pass};
 use crate::scene::{AlphaMode, Material, Scene, Wrap};
+use crate::shared::gpu_struct::Read;
 use crate::shared::*;
 
 pub struct Cutouts {

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::bake::Baked;
+use crate::bake::view_samples::resolve;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context};
-use crate::reference::resolve;
 use crate::shared::*;
 
 /// The baked data that kernels read.

@@ -9,10 +9,10 @@ use glam::Vec4;
 
 use super::indirect::ByLights;
 use crate::bake::compression::haar::{Haar, Pruned};
-use crate::bake::point_tree::middle;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
 use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, Rotation};
+use crate::trace::point_tree::middle;
 
 pub struct HaarTransform {
     places: Buffer<u32>,

@@ -15,8 +15,8 @@ use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SparseMatrix;
 use crate::error::Result;
-use crate::gpu::gpu_struct::Write;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel, Pass};
+use crate::shared::gpu_struct::Write;
 use crate::shared::*;
 
 pub struct Indirect {

@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use super::indirect::Strided;
 use crate::bake::brdf_factors::Projection;
-use crate::bake::bvh::Bvh;
 use crate::bake::gather_samples::light_rays::{LightRays, RAYS, per_solid_angle};
-use crate::bake::octahedral;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
+use crate::physics::octahedral;
 use crate::scene::Scene;
 use crate::shared::*;
+use crate::trace::bvh::Bvh;
 
 /// Casts rays from lights, and adds what they bring.
 pub struct RayCaster {

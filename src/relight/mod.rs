@@ -35,12 +35,12 @@ use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
 use self::watch::Watch;
 use crate::bake::Baked;
-use crate::bake::bvh::Bvh;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::{Rig, Scene};
 use crate::shared::LIGHTS_A_PASS;
+use crate::trace::bvh::Bvh;
 
 /// How pictures leave the relighter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

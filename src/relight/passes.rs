@@ -11,10 +11,10 @@ use super::visibility::{Seen, VisibilityBuffers, trace, trace_half};
 use super::watch::{self, Watch, Watched};
 use super::{Kernels, Layers};
 use crate::bake::Baked;
-use crate::bake::bvh::Bvh;
 use crate::gpu::{Buffer, Frame, Pass};
 use crate::scene::{Light, Rig, Scene};
 use crate::shared::*;
+use crate::trace::bvh::Bvh;
 
 /// Draw a shadow map, look it up twice, shade, resolve.
 const PASSES_A_LIGHT: usize = 5;

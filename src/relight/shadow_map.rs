@@ -11,12 +11,12 @@ use std::sync::Arc;
 use glam::{Mat4, Vec3};
 
 use super::cutouts::Cutouts;
-use crate::bake::bvh::Bvh;
 use crate::error::Result;
 use crate::gpu::raster::DepthDraw;
 use crate::gpu::{Buffer, Context, DepthArray, DepthKernel, Frame, Kernel};
 use crate::scene::{Light, LightKind, Scene};
 use crate::shared::{PackedLight, ShadowFace, ShadowPcfPush, ShadowPush, ViewSample};
+use crate::trace::bvh::Bvh;
 
 /// Triangles culled together.
 const CLUSTER_SIZE: usize = 256;

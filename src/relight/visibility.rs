@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use super::light_rays::Caught;
 use crate::bake::Baked;
-use crate::bake::bvh::Bvh;
-use crate::bake::packet::half::HalfPackets;
-use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_all};
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
 use crate::scene::Scene;
 use crate::shared::PackedLight;
+use crate::trace::bvh::Bvh;
+use crate::trace::packet::half::HalfPackets;
+use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_all};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VisibilityMethod {

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::gpu::gpu_struct::Glsl;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::CountNonFinitePush;
+use crate::shared::gpu_struct::Glsl;
 
 /// Passes that are looked after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

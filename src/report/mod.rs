@@ -22,7 +22,7 @@ use self::stability::Stability;
 use self::thesis::{GlossyAlone, Thesis};
 
 use crate::error::{Error, Result};
-use crate::image::file::write_bytes;
+use crate::storage::file::write_bytes;
 
 /// Everything that the page tells.
 pub struct Report {

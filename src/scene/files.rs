@@ -9,7 +9,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use percent_encoding::percent_decode_str;
 
 use crate::error::{Error, Result};
-use crate::image::file;
+use crate::storage::file;
 
 /// The whole of a regular file; anything else (a pipe might never end) is an error.
 pub fn read(path: &Path) -> Result<Vec<u8>> {

@@ -386,7 +386,7 @@ mod tests {
         });
         let mut file = Vec::new();
         pixels.write_to(&mut std::io::Cursor::new(&mut file), image::ImageFormat::Png).unwrap();
-        let image = Image::decode(&file).ok().expect("it is a PNG file");
+        let image = Image::decode(&file).expect("it is a PNG file");
         let texture = Texture::of("deep".into(), image.clone(), Encoding::Linear);
         for (x, y, pixel) in pixels.enumerate_pixels() {
             let uv = Vec2::new((x as f32 + 0.5) / 64.0, (y as f32 + 0.5) / 64.0);

@@ -5,8 +5,8 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::Opened;
 use super::desk::Desk;
-use crate::bake::surface::SurfacePoint;
 use crate::scene::{Camera, Light, LightKind, MeshSpace, Projection};
+use crate::trace::surface::SurfacePoint;
 
 /// Pixels: while something moves, and at rest.
 const COARSE: [usize; 2] = [60, 40];

@@ -43,10 +43,10 @@ use std::time::Duration;
 pub use self::load::Loader;
 pub use self::window::run;
 use crate::bake::Baked;
-use crate::bake::bvh::Bvh;
 use crate::gpu::{PassTime, Site, Validation, Vsync};
 use crate::relight::RelightSettings;
 use crate::scene::{Camera, Rig, Scene};
+use crate::trace::bvh::Bvh;
 
 /// What a window needs to know before its scene is loaded.
 pub struct ViewSettings {

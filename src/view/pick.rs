@@ -5,8 +5,8 @@ use glam::{DVec3, Vec3};
 
 use super::Opened;
 use super::desk::Pick;
-use crate::bake::surface::SurfacePoint;
 use crate::gpu::Placement;
+use crate::trace::surface::SurfacePoint;
 
 /// The picture in the window: `area` physical pixels from the top left are free for it.
 ///

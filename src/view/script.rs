@@ -18,7 +18,7 @@ use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, Vec2};
 
 use super::keys::{chord_text, parse_chord};
 use crate::error::{Error, Result};
-use crate::image::file;
+use crate::storage::file;
 
 /// Events in the order of their times.
 #[derive(Clone, Debug, Default, PartialEq)]

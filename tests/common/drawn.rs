@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use glam::{DVec3, Vec3};
-use relume::bake::bvh::Bvh;
 use relume::bake::gather_samples::is_back;
 use relume::image::{Image, exr};
+use relume::physics::sequence::Points;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::{Light, LightKind, Scene};
-use relume::sequence::Points;
+use relume::trace::bvh::Bvh;
 
 use super::shared;
 use super::stage::rig;

@@ -1,13 +1,13 @@
 //! How much indirect light there is, against the path tracer.
 
 use glam::{DVec3, Vec3};
-use relume::bake::bvh::Bvh;
+use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
-use relume::reference::gather;
 use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
 use relume::scene::{Camera, Rig, Scene};
+use relume::trace::bvh::Bvh;
 
 use super::drawn;
 
@@ -31,7 +31,7 @@ impl Lit<'_> {
     pub fn direct(&self, transfer: &Transfer) -> Vec<DVec3> {
         let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
         for light in &self.rig.lights {
-            let unit = gather::shade(self.scene, self.bvh, &transfer.fine, &light.pack(self.scene.space));
+            let unit = direct::shade(self.scene, self.bvh, &transfer.fine, &light.pack(self.scene.space));
             sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
         }
         sum

@@ -4,11 +4,11 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use glam::{DVec3, Mat3, Vec2, Vec3, Vec4};
-use relume::bake::bvh::Bvh;
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene, Texture, TextureRef, Wrap};
+use relume::trace::bvh::Bvh;
 
 use super::Gpu;
 

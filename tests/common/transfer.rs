@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use relume::bake::Baked;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::storage::journal::Journal;
 
 use super::stage::Stage;
 

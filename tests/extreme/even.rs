@@ -3,9 +3,7 @@
 
 use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::svd::Terms;
-use relume::bake::bvh::Bvh;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
@@ -13,6 +11,8 @@ use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
+use relume::storage::journal::Journal;
+use relume::trace::bvh::Bvh;
 
 use crate::common::stage::{lambert, look};
 use crate::common::transfer;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
 use relume::bake::Baked;
-use relume::reference::gather;
+use relume::bake::transfer::direct;
 use relume::relight::{Layers, Picture};
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
 
@@ -210,10 +210,10 @@ fn all_light_is_caught() {
     let level = &transfer.fine;
     let caught = |light: &Light| -> [f64; 2] {
         let packed = light.pack(stage.scene.space);
-        let ours = gather::shade(&stage.scene, &stage.bvh, level, &packed);
+        let ours = direct::shade(&stage.scene, &stage.bvh, level, &packed);
         let of = |i: usize| ours[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
         let ours = (0..level.samples.len()).map(of).sum::<f64>() * PI.sqrt();
-        let theirs = gather::shade_thesis(&stage.scene, &stage.bvh, &thesis, &packed);
+        let theirs = direct::shade_thesis(&stage.scene, &stage.bvh, &thesis, &packed);
         let theirs: f64 = thesis.samples.samples.iter().zip(&theirs).map(|(s, r)| f64::from(s.area) * r.x * PI).sum();
         let square = stage.scene.space.unit.powi(2);
         [ours, theirs].map(|flux| square * flux / f64::from(ALBEDO))

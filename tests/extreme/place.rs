@@ -4,9 +4,9 @@
 mod support;
 
 use glam::{DVec3, Vec3};
-use relume::bake::bvh::Bvh;
 use relume::reference::path_tracer::{Half, Layer, PathTracer};
 use relume::scene::Scene;
+use relume::trace::bvh::Bvh;
 use serde_json::json;
 
 use self::support::Gltf;

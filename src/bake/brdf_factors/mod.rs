@@ -14,7 +14,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use self::harmonics::{DEGREES, Harmonics, MAX_FUNCTIONS, RADIAL_COUNT, RADIALS, azimuths, radials_of, spread};
-use crate::brdf::{self, Lobes};
+use crate::physics::brdf::{self, Lobes};
 use crate::shared::{Brdf, TABLE_COSINES, TABLE_ROUGHNESSES};
 
 pub use crate::shared::ALBEDO_CAP;
@@ -195,7 +195,11 @@ fn column(integrate: impl Fn(DVec3) -> [[f64; 2]; RADIAL_COUNT]) -> Vec<[[f64; 2
 }
 
 /// Radial parts of ∫ B_i(ωo) f cosθo dωo for light from `wi`, by facets: two `parts` of BRDF times cosine at once.
-fn integrate(brdf: &Brdf, wi: DVec3, parts: impl Fn(&crate::brdf::Reflected) -> [f64; 2]) -> [[f64; 2]; RADIAL_COUNT] {
+fn integrate(
+    brdf: &Brdf,
+    wi: DVec3,
+    parts: impl Fn(&crate::physics::brdf::Reflected) -> [f64; 2],
+) -> [[f64; 2]; RADIAL_COUNT] {
     let mut sums = [[0.0; 2]; RADIAL_COUNT];
     let Some(lobes) = Lobes::new(brdf, DVec3::Z, wi) else { return sums };
     for facet in 0..FACETS[0] * FACETS[1] {
@@ -223,7 +227,7 @@ fn integrate(brdf: &Brdf, wi: DVec3, parts: impl Fn(&crate::brdf::Reflected) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Points;
+    use crate::physics::sequence::Points;
 
     fn brdf(diffuse: f32, roughness: f32, f0: f32, metal: bool) -> Brdf {
         let (dielectric_f0, dielectric_f90) = if metal { (0.0, 0.0) } else { (f0, 1.0) };

@@ -9,7 +9,7 @@ use faer::Mat;
 use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use crate::brdf::f;
+use crate::physics::brdf::f;
 use crate::shared::{Brdf, DISC_SIDE};
 
 /// Texels along each side of the map.

@@ -15,9 +15,9 @@ pub use self::transfer::{load_transfer, store_transfer, transfer_key};
 
 use super::BakeSettings;
 use crate::error::{Cause, Error, Result};
-use crate::gpu::mapped::{Elements, Mapping};
-use crate::image::file::{is_temporary, open, write_whole};
 use crate::scene::{Camera, Rig, Scene};
+use crate::storage::file::{is_temporary, open, write_whole};
+use crate::storage::mapped::{Elements, Mapping};
 
 /// Counts changes of what a file holds.
 const FORMAT: &str = "20";

@@ -5,9 +5,9 @@ use std::ops::Range;
 use glam::Vec3;
 
 use crate::bake::Baked;
-use crate::bake::octahedral;
-use crate::bake::point_tree::{Point, point};
+use crate::physics::octahedral;
 use crate::shared::ViewSample;
+use crate::trace::point_tree::{Point, point};
 
 /// View samples of a tile, which share one small basis: at least and at most, in whole groups of the least.
 const TILE: [usize; 2] = [64, 256];

@@ -15,7 +15,7 @@ use super::terms::{self, Chosen, cut, multiple};
 use super::twice::Twice;
 use super::{Found, OUTSIDE};
 use crate::bake::transfer::rows::Rows;
-use crate::sequence::Points;
+use crate::physics::sequence::Points;
 
 /// What all superclusters are made of.
 pub struct Inputs {

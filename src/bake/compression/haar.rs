@@ -16,8 +16,8 @@ use std::ops::{Add, Sub};
 
 use glam::DVec3;
 
-use crate::bake::point_tree::middle;
 use crate::shared::Rotation;
+use crate::trace::point_tree::middle;
 
 /// The transform of coefficients whose sample i has `first[i]..first[i + 1]`, as [`Level`] counts them.
 ///
@@ -209,7 +209,7 @@ mod tests {
         ) {
             let mut first = vec![0];
             counts.iter().for_each(|c| first.push(first[first.len() - 1] + c));
-            let points = crate::sequence::Points::new(seed, 0);
+            let points = crate::physics::sequence::Points::new(seed, 0);
             let values: Vec<f64> = (0..first[counts.len()]).map(|i| points.at(i, 0)[0] - 0.5).collect();
             let haar = Haar::new(&first);
             let terms: Vec<f64> = haar.terms(&values.iter().map(|v| DVec3::splat(*v)).collect::<Vec<_>>())

@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 
 use crate::bake::gather_samples::{GatherSample, GatherSamples};
 use crate::bake::transfer::Transfer;
+use crate::physics::sequence::Points;
 use crate::scene::{Light, LightKind, MeshSpace};
-use crate::sequence::Points;
 use crate::shared::PackedLight;
 
 /// Which light a random one is.

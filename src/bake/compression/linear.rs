@@ -87,7 +87,7 @@ impl Lu {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Points;
+    use crate::physics::sequence::Points;
 
     #[test]
     fn solutions_and_eigenvectors() {

@@ -45,10 +45,10 @@ use self::lights::Kind;
 use self::panels::{Compact, WIDTH};
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
-use super::journal::Journal;
 use super::transfer::Transfer;
 use super::transfer::rows::Lobe;
-use crate::sequence::Points;
+use crate::physics::sequence::Points;
+use crate::storage::journal::Journal;
 
 /// How closely to compress.
 #[derive(Clone, Debug, PartialEq)]

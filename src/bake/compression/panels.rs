@@ -353,7 +353,7 @@ pub fn matrix_mut(panel: &mut [[f32; WIDTH]]) -> MatMut<'_, f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Points;
+    use crate::physics::sequence::Points;
 
     fn random(i: usize, j: usize) -> f32 {
         Points::new(5, 0).at(i as u32, j as u32)[0] as f32 - 0.5

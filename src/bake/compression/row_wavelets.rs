@@ -17,10 +17,10 @@ use super::panels::{self, Panels, WIDTH};
 use super::report::{Report, mean, relative};
 use super::training::Direct;
 use super::{BIAS, CompressionSettings, DECIDING, SPOTS, learn, some};
-use crate::bake::journal::Journal;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::{RowGatherer, Rows};
 use crate::bake::transfer::sparse::SparseMatrix;
+use crate::storage::journal::Journal;
 
 /// Cuts the rows of one transfer.
 pub struct RowWavelets<'a> {

@@ -136,7 +136,7 @@ pub fn multiple(count: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Points;
+    use crate::physics::sequence::Points;
 
     const TERMS: usize = 192;
     const DIRECTIONS: usize = 24;

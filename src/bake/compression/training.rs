@@ -7,7 +7,7 @@ use super::lights::{Kind, RandomLights};
 use super::panels::{self, Panels, WIDTH};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::Rows;
-use crate::sequence::Points;
+use crate::physics::sequence::Points;
 use crate::shared::PackedLight;
 
 /// Coefficients of direct light at the fine level, from a light at unit intensity.

@@ -131,7 +131,7 @@ fn apart(pixels: &[usize], checks: &Panels, again: &Panels, light: usize) -> f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Points;
+    use crate::physics::sequence::Points;
 
     const PIXELS: usize = 512;
     const LIGHTS: usize = 24;

@@ -9,7 +9,7 @@ use super::lights::{Kind, RandomLights};
 use super::training::Direct;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::rows::Lobe;
-use crate::sequence::Points;
+use crate::physics::sequence::Points;
 
 /// What to judge by.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::bake::point_tree::{Point, PointTree};
+use crate::trace::point_tree::{Point, PointTree};
 
 /// Rounds of assignment and averaging: pieces of the tree are a good start.
 const ROUNDS: usize = 8;

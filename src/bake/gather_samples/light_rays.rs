@@ -14,12 +14,12 @@ use rayon::prelude::*;
 use super::{carries_light, is_back, normal_length, turned};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
-use crate::bake::bvh::Bvh;
-use crate::bake::point_tree::{PointTree, point};
-use crate::bake::surface::SurfacePoint;
-use crate::reference::light::{cone, window};
+use crate::physics::light::{cone, window};
 use crate::scene::Scene;
 use crate::shared::{EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_SPOT, LightSample, PackedLight};
+use crate::trace::bvh::Bvh;
+use crate::trace::point_tree::{PointTree, point};
+use crate::trace::surface::SurfacePoint;
 
 /// Rays of each light: one for each point where they begin to tell. Twice as many change nothing (docs/transfer.md).
 pub const RAYS: usize = 512;
@@ -171,7 +171,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::reference::light::incident;
+    use crate::physics::light::incident;
     use crate::scene::{Light, LightKind, MeshSpace};
 
     /// Against what arrives on a sphere about the light.

@@ -12,13 +12,13 @@ pub use self::surface_points::{Drawn, Patch, Place, Surfaces, Visited, is_back, 
 use self::clusters::Clusters;
 use self::surface_points::is_enclosed;
 use super::brdf_factors::NEAR_MIRROR_ALPHA;
-use super::bvh::Bvh;
-use super::packet::{PACKET_SIZE, SamplePacket};
-use super::point_tree::{Point, PointTree, point};
-use super::surface::SurfacePoint;
+use crate::physics::sequence::Points;
 use crate::scene::Scene;
-use crate::sequence::Points;
 use crate::shared::Brdf;
+use crate::trace::bvh::Bvh;
+use crate::trace::packet::{PACKET_SIZE, SamplePacket};
+use crate::trace::point_tree::{Point, PointTree, point};
+use crate::trace::surface::SurfacePoint;
 
 /// How gather samples are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +66,7 @@ pub struct GatherPoint {
 }
 
 /// All gather samples of a scene, in the order of the leaves of a balanced tree: a node that holds the samples
-/// `first..end` has as children what lies before and after [`super::point_tree::middle`].
+/// `first..end` has as children what lies before and after [`crate::trace::point_tree::middle`].
 #[derive(Clone, Debug, Default)]
 pub struct GatherSamples {
     pub samples: Vec<GatherSample>,

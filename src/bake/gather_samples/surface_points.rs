@@ -3,11 +3,11 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::bake::bvh::{Bvh, Hit, coverage};
-use crate::bake::surface::SurfacePoint;
-use crate::brdf::cosine_direction;
+use crate::physics::brdf::cosine_direction;
+use crate::physics::sequence;
 use crate::scene::Scene;
-use crate::sequence;
+use crate::trace::bvh::{Bvh, Hit, coverage};
+use crate::trace::surface::SurfacePoint;
 
 /// A place on one side of a triangle.
 #[derive(Clone, Copy, Debug)]

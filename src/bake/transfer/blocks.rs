@@ -14,8 +14,8 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
-use crate::gpu::mapped::Elements;
 use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, STRIP_ROWS};
+use crate::storage::mapped::Elements;
 
 /// Rows of a panel before it is packed.
 #[derive(Default)]

@@ -5,8 +5,8 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Place, carries_light};
-use crate::bake::point_tree::{PointTree, point};
 use crate::scene::Scene;
+use crate::trace::point_tree::{PointTree, point};
 
 /// Samples that a cell reads.
 pub const NEIGHBOURS: usize = 4;

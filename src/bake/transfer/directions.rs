@@ -1,4 +1,4 @@
-//! Directions that a view sample gathers from, drawn from its BRDF many at a time: [`crate::brdf::Lobes`] in single precision.
+//! Directions that a view sample gathers from, drawn from its BRDF many at a time: [`crate::physics::brdf::Lobes`] in single precision.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -6,7 +6,7 @@ use glam::Vec3;
 use pulp::{Simd, WithSimd};
 
 use super::rows::Lobe;
-use crate::sequence::{BLOCK, ShiftedPoints};
+use crate::physics::sequence::{BLOCK, ShiftedPoints};
 use crate::shared::Brdf;
 
 /// Directions in the frame of a view sample, in which the eye lies in the half plane of z and positive x.
@@ -24,7 +24,7 @@ pub struct Block {
 
 impl Directions {
     /// Draws a direction for each of `points`, with the eye at this cosine above the horizon and
-    /// [`crate::brdf::Lobes::specular_share`] of the directions from the specular lobe.
+    /// [`crate::physics::brdf::Lobes::specular_share`] of the directions from the specular lobe.
     pub fn draw(
         &mut self,
         brdf: &Brdf,
@@ -106,7 +106,7 @@ struct Eye {
     rise: [f32; 3],
 }
 
-/// As in [`crate::brdf`].
+/// As in [`crate::physics::brdf`].
 const MIN_COSINE: f32 = 1e-6;
 
 impl Eye {
@@ -132,7 +132,7 @@ impl Eye {
         }
     }
 
-    /// [`crate::brdf::Lobes::sample`].
+    /// [`crate::physics::brdf::Lobes::sample`].
     #[inline(always)]
     fn sample(&self, [u, v, w]: [f32; 3]) -> [f32; 3] {
         let (sine, cosine) = sin_cos_of_turns(u);
@@ -150,7 +150,7 @@ impl Eye {
         if specular { mirrored } else { [x, y, up] }
     }
 
-    /// BRDF times cosine over the density: [`crate::brdf::Lobes::at`]. Zero below the horizon.
+    /// BRDF times cosine over the density: [`crate::physics::brdf::Lobes::at`]. Zero below the horizon.
     #[inline(always)]
     fn weight(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         let (hx, hy, hz) = (x + self.wo[0], y, z + self.wo[1]);
@@ -194,7 +194,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::brdf::Lobes;
+    use crate::physics::brdf::Lobes;
 
     fn brdfs() -> Vec<Brdf> {
         let mut brdfs = Vec::new();

@@ -4,14 +4,15 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::paths::{Arrival, Paths};
-use crate::bake::bvh::{Bvh, Hit};
+use crate::bake::Baked;
 use crate::bake::gather_samples::{Patch, Place, Surfaces, Visited, held, sides};
-use crate::bake::surface::SurfacePoint;
-use crate::bake::{Baked, octahedral};
-use crate::brdf::Lobes;
+use crate::physics::brdf::Lobes;
+use crate::physics::octahedral;
+use crate::physics::sequence::Points;
 use crate::scene::Scene;
-use crate::sequence::Points;
 use crate::shared::Brdf;
+use crate::trace::bvh::{Bvh, Hit};
+use crate::trace::surface::SurfacePoint;
 
 /// What paths from the eye tell of a scene's surfaces.
 pub struct Importance {

@@ -14,6 +14,7 @@
 pub mod baked;
 pub mod blocks;
 pub mod cells;
+pub mod direct;
 pub mod directions;
 pub mod importance;
 pub mod level;
@@ -34,10 +35,10 @@ use self::transport::{Bounce, BounceGatherer};
 use super::Baked;
 use super::brdf_factors::harmonics::MAX_FUNCTIONS;
 use super::brdf_factors::{ALBEDO_CAP, Projection};
-use super::bvh::Bvh;
 use super::gather_samples::{GatherSample, GatherSamples, Placement};
 use crate::scene::Scene;
 use crate::shared::Brdf;
+use crate::trace::bvh::Bvh;
 
 /// How light leaves gather samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,12 +3,12 @@
 use glam::{DVec3, Vec3};
 
 use crate::bake::brdf_factors::NEAR_MIRROR_ALPHA;
-use crate::bake::bvh::{Bvh, Hit, interpolate_attributes};
 use crate::bake::gather_samples::{Place, is_from_behind};
-use crate::bake::surface::SurfacePoint;
-use crate::brdf::{self, Lobes};
+use crate::physics::brdf::{self, Lobes};
 use crate::scene::{Material, Scene};
 use crate::shared::Brdf;
+use crate::trace::bvh::{Bvh, Hit, interpolate_attributes};
+use crate::trace::surface::SurfacePoint;
 
 /// A path through mirrors is not followed below this share of its light.
 const MIN_TINT: f32 = 1e-3;

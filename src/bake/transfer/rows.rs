@@ -9,12 +9,12 @@ use super::directions::Directions;
 use super::level::Level;
 use super::paths::{Arrival, Paths};
 use crate::bake::Baked;
-use crate::bake::octahedral;
-use crate::bake::packet::PACKET_SIZE;
-use crate::bake::packet::fan::{Fan, trace_fans};
-use crate::brdf::Lobes;
-use crate::sequence::{BLOCK, Points, ShiftedPoints};
+use crate::physics::brdf::Lobes;
+use crate::physics::octahedral;
+use crate::physics::sequence::{BLOCK, Points, ShiftedPoints};
 use crate::shared::NO_BRDF;
+use crate::trace::packet::PACKET_SIZE;
+use crate::trace::packet::fan::{Fan, trace_fans};
 
 /// Sparse rows, one a view sample.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

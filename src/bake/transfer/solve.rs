@@ -168,7 +168,7 @@ fn norm(a: &[DVec3]) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Points;
+    use crate::physics::sequence::Points;
 
     /// Rows with random entries; those of channel c add up to `sums[c]`.
     fn random(size: usize, sums: [f32; 3]) -> Rows {

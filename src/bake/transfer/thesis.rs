@@ -16,13 +16,13 @@ use super::solve;
 use crate::bake::Baked;
 use crate::bake::brdf_factors::svd::{Factors, Terms};
 use crate::bake::brdf_factors::{ALBEDO_CAP, Projection};
-use crate::bake::bvh::Bvh;
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Placement, Surfaces, average};
-use crate::bake::octahedral;
-use crate::bake::packet::{PACKET_SIZE, SamplePacket, trace_packets};
-use crate::brdf::Lobes;
+use crate::physics::brdf::Lobes;
+use crate::physics::octahedral;
 use crate::scene::Scene;
 use crate::shared::{DISC_SIDE, LIGHT_POINT, NO_BRDF, PackedLight};
+use crate::trace::bvh::Bvh;
+use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 
 /// What is computed.
 #[derive(Clone, Debug, PartialEq)]

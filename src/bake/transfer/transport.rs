@@ -17,8 +17,8 @@ use super::paths::Paths;
 use super::rows::{Row, Rows};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
-use crate::brdf::cosine_direction;
-use crate::sequence::Points;
+use crate::physics::brdf::cosine_direction;
+use crate::physics::sequence::Points;
 
 /// Rounds of balancing at most.
 const ROUNDS: usize = 200;

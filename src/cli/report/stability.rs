@@ -3,16 +3,16 @@
 use glam::{DVec3, Vec3};
 use relume::Result;
 use relume::bake::brdf_factors::svd::Terms;
-use relume::bake::bvh::Bvh;
-use relume::bake::journal::Journal;
 use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
-use relume::reference::gather;
 use relume::report::stability::{MOST_BOUNCES, Stability};
 use relume::scene::{Material, Scene};
+use relume::storage::journal::Journal;
+use relume::trace::bvh::Bvh;
 
 use super::lab::Lab;
 
@@ -67,7 +67,7 @@ impl Lab<'_> {
         };
         let thesis = Thesis::new(&scene, &bvh, &baked, &thesis, &|_| ());
         let Some(light) = session.rig.lights.first() else { return Ok(None) };
-        let direct = gather::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
+        let direct = direct::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
         let [single, half] = precision(&transfer, &baked, &direct);
         let (all, residual) = transfer.bounce(&direct);
         if squares(&all) == 0.0 {

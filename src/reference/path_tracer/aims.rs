@@ -12,11 +12,11 @@ use glam::{DVec2, DVec3, Vec2, Vec3, Vec4};
 
 use super::curves::Curve;
 use super::lights::{Lamp, Lamps};
-use crate::bake::surface::{SurfacePoint, brdf};
-use crate::brdf::{basis, specular_reflectance};
-use crate::reference::light::incident;
+use crate::physics::brdf::{basis, specular_reflectance};
+use crate::physics::light::incident;
 use crate::scene::Scene;
 use crate::shared::{Brdf, LIGHT_DIRECTIONAL};
+use crate::trace::surface::{SurfacePoint, brdf};
 
 /// Rougher lobes than glTF roughness 0.5 throw no caustic worth aiming at.
 const MAX_ALPHA: f32 = 0.25;

@@ -10,12 +10,12 @@ use glam::Vec3;
 
 use super::aims::Aim;
 use super::lights::Lamp;
-use crate::bake::octahedral;
-use crate::bake::surface::SurfacePoint;
-use crate::brdf::specular_reflectance;
-use crate::reference::light::incident;
+use crate::physics::brdf::specular_reflectance;
+use crate::physics::light::incident;
+use crate::physics::octahedral;
 use crate::scene::Scene;
 use crate::shared::{Brdf, LIGHT_DIRECTIONAL};
+use crate::trace::surface::SurfacePoint;
 
 /// Normals are looked up in a map of so many cells a side: 3 degrees, less than a lobe is wide.
 const CELLS: usize = 64;

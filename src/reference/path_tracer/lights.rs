@@ -2,13 +2,13 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::bake::bvh::{Bvh, Hit};
-use crate::bake::packet::shadow_ray;
-use crate::bake::surface::SurfacePoint;
-use crate::brdf::reflected;
-use crate::reference::light::{Incident, incident};
+use crate::physics::brdf::reflected;
+use crate::physics::light::{Incident, incident};
 use crate::scene::{Rig, Scene};
 use crate::shared::PackedLight;
+use crate::trace::bvh::{Bvh, Hit};
+use crate::trace::packet::shadow_ray;
+use crate::trace::surface::SurfacePoint;
 
 /// Lights that are on.
 pub(super) struct Lamps {

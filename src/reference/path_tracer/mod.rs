@@ -24,10 +24,10 @@ use self::aims::Faces;
 use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::lights::{Emitters, Lamps};
 use self::path::{Numbers, Seen};
-use crate::bake::bvh::Bvh;
 use crate::bake::view_samples::{EyeRays, Tiling};
+use crate::physics::sequence::Points;
 use crate::scene::{Camera, Rig, Scene};
-use crate::sequence::Points;
+use crate::trace::bvh::Bvh;
 
 /// What is traced.
 #[derive(Clone, Debug)]

@@ -5,10 +5,10 @@ use glam::DVec3;
 use super::PathTracer;
 use super::aims::Aims;
 use super::film::{EMISSION, INDIRECT, INDIRECT_GLOSSY, Sample};
-use crate::bake::surface::SurfacePoint;
 use crate::bake::view_samples::PathVertex;
-use crate::brdf::{Lobes, mirror};
-use crate::sequence::Points;
+use crate::physics::brdf::{Lobes, mirror};
+use crate::physics::sequence::Points;
+use crate::trace::surface::SurfacePoint;
 
 /// Bounces that are always followed; past them, Russian roulette.
 const SURE_BOUNCES: u32 = 3;
@@ -175,7 +175,7 @@ impl PathTracer<'_> {
 }
 
 /// What is reflected from `wi`, and the density with which it is drawn, from lobes and aims together.
-fn mixture(lobes: &Lobes, aims: &Aims, wi: DVec3) -> (crate::brdf::Reflected, f64) {
+fn mixture(lobes: &Lobes, aims: &Aims, wi: DVec3) -> (crate::physics::brdf::Reflected, f64) {
     let reflected = lobes.at(wi);
     let mut density = reflected.density;
     if aims.share > 0.0 {

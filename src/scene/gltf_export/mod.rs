@@ -13,7 +13,7 @@ use super::gltf::document::Document;
 use super::gltf::kept_rig;
 use super::{Rig, Scene};
 use crate::error::{Error, Result};
-use crate::image::file;
+use crate::storage::file;
 
 /// Writes the file that `scene` came from with `rig`'s lights in place of its own, as one `.glb` or `.gltf` that holds
 /// its buffers and images.

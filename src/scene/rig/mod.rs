@@ -16,7 +16,7 @@ pub use blackbody::{KELVIN, kelvin_of, kelvin_to_rgb};
 
 use super::{Camera, Light, LightGroup};
 use crate::error::{Error, Result};
-use crate::image::file;
+use crate::storage::file;
 
 /// Everything about a scene that an artist edits.
 #[derive(Clone, Debug, Default, PartialEq)]

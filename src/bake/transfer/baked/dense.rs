@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use super::{BakedTransfer, TransferReport};
 use crate::bake::Baked;
-use crate::bake::journal::Journal;
-use crate::bake::packet::PACKET_SIZE;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use crate::bake::transfer::rows::{Lobe, RowGatherer, Rows};
 use crate::bake::transfer::thesis::Thesis;
-use crate::gpu::mapped::Elements;
 use crate::shared::FactoredSample;
+use crate::storage::journal::Journal;
+use crate::storage::mapped::Elements;
+use crate::trace::packet::PACKET_SIZE;
 
 impl BakedTransfer {
     /// Our operator in dense form, to the view samples of `baked`: G* explicitly, then Φ; rows of Φ that `journal` has are not gathered again. `progress`

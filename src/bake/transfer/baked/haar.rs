@@ -3,12 +3,12 @@
 use super::{BakedTransfer, TransferReport};
 use crate::bake::compression::CompressionSettings;
 use crate::bake::compression::row_wavelets::RowWavelets;
-use crate::bake::journal::Journal;
 use crate::bake::transfer::Transfer;
+use crate::bake::transfer::direct;
 use crate::bake::transfer::sparse::TERM_BYTES;
 use crate::error::Result;
-use crate::reference::gather;
 use crate::shared::PackedLight;
+use crate::storage::journal::Journal;
 
 impl BakedTransfer {
     /// Our operator, of each row of which the largest wavelets are kept. `fits` is asked whether so many bytes may be
@@ -20,7 +20,7 @@ impl BakedTransfer {
         journal: &mut Journal,
         progress: &dyn Fn(usize),
     ) -> Result<Self> {
-        let direct = |light: &PackedLight| gather::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
+        let direct = |light: &PackedLight| direct::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
         let wavelets = RowWavelets::new(transfer, &direct, settings);
         // On the host and on the device.
         fits(2.0 * (TERM_BYTES * wavelets.samples.len()) as f64 * wavelets.kept)?;

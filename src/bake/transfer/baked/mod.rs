@@ -17,10 +17,10 @@ use crate::bake::brdf_factors::Projection;
 use crate::bake::compression;
 use crate::bake::compression::haar::Haar;
 use crate::bake::gather_samples::GatherSamples;
-use crate::bake::octahedral;
-use crate::bake::packet::SamplePacket;
 use crate::bake::view_samples::pack;
+use crate::physics::octahedral;
 use crate::shared::{DISC_SIDE, FactoredSample, HARMONIC_DEGREES, LightSample, ViewSample};
+use crate::trace::packet::SamplePacket;
 
 /// Indirect light of one scene and camera, ready for the device.
 #[derive(Clone, Default)]

@@ -7,11 +7,11 @@ use half::slice::HalfFloatSliceExt;
 use super::{BakedTransfer, TransferReport};
 use crate::bake::compression::data::{Compressed, Supercluster};
 use crate::bake::compression::{CompressionSettings, Compressor};
-use crate::bake::journal::Journal;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
-use crate::reference::gather;
+use crate::bake::transfer::direct;
 use crate::shared::PackedLight;
+use crate::storage::journal::Journal;
 
 impl BakedTransfer {
     /// Our operator, compressed; what `journal` has is not done again. `progress` counts view samples.
@@ -21,7 +21,7 @@ impl BakedTransfer {
         journal: &mut Journal,
         progress: &dyn Fn(usize),
     ) -> Self {
-        let direct = |light: &PackedLight| gather::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
+        let direct = |light: &PackedLight| direct::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
         let compressor = Compressor::new(transfer, &direct, settings);
         let (compressed, held_out) = compressor.compress(journal, progress);
         let report = TransferReport::robust("nested", transfer, compressor.residual(), Some(held_out));

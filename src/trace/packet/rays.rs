@@ -4,8 +4,8 @@ use glam::Vec3;
 use pulp::Simd;
 
 use super::{Lanes, PACKET_SIZE, SamplePacket};
-use crate::bake::bvh::Bvh;
 use crate::shared::PackedLight;
+use crate::trace::bvh::Bvh;
 
 /// The rays of one packet.
 ///

@@ -3,16 +3,16 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::light;
 use crate::bake::brdf_factors::Projection;
-use crate::bake::bvh::Bvh;
 use crate::bake::gather_samples::GatherSamples;
 use crate::bake::gather_samples::light_rays::{per_solid_angle, weight_of_rays};
-use crate::bake::packet::{PACKET_SIZE, trace_all};
 use crate::bake::transfer::level::{Level, local};
 use crate::bake::transfer::thesis::Thesis;
+use crate::physics::light;
 use crate::scene::Scene;
 use crate::shared::PackedLight;
+use crate::trace::bvh::Bvh;
+use crate::trace::packet::{PACKET_SIZE, trace_all};
 
 /// Coefficients that a light at unit intensity leaves in a level's samples: the mean over each sample's points, and what rays
 /// from the light find between them.

@@ -1,8 +1,10 @@
 //! What Rust and GLSL share: view samples, BRDFs, lights, push constants. The bake fills them, kernels read them.
 
+pub mod gpu_struct;
+
 use glam::{Mat4, UVec2, UVec4, Vec2, Vec3, Vec4};
 
-use crate::gpu::gpu_struct::{Read, Write, gpu_shared};
+use self::gpu_struct::{Read, Write, gpu_shared};
 
 gpu_shared! {
     constants {

@@ -3,9 +3,9 @@
 use glam::Vec3;
 
 use super::{PACKET_SIZE, SamplePacket, trace_all};
-use crate::bake::bvh::Bvh;
 use crate::scene::Scene;
 use crate::shared::{PackedLight, TILE_SIZE};
+use crate::trace::bvh::Bvh;
 
 /// One sample of each block of 2x2 pixels of a tile, or of four in a list, as packets of their own.
 #[derive(Default)]

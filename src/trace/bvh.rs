@@ -331,7 +331,7 @@ pub(super) fn taken(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
 }
 
 /// Whether a ray, by origin and direction, goes through a surface at this point: with a chance of what is not there.
-pub(super) fn passes_by_chance(scene: &Scene, triangle: u32, barycentric: Vec2, ray: [Vec3; 2]) -> bool {
+pub fn passes_by_chance(scene: &Scene, triangle: u32, barycentric: Vec2, ray: [Vec3; 2]) -> bool {
     match coverage(scene, triangle, barycentric) {
         0.0 => true,
         1.0 => false,
@@ -353,7 +353,7 @@ fn chance([origin, direction]: [Vec3; 2], triangle: u32) -> f32 {
 }
 
 /// Texture coordinates and vertex colour at a point of a triangle; zeros and white where the mesh has none.
-pub(in crate::bake) fn interpolate_attributes(scene: &Scene, triangle: u32, barycentric: Vec2) -> ([Vec2; 2], Vec4) {
+pub fn interpolate_attributes(scene: &Scene, triangle: u32, barycentric: Vec2) -> ([Vec2; 2], Vec4) {
     let mesh = &scene.mesh;
     let corners = mesh.triangles[triangle as usize].map(|v| v as usize);
     let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];

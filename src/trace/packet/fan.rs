@@ -10,8 +10,8 @@ use pulp::{Simd, WithSimd};
 use super::rays::{Rays, any, inverse, load, meets_box};
 use super::triangle::Edges;
 use super::{Entry, Lanes, PACKET_SIZE};
-use crate::bake::bvh::{Bvh, Hit, passes_by_chance};
 use crate::scene::Scene;
+use crate::trace::bvh::{Bvh, Hit, passes_by_chance};
 
 /// 64 rays from one point, and what they met.
 pub struct Fan {

@@ -139,7 +139,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::sequence::Points;
+    use crate::physics::sequence::Points;
 
     fn brdfs() -> Vec<Brdf> {
         let mut brdfs = Vec::new();

@@ -5,7 +5,7 @@ use pulp::Simd;
 
 use super::Lanes;
 use super::rays::{Rays, any, any_positive, load};
-use crate::bake::bvh::LEAST_SHARE;
+use crate::trace::bvh::LEAST_SHARE;
 
 /// A triangle as seen by all rays of a packet: edge function i of a ray is `normals[i] . q + offsets[i]`; it belongs to
 /// the edge opposite to corner i. All three have one sign where the ray's line meets the triangle [Kensler 2006].

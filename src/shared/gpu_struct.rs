@@ -46,23 +46,25 @@ impl<T: Glsl, const N: usize> Glsl for [T; N] {
     }
 }
 
-/// Device address of `[T]` that a pass reads. Only [`super::frame::Pass`] hands one out: it is the receipt for the
-/// declared access.
+/// Device address of `[T]` that a pass reads. Only a pass hands one out: it is the receipt for the declared access.
 #[repr(transparent)]
-#[derive(Clone, Copy, Debug)]
-pub struct Read<T>(pub(super) u64, pub(super) PhantomData<T>);
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Read<T>(u64, PhantomData<T>);
 
 /// Device address of `[T]` that a pass writes, or reads and writes.
 #[repr(transparent)]
-#[derive(Clone, Copy, Debug)]
-pub struct Write<T>(pub(super) u64, pub(super) PhantomData<T>);
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Write<T>(u64, PhantomData<T>);
 
 macro_rules! address {
     ($name:ident) => {
-        // SAFETY: a u64 and a zero-sized marker, so every bit pattern is a value and there is no padding.
-        unsafe impl<T: Glsl> Zeroable for $name<T> {}
-        // SAFETY: as above; no address is followed on the host.
-        unsafe impl<T: Glsl> Pod for $name<T> {}
+        /// For passes alone, which know what was declared; `tests/architecture.rs` sees to that.
+        impl<T> From<u64> for $name<T> {
+            fn from(address: u64) -> Self {
+                Self(address, PhantomData)
+            }
+        }
+
         impl<T: Glsl> Glsl for $name<T> {
             fn name() -> String {
                 format!(concat!(stringify!($name), "_{}"), T::name())
@@ -113,7 +115,7 @@ macro_rules! gpu_shared {
             pub struct $name {
                 $($(#[doc = $field_doc])* pub $field: $type,)*
             }
-            impl $crate::gpu::gpu_struct::Glsl for $name {
+            impl $crate::shared::gpu_struct::Glsl for $name {
                 fn name() -> String {
                     stringify!($name).into()
                 }
@@ -123,8 +125,8 @@ macro_rules! gpu_shared {
 
         /// GLSL of everything declared here.
         pub fn shared_glsl() -> String {
-            use $crate::gpu::gpu_struct::Glsl;
-            let mut glsl = $crate::gpu::gpu_struct::primitive_references();
+            use $crate::shared::gpu_struct::Glsl;
+            let mut glsl = $crate::shared::gpu_struct::primitive_references();
             $(
                 $(glsl += &format!("//{}\n", $const_doc);)*
                 glsl += &format!("const uint {} = {}u;\n", stringify!($constant), $constant);
@@ -156,7 +158,7 @@ macro_rules! gpu_shared {
         const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
     };
     (@references struct $name:ident) => {
-        &$crate::gpu::gpu_struct::references::<$name>()
+        &$crate::shared::gpu_struct::references::<$name>()
     };
     (@references push $name:ident) => {
         "" // each kernel declares its own push constant block

@@ -1,0 +1,6 @@
+//! Pure functions: glTF's BRDF, punctual lights, sampling sequences, directions on the sphere.
+
+pub mod brdf;
+pub mod light;
+pub mod octahedral;
+pub mod sequence;
