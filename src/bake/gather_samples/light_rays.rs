@@ -21,7 +21,7 @@ use crate::reference::light::{cone, window};
 use crate::scene::Scene;
 use crate::shared::{EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_SPOT, LightSample, PackedLight};
 
-/// Rays of each light: one for each point where they begin to tell. Twice as many change nothing (docs/transfer.md).
+/// Rays of each light: one for each point where they begin to tell. Twice as many change nothing (docs/accuracy.md).
 pub const RAYS: usize = 512;
 /// How far from the nearest point a ray may end, in widths of its sample. No sample lies where nobody looks: what rays
 /// meet there is nobody's.
