@@ -192,11 +192,11 @@ fn harmonics_never_add_energy() {
 const BEGIN: &str = "<!-- basis: written by BLESS=1 cargo test --release --test brdf_factors -->\n";
 const END: &str = "<!-- end of basis -->";
 
-/// The tables of docs/transfer.md and the plot docs/basis.svg; `BLESS=1` writes them.
+/// The tables of docs/accuracy.md and the plot docs/basis.svg; `BLESS=1` writes them.
 #[test]
 fn tables_and_plot_are_those_of_the_documentation() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let (page, picture) = (root.join("docs/transfer.md"), root.join("docs/basis.svg"));
+    let (page, picture) = (root.join("docs/accuracy.md"), root.join("docs/basis.svg"));
     let document = std::fs::read_to_string(&page).unwrap();
     let (before, rest) = document.split_once(BEGIN).expect("a mark before the tables");
     let (tables, after) = rest.split_once(END).expect("a mark after them");

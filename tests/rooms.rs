@@ -55,7 +55,7 @@ fn a_furnished_room_keeps_its_light() {
             let ratio = lit.mean(&settings) / lit.traced_mean(bounces, spp);
             let mean = ratio.element_sum() / 3.0;
             println!("{}, {bounces:?} bounces, N = {samples}: {mean:.4} {ratio:.4}", LESS[last].0);
-            // What is still lost, docs/transfer.md: bounces among white walls multiply it.
+            // What is still lost, docs/accuracy.md: bounces among white walls multiply it.
             let bound = if bounces.is_some() { 0.03 } else { 0.05 };
             assert!((mean - 1.0).abs() < bound, "{}: {mean}", LESS[last].0);
         }

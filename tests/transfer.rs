@@ -210,7 +210,7 @@ fn the_thesis_errs_as_it_does() {
     }
 }
 
-/// The table of docs/transfer.md.
+/// The tables of docs/accuracy.md, "Gather samples and rays" and "How many functions".
 #[test]
 fn error_against_samples_and_rays() {
     if std::env::var_os("RELUME_FULL").is_none() {
@@ -249,7 +249,7 @@ fn medians(figures: Vec<[[f64; 3]; 2]>) -> [f64; 3] {
     [median(|f| f[0][1]), median(|f| f[0][0]), median(|f| f[1][1])]
 }
 
-/// The tables of docs/transfer.md on the thesis: what its Table 5.2 holds and how far each method is from the truth,
+/// The tables of docs/accuracy.md on the thesis: what its Table 5.2 holds and how far each method is from the truth,
 /// then how far with so many terms.
 #[test]
 fn the_thesis_beside_ours() {

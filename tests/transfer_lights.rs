@@ -85,7 +85,7 @@ fn settings(samples: usize, coarse_samples: usize) -> TransferSettings {
     TransferSettings { points: 16, ..transfer::settings(samples, coarse_samples, 1024) }
 }
 
-/// The table of docs/transfer.md.
+/// The table of docs/accuracy.md, "Lights drawn at random".
 #[test]
 fn drawn_lights_against_the_truth() {
     if std::env::var_os("RELUME_FULL").is_none() {
@@ -124,7 +124,7 @@ fn drawn_lights_against_the_truth() {
     }
 }
 
-/// The table of docs/compression.md, "End to end".
+/// The table of docs/accuracy.md, "End to end".
 #[test]
 fn compressed_light_against_the_truth() {
     if std::env::var_os("RELUME_FULL").is_none() {

@@ -120,7 +120,8 @@ const RAYS: u32 = 1024;
 const RAYS_BY_ERROR: [f64; 2] = [256.0, 4096.0];
 /// Pixels beyond which neighbours share their noise: as many rays in all answer for as large a part of the picture.
 const RAYS_PIXELS: usize = 100_000;
-/// Share of the rays that remains in the largest picture. What noise hides is lost with it (docs/compression.md).
+/// Share of the rays that remains in the largest picture. What noise hides is lost with it (docs/accuracy.md, "Rays of
+/// a row").
 const RAYS_LEAST: f64 = 0.5;
 /// The default of --error.
 const ERROR: f64 = 0.01;

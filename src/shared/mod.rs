@@ -85,7 +85,7 @@ gpu_shared! {
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
         /// Share of a light's power at which a point of a gather sample and rays from the light count alike; below half of it
-        /// the point alone counts, above one and a half times it rays alone (docs/transfer.md).
+        /// the point alone counts, above one and a half times it rays alone (docs/method.md, "Light rays").
         pub const EVEN_SHARE: f32 = 0.00390625;
     }
 

@@ -1,4 +1,4 @@
-//! The one table of keys: what binds them, what `?` shows, and what the README lists.
+//! The one table of keys: what binds them, what `?` shows, and what docs/desk.md lists.
 
 use egui::{Key, Modifiers};
 use glam::DVec3;
@@ -351,7 +351,7 @@ pub fn parse_chord(text: &str) -> Option<(Modifiers, Key)> {
     Some((modifiers, key))
 }
 
-/// The table as the README shows it: a row for each section, keys in bold.
+/// The table as docs/desk.md shows it: a row for each section, keys in bold.
 pub fn as_markdown() -> String {
     let mut text = String::from("| | |\n|---|---|\n");
     for section in SECTIONS {

@@ -3,7 +3,7 @@
 //! A line is `SECONDS EVENT`, counted from the first picture; `#` begins a comment. Events:
 //!
 //! ```text
-//! key Ctrl+Z          press and release; keys as `?` in the window and the README call them
+//! key Ctrl+Z          press and release; keys as `?` in the window and docs/desk.md call them
 //! press A, release A  a held key; `repeat A` for what it repeats
 //! mouse 320.5 240     the pointer moves; points from the window's top left
 //! down left, up left  a mouse button: left, right, middle

@@ -1,8 +1,8 @@
 //! Which terms of light a supercluster sees, and in what colours.
 //!
-//! What one term adds to the directions of a supercluster, R, G and B, are three vectors, V's columns. They are nearly multiples of
-//! one vector, v t with a tint t (docs/compression.md, "Tints"). So a term may go with one column and a tint of its light, for a
-//! third of the bytes, or with all three.
+//! What one term adds to the directions of a supercluster, R, G and B, are three vectors, V's columns. They are nearly
+//! multiples of one vector, v t with a tint t (docs/method.md, "Tints"). So a term may go with one column and a tint of
+//! its light, for a third of the bytes, or with all three.
 
 use faer::Mat;
 use glam::{DMat3, DVec3, Vec3};

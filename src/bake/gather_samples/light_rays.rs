@@ -21,7 +21,7 @@ use crate::trace::bvh::Bvh;
 use crate::trace::point_tree::{PointTree, point};
 use crate::trace::surface::SurfacePoint;
 
-/// Rays of each light: one for each point where they begin to tell. Twice as many change nothing (docs/transfer.md).
+/// Rays of each light: one for each point where they begin to tell. Twice as many change nothing (docs/accuracy.md).
 pub const RAYS: usize = 512;
 /// How far from the nearest point a ray may end, in widths of its sample. No sample lies where nobody looks: what rays
 /// meet there is nobody's.

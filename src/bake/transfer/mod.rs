@@ -336,7 +336,7 @@ const DROPPED: f32 = 0.2;
 /// Materials with less than this share of the picture's indirect light may drop as much more.
 const MUCH: f32 = 0.1;
 /// Functions up to an even degree, of which a material gets as many as it needs: in a furnished room sums that end with an odd
-/// one are further off (docs/transfer.md, "How many functions").
+/// one are further off (docs/accuracy.md, "How many functions").
 const EVEN_DEGREES: [u8; 4] = [1, 9, 25, MAX_FUNCTIONS as u8];
 /// Functions of a fine sample at most, for direct light, the first that fits: highlights that it casts.
 const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
