@@ -377,7 +377,7 @@ fn rays_pass_by_chance_and_packets_by_product() {
         assert_eq!(visibility, [(255.0f64 * 0.75 * 0.5 * 0.875).round() as u8; PACKET_SIZE]);
         for lane in 0..PACKET_SIZE {
             let position = Vec3::from([0, 1, 2].map(|axis| packet.position[axis][lane]));
-            let ray = shadow_ray(&bvh, &light, position, Vec3::Y, Vec3::Y, 0.0).expect("it faces the light");
+            let ray = shadow_ray(&bvh, &light, position, Vec3::Y, Vec3::Y).expect("it faces the light");
             let share = bvh.transmittance(&scene, ray.origin, ray.direction, ray.length);
             assert_eq!(share, 0.75 * 0.5 * 0.875, "lane {lane}");
         }

@@ -122,7 +122,7 @@ fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
         seen
     };
     let is_lit = |point: &SurfacePoint, light| {
-        let ray = shadow_ray(&bvh, light, point.position, point.normal, point.geometric_normal, point.lift);
+        let ray = shadow_ray(&bvh, light, point.lifted(), point.normal, point.geometric_normal);
         ray.is_some_and(|ray| !bvh.occluded(scene, ray.origin, ray.direction, ray.length))
     };
     let shadows_itself = |a: &SurfacePoint| {

@@ -93,8 +93,15 @@ fn edges(path: &Path, setup: &Setup) -> Vec<bool> {
     };
     stage.baked.extra_pixels.iter().filter(|p| p.first_weight < 1.0).for_each(|p| mark(p.pixel as usize));
     let lifted = &stage.baked.packets;
-    let flat: Vec<SamplePacket> =
-        lifted.iter().map(|p| SamplePacket { lift: [0.0; PACKET_SIZE], ..p.clone() }).collect();
+    let flat: Vec<SamplePacket> = (lifted.iter().zip(stage.baked.samples.chunks(PACKET_SIZE)))
+        .map(|(packet, samples)| {
+            let mut packet = packet.clone();
+            for (lane, sample) in samples.iter().enumerate() {
+                (0..3).for_each(|axis| packet.position[axis][lane] = sample.position[axis]);
+            }
+            packet
+        })
+        .collect();
     for light in stage.scene.rig.lights.iter().map(|light| light.pack(stage.scene.space)) {
         let [lifted, flat] = [lifted, &flat].map(|packets| {
             let mut visibility = vec![0u8; packets.len() * PACKET_SIZE];

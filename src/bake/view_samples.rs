@@ -441,7 +441,7 @@ pub fn resolve(
     }
 }
 
-/// Samples as packets of 64; a packet holds samples of layer 1 or extra ones, not both. Without `lifts` they have none.
+/// Samples as packets of 64; a packet holds samples of layer 1 or extra ones, not both. Without `lifts` rays start on surfaces.
 pub(super) fn pack(
     samples: &[ViewSample],
     geometric_normals: &[Vec3],
@@ -454,14 +454,14 @@ pub(super) fn pack(
         .zip(geometric_normals.par_chunks(PACKET_SIZE))
         .enumerate()
         .map(|(i, (samples, geometric_normals))| {
+            let lift = |lane: usize| lifts.get(i * PACKET_SIZE + lane).copied().unwrap_or(0.0);
             let mut packet = SamplePacket::default();
-            let lifts = lifts.iter().skip(i * PACKET_SIZE);
-            packet.lift.iter_mut().zip(lifts).for_each(|(lane, lift)| *lane = *lift);
             for (lane, (sample, geometric_normal)) in samples.iter().zip(geometric_normals).enumerate() {
                 let lit = sample.brdf != NO_BRDF;
+                let start = sample.position + lift(lane) * geometric_normal;
                 let normal = if lit { octahedral::decode(sample.normal) } else { Vec3::ZERO };
                 for axis in 0..3 {
-                    packet.position[axis][lane] = sample.position[axis];
+                    packet.position[axis][lane] = start[axis];
                     packet.normal[axis][lane] = normal[axis];
                     packet.geometric_normal[axis][lane] = geometric_normal[axis];
                 }

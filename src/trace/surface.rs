@@ -81,6 +81,11 @@ impl SurfacePoint {
         Self { normal: if is_turned_away { self.geometric_normal } else { self.normal }, ..self }
     }
 
+    /// Where rays to lights start.
+    pub fn lifted(&self) -> Vec3 {
+        self.position + self.lift * self.geometric_normal
+    }
+
     /// Unit direction in which a perfect mirror sends what is seen along `wo`. Where the interpolated normal bends it into the
     /// surface it is lifted out [Keller 2017].
     pub fn mirrored(&self, wo: Vec3) -> Vec3 {

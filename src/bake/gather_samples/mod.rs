@@ -173,8 +173,8 @@ impl GatherSample {
 
 impl GatherPoint {
     fn new(surface: &SurfacePoint) -> Self {
-        let SurfacePoint { position, lift, normal, geometric_normal, .. } = *surface;
-        Self { position: position + lift * geometric_normal, normal, geometric_normal }
+        let SurfacePoint { normal, geometric_normal, .. } = *surface;
+        Self { position: surface.lifted(), normal, geometric_normal }
     }
 
     /// The frame of its sample, turned until its normal is the point's own.

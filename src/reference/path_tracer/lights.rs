@@ -101,7 +101,7 @@ impl Lamp {
 
     /// What surfaces that blend let through is counted, not drawn by chance: the eye's surfaces look only once.
     fn share_seen(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint) -> f64 {
-        let ray = shadow_ray(bvh, &self.packed, point.position, point.normal, point.geometric_normal, point.lift);
+        let ray = shadow_ray(bvh, &self.packed, point.lifted(), point.normal, point.geometric_normal);
         ray.map_or(0.0, |ray| bvh.transmittance(scene, ray.origin, ray.direction, ray.length).into())
     }
 }

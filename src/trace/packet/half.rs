@@ -41,7 +41,6 @@ impl HalfPackets {
                         half.normal[axis][to] = packet.normal[axis][lane];
                         half.geometric_normal[axis][to] = packet.geometric_normal[axis][lane];
                     }
-                    half.lift[to] = packet.lift[lane];
                 }
             }
             half

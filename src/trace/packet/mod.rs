@@ -36,19 +36,18 @@ type Entry = (u32, u64);
 /// 64 view samples as the tracer wants them, mesh space. Lanes without a sample have zero normals.
 #[derive(Clone)]
 pub struct SamplePacket {
+    /// Where rays start, above the surface by [`super::surface::SurfacePoint::lift`].
     pub position: [Lanes; 3],
     /// Shading normal; zero where nothing is reflected.
     pub normal: [Lanes; 3],
     /// Geometric normal.
     pub geometric_normal: [Lanes; 3],
-    /// How far above the position, along the geometric normal, rays start.
-    pub lift: Lanes,
 }
 
 impl Default for SamplePacket {
     fn default() -> Self {
         let zero = [[0.0; PACKET_SIZE]; 3];
-        Self { position: zero, normal: zero, geometric_normal: zero, lift: [0.0; PACKET_SIZE] }
+        Self { position: zero, normal: zero, geometric_normal: zero }
     }
 }
 
@@ -147,21 +146,20 @@ pub struct ShadowRay {
 }
 
 /// The ray that tells whether a surface point sees `light`; `None` if it faces away or lies outside of the light's cone
-/// or range. Normals are unit, rays start `lift` above the position; all in mesh space.
+/// or range. Normals are unit; all in mesh space.
 pub fn shadow_ray(
     bvh: &Bvh,
     light: &PackedLight,
     position: Vec3,
     normal: Vec3,
     geometric_normal: Vec3,
-    lift: f32,
 ) -> Option<ShadowRay> {
     let [p, n, g] = [position, normal, geometric_normal].map(|v| v.to_array());
     if light.kind == LIGHT_DIRECTIONAL {
-        let (needed, origin) = target::<true>(bvh, light, p, n, g, lift);
+        let (needed, origin) = target::<true>(bvh, light, p, n, g);
         needed.then_some(ShadowRay { origin: origin.into(), direction: -light.direction, length: f32::INFINITY })
     } else {
-        let (needed, target) = target::<false>(bvh, light, p, n, g, lift);
+        let (needed, target) = target::<false>(bvh, light, p, n, g);
         let (origin, end) = match is_far(bvh, light) {
             true => (Vec3::from(target), light.position),
             false => (light.position, Vec3::from(target)),
@@ -176,7 +174,7 @@ impl SamplePacket {
     pub fn shadow_ray(&self, bvh: &Bvh, light: &PackedLight, lane: usize) -> Option<ShadowRay> {
         let [position, normal, geometric_normal] = [&self.position, &self.normal, &self.geometric_normal]
             .map(|v| Vec3::new(v[0][lane], v[1][lane], v[2][lane]));
-        shadow_ray(bvh, light, position, normal, geometric_normal, self.lift[lane])
+        shadow_ray(bvh, light, position, normal, geometric_normal)
     }
 
     /// [`target`] of one lane.
@@ -184,7 +182,7 @@ impl SamplePacket {
     fn target<const DIRECTIONAL: bool>(&self, bvh: &Bvh, light: &PackedLight, i: usize) -> (bool, [f32; 3]) {
         let [position, normal, geometric_normal] =
             [&self.position, &self.normal, &self.geometric_normal].map(|v| [v[0][i], v[1][i], v[2][i]]);
-        target::<DIRECTIONAL>(bvh, light, position, normal, geometric_normal, self.lift[i])
+        target::<DIRECTIONAL>(bvh, light, position, normal, geometric_normal)
     }
 }
 
@@ -196,7 +194,6 @@ fn target<const DIRECTIONAL: bool>(
     [px, py, pz]: [f32; 3],
     [nx, ny, nz]: [f32; 3],
     [gx, gy, gz]: [f32; 3],
-    lift: f32,
 ) -> (bool, [f32; 3]) {
     let (l, d) = (light.position, light.direction);
     let (tx, ty, tz) = if DIRECTIONAL { (-d.x, -d.y, -d.z) } else { (l.x - px, l.y - py, l.z - pz) };
@@ -208,7 +205,7 @@ fn target<const DIRECTIONAL: bool>(
     let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
     let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
     let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance.min(FAR_RADII * bvh.radius) });
-    let offset = lift + if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
+    let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };
     (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
 }
 
