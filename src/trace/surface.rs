@@ -74,10 +74,11 @@ impl SurfacePoint {
         Self { position, lift, normal, geometric_normal, brdf: brdf(&surface), emission, coverage, material, uniform }
     }
 
-    /// The same with the geometric normal where the shading normal faces away from the eye, though the side that it sees does
-    /// not: silhouettes of coarse meshes and steep normal maps are not black. `wo` is unit, towards the eye.
+    /// The same with the geometric normal where the shading normal, though on the same side of the surface, faces away from
+    /// the eye: silhouettes of coarse meshes and steep normal maps are not black. `wo` is unit, towards the eye.
     pub fn facing(self, wo: Vec3) -> Self {
-        let is_turned_away = self.normal.dot(wo) <= 0.0 && self.geometric_normal.dot(wo) > 0.0;
+        let faces_eye = self.normal.dot(wo) > 0.0 || self.geometric_normal.dot(wo) <= 0.0;
+        let is_turned_away = !faces_eye && self.normal.dot(self.geometric_normal) > 0.0;
         Self { normal: if is_turned_away { self.geometric_normal } else { self.normal }, ..self }
     }
 
