@@ -20,7 +20,7 @@ layout(constant_id = 2) const uint LIGHTS = 1;
 #include "lib/add_radiance.glsl"
 
 // Threads that share a strip. Without a GPU each read of 16 bytes becomes four gathers: the first ones together touch every cache
-// line of an octet that the rest need.
+// line of a column group that the rest need.
 const uint LANES = PANEL_COLUMNS;
 const uint ROWS = STRIP_ROWS / LANES;
 
@@ -36,19 +36,19 @@ void store(uint output_index, uint light, vec3 sum) {
 const uint BATCH = 4;
 
 struct Batch {
-    // Of each octet the first word of this lane's rows in each channel, and the input of this lane's column.
+    // Of each column group the first word of this lane's rows in each channel, and the input of this lane's column.
     uvec3 words[BATCH];
     vec3 inputs[BATCH][LIGHTS];
-    // Bits of octets that light falls on. Others are passed over, with their factors: what a light does not reach.
+    // Bits of column groups that light falls on. Others are passed over, with their factors: what a light does not reach.
     uint lit;
 };
 
-// From `octet` on, of those before `end`. The first words of octet o are from `place + o * channels * stride` on, a stride apart.
-Batch read_batch(Panel panel, uint octet, uint end, uint place, uint channels, uint stride, uint lane) {
+// From `column_group` on, of those before `end`. The first words of column group o are from `place + o * channels * stride` on, a stride apart.
+Batch read_batch(Panel panel, uint column_group, uint end, uint place, uint channels, uint stride, uint lane) {
     Batch batch;
     batch.lit = 0;
     [[unroll]] for (uint i = 0; i < BATCH; ++i) {
-        uint column = panel.first_input + min(octet + i, end - 1) * PANEL_COLUMNS + lane;
+        uint column = panel.first_input + min(column_group + i, end - 1) * PANEL_COLUMNS + lane;
         uint input_index = push.inputs.at[column];
         vec3 tint = CHANNELS == 3 && channels == 1 ? push.tints.at[column] : vec3(1.0);
         bool lit = false;
@@ -57,15 +57,15 @@ Batch read_batch(Panel panel, uint octet, uint end, uint place, uint channels, u
             lit = lit || l < push.light_count && own != vec3(0.0);
             batch.inputs[i][l] = own * tint;
         }
-        batch.lit |= octet + i < end && subgroupBallot(lit) != uvec4(0) ? 1 << i : 0;
+        batch.lit |= column_group + i < end && subgroupBallot(lit) != uvec4(0) ? 1 << i : 0;
     }
     if (batch.lit == 0) {
         return batch;
     }
     // In place of one in the dark, one that is read anyway.
-    uint lit = octet + findLSB(batch.lit);
+    uint lit = column_group + findLSB(batch.lit);
     [[unroll]] for (uint i = 0; i < BATCH; ++i) {
-        lit = (batch.lit >> i & 1) != 0 ? octet + i : lit;
+        lit = (batch.lit >> i & 1) != 0 ? column_group + i : lit;
         [[unroll]] for (uint c = 0; c < channels; ++c) {
             batch.words[i][c] = push.values.at[place + (lit * channels + c) * stride].x;
         }
@@ -73,19 +73,19 @@ Batch read_batch(Panel panel, uint octet, uint end, uint place, uint channels, u
     return batch;
 }
 
-// The first word of an octet of the batch, and its inputs, for all lanes.
-uvec3 read_octet(Batch batch, uint octet, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
+// The first word of a column group of the batch, and its inputs, for all lanes.
+uvec3 read_column_group(Batch batch, uint column_group, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
     // Picked, not indexed: the batch stays in registers.
     uvec3 words = batch.words[0];
     vec3 own[LIGHTS];
     [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
         own[l] = batch.inputs[0][l];
         [[unroll]] for (uint i = 1; i < BATCH; ++i) {
-            own[l] = i == octet ? batch.inputs[i][l] : own[l];
+            own[l] = i == column_group ? batch.inputs[i][l] : own[l];
         }
     }
     [[unroll]] for (uint i = 1; i < BATCH; ++i) {
-        words = i == octet ? batch.words[i] : words;
+        words = i == column_group ? batch.words[i] : words;
     }
     [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
         [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
@@ -108,8 +108,8 @@ void main() {
         return;
     }
     uint stride = min(panel.row_count - strip, STRIP_ROWS);
-    uint own_count = CHANNELS == 1 ? 0 : panel.own_octet_count;
-    uint first = panel.first_value + (panel.octet_count + 2 * own_count) * strip;
+    uint own_count = CHANNELS == 1 ? 0 : panel.own_column_group_count;
+    uint first = panel.first_value + (panel.column_group_count + 2 * own_count) * strip;
     vec3 sums[LIGHTS][ROWS];
     [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
         [[unroll]] for (uint r = 0; r < ROWS; ++r) {
@@ -119,16 +119,16 @@ void main() {
     vec3 x[LIGHTS][PANEL_COLUMNS];
     // Lanes beyond the last row read that.
     uint first_row = min(lane * ROWS, stride - 1);
-    for (uint octet = 0; octet < own_count; octet += BATCH) {
-        Batch batch = read_batch(panel, octet, own_count, first + first_row, 3, stride, lane);
-        for (uint i = 0; i < BATCH && octet + i < own_count; ++i) {
+    for (uint column_group = 0; column_group < own_count; column_group += BATCH) {
+        Batch batch = read_batch(panel, column_group, own_count, first + first_row, 3, stride, lane);
+        for (uint i = 0; i < BATCH && column_group + i < own_count; ++i) {
             if ((batch.lit >> i & 1) == 0) {
                 continue;
             }
-            uvec3 words = read_octet(batch, i, x);
-            uint of_octet = first + 3 * (octet + i) * stride;
+            uvec3 words = read_column_group(batch, i, x);
+            uint of_column_group = first + 3 * (column_group + i) * stride;
             [[unroll]] for (uint r = 0; r < ROWS; ++r) {
-                uint place = of_octet + min(lane * ROWS + r, stride - 1);
+                uint place = of_column_group + min(lane * ROWS + r, stride - 1);
                 uvec4 packed[3];
                 [[unroll]] for (uint c = 0; c < 3; ++c) {
                     packed[c] = push.values.at[place + c * stride];
@@ -146,16 +146,16 @@ void main() {
         }
     }
     first += 2 * own_count * stride;
-    for (uint octet = own_count; octet < panel.octet_count; octet += BATCH) {
-        Batch batch = read_batch(panel, octet, panel.octet_count, first + first_row, 1, stride, lane);
-        for (uint i = 0; i < BATCH && octet + i < panel.octet_count; ++i) {
+    for (uint column_group = own_count; column_group < panel.column_group_count; column_group += BATCH) {
+        Batch batch = read_batch(panel, column_group, panel.column_group_count, first + first_row, 1, stride, lane);
+        for (uint i = 0; i < BATCH && column_group + i < panel.column_group_count; ++i) {
             if ((batch.lit >> i & 1) == 0) {
                 continue;
             }
-            uint word = read_octet(batch, i, x).x;
-            uint of_octet = first + (octet + i) * stride;
+            uint word = read_column_group(batch, i, x).x;
+            uint of_column_group = first + (column_group + i) * stride;
             [[unroll]] for (uint r = 0; r < ROWS; ++r) {
-                uvec4 packed = push.values.at[of_octet + min(lane * ROWS + r, stride - 1)];
+                uvec4 packed = push.values.at[of_column_group + min(lane * ROWS + r, stride - 1)];
                 packed.x = r == 0 ? word : packed.x;
                 [[unroll]] for (uint k = 0; k < PANEL_COLUMNS / 2; ++k) {
                     vec2 pair = unpackHalf2x16(packed[k]);

@@ -16,7 +16,7 @@ use relume::scene::{
     AlphaMode, Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture, TextureRef, Wrap,
 };
 use relume::trace::bvh::Bvh;
-use relume::trace::packet::fan::{Fan, trace_fans};
+use relume::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
 use relume::trace::packet::{PACKET_SIZE, SamplePacket, shadow_ray, trace_packets};
 
 /// Of single precision on the way to a radiance.

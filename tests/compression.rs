@@ -12,9 +12,9 @@ use relume::bake::compression::bounces::Bounces;
 use relume::bake::compression::data::{Compressed, MULTIPLE};
 use relume::bake::compression::haar::Haar;
 use relume::bake::compression::lights::{Kind, RandomLights};
-use relume::bake::compression::panels;
 use relume::bake::compression::training::{Group, Trainer};
-use relume::bake::compression::verify::{Judge, judge};
+use relume::bake::compression::validation::{Judge, judge};
+use relume::bake::compression::vector_batch;
 use relume::bake::compression::{CompressionSettings, Compressor, Report};
 use relume::bake::transfer::Transfer;
 use relume::bake::transfer::direct;
@@ -244,7 +244,7 @@ fn lights_come_again_where_few_are_seen() {
     let trainer = Trainer { transfer: &transfer, bounces: &bounces, direct: &direct, scouts: &scouts, share: 1.0 };
     let group = |kind, count| Group { kind, count, seed: 5 };
     let lights = trainer.lights(&[group(Kind::Spot, 3), group(Kind::Point, 40)]);
-    let squares = panels::multiply(&scouts, &bounces.seen(&lights.direct, &lights.further)).squares();
+    let squares = vector_batch::multiply(&scouts, &bounces.seen(&lights.direct, &lights.further)).squares();
     assert_eq!(squares[..3], [0.0; 3]);
     assert!(squares[3..].iter().all(|square| (square - 1.0).abs() < 1e-3), "{squares:?}");
     let first = |light: usize| {

@@ -115,7 +115,7 @@ fn multiply_blocks() {
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(9);
     let shapes = [(1, 1, false), (3, 130, true), (1, 3001, true), (3, 700, false), (1, 700, true), (3, 65, true)];
-    // Alone, or with one of several lights absent; with light on all elements, or on so few that it is dark in many an octet.
+    // Alone, or with one of several lights absent; with light on all elements, or on so few that it is dark in many a column group.
     let lit = [(1, 1, 1.0), (3, 4, 1.0), (1, 1, 0.1), (3, 4, 0.03), (1, 1, 0.0)];
     let cases = shapes.into_iter().flat_map(|shape| lit.map(|lit| (shape, lit)));
     for ((channels, outputs, to_view), (lights, places, share)) in cases {
@@ -174,10 +174,10 @@ fn multiply_blocks() {
 
 /// Their factors are not numbers here; what absent lights left in the vector does not count as light.
 #[test]
-fn octets_in_the_dark_are_passed_over() {
+fn column_groups_in_the_dark_are_passed_over() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
-    let (columns, octet) = (16, PANEL_COLUMNS as usize);
+    let (columns, column_group) = (16, PANEL_COLUMNS as usize);
     for (lights, places) in [(1, 1), (2, 4), (3, 4)] {
         let [own, shared]: [Vec<u32>; 2] = [(0..columns).collect(), (columns..2 * columns).collect()];
         let to = 2 * columns;
@@ -188,10 +188,10 @@ fn octets_in_the_dark_are_passed_over() {
             shared: Columns { inputs: &shared, values: &[1.0; 16] },
             tints: &[Vec3::ONE; 16],
         });
-        // Of one row: octets of R, G and B in turn, then those that they share. The first of either kind are in the dark.
+        // Of one row: column groups of R, G and B in turn, then those that they share. The first of either kind are in the dark.
         let factors = matrix.values.to_mut();
         [0, 1, 2, 6].into_iter().for_each(|place| factors[place] = UVec4::splat(0x7e00_7e00));
-        let lit = |element: usize| element / octet % 2 == 1;
+        let lit = |element: usize| element / column_group % 2 == 1;
         let values: Vec<Vec4> = (0..places * (to as usize + 1))
             .map(|i| if i % places >= lights || lit(i / places) { Vec4::ONE } else { Vec4::ZERO })
             .collect();
@@ -202,7 +202,7 @@ fn octets_in_the_dark_are_passed_over() {
         multiply(&gpu, &mut frames, &matrix, &shape, &vector, images.each_ref().map(Vec::as_slice));
         for light in 0..lights {
             let got = vector.host()[to as usize * places + light];
-            assert_eq!(got.truncate(), Vec3::splat(2.0 * octet as f32), "light {light} of {lights}");
+            assert_eq!(got.truncate(), Vec3::splat(2.0 * column_group as f32), "light {light} of {lights}");
         }
     }
 }
@@ -251,7 +251,7 @@ fn leading_columns_are_those_of_either_kind() {
         tints: &(0..24).map(|_| random.vector(-1.0, 1.0).as_vec3()).collect::<Vec<Vec3>>(),
     });
     let vector: Vec<DVec3> = (0..40).map(|_| random.vector(-1.0, 1.0)).collect();
-    // Half of two octets, and of three.
+    // Half of two column groups, and of three.
     let lit = |i: usize| if i < 8 || (16..32).contains(&i) { vector[i] } else { DVec3::ZERO };
     let want = matrix.multiply(&(0..40).map(lit).collect::<Vec<_>>());
     let leading = matrix.leading(0.3, 0.5);
@@ -276,9 +276,9 @@ fn indices_that_lead_nowhere_are_found() {
     broken(|m| m.channels = 1);
     broken(|m| m.tints[7].y = f32::NAN);
     broken(|m| m.tints.truncate(m.inputs.len() - 1));
-    broken(|m| m.panels[0].own_octet_count = m.panels[0].octet_count + 1);
+    broken(|m| m.panels[0].own_column_group_count = m.panels[0].column_group_count + 1);
     broken(|m| m.panels[1].row_count = PANEL_ROWS + 1);
-    broken(|m| m.panels.last_mut().unwrap().octet_count += 1);
+    broken(|m| m.panels.last_mut().unwrap().column_group_count += 1);
     broken(|m| m.panels[0].first_value = u32::MAX);
     broken(|m| m.values = m.values[1..].to_vec().into());
 }

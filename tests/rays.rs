@@ -9,7 +9,7 @@ use glam::{DVec3, Vec3};
 use relume::bake::{BakeSettings, bake};
 use relume::scene::{Light, LightKind, Scene};
 use relume::trace::bvh::Bvh;
-use relume::trace::packet::fan::{Fan, trace_fans};
+use relume::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
 use relume::trace::packet::{PACKET_SIZE, trace_packets};
 
 /// Triangles all over a ball, some long and thin, some flat along an axis.
@@ -120,16 +120,16 @@ fn fans_are_single_rays() {
         let (mut hits, mut differences) = (0, 0);
         for _ in 0..100 {
             let origin = random.vector(-0.5, 0.5).as_vec3();
-            let mut fans = [Fan::default(), Fan::default()];
+            let mut packets = [CommonOriginPacket::default(), CommonOriginPacket::default()];
             let directions: Vec<Vec3> = (0..PACKET_SIZE + 40).map(|_| direction(&mut random)).collect();
             for (i, direction) in directions.iter().enumerate() {
-                fans[i / PACKET_SIZE].set(i % PACKET_SIZE, *direction);
+                packets[i / PACKET_SIZE].set(i % PACKET_SIZE, *direction);
             }
-            trace_fans(&bvh, &scene, origin, &mut fans);
-            assert!((40..PACKET_SIZE).all(|lane| fans[1].hit(lane).is_none()), "an empty lane hit something");
+            trace_common_origin(&bvh, &scene, origin, &mut packets);
+            assert!((40..PACKET_SIZE).all(|lane| packets[1].hit(lane).is_none()), "an empty lane hit something");
             for (i, direction) in directions.into_iter().enumerate() {
                 let single = bvh.closest_hit(&scene, origin, direction, f32::INFINITY);
-                let Some((hit, behind)) = fans[i / PACKET_SIZE].hit(i % PACKET_SIZE) else {
+                let Some((hit, behind)) = packets[i / PACKET_SIZE].hit(i % PACKET_SIZE) else {
                     differences += u32::from(single.is_some());
                     continue;
                 };
@@ -185,7 +185,7 @@ fn no_ray_leaves_a_closed_room() {
             // Somewhere, at the centre, above an edge of cells, on a diagonal.
             let origin = random.pick(&[inside, DVec3::ZERO, DVec3::new(0.125, 0.25, 0.05), DVec3::splat(0.3)]);
             let origin = origin.as_vec3();
-            let mut fans = [Fan::default(), Fan::default()];
+            let mut packets = [CommonOriginPacket::default(), CommonOriginPacket::default()];
             for lane in 0..100 {
                 let [a, b] = [0; 2].map(|_| corners[random.below(corners.len())]);
                 let edge = random.below(corners.len() / 4) * 4;
@@ -196,7 +196,7 @@ fn no_ray_leaves_a_closed_room() {
                 let parallel = random.pick(&[Vec3::X, Vec3::Y, Vec3::Z]) * sign;
                 let direction = random.pick(&[direction, direction, direction.normalize(), parallel]);
                 cast += 1;
-                fans[lane / PACKET_SIZE].set(lane % PACKET_SIZE, direction);
+                packets[lane / PACKET_SIZE].set(lane % PACKET_SIZE, direction);
                 if bvh.closest_hit(&scene, origin, direction, f32::INFINITY).is_none() {
                     escaped.push((origin, direction));
                 }
@@ -204,10 +204,10 @@ fn no_ray_leaves_a_closed_room() {
                     escaped.push((origin, direction));
                 }
             }
-            trace_fans(&bvh, &scene, origin, &mut fans);
-            for (fan, lane) in (0..100).map(|lane| (&fans[lane / PACKET_SIZE], lane % PACKET_SIZE)) {
-                if fan.hit(lane).is_none() {
-                    escaped.push((origin, fan.direction(lane)));
+            trace_common_origin(&bvh, &scene, origin, &mut packets);
+            for (packet, lane) in (0..100).map(|lane| (&packets[lane / PACKET_SIZE], lane % PACKET_SIZE)) {
+                if packet.hit(lane).is_none() {
+                    escaped.push((origin, packet.direction(lane)));
                 }
             }
         }

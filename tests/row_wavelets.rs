@@ -18,8 +18,8 @@ use relume::bake::compression::haar::Haar;
 use relume::bake::compression::row_wavelets::RowWavelets;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::{Lobe, Rows};
-use relume::bake::transfer::sparse::SparseMatrix;
+use relume::bake::transfer::rows::{CsrMatrix, Lobe};
+use relume::bake::transfer::sparse::SellMatrix;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::view_samples::resolve;
 use relume::gpu::{Buffer, Frames, Kernel};
@@ -30,10 +30,10 @@ use relume::shared::*;
 use relume::storage::journal::Journal;
 
 /// Rows of many lengths and magnitudes, some without terms, with columns near each other and far apart.
-fn random_matrix(random: &mut Random, inputs: usize, outputs: usize) -> SparseMatrix {
+fn random_matrix(random: &mut Random, inputs: usize, outputs: usize) -> SellMatrix {
     let mut order: Vec<u32> = (0..outputs as u32).collect();
     (1..order.len()).rev().for_each(|i| order.swap(i, random.below(i + 1)));
-    let mut matrix = SparseMatrix::new(inputs, outputs);
+    let mut matrix = SellMatrix::new(inputs, outputs);
     for window in order.chunks(150) {
         let row = |random: &mut Random| {
             let size = random.magnitude(1e-9, 1e9);
@@ -46,9 +46,9 @@ fn random_matrix(random: &mut Random, inputs: usize, outputs: usize) -> SparseMa
             columns.sort_unstable();
             columns.dedup();
             let values = columns.iter().map(|_| [0; 3].map(|_| (size * random.between(-1.0, 1.0)) as f32)).collect();
-            Rows { first: vec![0, columns.len()], columns, values }
+            CsrMatrix { first: vec![0, columns.len()], columns, values }
         };
-        let rows = Rows::concatenated(window.iter().map(|_| row(random)).collect());
+        let rows = CsrMatrix::concatenated(window.iter().map(|_| row(random)).collect());
         matrix.push(&rows, window);
     }
     matrix
@@ -118,10 +118,10 @@ fn rows_are_kept() {
         columns.sort_unstable();
         columns.dedup();
         let values = columns.iter().map(|_| [0; 3].map(|_| random.between(0.5, 1.0) as f32)).collect();
-        Rows { first: vec![0, columns.len()], columns, values }
+        CsrMatrix { first: vec![0, columns.len()], columns, values }
     };
-    let rows = Rows::concatenated((0..count).map(row).collect());
-    let mut matrix = SparseMatrix::new(inputs, count);
+    let rows = CsrMatrix::concatenated((0..count).map(row).collect());
+    let mut matrix = SellMatrix::new(inputs, count);
     let outputs: Vec<u32> = (0..count as u32).rev().collect();
     matrix.push(&rows, &outputs);
     let vector: Vec<DVec3> = (0..inputs).map(|_| random.vector(0.5, 1.0)).collect();
@@ -137,7 +137,7 @@ fn rows_are_kept() {
         for range in pieces {
             let piece = matrix.piece(range);
             let (outputs, values) = (piece.outputs.to_vec(), piece.values.to_vec());
-            let part = SparseMatrix { slices: piece.slices, outputs, values, ..matrix };
+            let part = SellMatrix { slices: piece.slices, outputs, values, ..matrix };
             assert!(part.is_consistent());
             let product = part.multiply(&vector);
             part.outputs.iter().for_each(|&o| again[o as usize] = product[o as usize]);
@@ -150,7 +150,7 @@ fn rows_are_kept() {
 fn indices_that_lead_nowhere_are_found() {
     let good = random_matrix(&mut Random::new(1), 70_000, 400);
     assert!(good.is_consistent());
-    let broken = |change: fn(&mut SparseMatrix)| {
+    let broken = |change: fn(&mut SellMatrix)| {
         let mut matrix = good.clone();
         change(&mut matrix);
         assert!(!matrix.is_consistent());

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use relume::bake::cache;
 use relume::bake::compression::Report;
-use relume::bake::compression::verify::Verdict;
+use relume::bake::compression::validation::ValidationError;
 use relume::bake::transfer::baked::TransferReport;
 use relume::{Error, Result};
 use serde_json::json;
@@ -99,9 +99,9 @@ pub fn run(args: &Args) -> Result<()> {
     // Which of rays and maps it will be is the device's choice.
     let mut figures = stats::figures_of_bake(&session, false);
     if args.verify {
-        for (kind, verdict) in ["point", "spot"].into_iter().zip(session.verify()?) {
-            figures["transfer"]["held_out"]["anew"][kind] = json!(verdict);
-            let Verdict { error, worst, rows, apart } = verdict;
+        for (kind, validation) in ["point", "spot"].into_iter().zip(session.verify()?) {
+            figures["transfer"]["held_out"]["anew"][kind] = json!(validation);
+            let ValidationError { error, worst, rows, apart } = validation;
             let [error, worst, rows, apart] = [error, worst, rows, apart].map(percent);
             out!(
                 "{kind}s: {error} from rows gathered anew, worst {worst}; its own rows {rows}; apart from these {apart}"

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use relume::Result;
 use relume::gpu::Site;
-use relume::relight::limits::Limits;
+use relume::relight::roofline::Roofline;
 use relume::relight::{Layers, Picture, Relighter};
 use relume::scene::{LightGroup, LightKind, Rig};
 use serde_json::json;
@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> Result<()> {
         let session = Session::open(path, args.rig.as_deref(), &args.scene_options)?;
         let context = session.context(&args.light_options)?;
         device = (context.info.name.clone(), context.info.driver.clone());
-        let mut measured = Limits::new(&context, session.baked.samples.len())?;
+        let mut measured = Roofline::new(&context, session.baked.samples.len())?;
         let mut yardstick = Vec::new();
         let counts = match args.lights.as_slice() {
             [] => vec![session.rig.lights.len()],

@@ -62,10 +62,10 @@ pub fn run(args: &Args) -> Result<()> {
 
     let context = session.context(&args.light_options)?;
     let mut whole = session.relighter(&context, &first, &args.light_options)?;
-    whole.watch()?;
+    whole.check_finite()?;
     let glossy = jobs.iter().any(|job| job.shows(&PassKind::IndirectGlossy));
     let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &args.light_options)).transpose()?;
-    glossy.as_mut().map_or(Ok(()), |glossy| glossy.watch())?;
+    glossy.as_mut().map_or(Ok(()), |glossy| glossy.check_finite())?;
     let mut relighters = Relighters { whole, glossy };
     let mut exposure = args.light_options.exposure;
     let mut written = Written::default();

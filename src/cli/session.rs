@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
-use relume::bake::compression::verify::Verdict;
+use relume::bake::compression::validation::ValidationError;
 use relume::bake::spread::spread;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::rows::Lobe;
@@ -23,7 +23,7 @@ use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions, ViewOptions, check_size};
 use super::progress::{Progress, Terminal};
-use super::transfer::{Seen, TransferPlan};
+use super::transfer::{BakeInput, TransferPlan};
 
 /// A scene with its BVH, baked for one camera.
 pub struct Session {
@@ -69,7 +69,7 @@ impl Transfers {
 
     /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
     /// of its own, so that lights can be edited meanwhile.
-    pub fn refine(&self, seen: Seen, progress: &dyn Progress, show: impl Fn(BakedTransfer) + Sync) -> Result<()> {
+    pub fn refine(&self, seen: BakeInput, progress: &dyn Progress, show: impl Fn(BakedTransfer) + Sync) -> Result<()> {
         let mut report = BakeReport::default();
         if let Some(transfer) = self.stored(seen.baked, Lobe::All, &mut report) {
             show(transfer);
@@ -85,7 +85,13 @@ impl Transfers {
     }
 
     /// From the cache, or baked and kept there.
-    fn get(&self, seen: Seen, lobe: Lobe, report: &mut BakeReport, progress: &dyn Progress) -> Result<BakedTransfer> {
+    fn get(
+        &self,
+        seen: BakeInput,
+        lobe: Lobe,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<BakedTransfer> {
         let stored = self.stored(seen.baked, lobe, report);
         report.cached &= stored.is_some();
         if let Some(transfer) = stored {
@@ -209,8 +215,10 @@ impl Session {
         let Self { scene, bvh, baked, bake, transfers, plain, .. } = self;
         let transfers = transfers.as_ref().expect("there is indirect light");
         bake.clocked(|bake| {
-            let Some(plain) = plain else { return transfers.get(Seen { scene, bvh, baked }, lobe, bake, progress) };
-            let transfer = transfers.get(Seen { scene, bvh, baked: plain }, lobe, bake, progress)?;
+            let Some(plain) = plain else {
+                return transfers.get(BakeInput { scene, bvh, baked }, lobe, bake, progress);
+            };
+            let transfer = transfers.get(BakeInput { scene, bvh, baked: plain }, lobe, bake, progress)?;
             let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
             let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
             Ok(spread.expect("such a transfer has no plain bake"))
@@ -218,7 +226,7 @@ impl Session {
     }
 
     /// How far indirect light is from rows gathered anew, under points and spots.
-    pub fn verify(&self) -> Result<[Verdict; 2]> {
+    pub fn verify(&self) -> Result<[ValidationError; 2]> {
         let (Some(transfers), Some(transfer)) = (&self.transfers, &self.baked.transfer) else {
             return Err(Error::invalid("--verify", "with --gi off there is nothing to verify"));
         };
@@ -309,8 +317,8 @@ impl Session {
         layers
     }
 
-    pub fn seen(&self) -> Seen<'_> {
-        Seen { scene: &self.scene, bvh: &self.bvh, baked: &self.baked }
+    pub fn seen(&self) -> BakeInput<'_> {
+        BakeInput { scene: &self.scene, bvh: &self.bvh, baked: &self.baked }
     }
 
     pub fn size(&self) -> (usize, usize) {

@@ -7,7 +7,7 @@ use glam::Vec3;
 use relume::bake::Baked;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::compression::verify::{self, Judge, Verdict};
+use relume::bake::compression::validation::{self, Validation, ValidationError};
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::bake::transfer::direct;
 use relume::bake::transfer::rows::Lobe;
@@ -94,7 +94,7 @@ pub enum TransferPlan {
 
 /// A scene, and what of it is seen.
 #[derive(Clone, Copy)]
-pub struct Seen<'a> {
+pub struct BakeInput<'a> {
     pub scene: &'a Scene,
     pub bvh: &'a Bvh,
     pub baked: &'a Baked,
@@ -306,10 +306,10 @@ impl TransferPlan {
     /// How far an operator of ours is from rows gathered anew, under points and spots.
     pub fn verify(
         &self,
-        Seen { scene, bvh, baked }: Seen,
+        BakeInput { scene, bvh, baked }: BakeInput,
         operator: &BakedTransfer,
         progress: &dyn Progress,
-    ) -> Result<[Verdict; 2]> {
+    ) -> Result<[ValidationError; 2]> {
         let Self::Robust(settings, _) = self else {
             return Err(Error::invalid("--verify", "rows are gathered anew for --method robust only"));
         };
@@ -318,19 +318,19 @@ impl TransferPlan {
         progress.end();
         let direct = |light: &PackedLight| direct::shade(scene, bvh, &transfer.fine, light);
         let rays = RAYS_ANEW * settings.rays;
-        let judge = Judge { rays, share: 0.1, lights: 20, lobe: Lobe::All, seed: settings.seed ^ 5 << 32 };
-        progress.begin("verifying", (judge.share * baked.samples.len() as f64) as usize);
-        let verdicts = verify::judge(&transfer, &direct, |light| operator.apply(light), &judge, &|count| {
+        let validation = Validation { rays, share: 0.1, lights: 20, lobe: Lobe::All, seed: settings.seed ^ 5 << 32 };
+        progress.begin("verifying", (validation.share * baked.samples.len() as f64) as usize);
+        let errors = validation::validate(&transfer, &direct, |light| operator.apply(light), &validation, &|count| {
             progress.advance(count);
         });
         progress.end();
-        Ok(verdicts)
+        Ok(errors)
     }
 
     /// Bakes the operator; `journal` is where it keeps what it would go on from if it was stopped.
     pub fn bake(
         &self,
-        Seen { scene, bvh, baked }: Seen,
+        BakeInput { scene, bvh, baked }: BakeInput,
         lobe: Lobe,
         journal: Option<&Path>,
         report: &mut BakeReport,

@@ -13,7 +13,7 @@ use super::options::{Exposure, LightOptions, SceneOptions};
 use super::output;
 use super::session::Session;
 use super::stats;
-use super::transfer::Seen;
+use super::transfer::BakeInput;
 
 #[derive(clap::Args)]
 #[command(after_help = help_on_keys())]
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<()> {
         loader.show(Opened { scene: scene.clone(), bvh: bvh.clone(), baked: baked.clone(), camera, rig });
         match transfers {
             Some(transfers) => {
-                let seen = Seen { scene: &scene, bvh: &bvh, baked: &baked };
+                let seen = BakeInput { scene: &scene, bvh: &bvh, baked: &baked };
                 transfers.refine(seen, loader, |transfer| loader.refine(transfer.with_coarse()))
             }
             None => Ok(()),

@@ -13,7 +13,7 @@ use super::sparse::SparseProduct;
 use super::visibility::Visibility;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
-use crate::bake::transfer::sparse::SparseMatrix;
+use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel, Pass};
 use crate::shared::gpu_struct::Write;
@@ -174,7 +174,7 @@ impl Indirect {
         let (inner, last) = transfer.chain.split_at(transfer.chain.len().saturating_sub(1));
         let (inner, coarse, last) =
             (products(inner, false)?, products(&transfer.coarse, false)?, products(last, true)?);
-        let pieces = |m: &SparseMatrix| {
+        let pieces = |m: &SellMatrix| {
             m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p), room)).collect()
         };
         let sparse = transfer.sparse.as_ref().map_or(Ok(Vec::new()), pieces)?;

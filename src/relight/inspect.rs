@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{UVec2, Vec3};
 
 use super::light_cache::Term;
-use super::passes::Parts;
+use super::passes::FrameResources;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::*;
@@ -50,7 +50,7 @@ impl Inspector {
     }
 
     /// Looks at the picture that is the sum of `terms`, as far as it is wanted and not known.
-    pub fn run(&mut self, frame: &mut Frame, parts: &Parts, terms: &[Term], exposure: f32) {
+    pub fn run(&mut self, frame: &mut Frame, parts: &FrameResources, terms: &[Term], exposure: f32) {
         let tiling = parts.baked.tiling;
         if self.wanted.histogram && !self.counted {
             self.counts.host_mut().fill(0);
@@ -100,7 +100,7 @@ struct Look<'a> {
     threads: u32,
 }
 
-fn look(frame: &mut Frame, parts: &Parts, terms: &[Term], look: &Look) {
+fn look(frame: &mut Frame, parts: &FrameResources, terms: &[Term], look: &Look) {
     let mut pass = frame.pass("inspect");
     let push = InspectPush {
         term_count: terms.len() as u32,

@@ -21,7 +21,7 @@ pub struct RayCaster {
 }
 
 /// What the rays of one light bring to gather samples.
-pub struct Caught {
+pub struct LightRayHits {
     contributions: Buffer<Contribution>,
     count: usize,
     /// [`ShadeGatherPush::per_solid_angle`]
@@ -40,7 +40,14 @@ impl RayCaster {
     }
 
     /// Casts the rays of `light` at the samples of `transfer`, the one that this was made of.
-    pub fn cast(&self, scene: &Scene, bvh: &Bvh, transfer: &BakedTransfer, light: &PackedLight, caught: &mut Caught) {
+    pub fn cast(
+        &self,
+        scene: &Scene,
+        bvh: &Bvh,
+        transfer: &BakedTransfer,
+        light: &PackedLight,
+        caught: &mut LightRayHits,
+    ) {
         let contributions = caught.contributions.host_mut();
         let mut count = 0;
         self.rays.shade(scene, bvh, &transfer.samples, &self.projection, light, |index, value| {
@@ -52,7 +59,7 @@ impl RayCaster {
     }
 
     /// Adds it to λ0.
-    pub fn add(&self, frame: &mut Frame, caught: &Caught, vector: &Strided) {
+    pub fn add(&self, frame: &mut Frame, caught: &LightRayHits, vector: &Strided) {
         if caught.count == 0 {
             return;
         }
@@ -69,7 +76,7 @@ impl RayCaster {
     }
 }
 
-impl Caught {
+impl LightRayHits {
     /// Nothing yet, and room for whatever rays may bring.
     pub fn nothing(context: &Arc<Context>, transfer: Option<&BakedTransfer>) -> Result<Self> {
         let samples = transfer.map_or(&[][..], |t| &t.samples);

@@ -2,38 +2,38 @@
 
 mod cutouts;
 pub mod exposure;
+mod finite_check;
 mod gpu_baked;
 mod haar;
 mod indirect;
 pub mod inspect;
 pub mod light_cache;
 mod light_rays;
-pub mod limits;
 mod output;
 mod passes;
+pub mod roofline;
 mod shadow_map;
 pub mod sheet;
 mod sparse;
 mod visibility;
-mod watch;
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{Vec3, Vec4};
 
+use self::finite_check::FiniteCheck;
 use self::gpu_baked::{GpuBaked, upload_emission};
 use self::indirect::Indirect;
 use self::inspect::{Inspection, Inspector};
 pub use self::light_cache::Detail;
 use self::light_cache::{LightCache, Plan, Source, Step, Term};
 use self::output::{Output, Outputs};
-use self::passes::Parts;
+use self::passes::FrameResources;
 use self::shadow_map::ShadowMaps;
 use self::sheet::{Grid, Sheet};
 use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
-use self::watch::Watch;
 use crate::bake::Baked;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
@@ -133,7 +133,7 @@ pub struct Relighter {
     outputs: Outputs,
     tone_map: ToneMap,
     layers: Layers,
-    watch: Option<Watch>,
+    finite_check: Option<FiniteCheck>,
     inspector: Option<Inspector>,
     sheet: Sheet,
     /// What the last frame showed, and how.
@@ -203,7 +203,7 @@ impl Relighter {
             outputs: Outputs::new(context, baked.tiling.width as usize * baked.tiling.height as usize),
             tone_map: settings.tone_map,
             layers: Layers::All,
-            watch: None,
+            finite_check: None,
             inspector: None,
             sheet: Sheet::default(),
             shown: None,
@@ -331,14 +331,14 @@ impl Relighter {
     }
 
     /// From now on counts the values that passes leave infinite or not a number; see [`Self::non_finite`].
-    pub fn watch(&mut self) -> Result<()> {
-        self.watch = Some(Watch::new(&self.context)?);
+    pub fn check_finite(&mut self) -> Result<()> {
+        self.finite_check = Some(FiniteCheck::new(&self.context)?);
         Ok(())
     }
 
     /// By pass, how many values were infinite or not a number; of none where nobody watches.
     pub fn non_finite(&self) -> Vec<(&'static str, u32)> {
-        self.watch.as_ref().map_or_else(Vec::new, Watch::counts)
+        self.finite_check.as_ref().map_or_else(Vec::new, FiniteCheck::counts)
     }
 
     /// From now on looks into every picture but contact sheets for what is asked for.
@@ -456,7 +456,7 @@ impl Relighter {
         self.shown = None;
         let began = Instant::now();
         let Self { frames, times, visibility, outputs, .. } = self;
-        let parts = Parts {
+        let parts = FrameResources {
             scene: &self.scene,
             bvh: &self.bvh,
             baked: &self.baked,
@@ -468,7 +468,7 @@ impl Relighter {
             kernels: &self.kernels,
             rig: self.cache.rig(),
             layers: self.layers,
-            watch: self.watch.as_ref(),
+            finite_check: self.finite_check.as_ref(),
         };
         let mut steps = &plan.steps[..];
         loop {

@@ -2,13 +2,13 @@
 
 use glam::Vec4;
 
+use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_baked::GpuBaked;
 use super::indirect::{Indirect, Lit, Targets};
 use super::light_cache::{Detail, Shade, Source, Term};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
-use super::visibility::{Seen, VisibilityBuffers, trace, trace_half};
-use super::watch::{self, Watch, Watched};
+use super::visibility::{VisibilityBuffers, VisibilitySlot, trace, trace_half};
 use super::{Kernels, Layers};
 use crate::bake::Baked;
 use crate::gpu::{Buffer, Frame, Pass};
@@ -20,7 +20,7 @@ use crate::trace::bvh::Bvh;
 const PASSES_A_LIGHT: usize = 5;
 
 /// What passes touch, borrowed for one frame.
-pub struct Parts<'a> {
+pub struct FrameResources<'a> {
     pub scene: &'a Scene,
     pub bvh: &'a Bvh,
     pub baked: &'a Baked,
@@ -34,13 +34,13 @@ pub struct Parts<'a> {
     pub kernels: &'a Kernels,
     pub rig: &'a Rig,
     pub layers: Layers,
-    pub watch: Option<&'a Watch>,
+    pub finite_check: Option<&'a FiniteCheck>,
 }
 
-impl Parts<'_> {
+impl FrameResources<'_> {
     /// Passes that a step takes at most, and each light of those that are shaded together.
     pub fn passes_a_step(&self) -> usize {
-        let counts = self.watch.map_or(0, |_| watch::PASSES_A_STEP);
+        let counts = self.finite_check.map_or(0, |_| finite_check::PASSES_A_STEP);
         PASSES_A_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
     }
 
@@ -52,9 +52,9 @@ impl Parts<'_> {
         shadow_maps: Option<&mut ShadowMaps>,
         (light, packed): (&Light, &PackedLight),
         detail: Detail,
-    ) -> Seen {
+    ) -> VisibilitySlot {
         if !light.shadows {
-            return Seen::ALL;
+            return VisibilitySlot::ALL;
         }
         let (seen, bytes, half) = visibility.take();
         match shadow_maps {
@@ -106,8 +106,8 @@ impl Parts<'_> {
             let packed = light.pack(self.scene.space);
             (packed, self.see(frame, visibility, shadow_maps.as_deref_mut(), (light, &packed), detail))
         };
-        let seen: Vec<(PackedLight, Seen)> = shades.iter().map(see).collect();
-        let lit = |(i, &(light, seen)): (usize, &(PackedLight, Seen))| Lit {
+        let seen: Vec<(PackedLight, VisibilitySlot)> = shades.iter().map(see).collect();
+        let lit = |(i, &(light, seen)): (usize, &(PackedLight, VisibilitySlot))| Lit {
             light,
             visibility: visibility.get(seen),
             image: &self.images[shades[i].slot],
@@ -118,7 +118,7 @@ impl Parts<'_> {
         if let Some(indirect) = self.indirect {
             let (pixel_stride, extra_stride) = (self.baked.pixel_stride() as u32, self.extra_stride());
             indirect.add(frame, &Targets { lights: &lights, pixel_stride, extra_stride }, detail);
-            lights.iter().for_each(|lit| self.count(frame, Watched::Transfer, lit));
+            lights.iter().for_each(|lit| self.count(frame, CheckedPass::Transfer, lit));
         }
         lights.iter().for_each(|lit| self.resolve(frame, lit));
     }
@@ -140,15 +140,15 @@ impl Parts<'_> {
             unused: 0,
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
-        self.count(frame, Watched::ShadeLight, lit);
+        self.count(frame, CheckedPass::ShadeLight, lit);
     }
 
     /// Counts what is not finite in the radiance of all samples, if somebody watches.
-    fn count(&self, frame: &mut Frame, watched: Watched, lit: &Lit) {
-        let Some(watch) = self.watch else { return };
+    fn count(&self, frame: &mut Frame, checked: CheckedPass, lit: &Lit) {
+        let Some(finite_check) = self.finite_check else { return };
         let pixel_stride = self.baked.pixel_stride() as u32;
-        watch.planes(frame, watched, lit.image, pixel_stride, pixel_stride);
-        watch.planes(frame, watched, lit.extras, self.baked.extra_samples.len() as u32, self.extra_stride());
+        finite_check.planes(frame, checked, lit.image, pixel_stride, pixel_stride);
+        finite_check.planes(frame, checked, lit.extras, self.baked.extra_samples.len() as u32, self.extra_stride());
     }
 
     fn extra_stride(&self) -> u32 {
@@ -174,8 +174,8 @@ impl Parts<'_> {
             layers: self.layers.mask(),
         };
         pass.dispatch(&self.kernels.resolve, &push, push.pixel_count);
-        if let Some(watch) = self.watch {
-            watch.planes(frame, Watched::Resolve, lit.image, pixel_stride, pixel_stride);
+        if let Some(finite_check) = self.finite_check {
+            finite_check.planes(frame, CheckedPass::Resolve, lit.image, pixel_stride, pixel_stride);
         }
     }
 
@@ -199,9 +199,9 @@ impl Parts<'_> {
             unused: 0,
         };
         pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);
-        if let Some(watch) = self.watch {
+        if let Some(finite_check) = self.finite_check {
             let pixel_stride = self.baked.pixel_stride() as u32;
-            watch.planes(frame, Watched::SumLights, self.image(target), pixel_stride, pixel_stride);
+            finite_check.planes(frame, CheckedPass::SumLights, self.image(target), pixel_stride, pixel_stride);
         }
     }
 
@@ -219,9 +219,9 @@ impl Parts<'_> {
             blue_first: u32::from(output.is_blue_first()),
         };
         pass.dispatch(outputs.kernel(output), &push, push.pixel_stride);
-        if let Some(watch) = self.watch.filter(|_| output == Output::Linear) {
+        if let Some(finite_check) = self.finite_check.filter(|_| output == Output::Linear) {
             let pixels = push.width * push.height;
-            watch.planes(frame, Watched::Composite, outputs.pixels(output), pixels, pixels);
+            finite_check.planes(frame, CheckedPass::Composite, outputs.pixels(output), pixels, pixels);
         }
     }
 

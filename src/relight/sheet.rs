@@ -4,7 +4,7 @@ use glam::{UVec2, Vec3};
 
 use super::light_cache::{Plan, Shade, Source, Step, Term};
 use super::output::{Output, Outputs};
-use super::passes::Parts;
+use super::passes::FrameResources;
 use crate::gpu::Frame;
 use crate::shared::{SheetPush, SumTerm};
 
@@ -83,7 +83,7 @@ impl Sheet {
     }
 }
 
-impl Parts<'_> {
+impl FrameResources<'_> {
     /// Draws one light's share, or nothing, into its cell.
     pub(super) fn show(&self, frame: &mut Frame, cell: usize, term: Option<Term>, outputs: &Outputs, output: Output) {
         let tiling = self.baked.tiling;

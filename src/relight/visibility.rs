@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::light_rays::Caught;
+use super::light_rays::LightRayHits;
 use crate::bake::Baked;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
@@ -41,14 +41,14 @@ pub struct Visibility {
     /// Points of gather samples.
     pub gather_points: Buffer<u32>,
     /// What its rays bring to gather samples.
-    pub light_rays: Caught,
+    pub light_rays: LightRayHits,
 }
 
 /// Whose visibility this is in a frame.
 #[derive(Clone, Copy)]
-pub struct Seen(Option<usize>);
+pub struct VisibilitySlot(Option<usize>);
 
-impl Seen {
+impl VisibilitySlot {
     /// Of lights without shadows.
     pub const ALL: Self = Self(None);
 }
@@ -83,7 +83,7 @@ impl VisibilityBuffers {
             Ok(Visibility {
                 view_samples: all_seen(&baked.packets)?,
                 gather_points: all_seen(gather_packets)?,
-                light_rays: Caught::nothing(context, baked.transfer.as_ref())?,
+                light_rays: LightRayHits::nothing(context, baked.transfer.as_ref())?,
             })
         };
         let half = match traced {
@@ -110,13 +110,13 @@ impl VisibilityBuffers {
         self.buffers.len() - self.used
     }
 
-    pub fn take(&mut self) -> (Seen, &mut Visibility, &mut Half) {
+    pub fn take(&mut self) -> (VisibilitySlot, &mut Visibility, &mut Half) {
         self.used += 1;
         let index = self.used - 1;
-        (Seen(Some(index)), &mut self.buffers[index], &mut self.half)
+        (VisibilitySlot(Some(index)), &mut self.buffers[index], &mut self.half)
     }
 
-    pub fn get(&self, seen: Seen) -> &Visibility {
+    pub fn get(&self, seen: VisibilitySlot) -> &Visibility {
         seen.0.map_or(&self.all_seen, |index| &self.buffers[index])
     }
 }

@@ -240,7 +240,7 @@ gpu_shared! {
 
         /// Rows of a block matrix that share their columns.
         pub struct Panel {
-            /// Where its factors begin, in units of eight: strip by strip of [`STRIP_ROWS`], octet by octet of columns, channel by
+            /// Where its factors begin, in units of eight: strip by strip of [`STRIP_ROWS`], column group by column group of columns, channel by
             /// channel where these have factors of their own, row by row.
             pub first_value: u32,
             /// Where its lists of inputs and tints begin, one a column.
@@ -250,9 +250,9 @@ gpu_shared! {
             /// At most [`PANEL_ROWS`].
             pub row_count: u32,
             /// Columns over [`PANEL_COLUMNS`].
-            pub octet_count: u32,
+            pub column_group_count: u32,
             /// How many of these, the first ones, have factors for R, G and B each.
-            pub own_octet_count: u32,
+            pub own_column_group_count: u32,
             /// What stored factors are multiplied by.
             pub scale: f32,
         }

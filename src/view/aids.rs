@@ -13,7 +13,7 @@ use crate::shared::{BINS_A_STOP, HISTOGRAM_BINS, MIDDLE_STOP, STOP_COUNT};
 
 /// What is to be told of the picture that was drawn last.
 #[derive(Clone, Default, PartialEq)]
-pub struct Told {
+pub struct OverlayInfo {
     /// Lines on the pixel under the mouse.
     pub probe: Vec<String>,
     /// Of [`crate::relight::Relighter::histogram`].
@@ -29,7 +29,7 @@ const WIDTH: f32 = 16.0 * STOP_COUNT as f32;
 const HISTOGRAM_HEIGHT: f32 = 70.0;
 const TEXT: Color32 = Color32::from_gray(220);
 
-impl Told {
+impl OverlayInfo {
     /// What becomes of the picture, unless it rests as it is.
     pub fn state(&self) -> Option<String> {
         match self.progress {
@@ -42,10 +42,10 @@ impl Told {
 }
 
 /// Draws what `views` asks for, its lower left corner at `corner`.
-pub fn draw(ui: &Ui, views: &Views, told: &Told, corner: Pos2) {
+pub fn draw(ui: &Ui, views: &Views, overlay: &OverlayInfo, corner: Pos2) {
     let errors = views.view == View::TransferError;
     let legend = errors || (views.has(Aid::FalseColor) && views.view.picture(None).is_some());
-    let (histogram, probe) = (told.histogram.as_ref().filter(|_| views.has(Aid::Histogram)), views.has(Aid::Probe));
+    let (histogram, probe) = (overlay.histogram.as_ref().filter(|_| views.has(Aid::Histogram)), views.has(Aid::Probe));
     if !legend && histogram.is_none() && !probe {
         return;
     }
@@ -55,7 +55,7 @@ pub fn draw(ui: &Ui, views: &Views, told: &Told, corner: Pos2) {
         frame.show(ui, |ui| {
             ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Extend);
             if probe {
-                for line in &told.probe {
+                for line in &overlay.probe {
                     ui.label(RichText::new(line).monospace().size(11.0).color(TEXT));
                 }
             }

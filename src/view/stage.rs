@@ -10,7 +10,7 @@ use std::time::Instant;
 use glam::DVec3;
 use winit::event_loop::EventLoopProxy;
 
-use super::aids::{self, Told};
+use super::aids::{self, OverlayInfo};
 use super::autosave::Autosave;
 use super::compare::{Comparison, Overlaid};
 use super::controls::{Action, Dialog, ViewState};
@@ -56,7 +56,7 @@ pub struct Stage {
     drawn: Option<u64>,
     still: Option<Still>,
     /// What the picture's aids tell.
-    pub told: Told,
+    pub overlay: OverlayInfo,
     pub gather_marks: Option<GatherMarks>,
     pub thumbnails: [Option<Thumbnail>; SLOTS],
     overlaid: Option<Overlaid>,
@@ -107,7 +107,7 @@ impl Stage {
             is_sharp: false,
             drawn: None,
             still: None,
-            told: Told::default(),
+            overlay: OverlayInfo::default(),
             gather_marks: None,
             thumbnails: Default::default(),
             overlaid: None,
@@ -194,7 +194,7 @@ impl Stage {
         let size = self.picture_size();
         let under_mouse = pointer.at.and_then(|at| pixel(pointer.placement, size, at));
         let probe = under_mouse.filter(|_| view.views.has(Aid::Probe));
-        self.told = Told::default();
+        self.overlay = OverlayInfo::default();
         let Some((layers, picture)) = view.views.view.picture(self.desk.selected()) else {
             let blue_first = screen.surface.wants_blue_first();
             let context = self.relighter.context();
@@ -205,7 +205,7 @@ impl Stage {
                     true => aids::short(v.x),
                     false => v.to_array().map(aids::short).join("  "),
                 });
-                self.told.probe = vec![format!("pixel {x}, {y}"), format!("{}: {value}", view.views.title())];
+                self.overlay.probe = vec![format!("pixel {x}, {y}"), format!("{}: {value}", view.views.title())];
             }
             self.still = Some(still);
             return Ok(());
@@ -242,12 +242,12 @@ impl Stage {
         relighter.inspect(Inspection { histogram: view.views.has(Aid::Histogram), probe })?;
         let over = comparing.and_then(|comparing| Some(self.overlaid.as_ref()?.over(comparing.kind)));
         relighter.show(picture, view.exposure, Screen { over, ..screen })?;
-        self.told.histogram = relighter.histogram().map(<[u32]>::to_vec);
-        self.told.is_coarse = relighter.is_coarse();
+        self.overlay.histogram = relighter.histogram().map(<[u32]>::to_vec);
+        self.overlay.is_coarse = relighter.is_coarse();
         if let Some((pixel, radiance)) = relighter.probed() {
-            self.told.probe = aids::radiance_lines(pixel, radiance, view.exposure);
+            self.overlay.probe = aids::radiance_lines(pixel, radiance, view.exposure);
         }
-        self.told.progress = self.converge.progress(&self.opened, self.desk.rig());
+        self.overlay.progress = self.converge.progress(&self.opened, self.desk.rig());
         if self.times().iter().any(|pass| pass.name == "shade light") {
             self.pace.shown(Instant::now(), edited, detail, start.elapsed());
         }
@@ -262,7 +262,7 @@ impl Stage {
             let top = placement.top as f32 + y * placement.height as f32;
             egui::Pos2::new(left / scale, top / scale)
         };
-        aids::draw(ui, &view.views, &self.told, point(0.0, 1.0));
+        aids::draw(ui, &view.views, &self.overlay, point(0.0, 1.0));
         if view.views.view == View::Lights {
             let grid = Grid::new(self.desk.rig().lights.len(), size);
             let at = |[x, y]: [u32; 2]| point(x as f32 / size[0] as f32, y as f32 / size[1] as f32);
@@ -271,7 +271,7 @@ impl Stage {
         if view.panel || view.overlay {
             let is_named = !matches!(view.views.view, View::Beauty | View::Lights);
             let name = is_named.then(|| view.views.title());
-            let state = self.told.state();
+            let state = self.overlay.state();
             let text: Vec<String> = name.into_iter().chain(state).collect();
             if !text.is_empty() {
                 aids::title(ui, &text.join("  -  "), point(0.5, 0.0));

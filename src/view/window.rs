@@ -11,7 +11,7 @@ use winit::window::{Fullscreen, WindowId};
 
 use super::controls::{Action, Dialog, PANEL_WIDTH, ViewState};
 use super::graphics::Graphics;
-use super::hand::{Around, Hand, Taken};
+use super::input_state::{Around, InputState, Taken};
 use super::interface::{Interface, loading_bar};
 use super::keys::Command;
 use super::load::{LoadEvent, Loader};
@@ -48,7 +48,7 @@ struct App {
     graphics: Option<Graphics>,
     /// What the loading thread does, and how far it is.
     loading: Option<(&'static str, f32)>,
-    hand: Hand,
+    hand: InputState,
     /// When the first event came that no frame has shown yet.
     pending: Option<Instant>,
     /// Something changed that a frame has to show.
@@ -109,7 +109,7 @@ impl App {
             stage: None,
             graphics: None,
             loading: Some(("loading", 0.0)),
-            hand: Hand::default(),
+            hand: InputState::default(),
             pending: None,
             stale: true,
             asked: false,
@@ -344,17 +344,17 @@ impl App {
             ui: ui.map(|frame| (&mut graphics.ui, frame)),
         };
         let mut passes = None;
-        let (mut told_anew, mut coarse) = (false, false);
+        let (mut overlay_changed, mut coarse) = (false, false);
         match &mut self.stage {
             Some(stage) => {
-                let told = stage.told.clone();
+                let overlay = stage.overlay.clone();
                 let began_ms = self.began.elapsed().as_secs_f64() * 1e3;
                 stage.draw(&self.view, pointer, screen)?;
                 if self.settings.trace {
                     self.trace.push((began_ms, stage.times().to_vec()));
                 }
                 coarse = stage.is_coarse();
-                told_anew = stage.told != told;
+                overlay_changed = stage.overlay != overlay;
                 passes = Some(stage.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
                 let star = if stage.desk.history().is_unsaved() { "*" } else { "" };
                 let message = &stage.desk.message;
@@ -376,7 +376,7 @@ impl App {
         if let Some(event) = self.pending.take() {
             self.timings.frame(event, passes, coarse);
         }
-        if self.stale || told_anew {
+        if self.stale || overlay_changed {
             self.ask_for_frame();
         }
         Ok(())

@@ -50,7 +50,7 @@ impl Relit {
     /// What each pass leaves that is not finite.
     pub fn non_finite(&self, gpu: &Gpu, rig: &Rig) -> Vec<(&'static str, u32)> {
         let mut relighter = self.stage.relighter(gpu, rig, &self.setup);
-        relighter.watch().unwrap();
+        relighter.check_finite().unwrap();
         relighter.linear(Picture::Whole).unwrap();
         relighter.non_finite()
     }

@@ -8,7 +8,7 @@ use super::{Key, Reader, Writer, file, read};
 use crate::bake::Baked;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::BlockMatrix;
-use crate::bake::transfer::sparse::SparseMatrix;
+use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
 
 /// Name of a transfer to what the bake of `key` sees; `settings` tells how it is computed.
@@ -91,7 +91,7 @@ fn decode(reader: &Reader, baked: &Baked) -> Option<BakedTransfer> {
     if let Some(counts) = reader.text("sparse") {
         let [input_count, output_count] = serde_json::from_str(counts).ok()?;
         // Copied, not mapped: terms hold steps from column to column, which a kernel follows.
-        transfer.sparse = Some(SparseMatrix {
+        transfer.sparse = Some(SellMatrix {
             input_count,
             output_count,
             slices: reader.take("slices")?,

@@ -7,16 +7,16 @@ use rayon::prelude::*;
 use super::haar::Haar;
 use super::largest::largest;
 use super::linear::{self, Lu};
-use super::panels::{self, Panel, Panels, Transposed, TransposedPart, WIDTH};
+use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::Rows;
+use crate::bake::transfer::rows::CsrMatrix;
 
 /// Further bounces of direct light.
 pub struct Bounces<'a> {
     /// One a channel.
     series: Vec<Series>,
     /// G_cf; with one level G.
-    first: &'a Rows,
+    first: &'a CsrMatrix,
     operand: Operand,
 }
 
@@ -58,20 +58,20 @@ impl<'a> Bounces<'a> {
     }
 
     /// S `direct`.
-    pub fn further(&self, direct: &Panels) -> Panels {
-        panels::multiply(self.first, direct).map(|channel, panel| self.series[channel].times(panel, false))
+    pub fn further(&self, direct: &VectorBatch) -> VectorBatch {
+        vector_batch::multiply(self.first, direct).map(|channel, panel| self.series[channel].times(panel, false))
     }
 
     /// See [`Transfer::residual`].
     pub fn residual(&self, transfer: &Transfer) -> Option<f64> {
         let even = transfer.even_light();
-        let further = self.further(&Panels::from_fn(even.len(), 1, |channel, i, _| even[i][channel] as f32));
+        let further = self.further(&VectorBatch::from_fn(even.len(), 1, |channel, i, _| even[i][channel] as f32));
         let of = |i: usize| DVec3::from_array([0, 1, 2].map(|c: usize| f64::from(further.channels[c][0][i][0])));
         transfer.residual(&(0..transfer.among.len()).map(of).collect::<Vec<_>>())
     }
 
     /// What rows of Φ multiply, from direct light and [`Self::further`].
-    pub fn seen(&self, direct: &Panels, further: &Panels) -> Panels {
+    pub fn seen(&self, direct: &VectorBatch, further: &VectorBatch) -> VectorBatch {
         let mut all = direct.clone();
         if !self.operand.first {
             all.for_each_mut(|_, panel| panel.fill([0.0; WIDTH]));
@@ -96,7 +96,7 @@ impl<'a> Bounces<'a> {
         let columns = self.operand.fine;
         let thin = |first: usize| {
             let rows = first..self.first.len().min(first + WIDTH);
-            let mut terms = Panels::from_rows(self.first, rows, columns);
+            let mut terms = VectorBatch::from_rows(self.first, rows, columns);
             terms.for_each_mut(|_, panel| haar.transform(panel));
             TransposedPart::new(&largest(&terms, power, tail), first, columns)
         };
@@ -116,9 +116,9 @@ pub struct Thinned {
 
 impl Thinned {
     /// Haar terms of Tᵀ x, from Φᵀ x.
-    pub fn terms(&self, haar: &Haar, mut gathered: Panels) -> Panels {
+    pub fn terms(&self, haar: &Haar, mut gathered: VectorBatch) -> VectorBatch {
         let Operand { two_levels, fine, first } = self.operand;
-        let mut further = Panels { count: gathered.count, ..Default::default() };
+        let mut further = VectorBatch { count: gathered.count, ..Default::default() };
         for (further, gathered) in further.channels.iter_mut().zip(&mut gathered.channels) {
             let split = |panel: &mut Panel| if two_levels { panel.split_off(fine) } else { panel.clone() };
             further.extend(gathered.iter_mut().map(split));
@@ -127,7 +127,7 @@ impl Thinned {
         if first {
             gathered.for_each_mut(|_, panel| haar.transform(panel));
         } else {
-            gathered = Panels::zeros(fine, gathered.count);
+            gathered = VectorBatch::zeros(fine, gathered.count);
         }
         self.first.add_product(&summed, &mut gathered);
         gathered
@@ -138,7 +138,7 @@ impl Series {
     fn times(&self, panel: &Panel, transposed: bool) -> Panel {
         match self {
             Self::Infinite(lu) => {
-                let solution = lu.solve(panels::matrix(panel), transposed);
+                let solution = lu.solve(vector_batch::matrix(panel), transposed);
                 let row = |i: usize| std::array::from_fn(|j| solution[(i, j)] as f32);
                 (0..panel.len()).map(row).collect()
             }
@@ -147,7 +147,7 @@ impl Series {
                 let mut sum = vec![[0.0; WIDTH]; panel.len()];
                 for _ in 0..*terms {
                     let before = std::mem::replace(&mut sum, panel.clone());
-                    linear::add_product(panels::matrix_mut(&mut sum), g, panels::matrix(&before));
+                    linear::add_product(vector_batch::matrix_mut(&mut sum), g, vector_batch::matrix(&before));
                 }
                 sum
             }
@@ -155,7 +155,7 @@ impl Series {
     }
 }
 
-fn dense(g: &Rows, channel: usize) -> Mat<f32> {
+fn dense(g: &CsrMatrix, channel: usize) -> Mat<f32> {
     let mut dense = Mat::zeros(g.len(), g.len());
     for r in 0..g.len() {
         g.row(r).for_each(|(column, value)| dense[(r, column as usize)] += value[channel]);

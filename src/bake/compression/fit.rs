@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 use super::bounces::Thinned;
 use super::haar::Haar;
 use super::linear::{self, Lu};
-use super::panels::{self, Compact, Panel, Panels, Transposed, TransposedPart, WIDTH};
+use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
-use super::twice::Twice;
+use super::vector_batch::{self, Compact, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use super::{Found, OUTSIDE};
-use crate::bake::transfer::rows::Rows;
+use crate::bake::transfer::rows::CsrMatrix;
 use crate::physics::sequence::Points;
 
 /// What all superclusters are made of.
@@ -24,15 +24,15 @@ pub struct Inputs {
     pub residual: Option<f64>,
     pub haar: Haar,
     /// What Φ multiplies: random combinations of the lights to learn from.
-    pub combinations: Panels,
+    pub combinations: VectorBatch,
     /// What Φ multiplies: the lights to check with.
-    pub checked: Panels,
+    pub checked: VectorBatch,
     /// Haar terms of the lights to learn from, the mean square of whose images is 1.
     pub learned: Compact,
     /// Sum of the squares of each term over the lights to learn from, by channel.
     pub power: [Vec<f32>; 3],
     /// Haar terms of the lights to check with.
-    pub checks: Panels,
+    pub checks: VectorBatch,
     /// Those of the lights to check with that decide how many directions are kept.
     pub deciding: Range<usize>,
 }
@@ -60,7 +60,7 @@ pub struct Projected<'a> {
     /// Their power, by channel.
     power: [Vec<f32>; 3],
     /// What T's transpose makes of another basis, by channel: terms that matter x vectors.
-    terms: Panels,
+    terms: VectorBatch,
     /// The directions as combinations of those vectors.
     vectors: Mat<f64>,
     /// What those vectors hold of the lights to learn from: vectors x lights, by channel.
@@ -72,41 +72,41 @@ pub struct Projected<'a> {
     /// What no fit can mend: square of the light that the basis lacks.
     pub outside: f64,
     /// Images of the lights to check with: pixels x lights.
-    pub checks: Panels,
-    pub twice: Twice,
+    pub checks: VectorBatch,
+    pub estimate: NoiseEstimate,
     /// What the basis holds of the deciding lights' images.
     held: Mat<f64>,
 }
 
 /// Rows of Φ and what they make of lights.
-pub struct Seen {
+pub struct RowProducts {
     rows: Transposed,
     /// Images of random combinations of the lights to learn from, and of the lights to check with.
-    combinations: Panels,
-    checks: Panels,
+    combinations: VectorBatch,
+    checks: VectorBatch,
 }
 
-impl Seen {
+impl RowProducts {
     /// Of no rows yet.
     pub fn new(inputs: &Inputs) -> Self {
         Self {
             rows: Transposed { columns: inputs.combinations.rows(), parts: Vec::new() },
-            combinations: Panels::zeros(0, inputs.combinations.count),
-            checks: Panels::zeros(0, inputs.checked.count),
+            combinations: VectorBatch::zeros(0, inputs.combinations.count),
+            checks: VectorBatch::zeros(0, inputs.checked.count),
         }
     }
 
     /// Adds pixels.
-    pub fn push(&mut self, inputs: &Inputs, rows: &Rows) {
+    pub fn push(&mut self, inputs: &Inputs, rows: &CsrMatrix) {
         self.rows.parts.push(TransposedPart::new(rows, self.combinations.rows(), self.rows.columns));
-        self.combinations.append(panels::multiply(rows, &inputs.combinations));
-        self.checks.append(panels::multiply(rows, &inputs.checked));
+        self.combinations.append(vector_batch::multiply(rows, &inputs.combinations));
+        self.checks.append(vector_batch::multiply(rows, &inputs.checked));
     }
 }
 
 /// Some of the rows, gathered with other random numbers.
-pub struct Anew<'a> {
-    pub rows: &'a Rows,
+pub struct Resampled<'a> {
+    pub rows: &'a CsrMatrix,
     /// Which pixels of the supercluster they are.
     pub pixels: &'a [usize],
 }
@@ -149,17 +149,22 @@ pub struct TileFactors {
 impl<'a> Projected<'a> {
     /// From what the supercluster's pixels see. `allowed` gives the squared error beyond noise that they may have, from the squares
     /// of their images and of their noise.
-    pub fn new(inputs: &'a Inputs, seen: Seen, anew: &Anew, allowed: impl Fn(f64, f64) -> f64) -> Self {
-        let Seen { rows, combinations, checks } = seen;
-        let again = panels::multiply(anew.rows, &inputs.checked);
-        let twice = Twice::new(anew.pixels, &checks, &again, &inputs.deciding);
+    pub fn new(
+        inputs: &'a Inputs,
+        seen: RowProducts,
+        resampled: &Resampled,
+        allowed: impl Fn(f64, f64) -> f64,
+    ) -> Self {
+        let RowProducts { rows, combinations, checks } = seen;
+        let again = vector_batch::multiply(resampled.rows, &inputs.checked);
+        let estimate = NoiseEstimate::new(resampled.pixels, &checks, &again, &inputs.deciding);
         let (all, energy) = range(&combinations);
-        let allowed = allowed(energy, twice.weighted_noise);
-        let held = linear::product(all.transpose(), twice.images.as_ref());
-        let count = twice.needed(all.as_ref(), held.as_ref(), OUTSIDE * allowed);
+        let allowed = allowed(energy, estimate.weighted_noise);
+        let held = linear::product(all.transpose(), estimate.images.as_ref());
+        let count = estimate.needed(all.as_ref(), held.as_ref(), OUTSIDE * allowed);
         let count = count.next_multiple_of(WIDTH).min(all.ncols());
         let held = linear::product(all.subcols(0, count), held.subrows(0, count));
-        let outside = twice.outside(&held);
+        let outside = estimate.outside(&held);
         let basis = all.subcols(0, count);
         let (list, terms) = seen_terms(inputs, &rows, basis, SLIGHT * allowed);
         let power = inputs.power.each_ref().map(|power| list.iter().map(|&term| power[term as usize]).collect());
@@ -169,10 +174,10 @@ impl<'a> Projected<'a> {
         });
         let decided = [0, 1, 2].map(|c| {
             let deciding = &inputs.checks.channels[c][..1];
-            let lit = |list: &[u32]| panels::gathered(deciding, list.iter().map(|&term| term as usize));
+            let lit = |list: &[u32]| vector_batch::gathered(deciding, list.iter().map(|&term| term as usize));
             hold(&terms.channels[c], &list, WIDTH, lit, count)
         });
-        let decided = twice.deciding(count, |c, direction, light| decided[c][(direction, light)].into());
+        let decided = estimate.deciding(count, |c, direction, light| decided[c][(direction, light)].into());
         let mut gram = Mat::<f64>::zeros(count, count);
         for learned in &learned {
             let learned = Mat::from_fn(count, learned.ncols(), |i, l| f64::from(learned[(i, l)]));
@@ -194,7 +199,7 @@ impl<'a> Projected<'a> {
             allowed,
             outside,
             checks,
-            twice,
+            estimate,
             held,
         }
     }
@@ -230,7 +235,7 @@ impl<'a> Projected<'a> {
             let v = factors.v(c);
             for (part, (terms, images)) in terms.iter().zip(images).enumerate() {
                 let listed: Panel = factors.list.iter().map(|&j| terms[j as usize]).collect();
-                let y = linear::product(v.as_ref(), panels::matrix(&listed));
+                let y = linear::product(v.as_ref(), vector_batch::matrix(&listed));
                 for ((rows, tile), found) in tiles.iter().zip(&factors.tiles).zip(&mut found) {
                     let coefficients = linear::product(single(&tile.b, tile.rank, factors.rank).as_ref(), y.as_ref());
                     let u = MatRef::from_row_major_slice(&tile.u, rows.len(), tile.rank);
@@ -249,14 +254,14 @@ impl<'a> Projected<'a> {
                 }
             }
         }
-        let seen = self.twice.deciding(self.checks.rows(), |c, pixel, light| seen[c][(pixel, light)].into());
-        (found, self.twice.lost(&self.held, &seen))
+        let seen = self.estimate.deciding(self.checks.rows(), |c, pixel, light| seen[c][(pixel, light)].into());
+        (found, self.estimate.lost(&self.held, &seen))
     }
 
     /// The first directions: as many as leave at most `budget` of what all hold of the deciding lights.
     fn directions(&self, budget: f64) -> Directions {
         let certain = self.squares.iter().take_while(|v| **v > linear::CERTAIN * self.squares[0]).count();
-        let rank = multiple(self.twice.needed(self.directions.as_ref(), self.decided.as_ref(), budget).min(certain));
+        let rank = multiple(self.estimate.needed(self.directions.as_ref(), self.decided.as_ref(), budget).min(certain));
         // Padded with directions that are zero.
         let filled = certain.min(rank);
         let turn =
@@ -275,7 +280,7 @@ impl<'a> Projected<'a> {
             let mut all = Mat::<f32>::zeros(self.list.len(), turn.ncols());
             for first in (0..self.list.len()).step_by(TERMS) {
                 let rows = first..self.list.len().min(first + TERMS);
-                let terms = panels::gathered(panels, rows.clone());
+                let terms = vector_batch::gathered(panels, rows.clone());
                 let terms = MatRef::from_row_major_slice(&terms, rows.len(), panels.len() * WIDTH);
                 let all = all.subrows_mut(first, rows.len());
                 linear::add_product(all, terms.subcols(0, turn.nrows()), turn.as_ref());
@@ -366,9 +371,9 @@ struct Directions {
 }
 
 /// Haar terms that matter, and what they make of the vectors of `basis`. The others add up to squares of about `slight`.
-fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, Panels) {
+fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, VectorBatch) {
     let terms = |vectors: MatRef<f64>| {
-        let vectors = Panels::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
+        let vectors = VectorBatch::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
         inputs.bounces.terms(&inputs.haar, rows.multiply(&vectors))
     };
     // Of sums with random signs the mean square is the sum of squares.
@@ -387,7 +392,7 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f6
     list.truncate(cut(list.iter().map(square), slight));
     list.sort_unstable();
 
-    let mut found = Panels { count: basis.ncols(), ..Default::default() };
+    let mut found = VectorBatch { count: basis.ncols(), ..Default::default() };
     for first in (0..basis.ncols()).step_by(WIDTH) {
         let some = terms(basis.subcols(first, WIDTH.min(basis.ncols() - first)));
         for (found, some) in found.channels.iter_mut().zip(&some.channels) {
@@ -401,7 +406,7 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f6
 fn hold(terms: &[Panel], list: &[u32], lights: usize, lit: impl Fn(&[u32]) -> Vec<f32>, count: usize) -> Mat<f32> {
     let mut all = Mat::zeros(count, lights);
     for (number, list) in list.chunks(TERMS).enumerate() {
-        let some = panels::gathered(terms, number * TERMS..number * TERMS + list.len());
+        let some = vector_batch::gathered(terms, number * TERMS..number * TERMS + list.len());
         let some = MatRef::from_row_major_slice(&some, list.len(), terms.len() * WIDTH);
         let lit = lit(list);
         let lit = MatRef::from_row_major_slice(&lit, list.len(), lights);
@@ -419,7 +424,7 @@ fn single(block: &[f16], rows: usize, columns: usize) -> Mat<f32> {
 const V_LARGEST: f32 = 1024.0;
 
 /// An orthonormal basis of what the images span, the fullest directions first; and the square of all images.
-fn range(images: &Panels) -> (Mat<f64>, f64) {
+fn range(images: &VectorBatch) -> (Mat<f64>, f64) {
     let all: Vec<&Panel> = images.channels.iter().flatten().collect();
     let all = Mat::from_fn(images.rows(), all.len() * WIDTH, |i, j| f64::from(all[j / WIDTH][i][j % WIDTH]));
     linear::orthonormal(&all)

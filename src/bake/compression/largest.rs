@@ -2,17 +2,17 @@
 
 use rayon::prelude::*;
 
-use super::panels::{Panel, Panels, WIDTH};
-use crate::bake::transfer::rows::Rows;
+use super::vector_batch::{Panel, VectorBatch, WIDTH};
+use crate::bake::transfer::rows::CsrMatrix;
 
 /// Of each vector the fewest terms that leave out no more than a share of its energy; a term has the sum of its channels'
 /// squares, each times its weight. Rows of the terms that are kept, one a vector; terms of nothing never are.
-pub fn largest(terms: &Panels, weights: [&[f32]; 3], left_out: f64) -> Rows {
+pub fn largest(terms: &VectorBatch, weights: [&[f32]; 3], left_out: f64) -> CsrMatrix {
     let panel = |p: usize| {
         let count = WIDTH.min(terms.count - p * WIDTH);
         of_panel([0, 1, 2].map(|channel| &terms.channels[channel][p]), weights, left_out, count)
     };
-    Rows::concatenated((0..terms.channels[0].len()).into_par_iter().map(panel).collect())
+    CsrMatrix::concatenated((0..terms.channels[0].len()).into_par_iter().map(panel).collect())
 }
 
 /// Classes of energies of a float's first bits: eight an octave, which tells terms apart well enough.
@@ -20,7 +20,7 @@ const CLASSES: usize = 1 << 11;
 const CLASS_SHIFT: u32 = 20;
 
 /// The terms of the highest classes, of each of the first `count` vectors of a panel a channel.
-fn of_panel(panels: [&Panel; 3], weights: [&[f32]; 3], left_out: f64, count: usize) -> Rows {
+fn of_panel(panels: [&Panel; 3], weights: [&[f32]; 3], left_out: f64, count: usize) -> CsrMatrix {
     let energies = |i: usize| -> [f32; WIDTH] {
         let [red, green, blue] = panels.map(|panel| &panel[i]);
         let [r, g, b] = weights.map(|weights| weights[i]);
@@ -51,6 +51,7 @@ fn of_panel(panels: [&Panel; 3], weights: [&[f32]; 3], left_out: f64, count: usi
             }
         }
     }
-    let row = |(columns, values): (Vec<u32>, Vec<[f32; 3]>)| Rows { first: vec![0, columns.len()], columns, values };
-    Rows::concatenated(kept.into_iter().map(row).collect())
+    let row =
+        |(columns, values): (Vec<u32>, Vec<[f32; 3]>)| CsrMatrix { first: vec![0, columns.len()], columns, values };
+    CsrMatrix::concatenated(kept.into_iter().map(row).collect())
 }

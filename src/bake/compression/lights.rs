@@ -35,7 +35,7 @@ const NEAR: [f64; 2] = [0.03, 0.2];
 /// In low rooms it is less: so many lights fit over one another where two thirds of the samples see no further than that.
 const IN_ROOM: f64 = 8.0;
 /// Samples that tell how far they see, at most.
-const SEERS: usize = 256;
+const HEIGHT_PROBES: usize = 256;
 /// Free lights may be so far beyond the bounds of all surfaces, in diagonals.
 const BEYOND: f32 = 0.15;
 
@@ -112,7 +112,7 @@ fn height(transfer: &Transfer) -> f32 {
         let hit = transfer.bvh().closest_hit(transfer.scene(), origin, sample.normal, f32::INFINITY);
         hit.map_or(f32::INFINITY, |hit| hit.distance)
     };
-    let mut distances: Vec<f32> = samples.iter().step_by(samples.len().div_ceil(SEERS)).map(sees).collect();
+    let mut distances: Vec<f32> = samples.iter().step_by(samples.len().div_ceil(HEIGHT_PROBES)).map(sees).collect();
     distances.sort_unstable_by(f32::total_cmp);
     distances[distances.len() * 2 / 3]
 }

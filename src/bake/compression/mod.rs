@@ -19,13 +19,13 @@ pub mod haar;
 mod largest;
 pub mod lights;
 pub mod linear;
-pub mod panels;
+mod noise_estimate;
 mod report;
 pub mod row_wavelets;
 mod terms;
 pub mod training;
-mod twice;
-pub mod verify;
+pub mod validation;
+pub mod vector_batch;
 
 pub use self::report::Report;
 
@@ -39,12 +39,12 @@ use serde::{Deserialize, Serialize};
 use self::bounces::Bounces;
 use self::clusters::Clusters;
 use self::data::{Compressed, Supercluster, Tile};
-use self::fit::{Anew, Budget, Factors, Inputs, Projected, Seen};
+use self::fit::{Budget, Factors, Inputs, Projected, Resampled, RowProducts};
 use self::haar::Haar;
 use self::lights::Kind;
-use self::panels::{Compact, WIDTH};
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
+use self::vector_batch::{Compact, WIDTH};
 use super::transfer::Transfer;
 use super::transfer::rows::Lobe;
 use crate::physics::sequence::Points;
@@ -216,7 +216,7 @@ impl<'a> Compressor<'a> {
         let (error, factors, found) = best.expect("there is a round");
         // What the basis lacks is lost, too, and was left out with the noise, which paid for it.
         let lost = (error + (1.0 + PAYS) * projected.outside).max(0.0);
-        let (allowed, noise) = (projected.allowed, projected.twice.noise);
+        let (allowed, noise) = (projected.allowed, projected.estimate.noise);
         Fitted { tiles: tiles.clone(), factors, found, noise, lost, allowed, rounds, emission }
     }
 
@@ -226,21 +226,21 @@ impl<'a> Compressor<'a> {
             (0..ANEW.min(samples.len())).map(|i| (2 * i + 1) * samples.len() / (2 * ANEW.min(samples.len()))).collect();
         let again: Vec<u32> = pixels.iter().map(|&p| samples[p]).collect();
         let mut gatherer = self.transfer.row_gatherer(self.settings.lobe);
-        let (mut seen, mut emission) = (Seen::new(&self.inputs), Vec::new());
+        let (mut seen, mut emission) = (RowProducts::new(&self.inputs), Vec::new());
         for some in samples.chunks(AT_ONCE) {
             let rows = gatherer.gather(some);
             seen.push(&self.inputs, &rows);
             self.emitted.iter().for_each(|emitted| emission.extend(rows.multiply(emitted)));
         }
         gatherer.seed ^= 1 << 33;
-        let anew = Anew { rows: &gatherer.gather(&again), pixels: &pixels };
+        let resampled = Resampled { rows: &gatherer.gather(&again), pixels: &pixels };
         let share = samples.len() as f64 / self.clusters.samples.len() as f64;
         let allowed = |energy: f64, noise: f64| {
             // Half of the error goes where there is light, half everywhere.
             let (noise, all) = (noise.sqrt(), (0.5 * (share + energy)).sqrt());
             (noise + BIAS * self.settings.error * all).powi(2) - noise.powi(2)
         };
-        (Projected::new(&self.inputs, seen, &anew, allowed), emission)
+        (Projected::new(&self.inputs, seen, &resampled, allowed), emission)
     }
 
     /// Rows of each tile, counted from the first of their supercluster.
@@ -281,7 +281,7 @@ const AT_ONCE: usize = 512;
 /// Rows of each supercluster that are gathered twice, to tell light from noise.
 const ANEW: usize = 128;
 /// View samples that tell how bright a light's image is.
-const SCOUTS: usize = 512;
+const PROBES: usize = 512;
 /// Random combinations of lights, in each channel, whose images span those of all.
 const COMBINATIONS: usize = 3 * WIDTH;
 /// Shares of the allowed error for directions of a supercluster, terms of light, and directions of tiles.
@@ -309,10 +309,10 @@ fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &Compr
     let residual = bounces.residual(transfer);
     let haar = Haar::new(&transfer.fine.first);
     let seed = |purpose: u64| settings.seed ^ (16 + purpose) << 32;
-    let scouts = some(samples, SCOUTS, seed(0));
-    let rows = transfer.rows(&scouts, settings.lobe);
-    let share = scouts.len() as f64 / samples.len().max(1) as f64;
-    let trainer = Trainer { transfer, bounces: &bounces, direct, scouts: &rows, share };
+    let probes = some(samples, PROBES, seed(0));
+    let rows = transfer.rows(&probes, settings.lobe);
+    let share = probes.len() as f64 / samples.len().max(1) as f64;
+    let trainer = Trainer { transfer, bounces: &bounces, direct, probes: &rows, share };
     let spots = settings.lights / 4;
     let group = |kind, count, purpose| Group { kind, count, seed: seed(purpose) };
     let mut learned = trainer.lights(&[group(Kind::Point, settings.lights - spots, 1), group(Kind::Spot, spots, 2)]);

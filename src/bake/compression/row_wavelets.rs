@@ -13,13 +13,13 @@ use serde::{Deserialize, Serialize};
 
 use super::fit::Inputs;
 use super::largest::largest;
-use super::panels::{self, Panels, WIDTH};
 use super::report::{Report, mean, relative};
 use super::training::Direct;
+use super::vector_batch::{self, VectorBatch, WIDTH};
 use super::{BIAS, CompressionSettings, DECIDING, SPOTS, learn, some};
 use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::{RowGatherer, Rows};
-use crate::bake::transfer::sparse::SparseMatrix;
+use crate::bake::transfer::rows::{CsrMatrix, RowGatherer};
+use crate::bake::transfer::sparse::SellMatrix;
 use crate::storage::journal::Journal;
 
 /// Cuts the rows of one transfer.
@@ -43,7 +43,7 @@ pub struct RowWavelets<'a> {
 /// Rows that were cut.
 #[derive(Serialize, Deserialize)]
 struct Cut {
-    rows: Rows,
+    rows: CsrMatrix,
     /// Indirect radiance of emitters, exactly; empty without any.
     emission: Vec<Vec3>,
     /// For each light to check with: squared error and square of the image of the rows that were checked.
@@ -51,7 +51,7 @@ struct Cut {
 }
 
 /// View samples that tell how noisy rows are.
-const SCOUTS: usize = 2048;
+const PROBES: usize = 2048;
 /// Those of them by which it is decided how much is left out.
 const CUT: usize = 256;
 /// Halvings of the range in which that is looked for, and its ends.
@@ -69,18 +69,18 @@ impl<'a> RowWavelets<'a> {
     pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let samples = transfer.baked().reflecting();
         let inputs = learn(transfer, direct, &samples, settings);
-        let scouts = some(&samples, SCOUTS, settings.seed ^ 32 << 32);
+        let probes = some(&samples, PROBES, settings.seed ^ 32 << 32);
         let mut gatherer = transfer.row_gatherer(settings.lobe);
-        let rows = gatherer.gather(&scouts);
+        let rows = gatherer.gather(&probes);
         gatherer.seed ^= 1 << 33;
-        let anew = gatherer.gather(&scouts);
+        let resampled = gatherer.gather(&probes);
         gatherer.seed ^= 1 << 33;
         let emitted = transfer.emitted();
         let weight = |span: u32| (span as f32).powi(2);
         let weights = inputs.haar.spans(transfer.fine.coefficient_count()).into_iter().map(weight).collect();
         let (left_out, kept, noise) = (0.0, 0.0, 0.0);
         let mut made = Self { gatherer, inputs, weights, emitted, samples, left_out, kept, noise };
-        made.decide(&rows, &anew, &scouts[..CUT.min(scouts.len())], settings.error);
+        made.decide(&rows, &resampled, &probes[..CUT.min(probes.len())], settings.error);
         made
     }
 
@@ -90,19 +90,20 @@ impl<'a> RowWavelets<'a> {
     }
 
     /// Finds how much may be left out, so that on average over deciding lights what rows make of them is as far off as is
-    /// asked for, and as the noise of `rows` is, which those gathered `anew` tell.
-    fn decide(&mut self, rows: &Rows, anew: &Rows, samples: &[u32], error: f64) {
+    /// asked for, and as the noise of `rows` is, which those gathered `resampled` tell.
+    fn decide(&mut self, rows: &CsrMatrix, resampled: &CsrMatrix, samples: &[u32], error: f64) {
         let Inputs { checked: bounced, checks: lights, .. } = &self.inputs;
-        let far = |images: &Panels, others: &Panels| mean(relative(&compare(images, others)[DECIDING]));
+        let far = |images: &VectorBatch, others: &VectorBatch| mean(relative(&compare(images, others)[DECIDING]));
         // Both have the same noise.
-        let noise = 0.5f64.sqrt() * far(&panels::multiply(rows, bounced), &panels::multiply(anew, bounced));
+        let noise =
+            0.5f64.sqrt() * far(&vector_batch::multiply(rows, bounced), &vector_batch::multiply(resampled, bounced));
         let rows = self.gatherer.gather(samples);
-        let (images, terms) = (panels::multiply(&rows, bounced), self.terms(&rows));
+        let (images, terms) = (vector_batch::multiply(&rows, bounced), self.terms(&rows));
         let [mut low, mut high] = LEFT_OUT.map(f64::ln);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             let kept = self.largest(&terms, middle.exp());
-            let enough = far(&images, &panels::multiply(&kept, lights)) <= noise + BIAS * error;
+            let enough = far(&images, &vector_batch::multiply(&kept, lights)) <= noise + BIAS * error;
             *(if enough { &mut low } else { &mut high }) = middle;
         }
         let left_out = low.exp();
@@ -112,9 +113,9 @@ impl<'a> RowWavelets<'a> {
 
     /// Rows of all view samples that reflect anything; indirect radiance of emitters at all view samples, exactly, or
     /// nothing without any; and how the rows do. What `journal` has is not done again. `progress` counts view samples.
-    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SparseMatrix, Vec<Vec3>, Report) {
+    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SellMatrix, Vec<Vec3>, Report) {
         let all = self.gatherer.baked.samples.len();
-        let mut matrix = SparseMatrix::new(self.weights.len(), all);
+        let mut matrix = SellMatrix::new(self.weights.len(), all);
         let mut emission = vec![Vec3::ZERO; if self.emitted.is_some() { all } else { 0 }];
         let mut errors = vec![[0.0; 2]; SPOTS.end];
         for window in self.samples.chunks(WINDOW) {
@@ -142,7 +143,7 @@ impl<'a> RowWavelets<'a> {
             if i % CHECKED == 0 {
                 let Inputs { checked, checks, .. } = &self.inputs;
                 let [want, got] =
-                    [(&rows, checked), (&kept, checks)].map(|(rows, lights)| panels::multiply(rows, lights));
+                    [(&rows, checked), (&kept, checks)].map(|(rows, lights)| vector_batch::multiply(rows, lights));
                 add(&mut found, compare(&want, &got));
             }
             if let Some(emitted) = &self.emitted {
@@ -150,23 +151,23 @@ impl<'a> RowWavelets<'a> {
             }
             parts.push(kept);
         }
-        Cut { rows: Rows::concatenated(parts), emission, found }
+        Cut { rows: CsrMatrix::concatenated(parts), emission, found }
     }
 
     /// Rows of T in Haar terms, as vectors.
-    fn terms(&self, rows: &Rows) -> Panels {
+    fn terms(&self, rows: &CsrMatrix) -> VectorBatch {
         let columns = self.gatherer.levels.iter().map(|level| level.coefficient_count()).sum();
-        self.inputs.bounces.terms(&self.inputs.haar, Panels::from_rows(rows, 0..rows.len(), columns))
+        self.inputs.bounces.terms(&self.inputs.haar, VectorBatch::from_rows(rows, 0..rows.len(), columns))
     }
 
     /// The fewest terms of each vector that leave out no more than a share of its weighted energy.
-    fn largest(&self, terms: &Panels, left_out: f64) -> Rows {
+    fn largest(&self, terms: &VectorBatch, left_out: f64) -> CsrMatrix {
         largest(terms, [&self.weights; 3].map(Vec::as_slice), left_out)
     }
 }
 
 /// Square of each image's distance from another, and its own.
-fn compare(images: &Panels, others: &Panels) -> Vec<[f64; 2]> {
+fn compare(images: &VectorBatch, others: &VectorBatch) -> Vec<[f64; 2]> {
     let mut difference = others.clone();
     for (channel, images) in difference.channels.iter_mut().zip(&images.channels) {
         for (panel, image) in channel.iter_mut().zip(images) {

@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::bounces::Bounces;
 use super::lights::{Kind, RandomLights};
-use super::panels::{self, Panels, WIDTH};
+use super::vector_batch::{self, VectorBatch, WIDTH};
 use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::Rows;
+use crate::bake::transfer::rows::CsrMatrix;
 use crate::physics::sequence::Points;
 use crate::shared::PackedLight;
 
@@ -19,7 +19,7 @@ pub struct Trainer<'a> {
     pub bounces: &'a Bounces<'a>,
     pub direct: &'a Direct<'a>,
     /// Rows of a few view samples, of how many there are.
-    pub scouts: &'a Rows,
+    pub probes: &'a CsrMatrix,
     pub share: f64,
 }
 
@@ -40,8 +40,8 @@ const ATTEMPTS: u32 = 20;
 /// Light at the fine level, and what it becomes on further bounces.
 #[derive(Clone)]
 pub struct Bounced {
-    pub direct: Panels,
-    pub further: Panels,
+    pub direct: VectorBatch,
+    pub further: VectorBatch,
 }
 
 impl Trainer<'_> {
@@ -51,7 +51,7 @@ impl Trainer<'_> {
     pub fn lights(&self, groups: &[Group]) -> Bounced {
         let level = &self.transfer.fine;
         let count = groups.iter().map(|g| g.count).sum();
-        let zeros = |rows| Panels::zeros(rows, count);
+        let zeros = |rows| VectorBatch::zeros(rows, count);
         let mut all = Bounced { direct: zeros(level.coefficient_count()), further: zeros(self.transfer.among.len()) };
         let mut first = 0;
         for group in groups.iter().filter(|_| !level.samples.is_empty()) {
@@ -88,9 +88,9 @@ impl Trainer<'_> {
         let length = |light: &Vec<DVec3>| light.iter().map(|x| x.length_squared()).sum::<f64>().sqrt();
         let units: Vec<f64> = direct.iter().map(length).map(|l| if l > 0.0 { l.recip() } else { 0.0 }).collect();
         let entry = |channel: usize, i: usize, light: usize| (direct[light][i][channel] * units[light]) as f32;
-        let direct = Panels::from_fn(self.transfer.fine.coefficient_count(), lights.len(), entry);
+        let direct = VectorBatch::from_fn(self.transfer.fine.coefficient_count(), lights.len(), entry);
         let further = self.bounces.further(&direct);
-        let seen = panels::multiply(self.scouts, &self.bounces.seen(&direct, &further)).squares();
+        let seen = vector_batch::multiply(self.probes, &self.bounces.seen(&direct, &further)).squares();
         // Squares of images, of lights as they are rather than in their units.
         let image = |(seen, unit): (&f64, &f64)| if *unit > 0.0 { seen / (unit * unit) } else { 0.0 };
         let images: Vec<f64> = seen.iter().zip(&units).map(image).collect();
@@ -119,7 +119,7 @@ impl Bounced {
     }
 }
 
-fn combine(lights: &Panels, count: usize, seed: u64) -> Panels {
+fn combine(lights: &VectorBatch, count: usize, seed: u64) -> VectorBatch {
     let points = Points::new(seed, 0);
     let scale = 1.0 / count as f64;
     // Box and Muller's way to normal numbers.
@@ -127,7 +127,7 @@ fn combine(lights: &Panels, count: usize, seed: u64) -> Panels {
         let [u, v, ..] = points.at(i as u32, j as u32);
         ((-2.0 * (1.0 - u).ln() * scale).sqrt() * (std::f64::consts::TAU * v).cos()) as f32
     };
-    let mut mixtures = Panels::zeros(lights.rows(), count);
+    let mut mixtures = VectorBatch::zeros(lights.rows(), count);
     let factors: Vec<Vec<[[f32; WIDTH]; WIDTH]>> = (0..lights.count.div_ceil(WIDTH))
         .map(|from| {
             let factor =
@@ -138,8 +138,8 @@ fn combine(lights: &Panels, count: usize, seed: u64) -> Panels {
     for (mixtures, lights) in mixtures.channels.iter_mut().zip(&lights.channels) {
         for (to, mixture) in mixtures.iter_mut().enumerate() {
             for (from, panel) in lights.iter().enumerate() {
-                let factors = panels::matrix(&factors[from][to]);
-                super::linear::add_product(panels::matrix_mut(mixture), panels::matrix(panel), factors);
+                let factors = vector_batch::matrix(&factors[from][to]);
+                super::linear::add_product(vector_batch::matrix_mut(mixture), vector_batch::matrix(panel), factors);
             }
         }
     }

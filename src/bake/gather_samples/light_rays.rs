@@ -43,7 +43,7 @@ pub struct LightRays {
 
 /// What a ray brings to a gather sample.
 #[derive(Clone, Copy)]
-struct Caught {
+struct LightRayHit {
     /// [`NOTHING`] for a ray that brings nothing to any.
     sample: usize,
     /// Unit, towards the light, in the sample's frame.
@@ -76,7 +76,7 @@ impl LightRays {
         mut add: impl FnMut(u32, Vec3),
     ) {
         let Some(per_solid_angle) = per_solid_angle(light).filter(|_| !samples.is_empty()) else { return };
-        let mut rays = [Caught { sample: NOTHING, wi: Vec3::ZERO, irradiance: 0.0 }; RAYS];
+        let mut rays = [LightRayHit { sample: NOTHING, wi: Vec3::ZERO, irradiance: 0.0 }; RAYS];
         rays.par_iter_mut().with_min_len(16).enumerate().for_each(|(i, ray)| {
             if let Some(caught) = self.cast(scene, bvh, samples, light, per_solid_angle, i) {
                 *ray = caught;
@@ -104,7 +104,7 @@ impl LightRays {
         light: &PackedLight,
         per_solid_angle: f32,
         i: usize,
-    ) -> Option<Caught> {
+    ) -> Option<LightRayHit> {
         let widest = versine(light);
         let versine = widest * (i as f32 + 0.5) / RAYS as f32;
         let (sin, cos) = (GOLDEN_ANGLE * i as f32).sin_cos();
@@ -137,7 +137,7 @@ impl LightRays {
         let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MOST_COSINES) / sample.area;
         let [s, t, n] = turned([sample.tangent, sample.normal.cross(sample.tangent), sample.normal], surface.normal);
         let wi = -Vec3::new(s.dot(direction), t.dot(direction), n.dot(direction));
-        (irradiance > 0.0).then_some(Caught { sample: index, wi, irradiance })
+        (irradiance > 0.0).then_some(LightRayHit { sample: index, wi, irradiance })
     }
 }
 

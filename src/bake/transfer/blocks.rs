@@ -39,7 +39,7 @@ pub struct Columns<'a> {
 }
 
 impl<'a> Columns<'a> {
-    fn octet_count(&self) -> usize {
+    fn column_group_count(&self) -> usize {
         self.inputs.len().div_ceil(PANEL_COLUMNS as usize)
     }
 
@@ -101,13 +101,13 @@ impl BlockMatrix {
         assert_eq!(tints.len(), if self.channels == 3 { shared.inputs.len() } else { 0 });
         let first_input = self.inputs.len();
         for columns in [own, shared] {
-            let padding = columns.octet_count() * PANEL_COLUMNS as usize - columns.inputs.len();
+            let padding = columns.column_group_count() * PANEL_COLUMNS as usize - columns.inputs.len();
             self.inputs.extend(columns.inputs);
             self.inputs.extend(columns.inputs.iter().take(1).flat_map(|&first| std::iter::repeat_n(first, padding)));
         }
-        let [own_octets, shared_octets] = [own, shared].map(|columns| columns.octet_count());
+        let [own_column_groups, shared_column_groups] = [own, shared].map(|columns| columns.column_group_count());
         if self.channels == 3 {
-            self.tints.resize(first_input + own_octets * PANEL_COLUMNS as usize, Vec3::ONE);
+            self.tints.resize(first_input + own_column_groups * PANEL_COLUMNS as usize, Vec3::ONE);
             self.tints.extend(tints);
             self.tints.resize(self.inputs.len(), Vec3::ONE);
         }
@@ -123,14 +123,18 @@ impl BlockMatrix {
                 first_input: first_input as u32,
                 first_output: self.outputs.len() as u32,
                 row_count: of_panel.len() as u32,
-                octet_count: (own_octets + shared_octets) as u32,
-                own_octet_count: own_octets as u32,
+                column_group_count: (own_column_groups + shared_column_groups) as u32,
+                own_column_group_count: own_column_groups as u32,
                 scale,
             });
             self.outputs.extend(of_panel);
-            lay_out(packed, [own_octets, shared_octets, of_panel.len()], |octet, channel, r| {
-                let (columns, octet) = if octet < own_octets { (own, octet) } else { (shared, octet - own_octets) };
-                pack(&row(columns, channel, r)[octet * PANEL_COLUMNS as usize..], scale)
+            lay_out(packed, [own_column_groups, shared_column_groups, of_panel.len()], |column_group, channel, r| {
+                let (columns, column_group) = if column_group < own_column_groups {
+                    (own, column_group)
+                } else {
+                    (shared, column_group - own_column_groups)
+                };
+                pack(&row(columns, channel, r)[column_group * PANEL_COLUMNS as usize..], scale)
             });
         }
     }
@@ -170,26 +174,26 @@ impl BlockMatrix {
             })
             && self.panels.iter().all(|p| {
                 p.row_count <= PANEL_ROWS
-                    && p.own_octet_count <= if self.channels == 3 { p.octet_count } else { 0 }
-                    && within(p.first_input, p.octet_count as usize * PANEL_COLUMNS as usize, self.inputs.len())
+                    && p.own_column_group_count <= if self.channels == 3 { p.column_group_count } else { 0 }
+                    && within(p.first_input, p.column_group_count as usize * PANEL_COLUMNS as usize, self.inputs.len())
                     && within(p.first_output, p.row_count as usize, self.outputs.len())
                     && within(p.first_value, value_count(p), self.values.len())
             })
     }
 
-    /// Shares of the first rows and columns of what was [pushed](Self::push) together, in whole octets.
+    /// Shares of the first rows and columns of what was [pushed](Self::push) together, in whole column groups.
     pub fn leading(&self, rows: f64, columns: f64) -> Self {
         let mut all = Self::new(self.channels, self.input_count as usize, self.output_count as usize);
         let values = all.values.to_mut();
         for block in self.panels.chunk_by(|a, b| a.first_input == b.first_input) {
             let row_count: u32 = block.iter().map(|p| p.row_count).sum();
             let mut rows_left = ((rows * f64::from(row_count)).ceil() as u32).next_multiple_of(PANEL_COLUMNS);
-            let [own, both] = [block[0].own_octet_count, block[0].octet_count];
+            let [own, both] = [block[0].own_column_group_count, block[0].column_group_count];
             let [own_left, shared_left] = [own, both - own].map(|count| (columns * f64::from(count)).ceil() as u32);
-            let octets: Vec<u32> = (0..own_left).chain(own..own + shared_left).collect();
+            let column_groups: Vec<u32> = (0..own_left).chain(own..own + shared_left).collect();
             let first_input = all.inputs.len() as u32;
-            for octet in &octets {
-                let first = (block[0].first_input + octet * PANEL_COLUMNS) as usize;
+            for column_group in &column_groups {
+                let first = (block[0].first_input + column_group * PANEL_COLUMNS) as usize;
                 let columns = first..first + PANEL_COLUMNS as usize;
                 all.inputs.extend(&self.inputs[columns.clone()]);
                 all.tints.extend(self.tints.get(columns).unwrap_or_default());
@@ -205,15 +209,16 @@ impl BlockMatrix {
                     first_input,
                     first_output: all.outputs.len() as u32,
                     row_count,
-                    octet_count: own_left + shared_left,
-                    own_octet_count: own_left,
+                    column_group_count: own_left + shared_left,
+                    own_column_group_count: own_left,
                     scale: panel.scale,
                 };
                 let outputs = &self.outputs[panel.first_output as usize..];
                 all.outputs.extend(&outputs[..row_count as usize]);
                 let shape = [own_left, shared_left, row_count].map(|n| n as usize);
-                let place = |octet: usize, channel, r| place(panel, octets[octet] as usize, channel, r);
-                lay_out(values, shape, |octet, channel, r| self.values[place(octet, channel, r)]);
+                let place =
+                    |column_group: usize, channel, r| place(panel, column_groups[column_group] as usize, channel, r);
+                lay_out(values, shape, |column_group, channel, r| self.values[place(column_group, channel, r)]);
                 all.panels.push(part);
             }
         }
@@ -249,9 +254,11 @@ impl BlockMatrix {
                     ..*panel
                 });
                 all.outputs.extend(rows.iter().map(|&(_, taker)| taker));
-                let [own, both] = [panel.own_octet_count, panel.octet_count].map(|n| n as usize);
+                let [own, both] = [panel.own_column_group_count, panel.column_group_count].map(|n| n as usize);
                 let shape = [own, both - own, rows.len()];
-                lay_out(values, shape, |octet, channel, r| self.values[place(panel, octet, channel, rows[r].0)]);
+                lay_out(values, shape, |column_group, channel, r| {
+                    self.values[place(panel, column_group, channel, rows[r].0)]
+                });
             }
         }
         all
@@ -267,7 +274,7 @@ impl BlockMatrix {
         let panels = &self.panels[panels];
         let [first, last] = [&panels[0], &panels[panels.len() - 1]];
         let [values, inputs, outputs] = [first.first_value, first.first_input, first.first_output];
-        let input_end = last.first_input + last.octet_count * PANEL_COLUMNS;
+        let input_end = last.first_input + last.column_group_count * PANEL_COLUMNS;
         Piece {
             channels: self.channels,
             panels: panels
@@ -295,7 +302,7 @@ impl BlockMatrix {
 
     /// Multiply-adds of all three channels, padding included.
     pub fn multiply_adds(&self) -> u64 {
-        let of_panel = |p: &Panel| 3 * u64::from(p.row_count) * u64::from(p.octet_count * PANEL_COLUMNS);
+        let of_panel = |p: &Panel| 3 * u64::from(p.row_count) * u64::from(p.column_group_count * PANEL_COLUMNS);
         self.panels.iter().map(of_panel).sum()
     }
 
@@ -313,12 +320,13 @@ impl BlockMatrix {
     fn sum_rows(&self, term: impl Fn(DVec3, usize) -> DVec3 + Sync) -> Vec<DVec3> {
         let panel = |panel: &Panel| {
             let row = |r: usize| {
-                let octet = |o: usize| {
+                let column_group = |o: usize| {
                     let first = panel.first_input as usize + o * PANEL_COLUMNS as usize;
                     let factors = self.factors(panel, o, r);
                     factors.into_iter().zip(&self.inputs[first..]).map(|(f, &i)| term(f, i as usize)).sum::<DVec3>()
                 };
-                let sum = (0..panel.octet_count as usize).map(octet).sum::<DVec3>() * f64::from(panel.scale);
+                let sum =
+                    (0..panel.column_group_count as usize).map(column_group).sum::<DVec3>() * f64::from(panel.scale);
                 (self.outputs[panel.first_output as usize + r], sum)
             };
             (0..panel.row_count as usize).map(row).collect::<Vec<_>>()
@@ -331,12 +339,12 @@ impl BlockMatrix {
     }
 
     /// Eight columns of row `r`, RGB, before the panel's scale.
-    fn factors(&self, panel: &Panel, octet: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
+    fn factors(&self, panel: &Panel, column_group: usize, r: usize) -> [DVec3; PANEL_COLUMNS as usize] {
         let of_channel = |channel: usize| -> [f16; PANEL_COLUMNS as usize] {
-            bytemuck::cast(self.values[place(panel, octet, channel, r)])
+            bytemuck::cast(self.values[place(panel, column_group, channel, r)])
         };
         let [red, green, blue] = [0, 1, 2].map(of_channel);
-        let first = panel.first_input as usize + octet * PANEL_COLUMNS as usize;
+        let first = panel.first_input as usize + column_group * PANEL_COLUMNS as usize;
         let tint = |column: usize| self.tints.get(column).map_or(DVec3::ONE, |tint| tint.as_dvec3());
         std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()) * tint(first + k))
     }
@@ -344,16 +352,17 @@ impl BlockMatrix {
 
 /// Octets of factors of a panel.
 fn value_count(panel: &Panel) -> usize {
-    (panel.octet_count as usize + 2 * panel.own_octet_count as usize) * panel.row_count as usize
+    (panel.column_group_count as usize + 2 * panel.own_column_group_count as usize) * panel.row_count as usize
 }
 
 /// Index of eight columns of row `r`; shared ones have them for all channels.
-fn place(panel: &Panel, octet: usize, channel: usize, r: usize) -> usize {
-    let [octets, own, rows] = [panel.octet_count, panel.own_octet_count, panel.row_count].map(|n| n as usize);
+fn place(panel: &Panel, column_group: usize, channel: usize, r: usize) -> usize {
+    let [column_groups, own, rows] =
+        [panel.column_group_count, panel.own_column_group_count, panel.row_count].map(|n| n as usize);
     let strip = r - r % STRIP_ROWS as usize;
     let stride = (rows - strip).min(STRIP_ROWS as usize);
-    let before = if octet < own { 3 * octet + channel } else { 2 * own + octet };
-    panel.first_value as usize + (octets + 2 * own) * strip + before * stride + r - strip
+    let before = if column_group < own { 3 * column_group + channel } else { 2 * own + column_group };
+    panel.first_value as usize + (column_groups + 2 * own) * strip + before * stride + r - strip
 }
 
 /// What factors, the largest of them this one, are divided by before they are packed: a power of two, so that those that
@@ -381,12 +390,12 @@ pub(super) fn pieces(sizes: impl Iterator<Item = usize>, most: usize) -> Vec<Ran
     pieces
 }
 
-/// Adds the factors of a panel of that many octets of columns of either kind, and rows: `value(octet, channel, row)`.
+/// Adds the factors of a panel of that many column groups of columns of either kind, and rows: `value(column group, channel, row)`.
 fn lay_out(values: &mut Vec<UVec4>, [own, shared, rows]: [usize; 3], value: impl Fn(usize, usize, usize) -> UVec4) {
     for strip in (0..rows).step_by(STRIP_ROWS as usize) {
-        let of_own = (0..own).flat_map(|octet| [0, 1, 2].map(|channel| (octet, channel)));
-        for (octet, channel) in of_own.chain((own..own + shared).map(|octet| (octet, 0))) {
-            values.extend((strip..rows.min(strip + STRIP_ROWS as usize)).map(|r| value(octet, channel, r)));
+        let of_own = (0..own).flat_map(|column_group| [0, 1, 2].map(|channel| (column_group, channel)));
+        for (column_group, channel) in of_own.chain((own..own + shared).map(|column_group| (column_group, 0))) {
+            values.extend((strip..rows.min(strip + STRIP_ROWS as usize)).map(|r| value(column_group, channel, r)));
         }
     }
 }

@@ -30,7 +30,7 @@ use glam::{DVec3, Vec3};
 use self::importance::Importance;
 use self::level::Level;
 use self::paths::Paths;
-use self::rows::{Lobe, RowGatherer, Rows};
+use self::rows::{CsrMatrix, Lobe, RowGatherer};
 use self::transport::{Bounce, BounceGatherer};
 use super::Baked;
 use super::brdf_factors::harmonics::MAX_FUNCTIONS;
@@ -94,9 +94,9 @@ pub struct Transfer<'a> {
     /// Absent with one level.
     pub coarse: Option<Level>,
     /// G_cc; with one level G.
-    pub among: Rows,
+    pub among: CsrMatrix,
     /// G_cf; absent with one level.
-    pub from_fine: Option<Rows>,
+    pub from_fine: Option<CsrMatrix>,
     pub certificate: Certificate,
 }
 
@@ -184,7 +184,7 @@ impl<'a> Transfer<'a> {
     }
 
     /// Rows of Φ for view samples, by index into [`Baked::samples`]: gathered anew in every call, always the same.
-    pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> Rows {
+    pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> CsrMatrix {
         self.row_gatherer(lobe).gather(view_samples)
     }
 

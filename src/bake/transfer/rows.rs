@@ -14,11 +14,11 @@ use crate::physics::octahedral;
 use crate::physics::sequence::{BLOCK, Points, ShiftedPoints};
 use crate::shared::NO_BRDF;
 use crate::trace::packet::PACKET_SIZE;
-use crate::trace::packet::fan::{Fan, trace_fans};
+use crate::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
 
 /// Sparse rows, one a view sample.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Rows {
+pub struct CsrMatrix {
     /// Entries of row r: `first[r]..first[r + 1]`.
     pub first: Vec<usize>,
     /// Coefficient of each entry, ascending within a row.
@@ -66,22 +66,22 @@ struct Scratch<'a> {
     directions: Directions,
     /// Which part of the hemisphere each direction lies in.
     parts: Vec<u8>,
-    fans: Vec<Fan>,
-    /// Of the rays in `fans`: index, and share of the light that it brings.
+    packets: Vec<CommonOriginPacket>,
+    /// Of the rays in `packets`: index, and share of the light that it brings.
     rays: Vec<(u32, Vec3)>,
 }
 
 impl RowGatherer<'_> {
     /// Rows of the view samples `samples`; empty where nothing is reflected. The same whatever the threads, and however
     /// the rows are cut into calls.
-    pub fn gather(&self, samples: &[u32]) -> Rows {
-        Rows::concatenated(self.map(samples, Rows::clone))
+    pub fn gather(&self, samples: &[u32]) -> CsrMatrix {
+        CsrMatrix::concatenated(self.map(samples, CsrMatrix::clone))
     }
 
     /// What `make` makes of the rows of some samples after the other, [`TASK`] at a time, in their order.
-    pub fn map<T: Send>(&self, samples: &[u32], make: impl Fn(&Rows) -> T + Sync) -> Vec<T> {
+    pub fn map<T: Send>(&self, samples: &[u32], make: impl Fn(&CsrMatrix) -> T + Sync) -> Vec<T> {
         let points = ShiftedPoints::new(self.seed, self.rays);
-        let task = |(scratch, rows): &mut (Scratch, Rows), samples: &[u32]| {
+        let task = |(scratch, rows): &mut (Scratch, CsrMatrix), samples: &[u32]| {
             rows.clear();
             for &sample in samples {
                 self.gather_row(sample, &points, scratch);
@@ -94,7 +94,7 @@ impl RowGatherer<'_> {
             }
             make(rows)
         };
-        let scratch = || (Scratch::new(&self.levels), Rows::default());
+        let scratch = || (Scratch::new(&self.levels), CsrMatrix::default());
         samples.par_chunks(TASK).map_init(scratch, task).collect()
     }
 
@@ -112,8 +112,8 @@ impl RowGatherer<'_> {
         let frame = frame_towards(normal.as_vec3(), wo.as_vec3());
         let geometric_normal = self.baked.geometric_normals[sample as usize];
         let origin = self.paths.off(view.position, geometric_normal, geometric_normal, 0.0);
-        scratch.fill_fans(frame);
-        trace_fans(self.paths.bvh, self.paths.scene, origin, &mut scratch.fans);
+        scratch.fill_packets(frame);
+        trace_common_origin(self.paths.bvh, self.paths.scene, origin, &mut scratch.packets);
         pulp::Arch::new().dispatch(Deposit { gatherer: self, sample, geometric_normal, scratch });
     }
 }
@@ -134,11 +134,11 @@ impl WithSimd for Deposit<'_, '_, '_> {
         let Self { gatherer: RowGatherer { paths, levels, .. }, sample, geometric_normal, scratch } = self;
         let position = self.gatherer.baked.samples[sample as usize].position;
         let numbers = Points::new(self.gatherer.seed, u64::from(sample));
-        let Scratch { rows, fans, rays, .. } = scratch;
+        let Scratch { rows, packets, rays, .. } = scratch;
         let shift = numbers.at(0, 0)[0];
         for (i, &(ray, weight)) in rays.iter().enumerate() {
             let among = (shift + f64::from(ray) * GOLDEN).fract() as f32;
-            let (fan, lane) = (&fans[i / PACKET_SIZE], i % PACKET_SIZE);
+            let (packet, lane) = (&packets[i / PACKET_SIZE], i % PACKET_SIZE);
             let random = |layer: u32| {
                 let [u, v, w, _] = numbers.at(ray, 1 + layer);
                 [u, v, w]
@@ -151,11 +151,11 @@ impl WithSimd for Deposit<'_, '_, '_> {
                     });
                 }
             };
-            let direction = fan.direction(lane);
+            let direction = packet.direction(lane);
             // Above the horizon of an interpolated normal, but below the face: that side has another origin.
             let hit = match direction.dot(geometric_normal) < 0.0 {
                 true => paths.first_hit(position, geometric_normal, direction),
-                false => fan.hit(lane),
+                false => packet.hit(lane),
             };
             if let Some((hit, back)) = hit {
                 paths.go_on(hit, back, direction, random, arrive);
@@ -179,13 +179,13 @@ impl<'a> Scratch<'a> {
             rows: levels.iter().map(|level| Row::new(&level.first, u32::MAX)).collect(),
             directions: Directions::default(),
             parts: Vec::new(),
-            fans: Vec::new(),
+            packets: Vec::new(),
             rays: Vec::new(),
         }
     }
 
     /// Sorts directions that bring light by where they go, and turns them by `frame` into rays.
-    fn fill_fans(&mut self, frame: [Vec3; 3]) {
+    fn fill_packets(&mut self, frame: [Vec3; 3]) {
         let part = |x: f32| ((0.5 + 0.5 * x) * PARTS as f32).clamp(0.0, PARTS as f32 - 1.0) as usize;
         let mut next = [0; PARTS * PARTS + 1];
         self.parts.clear();
@@ -198,7 +198,7 @@ impl<'a> Scratch<'a> {
         }
         let mut count = 0usize;
         next[..PARTS * PARTS].iter_mut().for_each(|next| count += std::mem::replace(next, count));
-        self.fans.resize_with(count.div_ceil(PACKET_SIZE), Fan::default);
+        self.packets.resize_with(count.div_ceil(PACKET_SIZE), CommonOriginPacket::default);
         self.rays.resize(count, (0, Vec3::ZERO));
         for (i, &part) in self.parts.iter().enumerate() {
             if part == NO_LIGHT {
@@ -208,10 +208,10 @@ impl<'a> Scratch<'a> {
             let place = &mut next[usize::from(part)];
             self.rays[*place] = (i as u32, weight);
             let direction = frame[0] * wi.x + frame[1] * wi.y + frame[2] * wi.z;
-            self.fans[*place / PACKET_SIZE].set(*place % PACKET_SIZE, direction);
+            self.packets[*place / PACKET_SIZE].set(*place % PACKET_SIZE, direction);
             *place += 1;
         }
-        (count..self.fans.len() * PACKET_SIZE).for_each(|i| self.fans[i / PACKET_SIZE].clear(i % PACKET_SIZE));
+        (count..self.packets.len() * PACKET_SIZE).for_each(|i| self.packets[i / PACKET_SIZE].clear(i % PACKET_SIZE));
     }
 }
 
@@ -274,7 +274,7 @@ impl<'a> Row<'a> {
     }
 
     /// Moves the row to the end of `rows`, as what comes after `offset` other columns.
-    pub fn take(&mut self, offset: u32, rows: &mut Rows) {
+    pub fn take(&mut self, offset: u32, rows: &mut CsrMatrix) {
         for (word, touched) in self.touched.iter_mut().enumerate() {
             while *touched != 0 {
                 let sample = 64 * word + touched.trailing_zeros() as usize;
@@ -291,15 +291,15 @@ impl<'a> Row<'a> {
     }
 }
 
-impl Rows {
+impl CsrMatrix {
     /// Rows without entries.
-    pub fn empty(count: usize) -> Rows {
-        Rows { first: vec![0; count + 1], ..Default::default() }
+    pub fn empty(count: usize) -> CsrMatrix {
+        CsrMatrix { first: vec![0; count + 1], ..Default::default() }
     }
 
     /// No rows yet, with room for so many entries.
-    pub fn with_capacity(entries: usize) -> Rows {
-        Rows { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) }
+    pub fn with_capacity(entries: usize) -> CsrMatrix {
+        CsrMatrix { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) }
     }
 
     /// Whether these are so many rows of so many columns.
@@ -317,7 +317,7 @@ impl Rows {
     }
 
     /// All rows of `parts` in turn.
-    pub fn concatenated(parts: Vec<Rows>) -> Self {
+    pub fn concatenated(parts: Vec<CsrMatrix>) -> Self {
         let mut rows = Self::with_capacity(parts.iter().map(|part| part.columns.len()).sum());
         for part in parts {
             let start = rows.columns.len();

@@ -5,7 +5,7 @@ use faer::linalg::solvers::Solve;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::rows::Rows;
+use super::rows::CsrMatrix;
 
 /// Steps before GMRES starts anew.
 const STEPS: usize = 40;
@@ -26,7 +26,7 @@ pub struct Solution {
 /// GMRES with restarts [Saad 1986], to a relative residual of `tolerance` in every channel.
 ///
 /// Each channel is a system of its own; their vectors run side by side, so that G is read once for all three.
-pub fn solve(g: &Rows, b: &[DVec3], tolerance: f64) -> Solution {
+pub fn solve(g: &CsrMatrix, b: &[DVec3], tolerance: f64) -> Solution {
     let scale = norm(b);
     let inverse = reciprocal(scale);
     let mut x = b.to_vec();
@@ -45,7 +45,7 @@ pub fn solve(g: &Rows, b: &[DVec3], tolerance: f64) -> Solution {
 }
 
 /// One run of up to [`STEPS`] steps: adds to `x` what minimizes the residual `r`, whose norm is `size`.
-fn correct(g: &Rows, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]) -> usize {
+fn correct(g: &CsrMatrix, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]) -> usize {
     let mut basis: Vec<Vec<DVec3>> = vec![r.iter().map(|r| *r * reciprocal(size)).collect()];
     let mut triangle: Vec<Vec<DVec3>> = Vec::new(); // columns of R
     let mut rotations: Vec<(DVec3, DVec3)> = Vec::new();
@@ -91,8 +91,8 @@ fn correct(g: &Rows, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]) -> 
 
 /// (I - G)⁻¹ `right`, or the first `terms` of (I + G + ...) `right`, as dense matrices, one a channel: for so few
 /// coefficients that they fit memory, n² doubles a channel twice over. `right` has `columns` columns.
-pub fn explicit(g: &Rows, right: &Rows, columns: usize, terms: Option<u32>) -> [Mat<f64>; 3] {
-    let dense = |rows: &Rows, columns: usize, channel: usize| {
+pub fn explicit(g: &CsrMatrix, right: &CsrMatrix, columns: usize, terms: Option<u32>) -> [Mat<f64>; 3] {
+    let dense = |rows: &CsrMatrix, columns: usize, channel: usize| {
         let mut matrix = Mat::<f64>::zeros(rows.len(), columns);
         for r in 0..rows.len() {
             rows.row(r).for_each(|(column, value)| matrix[(r, column as usize)] += f64::from(value[channel]));
@@ -111,7 +111,7 @@ pub fn explicit(g: &Rows, right: &Rows, columns: usize, terms: Option<u32>) -> [
 }
 
 /// b + G b + ... + G^(terms - 1) b.
-pub fn sum_of_powers(g: &Rows, b: &[DVec3], terms: u32) -> Vec<DVec3> {
+pub fn sum_of_powers(g: &CsrMatrix, b: &[DVec3], terms: u32) -> Vec<DVec3> {
     let mut x = vec![DVec3::ZERO; b.len()];
     for _ in 0..terms {
         x = g.multiply(&x).iter().zip(b).map(|(gx, b)| gx + b).collect();
@@ -120,7 +120,7 @@ pub fn sum_of_powers(g: &Rows, b: &[DVec3], terms: u32) -> Vec<DVec3> {
 }
 
 /// The largest absolute eigenvalue of G, by power iteration from even light: the worst of the channels.
-pub fn spectral_radius(g: &Rows) -> f64 {
+pub fn spectral_radius(g: &CsrMatrix) -> f64 {
     let mut x = vec![DVec3::ONE; g.len()];
     let mut radius = 0.0;
     for _ in 0..ITERATIONS {
@@ -144,11 +144,11 @@ pub fn bounces_that_matter(radius: f64) -> u32 {
 const FAINT: f64 = 1e-12;
 
 /// |b - (I - G) x| / |b|, the worst of the channels.
-pub fn relative_residual(g: &Rows, b: &[DVec3], x: &[DVec3]) -> f64 {
+pub fn relative_residual(g: &CsrMatrix, b: &[DVec3], x: &[DVec3]) -> f64 {
     (norm(&residual(g, b, x)) * reciprocal(norm(b))).max_element()
 }
 
-fn residual(g: &Rows, b: &[DVec3], x: &[DVec3]) -> Vec<DVec3> {
+fn residual(g: &CsrMatrix, b: &[DVec3], x: &[DVec3]) -> Vec<DVec3> {
     g.multiply(x).iter().zip(x).zip(b).map(|((gx, x), b)| b - x + gx).collect()
 }
 
@@ -171,9 +171,9 @@ mod tests {
     use crate::physics::sequence::Points;
 
     /// Rows with random entries; those of channel c add up to `sums[c]`.
-    fn random(size: usize, sums: [f32; 3]) -> Rows {
+    fn random(size: usize, sums: [f32; 3]) -> CsrMatrix {
         let points = Points::new(1, 0);
-        let mut g = Rows::empty(0);
+        let mut g = CsrMatrix::empty(0);
         for i in 0..size as u32 {
             let entries: Vec<[f64; 4]> = (0..size as u32).map(|j| points.at(j, i)).collect();
             let total: f64 = entries.iter().map(|e| e[0]).sum();

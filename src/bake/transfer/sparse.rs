@@ -11,12 +11,12 @@ use half::f16;
 use rayon::prelude::*;
 
 use super::blocks::{pieces, scale};
-use super::rows::Rows;
+use super::rows::CsrMatrix;
 use crate::shared::{GROUP_SIZE, Slice};
 
 /// A sparse matrix for vectors of RGB.
 #[derive(Clone, Debug, Default)]
-pub struct SparseMatrix {
+pub struct SellMatrix {
     /// Elements of the vector that is multiplied.
     pub input_count: u32,
     /// Elements of the vector that results.
@@ -43,7 +43,7 @@ const ROWS: usize = GROUP_SIZE as usize;
 /// One term before it is packed: its column and RGB.
 type Term = (u32, [f32; 3]);
 
-impl SparseMatrix {
+impl SellMatrix {
     pub fn new(input_count: usize, output_count: usize) -> Self {
         let [input_count, output_count] =
             [input_count, output_count].map(|n| u32::try_from(n).expect("indices are u32"));
@@ -52,7 +52,7 @@ impl SparseMatrix {
 
     /// Adds a window of rows, of which row r results in `outputs[r]`; rows without terms are left out. All windows but the
     /// last must leave full slices, or there will be more slices than need be.
-    pub fn push(&mut self, rows: &Rows, outputs: &[u32]) {
+    pub fn push(&mut self, rows: &CsrMatrix, outputs: &[u32]) {
         let mut packed: Vec<(Vec<Term>, u32)> = (0..rows.len())
             .into_par_iter()
             .filter(|&r| rows.row(r).next().is_some())

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::Outgoing;
 use super::level::local;
-use super::rows::{Lobe, Row, Rows};
+use super::rows::{CsrMatrix, Lobe, Row};
 use super::solve;
 use crate::bake::Baked;
 use crate::bake::brdf_factors::svd::{Factors, Terms};
@@ -52,7 +52,7 @@ pub struct Thesis<'a> {
     pub first: Vec<u32>,
     pub frames: Vec<[Vec3; 3]>,
     /// G.
-    pub g: Rows,
+    pub g: CsrMatrix,
     /// Largest absolute eigenvalue of G: from 1 on the series that is truncated has no sum.
     pub spectral_radius: f64,
 }
@@ -121,10 +121,10 @@ impl<'a> Thesis<'a> {
             samples,
             reflections,
             first,
-            g: Rows::default(),
+            g: CsrMatrix::default(),
             spectral_radius: 0.0,
         };
-        let blocks: Vec<Rows> = (0..thesis.samples.len())
+        let blocks: Vec<CsrMatrix> = (0..thesis.samples.len())
             .into_par_iter()
             .map_init(
                 || thesis.scratch(),
@@ -135,7 +135,7 @@ impl<'a> Thesis<'a> {
                 },
             )
             .collect();
-        thesis.g = Rows::concatenated(blocks);
+        thesis.g = CsrMatrix::concatenated(blocks);
         thesis.spectral_radius = solve::spectral_radius(&thesis.g);
         thesis.bounces = thesis.bounces.min(solve::bounces_that_matter(thesis.spectral_radius));
         thesis
@@ -156,15 +156,15 @@ impl<'a> Thesis<'a> {
     }
 
     /// Rows of Φ for view samples, by index into [`Baked::samples`].
-    pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> Rows {
+    pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> CsrMatrix {
         let row = |scratch: &mut Scratch, sample: &u32| {
-            let mut rows = Rows::empty(0);
+            let mut rows = CsrMatrix::empty(0);
             self.view_row(*sample, lobe, scratch);
             scratch.rows[0].take(0, &mut rows);
             rows.first.push(rows.columns.len());
             rows
         };
-        Rows::concatenated(view_samples.par_iter().map_init(|| self.scratch(), row).collect())
+        CsrMatrix::concatenated(view_samples.par_iter().map_init(|| self.scratch(), row).collect())
     }
 
     /// Tables of k for all materials, as shade_factored.comp reads them, and where each sample's begins.
@@ -217,7 +217,7 @@ impl<'a> Thesis<'a> {
     }
 
     /// Block row of a receiving sample: T(gj, gi) k(gj, ωi) ⊗ h(gi, -ωi) [Yang 2007, Eq. 4.8].
-    fn block_row(&self, receiver: usize, scratch: &mut Scratch) -> Rows {
+    fn block_row(&self, receiver: usize, scratch: &mut Scratch) -> CsrMatrix {
         let GatherSample { position, normal, .. } = self.samples.samples[receiver];
         let point = &self.samples.points_of(receiver)[0];
         let terms = self.reflection(receiver).terms();
@@ -228,7 +228,7 @@ impl<'a> Thesis<'a> {
             rows.iter_mut().zip(&k[..terms]).for_each(|(row, k)| row.add_colored(sender, h, *k * transfer));
         });
         scratch.k = k;
-        let mut block = Rows::empty(0);
+        let mut block = CsrMatrix::empty(0);
         for row in &mut scratch.rows[..terms] {
             row.take(0, &mut block);
             block.first.push(block.columns.len());

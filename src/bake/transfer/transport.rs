@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::cells::Cells;
 use super::level::Level;
 use super::paths::Paths;
-use super::rows::{Row, Rows};
+use super::rows::{CsrMatrix, Row};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::physics::brdf::cosine_direction;
@@ -33,7 +33,7 @@ const MOST_SCALE: f64 = 8.0;
 /// One bounce from a level's coefficients to those of the receiving level.
 pub struct Bounce {
     /// A row for each coefficient that receives, a column for each that sends.
-    pub rows: Rows,
+    pub rows: CsrMatrix,
     /// Largest relative error of a column of geometric factors after balancing.
     pub imbalance: f64,
 }
@@ -51,7 +51,7 @@ pub struct BounceGatherer<'a> {
 #[derive(Default)]
 struct Found {
     /// Rows of G, one a coefficient of the receiver.
-    rows: Rows,
+    rows: CsrMatrix,
     /// Row of F: the share of rays that each sending sample got, also through mirrors.
     factors: Vec<(u32, f32)>,
 }
@@ -143,7 +143,7 @@ impl BounceGatherer<'_> {
         let (row_scales, column_scales, imbalance) = balance(&factors, &received, &sent);
 
         let entries = found.iter().map(|found| found.rows.columns.len()).sum();
-        let mut rows = Rows::with_capacity(entries);
+        let mut rows = CsrMatrix::with_capacity(entries);
         let mut scale_of_column = vec![0.0; sender.coefficient_count()];
         for (i, &scale) in column_scales.iter().enumerate() {
             scale_of_column[sender.coefficients(i)].fill(scale);
@@ -179,12 +179,12 @@ impl<'a> Scratch<'a> {
     /// What was found, for a receiver of `count` coefficients.
     fn take(&mut self, count: usize) -> Vec<Found> {
         let take = |(rows, factors): &mut (Vec<Row>, Row)| {
-            let mut found = Found { rows: Rows::empty(0), ..Default::default() };
+            let mut found = Found { rows: CsrMatrix::empty(0), ..Default::default() };
             for row in &mut rows[..count] {
                 row.take(0, &mut found.rows);
                 found.rows.first.push(found.rows.columns.len());
             }
-            let mut row = Rows::default();
+            let mut row = CsrMatrix::default();
             factors.take(0, &mut row);
             found.factors = row.columns.iter().copied().zip(row.values.iter().map(|v| v[0])).collect();
             found

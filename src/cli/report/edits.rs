@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use relume::Result;
 use relume::bake::Baked;
-use relume::relight::limits::Limits;
+use relume::relight::roofline::Roofline;
 use relume::relight::{Picture, Relighter};
 use relume::report::{Ablation, EditTime, LeftOut, PassMs, larger};
 use serde::{Deserialize, Serialize};
@@ -114,7 +114,7 @@ struct Measured {
 
 impl Measured {
     fn new(lab: &Lab, session: &Session) -> Result<Self> {
-        let mut limits = Limits::new(&lab.context, session.baked.samples.len())?;
+        let mut limits = Roofline::new(&lab.context, session.baked.samples.len())?;
         let mut yardstick = (0..9).map(|_| limits.yardstick_ms()).collect::<Result<Vec<_>>>()?;
         let yardstick_ms = percentile(&mut yardstick, 0.0);
         let bytes = session.baked.transfer.as_ref().map_or(0, |transfer| transfer.cost().0);

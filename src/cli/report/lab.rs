@@ -9,7 +9,7 @@ use relume::image::compare;
 use relume::report::{Floors, Method, Picture, Point, SceneReport, Skipped, significant};
 use relume::scene::Scene;
 
-use super::kept::Kept;
+use super::measurement_store::MeasurementStore;
 use super::truth::{Truth, read};
 use super::{Args, Extent};
 use crate::cli::options::{Exposure, LightOptions, SceneOptions, Tonemap, ViewOptions, Visibility};
@@ -22,7 +22,7 @@ pub struct Lab<'a> {
     pub dir: &'a Path,
     pub path: &'a Path,
     pub extent: &'a Extent,
-    pub kept: &'a mut Kept,
+    pub kept: &'a mut MeasurementStore,
     pub view: ViewOptions,
     /// Size that was asked for.
     pub asked: Option<[u32; 2]>,
@@ -45,7 +45,7 @@ impl<'a> Lab<'a> {
         view: &ViewOptions,
         args: &'a Args,
         extent: &'a Extent,
-        kept: &'a mut Kept,
+        kept: &'a mut MeasurementStore,
     ) -> Result<Self> {
         let scene = Scene::load(path)?;
         let own = scene.default_size(scene.cameras.first());

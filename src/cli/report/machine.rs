@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use relume::Result;
 use relume::gpu::Context;
-use relume::relight::limits::Limits;
+use relume::relight::roofline::Roofline;
 use relume::report::significant;
 
 use crate::cli::bench::{best_of, load_average};
@@ -15,7 +15,7 @@ const SAMPLES: usize = 1 << 19;
 
 /// Names and values, measured limits among them.
 pub fn describe(context: &Arc<Context>, seed: u64) -> Result<Vec<[String; 2]>> {
-    let mut limits = Limits::new(context, SAMPLES)?;
+    let mut limits = Roofline::new(context, SAMPLES)?;
     let copy = best_of(5, || limits.copy_gb_s())?;
     let fma = best_of(5, || limits.fma_gflop_s())?;
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());

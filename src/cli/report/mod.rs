@@ -2,9 +2,9 @@
 
 mod curves;
 mod edits;
-mod kept;
 mod lab;
 mod machine;
+mod measurement_store;
 mod scaling;
 mod stability;
 mod thesis;
@@ -17,8 +17,8 @@ use relume::report::{self, Report, SceneReport};
 use relume::scene::Scene;
 use relume::{Error, Result};
 
-use self::kept::Kept;
 use self::lab::Lab;
+use self::measurement_store::MeasurementStore;
 use super::options::ViewOptions;
 use super::stdout::out;
 
@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<()> {
         return Err(Error::invalid(scenes[twice].display().to_string(), reason));
     }
     std::fs::create_dir_all(&args.output).map_err(Error::io("create", &args.output))?;
-    let mut kept = Kept::open(&args.output)?;
+    let mut kept = MeasurementStore::open(&args.output)?;
     let mut machine = Vec::new();
     let mut reports: Vec<SceneReport> = Vec::new();
     let (mut growth, mut layers, mut glossy_alone, mut stability) = (Vec::new(), None, None, Default::default());

@@ -12,8 +12,8 @@ use relume::report::{Method, Picture, Skipped, significant};
 use relume::{Error, Result};
 
 use super::curves::{Clock, thesis_diffuse, thesis_glossy};
-use super::kept::Kept;
 use super::lab::{Lab, fit, light_options, ours, picture_file, scene_options};
+use super::measurement_store::MeasurementStore;
 use super::{Args, Extent, truth};
 use crate::cli::bench::{edits_of, measure};
 use crate::cli::options::{ViewOptions, Visibility};
@@ -40,7 +40,7 @@ pub fn shared_scene(name: &str) -> Option<PathBuf> {
 }
 
 /// Whatever of the thesis's scenes is at hand.
-pub fn measure_all(args: &Args, extent: &Extent, kept: &mut Kept) -> Result<Thesis> {
+pub fn measure_all(args: &Args, extent: &Extent, kept: &mut MeasurementStore) -> Result<Thesis> {
     let mut thesis = Thesis::default();
     for (path, figure) in SCENES.iter().filter_map(|(name, figure)| Some((shared_scene(name)?, figure))) {
         let (preview, pictures) = one(&path, figure, args, extent, kept)?;
@@ -55,7 +55,7 @@ pub fn glossy_alone(
     path: &Path,
     args: &Args,
     extent: &Extent,
-    kept: &mut Kept,
+    kept: &mut MeasurementStore,
 ) -> Result<Option<(GlossyAlone, Vec<Skipped>)>> {
     let view = ViewOptions { strip_diffuse: true, ..args.view.clone() };
     let mut lab = Lab::open(path, &view, args, extent, kept)?;
@@ -86,7 +86,13 @@ pub fn glossy_alone(
     Ok(Some((GlossyAlone { points: lab.points, pictures }, skipped)))
 }
 
-fn one(path: &Path, figure: &str, args: &Args, extent: &Extent, kept: &mut Kept) -> Result<(Preview, Vec<Picture>)> {
+fn one(
+    path: &Path,
+    figure: &str,
+    args: &Args,
+    extent: &Extent,
+    kept: &mut MeasurementStore,
+) -> Result<(Preview, Vec<Picture>)> {
     let size = args.view.size.unwrap_or_else(|| fit([720, 480], extent.preview_side));
     let view = ViewOptions { size: Some(size), ..args.view.clone() };
     let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;

@@ -23,7 +23,7 @@ pub use self::film::{Film, Half, Layer, StandardErrors};
 use self::aims::Faces;
 use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::lights::{Emitters, Lamps};
-use self::path::{Numbers, Seen};
+use self::path::{FirstHit, Numbers};
 use crate::bake::view_samples::{EyeRays, Tiling};
 use crate::physics::sequence::Points;
 use crate::scene::{Camera, Rig, Scene};
@@ -132,7 +132,7 @@ impl<'a> PathTracer<'a> {
         let mut segments = 0;
         let mut direct = Sample::new(self.settings.bounce_layers, self.light_names.len());
         let mut sample = direct.clone();
-        let mut seen: Vec<Seen> = Vec::new();
+        let mut seen: Vec<FirstHit> = Vec::new();
         for pixel in 0..TILE_PIXELS {
             let place = index * TILE_PIXELS + pixel;
             let (x, y) = self.eye.tiling.pixel(place);
@@ -171,7 +171,7 @@ impl<'a> PathTracer<'a> {
 
     /// What the eye sees through image point (x, y): the surfaces, and the light that comes straight to them. Returns
     /// how many rays it took.
-    fn look(&self, x: f64, y: f64, seen: &mut Vec<Seen>, sums: &mut Sample) -> u64 {
+    fn look(&self, x: f64, y: f64, seen: &mut Vec<FirstHit>, sums: &mut Sample) -> u64 {
         seen.clear();
         let mut segments = 0;
         self.eye.follow(x, y, |vertex| {
@@ -186,7 +186,7 @@ impl<'a> PathTracer<'a> {
             for (source, lit) in self.lamps.reflect_each(self.scene, self.bvh, &vertex.point, wo) {
                 sums.add_light(layer, source, weight * lit);
             }
-            seen.push(Seen { aims: self.faces.aim(&self.lamps, &vertex.point), vertex, number });
+            seen.push(FirstHit { aims: self.faces.aim(&self.lamps, &vertex.point), vertex, number });
         });
         segments
     }

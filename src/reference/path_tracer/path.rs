@@ -35,7 +35,7 @@ const SURFACE: u32 = 1;
 const EMITTER: u32 = 2;
 
 /// What the eye sees, and what to aim at from there: the same for many paths.
-pub(super) struct Seen {
+pub(super) struct FirstHit {
     pub vertex: PathVertex,
     /// Surfaces before it on the path from the eye.
     pub number: u64,
@@ -61,7 +61,7 @@ impl Ledger<'_> {
 impl PathTracer<'_> {
     /// Adds what reaches a surface that the eye sees by bounces to `sums`; returns how many rays that took, shadow rays
     /// not counted.
-    pub(super) fn follow(&self, seen: &Seen, numbers: Numbers, sums: &mut Sample) -> u64 {
+    pub(super) fn follow(&self, seen: &FirstHit, numbers: Numbers, sums: &mut Sample) -> u64 {
         let mut ledger = Ledger { sums, glossy: DVec3::ZERO };
         let weight = seen.vertex.weight.as_dvec3();
         let (mut point, mut wo, mut throughput) = (seen.vertex.point, seen.vertex.wo.as_dvec3(), weight);

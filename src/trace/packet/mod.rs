@@ -6,7 +6,7 @@
 //! tested a register at a time, and a bit for each register tells whether any of its rays is still concerned. `pulp`
 //! finds the widest registers of the machine; products and sums are rounded one by one, so that all give the same.
 
-pub mod fan;
+pub mod common_origin;
 pub mod half;
 mod rays;
 mod triangle;

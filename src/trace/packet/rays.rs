@@ -11,7 +11,7 @@ use crate::trace::bvh::Bvh;
 ///
 /// From a point: origin shared (the light), `q` the vectors to the samples, hits count between parameters 0 and 1.
 /// Directional: direction shared (towards the light), `q` the samples, hits count from parameter 0 on.
-/// In a [`super::fan::Fan`]: origin shared, `q` the directions, hits count between 0 and `end`.
+/// In a [`super::common_origin::CommonOriginPacket`]: origin shared, `q` the directions, hits count between 0 and `end`.
 pub(super) struct Rays {
     pub q: [Lanes; 3],
     /// 1/q; only for points.

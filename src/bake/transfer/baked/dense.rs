@@ -9,7 +9,7 @@ use super::{BakedTransfer, TransferReport};
 use crate::bake::Baked;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
-use crate::bake::transfer::rows::{Lobe, RowGatherer, Rows};
+use crate::bake::transfer::rows::{CsrMatrix, Lobe, RowGatherer};
 use crate::bake::transfer::thesis::Thesis;
 use crate::shared::FactoredSample;
 use crate::storage::journal::Journal;
@@ -40,7 +40,7 @@ impl BakedTransfer {
         let offset = if one_level { fine as u32 } else { 0 };
         let none = transfer.bounces() == Some(0);
         let gatherer = RowGatherer { baked, ..transfer.row_gatherer(lobe) };
-        let gather = |samples: &[u32]| if none { Rows::empty(samples.len()) } else { gatherer.gather(samples) };
+        let gather = |samples: &[u32]| if none { CsrMatrix::empty(samples.len()) } else { gatherer.gather(samples) };
         let (last, emission) = last_matrix(baked, vector_length, offset, &emitted, gather, journal, progress);
         let even = transfer.even_light();
         let of_even = |row: usize| {
@@ -124,7 +124,7 @@ fn last_matrix(
     vector_length: usize,
     offset: u32,
     emitted: &[DVec3],
-    gather: impl Fn(&[u32]) -> Rows,
+    gather: impl Fn(&[u32]) -> CsrMatrix,
     journal: &mut Journal,
     progress: &(dyn Fn(usize) + Sync),
 ) -> (BlockMatrix, Vec<Vec3>) {
@@ -199,7 +199,7 @@ impl Recorded {
 }
 
 /// Adds the rows of `samples`, which begin at `first`, with the union of their columns.
-fn push_block(matrix: &mut BlockMatrix, rows: &Rows, first: usize, samples: &[u32], offset: u32) {
+fn push_block(matrix: &mut BlockMatrix, rows: &CsrMatrix, first: usize, samples: &[u32], offset: u32) {
     let listed = (0..samples.len()).flat_map(|r| rows.row(first + r));
     let mut columns: Vec<u32> = listed.map(|(column, _)| column).collect();
     columns.sort_unstable();

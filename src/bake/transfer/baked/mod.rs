@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3, Vec4};
 use super::Transfer;
 use super::blocks::BlockMatrix;
 use super::level::Level;
-use super::sparse::SparseMatrix;
+use super::sparse::SellMatrix;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::compression;
 use crate::bake::compression::haar::Haar;
@@ -50,7 +50,7 @@ pub struct BakedTransfer {
     /// kept in the cache.
     pub coarse: Vec<BlockMatrix>,
     /// What takes λ0 to view samples where there is no chain.
-    pub sparse: Option<SparseMatrix>,
+    pub sparse: Option<SellMatrix>,
     /// Indirect radiance of emitters at each view sample; empty without emitters.
     pub emission: Vec<Vec3>,
     pub report: TransferReport,
@@ -191,7 +191,7 @@ impl BakedTransfer {
     pub fn needed(&self) -> Vec<bool> {
         let mut needed = vec![false; self.vector_length];
         let of_chain = self.chain.iter().chain(&self.coarse).flat_map(|m| m.inputs.iter().copied());
-        of_chain.chain(self.sparse.iter().flat_map(SparseMatrix::inputs)).for_each(|i| needed[i as usize] = true);
+        of_chain.chain(self.sparse.iter().flat_map(SellMatrix::inputs)).for_each(|i| needed[i as usize] = true);
         needed.truncate(self.first().last().map_or(0, |end| *end as usize));
         needed
     }

@@ -9,7 +9,7 @@ use super::stage::{Pointer, Stage};
 use super::views::View;
 
 #[derive(Default)]
-pub struct Hand {
+pub struct InputState {
     /// Where the mouse is.
     pub at: Option<Pos2>,
     /// How far the picture was pulled, pixels.
@@ -44,7 +44,7 @@ pub struct Taken {
     pub stale: bool,
 }
 
-impl Hand {
+impl InputState {
     /// Leaves the events up to the one that changes whom later ones are for, and keeps these for the next frame: who types ahead of a
     /// dialog types into it.
     pub fn in_turn(&mut self, events: &mut Vec<Event>, dialog: Option<&Dialog>, ui_wants_keys: bool) {
@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn what_is_typed_ahead_waits_for_whom_it_is_for() {
-        let mut hand = Hand::default();
+        let mut hand = InputState::default();
         let save = press(Key::S, Modifiers::COMMAND);
         let move_right = press(Key::D, Modifiers::NONE);
         let enter = press(Key::Enter, Modifiers::NONE);

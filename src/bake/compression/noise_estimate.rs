@@ -5,7 +5,7 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 
 use super::linear;
-use super::panels::Panels;
+use super::vector_batch::VectorBatch;
 
 /// Images of the deciding lights, and at some pixels the same gathered anew.
 ///
@@ -14,7 +14,7 @@ use super::panels::Panels;
 /// before: then little is left to chance where few pixels were gathered anew.
 ///
 /// Matrices of images have a column for each deciding light, channel after channel, times the root of the light's weight.
-pub struct Twice {
+pub struct NoiseEstimate {
     /// Square of the noise of the deciding lights' images: mean over them, and by their weights.
     pub noise: f64,
     pub weighted_noise: f64,
@@ -30,9 +30,9 @@ pub struct Twice {
     again: Mat<f64>,
 }
 
-impl Twice {
+impl NoiseEstimate {
     /// `checks` are images of all pixels, of which `lights` decide; `again` those of `pixels` gathered anew.
-    pub fn new(pixels: &[usize], checks: &Panels, again: &Panels, lights: &Range<usize>) -> Self {
+    pub fn new(pixels: &[usize], checks: &VectorBatch, again: &VectorBatch, lights: &Range<usize>) -> Self {
         let times = 0.5 * checks.rows() as f64 / pixels.len() as f64;
         let noise: Vec<f64> = lights.clone().map(|light| times * apart(pixels, checks, again, light)).collect();
         let squares = &checks.squares()[lights.clone()];
@@ -121,7 +121,7 @@ impl Twice {
 const REACHES: f64 = 0.01;
 
 /// Square of the distance of a light's images, over all channels.
-fn apart(pixels: &[usize], checks: &Panels, again: &Panels, light: usize) -> f64 {
+fn apart(pixels: &[usize], checks: &VectorBatch, again: &VectorBatch, light: usize) -> f64 {
     let square = |channel: usize, i: usize| {
         f64::from(again.get(channel, i, light) - checks.get(channel, pixels[i], light)).powi(2)
     };
@@ -144,20 +144,20 @@ mod tests {
 
     /// Of noise and lights: directions, what each holds of the lights without noise, and their images with it. Light is half as
     /// bright in each direction as in the one before; of each light there is `share`, noise and all.
-    fn images(noise: f64, share: impl Fn(usize) -> f64 + Sync) -> (Mat<f64>, Mat<f64>, Twice) {
+    fn images(noise: f64, share: impl Fn(usize) -> f64 + Sync) -> (Mat<f64>, Mat<f64>, NoiseEstimate) {
         let (directions, _) = linear::orthonormal(&Mat::from_fn(PIXELS, 64, random));
         let light = |j: usize, l: usize| random(j, 100 + l) * 0.5f64.powi(j as i32) * share(l % LIGHTS);
         let light = Mat::from_fn(64, 3 * LIGHTS, |j, l| if j < LIT { light(j, l) } else { 0.0 });
         let image = linear::product(directions.as_ref(), light.as_ref());
         let noisy = |purpose: usize, rows: &[usize]| {
-            Panels::from_fn(rows.len(), LIGHTS, |c, i, l| {
+            VectorBatch::from_fn(rows.len(), LIGHTS, |c, i, l| {
                 let noise = noise * share(l) * random(rows[i], purpose + c * LIGHTS + l);
                 (image[(rows[i], c * LIGHTS + l)] + noise) as f32
             })
         };
-        let anew: Vec<usize> = (0..PIXELS).step_by(4).collect();
+        let resampled: Vec<usize> = (0..PIXELS).step_by(4).collect();
         let all: Vec<usize> = (0..PIXELS).collect();
-        let twice = Twice::new(&anew, &noisy(1000, &all), &noisy(2000, &anew), &(0..LIGHTS));
+        let twice = NoiseEstimate::new(&resampled, &noisy(1000, &all), &noisy(2000, &resampled), &(0..LIGHTS));
         (directions, light, twice)
     }
 

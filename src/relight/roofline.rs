@@ -9,7 +9,7 @@ use crate::gpu::{Access, Buffer, Context, Frames, Kernel};
 use crate::shared::{MAX_TERMS, SumImagesPush, SumTerm, YardstickPush};
 
 /// Kernels and buffers for measuring, made once.
-pub struct Limits {
+pub struct Roofline {
     frames: Frames,
     yardstick: Kernel,
     sum_images: Kernel,
@@ -26,7 +26,7 @@ const MANY_MULTIPLY_ADDS: u32 = 4096;
 /// vec4s a plane of the copied image: 96 MiB in all, more than any cache holds.
 const COPY_PLANE: usize = 2 << 20;
 
-impl Limits {
+impl Roofline {
     pub fn new(context: &Arc<Context>, sample_count: usize) -> Result<Self> {
         let samples: Vec<Vec4> = (0..2 * sample_count).map(|i| Vec4::splat(1.0 / (1 + i % 7) as f32)).collect();
         Ok(Self {

@@ -9,7 +9,7 @@ use crate::shared::gpu_struct::Glsl;
 
 /// Passes that are looked after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Watched {
+pub enum CheckedPass {
     ShadeLight,
     Transfer,
     Resolve,
@@ -18,17 +18,17 @@ pub enum Watched {
     Composite,
 }
 
-/// Names of [`Watched`], in its order.
+/// Names of [`CheckedPass`], in its order.
 const NAMES: [&str; 5] = ["shade light", "transfer", "resolve", "sum lights", "composite"];
 /// Counts of a light's step at most: of pixels and of extra samples after shading and transfer, of resolved pixels.
 pub const PASSES_A_STEP: usize = 5;
 
-pub struct Watch {
+pub struct FiniteCheck {
     kernel: Kernel,
     counts: Buffer<u32>,
 }
 
-impl Watch {
+impl FiniteCheck {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let mut counts = Buffer::new(context, "non-finite values", Access::HostWrites, NAMES.len())?;
         counts.host_mut().fill(0);
@@ -41,7 +41,14 @@ impl Watch {
     }
 
     /// Counts in an image's three planes: their first `length` floats, `stride` floats apart.
-    pub fn planes<T: Glsl>(&self, frame: &mut Frame, watched: Watched, image: &Buffer<T>, length: u32, stride: u32) {
+    pub fn planes<T: Glsl>(
+        &self,
+        frame: &mut Frame,
+        checked: CheckedPass,
+        image: &Buffer<T>,
+        length: u32,
+        stride: u32,
+    ) {
         if length == 0 {
             return;
         }
@@ -51,7 +58,7 @@ impl Watch {
             counts: pass.write(&self.counts),
             plane_length: length,
             plane_stride: stride,
-            slot: watched as u32,
+            slot: checked as u32,
             unused: 0,
         };
         pass.dispatch(&self.kernel, &push, length);

@@ -13,7 +13,7 @@ use crate::physics::sequence::Points;
 
 /// What to judge by.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judge {
+pub struct Validation {
     /// Rays of a row gathered anew.
     pub rays: u32,
     /// Share of all tiles that is looked at, picked at random.
@@ -27,7 +27,7 @@ pub struct Judge {
 
 /// Relative errors over all tiles looked at, root mean square, of lights of one kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Verdict {
+pub struct ValidationError {
     /// Of the operator against rows gathered anew: mean and largest.
     pub error: f64,
     pub worst: f64,
@@ -39,31 +39,31 @@ pub struct Verdict {
 
 /// Under point lights and under spots. `direct` gives coefficients of direct light, `relight` makes an image of them, a
 /// value a view sample. Rows take memory by the tile, not by the picture; `progress` counts view samples.
-pub fn judge(
+pub fn validate(
     transfer: &Transfer,
     direct: &Direct,
     relight: impl Fn(&[DVec3]) -> Vec<DVec3>,
-    judge: &Judge,
+    validation: &Validation,
     progress: &dyn Fn(usize),
-) -> [Verdict; 2] {
+) -> [ValidationError; 2] {
     let clusters = Clusters::new(transfer.baked());
-    let tiles = judge.tiles(&clusters);
+    let tiles = validation.tiles(&clusters);
     if tiles.is_empty() || transfer.fine.samples.is_empty() {
         return Default::default();
     }
-    let kinds = [Kind::Point, Kind::Spot].map(|kind| lights(transfer, direct, kind, judge));
+    let kinds = [Kind::Point, Kind::Spot].map(|kind| lights(transfer, direct, kind, validation));
     let bounced: Vec<Vec<DVec3>> = kinds.iter().flatten().map(|light| transfer.bounce(light).0).collect();
     let relit: Vec<Vec<DVec3>> = kinds.iter().flatten().map(|light| relight(light)).collect();
     // Squares of the image, of the operator's and the rows' errors, and of what lies between these.
     let mut sums = vec![[0.0; 4]; bounced.len()];
     for tile in tiles {
         let samples = &clusters.samples[tile];
-        let mut gatherer = transfer.row_gatherer(judge.lobe);
+        let mut gatherer = transfer.row_gatherer(validation.lobe);
         let rows = gatherer.gather(samples);
-        (gatherer.rays, gatherer.seed) = (judge.rays, gatherer.seed ^ judge.seed.rotate_left(17) ^ 1 << 34);
-        let anew = gatherer.gather(samples);
+        (gatherer.rays, gatherer.seed) = (validation.rays, gatherer.seed ^ validation.seed.rotate_left(17) ^ 1 << 34);
+        let resampled = gatherer.gather(samples);
         for ((bounced, relit), sums) in bounced.iter().zip(&relit).zip(&mut sums) {
-            let (want, dense) = (anew.multiply(bounced), rows.multiply(bounced));
+            let (want, dense) = (resampled.multiply(bounced), rows.multiply(bounced));
             for ((want, dense), &sample) in want.into_iter().zip(dense).zip(samples) {
                 let got = relit[sample as usize];
                 let squares = [want, got - want, dense - want, got - dense].map(DVec3::length_squared);
@@ -73,10 +73,10 @@ pub fn judge(
         progress(samples.len());
     }
     let mut sums = sums.into_iter();
-    kinds.map(|lights| Verdict::new(&sums.by_ref().take(lights.len()).collect::<Vec<_>>()))
+    kinds.map(|lights| ValidationError::new(&sums.by_ref().take(lights.len()).collect::<Vec<_>>()))
 }
 
-impl Judge {
+impl Validation {
     /// View samples of the tiles looked at, as places in the clusters' order.
     fn tiles(&self, clusters: &Clusters) -> Vec<Range<usize>> {
         let all: Vec<usize> = clusters.superclusters().flatten().collect();
@@ -90,7 +90,7 @@ impl Judge {
     }
 }
 
-impl Verdict {
+impl ValidationError {
     fn new(sums: &[[f64; 4]]) -> Self {
         // Lights that nothing is seen of say nothing.
         let lit = || sums.iter().filter(|sums| sums[0] > 0.0);
@@ -105,11 +105,12 @@ const LIT: f64 = 0.05;
 /// Lights looked at for each one wanted, at most.
 const ATTEMPTS: u32 = 50;
 
-fn lights(transfer: &Transfer, direct: &Direct, kind: Kind, judge: &Judge) -> Vec<Vec<DVec3>> {
-    let random = RandomLights::new(transfer, judge.seed);
-    let all = (0..judge.lights as u32 * ATTEMPTS).filter_map(|i| random.light(kind, i)).map(|light| direct(&light));
+fn lights(transfer: &Transfer, direct: &Direct, kind: Kind, validation: &Validation) -> Vec<Vec<DVec3>> {
+    let random = RandomLights::new(transfer, validation.seed);
+    let all =
+        (0..validation.lights as u32 * ATTEMPTS).filter_map(|i| random.light(kind, i)).map(|light| direct(&light));
     let lit = |light: &Vec<DVec3>| {
         light.iter().filter(|x| **x != DVec3::ZERO).count() as f64 >= (LIT * light.len() as f64).max(1.0)
     };
-    all.filter(lit).take(judge.lights).collect()
+    all.filter(lit).take(validation.lights).collect()
 }

@@ -11,7 +11,7 @@ use super::machine;
 use crate::cli::output::write_json;
 
 /// Figures by what they were measured of, in a file of the report's folder. Those of another program are not looked at.
-pub struct Kept {
+pub struct MeasurementStore {
     path: PathBuf,
     file: File,
 }
@@ -26,7 +26,7 @@ struct File {
     figures: Map<String, Value>,
 }
 
-impl Kept {
+impl MeasurementStore {
     /// What there is in `dir`.
     pub fn open(dir: &Path) -> Result<Self> {
         let path = dir.join("measured.json");

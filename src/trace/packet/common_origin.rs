@@ -14,7 +14,7 @@ use crate::scene::Scene;
 use crate::trace::bvh::{Bvh, Hit, passes_by_chance};
 
 /// 64 rays from one point, and what they met.
-pub struct Fan {
+pub struct CommonOriginPacket {
     /// Directions are `q`; `end` is the distance to what was hit, infinite before, negative in lanes without a ray.
     rays: Rays,
     /// Index into the mesh's triangles, and whether it is met from behind.
@@ -25,7 +25,7 @@ pub struct Fan {
 /// Of a triangle's index: it is met from behind, along its geometric normal.
 const BEHIND: u32 = 1 << 31;
 
-impl Default for Fan {
+impl Default for CommonOriginPacket {
     fn default() -> Self {
         let zero = [0.0; PACKET_SIZE];
         let rays = Rays { q: [zero; 3], inverse_q: [zero; 3], end: [-1.0; PACKET_SIZE] };
@@ -33,7 +33,7 @@ impl Default for Fan {
     }
 }
 
-impl Fan {
+impl CommonOriginPacket {
     /// Puts a ray into a lane; its direction needs not be unit length.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, direction: Vec3) {
@@ -62,16 +62,16 @@ impl Fan {
     }
 }
 
-/// Follows the rays of `fans` from `origin` to the first surface that each meets.
-pub fn trace_fans(bvh: &Bvh, scene: &Scene, origin: Vec3, fans: &mut [Fan]) {
-    pulp::Arch::new().dispatch(TraceFans { bvh, scene, origin, fans });
+/// Follows the rays of `packets` from `origin` to the first surface that each meets.
+pub fn trace_common_origin(bvh: &Bvh, scene: &Scene, origin: Vec3, packets: &mut [CommonOriginPacket]) {
+    pulp::Arch::new().dispatch(TraceFans { bvh, scene, origin, packets });
 }
 
 struct TraceFans<'a> {
     bvh: &'a Bvh,
     scene: &'a Scene,
     origin: Vec3,
-    fans: &'a mut [Fan],
+    packets: &'a mut [CommonOriginPacket],
 }
 
 impl WithSimd for TraceFans<'_> {
@@ -79,20 +79,27 @@ impl WithSimd for TraceFans<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { bvh, scene, origin, fans } = self;
+        let Self { bvh, scene, origin, packets } = self;
         let mut stack: Vec<Entry> = Vec::with_capacity(128);
-        for fan in fans {
-            inverse(simd, &mut fan.rays);
+        for packet in packets {
+            inverse(simd, &mut packet.rays);
             stack.push((0, u64::MAX >> (64 - PACKET_SIZE / S::F32_LANES)));
-            traverse(simd, bvh, scene, origin, fan, &mut stack);
+            traverse(simd, bvh, scene, origin, packet, &mut stack);
         }
     }
 }
 
 #[inline(always)]
-fn traverse<S: Simd>(simd: S, bvh: &Bvh, scene: &Scene, origin: Vec3, fan: &mut Fan, stack: &mut Vec<Entry>) {
+fn traverse<S: Simd>(
+    simd: S,
+    bvh: &Bvh,
+    scene: &Scene,
+    origin: Vec3,
+    packet: &mut CommonOriginPacket,
+    stack: &mut Vec<Entry>,
+) {
     let nodes = &bvh.binary.nodes;
-    let towards: Vec3 = [0, PACKET_SIZE / 2].iter().map(|&lane| fan.direction(lane)).sum();
+    let towards: Vec3 = [0, PACKET_SIZE / 2].iter().map(|&lane| packet.direction(lane)).sum();
     while let Some((index, concerned)) = stack.pop() {
         let node = &nodes[index as usize];
         // Tested when it is its turn, not when its parent is met: by then rays may have ended before it.
@@ -101,7 +108,7 @@ fn traverse<S: Simd>(simd: S, bvh: &Bvh, scene: &Scene, origin: Vec3, fan: &mut 
         while left != 0 {
             let register = left.trailing_zeros() as usize;
             left &= left - 1;
-            met |= u64::from(meets_box(simd, &fan.rays, register, lo, hi)) << register;
+            met |= u64::from(meets_box(simd, &packet.rays, register, lo, hi)) << register;
         }
         if met == 0 {
             continue;
@@ -125,9 +132,9 @@ fn traverse<S: Simd>(simd: S, bvh: &Bvh, scene: &Scene, origin: Vec3, fan: &mut 
                 left &= left - 1;
                 if is_masked {
                     let passes = |at, direction| passes_by_chance(scene, corners.triangle, at, [origin, direction]);
-                    meet_unless(&edges, id, fan, register, S::F32_LANES, passes);
+                    meet_unless(&edges, id, packet, register, S::F32_LANES, passes);
                 } else {
-                    meet(simd, &edges, id, fan, register);
+                    meet(simd, &edges, id, packet, register);
                 }
             }
         }
@@ -136,9 +143,9 @@ fn traverse<S: Simd>(simd: S, bvh: &Bvh, scene: &Scene, origin: Vec3, fan: &mut 
 
 /// Ends the rays of a register where they meet the triangle.
 #[inline(always)]
-fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, fan: &mut Fan, register: usize) {
-    let (w, plane) = edges.functions(simd, &fan.rays, register);
-    let (zero, end) = (simd.splat_f32s(0.0), load::<S>(&fan.rays.end, register));
+fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, packet: &mut CommonOriginPacket, register: usize) {
+    let (w, plane) = edges.functions(simd, &packet.rays, register);
+    let (zero, end) = (simd.splat_f32s(0.0), load::<S>(&packet.rays.end, register));
     let low = simd.min_f32s(simd.min_f32s(w[0], w[1]), w[2]);
     let high = simd.max_f32s(simd.max_f32s(w[0], w[1]), w[2]);
     let inside = simd.or_m32s(simd.less_than_or_equal_f32s(zero, low), simd.less_than_or_equal_f32s(high, zero));
@@ -156,10 +163,10 @@ fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, fan: &mut Fan, register: usize
         let lanes = &mut S::as_mut_simd_f32s(lanes).0[register];
         *lanes = simd.select_f32s(within, value, *lanes);
     };
-    set(&mut fan.rays.end, simd.div_f32s(offset, plane));
-    set(&mut fan.barycentric[0], simd.div_f32s(w[1], sum));
-    set(&mut fan.barycentric[1], simd.div_f32s(w[2], sum));
-    let triangles = &mut S::as_mut_simd_u32s(&mut fan.triangles).0[register];
+    set(&mut packet.rays.end, simd.div_f32s(offset, plane));
+    set(&mut packet.barycentric[0], simd.div_f32s(w[1], sum));
+    set(&mut packet.barycentric[1], simd.div_f32s(w[2], sum));
+    let triangles = &mut S::as_mut_simd_u32s(&mut packet.triangles).0[register];
     *triangles = simd.select_u32s(within, simd.splat_u32s(id), *triangles);
 }
 
@@ -168,18 +175,18 @@ fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, fan: &mut Fan, register: usize
 fn meet_unless(
     edges: &Edges,
     id: u32,
-    fan: &mut Fan,
+    packet: &mut CommonOriginPacket,
     register: usize,
     lanes: usize,
     passes: impl Fn(Vec2, Vec3) -> bool,
 ) {
     for lane in register * lanes..(register + 1) * lanes {
-        let direction = fan.direction(lane);
+        let direction = packet.direction(lane);
         let Some((barycentric, distance)) = edges.meet(direction) else { continue };
-        if distance < fan.rays.end[lane] && !passes(barycentric, direction) {
-            fan.rays.end[lane] = distance;
-            fan.triangles[lane] = id;
-            (0..2).for_each(|i| fan.barycentric[i][lane] = barycentric[i]);
+        if distance < packet.rays.end[lane] && !passes(barycentric, direction) {
+            packet.rays.end[lane] = distance;
+            packet.triangles[lane] = id;
+            (0..2).for_each(|i| packet.barycentric[i][lane] = barycentric[i]);
         }
     }
 }

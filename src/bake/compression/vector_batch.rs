@@ -7,7 +7,7 @@ use half::bf16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
-use crate::bake::transfer::rows::Rows;
+use crate::bake::transfer::rows::CsrMatrix;
 
 /// Vectors of a panel: two cache lines of single precision.
 pub const WIDTH: usize = 32;
@@ -19,13 +19,13 @@ pub type Panel = Vec<[f32; WIDTH]>;
 
 /// The same number of vectors for each channel, in panels; the last panels end with zeros.
 #[derive(Clone, Debug, Default)]
-pub struct Panels {
+pub struct VectorBatch {
     /// Vectors of each channel.
     pub count: usize,
     pub channels: [Vec<Panel>; 3],
 }
 
-impl Panels {
+impl VectorBatch {
     pub fn zeros(rows: usize, count: usize) -> Self {
         let channel = || vec![vec![[0.0; WIDTH]; rows]; count.div_ceil(WIDTH)];
         Self { count, channels: [channel(), channel(), channel()] }
@@ -65,7 +65,7 @@ impl Panels {
     }
 
     /// Some rows as vectors of `columns` coefficients.
-    pub fn from_rows(rows: &Rows, range: Range<usize>, columns: usize) -> Self {
+    pub fn from_rows(rows: &CsrMatrix, range: Range<usize>, columns: usize) -> Self {
         let mut made = Self::zeros(columns, range.len());
         for (vector, r) in range.enumerate() {
             for (channel, panels) in made.channels.iter_mut().enumerate() {
@@ -163,7 +163,7 @@ pub fn matrix(panel: &[[f32; WIDTH]]) -> MatRef<'_, f32> {
     MatRef::from_row_major_slice(panel.as_flattened(), panel.len(), WIDTH)
 }
 
-/// Panels whose rows are looked up, in half the bytes: lights to learn from may differ a little from those that were drawn.
+/// VectorBatch whose rows are looked up, in half the bytes: lights to learn from may differ a little from those that were drawn.
 pub struct Compact {
     /// Vectors, with those that fill the last panel.
     pub width: usize,
@@ -172,7 +172,7 @@ pub struct Compact {
 }
 
 impl Compact {
-    pub fn new(panels: Panels) -> Self {
+    pub fn new(panels: VectorBatch) -> Self {
         let width = panels.count.next_multiple_of(WIDTH);
         let channels = panels.channels.map(|panels| {
             let mut all = vec![bf16::ZERO; panels.first().map_or(0, Vec::len) * width];
@@ -204,7 +204,7 @@ pub fn gathered(panels: &[Panel], rows: impl ExactSizeIterator<Item = usize>) ->
 }
 
 /// Each row times each vector, channel by channel.
-pub fn multiply(rows: &Rows, vectors: &Panels) -> Panels {
+pub fn multiply(rows: &CsrMatrix, vectors: &VectorBatch) -> VectorBatch {
     vectors.map(|channel, panel| {
         let mut products = vec![[0.0; WIDTH]; rows.len()];
         let task = |(piece, products): (usize, &mut [[f32; WIDTH]])| {
@@ -216,7 +216,7 @@ pub fn multiply(rows: &Rows, vectors: &Panels) -> Panels {
 }
 
 struct Multiply<'a> {
-    rows: &'a Rows,
+    rows: &'a CsrMatrix,
     first: usize,
     channel: usize,
     panel: &'a Panel,
@@ -266,7 +266,7 @@ struct Entry {
 
 impl TransposedPart {
     /// Of rows that come behind `before` others.
-    pub fn new(rows: &Rows, before: usize, columns: usize) -> Self {
+    pub fn new(rows: &CsrMatrix, before: usize, columns: usize) -> Self {
         assert!(before + rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
         let piece = |column: u32| column as usize / COLUMNS;
         let mut first = vec![0; columns.div_ceil(COLUMNS) + 1];
@@ -288,14 +288,14 @@ impl TransposedPart {
 
 impl Transposed {
     /// One a channel times the vectors: a row of the result for each column.
-    pub fn multiply(&self, vectors: &Panels) -> Panels {
-        let mut products = Panels::zeros(self.columns, vectors.count);
+    pub fn multiply(&self, vectors: &VectorBatch) -> VectorBatch {
+        let mut products = VectorBatch::zeros(self.columns, vectors.count);
         self.add_product(vectors, &mut products);
         products
     }
 
     /// Adds [`Self::multiply`].
-    pub fn add_product(&self, vectors: &Panels, sums: &mut Panels) {
+    pub fn add_product(&self, vectors: &VectorBatch, sums: &mut VectorBatch) {
         let mut tasks: Vec<Vec<Task>> = (0..self.columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
         for (channel, (sums, panels)) in sums.channels.iter_mut().zip(&vectors.channels).enumerate() {
             for (sums, panel) in sums.iter_mut().zip(panels) {
@@ -363,7 +363,7 @@ mod tests {
     #[test]
     fn transposed_rows_are_those_of_the_columns() {
         let (row_count, columns, vectors) = (70, 2 * COLUMNS + 3, WIDTH + 1);
-        let mut rows = Rows::empty(0);
+        let mut rows = CsrMatrix::empty(0);
         for r in 0..row_count {
             let kept = |column: &usize| r != 3 && (r == 4 || random(r, *column) > 0.4);
             for column in (0..columns).filter(kept) {
@@ -372,8 +372,9 @@ mod tests {
             }
             rows.first.push(rows.columns.len());
         }
-        let panels = Panels::from_fn(row_count, vectors, |channel, r, vector| random(5000 + r, 100 * channel + vector));
-        let some = |range: Range<usize>| Rows {
+        let panels =
+            VectorBatch::from_fn(row_count, vectors, |channel, r, vector| random(5000 + r, 100 * channel + vector));
+        let some = |range: Range<usize>| CsrMatrix {
             first: rows.first[range.start..=range.end].iter().map(|first| first - rows.first[range.start]).collect(),
             columns: rows.columns[rows.first[range.start]..rows.first[range.end]].to_vec(),
             values: rows.values[rows.first[range.start]..rows.first[range.end]].to_vec(),
@@ -400,7 +401,7 @@ mod tests {
 
     #[test]
     fn compact_rows_are_those_of_panels_but_for_rounding() {
-        let panels = Panels::from_fn(9, WIDTH + 3, |channel, i, j| 1e20 * random(i, 100 * channel + j));
+        let panels = VectorBatch::from_fn(9, WIDTH + 3, |channel, i, j| 1e20 * random(i, 100 * channel + j));
         let compact = Compact::new(panels.clone());
         let got = compact.gathered(1, [7, 2].into_iter());
         let want = gathered(&panels.channels[1], [7, 2].into_iter());
