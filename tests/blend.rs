@@ -335,13 +335,13 @@ fn rays_pass_by_chance_and_packets_by_product() {
     let (mut counts, mut cast) = ([0usize; 4], 0.0);
     let origin = scene.space.from_world(DVec3::Y * 2.5).as_vec3();
     for _ in 0..400 {
-        let mut fan = Fan::default();
+        let mut fan = CommonOriginPacket::default();
         for lane in 0..PACKET_SIZE {
             let side = |r: &mut Random| r.between(-0.5, 0.5) as f32;
             fan.set(lane, Vec3::new(side(&mut random), -1.0, side(&mut random)));
         }
         let mut fans = [fan];
-        trace_fans(&bvh, &scene, origin, &mut fans);
+        trace_common_origin(&bvh, &scene, origin, &mut fans);
         for lane in 0..PACKET_SIZE {
             let direction = fans[0].direction(lane);
             let (hit, _) = fans[0].hit(lane).expect("the floor stops all");

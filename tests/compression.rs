@@ -13,7 +13,7 @@ use relume::bake::compression::data::{Compressed, MULTIPLE};
 use relume::bake::compression::haar::Haar;
 use relume::bake::compression::lights::{Kind, RandomLights};
 use relume::bake::compression::training::{Group, Trainer};
-use relume::bake::compression::validation::{Judge, judge};
+use relume::bake::compression::validation::{Validation, validate};
 use relume::bake::compression::vector_batch;
 use relume::bake::compression::{CompressionSettings, Compressor, Report};
 use relume::bake::transfer::Transfer;
@@ -144,7 +144,7 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
             continue;
         }
         // Against rows gathered anew the noise that was left out tells in its favour.
-        let judged = Judge { rays: 2048, share: 0.25, lights: 6, lobe: Lobe::All, seed: 99 };
+        let judged = Validation { rays: 2048, share: 0.25, lights: 6, lobe: Lobe::All, seed: 99 };
         let direct = |light: &PackedLight| stage.direct(&transfer, light);
         let relight = |light: &[DVec3]| {
             let mut image = vec![DVec3::ZERO; stage.baked.samples.len()];
@@ -152,7 +152,7 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
             compressed.samples.iter().zip(relit).for_each(|(&i, x)| image[i as usize] = x);
             image
         };
-        let [points, spots] = judge(&transfer, &direct, relight, &judged, &|_| ());
+        let [points, spots] = validate(&transfer, &direct, relight, &judged, &|_| ());
         println!("{points:?} {spots:?}");
         assert!(points.error < points.rows + 0.005, "{scene}: {points:?}");
         // Looser is smaller, and further off.
@@ -240,11 +240,11 @@ fn lights_come_again_where_few_are_seen() {
             true => stage.direct(&transfer, light),
             false => vec![DVec3::ZERO; transfer.fine.coefficient_count()],
         };
-    let scouts = transfer.rows(&stage.baked.reflecting(), Lobe::All);
-    let trainer = Trainer { transfer: &transfer, bounces: &bounces, direct: &direct, scouts: &scouts, share: 1.0 };
+    let probes = transfer.rows(&stage.baked.reflecting(), Lobe::All);
+    let trainer = Trainer { transfer: &transfer, bounces: &bounces, direct: &direct, probes: &probes, share: 1.0 };
     let group = |kind, count| Group { kind, count, seed: 5 };
     let lights = trainer.lights(&[group(Kind::Spot, 3), group(Kind::Point, 40)]);
-    let squares = vector_batch::multiply(&scouts, &bounces.seen(&lights.direct, &lights.further)).squares();
+    let squares = vector_batch::multiply(&probes, &bounces.seen(&lights.direct, &lights.further)).squares();
     assert_eq!(squares[..3], [0.0; 3]);
     assert!(squares[3..].iter().all(|square| (square - 1.0).abs() < 1e-3), "{squares:?}");
     let first = |light: usize| {
