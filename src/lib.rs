@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! scene -> bake -> relight -> view
-//!   physics, trace, storage and gpu lie below and know none of them
+//!   physics, storage and gpu lie below and use none of them; trace uses scene only
 //! ```
 //!
 //! - [`scene`]: files in, plain data out. World space is in double precision.

@@ -335,18 +335,18 @@ fn rays_pass_by_chance_and_packets_by_product() {
     let (mut counts, mut cast) = ([0usize; 4], 0.0);
     let origin = scene.space.from_world(DVec3::Y * 2.5).as_vec3();
     for _ in 0..400 {
-        let mut fan = CommonOriginPacket::default();
+        let mut packet = CommonOriginPacket::default();
         for lane in 0..PACKET_SIZE {
             let side = |r: &mut Random| r.between(-0.5, 0.5) as f32;
-            fan.set(lane, Vec3::new(side(&mut random), -1.0, side(&mut random)));
+            packet.set(lane, Vec3::new(side(&mut random), -1.0, side(&mut random)));
         }
-        let mut fans = [fan];
-        trace_common_origin(&bvh, &scene, origin, &mut fans);
+        let mut packets = [packet];
+        trace_common_origin(&bvh, &scene, origin, &mut packets);
         for lane in 0..PACKET_SIZE {
-            let direction = fans[0].direction(lane);
-            let (hit, _) = fans[0].hit(lane).expect("the floor stops all");
+            let direction = packets[0].direction(lane);
+            let (hit, _) = packets[0].hit(lane).expect("the floor stops all");
             let single = bvh.closest_hit(&scene, origin, direction, f32::INFINITY).expect("the floor stops all");
-            assert_eq!(hit.triangle, single.triangle, "fans and single rays draw alike");
+            assert_eq!(hit.triangle, single.triangle, "packets and single rays draw alike");
             assert!(bvh.occluded(&scene, origin, direction, f32::INFINITY));
             counts[scene.mesh.triangle_materials[hit.triangle as usize] as usize] += 1;
             cast += 1.0;

@@ -101,7 +101,7 @@ gpu_shared! {
     structs {
         /// A surface point that the camera sees, straight or through mirrors; mesh space.
         pub struct ViewSample {
-            /// Metres.
+            /// Mesh space.
             pub position: Vec3,
             /// Index of its [`Brdf`], or [`NO_BRDF`].
             pub brdf: u32,
@@ -240,8 +240,8 @@ gpu_shared! {
 
         /// Rows of a block matrix that share their columns.
         pub struct Panel {
-            /// Where its factors begin, in units of eight: strip by strip of [`STRIP_ROWS`], column group by column group of columns, channel by
-            /// channel where these have factors of their own, row by row.
+            /// Where its factors begin, in units of eight: strip by strip of [`STRIP_ROWS`], column group by column
+            /// group, channel by channel where these have factors of their own, row by row.
             pub first_value: u32,
             /// Where its lists of inputs and tints begin, one a column.
             pub first_input: u32,

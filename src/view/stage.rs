@@ -187,7 +187,7 @@ impl Stage {
         self.shares.measure(self.desk.history().state(), &mut self.relighter)
     }
 
-    /// Draws what is to be looked at. Afterwards [`Self::told`] is about it.
+    /// Draws what is to be looked at. Afterwards [`Self::overlay`] is about it.
     pub fn draw(&mut self, view: &ViewState, pointer: Pointer, screen: Screen) -> Result<()> {
         self.shows_look = view.look;
         self.note_edits();

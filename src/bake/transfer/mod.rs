@@ -183,7 +183,8 @@ impl<'a> Transfer<'a> {
         self.settings.bounces
     }
 
-    /// Rows of Φ for view samples, by index into [`Baked::samples`]: gathered anew in every call, always the same.
+    /// Rows of Φ for view samples, by index into [`Baked::samples`]: a row for each, [`Self::column_count`] columns, RGB
+    /// entries in 1/√sr, for coefficients in radiance times √sr. Gathered again in every call, always the same.
     pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> CsrMatrix {
         self.row_gatherer(lobe).gather(view_samples)
     }
