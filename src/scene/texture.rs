@@ -58,8 +58,8 @@ pub struct Image {
     pub low: Vec<[u8; 4]>,
 }
 
-/// All textures of a scene together: 2 GiB as stored, besides their mip levels. Files may name one image any number of
-/// times, and compress an empty one to nothing.
+/// All textures of a scene together: 2 GiB as stored with 8 bits a channel, besides their mip levels. Files may name one
+/// image any number of times, and compress an empty one to nothing.
 pub const MAX_TEXELS: u64 = 1 << 29;
 
 // An image may not claim more than this while it is decoded: 16,384 x 16,384 RGBA is 1 GiB.
