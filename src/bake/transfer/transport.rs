@@ -4,8 +4,9 @@
 //! Gathered rows keep energy as seen by who receives it, not by who sends it: columns are off, and so is the light of a
 //! bright closed room. So the geometric factors F, the shares of a sample's rays that other samples get straight or
 //! through mirrors, are balanced: rows and columns are scaled until each sample receives the share of its rays that met
-//! a surface, and sends, by reciprocity, as much [Sinkhorn 1967].
+//! a surface, and sends, by reciprocity, as much [Sinkhorn 1967], except where rays contradict the samples' areas.
 
+use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
 use glam::Vec3;
@@ -17,8 +18,10 @@ use super::paths::Paths;
 use super::rows::{CsrMatrix, Row};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
+use crate::bake::gather_samples::GatherSamples;
 use crate::physics::brdf::cosine_direction;
 use crate::physics::sequence::Points;
+use crate::trace::point_tree::middle;
 
 /// Rounds of balancing at most.
 const ROUNDS: usize = 200;
@@ -27,6 +30,11 @@ const BALANCED: f64 = 1e-9;
 /// Functions of a sending sample that count: what goes on to a further bounce is smoother by then, and the first function
 /// has all energy.
 const MOST_SENT: u32 = 16;
+/// Standard deviations beyond which a difference between column sums is no accident.
+const SIGNIFICANT: f64 = 4.0;
+/// Relative standard deviation of a column sum that interpolation between samples makes. With 0.15 light in a closed ball is
+/// off by a thousandth.
+const MOVED: f64 = 0.25;
 /// No row or column is scaled by more than this or less than its inverse: columns that hardly any ray found stay small.
 const MOST_SCALE: f64 = 8.0;
 
@@ -138,8 +146,25 @@ impl BounceGatherer<'_> {
             .enumerate()
             .map(|(i, found)| found.factors.iter().map(|&(j, f)| (j, f64::from(f) * area(self.receivers, i))).collect())
             .collect();
-        let ratio = received.iter().sum::<f64>() / sent.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        sent.iter_mut().for_each(|s| *s *= ratio);
+        let mut column_sums = vec![0.0; sent.len()];
+        let mut squares = 0.0;
+        for (i, row) in factors.iter().enumerate() {
+            let ray = area(self.receivers, i) / f64::from(self.rays);
+            row.iter().for_each(|&(j, value)| {
+                column_sums[j as usize] += value;
+                squares += ray * value;
+            });
+        }
+        let all = column_sums.iter().sum::<f64>();
+        scale_to(&mut sent, all);
+        let ray = squares / all.max(f64::MIN_POSITIVE);
+        for members in by_group(&sender.samples) {
+            let found: Vec<f64> = members.iter().map(|&j| column_sums[j]).collect();
+            let mut expected: Vec<f64> = members.iter().map(|&j| sent[j]).collect();
+            correct(&mut expected, &found, ray);
+            members.iter().zip(expected).for_each(|(&j, expected)| sent[j] = expected);
+        }
+        scale_to(&mut sent, received.iter().sum());
         let (row_scales, column_scales, imbalance) = balance(&factors, &received, &sent);
 
         let entries = found.iter().map(|found| found.rows.columns.len()).sum();
@@ -206,6 +231,38 @@ fn interpolated(receivers: &Level, shares: &[f64], level: &Level) -> Vec<f64> {
     level.samples.samples.par_iter().map(share).collect()
 }
 
+/// Samples by the surfaces that read them, each list in tree order.
+fn by_group(samples: &GatherSamples) -> Vec<Vec<usize>> {
+    let mut lists = BTreeMap::<u32, Vec<usize>>::new();
+    for (i, sample) in samples.samples.iter().enumerate() {
+        lists.entry(samples.group(sample.material)).or_default().push(i);
+    }
+    lists.into_values().collect()
+}
+
+fn scale_to(values: &mut [f64], sum: f64) {
+    let scale = sum / values.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    values.iter_mut().for_each(|value| *value *= scale);
+}
+
+/// Corrects the column sums `expected` by reciprocity where samples stand for areas that others see little of, as in the folds
+/// of a sofa: there rays `found` another sum. A ray adds `ray` to it. Single sums are noisy, so nodes of the samples' tree are
+/// compared, from the whole down; a node takes the sum that was found if the difference is significant.
+fn correct(expected: &mut [f64], found: &[f64], ray: f64) {
+    let [sum, found_sum] = [&*expected, found].map(|sums| sums.iter().sum::<f64>());
+    // Interpolation between samples moves light from one to the next.
+    let variance = ray * sum + expected.iter().map(|e| (MOVED * e).powi(2)).sum::<f64>();
+    if (found_sum - sum).powi(2) > SIGNIFICANT.powi(2) * variance {
+        scale_to(expected, found_sum);
+    }
+    if expected.len() > 1 {
+        let middle = middle(0, expected.len());
+        let (left, right) = expected.split_at_mut(middle);
+        correct(left, &found[..middle], ray);
+        correct(right, &found[middle..], ray);
+    }
+}
+
 /// Scales of the rows and columns of a matrix with which they add up to `row_sums` and `column_sums`, and what is left
 /// of the error of columns; rows are exact.
 fn balance(rows: &[Vec<(u32, f64)>], row_sums: &[f64], column_sums: &[f64]) -> (Vec<f64>, Vec<f64>, f64) {
@@ -236,4 +293,25 @@ fn balance(rows: &[Vec<(u32, f64)>], row_sums: &[f64], column_sums: &[f64]) -> (
         }
     }
     (by_row, by_column, imbalance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Half of the samples are seen a fifth less than their areas say, all with noise of a tenth.
+    #[test]
+    fn significant_differences_alone_correct_column_sums() {
+        let seen = |i: usize| if i < 128 { 0.8 } else { 1.0 };
+        let found: Vec<f64> = (0..256).map(|i| seen(i) + if i % 2 == 0 { 0.1 } else { -0.1 }).collect();
+        let mut expected = vec![1.0; 256];
+        correct(&mut expected, &found, 0.01);
+        for (i, expected) in expected.iter().enumerate() {
+            assert!((expected - seen(i)).abs() < 1e-3, "{i}: {expected}");
+        }
+        let few_rays = 10.0;
+        let mut expected = vec![1.0; 256];
+        correct(&mut expected, &found, few_rays);
+        assert_eq!(expected, vec![1.0; 256]);
+    }
 }
