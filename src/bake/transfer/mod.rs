@@ -41,7 +41,7 @@ use crate::shared::Brdf;
 use crate::trace::bvh::Bvh;
 
 /// How light leaves gather samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Outgoing {
     /// Equally in all directions, with the BRDF's hemispherical albedo [Yang 2007, Section 4.2].
     Diffuse,
@@ -50,7 +50,7 @@ pub enum Outgoing {
 }
 
 /// How transfer is computed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TransferSettings {
     pub outgoing: Outgoing,
     /// Gather samples.
@@ -121,7 +121,7 @@ impl<'a> Transfer<'a> {
                 samples.samples.iter_mut().for_each(|s| (s.brdf, s.lit) = (lambert(&s.brdf), lambert(&s.lit)));
             }
             let with = |most: u8| -> Vec<u8> {
-                let dropped = |s: &GatherSample| DROPPED * (MUCH / importance.shares[s.material as usize]).max(1.0);
+                let dropped = |s: &GatherSample| DROPPED / importance.shares[s.material as usize];
                 samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most, dropped(s))).collect()
             };
             let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
@@ -332,10 +332,8 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
     }
 }
 
-/// Share of a material's energy beyond its functions, at most. What is seen is a mean over many samples and lights.
-const DROPPED: f32 = 0.2;
-/// Materials with less than this share of the picture's indirect light may drop as much more.
-const MUCH: f32 = 0.1;
+/// Share of a material's energy beyond its functions, times its share of the picture's indirect light, at most.
+const DROPPED: f32 = 0.004;
 /// Functions up to an even degree, of which a material gets as many as it needs: in a furnished room sums that end with an odd
 /// one are further off (docs/accuracy.md, "How many functions").
 const EVEN_DEGREES: [u8; 4] = [1, 9, 25, MAX_FUNCTIONS as u8];
