@@ -24,6 +24,10 @@ pub enum Error {
     #[error("{what}: {reason}")]
     Invalid { what: String, reason: String },
 
+    /// Who waited for the work waits no more.
+    #[error("cancelled")]
+    Cancelled,
+
     /// No Vulkan device fits.
     #[error("no Vulkan device: {reason}")]
     NoDevice { reason: String, source: Option<Cause> },

@@ -7,13 +7,14 @@
 //! Data flows one way, and no arrow points back (`tests/architecture.rs` has the table):
 //!
 //! ```text
-//! scene -> bake -> relight -> view
+//! scene -> bake -> relight -> session -> view, the command line
 //!   physics, storage and gpu lie below and use none of them; trace uses scene only
 //! ```
 //!
 //! - [`scene`]: files in, plain data out. World space is in double precision.
 //! - [`bake`]: [`scene::Scene`] -> [`bake::Baked`], what does not depend on the lights: view samples, transfer, its compression.
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
+//! - [`session`]: from a scene's file to a relighter: settings, plan, cache, bake.
 //! - [`view`]: the window, its keys, and the lighting desk behind them.
 //! - [`physics`]: glTF's BRDF, punctual lights, sampling sequences, directions: pure functions.
 //! - [`trace`]: BVH, packets of shadow rays, the surface at a hit.
@@ -25,28 +26,16 @@
 //! - [`reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the truth.
 //!
 //! ```no_run
-//! use std::{path::Path, sync::Arc};
-//! use relume::bake::{BakeSettings, bake};
-//! use relume::gpu::{Context, Validation};
-//! use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
-//! use relume::scene::Scene;
-//! use relume::trace::bvh::Bvh;
+//! use std::path::Path;
+//! use relume::relight::{Picture, RelightSettings};
+//! use relume::{Session, SessionSettings};
 //!
 //! # fn main() -> relume::Result<()> {
-//! let scene = Arc::new(Scene::load(Path::new("scenes/balls-2.glb"))?);
-//! let bvh = Arc::new(Bvh::build(&scene));
-//! let settings = BakeSettings { width: 720, height: 480, layers: 4, samples: 1 };
-//! let baked = Arc::new(bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_tiles| ()));
-//! let context = Context::new(None, Validation::Off, None)?;
-//! let settings = RelightSettings {
-//!     visibility: VisibilityMethod::Auto,
-//!     shadow_size: 1024,
-//!     tone_map: ToneMap::Agx,
-//!     budget_bytes: None,
-//! };
-//! // Without `baked.transfer` there is no indirect light.
-//! let mut relighter = Relighter::new(&context, &scene, &bvh, &baked, &scene.rig, &settings)?;
-//! let mut rig = scene.rig.clone();
+//! // Baked with all indirect light, or found in the cache. `()` hears nothing of progress.
+//! let session = Session::open(Path::new("scenes/balls-2.glb"), None, &SessionSettings::default(), &())?;
+//! let context = session.context(None)?;
+//! let mut relighter = session.relighter(&context, &session.rig, &RelightSettings::default())?;
+//! let mut rig = session.rig.clone();
 //! rig.lights[0].position.y += 0.1;
 //! relighter.set_rig(&rig)?;
 //! let pixels: &[[u8; 4]] = relighter.display(Picture::Whole, 0.0)?;
@@ -113,9 +102,11 @@ pub mod reference;
 pub mod relight;
 pub mod report;
 pub mod scene;
+pub mod session;
 pub mod shared;
 pub mod storage;
 pub mod trace;
 pub mod view;
 
 pub use error::{Error, Result};
+pub use session::{Session, SessionSettings};

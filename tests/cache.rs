@@ -49,7 +49,7 @@ fn only_whole_files_are_taken() {
     let key = cache::key(&scene, camera, &scene.rig, &settings);
     cache::store(dir, &key, "a", &baked).unwrap();
     let framebuffer = bakes_in(dir).remove(0);
-    let transfer_key = cache::transfer_key(&key, "settings");
+    let transfer_key = cache::transfer_key(&key, &"settings");
     cache::store_transfer(dir, &transfer_key, "a", &baked, &transfer).unwrap();
     let of_transfer = bakes_in(dir).into_iter().find(|path| *path != framebuffer).unwrap();
 
@@ -99,6 +99,18 @@ fn render(folder: &Path, scene: &Path, arguments: &[&str]) -> Rendered {
     command.arg("render").arg(scene).arg("-o").arg(&out).args(SMALL).args(arguments);
     let run = Run::of(command.arg("--cache").arg(folder.join("cache")).arg("--stats").arg(&stats)).done();
     Rendered { bytes: fs::read(out).unwrap(), cached: json(&stats)["bake"]["cached"] == true, run }
+}
+
+/// The rig says the scene's camera in other numbers.
+#[test]
+fn a_scenes_own_rig_finds_its_bake() {
+    let folder = folder();
+    let rig = folder.path().join("own.toml");
+    for scene in ["balls-2.glb", "cornell-glossy.glb", "statues-16.glb"].map(shipped).iter().filter(|s| s.exists()) {
+        run!("rig", scene, "-o", &rig).done();
+        assert!(!render(folder.path(), scene, &[]).cached);
+        assert!(render(folder.path(), scene, &["--rig", rig.to_str().unwrap()]).cached, "{}", scene.display());
+    }
 }
 
 #[test]

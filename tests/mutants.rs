@@ -187,7 +187,7 @@ fn cache_files_with_the_right_checksum() {
     let transfer = Transfer::new(&scene, &bvh, &baked, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.3, lights: 32, lobe: Lobe::All, seed: 1 };
     let transfer = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
-    let transfer_key = cache::transfer_key(&key, "mutants");
+    let transfer_key = cache::transfer_key(&key, &"mutants");
     cache::store_transfer(dir, &transfer_key, "a", &baked, &transfer).unwrap();
     let of_transfer = files().into_iter().find(|path| *path != framebuffer).unwrap();
 

@@ -34,8 +34,11 @@ fn label(path: &Path) -> (i32, String) {
 fn writes_two_halves_and_their_mean() {
     let folder = folder();
     let out = folder.path().join("new/truth.exr");
-    let run =
-        reference!(shipped("cornell-glossy.glb"), &out, "--spp", "7", "--passes", "all", "--max-bounces", "3").done();
+    let (scene, stats) = (shipped("cornell-glossy.glb"), folder.path().join("truth.json"));
+    let run = reference!(scene, &out, "--spp", "7", "--passes", "all", "--max-bounces", "3", "--stats", &stats).done();
+    let figures = json(&stats);
+    assert_eq!(figures["reference"]["samples_per_pixel"]["most"], 8);
+    assert!(figures["reference"]["cpu_seconds"].as_f64().unwrap() > 0.0, "{figures}");
     assert!(run.stderr.contains("standard error"), "{}", run.stderr);
     assert_eq!(run.stdout, "");
     assert_eq!(names_in(&folder.path().join("new")), ["truth.a.exr", "truth.b.exr", "truth.exr"]);

@@ -24,7 +24,7 @@ use crate::trace::bvh::Bvh;
 use crate::trace::packet::{self, SamplePacket};
 
 /// What of a scene is baked, and how finely.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct BakeSettings {
     pub width: u32,
     pub height: u32,

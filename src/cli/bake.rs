@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::options::SceneOptions;
 use super::output;
-use super::session::Session;
+use super::progress::Terminal;
 use super::stats;
 use super::stdout::out;
 
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     args.stats.iter().chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
     let scene = args.scene.as_ref().expect("clap requires it");
-    let session = Session::open(scene, args.rig.as_deref(), &args.options)?;
+    let session = args.options.open(scene, args.rig.as_deref())?;
     // Other commands do without a cache that cannot be written; this one is there to fill it.
     if let Some(error) = session.bake.not_stored {
         return Err(error);
@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Result<()> {
     // Which of rays and maps it will be is the device's choice.
     let mut figures = stats::figures_of_bake(&session, false);
     if args.verify {
-        for (kind, validation) in ["point", "spot"].into_iter().zip(session.verify()?) {
+        for (kind, validation) in ["point", "spot"].into_iter().zip(session.verify(&Terminal::default())?) {
             figures["transfer"]["held_out"]["anew"][kind] = json!(validation);
             let ValidationError { error, worst, rows, apart } = validation;
             let [error, worst, rows, apart] = [error, worst, rows, apart].map(percent);

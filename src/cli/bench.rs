@@ -8,12 +8,12 @@ use relume::gpu::Site;
 use relume::relight::roofline::Roofline;
 use relume::relight::{Layers, Picture, Relighter};
 use relume::scene::{LightGroup, LightKind, Rig};
+use relume::session::{Session, Transfers};
 use serde_json::json;
 
 use super::bench_rig::{light_like_scene, nudge};
 use super::options::{LightOptions, SceneOptions};
 use super::output::{make_parent, write_json};
-use super::session::{Session, Transfers};
 use super::stats::sum_by_name;
 use super::{bench_rays, progress, stdout};
 
@@ -100,8 +100,8 @@ pub fn run(args: &Args) -> Result<()> {
     let (mut slowest_segments, mut slowest_gather) = (f64::INFINITY, f64::INFINITY);
     let mut device = (String::new(), String::new());
     for path in &args.scenes {
-        let session = Session::open(path, args.rig.as_deref(), &args.scene_options)?;
-        let context = session.context(&args.light_options)?;
+        let session = args.scene_options.open(path, args.rig.as_deref())?;
+        let context = session.context(args.light_options.device.as_deref())?;
         device = (context.info.name.clone(), context.info.driver.clone());
         let mut measured = Roofline::new(&context, session.baked.samples.len())?;
         let mut yardstick = Vec::new();
@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<()> {
         ))?;
         for &count in &counts {
             let rig = light_like_scene(&session, count, args.scene_options.view.seed);
-            let mut relighter = session.relighter(&context, &rig, &args.light_options)?;
+            let mut relighter = session.relighter(&context, &rig, &args.light_options.relight_settings())?;
             relighter.display(Picture::Whole, 0.0)?;
             for (edited, edit) in edits_of(&rig) {
                 yardstick.push(measured.yardstick_ms()?);

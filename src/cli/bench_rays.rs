@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::reference::path_tracer::{Filter, PathTracer, Settings};
+use relume::session::{Session, cpu_seconds};
 use relume::shared::PackedLight;
 use relume::trace::packet::{PACKET_SIZE, trace_all};
 
 use super::bench::percentile;
-use super::session::{Session, cpu_seconds};
 
 /// Best times of tracing all lights' shadow rays, on all cores.
 #[derive(serde::Serialize)]

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use relume::scene::{Light, LightKind, Rig};
 
-use super::session::Session;
+use relume::Session;
 
 /// `count` lights: the scene's own, then points and spots in turn, above and around what is seen.
 pub fn light_like_scene(session: &Session, count: usize, seed: u64) -> Rig {

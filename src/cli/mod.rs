@@ -14,7 +14,6 @@ mod reference;
 mod render;
 mod report;
 mod rig;
-mod session;
 mod stats;
 mod stdout;
 mod transfer;

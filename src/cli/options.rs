@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
-use relume::{Error, Result};
+use relume::session::{OpenSettings, check_size, user_cache_dir};
+use relume::{Error, Result, Session, SessionSettings};
 
+use super::progress::Terminal;
 use super::transfer::TransferOptions;
 
 /// Which scene, and how it is seen.
@@ -123,6 +125,19 @@ impl From<Tonemap> for ToneMap {
     }
 }
 
+impl ViewOptions {
+    pub fn settings(&self) -> OpenSettings {
+        OpenSettings { size: self.size, camera: self.camera.clone(), strip_diffuse: self.strip_diffuse }
+    }
+
+    /// Before any work is done.
+    pub fn use_threads(&self) {
+        let Some(threads) = self.threads else { return };
+        // Fails only if the pool is running already, with the number that an earlier call chose.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global();
+    }
+}
+
 impl LightOptions {
     pub fn relight_settings(&self) -> RelightSettings {
         RelightSettings {
@@ -135,9 +150,22 @@ impl LightOptions {
 }
 
 impl SceneOptions {
-    /// View samples of a pixel on an edge.
-    pub fn samples(&self) -> u32 {
-        self.samples.unwrap_or(1)
+    pub fn settings(&self) -> Result<SessionSettings> {
+        Ok(SessionSettings {
+            open: self.view.settings(),
+            layers: self.view.layers,
+            samples: self.samples.unwrap_or(1),
+            force_all: self.force_all,
+            seed: self.view.seed,
+            cache_dir: self.cache_dir(),
+            indirect: self.transfer.settings()?,
+        })
+    }
+
+    /// Opens and bakes all of a scene.
+    pub fn open(&self, path: &Path, rig: Option<&Path>) -> Result<Session> {
+        self.view.use_threads();
+        Session::open(path, rig, &self.settings()?, &Terminal::default())
     }
 
     /// The cache directory, or `None` if nothing is kept.
@@ -146,29 +174,10 @@ impl SceneOptions {
     }
 }
 
-/// `$XDG_CACHE_HOME/relume`, else `~/.cache/relume`; `%LOCALAPPDATA%\relume` on Windows.
-pub fn user_cache_dir() -> Option<PathBuf> {
-    let from = |variable: &str| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
-    let base = from("XDG_CACHE_HOME").or_else(|| from("LOCALAPPDATA")).or_else(|| Some(from("HOME")?.join(".cache")));
-    base.map(|base| base.join("relume"))
-}
-
-/// Largest image side, pixels: more is a mistake rather than a picture.
-const MAX_SIDE: u32 = 16_384;
-
 fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     let size: [u32; 2] = parsed.ok_or("expected WIDTHxHEIGHT, like 720x480")?;
     check_size(size).map(|()| size)
-}
-
-/// Whether an image of this size can be made.
-pub fn check_size(size: [u32; 2]) -> Result<(), String> {
-    match size {
-        [w, h] if w == 0 || h == 0 => Err(format!("{w}x{h} has no pixels")),
-        [w, h] if w > MAX_SIDE || h > MAX_SIDE => Err(format!("{w}x{h} is larger than {MAX_SIDE}x{MAX_SIDE}")),
-        _ => Ok(()),
-    }
 }
 
 /// From candles to suns and back is 50 stops; a factor of 2^100 times any sane radiance still is a number.

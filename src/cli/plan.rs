@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use relume::Result;
 use relume::bake::transfer::TransferSettings;
 use relume::bake::transfer::importance::Importance;
+use relume::session::TransferPlan;
+use relume::{Result, Session, SessionSettings};
 use serde_json::json;
 
 use super::options::SceneOptions;
-use super::session::Session;
+use super::progress::Terminal;
 use super::stdout::out;
-use super::transfer::{Gi, TransferPlan};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -87,13 +87,14 @@ pub fn left_out(session: &Session, traced: bool, unseen: Option<f64>) -> Vec<Lef
 
 pub fn run(args: &Args) -> Result<()> {
     // Its bake takes longest, and nothing here depends on it.
-    let mut options = args.options.clone();
-    options.transfer.gi = Gi::Off;
-    let session = Session::open(&args.scene, args.rig.as_deref(), &options)?;
+    args.options.view.use_threads();
+    let settings = args.options.settings()?;
+    let direct = SessionSettings { indirect: None, ..settings.clone() };
+    let session = Session::open(&args.scene, args.rig.as_deref(), &direct, &Terminal::default())?;
     let baked = &session.baked;
     let size = [baked.tiling.width, baked.tiling.height];
-    let transfer = args.options.transfer.plan(&args.options.view, size)?;
-    let reasons = if transfer.is_some() { args.options.transfer.reasons(size) } else { Vec::new() };
+    let transfer = settings.indirect.map(|indirect| indirect.plan(size, settings.layers, settings.seed));
+    let reasons = settings.indirect.map_or(Vec::new(), |indirect| indirect.reasons(size));
     let images = 2 * session.rig.lights.len() * 12 * baked.pixel_stride();
     // Whether maps are drawn depends on the device, which a plan does not open.
     let unseen = match &transfer {

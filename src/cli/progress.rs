@@ -4,19 +4,12 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use relume::session::Progress;
 
 static QUIET: AtomicBool = AtomicBool::new(false);
 
 pub fn set_quiet(quiet: bool) {
     QUIET.store(quiet, Ordering::Relaxed);
-}
-
-/// Where long work tells how far it is; one thing at a time.
-pub trait Progress: Sync {
-    /// Work of `total` steps begins; 0 if nobody knows how long it takes.
-    fn begin(&self, what: &'static str, total: usize);
-    fn advance(&self, steps: usize);
-    fn end(&self);
 }
 
 /// A bar on stderr, while work goes on.
@@ -42,19 +35,6 @@ impl Progress for Terminal {
             bar.finish_and_clear();
         }
     }
-}
-
-/// The window's bar, which goes with the loading.
-impl Progress for relume::view::Loader {
-    fn begin(&self, what: &'static str, total: usize) {
-        self.begin(what, total);
-    }
-
-    fn advance(&self, steps: usize) {
-        self.advance(steps);
-    }
-
-    fn end(&self) {}
 }
 
 /// A bar for work of `total` steps; it goes when it is done.

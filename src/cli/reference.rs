@@ -8,12 +8,13 @@ use std::time::{Duration, Instant};
 use relume::image::exr::{self, Label};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::Rig;
+use relume::session::{Opened, check_fits, cpu_seconds, peak_bytes};
 use relume::{Error, Result};
+use serde_json::json;
 
 use super::options::{Bounces, ViewOptions, check_extension, parse_bounces};
-use super::output::{find_light, make_parent};
+use super::output::{find_light, make_parent, write_json};
 use super::progress::{self, Terminal};
-use super::session::{Opened, check_fits, cpu_seconds};
 
 pub const AFTER_HELP: &str = "\
 Writes OUT.a.exr and OUT.b.exr, two halves with independent noise, and their mean OUT.exr: `relume compare IMAGE \
@@ -50,6 +51,9 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_parser = parse_passes,
           default_value = "beauty,direct,reflection,indirect,emission,variance")]
     passes: Passes,
+    /// Writes what tracing took as JSON.
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
     #[command(flatten)]
     view: ViewOptions,
 }
@@ -80,8 +84,9 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
     check_extension(&args.output, &["exr"])?;
     let [a, b] = ["a.exr", "b.exr"].map(|extension| args.output.with_extension(extension));
     let paths = [args.output.clone(), a, b];
-    paths.iter().try_for_each(|path| make_parent(path))?;
-    let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view, &Terminal::default())?;
+    paths.iter().chain(&args.stats).try_for_each(|path| make_parent(path))?;
+    args.view.use_threads();
+    let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view.settings(), &Terminal::default())?;
     let layers = args.passes.layers(&opened.rig)?;
     let light_layers = layers.iter().any(|layer| matches!(layer, Layer::Light(_)));
     let settings = Settings {
@@ -119,7 +124,22 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         let label = Label { comments: label.clone(), samples_per_pixel };
         write(path, &film, half, &layers, &label)?;
     }
-    tracing::info!("{:.2} million path segments a CPU second", tracer.segments() as f64 / cpu.max(0.01) * 1e-6);
+    let segments = tracer.segments() as f64 / cpu.max(0.01);
+    tracing::info!("{:.2} million path segments a CPU second", segments * 1e-6);
+    if let Some(path) = &args.stats {
+        let (samples, errors) = (film.samples(), film.standard_errors());
+        let figures = json!({
+            "schema": 1,
+            "relume": env!("CARGO_PKG_VERSION"),
+            "scene": { "width": settings.width, "height": settings.height, "lights": opened.rig.lights.len() },
+            "reference": {
+                "seconds": seconds, "cpu_seconds": cpu, "peak_bytes": peak_bytes(),
+                "samples_per_pixel": { "least": samples[0], "most": samples[1] }, "segments_per_cpu_second": segments,
+                "standard_error": { "of_mean": errors.of_mean, "of_pixel": errors.of_pixel },
+            },
+        });
+        write_json(path, &figures)?;
+    }
     if !quiet {
         // Where stderr is full or closed, the files still tell.
         let _ = writeln!(std::io::stderr(), "{label}; {seconds:.1} s, {cpu:.1} CPU seconds");

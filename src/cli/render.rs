@@ -7,7 +7,7 @@ use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions};
 use super::output::{self, Has, PassKind, Passes, Relighters, Template, Written};
-use super::session::Session;
+use super::progress::Terminal;
 use super::stats;
 
 #[derive(clap::Args)]
@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<()> {
     args.stats.iter().chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
-    let mut session = Session::open(&args.scene, args.rig.first().map(PathBuf::as_path), &args.scene_options)?;
+    let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path))?;
     let first = session.rig.clone();
     let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let rigs: Vec<(String, &Rig)> = match rigs.as_slice() {
@@ -60,11 +60,13 @@ pub fn run(args: &Args) -> Result<()> {
     let has = Has { emission, indirect: transfer.is_some() };
     let jobs = output::plan(&args.passes, &template, &rigs, has)?;
 
-    let context = session.context(&args.light_options)?;
-    let mut whole = session.relighter(&context, &first, &args.light_options)?;
+    let settings = args.light_options.relight_settings();
+    let context = session.context(args.light_options.device.as_deref())?;
+    let mut whole = session.relighter(&context, &first, &settings)?;
     whole.check_finite()?;
     let glossy = jobs.iter().any(|job| job.shows(&PassKind::IndirectGlossy));
-    let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &args.light_options)).transpose()?;
+    let progress = Terminal::default();
+    let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &settings, &progress)).transpose()?;
     glossy.as_mut().map_or(Ok(()), |glossy| glossy.check_finite())?;
     let mut relighters = Relighters { whole, glossy };
     let mut exposure = args.light_options.exposure;

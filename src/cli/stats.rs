@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use relume::bake::Baked;
 use relume::bake::transfer::baked::BakedTransfer;
 use relume::gpu::{PassTime, Site};
+use relume::session::{BakeReport, Session, peak_bytes};
 use serde_json::{Value, json};
 
 use super::output::{Relighters, Written};
 use super::plan::left_out;
-use super::session::{BakeReport, Session, peak_bytes};
 
 /// What `render --stats` tells; what this version does not compute is null. `frame` is the first picture, all lights new.
 pub fn figures(session: &Session, relighters: &Relighters, written: &Written) -> Value {

@@ -3,17 +3,16 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use relume::Result;
 use relume::gpu::{Validation, Vsync};
+use relume::session::BakeInput;
 use relume::view::script::Script;
 use relume::view::{Opened, ViewSettings, keys};
+use relume::{Result, Session, SessionSettings};
 use serde_json::json;
 
 use super::options::{Exposure, LightOptions, SceneOptions};
 use super::output;
-use super::session::Session;
 use super::stats;
-use super::transfer::BakeInput;
 
 #[derive(clap::Args)]
 #[command(after_help = help_on_keys())]
@@ -51,7 +50,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     args.stats.iter().chain(&args.record).chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
-    let settings = ViewSettings {
+    let view_settings = ViewSettings {
         name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         rig_path: args.rig.clone(),
         exposure: match args.light_options.exposure {
@@ -70,9 +69,10 @@ pub fn run(args: &Args) -> Result<()> {
         trace: args.trace.is_some(),
     };
     let (path, rig) = (args.scene.clone(), args.rig.clone());
-    let options = SceneOptions { samples: Some(1), ..args.scene_options.clone() };
-    let report = relume::view::run(settings, move |loader| {
-        let session = Session::open_direct(&path, rig.as_deref(), &options, loader)?;
+    args.scene_options.view.use_threads();
+    let settings = SessionSettings { samples: 1, ..args.scene_options.settings()? };
+    let report = relume::view::run(view_settings, move |loader| {
+        let session = Session::open_direct(&path, rig.as_deref(), &settings, loader)?;
         let Session { scene, bvh, baked, camera, rig, transfers, .. } = session;
         loader.show(Opened { scene: scene.clone(), bvh: bvh.clone(), baked: baked.clone(), camera, rig });
         match transfers {

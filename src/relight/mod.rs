@@ -109,6 +109,12 @@ pub struct RelightSettings {
     pub budget_bytes: Option<u64>,
 }
 
+impl Default for RelightSettings {
+    fn default() -> Self {
+        Self { visibility: VisibilityMethod::Auto, shadow_size: 1024, tone_map: ToneMap::Agx, budget_bytes: None }
+    }
+}
+
 /// Keeps a picture up to date with its lights.
 pub struct Relighter {
     context: Arc<Context>,

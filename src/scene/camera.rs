@@ -16,13 +16,16 @@ pub struct Camera {
     pub aspect: Option<f64>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Projection {
     /// Vertical field of view in radians, in (0, pi).
     Perspective { yfov: f64 },
     /// Half the height of the view in metres.
     Orthographic { ymag: f64 },
 }
+
+/// What is lost where a pose is written in other numbers: poses come from single precision.
+const ROUNDED: f64 = 1e-6;
 
 impl Camera {
     /// A camera at `position` that looks at `target`. `None` if the pose is degenerate (target at position, up along
@@ -49,6 +52,19 @@ impl Camera {
         let position = center + back * radius / (yfov / 2.0).sin();
         Self::look_at(position, center, DVec3::Y, Projection::Perspective { yfov })
             .expect("the view is neither vertical nor of zero length")
+    }
+
+    /// Whether both see the same, but for the digits that a file leaves out.
+    pub fn sees_as(&self, other: &Self) -> bool {
+        let near = |a: f64, b: f64| (a - b).abs() <= ROUNDED * a.abs();
+        let scale = 1.0 + self.position.length();
+        self.position.abs_diff_eq(other.position, ROUNDED * scale)
+            && self.world_from_camera.abs_diff_eq(other.world_from_camera, ROUNDED)
+            && match (self.projection, other.projection) {
+                (Projection::Perspective { yfov: a }, Projection::Perspective { yfov: b }) => near(a, b),
+                (Projection::Orthographic { ymag: a }, Projection::Orthographic { ymag: b }) => near(a, b),
+                _ => false,
+            }
     }
 
     /// Ray through image point (x, y) in [0, 1]², y down: (origin, unit direction) in world space.

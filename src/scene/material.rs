@@ -5,7 +5,7 @@ use glam::{Mat3, Vec2, Vec3, Vec4};
 use super::texture::{Texture, Wrap};
 
 /// glTF's material: factors, each with an optional texture that multiplies it. Defaults are glTF's.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Material {
     pub name: String,
     /// Linear RGBA.
@@ -33,7 +33,7 @@ pub struct Material {
     pub strip_diffuse: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum AlphaMode {
     Opaque,
     /// Not there where alpha is below the cutoff.
@@ -57,7 +57,7 @@ impl AlphaMode {
 }
 
 /// How a material looks up one texture.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize)]
 pub struct TextureRef {
     /// Index into [`super::Scene::textures`].
     pub texture: usize,

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 
 /// Mesh space in world space: recentred and of unit size, so that what is in single precision is the same wherever a scene
 /// lies and however large it is. Directions are those of world space.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct MeshSpace {
     /// World position of mesh space's (0, 0, 0).
     pub origin: DVec3,

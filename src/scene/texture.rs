@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::memory;
 use crate::error::Error;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Wrap {
     Repeat,
     Mirror,
@@ -18,7 +18,7 @@ pub enum Wrap {
 }
 
 /// What the stored RGB means; alpha is always linear.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub enum Encoding {
     /// IEC 61966-2-1: base colour, emissive, specular colour.
     Srgb,

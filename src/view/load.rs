@@ -1,6 +1,7 @@
 //! Scenes and their indirect light, handed to the window by the thread that loads and bakes.
 
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use winit::event_loop::EventLoopProxy;
@@ -9,6 +10,7 @@ use super::Opened;
 use super::converge::Sharper;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
+use crate::session::Progress;
 
 /// What reaches the event loop from the loading thread.
 pub enum LoadEvent {
@@ -28,6 +30,7 @@ pub enum LoadEvent {
 pub struct Loader {
     proxy: EventLoopProxy<LoadEvent>,
     state: Mutex<State>,
+    window_is_gone: AtomicBool,
 }
 
 struct State {
@@ -42,7 +45,11 @@ const INTERVAL: Duration = Duration::from_millis(100);
 
 impl Loader {
     pub(super) fn new(proxy: EventLoopProxy<LoadEvent>) -> Self {
-        Self { proxy, state: Mutex::new(State { what: "", total: 0, done: 0, told: None }) }
+        Self {
+            proxy,
+            state: Mutex::new(State { what: "", total: 0, done: 0, told: None }),
+            window_is_gone: AtomicBool::new(false),
+        }
     }
 
     /// The window shows the scene from now on.
@@ -60,23 +67,8 @@ impl Loader {
     }
 
     fn send(&self, event: LoadEvent) {
-        // Fails only when the window has gone.
-        let _ = self.proxy.send_event(event);
-    }
-
-    /// Work of `total` steps begins; 0 if nobody knows.
-    pub fn begin(&self, what: &'static str, total: usize) {
-        let mut state = self.state.lock().expect("no thread panics while it holds this lock");
-        *state = State { what, total, done: 0, told: None };
-        self.tell(&mut state);
-    }
-
-    /// So many more steps are done.
-    pub fn advance(&self, steps: usize) {
-        let mut state = self.state.lock().expect("no thread panics while it holds this lock");
-        state.done += steps;
-        if state.told.is_none_or(|told| told.elapsed() >= INTERVAL) {
-            self.tell(&mut state);
+        if self.proxy.send_event(event).is_err() {
+            self.window_is_gone.store(true, Ordering::Relaxed);
         }
     }
 
@@ -84,5 +76,26 @@ impl Loader {
         state.told = Some(Instant::now());
         let share = if state.total == 0 { 0.0 } else { state.done as f32 / state.total as f32 };
         self.send(LoadEvent::Progress { what: state.what, share });
+    }
+}
+
+/// The window's bar, which goes with the loading.
+impl Progress for Loader {
+    fn begin(&self, what: &'static str, total: usize) {
+        let mut state = self.state.lock().expect("no thread panics while it holds this lock");
+        *state = State { what, total, done: 0, told: None };
+        self.tell(&mut state);
+    }
+
+    fn advance(&self, steps: usize) {
+        let mut state = self.state.lock().expect("no thread panics while it holds this lock");
+        state.done += steps;
+        if state.told.is_none_or(|told| told.elapsed() >= INTERVAL) {
+            self.tell(&mut state);
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.window_is_gone.load(Ordering::Relaxed)
     }
 }

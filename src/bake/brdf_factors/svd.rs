@@ -18,7 +18,7 @@ const SIDE: usize = DISC_SIDE as usize;
 pub const DIRECTIONS: usize = 812;
 
 /// How many terms a BRDF gets.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Terms {
     Count(usize),
     /// As few as leave at most this relative error, root mean square over all pairs of directions and RGB.

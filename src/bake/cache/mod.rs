@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use bytemuck::Pod;
 use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorInfo};
+use serde::Serialize;
 
 pub use self::framebuffer::{load, store};
 pub use self::transfer::{load_transfer, store_transfer, transfer_key};
@@ -40,16 +41,11 @@ pub struct Entry {
 /// Hashes everything that a bake looks at. Lights count only where shadow edges are anti-aliased.
 pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -> Key {
     let mut hasher = blake3::Hasher::new();
-    let mut text = |what: String| {
-        hasher.update(&(what.len() as u64).to_le_bytes());
-        hasher.update(what.as_bytes());
-    };
-    text(format!("{} {FORMAT} {settings:?} {:?}", env!("CARGO_PKG_VERSION"), scene.space));
-    text(format!("{:?} {:?} {:?}", camera.position, camera.world_from_camera, camera.projection));
-    text(format!("{:?}", scene.materials));
+    let seen = (camera.position, camera.world_from_camera, camera.projection);
+    hasher.update(&serialized(&(env!("CARGO_PKG_VERSION"), FORMAT, settings, scene.space, seen, &scene.materials)));
     if settings.samples > 1 {
         for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
-            text(format!("{:?}", light.pack(scene.space)));
+            hasher.update(bytemuck::bytes_of(&light.pack(scene.space)));
         }
     }
     let mesh = &scene.mesh;
@@ -69,11 +65,24 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
     }
     for texture in &scene.textures {
         let finest = &texture.levels[0];
-        hasher.update(format!("{:?} {} {}", texture.encoding, finest.width, finest.height).as_bytes());
+        hasher.update(&serialized(&(texture.encoding, finest.width, finest.height)));
         hasher.update_rayon(bytemuck::cast_slice(&finest.texels));
         hasher.update_rayon(bytemuck::cast_slice(&finest.low));
     }
-    Key(hasher.finalize().to_hex()[..32].to_owned())
+    Key(name(&hasher.finalize()))
+}
+
+/// What tells these settings from all others of their type.
+fn serialized(settings: &impl Serialize) -> Vec<u8> {
+    postcard::to_stdvec(settings).expect("plain data is serialized in memory")
+}
+
+fn hash_of(settings: &impl Serialize) -> String {
+    name(&blake3::hash(&serialized(settings)))
+}
+
+fn name(hash: &blake3::Hash) -> String {
+    hash.to_hex()[..32].to_owned()
 }
 
 /// Where the bake of a key keeps what it has finished.

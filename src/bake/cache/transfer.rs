@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use safetensors::tensor::Dtype;
+use serde::Serialize;
 
-use super::{Key, Reader, Writer, file, read};
+use super::{Key, Reader, Writer, file, hash_of, read};
 use crate::bake::Baked;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::bake::transfer::blocks::BlockMatrix;
@@ -12,8 +13,8 @@ use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
 
 /// Name of a transfer to what the bake of `key` sees; `settings` tells how it is computed.
-pub fn transfer_key(key: &Key, settings: &str) -> Key {
-    Key(blake3::hash(format!("{} {settings}", key.0).as_bytes()).to_hex()[..32].to_owned())
+pub fn transfer_key(key: &Key, settings: &impl Serialize) -> Key {
+    Key(hash_of(&(&key.0, settings)))
 }
 
 /// Looks a transfer up. A file that is damaged or of another version counts as absent. Factors stay in the file, mapped.

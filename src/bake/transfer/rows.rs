@@ -28,7 +28,7 @@ pub struct CsrMatrix {
 }
 
 /// Which of a view sample's lobes reflect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Lobe {
     All,
     /// For the pass `indirect_glossy`.

@@ -25,7 +25,7 @@ use crate::trace::bvh::Bvh;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 
 /// What is computed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ThesisSettings {
     /// `Diffuse` is Section 4.2, `Glossy` Section 4.3; how many terms is said by `terms`.
     pub outgoing: Outgoing,

@@ -8,20 +8,19 @@ use relume::bake::brdf_factors::Projection;
 use relume::bake::transfer::rows::Lobe;
 use relume::gpu::Site;
 use relume::image::{Image, exr};
-use relume::relight::{Layers, Picture, Relighter};
+use relume::relight::{Layers, Picture, Relighter, VisibilityMethod};
 use relume::report::{Method, Point, Seconds, Skipped};
+use relume::session::{BakeReport, Opened, cpu_seconds};
 use relume::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-use super::lab::{Lab, ours, picture_file};
+use super::lab::{Lab, ours, picture_file, relight_settings};
 use super::truth::{Truth, picture, trace};
 use crate::cli::bench::{load_average, median};
 use crate::cli::bench_rig::nudge;
-use crate::cli::options::Visibility;
 use crate::cli::output::make_parent;
 use crate::cli::progress::Terminal;
-use crate::cli::session::{BakeReport, Opened, cpu_seconds};
-use crate::cli::transfer::{Basis, Form, Gi, MethodName, TransferOptions};
+use crate::cli::transfer::{Basis, FormName, Gi, MethodName, TransferOptions};
 
 /// Singular values of the thesis's glossy method: more do not fit most machines, since every pair of samples has an entry.
 const THESIS_TERMS: usize = 4;
@@ -80,17 +79,17 @@ impl Lab<'_> {
             }
         }
         for &gather in gather {
-            self.transfer(truth, Method::GatherSamples, &ours(Some(gather), 1024, 0.01, Form::Auto))?;
+            self.transfer(truth, Method::GatherSamples, &ours(Some(gather), 1024, 0.01, FormName::Auto))?;
         }
         let usual = Some(self.usual_gather_samples());
         for &rays in extent.rays {
-            self.transfer(truth, Method::Rays, &ours(usual, rays, 0.01, Form::Auto))?;
+            self.transfer(truth, Method::Rays, &ours(usual, rays, 0.01, FormName::Auto))?;
         }
         for &error in extent.errors {
-            self.transfer(truth, Method::Compressed, &ours(usual, 1024, error, Form::Auto))?;
+            self.transfer(truth, Method::Compressed, &ours(usual, 1024, error, FormName::Auto))?;
         }
         for &error in extent.wavelets {
-            self.transfer(truth, Method::Haar, &ours(usual, 1024, error, Form::Haar))?;
+            self.transfer(truth, Method::Haar, &ours(usual, 1024, error, FormName::Haar))?;
         }
         Ok(())
     }
@@ -117,7 +116,7 @@ impl Lab<'_> {
         let setting = format!("--spp {samples}");
         self.point(truth, Method::PathTracing, &setting, &setting, |lab| {
             let clock = Clock::start();
-            Opened::new(lab.path, None, &lab.view, &Terminal::default())?.build_bvh(&Terminal::default());
+            Opened::new(lab.path, None, &lab.view.settings(), &Terminal::default())?.build_bvh(&Terminal::default());
             let precompute = clock.seconds();
             let clock = Clock::start();
             let film = trace(&lab.session, &lab.view, samples, lab.view.seed);
@@ -131,7 +130,8 @@ impl Lab<'_> {
     /// Adds a point of a transfer's curve.
     pub fn transfer(&mut self, truth: &Truth, method: Method, options: &TransferOptions) -> Result<()> {
         let size = self.session.size();
-        let plan = options.plan(&self.view, [size.0 as u32, size.1 as u32])?.expect("indirect light is not off");
+        let indirect = options.settings()?.expect("indirect light is not off");
+        let plan = indirect.plan([size.0 as u32, size.1 as u32], self.view.layers, self.view.seed);
         let what = format!("{plan:?}");
         self.point(truth, method, &setting(options), &what, |lab| {
             let session = &lab.session;
@@ -143,7 +143,7 @@ impl Lab<'_> {
             let held_out = transfer.report.held_out.as_ref().map(|r| r.point);
             let spectral_radius = Some(transfer.report.spectral_radius);
             let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&session.baked) });
-            let settings = lab.light_options(Visibility::Traced).relight_settings();
+            let settings = relight_settings(VisibilityMethod::Traced);
             let mut relighter =
                 Relighter::new(&lab.context, &session.scene, &session.bvh, &baked, &session.rig, &settings)?;
             let bake = clock.seconds();
@@ -252,7 +252,7 @@ const ENOUGH_SECONDS: f64 = 0.5;
 
 /// The thesis's diffuse transfer.
 pub fn thesis_diffuse(gather: u32) -> TransferOptions {
-    TransferOptions { gi: Gi::Diffuse, method: MethodName::Thesis, ..ours(Some(gather), 1024, 0.01, Form::Auto) }
+    TransferOptions { gi: Gi::Diffuse, method: MethodName::Thesis, ..ours(Some(gather), 1024, 0.01, FormName::Auto) }
 }
 
 /// Its glossy transfer.
@@ -269,7 +269,7 @@ fn setting(options: &TransferOptions) -> String {
             if options.gi == Gi::Diffuse { "--gi diffuse".into() } else { format!("--basis svd{THESIS_TERMS}") };
         return format!("--method thesis {basis} {gather}");
     }
-    let form = if options.transfer == Form::Haar { " --transfer haar" } else { "" };
+    let form = if options.transfer == FormName::Haar { " --transfer haar" } else { "" };
     let rays = options.rays.map_or_else(String::new, |rays| format!(" --rays {rays}"));
     format!("{gather}{rays} --error {}{form}", options.error)
 }

@@ -2,19 +2,19 @@
 
 use std::sync::Arc;
 
-use relume::Result;
 use relume::bake::Baked;
 use relume::relight::roofline::Roofline;
-use relume::relight::{Picture, Relighter};
+use relume::relight::{Picture, RelightSettings, Relighter, VisibilityMethod};
 use relume::report::{Ablation, EditTime, LeftOut, PassMs, larger};
+use relume::{Result, Session, SessionSettings};
 use serde::{Deserialize, Serialize};
 
-use super::lab::{Lab, ours, scene_options};
+use super::lab::{Lab, ours, relight_settings, session_settings};
 use crate::cli::bench::{Record, SEVERAL, best_of, edits_of, measure, percentile};
-use crate::cli::options::{SceneOptions, ViewOptions, Visibility};
+use crate::cli::options::ViewOptions;
 use crate::cli::plan::left_out;
-use crate::cli::session::Session;
-use crate::cli::transfer::Form;
+use crate::cli::progress::Terminal;
+use crate::cli::transfer::FormName;
 
 /// What edits of a scene take, as relume plans it.
 #[derive(Serialize, Deserialize)]
@@ -42,13 +42,13 @@ impl Lab<'_> {
         let size = if whole { self.asked } else { self.view.size };
         let view = ViewOptions { size, ..self.view.clone() };
         let gather = (!whole).then(|| self.usual_gather_samples());
-        let planned = ours(gather, 1024, 0.01, Form::Auto);
+        let planned = ours(gather, 1024, 0.01, FormName::Auto);
         // Its bake takes minutes: kept apart, for a report that is interrupted while it times edits.
-        let cache = Some(self.dir.join("cache"));
-        let options = SceneOptions { cache, no_cache: false, ..scene_options(&view, Some(planned)) };
-        let session = Session::open(self.path, None, &options)?;
+        let cache_dir = Some(self.dir.join("cache"));
+        let settings = SessionSettings { cache_dir, ..session_settings(&view, Some(&planned))? };
+        let session = Session::open(self.path, None, &settings, &Terminal::default())?;
         let limits = Measured::new(self, &session)?;
-        let mut relighter = session.relighter(&self.context, &session.rig, &self.light_options(Visibility::Auto))?;
+        let mut relighter = session.relighter(&self.context, &session.rig, &RelightSettings::default())?;
         relighter.display(Picture::Whole, 0.0)?;
         let mut times = Vec::new();
         for (edited, edit) in edits_of(&session.rig) {
@@ -58,9 +58,9 @@ impl Lab<'_> {
         let items = left_out(&session, relighter.traces(), session.baked.transfer.as_ref().map(|t| t.report.unseen));
         let left_out = items.into_iter().map(|i| LeftOut { what: i.what.into(), why: i.why, saves: i.saves }).collect();
         // The other way to shadows, beside the one that was chosen.
-        let other = if relighter.traces() { Visibility::Map } else { Visibility::Traced };
+        let other = if relighter.traces() { VisibilityMethod::Map } else { VisibilityMethod::Traced };
         drop(relighter);
-        let mut relighter = session.relighter(&self.context, &session.rig, &self.light_options(other))?;
+        let mut relighter = session.relighter(&self.context, &session.rig, &relight_settings(other))?;
         for (edited, edit) in edits_of(&session.rig).into_iter().filter(|(_, edit)| edit.1 == "move_direct") {
             let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;
             times.push(limits.told(&record));
@@ -74,7 +74,7 @@ impl Lab<'_> {
     fn ablation(&self, session: &Session) -> Result<Option<Ablation>> {
         let moved = edits_of(&session.rig).into_iter().find(|(_, edit)| edit.1 == "move_direct");
         let Some((edited, edit)) = moved else { return Ok(None) };
-        let settings = self.light_options(Visibility::Traced).relight_settings();
+        let settings = relight_settings(VisibilityMethod::Traced);
         let held = || self.context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum::<u64>();
         let measured = |baked: &Arc<Baked>| -> Result<(Vec<[f32; 3]>, Record, u64)> {
             let before = held();

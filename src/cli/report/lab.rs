@@ -3,19 +3,19 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use relume::Result;
 use relume::gpu::Context;
 use relume::image::compare;
+use relume::relight::{RelightSettings, VisibilityMethod};
 use relume::report::{Floors, Method, Picture, Point, SceneReport, Skipped, significant};
 use relume::scene::Scene;
+use relume::{Result, Session, SessionSettings};
 
 use super::measurement_store::MeasurementStore;
 use super::truth::{Truth, read};
 use super::{Args, Extent};
-use crate::cli::options::{Exposure, LightOptions, SceneOptions, Tonemap, ViewOptions, Visibility};
+use crate::cli::options::ViewOptions;
 use crate::cli::progress::Terminal;
-use crate::cli::session::Session;
-use crate::cli::transfer::{Form, Gi, MethodName, TransferOptions};
+use crate::cli::transfer::{FormName, Gi, MethodName, TransferOptions};
 
 /// A scene that is being measured.
 pub struct Lab<'a> {
@@ -26,7 +26,6 @@ pub struct Lab<'a> {
     pub view: ViewOptions,
     /// Size that was asked for.
     pub asked: Option<[u32; 2]>,
-    pub device: Option<String>,
     pub context: Arc<Context>,
     /// Without indirect light; pictures of the size whose errors are told.
     pub session: Session,
@@ -51,8 +50,8 @@ impl<'a> Lab<'a> {
         let own = scene.default_size(scene.cameras.first());
         let size = view.size.unwrap_or_else(|| fit(own, extent.side));
         let (asked, view) = (view.size, ViewOptions { size: Some(size), ..view.clone() });
-        let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;
-        let context = session.context(&light_options(&args.device, Visibility::Traced))?;
+        let session = Session::open_direct(path, None, &session_settings(&view, None)?, &Terminal::default())?;
+        let context = session.context(args.device.as_deref())?;
         let identity = format!(
             "{:?} {:?} {:?} seed {} on {}",
             session.key,
@@ -63,9 +62,9 @@ impl<'a> Lab<'a> {
         );
         let hash = blake3::hash(identity.as_bytes()).to_hex();
         let folder = format!("{}-{}x{}-{}", session.scene.name(), size[0], size[1], &hash[..8]);
-        let (dir, device) = (args.output.as_path(), args.device.clone());
+        let dir = args.output.as_path();
         let (points, skipped) = (Vec::new(), Vec::new());
-        Ok(Self { dir, path, extent, kept, view, asked, device, context, session, identity, folder, points, skipped })
+        Ok(Self { dir, path, extent, kept, view, asked, context, session, identity, folder, points, skipped })
     }
 
     /// Everything that the report tells of the scene.
@@ -141,34 +140,29 @@ impl<'a> Lab<'a> {
         }
         Ok(pictures)
     }
-
-    pub fn light_options(&self, visibility: Visibility) -> LightOptions {
-        light_options(&self.device, visibility)
-    }
 }
 
-/// Scene options for an indirect light of `transfer`, else none.
-pub fn scene_options(view: &ViewOptions, transfer: Option<TransferOptions>) -> SceneOptions {
-    let none = TransferOptions { gi: Gi::Off, ..ours(None, 1024, 0.01, Form::Auto) };
-    let transfer = transfer.unwrap_or(none);
-    SceneOptions { view: view.clone(), samples: Some(1), force_all: false, cache: None, no_cache: true, transfer }
+/// A scene seen as `view` says, with indirect light as `transfer` says, else none; nothing is read from a cache.
+pub fn session_settings(view: &ViewOptions, transfer: Option<&TransferOptions>) -> Result<SessionSettings> {
+    Ok(SessionSettings {
+        open: view.settings(),
+        layers: view.layers,
+        seed: view.seed,
+        cache_dir: None,
+        indirect: transfer.map(TransferOptions::settings).transpose()?.flatten(),
+        ..Default::default()
+    })
 }
 
 /// Our indirect light.
-pub fn ours(gather: Option<u32>, rays: u32, error: f64, form: Form) -> TransferOptions {
+pub fn ours(gather: Option<u32>, rays: u32, error: f64, form: FormName) -> TransferOptions {
     let (gi, method) = (Gi::Glossy, MethodName::Robust);
     TransferOptions { gi, method, gather, rays: Some(rays), basis: None, transfer: form, error, bounces: None }
 }
 
-pub fn light_options(device: &Option<String>, visibility: Visibility) -> LightOptions {
-    LightOptions {
-        visibility,
-        shadow_size: 1024,
-        device: device.clone(),
-        budget: None,
-        tonemap: Tonemap::Agx,
-        exposure: Exposure::Auto,
-    }
+/// Relighting by this kind of shadows.
+pub fn relight_settings(visibility: VisibilityMethod) -> RelightSettings {
+    RelightSettings { visibility, ..Default::default() }
 }
 
 /// A size of the same shape whose longest side is at most `side`.

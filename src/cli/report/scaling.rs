@@ -3,17 +3,17 @@
 use std::collections::HashMap;
 
 use relume::Result;
-use relume::relight::Picture;
+use relume::relight::{Picture, RelightSettings};
 use relume::report::Method;
 use relume::report::growth::{Cost, Growth};
 use relume::scene::{Mesh, Rig};
+use relume::session::{BakeReport, Opened, Session};
 
-use super::lab::{Lab, fit, scene_options};
+use super::lab::{Lab, fit, session_settings};
 use crate::cli::bench::{edits_of, measure};
 use crate::cli::bench_rig::light_like_scene;
-use crate::cli::options::{ViewOptions, Visibility};
+use crate::cli::options::ViewOptions;
 use crate::cli::progress::Terminal;
-use crate::cli::session::{BakeReport, Opened, Session};
 
 /// Edits whose times are told, without indirect light.
 const EDITS: [(&str, &str); 3] = [("color", "recolour a light"), ("move_direct", MOVE), ("select", SELECT)];
@@ -62,7 +62,7 @@ impl Lab<'_> {
         let large = own.map(|side| side * 16);
         for &side in self.extent.sides {
             let view = ViewOptions { size: Some(fit(large, side)), ..self.view.clone() };
-            let session = Session::open_direct(self.path, None, &scene_options(&view, None), &Terminal::default())?;
+            let session = Session::open_direct(self.path, None, &session_settings(&view, None)?, &Terminal::default())?;
             let pixels = (session.size().0 * session.size().1) as f64;
             let rig = light_like_scene(&session, 2, view.seed);
             bake.points.push([pixels, stage_ms(&session, "deep framebuffer")]);
@@ -77,13 +77,13 @@ impl Lab<'_> {
         let mut costs = EDITS.map(|(_, name)| cost(name, if name == MOVE { LOGARITHM } else { 0.0 }));
         for cuts in 0.. {
             let progress = Terminal::default();
-            let mut opened = Opened::new(self.path, None, &self.view, &progress)?;
+            let mut opened = Opened::new(self.path, None, &self.view.settings(), &progress)?;
             let triangles = opened.scene.mesh.triangles.len() << (2 * cuts);
             if triangles > self.extent.triangles && cuts > 0 {
                 break;
             }
             (0..cuts).for_each(|_| cut_into_four(&mut opened.scene.mesh));
-            let session = Session::of(opened, &scene_options(&self.view, None), BakeReport::default(), &progress)?;
+            let session = Session::of(opened, &session_settings(&self.view, None)?, BakeReport::default(), &progress)?;
             let rig = light_like_scene(&session, 2, self.view.seed);
             bakes[0].points.push([triangles as f64, stage_ms(&session, "build BVH")]);
             bakes[1].points.push([triangles as f64, stage_ms(&session, "deep framebuffer")]);
@@ -106,7 +106,7 @@ impl Lab<'_> {
         let mut costs = EDITS.map(|(_, name)| cost(name, 1.0));
         for layers in 1..=MOST_LAYERS {
             let view = ViewOptions { layers, ..self.view.clone() };
-            let session = Session::open_direct(self.path, None, &scene_options(&view, None), &Terminal::default())?;
+            let session = Session::open_direct(self.path, None, &session_settings(&view, None)?, &Terminal::default())?;
             let rig = light_like_scene(&session, 2, view.seed);
             bake.points.push([f64::from(layers), stage_ms(&session, "deep framebuffer")]);
             self.time(&session, &rig, f64::from(layers), &mut costs)?;
@@ -131,7 +131,7 @@ impl Lab<'_> {
 
     /// Times the edits that the costs are of, with `count` of what grows.
     fn time(&self, session: &Session, rig: &Rig, count: f64, costs: &mut [Cost; 3]) -> Result<()> {
-        let mut relighter = session.relighter(&self.context, rig, &self.light_options(Visibility::Auto))?;
+        let mut relighter = session.relighter(&self.context, rig, &RelightSettings::default())?;
         relighter.display(Picture::Whole, 0.0)?;
         for ((name, _), cost) in EDITS.iter().zip(costs) {
             let Some((edited, edit)) = edits_of(rig).into_iter().find(|(_, edit)| edit.1 == *name) else { continue };

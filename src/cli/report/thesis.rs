@@ -6,21 +6,20 @@ use std::path::{Path, PathBuf};
 use relume::image::compare::{Pictures, displayed};
 use relume::image::{Image, exr};
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
-use relume::relight;
+use relume::relight::{self, RelightSettings};
 use relume::report::thesis::{GlossyAlone, Preview, Thesis};
 use relume::report::{Method, Picture, Skipped, significant};
-use relume::{Error, Result};
+use relume::{Error, Result, Session};
 
 use super::curves::{Clock, thesis_diffuse, thesis_glossy};
-use super::lab::{Lab, fit, light_options, ours, picture_file, scene_options};
+use super::lab::{Lab, fit, ours, picture_file, session_settings};
 use super::measurement_store::MeasurementStore;
 use super::{Args, Extent, truth};
 use crate::cli::bench::{edits_of, measure};
-use crate::cli::options::{ViewOptions, Visibility};
+use crate::cli::options::ViewOptions;
 use crate::cli::output::make_parent;
 use crate::cli::progress::Terminal;
-use crate::cli::session::Session;
-use crate::cli::transfer::Form;
+use crate::cli::transfer::FormName;
 
 /// By the figure that shows them.
 const SCENES: [(&str, &str); 4] = [
@@ -66,7 +65,7 @@ pub fn glossy_alone(
         lab.transfer(&truth, Method::ThesisGlossy, &thesis_glossy(gather))?;
     }
     let usual = Some(lab.usual_gather_samples());
-    lab.transfer(&truth, Method::GatherSamples, &ours(usual, 1024, 0.01, Form::Auto))?;
+    lab.transfer(&truth, Method::GatherSamples, &ours(usual, 1024, 0.01, FormName::Auto))?;
     let name = lab.session.scene.name();
     let (width, height) = lab.session.size();
     let picture = |who: &str, indirect: &[[f32; 3]]| Picture {
@@ -95,7 +94,7 @@ fn one(
 ) -> Result<(Preview, Vec<Picture>)> {
     let size = args.view.size.unwrap_or_else(|| fit([720, 480], extent.preview_side));
     let view = ViewOptions { size: Some(size), ..args.view.clone() };
-    let session = Session::open_direct(path, None, &scene_options(&view, None), &Terminal::default())?;
+    let session = Session::open_direct(path, None, &session_settings(&view, None)?, &Terminal::default())?;
     let name = session.scene.name();
     let [ours, theirs] = ["preview", "final"]
         .map(|what| args.output.join(picture_file(&format!("{name}-{}x{}", size[0], size[1]), what)));
@@ -121,9 +120,8 @@ fn trace_and_time(
     [ours, theirs]: [&Path; 2],
 ) -> Result<Preview> {
     let (width, height) = session.size();
-    let lights = light_options(&args.device, Visibility::Auto);
-    let context = session.context(&lights)?;
-    let mut relighter = session.relighter(&context, &session.rig, &lights)?;
+    let context = session.context(args.device.as_deref())?;
+    let mut relighter = session.relighter(&context, &session.rig, &RelightSettings::default())?;
     make_parent(ours)?;
     let picture = relighter.linear(relight::Picture::Whole)?.to_vec();
     exr::write(ours, &Image::single(width, height, picture))?;

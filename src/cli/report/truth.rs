@@ -6,12 +6,11 @@ use relume::image::compare::{Pictures, Settings as CompareSettings};
 use relume::image::{Image, exr};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::report::{Errors, Floors};
-use relume::{Error, Result};
+use relume::{Error, Result, Session};
 
 use crate::cli::options::ViewOptions;
 use crate::cli::output::make_parent;
 use crate::cli::progress;
-use crate::cli::session::Session;
 
 /// Whole pictures and their indirect light, with independent noise.
 pub struct Truth {

@@ -1,0 +1,315 @@
+//! A scene from its file to pictures of it: opened, planned, baked or found in the cache, relit.
+//!
+//! ```text
+//! Opened -> Session (deep framebuffer) -> transfer -> Relighter
+//! ```
+
+mod memory;
+mod open;
+mod plan;
+mod progress;
+mod report;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+pub use self::memory::check_fits;
+pub use self::open::{OpenSettings, Opened, check_size};
+pub use self::plan::{BakeInput, ERROR, Form, IndirectSettings, THESIS_BOUNCES, TransferPlan};
+pub use self::progress::Progress;
+pub use self::report::{BakeReport, Stage, cpu_seconds, peak_bytes};
+
+use self::memory::check_memory;
+use self::progress::{advance, until_cancelled};
+use crate::bake::compression::validation::ValidationError;
+use crate::bake::spread::spread;
+use crate::bake::transfer::Outgoing;
+use crate::bake::transfer::TransferSettings;
+use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::rows::Lobe;
+use crate::bake::transfer::thesis::ThesisSettings;
+use crate::bake::{BakeSettings, Baked, bake, cache, low_priority};
+use crate::error::{Error, Result};
+use crate::gpu::{Context, Validation};
+use crate::relight::{RelightSettings, Relighter};
+use crate::scene::{Camera, Rig, Scene};
+use crate::trace::bvh::Bvh;
+
+/// What a session bakes.
+#[derive(Clone, Debug)]
+pub struct SessionSettings {
+    pub open: OpenSettings,
+    /// Layers of the deep framebuffer: 1 has no reflections.
+    pub layers: u32,
+    /// View samples of a pixel on an edge.
+    pub samples: u32,
+    /// Leaves nothing of the deep framebuffer out; pictures are the same.
+    pub force_all: bool,
+    /// Everything random follows from it.
+    pub seed: u64,
+    /// Where baked data lives; `None`: nowhere.
+    pub cache_dir: Option<PathBuf>,
+    /// Indirect light, if there is to be any.
+    pub indirect: Option<IndirectSettings>,
+}
+
+impl Default for SessionSettings {
+    fn default() -> Self {
+        Self {
+            open: OpenSettings::default(),
+            layers: 4,
+            samples: 1,
+            force_all: false,
+            seed: 1,
+            cache_dir: user_cache_dir(),
+            indirect: Some(IndirectSettings::default()),
+        }
+    }
+}
+
+/// `$XDG_CACHE_HOME/relume`, else `~/.cache/relume`; `%LOCALAPPDATA%\relume` on Windows.
+pub fn user_cache_dir() -> Option<PathBuf> {
+    let from = |variable: &str| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = from("XDG_CACHE_HOME").or_else(|| from("LOCALAPPDATA")).or_else(|| Some(from("HOME")?.join(".cache")));
+    base.map(|base| base.join("relume"))
+}
+
+/// A scene with its BVH, baked for one camera.
+pub struct Session {
+    pub scene: Arc<Scene>,
+    pub bvh: Arc<Bvh>,
+    pub baked: Arc<Baked>,
+    pub camera: Camera,
+    /// The lights that the first picture shows.
+    pub rig: Rig,
+    pub bake: BakeReport,
+    /// Names what the deep framebuffer depends on.
+    pub key: cache::Key,
+    pub cache_dir: Option<PathBuf>,
+    /// Absent without indirect light.
+    pub transfers: Option<Transfers>,
+    /// One sample a pixel, to which indirect light is baked where `baked` has more and can take it over.
+    plain: Option<Arc<Baked>>,
+}
+
+/// Where transfers to one deep framebuffer come from.
+pub struct Transfers {
+    pub plan: TransferPlan,
+    key: cache::Key,
+    dir: Option<PathBuf>,
+}
+
+impl Transfers {
+    /// As `--gi` calls it.
+    pub fn gi(&self) -> &'static str {
+        let (TransferPlan::Robust(TransferSettings { outgoing, .. }, _)
+        | TransferPlan::Thesis(ThesisSettings { outgoing, .. })) = &self.plan;
+        if *outgoing == Outgoing::Diffuse { "diffuse" } else { "glossy" }
+    }
+
+    fn key(&self, lobe: Lobe) -> cache::Key {
+        cache::transfer_key(&self.key, &(&self.plan, lobe))
+    }
+
+    fn stored(&self, baked: &Baked, lobe: Lobe, report: &mut BakeReport) -> Option<BakedTransfer> {
+        let (dir, key) = (self.dir.as_deref()?, self.key(lobe));
+        report.stage("read cache", || cache::load_transfer(dir, &key, baked))
+    }
+
+    /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
+    /// of its own, so that lights can be edited meanwhile.
+    pub fn refine(&self, seen: BakeInput, progress: &dyn Progress, show: impl Fn(BakedTransfer) + Sync) -> Result<()> {
+        let mut report = BakeReport::default();
+        if let Some(transfer) = self.stored(seen.baked, Lobe::All, &mut report) {
+            show(transfer);
+            return Ok(());
+        }
+        until_cancelled(|| {
+            low_priority(|| {
+                if let Some(coarse) = self.plan.coarse() {
+                    show(coarse.bake(seen, Lobe::All, None, &mut report, progress)?);
+                }
+                show(self.get(seen, Lobe::All, &mut report, progress)?);
+                Ok(())
+            })
+        })
+    }
+
+    /// From the cache, or baked and kept there.
+    fn get(
+        &self,
+        seen: BakeInput,
+        lobe: Lobe,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<BakedTransfer> {
+        let stored = self.stored(seen.baked, lobe, report);
+        report.cached &= stored.is_some();
+        if let Some(transfer) = stored {
+            return Ok(transfer);
+        }
+        let key = self.key(lobe);
+        let journal = self.dir.as_ref().map(|dir| cache::journal(dir, &key));
+        let transfer = self.plan.bake(seen, lobe, journal.as_deref(), report, progress)?;
+        if let Some(dir) = &self.dir
+            && let Err(error) = report
+                .stage("write cache", || cache::store_transfer(dir, &key, &seen.scene.name(), seen.baked, &transfer))
+        {
+            tracing::info!("not kept: {error}"); // a read-only cache works
+            report.not_stored = Some(error);
+        }
+        Ok(transfer)
+    }
+}
+
+impl Session {
+    /// Loads and bakes `path` with the lights of `rig_path`, or its own.
+    pub fn open(
+        path: &Path,
+        rig_path: Option<&Path>,
+        settings: &SessionSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let mut session = Self::open_direct(path, rig_path, settings, progress)?;
+        if session.transfers.is_none() {
+            return Ok(session);
+        }
+        let transfer = session.transfer(Lobe::All, progress)?;
+        Arc::make_mut(&mut session.baked).transfer = Some(transfer);
+        Ok(session)
+    }
+
+    /// Indirect light from the cache, or baked: to one sample a pixel, whose rows serve its further samples, so that it does
+    /// not depend on where the lights' shadow edges lie.
+    fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<BakedTransfer> {
+        let Self { scene, bvh, baked, bake, transfers, plain, .. } = self;
+        let transfers = transfers.as_ref().expect("there is indirect light");
+        let get = move |bake: &mut BakeReport| {
+            let Some(plain) = plain.as_deref() else {
+                return transfers.get(BakeInput { scene, bvh, baked }, lobe, bake, progress);
+            };
+            let transfer = transfers.get(BakeInput { scene, bvh, baked: plain }, lobe, bake, progress)?;
+            let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
+            let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
+            Ok(spread.expect("such a transfer has no plain bake"))
+        };
+        bake.clocked(|bake| until_cancelled(|| get(bake)))
+    }
+
+    /// How far indirect light is from rows gathered anew, under points and spots.
+    pub fn verify(&self, progress: &dyn Progress) -> Result<[ValidationError; 2]> {
+        let (Some(transfers), Some(transfer)) = (&self.transfers, &self.baked.transfer) else {
+            return Err(Error::invalid("--verify", "with --gi off there is nothing to verify"));
+        };
+        until_cancelled(|| transfers.plan.verify(self.seen(), transfer, progress))
+    }
+
+    /// All but indirect light.
+    pub fn open_direct(
+        path: &Path,
+        rig_path: Option<&Path>,
+        settings: &SessionSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let mut report = BakeReport::default();
+        let opened =
+            report.clocked(|report| report.stage("load", || Opened::new(path, rig_path, &settings.open, progress)))?;
+        Self::of(opened, settings, report, progress)
+    }
+
+    /// The same of what is open already; `report` is of opening it.
+    pub fn of(
+        opened: Opened,
+        settings: &SessionSettings,
+        mut report: BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let (start, cpu_start) = (Instant::now(), cpu_seconds());
+        let SessionSettings { layers, samples, seed, .. } = *settings;
+        let plan = settings.indirect.map(|indirect| indirect.plan(opened.size, layers, seed));
+        let forced = if settings.force_all { layers - 1 } else { 0 };
+        check_memory(opened.size, samples, forced, opened.rig.lights.len(), &opened.scene.path)?;
+        let bvh = report.stage("build BVH", || opened.build_bvh(progress));
+        let Opened { scene, rig, camera, size: [width, height] } = opened;
+        let of_framebuffer = BakeSettings { width, height, layers, samples };
+        let cache_dir = &settings.cache_dir;
+        let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, Baked)> {
+            let key = cache::key(&scene, &camera, &rig, settings);
+            let stored =
+                cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key, settings)));
+            report.cached = stored.is_some();
+            if let Some(baked) = stored {
+                return Ok((key, baked));
+            }
+            let passes = if settings.samples > 1 { 2 } else { 1 };
+            progress.begin("deep framebuffer", passes * settings.tile_count());
+            let make = || bake(&scene, &bvh, &camera, &rig, settings, &advance(progress));
+            let baked = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
+            progress.end();
+            if let Some(dir) = cache_dir
+                && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
+            {
+                tracing::info!("not kept: {error}"); // a read-only cache works
+                report.not_stored = Some(error);
+            }
+            Ok((key, baked))
+        };
+        let plain = (samples > 1 && plan.as_ref().is_some_and(TransferPlan::spreads))
+            .then(|| framebuffer(&BakeSettings { samples: 1, ..of_framebuffer.clone() }, &mut report))
+            .transpose()?;
+        let (key, baked) = framebuffer(&of_framebuffer, &mut report)?;
+        let baked = if settings.force_all { baked.with_nothing_left_out() } else { baked };
+        let plain_key = match &plain {
+            Some((key, _)) => key.clone(),
+            None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),
+            None => key.clone(),
+        };
+        let transfers = plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone() });
+        let plain = plain.map(|(_, baked)| Arc::new(baked));
+        report.seconds += start.elapsed().as_secs_f64();
+        report.cpu_seconds += cpu_seconds() - cpu_start;
+        let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
+        Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir: cache_dir.clone(), transfers, plain })
+    }
+
+    /// A Vulkan device by its index or a part of its name, or the best one; compiled kernels go to the cache. Debug builds turn
+    /// validation layers on.
+    pub fn context(&self, device: Option<&str>) -> Result<Arc<Context>> {
+        let validation = if cfg!(debug_assertions) { Validation::On } else { Validation::Off };
+        Context::new(device, validation, self.cache_dir.as_deref())
+    }
+
+    /// What makes pictures of the scene under `rig`'s lights, and any edit of these.
+    pub fn relighter(&self, context: &Arc<Context>, rig: &Rig, settings: &RelightSettings) -> Result<Relighter> {
+        Relighter::new(context, &self.scene, &self.bvh, &self.baked, rig, settings)
+    }
+
+    /// A relighter whose indirect light is what the pixels' specular lobes make of it.
+    pub fn glossy_relighter(
+        &mut self,
+        context: &Arc<Context>,
+        rig: &Rig,
+        settings: &RelightSettings,
+        progress: &dyn Progress,
+    ) -> Result<Relighter> {
+        let transfer = self.transfer(Lobe::Specular, progress)?;
+        let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
+        Relighter::new(context, &self.scene, &self.bvh, &baked, rig, settings)
+    }
+
+    /// View samples in each layer that was asked for, seen or not.
+    pub fn layers(&self) -> Vec<usize> {
+        let mut layers = self.baked.layers.clone();
+        layers.resize(self.baked.asked_layers as usize, 0);
+        layers
+    }
+
+    pub fn seen(&self) -> BakeInput<'_> {
+        BakeInput { scene: &self.scene, bvh: &self.bvh, baked: &self.baked }
+    }
+
+    pub fn size(&self) -> (usize, usize) {
+        (self.baked.tiling.width as usize, self.baked.tiling.height as usize)
+    }
+}

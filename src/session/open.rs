@@ -1,0 +1,101 @@
+//! A scene with its lights and its camera, before anything is computed.
+
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::progress::Progress;
+use crate::error::{Error, Result};
+use crate::scene::rig::without_dots;
+use crate::scene::{Camera, Rig, Scene};
+use crate::trace::bvh::Bvh;
+
+/// How a scene is looked at.
+#[derive(Clone, Debug, Default)]
+pub struct OpenSettings {
+    /// Pixels; by default the scene's own, else 480 rows of the camera's aspect ratio, else 720x480.
+    pub size: Option<[u32; 2]>,
+    /// Camera by name; by default the rig's, else the scene's first, else one that frames it.
+    pub camera: Option<String>,
+    /// Takes the diffuse lobe from every material [Yang 2007, Figure 5.4].
+    pub strip_diffuse: bool,
+}
+
+/// A scene as it is lit and seen, before any of it is computed.
+pub struct Opened {
+    pub scene: Scene,
+    pub rig: Rig,
+    pub camera: Camera,
+    pub size: [u32; 2],
+}
+
+impl Opened {
+    /// Loads `path` with the lights of `rig_path`, or its own.
+    pub fn new(path: &Path, rig_path: Option<&Path>, settings: &OpenSettings, progress: &dyn Progress) -> Result<Self> {
+        progress.begin("loading", 0);
+        let scene = Scene::load(path);
+        progress.end();
+        let mut scene = scene?;
+        if settings.strip_diffuse {
+            scene.materials.iter_mut().for_each(|m| m.strip_diffuse = true);
+        }
+        let rig = match rig_path {
+            Some(path) => Rig::load(path)?,
+            None => scene.rig.clone(),
+        };
+        if rig.lights.is_empty() {
+            let emits = scene.materials.iter().any(|material| material.emissive != Vec3::ZERO);
+            let so = if emits { "so only emitters shine" } else { "so the picture is black" };
+            tracing::warn!("{}: no lights, {so}", rig_path.unwrap_or(path).display());
+        }
+        let camera = choose_camera(&scene, &rig, settings)?;
+        let size = settings.size.unwrap_or_else(|| scene.default_size(Some(&camera)));
+        if let (None, None, Some(aspect)) = (settings.size, scene.image_size, camera.aspect) {
+            let [width, height] = size;
+            tracing::info!("{width}x{height}: camera \"{}\" has an aspect ratio of {aspect:.4}", camera.name);
+        }
+        check_size(size).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
+        Ok(Self { scene, rig, camera, size })
+    }
+
+    pub fn build_bvh(&self, progress: &dyn Progress) -> Bvh {
+        progress.begin("building the BVH", 0);
+        let bvh = Bvh::build(&self.scene);
+        progress.end();
+        bvh
+    }
+}
+
+/// The rig's camera, the one asked for by name, the first, or one that frames the scene.
+fn choose_camera(scene: &Scene, rig: &Rig, settings: &OpenSettings) -> Result<Camera> {
+    if let Some(name) = &settings.camera {
+        let found = scene.cameras.iter().find(|camera| camera.name == without_dots(name));
+        return found.cloned().ok_or_else(|| {
+            let names: Vec<_> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
+            let reason = match names.is_empty() {
+                true => format!("{} has no cameras", scene.path.display()),
+                false => format!("{} has no such camera; it has: {}", scene.path.display(), names.join(", ")),
+            };
+            Error::invalid(format!("--camera {name}"), reason)
+        });
+    }
+    if let Some(camera) = rig.camera.as_ref().or(scene.cameras.first()) {
+        // A rig says in other numbers what the scene says: what is baked for that camera is found again.
+        let own = scene.cameras.iter().find(|own| own.sees_as(camera));
+        return Ok(own.unwrap_or(camera).clone());
+    }
+    tracing::warn!("{}: no camera, so the view is framed by the scene's bounds", scene.path.display());
+    Ok(Camera::framing(&scene.mesh, scene.space))
+}
+
+/// Largest image side, pixels: more is a mistake rather than a picture.
+const MAX_SIDE: u32 = 16_384;
+
+/// Whether an image of this size can be made.
+pub fn check_size(size: [u32; 2]) -> Result<(), String> {
+    match size {
+        [w, h] if w == 0 || h == 0 => Err(format!("{w}x{h} has no pixels")),
+        [w, h] if w > MAX_SIDE || h > MAX_SIDE => Err(format!("{w}x{h} is larger than {MAX_SIDE}x{MAX_SIDE}")),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,355 @@
+//! What is baked for indirect light, and why: samples, rays and bases chosen from the picture's size and the asked error.
+
+use std::path::Path;
+
+use glam::Vec3;
+use serde::Serialize;
+
+use super::memory::check_free;
+use super::progress::{Progress, advance};
+use super::report::BakeReport;
+use crate::bake::Baked;
+use crate::bake::brdf_factors::svd::Terms;
+use crate::bake::compression::CompressionSettings;
+use crate::bake::compression::validation::{self, Validation, ValidationError};
+use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::direct;
+use crate::bake::transfer::rows::Lobe;
+use crate::bake::transfer::thesis::{Thesis, ThesisSettings};
+use crate::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use crate::error::{Error, Result};
+use crate::scene::Scene;
+use crate::shared::PackedLight;
+use crate::storage::journal::Journal;
+use crate::trace::bvh::Bvh;
+
+/// How indirect light is computed. What is `None` is chosen by the picture's size, and by the error that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum IndirectSettings {
+    /// Our method.
+    Robust {
+        outgoing: Outgoing,
+        form: Form,
+        /// Gather samples.
+        gather: Option<u32>,
+        /// Rays a row.
+        rays: Option<u32>,
+        /// Indirect bounces counted at the pixel; `None`: all of them.
+        bounces: Option<u32>,
+    },
+    /// The thesis's method, dense, as printed [Yang 2007, Chapter 4].
+    Thesis {
+        outgoing: Outgoing,
+        /// Terms of a BRDF's singular value decomposition.
+        terms: Option<usize>,
+        gather: Option<u32>,
+        /// Its I + G + ... + G⁴ are 5 [Yang 2007, Eq. 4.6].
+        bounces: u32,
+    },
+}
+
+/// How our operator is stored, the compressed forms to a relative error: mean over point lights.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub enum Form {
+    /// As it is: for few gather samples and small pictures.
+    Dense,
+    /// Nested blocks of low rank.
+    Nested(f64),
+    /// The largest wavelets of each row, the published form, to compare with [Ng 2003].
+    Haar(f64),
+}
+
+/// What is baked, decided.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub enum TransferPlan {
+    Robust(TransferSettings, Form),
+    Thesis(ThesisSettings),
+}
+
+/// A scene, and what of it is seen.
+#[derive(Clone, Copy)]
+pub struct BakeInput<'a> {
+    pub scene: &'a Scene,
+    pub bvh: &'a Bvh,
+    pub baked: &'a Baked,
+}
+
+/// Gather samples of the thesis, and of the dense form [Yang 2007, Section 5.2].
+const DENSE_SAMPLES: usize = 2304;
+/// Gather samples of the compressed form at most; small pictures show less.
+const SAMPLES: usize = 16_384;
+/// Pixels for each of them, at the default error.
+const PIXELS_A_SAMPLE: f64 = 4.0;
+/// Rays a row: of the dense form, of small pictures at the default error.
+const RAYS: u32 = 1024;
+/// What another error may make of them.
+const RAYS_BY_ERROR: [f64; 2] = [256.0, 4096.0];
+/// Pixels beyond which neighbours share their noise: as many rays in all answer for as large a part of the picture.
+const RAYS_PIXELS: usize = 100_000;
+/// Share of the rays that remains in the largest picture. What noise hides is lost with it (docs/accuracy.md, "Rays of
+/// a row").
+const RAYS_LEAST: f64 = 0.5;
+/// Error of the compressed operator by default.
+pub const ERROR: f64 = 0.01;
+/// Random lights that compression learns from.
+const LIGHTS: usize = 512;
+/// Gather samples among which light bounces on.
+const COARSE_SAMPLES: usize = 2304;
+/// Points of all gather samples at which light is looked at.
+const POINTS: usize = 65_536;
+/// Bounces of I + G + ... + G⁴ [Yang 2007, Eq. 4.6].
+pub const THESIS_BOUNCES: u32 = 5;
+/// Error that a BRDF's singular values may leave, where nobody says how many there are.
+const THESIS_ERROR: f64 = 0.1;
+
+impl Default for IndirectSettings {
+    fn default() -> Self {
+        let outgoing = Outgoing::Glossy { functions: None };
+        Self::Robust { outgoing, form: Form::Nested(ERROR), gather: None, rays: None, bounces: None }
+    }
+}
+
+impl IndirectSettings {
+    /// For a picture of `size` pixels whose rays go on through at most `layers` mirrors.
+    pub fn plan(&self, size: [u32; 2], layers: u32, seed: u64) -> TransferPlan {
+        let samples = self.samples(size).0;
+        match *self {
+            Self::Robust { outgoing, form, bounces, .. } => {
+                let settings = TransferSettings {
+                    outgoing,
+                    samples,
+                    // The compressed form inverts the matrix among them.
+                    coarse_samples: if form == Form::Dense { COARSE_SAMPLES } else { COARSE_SAMPLES.min(samples / 2) },
+                    points: (POINTS / samples).clamp(1, 16),
+                    rays: self.rays(size).0,
+                    layers,
+                    bounces,
+                    seed,
+                };
+                TransferPlan::Robust(settings, form)
+            }
+            Self::Thesis { outgoing, terms, bounces, .. } => {
+                let terms = terms.map_or(Terms::Error(THESIS_ERROR), Terms::Count);
+                TransferPlan::Thesis(ThesisSettings { outgoing, samples, terms, bounces, seed })
+            }
+        }
+    }
+
+    /// The error of a compressed form.
+    fn error(&self) -> Option<f64> {
+        match *self {
+            Self::Robust { form: Form::Nested(error) | Form::Haar(error), .. } => Some(error),
+            _ => None,
+        }
+    }
+
+    /// Gather samples for a picture of `size` pixels, and why.
+    fn samples(&self, size: [u32; 2]) -> (usize, String) {
+        let (Self::Robust { gather, .. } | Self::Thesis { gather, .. }) = *self;
+        if let Some(samples) = gather {
+            return (samples as usize, "--gather".into());
+        }
+        let Some(error) = self.error() else {
+            return (DENSE_SAMPLES, "a dense matrix of more is too large".into());
+        };
+        let pixels = size[0] as usize * size[1] as usize;
+        let pixels_each = (PIXELS_A_SAMPLE / (ERROR / error).min(1.0)).round() as usize;
+        let samples = (pixels / pixels_each).clamp(DENSE_SAMPLES, SAMPLES);
+        let bound = match samples {
+            DENSE_SAMPLES => format!(", at least {DENSE_SAMPLES}"),
+            SAMPLES => format!(", at most {SAMPLES}"),
+            _ => String::new(),
+        };
+        (samples, format!("one for {pixels_each} of {pixels} pixels{bound}, with --error {error}"))
+    }
+
+    /// Rays a row, and why.
+    fn rays(&self, size: [u32; 2]) -> (u32, String) {
+        if let Self::Robust { rays: Some(rays), .. } = *self {
+            return (rays, "--rays".into());
+        }
+        let Some(error) = self.error() else {
+            return (RAYS, "the dense form is not compressed".into());
+        };
+        let [least, most] = RAYS_BY_ERROR;
+        let by_error = (f64::from(RAYS) * ERROR / error).clamp(least, most);
+        let pixels = size[0] as usize * size[1] as usize;
+        let share = (RAYS_PIXELS as f64 / pixels as f64).clamp(RAYS_LEAST, 1.0);
+        let why = format!("{by_error:.0} with --error {error}, {share:.2} of them in {pixels} pixels");
+        ((by_error * share).round() as u32, why)
+    }
+
+    /// What is chosen for a picture of `size` pixels, and why; for people, in the command line's words.
+    pub fn reasons(&self, size: [u32; 2]) -> Vec<String> {
+        let (samples, why_samples) = self.samples(size);
+        let mut reasons = vec![format!("{samples} gather samples: {why_samples}")];
+        if matches!(self, Self::Robust { .. }) {
+            let (rays, why_rays) = self.rays(size);
+            reasons.push(format!("{rays} rays a row: {why_rays}"));
+        }
+        reasons.push(match self {
+            Self::Robust { outgoing: Outgoing::Diffuse, .. } | Self::Thesis { outgoing: Outgoing::Diffuse, .. } => {
+                "1 function a sample: --gi diffuse".into()
+            }
+            Self::Robust { outgoing: Outgoing::Glossy { functions: None }, .. } => {
+                "1 to 49 functions a sample: as its material's gloss needs".into()
+            }
+            Self::Thesis { terms: None, .. } => format!("singular values down to {THESIS_ERROR} of a BRDF"),
+            _ => "functions a sample: --basis".into(),
+        });
+        reasons
+    }
+}
+
+impl TransferPlan {
+    /// For people.
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Robust(settings, form) => {
+                let TransferSettings { samples, rays, bounces, .. } = settings;
+                let bounces = bounces.map_or("all bounces".into(), |bounces| format!("{bounces} bounces"));
+                let form = match form {
+                    Form::Dense => "dense".into(),
+                    Form::Nested(error) => format!("compressed to an error of {error}"),
+                    Form::Haar(error) => format!("the wavelets of each row to an error of {error}"),
+                };
+                format!("{samples} gather samples, {rays} rays a row, {bounces}, {form}")
+            }
+            Self::Thesis(ThesisSettings { samples, bounces, .. }) => {
+                format!("{samples} gather samples as in the thesis, {bounces} bounces, dense")
+            }
+        }
+    }
+
+    /// Whether rows baked to one sample a pixel can serve further samples.
+    pub fn spreads(&self) -> bool {
+        !matches!(self, Self::Robust(_, Form::Haar(_)))
+    }
+
+    /// What takes seconds and tells where the light goes; for a compressed form.
+    pub fn coarse(&self) -> Option<Self> {
+        let Self::Robust(settings, Form::Nested(error) | Form::Haar(error)) = self else { return None };
+        let samples = settings.samples.min(1024);
+        let coarse_samples = settings.coarse_samples.min(samples / 4);
+        let rays = settings.rays.min(64);
+        let settings = TransferSettings { samples, coarse_samples, points: 4, rays, ..settings.clone() };
+        Some(Self::Robust(settings, Form::Nested(error.max(0.05))))
+    }
+
+    /// How far an operator of ours is from rows gathered anew, under points and spots.
+    pub fn verify(
+        &self,
+        BakeInput { scene, bvh, baked }: BakeInput,
+        operator: &BakedTransfer,
+        progress: &dyn Progress,
+    ) -> Result<[ValidationError; 2]> {
+        let Self::Robust(settings, _) = self else {
+            return Err(Error::invalid("--verify", "rows are gathered anew for --method robust only"));
+        };
+        progress.begin("bounces", settings.coarse_samples.min(settings.samples));
+        let transfer = Transfer::new(scene, bvh, baked, settings, &advance(progress));
+        progress.end();
+        let direct = |light: &PackedLight| direct::shade(scene, bvh, &transfer.fine, light);
+        let rays = RAYS_ANEW * settings.rays;
+        let validation = Validation { rays, share: 0.1, lights: 20, lobe: Lobe::All, seed: settings.seed ^ 5 << 32 };
+        progress.begin("verifying", (validation.share * baked.samples.len() as f64) as usize);
+        let errors =
+            validation::validate(&transfer, &direct, |light| operator.apply(light), &validation, &advance(progress));
+        progress.end();
+        Ok(errors)
+    }
+
+    /// Bakes the operator; `journal` is where it keeps what it would go on from if it was stopped.
+    pub fn bake(
+        &self,
+        BakeInput { scene, bvh, baked }: BakeInput,
+        lobe: Lobe,
+        journal: Option<&Path>,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<BakedTransfer> {
+        let advance = advance(progress);
+        let mut journal = journal.map_or_else(Journal::default, Journal::open);
+        let baked = match self {
+            Self::Robust(settings, form) => {
+                progress.begin("bounces", settings.coarse_samples.min(settings.samples));
+                let transfer = report.stage("bounces", || Transfer::new(scene, bvh, baked, settings, &advance));
+                progress.end();
+                let radius = transfer.certificate.spectral_radius;
+                if radius > HARDLY_ABSORBED {
+                    tracing::warn!(
+                        "hardly any light is absorbed here: of its bounces each leaves up to {radius:.5}, {:.3} % were taken away",
+                        100.0 * transfer.certificate.capped
+                    );
+                }
+                if *form == Form::Dense {
+                    check_dense(baked, transfer.column_count(), scene)?;
+                }
+                progress.begin("transfer", baked.samples.len());
+                let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
+                let made = report.stage("transfer", || match *form {
+                    Form::Dense => Ok(BakedTransfer::dense(&transfer, baked, lobe, &mut journal, &advance)),
+                    Form::Nested(error) => Ok(BakedTransfer::nested(&transfer, &to(error), &mut journal, &advance)),
+                    Form::Haar(error) => {
+                        let fits = |bytes| check_wavelets(bytes, scene);
+                        BakedTransfer::haar(&transfer, &to(error), fits, &mut journal, &advance)
+                    }
+                });
+                progress.end();
+                let made = made.inspect_err(|_| journal.remove())?;
+                if let (&Form::Nested(error), Some(held_out)) = (form, &made.report.held_out)
+                    && held_out.is_exceeded()
+                {
+                    tracing::warn!(
+                        "indirect light exceeds --error {error} in {} parts of the picture; the square of what all of them lose is {:.0} % above what that allows",
+                        held_out.missed,
+                        100.0 * held_out.excess
+                    );
+                }
+                made
+            }
+            Self::Thesis(settings) => {
+                progress.begin("bounces", settings.samples);
+                let thesis = report.stage("bounces", || Thesis::new(scene, bvh, baked, settings, &advance));
+                progress.end();
+                check_dense(baked, thesis.column_count(), scene)?;
+                if scene.materials.iter().any(|material| material.emissive != Vec3::ZERO) {
+                    tracing::warn!("the thesis's method has no emitters: what their light does to surfaces is missing");
+                }
+                if thesis.spectral_radius >= 1.0 {
+                    tracing::warn!(
+                        "the thesis's series has no sum here: its spectral radius is {:.3}; shown are its first {} terms",
+                        thesis.spectral_radius,
+                        settings.bounces
+                    );
+                }
+                progress.begin("transfer", baked.samples.len());
+                let make = || BakedTransfer::thesis(&thesis, baked, lobe, &mut journal, &advance);
+                let dense = report.stage("transfer", make);
+                progress.end();
+                dense
+            }
+        };
+        journal.remove();
+        Ok(baked)
+    }
+}
+
+/// Spectral radius from which light bounces some thousand times: a thousandth more or less reflected halves or doubles it.
+const HARDLY_ABSORBED: f64 = 0.999;
+
+/// Rays of rows gathered anew, for each of the operator's own.
+const RAYS_ANEW: u32 = 8;
+
+/// Refuses a dense operator that cannot fit this machine: float16 RGB, on the host and on the device, and G* once more.
+fn check_dense(baked: &Baked, columns: usize, scene: &Scene) -> Result<()> {
+    let bytes = 12.0 * (baked.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
+    let what = format!("a dense transfer of {columns} coefficients to {} view samples takes", baked.samples.len());
+    check_free(bytes, &what, "choose a smaller --size, fewer --gather, or a --basis of fewer functions", &scene.path)
+}
+
+/// Refuses wavelets that cannot fit this machine.
+fn check_wavelets(bytes: f64, scene: &Scene) -> Result<()> {
+    let what = "the wavelets that --error asks for take";
+    check_free(bytes, what, "choose a larger --error, a smaller --size, or fewer --gather", &scene.path)
+}
