@@ -28,7 +28,7 @@ impl Setup {
     fn room() -> Option<Self> {
         let room = Self::of("generated/room.glb");
         if room.is_none() {
-            println!("not run: the furnished room (cargo run --release --example make_scenes -- scenes large)");
+            println!("not run: the furnished room (cargo run --release --bin make_scenes -- scenes large)");
         }
         room
     }

@@ -28,7 +28,7 @@ fn committed_scenes_can_be_made_again_byte_by_byte() {
         let committed = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         assert!(
             committed == scene.to_glb(),
-            "{} differs: cargo run --release --example make_scenes -- scenes small",
+            "{} differs: cargo run --release --bin make_scenes -- scenes small",
             path.display()
         );
     }

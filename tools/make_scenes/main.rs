@@ -1,4 +1,4 @@
-//! Makes the scenes that ship with relume: `cargo run --release --example make_scenes -- [DIR [small|large|all]]`.
+//! Makes the scenes that ship with relume: `cargo run --release --bin make_scenes -- [DIR [small|large|all]]`.
 //!
 //! The small ones go into DIR (`scenes`), the large ones into DIR/generated, which git ignores.
 
