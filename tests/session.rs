@@ -6,6 +6,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use command::{folder, shipped};
+use relume::bake::transfer::Outgoing;
 use relume::session::{Form, IndirectSettings, Progress};
 use relume::{Error, Session, SessionSettings};
 
@@ -54,6 +55,31 @@ fn work_that_is_cancelled_ends_and_can_be_done_again() {
             transfer.chain.iter().map(|matrix| matrix.values.to_vec()).collect::<Vec<_>>()
         };
         assert!(factors(&again) == factors(&whole), "after {most} of {steps} steps");
+    }
+}
+
+#[test]
+fn numbers_that_mean_nothing_are_refused() {
+    let IndirectSettings::Robust { outgoing, form, gather, rays, bounces } = small().indirect.unwrap() else {
+        panic!("ours is the default")
+    };
+    let robust = |outgoing, form, gather, rays| {
+        let indirect = Some(IndirectSettings::Robust { outgoing, form, gather, rays, bounces });
+        SessionSettings { indirect, ..small() }
+    };
+    let five = Outgoing::Glossy { functions: Some(5) };
+    let wrong = [
+        SessionSettings { layers: 0, force_all: true, ..small() },
+        SessionSettings { samples: 0, ..small() },
+        robust(outgoing, form, Some(0), rays),
+        robust(outgoing, form, gather, Some(0)),
+        robust(outgoing, Form::Nested(f64::NAN), None, None),
+        robust(outgoing, Form::Haar(0.0), None, None),
+        robust(five, form, gather, rays),
+    ];
+    for settings in wrong {
+        let refused = Session::open(&shipped("cornell-glossy.glb"), None, &settings, &());
+        assert!(matches!(refused, Err(Error::Invalid { .. })), "{settings:?}");
     }
 }
 

@@ -68,6 +68,16 @@ impl Default for SessionSettings {
     }
 }
 
+impl SessionSettings {
+    /// Refuses numbers that mean nothing.
+    fn check(&self) -> Result<()> {
+        if self.layers == 0 || self.samples == 0 {
+            return Err(Error::invalid("settings", "layers and samples are 1 at least"));
+        }
+        self.indirect.map_or(Ok(()), |indirect| indirect.check())
+    }
+}
+
 /// `$XDG_CACHE_HOME/relume`, else `~/.cache/relume`; `%LOCALAPPDATA%\relume` on Windows.
 pub fn user_cache_dir() -> Option<PathBuf> {
     let from = |variable: &str| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
@@ -226,6 +236,7 @@ impl Session {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let (start, cpu_start) = (Instant::now(), cpu_seconds());
+        settings.check()?;
         let SessionSettings { layers, samples, seed, .. } = *settings;
         let plan = settings.indirect.map(|indirect| indirect.plan(opened.size, layers, seed));
         let forced = if settings.force_all { layers - 1 } else { 0 };

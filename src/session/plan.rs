@@ -9,6 +9,7 @@ use super::memory::check_free;
 use super::progress::{Progress, advance};
 use super::report::BakeReport;
 use crate::bake::Baked;
+use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::bake::brdf_factors::svd::Terms;
 use crate::bake::compression::CompressionSettings;
 use crate::bake::compression::validation::{self, Validation, ValidationError};
@@ -110,6 +111,27 @@ impl Default for IndirectSettings {
 }
 
 impl IndirectSettings {
+    /// Refuses numbers that mean nothing.
+    pub(super) fn check(&self) -> Result<()> {
+        let refuse = |reason: &str| Err(Error::invalid("indirect light", reason));
+        let (Self::Robust { outgoing, gather, .. } | Self::Thesis { outgoing, gather, .. }) = *self;
+        if gather == Some(0) || matches!(self, Self::Robust { rays: Some(0), .. } | Self::Thesis { terms: Some(0), .. })
+        {
+            return refuse("gather samples, rays and terms are 1 at least");
+        }
+        if self.error().is_some_and(|error| !(error > 0.0 && error <= 1.0)) {
+            return refuse("the error is a share: more than 0, at most 1");
+        }
+        match outgoing {
+            Outgoing::Glossy { functions: Some(count) }
+                if count.isqrt().pow(2) != count || !(1..=MAX_FUNCTIONS as u8).contains(&count) =>
+            {
+                refuse("functions are a square number, 1 to 49")
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// For a picture of `size` pixels whose rays go on through at most `layers` mirrors.
     pub fn plan(&self, size: [u32; 2], layers: u32, seed: u64) -> TransferPlan {
         let samples = self.samples(size).0;

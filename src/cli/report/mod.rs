@@ -108,6 +108,7 @@ const FULL: Extent = Extent {
 };
 
 pub fn run(args: &Args) -> Result<()> {
+    args.view.use_threads();
     let extent = if args.quick { &QUICK } else { &FULL };
     let scenes = if args.scenes.is_empty() { default_scenes(args.quick)? } else { args.scenes.clone() };
     // A mistake in the last name shows at once.
