@@ -9,12 +9,11 @@ use relume::bake::{BakeSettings, Baked, bake};
 use relume::gpu::{Context, Validation};
 use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::Scene;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use relume::trace::packet::{PACKET_SIZE, trace_packets};
 
 struct Setup {
-    scene: Arc<Scene>,
-    bvh: Arc<Bvh>,
+    scene: Arc<TracedScene>,
     baked: Arc<Baked>,
     context: Arc<Context>,
 }
@@ -34,17 +33,17 @@ impl Setup {
     }
 
     fn of(name: &str) -> Option<Self> {
-        let scene = Scene::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)).ok()?;
-        let bvh = Bvh::build(&scene);
+        let scene =
+            TracedScene::new(Scene::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)).ok()?);
         let settings = BakeSettings { width: 720, height: 480, layers: 4, samples: 1 };
-        let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+        let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
         let context = Context::new(None, Validation::Off, None).expect("a Vulkan device");
-        Some(Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked), context })
+        Some(Self { scene: Arc::new(scene), baked: Arc::new(baked), context })
     }
 
     fn relighter(&self, visibility: VisibilityMethod) -> Relighter {
         let settings = RelightSettings { visibility, shadow_size: 1024, tone_map: ToneMap::Agx, budget_bytes: None };
-        Relighter::new(&self.context, &self.scene, &self.bvh, &self.baked, &self.scene.rig, &settings)
+        Relighter::new(&self.context, &self.scene, &self.baked, &self.scene.rig, &settings)
             .expect("the device has memory for a small picture")
     }
 }
@@ -116,16 +115,17 @@ fn frame_with_moved_light(relighter: &mut Relighter, frame: u64, pass: Option<&s
 fn shadow_rays(criterion: &mut Criterion) {
     let setup = Setup::new();
     let light = setup.scene.rig.lights[0].pack(setup.scene.space);
-    let (bvh, scene, packets) = (&*setup.bvh, &*setup.scene, &setup.baked.packets);
+    let (scene, packets) = (&*setup.scene, &setup.baked.packets);
     let mut visibility = vec![0; packets.len() * PACKET_SIZE];
     let mut group = criterion.benchmark_group("shadow rays");
     group.bench_function("packets", |bencher| {
-        bencher.iter(|| trace_packets(bvh, scene, &light, packets, &mut visibility));
+        bencher.iter(|| trace_packets(scene, &light, packets, &mut visibility));
     });
     group.bench_function("singly", |bencher| {
         bencher.iter(|| {
-            let rays = packets.iter().flat_map(|p| (0..PACKET_SIZE).filter_map(|lane| p.shadow_ray(bvh, &light, lane)));
-            rays.filter(|ray| bvh.occluded(scene, ray.origin, ray.direction, ray.length)).count()
+            let rays =
+                packets.iter().flat_map(|p| (0..PACKET_SIZE).filter_map(|lane| p.shadow_ray(&scene.bvh, &light, lane)));
+            rays.filter(|ray| scene.occluded(ray.origin, ray.direction, ray.length)).count()
         });
     });
 }

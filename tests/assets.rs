@@ -12,7 +12,7 @@ use common::shared;
 use glam::DVec3;
 use relume::Error;
 use relume::scene::{AlphaMode, Projection, Scene};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 /// What a file is expected to do.
 enum Expected {
@@ -105,7 +105,7 @@ fn every_file_opens_or_says_why_not_within_bounds() {
         match (Scene::load(&path), expected) {
             (Ok(scene), Opens(triangles)) => {
                 assert_eq!(scene.mesh.triangles.len(), *triangles, "{name}");
-                Bvh::build(&scene);
+                TracedScene::new(scene);
             }
             (Err(error), Refused(says)) => assert!(chain(&error).contains(says), "{name}: {}", chain(&error)),
             (Ok(_), Refused(says)) => panic!("{name} opened, should say: {says}"),

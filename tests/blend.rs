@@ -15,7 +15,7 @@ use relume::relight::{Layers, VisibilityMethod};
 use relume::scene::{
     AlphaMode, Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture, TextureRef, Wrap,
 };
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use relume::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
 use relume::trace::packet::{PACKET_SIZE, SamplePacket, shadow_ray, trace_packets};
 
@@ -62,9 +62,9 @@ fn both(scene: Scene, camera: &Camera, rig: &Rig, size: u32) -> [Vec<[f32; 3]>; 
 
 /// Direct light and reflections.
 fn traced(scene: &Scene, camera: &Camera, rig: &Rig, size: u32) -> Vec<[f32; 3]> {
-    let bvh = Bvh::build(scene);
+    let scene = &TracedScene::new(scene.clone());
     let settings = Settings { max_bounces: Some(0), ..drawn::tracing(size, size) };
-    let film = PathTracer::new(scene, &bvh, camera, rig, &settings).trace(1, &|| false, &|_| ());
+    let film = PathTracer::new(scene, camera, rig, &settings).trace(1, &|| false, &|_| ());
     film.layer(Half::Both, Layer::Beauty)
 }
 
@@ -330,7 +330,7 @@ fn sheets_dim_shadow_maps_on_average() {
 fn rays_pass_by_chance_and_packets_by_product() {
     let scene =
         sheets(&[(0.5, blending(SHEET, 0.25)), (1.0, blending(SHEET, 0.5)), (1.5, blending(SHEET, 0.125))]).scene();
-    let bvh = Bvh::build(&scene);
+    let scene = TracedScene::new(scene);
     let mut random = Random::new(5);
     let (mut counts, mut cast) = ([0usize; 4], 0.0);
     let origin = scene.space.from_world(DVec3::Y * 2.5).as_vec3();
@@ -341,13 +341,13 @@ fn rays_pass_by_chance_and_packets_by_product() {
             packet.set(lane, Vec3::new(side(&mut random), -1.0, side(&mut random)));
         }
         let mut packets = [packet];
-        trace_common_origin(&bvh, &scene, origin, &mut packets);
+        trace_common_origin(&scene, origin, &mut packets);
         for lane in 0..PACKET_SIZE {
             let direction = packets[0].direction(lane);
             let (hit, _) = packets[0].hit(lane).expect("the floor stops all");
-            let single = bvh.closest_hit(&scene, origin, direction, f32::INFINITY).expect("the floor stops all");
+            let single = scene.closest_hit(origin, direction, f32::INFINITY).expect("the floor stops all");
             assert_eq!(hit.triangle, single.triangle, "packets and single rays draw alike");
-            assert!(bvh.occluded(&scene, origin, direction, f32::INFINITY));
+            assert!(scene.occluded(origin, direction, f32::INFINITY));
             counts[scene.mesh.triangle_materials[hit.triangle as usize] as usize] += 1;
             cast += 1.0;
         }
@@ -373,12 +373,12 @@ fn rays_pass_by_chance_and_packets_by_product() {
     let above = Light::point("lamp", DVec3::Y * 2.5).pack(scene.space);
     for light in [light, above, sun(DVec3::NEG_Y).pack(scene.space)] {
         let mut visibility = [0; PACKET_SIZE];
-        trace_packets(&bvh, &scene, &light, std::slice::from_ref(&packet), &mut visibility);
+        trace_packets(&scene, &light, std::slice::from_ref(&packet), &mut visibility);
         assert_eq!(visibility, [(255.0f64 * 0.75 * 0.5 * 0.875).round() as u8; PACKET_SIZE]);
         for lane in 0..PACKET_SIZE {
             let position = Vec3::from([0, 1, 2].map(|axis| packet.position[axis][lane]));
-            let ray = shadow_ray(&bvh, &light, position, Vec3::Y, Vec3::Y).expect("it faces the light");
-            let share = bvh.transmittance(&scene, ray.origin, ray.direction, ray.length);
+            let ray = shadow_ray(&scene.bvh, &light, position, Vec3::Y, Vec3::Y).expect("it faces the light");
+            let share = scene.transmittance(ray.origin, ray.direction, ray.length);
             assert_eq!(share, 0.75 * 0.5 * 0.875, "lane {lane}");
         }
     }
@@ -398,9 +398,12 @@ fn a_furnace_with_a_sheet() {
     let camera = look(DVec3::new(0.3, 0.8, -0.8), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.2 });
     let want = 0.8 / (1.0 - f64::from(albedo));
 
-    let bvh = Bvh::build(&scene);
     let settings = drawn::tracing(16, 16);
-    let film = PathTracer::new(&scene, &bvh, &camera, &rig(vec![]), &settings).trace(256, &|| false, &|_| ());
+    let film = PathTracer::new(&TracedScene::new(scene.clone()), &camera, &rig(vec![]), &settings).trace(
+        256,
+        &|| false,
+        &|_| (),
+    );
     let mean = |pixels: Vec<[f32; 3]>| pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / pixels.len() as f64;
     let traced = mean(film.layer(Half::Both, Layer::Emission));
     println!("furnace, traced: {:.5}", traced / want);
@@ -444,11 +447,11 @@ fn indirect_light_through_curtains() {
         ("striped", curtained(|build| stripes(build, AlphaMode::Blend, [40, 220]))),
     ];
     for (name, scene) in scenes {
+        let scene = TracedScene::new(scene);
         for lamp in [DVec3::new(0.2, 0.3, 0.6), DVec3::new(0.2, 0.3, -0.3)] {
-            let bvh = Bvh::build(&scene);
             let camera = look(DVec3::new(0.3, 0.0, -0.9), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.4 });
             let rig = rig(vec![Light::point("lamp", lamp)]);
-            let lit = Lit { scene: &scene, bvh: &bvh, camera: &camera, rig: &rig, size: [48, 32] };
+            let lit = Lit { scene: &scene, camera: &camera, rig: &rig, size: [48, 32] };
             for (bounces, most) in [(Some(1), 0.01), (None, 0.015)] {
                 let settings = TransferSettings { bounces, points: 16, ..transfer::settings(2048, 512, 512) };
                 let ratio = (lit.mean(&settings) / lit.traced_mean(bounces, 256)).element_sum() / 3.0;

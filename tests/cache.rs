@@ -14,7 +14,7 @@ use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, bake, cache};
 use relume::scene::Scene;
 use relume::storage::journal::Journal;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 /// Few samples and rays: what is tested does not depend on them.
 const SMALL: [&str; 8] = ["--gather", "60", "--rays", "16", "--size", "32x24", "--gi", "diffuse"];
@@ -28,10 +28,10 @@ fn bakes_in(cache: &Path) -> Vec<PathBuf> {
 fn only_whole_files_are_taken() {
     let folder = folder();
     let dir = folder.path();
-    let scene = Scene::load(&shipped("cornell-glossy.glb")).unwrap();
-    let (bvh, camera) = (Bvh::build(&scene), &scene.cameras[0]);
+    let scene = TracedScene::new(Scene::load(&shipped("cornell-glossy.glb")).unwrap());
+    let camera = &scene.cameras[0];
     let settings = BakeSettings { width: 24, height: 16, layers: 4, samples: 1 };
-    let baked = bake(&scene, &bvh, camera, &scene.rig, &settings, &|_| ());
+    let baked = bake(&scene, camera, &scene.rig, &settings, &|_| ());
     let of_transfer = TransferSettings {
         outgoing: Outgoing::Diffuse,
         samples: 40,
@@ -42,7 +42,7 @@ fn only_whole_files_are_taken() {
         bounces: None,
         seed: 1,
     };
-    let transfer = Transfer::new(&scene, &bvh, &baked, &of_transfer, &|_| ());
+    let transfer = Transfer::new(&scene, &baked, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.1, lights: 32, lobe: Lobe::All, seed: 1 };
     let transfer = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
 

@@ -26,7 +26,7 @@ fn stage(name: &str) -> Stage {
     let mut stage = Stage::new(scene, &camera, &rig, &setup());
     let settings =
         TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(512, 128, 128) };
-    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
+    let transfer = Transfer::new(&stage.scene, &stage.baked, &settings, &|_| ());
     let settings = CompressionSettings { error: 0.02, lights: 128, lobe: Lobe::All, seed: 1 };
     let nested = BakedTransfer::nested(&transfer, &settings, &mut Journal::default(), &|_| ()).with_coarse();
     stage.baked = Arc::new(Baked { transfer: Some(nested), ..Baked::clone(&stage.baked) });

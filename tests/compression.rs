@@ -23,20 +23,19 @@ use relume::bake::{BakeSettings, Baked, bake};
 use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::{LIGHT_POINT, PackedLight};
 use relume::storage::journal::Journal;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 struct Stage {
-    scene: Scene,
-    bvh: Bvh,
+    scene: TracedScene,
     baked: Baked,
 }
 
 impl Stage {
     fn new(scene: Scene, camera: &Camera, size: u32) -> Self {
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(scene);
         let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
-        let baked = bake(&scene, &bvh, camera, &scene.rig, &settings, &|_| ());
-        Self { scene, bvh, baked }
+        let baked = bake(&scene, camera, &scene.rig, &settings, &|_| ());
+        Self { scene, baked }
     }
 
     fn load(path: &Path, size: u32) -> Self {
@@ -56,11 +55,11 @@ impl Stage {
 
     fn transfer(&self, samples: usize, coarse_samples: usize, rays: u32) -> Transfer<'_> {
         let settings = transfer::settings(samples, coarse_samples, rays);
-        Transfer::new(&self.scene, &self.bvh, &self.baked, &settings, &|_| ())
+        Transfer::new(&self.scene, &self.baked, &settings, &|_| ())
     }
 
     fn direct(&self, transfer: &Transfer, light: &PackedLight) -> Vec<DVec3> {
-        direct::shade(&self.scene, &self.bvh, &transfer.fine, light)
+        direct::shade(&self.scene, &transfer.fine, light)
     }
 
     fn compress(&self, transfer: &Transfer, error: f64) -> (Compressed, Report) {

@@ -114,7 +114,7 @@ fn edits(gpu: &Gpu, count: usize, seed: u64) {
     let mut stage = Stage::new(scene, &camera, &rig, &setup);
     stage.baked = transfer::with_dense(&stage, &transfer::settings(64, 64, 16));
     let mut relighter = stage.relighter(gpu, &rig, &setup);
-    let mut desk = Desk::new(rig, camera, f64::from(stage.bvh.radius));
+    let mut desk = Desk::new(rig, camera, f64::from(stage.scene.bvh.radius));
     let first = picture(&mut relighter, &desk);
     let mut random = Random::new(seed);
     let mut memory = None;

@@ -9,14 +9,14 @@ use common::{assert_near, shared};
 use glam::{DVec3, Vec3};
 use relume::bake::gather_samples::{GatherSamples, Placement, Surfaces};
 use relume::scene::{Material, Scene};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use relume::trace::point_tree::middle;
 
 const CLUSTERED: Placement = Placement::Clustered { points: 4 };
 
 fn place(scene: &Scene, placement: Placement, count: usize, seed: u64) -> GatherSamples {
-    let bvh = Bvh::build(scene);
-    GatherSamples::place(scene, &bvh, &Surfaces::even(scene, &bvh), placement, count, seed)
+    let scene = &TracedScene::new(scene.clone());
+    GatherSamples::place(scene, &Surfaces::even(scene), placement, count, seed)
 }
 
 /// Square metres.

@@ -342,7 +342,7 @@ fn shade_gather() {
     let (scene, camera) = room();
     let stage = Stage::new(scene, &camera, &lights(), &Setup::new(16, 16));
     let all_functions = TransferSettings { outgoing: Outgoing::Glossy { functions: None }, ..settings(700, 70) };
-    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &all_functions, &|_| ());
+    let transfer = Transfer::new(&stage.scene, &stage.baked, &all_functions, &|_| ());
     let level = &transfer.fine;
     let length = level.coefficient_count();
     assert!(level.first.windows(2).any(|f| f[1] - f[0] > 9), "some sample is glossy");
@@ -362,13 +362,13 @@ fn shade_gather() {
         let packed = light.pack(stage.scene.space);
         let projection = Projection::from_tables(&baked.projection);
         let mut found = Vec::new();
-        level.light_rays.shade(&stage.scene, &stage.bvh, &baked.samples, &projection, &packed, |index, value| {
+        level.light_rays.shade(&stage.scene, &baked.samples, &projection, &packed, |index, value| {
             found.push(Contribution { value, index });
         });
         assert_eq!(found.is_empty(), light.kind == LightKind::Directional, "rays of {}", light.name);
         let mut visibility =
             Buffer::new(&gpu, "test visibility", Access::HostWrites, baked.packets.len() * PACKET_SIZE / 4).unwrap();
-        trace_all(&stage.bvh, &stage.scene, &packed, &baked.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
+        trace_all(&stage.scene, &packed, &baked.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
         let mut coefficients = output(&gpu, 4 * length);
         coefficients.host_mut()[..4 * length].fill(SENTINEL);
         run(&mut frames, |frame| {
@@ -399,7 +399,7 @@ fn shade_gather() {
             };
             pass.dispatch(&add_light_rays, &push, push.count);
         });
-        let want = direct::shade(&stage.scene, &stage.bvh, level, &packed);
+        let want = direct::shade(&stage.scene, level, &packed);
         let largest = want.iter().fold(0.0, |m: f64, v| m.max(v.abs().max_element()));
         for (i, want) in want.iter().enumerate() {
             let got = DVec3::from_slice(&[0, 1, 2].map(|c| f64::from(coefficients.host()[4 * i + c])));
@@ -417,7 +417,7 @@ fn expected(stage: &Stage, transfer: &Transfer, rig: &Rig) -> Vec<DVec3> {
     let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
     let mut direct = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
     for light in &rig.lights {
-        let unit = direct::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space));
+        let unit = direct::shade(&stage.scene, &transfer.fine, &light.pack(stage.scene.space));
         direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     resolved(stage, &transfer.apply(&[direct], &all, Lobe::All, &|_| ())[0])
@@ -455,9 +455,9 @@ fn pictures_are_what_the_operator_says() {
         let (scene, camera) = room();
         let setup = Setup::new(41, 23);
         let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-        let (scene, bvh) = (stage.scene.clone(), stage.bvh.clone());
+        let scene = stage.scene.clone();
         let baked = stage.baked.clone();
-        let transfer = Transfer::new(&scene, &bvh, &baked, &settings(300, coarse_samples), &|_| ());
+        let transfer = Transfer::new(&scene, &baked, &settings(300, coarse_samples), &|_| ());
         let dense = BakedTransfer::dense(&transfer, &baked, Lobe::All, &mut Journal::default(), &|_| ());
         assert!(dense.is_consistent(baked.samples.len()));
         // As many points, in 64 bits.
@@ -484,8 +484,7 @@ fn pictures_are_what_the_operator_says() {
         let all = pixels(&mut relighter, Layers::All);
         let emitted = relighter.linear(Picture::Emission).unwrap().to_vec();
         let seen: Vec<DVec3> = {
-            let mut plain = Stage { scene: scene.clone(), bvh: bvh.clone(), baked: baked.clone() };
-            plain.baked = baked.clone();
+            let plain = Stage { scene: scene.clone(), baked: baked.clone() };
             let mut relighter = plain.relighter(&gpu, &lights(), &setup);
             relighter.linear(Picture::Emission).unwrap().iter().map(|p| Vec3::from(*p).as_dvec3()).collect()
         };
@@ -522,7 +521,7 @@ fn pictures_are_what_the_operator_says() {
 
 /// What the device does with a transfer, in double precision.
 fn applied(stage: &Stage, transfer: &Transfer, baked: &BakedTransfer, light: &Light) -> Vec<DVec3> {
-    baked.apply(&direct::shade(&stage.scene, &stage.bvh, &transfer.fine, &light.pack(stage.scene.space)))
+    baked.apply(&direct::shade(&stage.scene, &transfer.fine, &light.pack(stage.scene.space)))
 }
 
 #[test]
@@ -531,8 +530,8 @@ fn compressed_pictures_are_what_the_factors_say() {
     let (scene, camera) = room();
     let setup = Setup::new(48, 40);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    let (scene, bvh, baked) = (stage.scene.clone(), stage.bvh.clone(), stage.baked.clone());
-    let transfer = Transfer::new(&scene, &bvh, &baked, &settings(900, 200), &|_| ());
+    let (scene, baked) = (stage.scene.clone(), stage.baked.clone());
+    let transfer = Transfer::new(&scene, &baked, &settings(900, 200), &|_| ());
     let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
     let nested = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
     assert!(nested.is_consistent(baked.samples.len()) && nested.haar && nested.chain.len() == 3);
@@ -583,7 +582,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
     let (scene, camera) = room();
     let setup = Setup::new(24, 20);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    let (scene, bvh, baked) = (stage.scene.clone(), stage.bvh.clone(), stage.baked.clone());
+    let (scene, baked) = (stage.scene.clone(), stage.baked.clone());
     let settings = ThesisSettings {
         outgoing: Outgoing::Glossy { functions: None },
         samples: 200,
@@ -591,7 +590,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
         bounces: 3,
         seed: 1,
     };
-    let thesis = Thesis::new(&scene, &bvh, &baked, &settings, &|_| ());
+    let thesis = Thesis::new(&scene, &baked, &settings, &|_| ());
     let transfer = BakedTransfer::thesis(&thesis, &baked, Lobe::All, &mut Journal::default(), &|_| ());
     assert!(transfer.is_consistent(baked.samples.len()) && !transfer.factored.is_empty());
     stage.baked = Arc::new(Baked { transfer: Some(transfer), ..(*baked).clone() });
@@ -601,7 +600,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
     let rows = thesis.rows(&all, Lobe::All);
     relighter.linear(Picture::Whole).unwrap(); // all lights together; each is looked at below
     for (i, light) in lights().lights.iter().enumerate() {
-        let direct = direct::shade_thesis(&scene, &bvh, &thesis, &light.pack(scene.space));
+        let direct = direct::shade_thesis(&scene, &thesis, &light.pack(scene.space));
         let scale = light.scale().as_dvec3();
         let want: Vec<DVec3> =
             resolved(&stage, &rows.multiply(&thesis.bounce(&direct))).into_iter().map(|p| scale * p).collect();

@@ -16,7 +16,7 @@ use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
 use relume::bake::{BakeSettings, bake, cache};
 use relume::scene::{MeshSpace, Rig, Scene};
 use relume::storage::journal::Journal;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use relume::view::script::Script;
 
 /// A text with numbers replaced; or with words, lines and bytes replaced, repeated or left out.
@@ -171,10 +171,9 @@ fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
 fn cache_files_with_the_right_checksum() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
-    let scene = Scene::load(&shipped("cornell-glossy.glb")).unwrap();
-    let bvh = Bvh::build(&scene);
+    let scene = TracedScene::new(Scene::load(&shipped("cornell-glossy.glb")).unwrap());
     let settings = BakeSettings { width: 16, height: 16, layers: 4, samples: 1 };
-    let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+    let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
     let key = cache::key(&scene, &scene.cameras[0], &scene.rig, &settings);
     cache::store(dir, &key, "a", &baked).unwrap();
     let files = || -> Vec<_> { std::fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().path()).collect() };
@@ -184,7 +183,7 @@ fn cache_files_with_the_right_checksum() {
         points: 2,
         ..transfer::settings(24, 12, 16)
     };
-    let transfer = Transfer::new(&scene, &bvh, &baked, &of_transfer, &|_| ());
+    let transfer = Transfer::new(&scene, &baked, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.3, lights: 32, lobe: Lobe::All, seed: 1 };
     let transfer = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
     let transfer_key = cache::transfer_key(&key, &"mutants");

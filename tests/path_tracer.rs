@@ -15,7 +15,7 @@ use relume::image::{Layer as Picture, exr};
 use relume::reference::path_tracer::{Film, Half, Layer, PathTracer, Settings};
 use relume::relight::Layers;
 use relume::scene::Scene;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use relume::trace::packet::shadow_ray;
 use relume::trace::surface::SurfacePoint;
 
@@ -28,8 +28,8 @@ fn settings(width: u32, height: u32) -> Settings {
 }
 
 fn trace(scene: &Scene, settings: &Settings, samples_a_half: u32) -> Film {
-    let bvh = Bvh::build(scene);
-    let tracer = PathTracer::new(scene, &bvh, &scene.cameras[0], &scene.rig, settings);
+    let scene = &TracedScene::new(scene.clone());
+    let tracer = PathTracer::new(scene, &scene.cameras[0], &scene.rig, settings);
     tracer.trace(samples_a_half, &|| false, &|_| ())
 }
 
@@ -112,9 +112,9 @@ fn check_agreement(ours: &Halves, theirs: &Halves, side: usize, left_out: &[bool
 /// there, moves that edge by a fiftieth of a pixel, and further where light grazes. And those where a coarse mesh would
 /// shadow itself if rays started on its triangles, as theirs do.
 fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
-    let bvh = Bvh::build(scene);
+    let scene = &TracedScene::new(scene.clone());
     let tiling = Tiling { width, height };
-    let eye = EyeRays { scene, bvh: &bvh, camera: &scene.cameras[0], tiling, layers: 1 };
+    let eye = EyeRays { scene, camera: &scene.cameras[0], tiling, layers: 1 };
     let lights: Vec<_> = scene.rig.lights.iter().map(|light| light.pack(scene.space)).collect();
     let seen = |x: f64, y: f64| {
         let mut seen = None;
@@ -122,8 +122,8 @@ fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
         seen
     };
     let is_lit = |point: &SurfacePoint, light| {
-        let ray = shadow_ray(&bvh, light, point.lifted(), point.normal, point.geometric_normal);
-        ray.is_some_and(|ray| !bvh.occluded(scene, ray.origin, ray.direction, ray.length))
+        let ray = shadow_ray(&scene.bvh, light, point.lifted(), point.normal, point.geometric_normal);
+        ray.is_some_and(|ray| !scene.occluded(ray.origin, ray.direction, ray.length))
     };
     let shadows_itself = |a: &SurfacePoint| {
         let flat = SurfacePoint { lift: 0.0, ..*a };
@@ -340,9 +340,8 @@ fn pixels_do_not_depend_on_threads() {
 /// What a film that was stopped holds is a mean over the samples that it has, and says how many.
 #[test]
 fn a_stopped_film_is_an_estimate() {
-    let scene = Scene::load(&shipped("cornell-diffuse.glb")).unwrap();
-    let bvh = Bvh::build(&scene);
-    let tracer = PathTracer::new(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings(32, 32));
+    let scene = TracedScene::new(Scene::load(&shipped("cornell-diffuse.glb")).unwrap());
+    let tracer = PathTracer::new(&scene, &scene.cameras[0], &scene.rig, &settings(32, 32));
     let film = tracer.trace(1 << 20, &|| true, &|_| ());
     assert_eq!(film.samples(), [2, 2], "a first sample in each half is always there");
     let tiles = AtomicU64::new(0);

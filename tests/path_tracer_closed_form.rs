@@ -8,7 +8,7 @@ use common::stage::{Build, lambert, look, mirror, rig};
 use glam::{DVec3, Vec3};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 const ALBEDO: f64 = 0.6;
 
@@ -26,8 +26,8 @@ fn settings(size: u32) -> Settings {
 }
 
 fn trace(scene: &Scene, camera: &Camera, rig: &Rig, settings: &Settings, samples_a_half: u32) -> Film {
-    let bvh = Bvh::build(scene);
-    PathTracer::new(scene, &bvh, camera, rig, settings).trace(samples_a_half, &|| false, &|_| ())
+    let scene = &TracedScene::new(scene.clone());
+    PathTracer::new(scene, camera, rig, settings).trace(samples_a_half, &|| false, &|_| ())
 }
 
 /// Mean of the red channel, and its standard error from the difference of the halves.

@@ -105,7 +105,7 @@ fn edges(path: &Path, setup: &Setup) -> Vec<bool> {
     for light in stage.scene.rig.lights.iter().map(|light| light.pack(stage.scene.space)) {
         let [lifted, flat] = [lifted, &flat].map(|packets| {
             let mut visibility = vec![0u8; packets.len() * PACKET_SIZE];
-            trace_packets(&stage.bvh, &stage.scene, &light, packets, &mut visibility);
+            trace_packets(&stage.scene, &light, packets, &mut visibility);
             visibility
         });
         (0..stage.baked.pixel_stride()).filter(|&i| lifted[i] != flat[i]).for_each(&mut mark);
@@ -234,7 +234,7 @@ fn packets_see_what_single_rays_see() {
     {
         let Some(path) = path else { continue };
         let stage = bake_scene(&path, &Setup::new(720, 480));
-        let Stage { scene, bvh, baked } = &stage;
+        let Stage { scene, baked } = &stage;
         let sun = Light {
             kind: LightKind::Directional,
             direction: DVec3::new(0.4, -1.0, -0.6).normalize(),
@@ -245,12 +245,12 @@ fn packets_see_what_single_rays_see() {
             let light_name = &light.name;
             let light = light.pack(scene.space);
             let mut visibility = vec![7u8; baked.packets.len() * PACKET_SIZE];
-            trace_packets(bvh, scene, &light, &baked.packets, &mut visibility);
+            trace_packets(scene, &light, &baked.packets, &mut visibility);
             let lanes =
                 (baked.packets.par_iter().zip(visibility.par_chunks(PACKET_SIZE))).flat_map_iter(|(packet, seen)| {
                     (0..PACKET_SIZE).filter_map(|lane| {
-                        let ray = packet.shadow_ray(bvh, &light, lane)?;
-                        let single = !bvh.occluded(scene, ray.origin, ray.direction, ray.length);
+                        let ray = packet.shadow_ray(&scene.bvh, &light, lane)?;
+                        let single = !scene.occluded(ray.origin, ray.direction, ray.length);
                         Some((single, seen[lane] == 255, ray.origin, ray.direction))
                     })
                 });

@@ -8,7 +8,7 @@ use common::stage::{Build, lambert};
 use glam::{DVec3, Vec3};
 use relume::bake::{BakeSettings, bake};
 use relume::scene::{Light, LightKind, Scene};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use relume::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
 use relume::trace::packet::{PACKET_SIZE, trace_packets};
 
@@ -67,14 +67,13 @@ fn direction(random: &mut Random) -> Vec3 {
 fn closest_hits_are_those_of_brute_force() {
     let mut random = Random::new(11);
     for _ in 0..4 {
-        let scene = shards(&mut random, 500);
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(shards(&mut random, 500));
         let mut hits = 0;
         for _ in 0..4000 {
             let direction = direction(&mut random);
             let length = f64::from(direction.length());
             let origin = random.vector(-0.5, 0.5).as_vec3();
-            let got = bvh.closest_hit(&scene, origin, direction, f32::INFINITY);
+            let got = scene.closest_hit(origin, direction, f32::INFINITY);
             let all = all_hits(&scene, origin, direction);
             // Within this of an edge or of the origin, float32 may decide either way.
             let unsure = 1e-4;
@@ -98,11 +97,11 @@ fn closest_hits_are_those_of_brute_force() {
                     assert!(f64::from(off) < 1e-4, "barycentric point is {off} m off");
                 }
             }
-            let any = bvh.occluded(&scene, origin, direction, f32::INFINITY);
+            let any = scene.occluded(origin, direction, f32::INFINITY);
             assert_eq!(any, got.is_some(), "occluded agrees with closest_hit");
             if let Some(hit) = got {
-                let before = bvh.occluded(&scene, origin, direction, hit.distance * 0.999);
-                let behind = bvh.occluded(&scene, origin, direction, hit.distance * 1.001);
+                let before = scene.occluded(origin, direction, hit.distance * 0.999);
+                let behind = scene.occluded(origin, direction, hit.distance * 1.001);
                 assert!(!before && behind, "occluded at {}, limits 0.999 and 1.001 of it", hit.distance);
             }
         }
@@ -115,8 +114,7 @@ fn closest_hits_are_those_of_brute_force() {
 fn fans_are_single_rays() {
     let mut random = Random::new(17);
     for _ in 0..4 {
-        let scene = shards(&mut random, 500);
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(shards(&mut random, 500));
         let (mut hits, mut differences) = (0, 0);
         for _ in 0..100 {
             let origin = random.vector(-0.5, 0.5).as_vec3();
@@ -125,10 +123,10 @@ fn fans_are_single_rays() {
             for (i, direction) in directions.iter().enumerate() {
                 packets[i / PACKET_SIZE].set(i % PACKET_SIZE, *direction);
             }
-            trace_common_origin(&bvh, &scene, origin, &mut packets);
+            trace_common_origin(&scene, origin, &mut packets);
             assert!((40..PACKET_SIZE).all(|lane| packets[1].hit(lane).is_none()), "an empty lane hit something");
             for (i, direction) in directions.into_iter().enumerate() {
-                let single = bvh.closest_hit(&scene, origin, direction, f32::INFINITY);
+                let single = scene.closest_hit(origin, direction, f32::INFINITY);
                 let Some((hit, behind)) = packets[i / PACKET_SIZE].hit(i % PACKET_SIZE) else {
                     differences += u32::from(single.is_some());
                     continue;
@@ -176,7 +174,7 @@ fn no_ray_leaves_a_closed_room() {
             let unit = scene.space.unit as f32;
             scene.mesh.positions.iter_mut().for_each(|p| *p = (*p * unit * 8.0).round() / 16.0);
         }
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(scene);
         let corners = &scene.mesh.positions;
         let mut escaped = Vec::new();
         let mut cast = 0;
@@ -197,14 +195,14 @@ fn no_ray_leaves_a_closed_room() {
                 let direction = random.pick(&[direction, direction, direction.normalize(), parallel]);
                 cast += 1;
                 packets[lane / PACKET_SIZE].set(lane % PACKET_SIZE, direction);
-                if bvh.closest_hit(&scene, origin, direction, f32::INFINITY).is_none() {
+                if scene.closest_hit(origin, direction, f32::INFINITY).is_none() {
                     escaped.push((origin, direction));
                 }
-                if !bvh.occluded(&scene, origin, direction, f32::INFINITY) {
+                if !scene.occluded(origin, direction, f32::INFINITY) {
                     escaped.push((origin, direction));
                 }
             }
-            trace_common_origin(&bvh, &scene, origin, &mut packets);
+            trace_common_origin(&scene, origin, &mut packets);
             for (packet, lane) in (0..100).map(|lane| (&packets[lane / PACKET_SIZE], lane % PACKET_SIZE)) {
                 if packet.hit(lane).is_none() {
                     escaped.push((origin, packet.direction(lane)));
@@ -221,22 +219,21 @@ fn radius_is_half_the_diagonal() {
     let mut build = Build::default();
     let material = build.material(lambert(Vec3::ONE));
     build.room(DVec3::splat(7.0), 2.0, material);
-    let bvh = Bvh::build(&build.scene());
-    assert_near(bvh.radius.into(), 1.0, 1e-6, "radius");
+    let scene = TracedScene::new(build.scene());
+    assert_near(scene.bvh.radius.into(), 1.0, 1e-6, "radius");
 }
 
 /// A point light as far as a star casts the shadows of the sun in that direction, contact shadows too.
 #[test]
 fn far_point_lights_shadow_like_the_sun() {
-    let scene = Scene::load(&common::shipped("balls-2.glb")).unwrap();
-    let bvh = Bvh::build(&scene);
+    let scene = TracedScene::new(Scene::load(&common::shipped("balls-2.glb")).unwrap());
     let settings = BakeSettings { width: 120, height: 80, layers: 1, samples: 1 };
-    let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+    let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
     let direction = DVec3::new(-0.4, -0.8, -0.3).normalize();
     let sun = Light { kind: LightKind::Directional, direction, ..Light::point("sun", DVec3::ZERO) };
     let seen = |light: &Light| {
         let mut visibility = vec![0; baked.packets.len() * PACKET_SIZE];
-        trace_packets(&bvh, &scene, &light.pack(scene.space), &baked.packets, &mut visibility);
+        trace_packets(&scene, &light.pack(scene.space), &baked.packets, &mut visibility);
         visibility
     };
     let want = seen(&sun);

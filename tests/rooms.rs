@@ -12,7 +12,7 @@ use relume::physics::brdf::{cosine_direction, reflected};
 use relume::physics::light::incident;
 use relume::physics::sequence::Points;
 use relume::scene::{Light, Material, Projection, Scene};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use relume::trace::packet::shadow_ray;
 
 /// Takes something away from a material.
@@ -47,8 +47,8 @@ fn a_furnished_room_keeps_its_light() {
             LESS[..=last].iter().for_each(|(_, take)| take(material));
             material.emissive = Vec3::ZERO;
         }
-        let bvh = Bvh::build(&scene);
-        let lit = Lit { scene: &scene, bvh: &bvh, camera: &scene.cameras[0], rig: &scene.rig, size: [96, 64] };
+        let scene = TracedScene::new(scene);
+        let lit = Lit { scene: &scene, camera: &scene.cameras[0], rig: &scene.rig, size: [96, 64] };
         for (bounces, samples) in [(Some(1), 2048), (Some(1), 8192), (None, 8192)] {
             if !full && samples != 2048 {
                 continue;
@@ -75,28 +75,28 @@ fn first_bounces_are_read_as_they_are() {
     let Some(path) = shared("scenes/rooms/living-room.glb") else { return };
     let mut scene = Scene::load(&path).unwrap();
     scene.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
-    let bvh = Bvh::build(&scene);
+    let scene = TracedScene::new(scene);
     // Not the file's own camera and lamps: nothing was chosen by these.
     let position = DVec3::new(1.9, 1.5, 2.3);
     let projection = Projection::Perspective { yfov: 0.96 };
     let camera = stage::look(position, DVec3::new(-1.2, 0.8, -1.2), DVec3::Y, projection);
     let lamp = Light { intensity: 30.0, ..Light::point("pendant", DVec3::new(0.2, 2.2, 0.3)) };
     let rig = stage::rig(vec![lamp]);
-    let lit = Lit { scene: &scene, bvh: &bvh, camera: &camera, rig: &rig, size: [96, 64] };
+    let lit = Lit { scene: &scene, camera: &camera, rig: &rig, size: [96, 64] };
     let baked = lit.bake();
     let settings = TransferSettings { points: 8, ..transfer::settings(8192, 512, 64) };
-    let transfer = Transfer::new(&scene, &bvh, &baked, &settings, &|_| ());
+    let transfer = Transfer::new(&scene, &baked, &settings, &|_| ());
     let direct = lit.direct(&transfer);
     let packed = rig.lights[0].pack(scene.space);
     let intensity = rig.lights[0].scale().as_dvec3();
 
-    let paths = Paths::new(&scene, &bvh, 0);
+    let paths = Paths::new(&scene, 0);
     let material_of = |triangle: u32| scene.mesh.triangle_materials[triangle as usize] as usize;
     // Read and there, by material.
     let mut sums = [vec![[0.0; 2]; scene.materials.len()], vec![[0.0; 2]; scene.materials.len()]];
     for i in baked.reflecting().into_iter().filter(|&i| (i as usize) < baked.pixel_stride()) {
         let (position, normal) = (baked.samples[i as usize].position, baked.geometric_normals[i as usize]);
-        let Some(seen) = bvh.closest_hit(&scene, position + 1e-3 * normal, -normal, 1.0) else { continue };
+        let Some(seen) = scene.closest_hit(position + 1e-3 * normal, -normal, 1.0) else { continue };
         let numbers = Points::new(7, i.into());
         let (s, t) = normal.any_orthonormal_pair();
         for ray in 0..64 {
@@ -113,10 +113,10 @@ fn first_bounces_are_read_as_they_are() {
                     .sum::<DVec3>();
             });
             let is_lit = |wi: Vec3| {
-                let ray = shadow_ray(&bvh, &packed, surface.lifted(), surface.normal, surface.geometric_normal);
+                let ray = shadow_ray(&scene.bvh, &packed, surface.lifted(), surface.normal, surface.geometric_normal);
                 wi.dot(surface.geometric_normal) > 0.0
                     && surface.normal.dot(-direction) > 0.0
-                    && ray.is_some_and(|ray| !bvh.occluded(&scene, ray.origin, ray.direction, ray.length))
+                    && ray.is_some_and(|ray| !scene.occluded(ray.origin, ray.direction, ray.length))
             };
             let arriving = incident(&packed, surface.position.as_dvec3()).filter(|a| is_lit(a.wi.as_vec3()));
             let there = arriving.map_or(DVec3::ZERO, |a| {

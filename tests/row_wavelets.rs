@@ -205,8 +205,8 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
     let (scene, camera) = room();
     let stage = Stage::new(scene, &camera, &lights(), &Setup::new(40, 30));
     for samples in [400, 60] {
-        let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings(samples, 60), &|_| ());
-        let direct = |light: &PackedLight| direct::shade(&stage.scene, &stage.bvh, &transfer.fine, light);
+        let transfer = Transfer::new(&stage.scene, &stage.baked, &settings(samples, 60), &|_| ());
+        let direct = |light: &PackedLight| direct::shade(&stage.scene, &transfer.fine, light);
         let haar = Haar::new(&transfer.fine.first);
         let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
         let light = direct(&lights().lights[0].pack(stage.scene.space));
@@ -239,9 +239,9 @@ fn pictures_are_what_the_terms_say() {
     let (scene, camera) = room();
     let setup = Setup::new(41, 23);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    let (scene, bvh, baked) = (stage.scene.clone(), stage.bvh.clone(), stage.baked.clone());
+    let (scene, baked) = (stage.scene.clone(), stage.baked.clone());
     assert!(!baked.extra_samples.is_empty(), "the mirror shows something");
-    let transfer = Transfer::new(&scene, &bvh, &baked, &settings(700, 100), &|_| ());
+    let transfer = Transfer::new(&scene, &baked, &settings(700, 100), &|_| ());
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -255,7 +255,7 @@ fn pictures_are_what_the_terms_say() {
 
     let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
     for light in &lights().lights {
-        let unit = direct::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
+        let unit = direct::shade(&scene, &transfer.fine, &light.pack(scene.space));
         sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let radiance = one.multiply(&Haar::new(&transfer.fine.first).terms(&sum));

@@ -31,7 +31,7 @@ fn with_transfer<const N: usize>(stages: [&Stage; N]) -> [Arc<Baked>; N] {
     let stage = stages[0];
     let settings =
         TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(256, 256, 1024) };
-    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
+    let transfer = Transfer::new(&stage.scene, &stage.baked, &settings, &|_| ());
     stages.map(|stage| {
         let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
         Arc::new(Baked { transfer: Some(dense), ..Baked::clone(&stage.baked) })
@@ -46,7 +46,7 @@ fn rows_come_along_unchanged() {
         let count = plain.transfer.as_ref().unwrap().first().last().copied().unwrap();
         (0..count).map(|i| DVec3::splat(1.0 + f64::from(i % 7))).collect()
     };
-    let itself = spread(&plain, &plain, stage.bvh.radius).unwrap();
+    let itself = spread(&plain, &plain, stage.scene.bvh.radius).unwrap();
     assert!(itself.is_consistent(plain.samples.len()));
     let (same, first) = (itself.apply(&light), plain.transfer.as_ref().unwrap().apply(&light));
     assert_eq!(same, first, "a sample is likest itself");
@@ -57,12 +57,12 @@ fn edges_get_the_light_of_the_surface_on_either_side() {
     let gpu = gpu();
     let (one, many) = (stage("balls-2.glb", 1), stage("balls-2.glb", 8));
     let [plain, of_its_own] = with_transfer([&one, &many]);
-    let spread = spread(&plain, &many.baked, one.bvh.radius).unwrap();
+    let spread = spread(&plain, &many.baked, one.scene.bvh.radius).unwrap();
     assert!(spread.is_consistent(many.baked.samples.len()));
     let spread = Arc::new(Baked { transfer: Some(spread), ..Baked::clone(&many.baked) });
     let rig = many.scene.rig.clone();
     let picture = |baked: &Arc<Baked>| {
-        let stage = Stage { scene: many.scene.clone(), bvh: many.bvh.clone(), baked: baked.clone() };
+        let stage = Stage { scene: many.scene.clone(), baked: baked.clone() };
         let mut relighter = stage.relighter(&gpu, &rig, &setup(8));
         relighter.set_layers(Layers::Indirect);
         relighter.linear(Picture::Whole).unwrap().to_vec()

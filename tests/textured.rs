@@ -15,7 +15,7 @@ use relume::physics::brdf::Lobes;
 use relume::physics::sequence::Points;
 use relume::scene::{Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture};
 use relume::shared::{Brdf, NO_BRDF};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 fn double_sided(material: Material) -> Material {
     Material { double_sided: true, ..material }
@@ -40,8 +40,8 @@ fn closed_box(build: &mut Build, center: DVec3, half: DVec3, material: usize) {
 
 /// First bounces of a scene against the path tracer's, whose mean over all pixels is right to a third of a percent.
 fn ratio(scene: &Scene, camera: &Camera, rig: &Rig, samples: usize) -> f64 {
-    let bvh = Bvh::build(scene);
-    let lit = Lit { scene, bvh: &bvh, camera, rig, size: [48, 32] };
+    let scene = &TracedScene::new(scene.clone());
+    let lit = Lit { scene, camera, rig, size: [48, 32] };
     let settings = TransferSettings { bounces: Some(1), points: 16, ..transfer::settings(samples, 64, 1024) };
     let ratio = lit.mean(&settings) / lit.traced_mean(Some(1), 512);
     ratio.element_sum() / 3.0
@@ -80,11 +80,10 @@ fn nothing_comes_through_a_sheet() {
     let sheet = build.material(double_sided(grey(0.7)));
     build.room(DVec3::ZERO, 1.0, white);
     build.quad(DVec3::ZERO, DVec3::X, DVec3::Y, sheet);
-    let scene = build.scene();
-    let bvh = Bvh::build(&scene);
+    let scene = TracedScene::new(build.scene());
     let rig = rig(vec![Light::point("lamp", DVec3::new(0.1, 0.2, -0.4))]);
     let settings = transfer::settings(2048, 256, 256);
-    let seen = |camera: &Camera| Lit { scene: &scene, bvh: &bvh, camera, rig: &rig, size: [48, 32] }.mean(&settings);
+    let seen = |camera: &Camera| Lit { scene: &scene, camera, rig: &rig, size: [48, 32] }.mean(&settings);
     let lit = seen(&inside(DVec3::new(0.3, 0.0, -0.9), DVec3::ZERO));
     let dark = seen(&inside(DVec3::new(0.3, 0.0, 0.9), DVec3::ZERO));
     assert!(lit.min_element() > 0.01 && dark == DVec3::ZERO, "lit {lit}, dark {dark}");
@@ -135,12 +134,11 @@ fn a_furnace_with_checkered_walls() {
     let base_color_texture = build.texture(checker(64, [51, 204]));
     let walls = build.material(Material { base_color_texture, emissive: Vec3::ONE, ..grey(1.0) });
     build.room(DVec3::ZERO, 1.0, walls);
-    let scene = build.scene();
-    let bvh = Bvh::build(&scene);
+    let scene = TracedScene::new(build.scene());
     let camera = inside(DVec3::new(0.3, 0.1, -0.9), DVec3::ZERO);
-    let lit = Lit { scene: &scene, bvh: &bvh, camera: &camera, rig: &rig(Vec::new()), size: [48, 32] };
+    let lit = Lit { scene: &scene, camera: &camera, rig: &rig(Vec::new()), size: [48, 32] };
     let baked = lit.bake();
-    let transfer = Transfer::new(&scene, &bvh, &baked, &transfer::settings(4096, 1024, 512), &|_| ());
+    let transfer = Transfer::new(&scene, &baked, &transfer::settings(4096, 1024, 512), &|_| ());
     let emitted = transfer.emitted().expect("walls glow");
     let all: Vec<u32> =
         (0..baked.samples.len() as u32).filter(|&i| baked.samples[i as usize].brdf != NO_BRDF).collect();
@@ -176,8 +174,7 @@ fn a_roughness_map_of_two_values_is_two_materials() {
                 build.quad(DVec3::new(x, -1.0, 0.0), 0.5 * DVec3::X, DVec3::NEG_Z, half);
             }
         }
-        let scene = build.scene();
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(build.scene());
         let camera = inside(DVec3::new(0.1, 0.3, 0.95), DVec3::new(0.0, -0.4, 0.0));
         let spot = Light {
             kind: LightKind::Spot,
@@ -185,7 +182,7 @@ fn a_roughness_map_of_two_values_is_two_materials() {
             outer_angle: 0.8,
             ..Light::point("lamp", DVec3::new(0.1, 0.6, -0.2))
         };
-        let lit = Lit { scene: &scene, bvh: &bvh, camera: &camera, rig: &rig(vec![spot]), size: [48, 32] };
+        let lit = Lit { scene: &scene, camera: &camera, rig: &rig(vec![spot]), size: [48, 32] };
         lit.mean(&transfer::settings(4096, 512, 512)).x
     };
     let (mapped, two) = (picture(true), picture(false));
@@ -225,18 +222,17 @@ fn lobes_keep_the_light_of_lamps() {
             build.quad(DVec3::ZERO, DVec3::Z, DVec3::X, floor);
             build.quad(DVec3::Y * 2.0, DVec3::X * 4.0, DVec3::Z * 4.0, white);
             build.quad(DVec3::NEG_Y, DVec3::Z * 4.0, DVec3::X * 4.0, black);
-            let scene = build.scene();
-            let bvh = Bvh::build(&scene);
+            let scene = TracedScene::new(build.scene());
             let at = DVec3::new(0.3, 1.0, -0.2);
             let spot =
                 Light { kind: LightKind::Spot, direction: DVec3::NEG_Y, outer_angle: 0.3, ..Light::point("spot", at) };
             let camera =
                 look(DVec3::new(0.0, 1.0, 1.5), DVec3::Y * 2.0, DVec3::Z, Projection::Perspective { yfov: 2.0 });
-            let lit = Lit { scene: &scene, bvh: &bvh, camera: &camera, rig: &rig(vec![spot.clone()]), size: [48, 32] };
+            let lit = Lit { scene: &scene, camera: &camera, rig: &rig(vec![spot.clone()]), size: [48, 32] };
             let baked = lit.bake();
             let outgoing = Outgoing::Glossy { functions: Some(functions) };
             let settings = TransferSettings { outgoing, points: 16, ..transfer::settings(16_384, 64, 64) };
-            let transfer = Transfer::new(&scene, &bvh, &baked, &settings, &|_| ());
+            let transfer = Transfer::new(&scene, &baked, &settings, &|_| ());
             let direct = lit.direct(&transfer);
             let mut sent = 0.0;
             for (i, sample) in

@@ -17,7 +17,7 @@ use relume::bake::{BakeSettings, Baked, bake};
 use relume::image::{Image, exr};
 use relume::scene::{Light, LightKind, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 fn settings(samples: usize, rays: u32) -> TransferSettings {
     TransferSettings { points: 16, ..transfer::settings(samples, samples, rays) }
@@ -25,29 +25,27 @@ fn settings(samples: usize, rays: u32) -> TransferSettings {
 
 /// A scene with the picture that its first camera sees.
 struct Stage {
-    scene: Scene,
-    bvh: Bvh,
+    scene: TracedScene,
     baked: Baked,
 }
 
 impl Stage {
     fn load(path: &Path, size: u32) -> Self {
-        let scene = Scene::load(path).unwrap();
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(Scene::load(path).unwrap());
         let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
-        let baked = bake(&scene, &bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ());
-        Self { scene, bvh, baked }
+        let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+        Self { scene, baked }
     }
 
     fn transfer(&self, settings: &TransferSettings) -> Transfer<'_> {
-        Transfer::new(&self.scene, &self.bvh, &self.baked, settings, &|_| ())
+        Transfer::new(&self.scene, &self.baked, settings, &|_| ())
     }
 
     /// λ0 of the scene's lights together, each times its intensity.
     fn direct(&self, transfer: &Transfer, lights: &[Light]) -> Vec<DVec3> {
         let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
         for light in lights {
-            let unit = direct::shade(&self.scene, &self.bvh, &transfer.fine, &light.pack(self.scene.space));
+            let unit = direct::shade(&self.scene, &transfer.fine, &light.pack(self.scene.space));
             sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
         }
         sum
@@ -100,7 +98,7 @@ fn truth(name: &str, stage: &Stage, pixels: &[usize]) -> Option<[Vec<DVec3>; 2]>
     };
     if name == "buddha" {
         let [light] = &stage.scene.rig.lights[..] else { panic!("{name} has one light") };
-        let halves = drawn::truth(&stage.scene, &stage.bvh, light, stage.baked.tiling.width, 64);
+        let halves = drawn::truth(&stage.scene, light, stage.baked.tiling.width, 64);
         return Some(halves.map(|half| at_pixels(&half, "indirect")));
     }
     let [a, b] = [file("a")?, file("b")?].map(|path| at_pixels(&exr::read(&path).unwrap(), "beauty"));
@@ -172,11 +170,11 @@ fn compare_thesis(scene: &str, step: usize, settings: &ThesisSettings) -> Option
     let (samples, pixels) = stage.pixels(step);
     let [a, b] = truth(scene, &stage, &pixels)?;
     let start = cpu_seconds();
-    let thesis = Thesis::new(&stage.scene, &stage.bvh, &stage.baked, settings, &|_| ());
+    let thesis = Thesis::new(&stage.scene, &stage.baked, settings, &|_| ());
     let gathered = cpu_seconds();
     let mut direct = vec![DVec3::ZERO; thesis.column_count()];
     for light in &stage.scene.rig.lights {
-        let unit = direct::shade_thesis(&stage.scene, &stage.bvh, &thesis, &light.pack(stage.scene.space));
+        let unit = direct::shade_thesis(&stage.scene, &thesis, &light.pack(stage.scene.space));
         direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let all = thesis.bounce(&direct);
@@ -297,12 +295,12 @@ fn room(wall: Material, others: Material) -> Scene {
 impl Stage {
     /// A scene made in code, seen from its middle.
     fn inside(scene: Scene) -> Self {
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(scene);
         let eye = scene.space.origin;
         let camera = look(eye, eye + DVec3::new(0.2, -0.1, 1.0), DVec3::Y, Projection::Perspective { yfov: 1.5 });
         let size = BakeSettings { width: 16, height: 16, layers: 1, samples: 1 };
-        let baked = bake(&scene, &bvh, &camera, &scene.rig, &size, &|_| ());
-        Self { scene, bvh, baked }
+        let baked = bake(&scene, &camera, &scene.rig, &size, &|_| ());
+        Self { scene, baked }
     }
 }
 
@@ -465,7 +463,7 @@ fn black_rooms_stay_black() {
         assert_eq!(image, [DVec3::ZERO; 2]);
         assert!(transfer.fine.samples.is_empty() && transfer.certificate.spectral_radius == 0.0);
     }
-    let thesis = Thesis::new(&stage.scene, &stage.bvh, &stage.baked, &thesis_settings(50, 1), &|_| ());
+    let thesis = Thesis::new(&stage.scene, &stage.baked, &thesis_settings(50, 1), &|_| ());
     assert!(thesis.g.values.iter().flatten().all(|v| *v == 0.0) && thesis.spectral_radius == 0.0);
 }
 

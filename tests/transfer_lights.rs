@@ -27,21 +27,21 @@ struct Lit<'a> {
     transfer: Transfer<'a>,
 }
 
-fn bake_drawn(Drawn { scene, bvh, .. }: &Drawn, size: u32) -> Baked {
+fn bake_drawn(Drawn { scene, .. }: &Drawn, size: u32) -> Baked {
     let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
-    bake(scene, bvh, &scene.cameras[0], &scene.rig, &settings, &|_| ())
+    bake(scene, &scene.cameras[0], &scene.rig, &settings, &|_| ())
 }
 
 impl<'a> Lit<'a> {
     fn new(drawn: &'a Drawn, baked: &'a Baked, settings: &TransferSettings) -> Self {
-        let transfer = Transfer::new(&drawn.scene, &drawn.bvh, baked, settings, &|_| ());
+        let transfer = Transfer::new(&drawn.scene, baked, settings, &|_| ());
         Self { drawn, baked, transfer }
     }
 
     /// What each light leaves in gather samples.
     fn direct(&self) -> Vec<Vec<DVec3>> {
-        let Drawn { scene, bvh, lights } = self.drawn;
-        let shade = |light: &Light| direct::shade(scene, bvh, &self.transfer.fine, &light.pack(scene.space));
+        let Drawn { scene, lights } = self.drawn;
+        let shade = |light: &Light| direct::shade(scene, &self.transfer.fine, &light.pack(scene.space));
         lights.iter().map(shade).collect()
     }
 
@@ -59,7 +59,7 @@ impl<'a> Lit<'a> {
         let mut image = pixels.to_vec();
         resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
         let [width, height] = [tiling.width, tiling.height];
-        let [a, b] = drawn::truth(&self.drawn.scene, &self.drawn.bvh, light, width, SAMPLES);
+        let [a, b] = drawn::truth(&self.drawn.scene, light, width, SAMPLES);
         let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
         let ours: Vec<[f32; 3]> = rows.map(|(x, y)| image[tiling.index(x, y)].as_vec3().to_array()).collect();
         let layer = |image: &Image, name: &str| image.layer(name).expect("truths have it").pixels.clone();

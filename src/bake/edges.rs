@@ -24,7 +24,7 @@ pub(super) fn find(eye: &EyeRays, baked: &Baked, rig: &Rig) -> Vec<u32> {
     for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
         let light = light.pack(eye.scene.space);
         let mut visibility = vec![0u8; baked.packets.len() * PACKET_SIZE];
-        trace_all(eye.bvh, eye.scene, &light, &baked.packets, &mut visibility);
+        trace_all(eye.scene, &light, &baked.packets, &mut visibility);
         visible.push(visibility);
     }
     // Extra samples of each pixel: one in each layer, and those behind what blends.

@@ -18,9 +18,9 @@ pub use self::background::low_priority;
 
 use self::transfer::baked::BakedTransfer;
 use self::view_samples::{EyeRays, Tiling};
-use crate::scene::{Camera, Rig, Scene};
+use crate::scene::{Camera, Rig};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, ViewSample};
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{self, SamplePacket};
 
 /// What of a scene is baked, and how finely.
@@ -104,15 +104,14 @@ impl Baked {
 
 /// Bakes what `camera` sees of `scene`. `rig` tells where shadow edges lie, for anti-aliasing.
 pub fn bake(
-    scene: &Scene,
-    bvh: &Bvh,
+    scene: &TracedScene,
     camera: &Camera,
     rig: &Rig,
     settings: &BakeSettings,
     progress: &(dyn Fn(usize) + Sync),
 ) -> Baked {
     let tiling = Tiling { width: settings.width, height: settings.height };
-    let eye = EyeRays { scene, bvh, camera, tiling, layers: settings.layers };
+    let eye = EyeRays { scene, camera, tiling, layers: settings.layers };
     let baked = view_samples::collect(&eye, settings, &[], progress);
     if settings.samples <= 1 {
         return baked;

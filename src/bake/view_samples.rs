@@ -10,9 +10,9 @@ use rayon::prelude::*;
 use super::{BakeSettings, Baked};
 use crate::physics::brdf;
 use crate::physics::octahedral;
-use crate::scene::{AlphaMode, Camera, Projection, Scene};
+use crate::scene::{AlphaMode, Camera, Projection};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSample};
-use crate::trace::bvh::{Bvh, Hit, coverage, passes_by_chance};
+use crate::trace::bvh::{Hit, TracedScene, coverage, passes_by_chance};
 use crate::trace::packet::{PACKET_SIZE, SamplePacket};
 use crate::trace::surface::SurfacePoint;
 
@@ -92,8 +92,7 @@ impl Tiling {
 
 /// Casts rays from one camera into one scene.
 pub struct EyeRays<'a> {
-    pub scene: &'a Scene,
-    pub bvh: &'a Bvh,
+    pub scene: &'a TracedScene,
     pub camera: &'a Camera,
     pub tiling: Tiling,
     /// Surfaces that a ray meets at most, mirrors included.
@@ -109,7 +108,7 @@ impl EyeRays<'_> {
         // Up to the scene in double precision: a long way to it costs no digits.
         let space = self.scene.space;
         let origin = space.from_world(origin);
-        let start = (-origin.dot(direction) - f64::from(self.bvh.radius)).max(0.0);
+        let start = (-origin.dot(direction) - f64::from(self.scene.bvh.radius)).max(0.0);
         // Width of a pixel at distance d: fixed + growing * d.
         let (fixed, growing) = match self.camera.projection {
             Projection::Perspective { yfov } => (0.0, (2.0 * (yfov / 2.0).tan() / height) as f32),
@@ -134,7 +133,7 @@ impl EyeRays<'_> {
                 .facing(-segment.direction);
             let mut weight = segment.weight;
             if in_a_row && point.coverage < 1.0 {
-                let passed = Some((hit.triangle, hit.distance + self.bvh.shadow_offset(hit.distance)));
+                let passed = Some((hit.triangle, hit.distance + self.scene.bvh.shadow_offset(hit.distance)));
                 behind.push(Segment { passed, weight: weight * (1.0 - point.coverage), ..segment });
                 steps += 1;
                 if point.coverage <= 0.0 {
@@ -151,11 +150,11 @@ impl EyeRays<'_> {
     /// The first surface that was not passed: `in_a_row`, whatever its coverage, which is averaged over a pixel; else by chance.
     fn first_hit(&self, segment: &Segment, in_a_row: bool) -> Option<Hit> {
         let Segment { origin, direction, passed, .. } = *segment;
-        if !self.bvh.has_blends {
-            return self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY);
+        if !self.scene.bvh.has_blends {
+            return self.scene.closest_hit(origin, direction, f32::INFINITY);
         }
         // From the same origin again: what is behind is met at the same point, to the last bit, as without the surfaces before.
-        self.bvh.closest_hit_unless(origin, direction, |hit| {
+        self.scene.closest_hit_unless(origin, direction, |hit| {
             let coverage = coverage(self.scene, hit.triangle, hit.barycentric);
             let is_passed = |(last, beyond)| hit.triangle == last || (hit.distance <= beyond && coverage < 1.0);
             let material = &self.scene.materials[self.scene.mesh.triangle_materials[hit.triangle as usize] as usize];
@@ -178,7 +177,7 @@ impl EyeRays<'_> {
             return None;
         }
         let direction = point.mirrored(wo);
-        let origin = point.leave(direction, self.bvh.shadow_offset(distance));
+        let origin = point.leave(direction, self.scene.bvh.shadow_offset(distance));
         let before = segment.before + distance;
         Some(Segment { origin, direction, passed: None, before, weight, layer: segment.layer + 1 })
     }

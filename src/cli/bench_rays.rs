@@ -29,7 +29,7 @@ const PACKETS_A_TASK: usize = 16;
 pub fn measure(session: &Session) -> RayTimes {
     let lights: Vec<PackedLight> = session.rig.lights.iter().take(4).map(|l| l.pack(session.scene.space)).collect();
     let baked = &session.baked;
-    let (bvh, scene) = (&*session.bvh, &*session.scene);
+    let scene = &*session.scene;
     let mut visibility = vec![vec![0u8; baked.packets.len() * PACKET_SIZE]; lights.len()];
     let mut singly = visibility.clone();
     let (mut packets_ms, mut singly_ms) = (Vec::new(), Vec::new());
@@ -37,7 +37,7 @@ pub fn measure(session: &Session) -> RayTimes {
     for _ in 0..REPETITIONS {
         let start = Instant::now();
         for (light, visibility) in lights.iter().zip(&mut visibility) {
-            trace_all(bvh, scene, light, &baked.packets, visibility);
+            trace_all(scene, light, &baked.packets, visibility);
         }
         packets_ms.push(start.elapsed().as_secs_f64() * 1e3);
 
@@ -52,9 +52,9 @@ pub fn measure(session: &Session) -> RayTimes {
                     for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
                         for (lane, visible) in visibility.iter_mut().enumerate() {
                             *visible = 0;
-                            if let Some(ray) = packet.shadow_ray(bvh, light, lane) {
+                            if let Some(ray) = packet.shadow_ray(&scene.bvh, light, lane) {
                                 rays += 1;
-                                let share = bvh.transmittance(scene, ray.origin, ray.direction, ray.length);
+                                let share = scene.transmittance(ray.origin, ray.direction, ray.length);
                                 *visible = (255.0 * share).round() as u8;
                             }
                         }
@@ -92,7 +92,7 @@ pub fn segments_per_s_core(session: &Session) -> f64 {
         seed: 1,
     };
     let rate = |_| {
-        let tracer = PathTracer::new(&session.scene, &session.bvh, &session.camera, &session.rig, &settings);
+        let tracer = PathTracer::new(&session.scene, &session.camera, &session.rig, &settings);
         let start = cpu_seconds();
         tracer.trace(samples_a_half, &|| false, &|_| ());
         // 0.01: the clock's tick, for scenes of nothing.
@@ -114,7 +114,7 @@ pub fn gather_rays_per_s(session: &Session) -> f64 {
         bounces: None,
         seed: 1,
     };
-    let transfer = Transfer::new(&session.scene, &session.bvh, baked, &settings, &|_| ());
+    let transfer = Transfer::new(&session.scene, baked, &settings, &|_| ());
     let reflecting = baked.reflecting();
     let some: Vec<u32> = reflecting.iter().step_by(reflecting.len().div_ceil(4096).max(1)).copied().collect();
     let gatherer = transfer.row_gatherer(Lobe::All);

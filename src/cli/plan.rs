@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Result<()> {
     // Whether maps are drawn depends on the device, which a plan does not open.
     let unseen = match &transfer {
         Some(TransferPlan::Robust(TransferSettings { layers, seed, .. }, _)) => {
-            Some(Importance::new(&session.scene, &session.bvh, baked, *layers, PATHS, *seed).unseen)
+            Some(Importance::new(&session.scene, baked, *layers, PATHS, *seed).unseen)
         }
         other => other.as_ref().map(|_| 0.0),
     };

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use relume::image::exr::{self, Label};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::Rig;
-use relume::session::{Opened, check_fits, cpu_seconds, peak_bytes};
+use relume::session::{Opened, build_bvh, check_fits, cpu_seconds, peak_bytes};
 use relume::{Error, Result};
 use serde_json::json;
 
@@ -111,8 +111,9 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         "choose a smaller --size or fewer --passes",
         &args.scene,
     )?;
-    let bvh = opened.build_bvh(&Terminal::default());
-    let tracer = PathTracer::new(&opened.scene, &bvh, &opened.camera, &opened.rig, &settings);
+    let Opened { scene, rig, camera, .. } = opened;
+    let scene = build_bvh(scene, &Terminal::default());
+    let tracer = PathTracer::new(&scene, &camera, &rig, &settings);
 
     let (start, cpu_start) = (Instant::now(), cpu_seconds());
     let film = trace(&tracer, args)?;
@@ -131,7 +132,7 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         let figures = json!({
             "schema": 1,
             "relume": env!("CARGO_PKG_VERSION"),
-            "scene": { "width": settings.width, "height": settings.height, "lights": opened.rig.lights.len() },
+            "scene": { "width": settings.width, "height": settings.height, "lights": rig.lights.len() },
             "reference": {
                 "seconds": seconds, "cpu_seconds": cpu, "peak_bytes": peak_bytes(),
                 "samples_per_pixel": { "least": samples[0], "most": samples[1] }, "segments_per_cpu_second": segments,

@@ -73,11 +73,11 @@ pub fn run(args: &Args) -> Result<()> {
     let settings = SessionSettings { samples: 1, ..args.scene_options.settings()? };
     let report = relume::view::run(view_settings, move |loader| {
         let session = Session::open_direct(&path, rig.as_deref(), &settings, loader)?;
-        let Session { scene, bvh, baked, camera, rig, transfers, .. } = session;
-        loader.show(Opened { scene: scene.clone(), bvh: bvh.clone(), baked: baked.clone(), camera, rig });
+        let Session { scene, baked, camera, rig, transfers, .. } = session;
+        loader.show(Opened { scene: scene.clone(), baked: baked.clone(), camera, rig });
         match transfers {
             Some(transfers) => {
-                let seen = BakeInput { scene: &scene, bvh: &bvh, baked: &baked };
+                let seen = BakeInput { scene: &scene, baked: &baked };
                 transfers.refine(seen, loader, |transfer| loader.refine(transfer.with_coarse()))
             }
             None => Ok(()),

@@ -9,9 +9,8 @@ use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::physics::octahedral;
-use crate::scene::Scene;
 use crate::shared::*;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// Casts rays from lights, and adds what they bring.
 pub struct RayCaster {
@@ -40,17 +39,10 @@ impl RayCaster {
     }
 
     /// Casts the rays of `light` at the samples of `transfer`, the one that this was made of.
-    pub fn cast(
-        &self,
-        scene: &Scene,
-        bvh: &Bvh,
-        transfer: &BakedTransfer,
-        light: &PackedLight,
-        caught: &mut LightRayHits,
-    ) {
+    pub fn cast(&self, scene: &TracedScene, transfer: &BakedTransfer, light: &PackedLight, caught: &mut LightRayHits) {
         let contributions = caught.contributions.host_mut();
         let mut count = 0;
-        self.rays.shade(scene, bvh, &transfer.samples, &self.projection, light, |index, value| {
+        self.rays.shade(scene, &transfer.samples, &self.projection, light, |index, value| {
             contributions[count] = Contribution { value, index };
             count += 1;
         });

@@ -38,9 +38,9 @@ use crate::bake::Baked;
 use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
-use crate::scene::{Rig, Scene};
+use crate::scene::Rig;
 use crate::shared::LIGHTS_A_PASS;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// How pictures leave the relighter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,8 +119,7 @@ impl Default for RelightSettings {
 pub struct Relighter {
     context: Arc<Context>,
     frames: Frames,
-    scene: Arc<Scene>,
-    bvh: Arc<Bvh>,
+    scene: Arc<TracedScene>,
     baked: Arc<Baked>,
     gpu: GpuBaked,
     indirect: Option<Indirect>,
@@ -164,8 +163,7 @@ struct Kernels {
 impl Relighter {
     pub fn new(
         context: &Arc<Context>,
-        scene: &Arc<Scene>,
-        bvh: &Arc<Bvh>,
+        scene: &Arc<TracedScene>,
         baked: &Arc<Baked>,
         rig: &Rig,
         settings: &RelightSettings,
@@ -187,7 +185,7 @@ impl Relighter {
             );
         }
         let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
-        let traced = settings.visibility.traces(context, bvh);
+        let traced = settings.visibility.traces(context, scene);
         let gpu = GpuBaked::new(context, baked)?;
         Ok(Self {
             frames: Frames::new(context)?,
@@ -200,7 +198,7 @@ impl Relighter {
             rest: image("light images (rest)")?,
             extras: (0..together(rig)).map(|_| extra_planes(context, baked)).collect::<Result<_>>()?,
             visibility: VisibilityBuffers::new(context, baked, traced)?,
-            shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
+            shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) },
             kernels: Kernels {
                 shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(baked.has_specular))])?,
                 resolve: Kernel::new(context, "resolve", &[])?,
@@ -216,7 +214,6 @@ impl Relighter {
             times: Vec::new(),
             context: context.clone(),
             scene: scene.clone(),
-            bvh: bvh.clone(),
             baked: baked.clone(),
         })
     }
@@ -464,7 +461,6 @@ impl Relighter {
         let Self { frames, times, visibility, outputs, .. } = self;
         let parts = FrameResources {
             scene: &self.scene,
-            bvh: &self.bvh,
             baked: &self.baked,
             gpu: &self.gpu,
             indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),

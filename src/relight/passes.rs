@@ -12,17 +12,16 @@ use super::visibility::{VisibilityBuffers, VisibilitySlot, trace, trace_half};
 use super::{Kernels, Layers};
 use crate::bake::Baked;
 use crate::gpu::{Buffer, Frame, Pass};
-use crate::scene::{Light, Rig, Scene};
+use crate::scene::{Light, Rig};
 use crate::shared::*;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// Draw a shadow map, look it up twice, shade, resolve.
 const PASSES_A_LIGHT: usize = 5;
 
 /// What passes touch, borrowed for one frame.
 pub struct FrameResources<'a> {
-    pub scene: &'a Scene,
-    pub bvh: &'a Bvh,
+    pub scene: &'a TracedScene,
     pub baked: &'a Baked,
     pub gpu: &'a GpuBaked,
     /// Absent where none is wanted.
@@ -63,16 +62,16 @@ impl FrameResources<'_> {
                     let words = &mut bytes.view_samples;
                     let half = &mut half.view_samples;
                     frame.cpu("trace shadows", || match detail {
-                        Detail::Exact => trace(words, self.bvh, self.scene, &self.baked.packets, packed),
-                        Detail::Coarse => trace_half(words, self.bvh, self.scene, half, packed),
+                        Detail::Exact => trace(words, self.scene, &self.baked.packets, packed),
+                        Detail::Coarse => trace_half(words, self.scene, half, packed),
                     });
                 }
                 if let Some(transfer) = self.baked.transfer.as_ref().filter(|_| self.indirect.is_some()) {
                     let words = &mut bytes.gather_points;
                     let half = &mut half.gather_points;
                     frame.cpu("trace gather samples", || match detail {
-                        Detail::Exact => trace(words, self.bvh, self.scene, &transfer.packets, packed),
-                        Detail::Coarse => trace_half(words, self.bvh, self.scene, half, packed),
+                        Detail::Exact => trace(words, self.scene, &transfer.packets, packed),
+                        Detail::Coarse => trace_half(words, self.scene, half, packed),
                     });
                 }
             }
@@ -86,7 +85,7 @@ impl FrameResources<'_> {
         let ray_caster = self.indirect.and_then(|indirect| indirect.ray_caster.as_ref());
         if let (Some(ray_caster), Some(transfer)) = (ray_caster, &self.baked.transfer) {
             let caught = &mut bytes.light_rays;
-            frame.cpu("trace light rays", || ray_caster.cast(self.scene, self.bvh, transfer, packed, caught));
+            frame.cpu("trace light rays", || ray_caster.cast(self.scene, transfer, packed, caught));
         }
         seen
     }

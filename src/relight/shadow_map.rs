@@ -16,7 +16,7 @@ use crate::gpu::raster::DepthDraw;
 use crate::gpu::{Buffer, Context, DepthArray, DepthKernel, Frame, Kernel};
 use crate::scene::{Light, LightKind, Scene};
 use crate::shared::{PackedLight, ShadowFace, ShadowPcfPush, ShadowPush, ViewSample};
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// Triangles culled together.
 const CLUSTER_SIZE: usize = 256;
@@ -59,11 +59,11 @@ pub(super) struct Face {
 }
 
 impl ShadowMaps {
-    pub fn new(context: &Arc<Context>, scene: &Scene, bvh: &Bvh, size: u32) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, scene: &TracedScene, size: u32) -> Result<Self> {
         let mesh = &scene.mesh;
         // The BVH's order keeps neighbours together: clusters are compact and vertices are used again soon.
         let (passable, opaque): (Vec<u32>, Vec<u32>) =
-            bvh.triangle_order().partition(|&triangle| bvh.is_masked(scene, triangle));
+            scene.bvh.triangle_order().partition(|&triangle| scene.is_masked(triangle));
         let order: Vec<[u32; 3]> = opaque.iter().map(|&t| mesh.triangles[t as usize]).collect();
         let cutouts = || Cutouts::new(context, scene, &passable);
         Ok(Self {
@@ -74,7 +74,7 @@ impl ShadowMaps {
             indices: Buffer::from_slice(context, "shadow indices", bytemuck::cast_slice(&order))?,
             clusters: clusters(scene, &order),
             cutouts: if passable.is_empty() { None } else { Some(cutouts()?) },
-            radius: bvh.radius,
+            radius: scene.bvh.radius,
             ranges: vec![Vec::new(); 6],
         })
     }

@@ -7,9 +7,8 @@ use super::light_rays::LightRayHits;
 use crate::bake::Baked;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
-use crate::scene::Scene;
 use crate::shared::PackedLight;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 use crate::trace::packet::half::HalfPackets;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_all};
 
@@ -26,9 +25,9 @@ pub enum VisibilityMethod {
 impl VisibilityMethod {
     /// Whether rays are traced. Maps show what blends by chance, so that scenes where anything does are traced unless maps are
     /// asked for.
-    pub fn traces(self, context: &Context, bvh: &Bvh) -> bool {
+    pub fn traces(self, context: &Context, scene: &TracedScene) -> bool {
         match self {
-            Self::Auto => context.is_cpu() || bvh.has_blends,
+            Self::Auto => context.is_cpu() || scene.bvh.has_blends,
             Self::Map => false,
             Self::Traced => true,
         }
@@ -122,11 +121,11 @@ impl VisibilityBuffers {
 }
 
 /// Traces one sample in four towards `light`, on all cores.
-pub fn trace_half(words: &mut Buffer<u32>, bvh: &Bvh, scene: &Scene, half: &mut HalfPackets, light: &PackedLight) {
-    half.trace(bvh, scene, light, bytemuck::cast_slice_mut(words.host_mut()));
+pub fn trace_half(words: &mut Buffer<u32>, scene: &TracedScene, half: &mut HalfPackets, light: &PackedLight) {
+    half.trace(scene, light, bytemuck::cast_slice_mut(words.host_mut()));
 }
 
 /// Traces `packets` towards `light`, on all cores.
-pub fn trace(words: &mut Buffer<u32>, bvh: &Bvh, scene: &Scene, packets: &[SamplePacket], light: &PackedLight) {
-    trace_all(bvh, scene, light, packets, bytemuck::cast_slice_mut(words.host_mut()));
+pub fn trace(words: &mut Buffer<u32>, scene: &TracedScene, packets: &[SamplePacket], light: &PackedLight) {
+    trace_all(scene, light, packets, bytemuck::cast_slice_mut(words.host_mut()));
 }

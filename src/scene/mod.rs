@@ -36,6 +36,7 @@ use crate::error::{Error, Result};
 const MAX_IMAGE_SIDE: f64 = 65_536.0;
 
 /// One file, ready to bake.
+#[derive(Clone)]
 pub struct Scene {
     pub path: PathBuf,
     pub mesh: Mesh,
@@ -55,7 +56,7 @@ pub struct Scene {
 /// All triangles of a scene in mesh space, nodes flattened, attributes indexed together.
 ///
 /// Optional attributes are empty when no material needs them.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// Unit length; flat-shaded faces own their vertices.

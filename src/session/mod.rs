@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use self::memory::check_fits;
-pub use self::open::{OpenSettings, Opened, check_size};
+pub use self::open::{OpenSettings, Opened, build_bvh, check_size};
 pub use self::plan::{BakeInput, ERROR, Form, IndirectSettings, THESIS_BOUNCES, TransferPlan};
 pub use self::progress::Progress;
 pub use self::report::{BakeReport, Stage, cpu_seconds, peak_bytes};
@@ -33,8 +33,8 @@ use crate::bake::{BakeSettings, Baked, bake, cache, low_priority};
 use crate::error::{Error, Result};
 use crate::gpu::{Context, Validation};
 use crate::relight::{RelightSettings, Relighter};
-use crate::scene::{Camera, Rig, Scene};
-use crate::trace::bvh::Bvh;
+use crate::scene::{Camera, Rig};
+use crate::trace::bvh::TracedScene;
 
 /// What a session bakes.
 #[derive(Clone, Debug)]
@@ -87,8 +87,7 @@ pub fn user_cache_dir() -> Option<PathBuf> {
 
 /// A scene with its BVH, baked for one camera.
 pub struct Session {
-    pub scene: Arc<Scene>,
-    pub bvh: Arc<Bvh>,
+    pub scene: Arc<TracedScene>,
     pub baked: Arc<Baked>,
     pub camera: Camera,
     /// The lights that the first picture shows.
@@ -193,15 +192,15 @@ impl Session {
     /// Indirect light from the cache, or baked: to one sample a pixel, whose rows serve its further samples, so that it does
     /// not depend on where the lights' shadow edges lie.
     fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<BakedTransfer> {
-        let Self { scene, bvh, baked, bake, transfers, plain, .. } = self;
+        let Self { scene, baked, bake, transfers, plain, .. } = self;
         let transfers = transfers.as_ref().expect("there is indirect light");
         let get = move |bake: &mut BakeReport| {
             let Some(plain) = plain.as_deref() else {
-                return transfers.get(BakeInput { scene, bvh, baked }, lobe, bake, progress);
+                return transfers.get(BakeInput { scene, baked }, lobe, bake, progress);
             };
-            let transfer = transfers.get(BakeInput { scene, bvh, baked: plain }, lobe, bake, progress)?;
+            let transfer = transfers.get(BakeInput { scene, baked: plain }, lobe, bake, progress)?;
             let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
-            let spread = bake.stage("spread transfer", || spread(&plain, baked, bvh.radius));
+            let spread = bake.stage("spread transfer", || spread(&plain, baked, scene.bvh.radius));
             Ok(spread.expect("such a transfer has no plain bake"))
         };
         bake.clocked(|bake| until_cancelled(|| get(bake)))
@@ -241,8 +240,8 @@ impl Session {
         let plan = settings.indirect.map(|indirect| indirect.plan(opened.size, layers, seed));
         let forced = if settings.force_all { layers - 1 } else { 0 };
         check_memory(opened.size, samples, forced, opened.rig.lights.len(), &opened.scene.path)?;
-        let bvh = report.stage("build BVH", || opened.build_bvh(progress));
         let Opened { scene, rig, camera, size: [width, height] } = opened;
+        let scene = report.stage("build BVH", || build_bvh(scene, progress));
         let of_framebuffer = BakeSettings { width, height, layers, samples };
         let cache_dir = &settings.cache_dir;
         let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, Baked)> {
@@ -255,7 +254,7 @@ impl Session {
             }
             let passes = if settings.samples > 1 { 2 } else { 1 };
             progress.begin("deep framebuffer", passes * settings.tile_count());
-            let make = || bake(&scene, &bvh, &camera, &rig, settings, &advance(progress));
+            let make = || bake(&scene, &camera, &rig, settings, &advance(progress));
             let baked = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
             progress.end();
             if let Some(dir) = cache_dir
@@ -280,8 +279,8 @@ impl Session {
         let plain = plain.map(|(_, baked)| Arc::new(baked));
         report.seconds += start.elapsed().as_secs_f64();
         report.cpu_seconds += cpu_seconds() - cpu_start;
-        let (scene, bvh, baked) = (Arc::new(scene), Arc::new(bvh), Arc::new(baked));
-        Ok(Self { scene, bvh, baked, camera, rig, bake: report, key, cache_dir: cache_dir.clone(), transfers, plain })
+        let (scene, baked) = (Arc::new(scene), Arc::new(baked));
+        Ok(Self { scene, baked, camera, rig, bake: report, key, cache_dir: cache_dir.clone(), transfers, plain })
     }
 
     /// A Vulkan device by its index or a part of its name, or the best one; compiled kernels go to the cache. Debug builds turn
@@ -293,7 +292,7 @@ impl Session {
 
     /// What makes pictures of the scene under `rig`'s lights, and any edit of these.
     pub fn relighter(&self, context: &Arc<Context>, rig: &Rig, settings: &RelightSettings) -> Result<Relighter> {
-        Relighter::new(context, &self.scene, &self.bvh, &self.baked, rig, settings)
+        Relighter::new(context, &self.scene, &self.baked, rig, settings)
     }
 
     /// A relighter whose indirect light is what the pixels' specular lobes make of it.
@@ -306,7 +305,7 @@ impl Session {
     ) -> Result<Relighter> {
         let transfer = self.transfer(Lobe::Specular, progress)?;
         let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
-        Relighter::new(context, &self.scene, &self.bvh, &baked, rig, settings)
+        Relighter::new(context, &self.scene, &baked, rig, settings)
     }
 
     /// View samples in each layer that was asked for, seen or not.
@@ -317,7 +316,7 @@ impl Session {
     }
 
     pub fn seen(&self) -> BakeInput<'_> {
-        BakeInput { scene: &self.scene, bvh: &self.bvh, baked: &self.baked }
+        BakeInput { scene: &self.scene, baked: &self.baked }
     }
 
     pub fn size(&self) -> (usize, usize) {

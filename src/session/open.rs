@@ -8,7 +8,7 @@ use super::progress::Progress;
 use crate::error::{Error, Result};
 use crate::scene::rig::without_dots;
 use crate::scene::{Camera, Rig, Scene};
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// How a scene is looked at.
 #[derive(Clone, Debug, Default)]
@@ -57,13 +57,14 @@ impl Opened {
         check_size(size).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
         Ok(Self { scene, rig, camera, size })
     }
+}
 
-    pub fn build_bvh(&self, progress: &dyn Progress) -> Bvh {
-        progress.begin("building the BVH", 0);
-        let bvh = Bvh::build(&self.scene);
-        progress.end();
-        bvh
-    }
+/// Makes a scene ready for rays.
+pub fn build_bvh(scene: Scene, progress: &dyn Progress) -> TracedScene {
+    progress.begin("building the BVH", 0);
+    let scene = TracedScene::new(scene);
+    progress.end();
+    scene
 }
 
 /// The rig's camera, the one asked for by name, the first, or one that frames the scene.

@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::shared::PackedLight;
 use crate::storage::journal::Journal;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// How indirect light is computed. What is `None` is chosen by the picture's size, and by the error that is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,8 +70,7 @@ pub enum TransferPlan {
 /// A scene, and what of it is seen.
 #[derive(Clone, Copy)]
 pub struct BakeInput<'a> {
-    pub scene: &'a Scene,
-    pub bvh: &'a Bvh,
+    pub scene: &'a TracedScene,
     pub baked: &'a Baked,
 }
 
@@ -261,7 +260,7 @@ impl TransferPlan {
     /// How far an operator of ours is from rows gathered anew, under points and spots.
     pub fn verify(
         &self,
-        BakeInput { scene, bvh, baked }: BakeInput,
+        BakeInput { scene, baked }: BakeInput,
         operator: &BakedTransfer,
         progress: &dyn Progress,
     ) -> Result<[ValidationError; 2]> {
@@ -269,9 +268,9 @@ impl TransferPlan {
             return Err(Error::invalid("--verify", "rows are gathered anew for --method robust only"));
         };
         progress.begin("bounces", settings.coarse_samples.min(settings.samples));
-        let transfer = Transfer::new(scene, bvh, baked, settings, &advance(progress));
+        let transfer = Transfer::new(scene, baked, settings, &advance(progress));
         progress.end();
-        let direct = |light: &PackedLight| direct::shade(scene, bvh, &transfer.fine, light);
+        let direct = |light: &PackedLight| direct::shade(scene, &transfer.fine, light);
         let rays = RAYS_ANEW * settings.rays;
         let validation = Validation { rays, share: 0.1, lights: 20, lobe: Lobe::All, seed: settings.seed ^ 5 << 32 };
         progress.begin("verifying", (validation.share * baked.samples.len() as f64) as usize);
@@ -284,7 +283,7 @@ impl TransferPlan {
     /// Bakes the operator; `journal` is where it keeps what it would go on from if it was stopped.
     pub fn bake(
         &self,
-        BakeInput { scene, bvh, baked }: BakeInput,
+        BakeInput { scene, baked }: BakeInput,
         lobe: Lobe,
         journal: Option<&Path>,
         report: &mut BakeReport,
@@ -295,7 +294,7 @@ impl TransferPlan {
         let baked = match self {
             Self::Robust(settings, form) => {
                 progress.begin("bounces", settings.coarse_samples.min(settings.samples));
-                let transfer = report.stage("bounces", || Transfer::new(scene, bvh, baked, settings, &advance));
+                let transfer = report.stage("bounces", || Transfer::new(scene, baked, settings, &advance));
                 progress.end();
                 let radius = transfer.certificate.spectral_radius;
                 if radius > HARDLY_ABSORBED {
@@ -332,7 +331,7 @@ impl TransferPlan {
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);
-                let thesis = report.stage("bounces", || Thesis::new(scene, bvh, baked, settings, &advance));
+                let thesis = report.stage("bounces", || Thesis::new(scene, baked, settings, &advance));
                 progress.end();
                 check_dense(baked, thesis.column_count(), scene)?;
                 if scene.materials.iter().any(|material| material.emissive != Vec3::ZERO) {

@@ -1,6 +1,7 @@
 //! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays in [`super::packet`].
 
 use std::cell::Cell;
+use std::ops::Deref;
 
 use glam::{BVec4A, Vec2, Vec3, Vec3A, Vec4, Vec4Swizzles};
 use obvhs::aabb::Aabb;
@@ -17,6 +18,21 @@ use pulp::{Simd, WithSimd};
 
 use super::coincident::Heaps;
 use crate::scene::{AlphaMode, Scene};
+
+/// A scene whose triangles rays can be traced to.
+pub struct TracedScene {
+    scene: Scene,
+    pub bvh: Bvh,
+}
+
+/// What traces rays reads the scene as often as the hierarchy over it.
+impl Deref for TracedScene {
+    type Target = Scene;
+
+    fn deref(&self) -> &Scene {
+        &self.scene
+    }
+}
 
 /// All triangles of a scene, ready to be hit. Directions need not be unit length; distances are in their lengths.
 pub struct Bvh {
@@ -60,8 +76,59 @@ pub struct Hit {
     pub distance: f32,
 }
 
+impl TracedScene {
+    pub fn new(scene: Scene) -> Self {
+        Self { bvh: Bvh::build(&scene), scene }
+    }
+
+    /// First surface along the ray between its origin and `max_distance`. One that blends is met as often as its coverage
+    /// tells: what a mean over rays sees is what blending makes [Enderton 2010]. The same ray meets the same, always.
+    pub fn closest_hit(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
+        let passes = |hit: &Hit| passes_by_chance(self, hit.triangle, hit.barycentric, [origin, direction]);
+        // With the machine's own registers, a quarter faster; products and sums are rounded one by one all the same.
+        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
+    }
+
+    /// First surface along the ray that it does not pass. `passes` is asked in any order, and never where all is opaque.
+    pub fn closest_hit_unless(&self, origin: Vec3, direction: Vec3, passes: impl Fn(&Hit) -> bool) -> Option<Hit> {
+        let max_distance = f32::INFINITY;
+        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
+    }
+
+    /// First surface along the ray of which at least half is there: what one sees at a glance.
+    pub fn closest_solid_hit(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.closest_hit_unless(origin, direction, |hit| coverage(self, hit.triangle, hit.barycentric) < 0.5)
+    }
+
+    /// Whether anything lies along the ray between its origin and `max_distance`; what blends, by chance as in
+    /// [`Self::closest_hit`].
+    pub fn occluded(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
+        let passes = |hit: &Hit| passes_by_chance(self, hit.triangle, hit.barycentric, [origin, direction]);
+        pulp::Arch::new().dispatch(Occluded(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
+    }
+
+    /// Share of light that gets along the ray from its origin to `max_distance`, past all that blends: 0 or 1 where nothing
+    /// does.
+    pub fn transmittance(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
+        let left = Cell::new(1.0f32);
+        let passes = |hit: &Hit| {
+            left.set(left.get() * (1.0 - taken(self, hit.triangle, hit.barycentric)));
+            left.get() >= LEAST_SHARE
+        };
+        let ray = SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes };
+        if pulp::Arch::new().dispatch(Occluded(ray)) { 0.0 } else { left.get() }
+    }
+
+    /// Whether light may pass a triangle.
+    #[inline(always)]
+    pub fn is_masked(&self, triangle: u32) -> bool {
+        let material = || self.mesh.triangle_materials[triangle as usize] as usize;
+        self.bvh.has_masks && self.materials[material()].alpha_mode != AlphaMode::Opaque
+    }
+}
+
 impl Bvh {
-    pub fn build(scene: &Scene) -> Self {
+    fn build(scene: &Scene) -> Self {
         let mesh = &scene.mesh;
         let mut corners: Vec<Corners> = mesh
             .triangles
@@ -132,44 +199,6 @@ impl Bvh {
         }
     }
 
-    /// First surface along the ray between its origin and `max_distance`. One that blends is met as often as its coverage
-    /// tells: what a mean over rays sees is what blending makes [Enderton 2010]. The same ray meets the same, always.
-    pub fn closest_hit(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
-        let passes = |hit: &Hit| passes_by_chance(scene, hit.triangle, hit.barycentric, [origin, direction]);
-        // With the machine's own registers, a quarter faster; products and sums are rounded one by one all the same.
-        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: self, origin, direction, max_distance, passes }))
-    }
-
-    /// First surface along the ray that it does not pass. `passes` is asked in any order, and never where all is opaque.
-    pub fn closest_hit_unless(&self, origin: Vec3, direction: Vec3, passes: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        let max_distance = f32::INFINITY;
-        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: self, origin, direction, max_distance, passes }))
-    }
-
-    /// First surface along the ray of which at least half is there: what one sees at a glance.
-    pub fn closest_solid_hit(&self, scene: &Scene, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        self.closest_hit_unless(origin, direction, |hit| coverage(scene, hit.triangle, hit.barycentric) < 0.5)
-    }
-
-    /// Whether anything lies along the ray between its origin and `max_distance`; what blends, by chance as in
-    /// [`Self::closest_hit`].
-    pub fn occluded(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
-        let passes = |hit: &Hit| passes_by_chance(scene, hit.triangle, hit.barycentric, [origin, direction]);
-        pulp::Arch::new().dispatch(Occluded(SingleRay { bvh: self, origin, direction, max_distance, passes }))
-    }
-
-    /// Share of light that gets along the ray from its origin to `max_distance`, past all that blends: 0 or 1 where nothing
-    /// does.
-    pub fn transmittance(&self, scene: &Scene, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
-        let left = Cell::new(1.0f32);
-        let passes = |hit: &Hit| {
-            left.set(left.get() * (1.0 - taken(scene, hit.triangle, hit.barycentric)));
-            left.get() >= LEAST_SHARE
-        };
-        let ray = SingleRay { bvh: self, origin, direction, max_distance, passes };
-        if pulp::Arch::new().dispatch(Occluded(ray)) { 0.0 } else { left.get() }
-    }
-
     /// By the signs of three edge functions, all or none of them negative [Kensler 2006]. Each edge enters as its sum
     /// and difference, of which a neighbour gets exactly the negative: a ray through a shared edge hits at least one.
     #[inline(always)] // a call costs a fifth of it
@@ -200,13 +229,6 @@ impl Bvh {
         let within = distance > 0.0 && distance < max_distance && barycentric.is_finite();
         let hit = Hit { triangle: corners.triangle, barycentric, distance };
         (within && !(self.has_masks && passes(&hit))).then_some(hit)
-    }
-
-    /// Whether light may pass a triangle.
-    #[inline(always)]
-    pub fn is_masked(&self, scene: &Scene, triangle: u32) -> bool {
-        let material = || scene.mesh.triangle_materials[triangle as usize] as usize;
-        self.has_masks && scene.materials[material()].alpha_mode != AlphaMode::Opaque
     }
 
     /// The mesh's triangles, neighbours near each other.

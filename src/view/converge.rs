@@ -157,8 +157,8 @@ impl Converge {
 
     /// Begins a bake on threads of its own.
     fn begin(&mut self, opened: &Opened, rig: &Rig) {
-        let Opened { scene, bvh, baked, camera, .. } = opened;
-        let (scene, bvh, of, camera, rig) = (scene.clone(), bvh.clone(), baked.clone(), camera.clone(), rig.clone());
+        let Opened { scene, baked, camera, .. } = opened;
+        let (scene, of, camera, rig) = (scene.clone(), baked.clone(), camera.clone(), rig.clone());
         let settings = BakeSettings {
             width: of.tiling.width,
             height: of.tiling.height,
@@ -174,9 +174,9 @@ impl Converge {
                 done.fetch_add(tiles, Ordering::Relaxed);
             };
             let baked = low_priority(|| {
-                let mut baked = bake(&scene, &bvh, &camera, &rig, &settings, &advance);
+                let mut baked = bake(&scene, &camera, &rig, &settings, &advance);
                 baked.has_specular |= of.has_specular;
-                baked.transfer = spread(&of, &baked, bvh.radius);
+                baked.transfer = spread(&of, &baked, scene.bvh.radius);
                 Arc::new(baked)
             });
             let sharper = Sharper { edges: edges(&scene, &rig), of, baked };
@@ -195,7 +195,7 @@ impl Converge {
             Some(relighter) => relighter.set_baked(sharper.baked),
             None => {
                 let (context, settings) = (&self.context, &self.settings);
-                Relighter::new(context, &opened.scene, &opened.bvh, &sharper.baked, rig, settings)
+                Relighter::new(context, &opened.scene, &sharper.baked, rig, settings)
                     .map(|made| self.relighter = Some(made))
             }
         };

@@ -51,7 +51,7 @@ impl GatherMarks {
 /// Samples whose first point nothing hides from the camera.
 fn seen(opened: &Opened) -> Vec<DVec3> {
     let Some(transfer) = &opened.baked.transfer else { return Vec::new() };
-    let (scene, bvh, camera) = (&opened.scene, &opened.bvh, &opened.camera);
+    let (scene, camera) = (&opened.scene, &opened.camera);
     let aspect = f64::from(opened.baked.tiling.width) / f64::from(opened.baked.tiling.height);
     let visible = |position: &Vec3| -> Option<DVec3> {
         let world = scene.space.to_world(*position);
@@ -59,7 +59,7 @@ fn seen(opened: &Opened) -> Vec<DVec3> {
         let (origin, direction) = camera.ray(x, y, aspect);
         let distance = (world - origin).dot(direction) / scene.space.unit;
         let from = scene.space.from_world(origin).as_vec3();
-        let hit = bvh.closest_solid_hit(scene, from, direction.as_vec3())?;
+        let hit = scene.closest_solid_hit(from, direction.as_vec3())?;
         let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
         (inside && f64::from(hit.distance) > distance * (1.0 - NEAR) - 1e-4).then_some(world)
     };

@@ -115,7 +115,7 @@ fn cast(opened: &Opened, light: &Light, [width, height]: [usize; 2]) -> Vec<Colo
         let share = |at: usize, of: usize| (at as f64 + 0.5) / of as f64;
         let (origin, direction) = view.ray(share(i % width, width), share(i / width, height), aspect());
         let (from, along) = (scene.space.from_world(origin).as_vec3(), direction.as_vec3());
-        let Some(hit) = opened.bvh.closest_solid_hit(scene, from, along) else { return Color32::BLACK };
+        let Some(hit) = scene.closest_solid_hit(from, along) else { return Color32::BLACK };
         let point = SurfacePoint::new(scene, &hit, along, 0.0);
         let base = scene.materials[point.material as usize].base_color.truncate();
         let lit = base * (0.15 + 0.85 * point.normal.dot(-along).max(0.0));

@@ -45,8 +45,8 @@ pub use self::window::run;
 use crate::bake::Baked;
 use crate::gpu::{PassTime, Site, Validation, Vsync};
 use crate::relight::RelightSettings;
-use crate::scene::{Camera, Rig, Scene};
-use crate::trace::bvh::Bvh;
+use crate::scene::{Camera, Rig};
+use crate::trace::bvh::TracedScene;
 
 /// What a window needs to know before its scene is loaded.
 pub struct ViewSettings {
@@ -74,8 +74,7 @@ pub struct ViewSettings {
 
 /// A loaded and baked scene.
 pub struct Opened {
-    pub scene: Arc<Scene>,
-    pub bvh: Arc<Bvh>,
+    pub scene: Arc<TracedScene>,
     pub baked: Arc<Baked>,
     pub camera: Camera,
     pub rig: Rig,

@@ -68,7 +68,7 @@ impl Opened {
         let (origin, direction) = self.camera.ray(x, y, self.aspect());
         let space = self.scene.space;
         let from = space.from_world(origin).as_vec3();
-        let hit = self.bvh.closest_solid_hit(&self.scene, from, direction.as_vec3())?;
+        let hit = self.scene.closest_solid_hit(from, direction.as_vec3())?;
         let seen = SurfacePoint::new(&self.scene, &hit, direction.as_vec3(), 0.0);
         let facing = |normal: Vec3| {
             let normal = normal.as_dvec3().try_normalize().unwrap_or(-direction);
@@ -88,7 +88,7 @@ impl Opened {
         let space = self.scene.space;
         let from = space.from_world(from);
         let start = (from + direction * OFF).as_vec3();
-        let hit = self.bvh.closest_solid_hit(&self.scene, start, direction.as_vec3());
+        let hit = self.scene.closest_solid_hit(start, direction.as_vec3());
         space.unit * hit.map_or(from.length() + 1.0, |hit| f64::from(hit.distance) + OFF)
     }
 

@@ -90,8 +90,8 @@ impl Stage {
         settings: &ViewSettings,
         proxy: EventLoopProxy<LoadEvent>,
     ) -> Result<Self> {
-        let Opened { scene, bvh, baked, camera, rig } = &opened;
-        let relighter = Relighter::new(context, scene, bvh, baked, rig, &settings.relight)?;
+        let Opened { scene, baked, camera, rig } = &opened;
+        let relighter = Relighter::new(context, scene, baked, rig, &settings.relight)?;
         let desk = Desk::new(rig.clone(), camera.clone(), scene.space.unit);
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -8,15 +8,14 @@ use relume::image::{Image, exr};
 use relume::physics::sequence::Points;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::{Light, LightKind, Scene};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 use super::shared;
 use super::stage::rig;
 
 /// A scene, and lights in it.
 pub struct Drawn {
-    pub scene: Scene,
-    pub bvh: Bvh,
+    pub scene: TracedScene,
     pub lights: Vec<Light>,
 }
 
@@ -28,26 +27,26 @@ pub fn load(name: &str) -> Option<Drawn> {
         scene.path = format!("{name}.glb").into();
         scene.materials.iter_mut().filter(|m| m.roughness == 0.3).for_each(|m| m.roughness = 0.5477);
     }
-    let bvh = Bvh::build(&scene);
-    let lights = lights(&scene, &bvh, 7);
-    Some(Drawn { scene, bvh, lights })
+    let scene = TracedScene::new(scene);
+    let lights = lights(&scene, 7);
+    Some(Drawn { scene, lights })
 }
 
 const ROUGHER: &str = "-rougher";
 
 /// Three points, then two spots with half-angles of 15 to 35 degrees, at random in a scene's bounds: no nearer to any
 /// surface than a twentieth of the bounds' diagonal, in no solid, and spots look at something.
-fn lights(scene: &Scene, bvh: &Bvh, seed: u64) -> Vec<Light> {
+fn lights(scene: &TracedScene, seed: u64) -> Vec<Light> {
     let (low, high) = scene.mesh.bounds();
     let points = Points::new(seed, 0);
     // How far it is to what lies there; 0 to a back, which only those see that stand in a solid or behind a wall.
     let sees = |at: Vec3, direction: Vec3| {
-        let hit = bvh.closest_hit(scene, at, direction, f32::INFINITY);
+        let hit = scene.closest_hit(at, direction, f32::INFINITY);
         hit.map(|hit| if is_back(scene, &hit, direction) { 0.0 } else { hit.distance })
     };
     let is_free = |at: Vec3| {
         let directions = (0..256).map(|i| on_sphere(Points::new(1, 0).at(i, 0)));
-        directions.filter_map(|d| sees(at, d)).all(|distance| distance > 0.1 * bvh.radius)
+        directions.filter_map(|d| sees(at, d)).all(|distance| distance > 0.1 * scene.bvh.radius)
     };
     let mut lights = Vec::new();
     for candidate in 0.. {
@@ -99,7 +98,7 @@ pub fn tracing(width: u32, height: u32) -> Settings {
 }
 
 /// Two halves with layers `direct` and `indirect`, row by row, of a light alone; traced once, then read.
-pub fn truth(scene: &Scene, bvh: &Bvh, light: &Light, size: u32, samples: u32) -> [Image; 2] {
+pub fn truth(scene: &TracedScene, light: &Light, size: u32, samples: u32) -> [Image; 2] {
     let name = |half: &str| {
         let file = format!("{} {} {size} {samples} {half}.exr", scene.name(), light.name);
         PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("truth").join(file.replace(' ', "-"))
@@ -108,7 +107,7 @@ pub fn truth(scene: &Scene, bvh: &Bvh, light: &Light, size: u32, samples: u32) -
     if !paths.iter().all(|path| path.exists()) {
         let settings = tracing(size, size);
         let rig = rig(vec![light.clone()]);
-        let tracer = PathTracer::new(scene, bvh, &scene.cameras[0], &rig, &settings);
+        let tracer = PathTracer::new(scene, &scene.cameras[0], &rig, &settings);
         let film = tracer.trace(samples, &|| false, &|_| ());
         std::fs::create_dir_all(paths[0].parent().expect("it is in a folder")).unwrap();
         for (path, half) in paths.iter().zip([Half::A, Half::B]) {

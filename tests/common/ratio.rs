@@ -6,15 +6,14 @@ use relume::bake::transfer::rows::Lobe;
 use relume::bake::transfer::{Transfer, TransferSettings};
 use relume::bake::{BakeSettings, Baked, bake};
 use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
-use relume::scene::{Camera, Rig, Scene};
-use relume::trace::bvh::Bvh;
+use relume::scene::{Camera, Rig};
+use relume::trace::bvh::TracedScene;
 
 use super::drawn;
 
 /// A scene under its lights, and a small picture of it.
 pub struct Lit<'a> {
-    pub scene: &'a Scene,
-    pub bvh: &'a Bvh,
+    pub scene: &'a TracedScene,
     pub camera: &'a Camera,
     pub rig: &'a Rig,
     pub size: [u32; 2],
@@ -24,14 +23,14 @@ impl Lit<'_> {
     pub fn bake(&self) -> Baked {
         let [width, height] = self.size;
         let settings = BakeSettings { width, height, layers: 4, samples: 1 };
-        bake(self.scene, self.bvh, self.camera, self.rig, &settings, &|_| ())
+        bake(self.scene, self.camera, self.rig, &settings, &|_| ())
     }
 
     /// λ0 of all lights together.
     pub fn direct(&self, transfer: &Transfer) -> Vec<DVec3> {
         let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
         for light in &self.rig.lights {
-            let unit = direct::shade(self.scene, self.bvh, &transfer.fine, &light.pack(self.scene.space));
+            let unit = direct::shade(self.scene, &transfer.fine, &light.pack(self.scene.space));
             sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
         }
         sum
@@ -40,7 +39,7 @@ impl Lit<'_> {
     /// Mean of indirect light over all pixels, by our operator.
     pub fn mean(&self, settings: &TransferSettings) -> DVec3 {
         let baked = self.bake();
-        let transfer = Transfer::new(self.scene, self.bvh, &baked, settings, &|_| ());
+        let transfer = Transfer::new(self.scene, &baked, settings, &|_| ());
         let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
         let image = transfer.apply(&[self.direct(&transfer)], &all, Lobe::All, &|_| ()).remove(0);
         let mut weights = vec![Vec3::ONE; baked.pixel_stride()];
@@ -53,7 +52,7 @@ impl Lit<'_> {
     /// The same by the path tracer, with so many samples a pixel.
     pub fn traced_mean(&self, bounces: Option<u32>, samples: u32) -> DVec3 {
         let settings = Settings { max_bounces: bounces, ..drawn::tracing(self.size[0], self.size[1]) };
-        let tracer = PathTracer::new(self.scene, self.bvh, self.camera, self.rig, &settings);
+        let tracer = PathTracer::new(self.scene, self.camera, self.rig, &settings);
         let image = tracer.trace(samples, &|| false, &|_| ()).image(Half::Both, &[Layer::Indirect]);
         let pixels = &image.layer("indirect").expect("it was asked for").pixels;
         pixels.iter().map(|&p| Vec3::from(p).as_dvec3()).sum::<DVec3>() / pixels.len() as f64

@@ -8,7 +8,7 @@ use relume::bake::{BakeSettings, Baked, bake};
 use relume::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene, Texture, TextureRef, Wrap};
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 use super::Gpu;
 
@@ -158,18 +158,17 @@ impl Setup {
 
 /// A scene, baked.
 pub struct Stage {
-    pub scene: Arc<Scene>,
-    pub bvh: Arc<Bvh>,
+    pub scene: Arc<TracedScene>,
     pub baked: Arc<Baked>,
 }
 
 impl Stage {
     pub fn new(scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup) -> Self {
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(scene);
         let settings =
             BakeSettings { width: setup.width, height: setup.height, layers: setup.layers, samples: setup.samples };
-        let baked = bake(&scene, &bvh, camera, rig, &settings, &|_| ());
-        Self { scene: Arc::new(scene), bvh: Arc::new(bvh), baked: Arc::new(baked) }
+        let baked = bake(&scene, camera, rig, &settings, &|_| ());
+        Self { scene: Arc::new(scene), baked: Arc::new(baked) }
     }
 
     pub fn relighter(&self, gpu: &Gpu, rig: &Rig, setup: &Setup) -> Relighter {
@@ -179,7 +178,7 @@ impl Stage {
             tone_map: ToneMap::None,
             budget_bytes: setup.budget_bytes,
         };
-        Relighter::new(gpu, &self.scene, &self.bvh, &self.baked, rig, &settings).expect("the device has room")
+        Relighter::new(gpu, &self.scene, &self.baked, rig, &settings).expect("the device has room")
     }
 }
 

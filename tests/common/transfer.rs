@@ -26,7 +26,7 @@ pub fn settings(samples: usize, coarse_samples: usize, rays: u32) -> TransferSet
 
 /// The stage's deep framebuffer with indirect light in dense form.
 pub fn with_dense(stage: &Stage, settings: &TransferSettings) -> Arc<Baked> {
-    let transfer = Transfer::new(&stage.scene, &stage.bvh, &stage.baked, settings, &|_| ());
+    let transfer = Transfer::new(&stage.scene, &stage.baked, settings, &|_| ());
     let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
     assert!(dense.is_consistent(stage.baked.samples.len()));
     Arc::new(Baked { transfer: Some(dense), ..Baked::clone(&stage.baked) })

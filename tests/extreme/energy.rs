@@ -45,9 +45,9 @@ fn closed_rooms_at_any_albedo() {
             let stage = Stage::inside(scene);
             let light = Light::point("l", DVec3::new(0.3, 0.4, -0.35)).pack(stage.scene.space);
             let transfer = stage.transfer(&settings(1024, 1024, 128));
-            let ours = gain(&transfer, &direct::shade(&stage.scene, &stage.bvh, &transfer.fine, &light));
+            let ours = gain(&transfer, &direct::shade(&stage.scene, &transfer.fine, &light));
             let thesis = stage.thesis(1024);
-            let thesis = gain_of_thesis(&thesis, &direct::shade_thesis(&stage.scene, &stage.bvh, &thesis, &light));
+            let thesis = gain_of_thesis(&thesis, &direct::shade_thesis(&stage.scene, &thesis, &light));
             let case = format!("closed {what}, albedo {albedo}, a point light off its centre");
             let row = Row::new(case, "all light is 1/(1-ρ) times the first bounce's", 1e-3, (ours / want - 1.0).abs());
             rows.push(row.thesis((thesis / want - 1.0).abs()));

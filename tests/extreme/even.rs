@@ -12,7 +12,7 @@ use relume::bake::{BakeSettings, Baked, bake};
 use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
 use relume::storage::journal::Journal;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 use crate::common::stage::{lambert, look};
 use crate::common::transfer;
@@ -32,8 +32,7 @@ pub fn thesis_settings(samples: usize) -> ThesisSettings {
 
 /// A scene and what its camera sees, without indirect light.
 pub struct Stage {
-    pub scene: Scene,
-    pub bvh: Bvh,
+    pub scene: TracedScene,
     pub baked: Baked,
 }
 
@@ -48,18 +47,18 @@ impl Stage {
     }
 
     pub fn new(scene: Scene, camera: &Camera, [width, height]: [u32; 2]) -> Self {
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(scene);
         let settings = BakeSettings { width, height, layers: 4, samples: 1 };
-        let baked = bake(&scene, &bvh, camera, &scene.rig, &settings, &|_| ());
-        Self { scene, bvh, baked }
+        let baked = bake(&scene, camera, &scene.rig, &settings, &|_| ());
+        Self { scene, baked }
     }
 
     pub fn transfer(&self, settings: &TransferSettings) -> Transfer<'_> {
-        Transfer::new(&self.scene, &self.bvh, &self.baked, settings, &|_| ())
+        Transfer::new(&self.scene, &self.baked, settings, &|_| ())
     }
 
     pub fn thesis(&self, samples: usize) -> Thesis<'_> {
-        Thesis::new(&self.scene, &self.bvh, &self.baked, &thesis_settings(samples), &|_| ())
+        Thesis::new(&self.scene, &self.baked, &thesis_settings(samples), &|_| ())
     }
 
     /// View samples that reflect light.

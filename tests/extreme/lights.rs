@@ -29,8 +29,7 @@ impl Relit {
     pub fn with(scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup, samples: usize) -> Self {
         let mut stage = stage::Stage::new(scene, camera, rig, setup);
         let settings = settings(samples, samples.div_ceil(4), 128);
-        let transfer =
-            relume::bake::transfer::Transfer::new(&stage.scene, &stage.bvh, &stage.baked, &settings, &|_| ());
+        let transfer = relume::bake::transfer::Transfer::new(&stage.scene, &stage.baked, &settings, &|_| ());
         let transfer = compressed(&transfer, 0.01);
         assert!(transfer.is_consistent(stage.baked.samples.len()));
         stage.baked = Arc::new(Baked { transfer: Some(transfer), ..(*stage.baked).clone() });
@@ -210,10 +209,10 @@ fn all_light_is_caught() {
     let level = &transfer.fine;
     let caught = |light: &Light| -> [f64; 2] {
         let packed = light.pack(stage.scene.space);
-        let ours = direct::shade(&stage.scene, &stage.bvh, level, &packed);
+        let ours = direct::shade(&stage.scene, level, &packed);
         let of = |i: usize| ours[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
         let ours = (0..level.samples.len()).map(of).sum::<f64>() * PI.sqrt();
-        let theirs = direct::shade_thesis(&stage.scene, &stage.bvh, &thesis, &packed);
+        let theirs = direct::shade_thesis(&stage.scene, &thesis, &packed);
         let theirs: f64 = thesis.samples.samples.iter().zip(&theirs).map(|(s, r)| f64::from(s.area) * r.x * PI).sum();
         let square = stage.scene.space.unit.powi(2);
         [ours, theirs].map(|flux| square * flux / f64::from(ALBEDO))

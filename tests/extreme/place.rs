@@ -6,7 +6,7 @@ mod support;
 use glam::{DVec3, Vec3};
 use relume::reference::path_tracer::{Half, Layer, PathTracer};
 use relume::scene::Scene;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 use serde_json::json;
 
 use self::support::Gltf;
@@ -52,8 +52,8 @@ fn room(scale: f64, offset: DVec3) -> Scene {
 fn pictures(gpu: &Gpu, scale: f64, offset: DVec3) -> [Vec<DVec3>; 3] {
     let scene = room(scale, offset);
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
-    let film =
-        PathTracer::new(&scene, &Bvh::build(&scene), &camera, &rig, &tracing(48, 36)).trace(16, &|| false, &|_| ());
+    let traced = TracedScene::new(scene.clone());
+    let film = PathTracer::new(&traced, &camera, &rig, &tracing(48, 36)).trace(16, &|| false, &|_| ());
     let traced = film.image(Half::A, &[Layer::Indirect]).layers.remove(0).pixels;
     let relit = Relit::with(scene, &camera, &rig, &Setup::new(48, 36), 192);
     let linear = |image: Vec<[f32; 3]>| image.into_iter().map(|p| Vec3::from(p).as_dvec3() * (scale * scale)).collect();

@@ -107,9 +107,9 @@ impl<'a> RandomLights<'a> {
 fn height(transfer: &Transfer) -> f32 {
     let samples = &transfer.fine.samples.samples;
     let sees = |sample: &GatherSample| {
-        let offset = transfer.bvh().shadow_offset(0.0);
+        let offset = transfer.scene().bvh.shadow_offset(0.0);
         let origin = sample.position + offset * sample.normal;
-        let hit = transfer.bvh().closest_hit(transfer.scene(), origin, sample.normal, f32::INFINITY);
+        let hit = transfer.scene().closest_hit(origin, sample.normal, f32::INFINITY);
         hit.map_or(f32::INFINITY, |hit| hit.distance)
     };
     let mut distances: Vec<f32> = samples.iter().step_by(samples.len().div_ceil(HEIGHT_PROBES)).map(sees).collect();

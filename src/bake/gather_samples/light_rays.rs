@@ -15,9 +15,8 @@ use super::{carries_light, is_back, normal_length, turned};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::physics::light::{cone, window};
-use crate::scene::Scene;
 use crate::shared::{EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_SPOT, LightSample, PackedLight};
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 use crate::trace::point_tree::{PointTree, point};
 use crate::trace::surface::SurfacePoint;
 
@@ -68,8 +67,7 @@ impl LightRays {
     /// coefficient that gets some, in ascending order.
     pub fn shade(
         &self,
-        scene: &Scene,
-        bvh: &Bvh,
+        scene: &TracedScene,
         samples: &[LightSample],
         projection: &Projection,
         light: &PackedLight,
@@ -78,7 +76,7 @@ impl LightRays {
         let Some(per_solid_angle) = per_solid_angle(light).filter(|_| !samples.is_empty()) else { return };
         let mut rays = [LightRayHit { sample: NOTHING, wi: Vec3::ZERO, irradiance: 0.0 }; RAYS];
         rays.par_iter_mut().with_min_len(16).enumerate().for_each(|(i, ray)| {
-            if let Some(caught) = self.cast(scene, bvh, samples, light, per_solid_angle, i) {
+            if let Some(caught) = self.cast(scene, samples, light, per_solid_angle, i) {
                 *ray = caught;
             }
         });
@@ -98,8 +96,7 @@ impl LightRays {
     /// Ray number `i` of a spherical Fibonacci lattice [Keinert 2015]: each stands for as much of the solid angle.
     fn cast(
         &self,
-        scene: &Scene,
-        bvh: &Bvh,
+        scene: &TracedScene,
         samples: &[LightSample],
         light: &PackedLight,
         per_solid_angle: f32,
@@ -111,7 +108,7 @@ impl LightRays {
         let axis = light.direction.try_normalize().unwrap_or(Vec3::NEG_Z);
         let (s, t) = axis.any_orthonormal_pair();
         let direction = axis * (1.0 - versine) + (s * cos + t * sin) * (versine * (2.0 - versine)).sqrt();
-        let hit = bvh.closest_hit(scene, light.position, direction, f32::INFINITY)?;
+        let hit = scene.closest_hit(light.position, direction, f32::INFINITY)?;
         if is_back(scene, &hit, direction) {
             return None;
         }

@@ -15,7 +15,7 @@ use super::brdf_factors::NEAR_MIRROR_ALPHA;
 use crate::physics::sequence::Points;
 use crate::scene::Scene;
 use crate::shared::Brdf;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket};
 use crate::trace::point_tree::{Point, PointTree, point};
 use crate::trace::surface::SurfacePoint;
@@ -92,10 +92,10 @@ struct Candidate {
 
 impl GatherSamples {
     /// At most `count` samples: fewer where less surface reflects light. Everything random follows from `seed`.
-    pub fn place(scene: &Scene, bvh: &Bvh, surfaces: &Surfaces, placement: Placement, count: usize, seed: u64) -> Self {
+    pub fn place(scene: &TracedScene, surfaces: &Surfaces, placement: Placement, count: usize, seed: u64) -> Self {
         match placement {
             Placement::Random => random(scene, surfaces, count, seed),
-            Placement::Clustered { points } => clustered(scene, bvh, surfaces, count, points, seed),
+            Placement::Clustered { points } => clustered(scene, surfaces, count, points, seed),
         }
     }
 
@@ -204,8 +204,7 @@ fn random(scene: &Scene, surfaces: &Surfaces, count: usize, seed: u64) -> Gather
 }
 
 fn clustered(
-    scene: &Scene,
-    bvh: &Bvh,
+    scene: &TracedScene,
     surfaces: &Surfaces,
     count: usize,
     points_per_sample: usize,
@@ -224,7 +223,7 @@ fn clustered(
             (i, Candidate { triangle: place.triangle, area: area * f64::from(surface.coverage), light, surface })
         })
         .filter(|(i, Candidate { surface, .. })| {
-            carries_light(surface) && !is_enclosed(scene, bvh, surface, Points::new(seed, 1 + *i as u64))
+            carries_light(surface) && !is_enclosed(scene, surface, Points::new(seed, 1 + *i as u64))
         })
         .map(|(_, candidate)| candidate)
         .collect();

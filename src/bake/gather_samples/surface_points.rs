@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::physics::brdf::cosine_direction;
 use crate::physics::sequence;
 use crate::scene::Scene;
-use crate::trace::bvh::{Bvh, Hit, coverage};
+use crate::trace::bvh::{Hit, TracedScene, coverage};
 use crate::trace::surface::SurfacePoint;
 
 /// A place on one side of a triangle.
@@ -59,14 +59,14 @@ impl Patch {
 
 /// The sides of triangles that reflect light, in the order of the BVH's leaves: neighbours are near each other. Each comes
 /// with its area in mesh space; double-sided triangles have two.
-pub fn sides(scene: &Scene, bvh: &Bvh) -> Vec<(u32, f64)> {
+pub fn sides(scene: &TracedScene) -> Vec<(u32, f64)> {
     let of_triangle = |triangle: u32| {
         let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize].as_dvec3());
         let area = 0.5 * (b - a).cross(c - a).length();
         let material = &scene.materials[scene.mesh.triangle_materials[triangle as usize] as usize];
         (0..1 + u32::from(material.double_sided)).map(move |back| (2 * triangle + back, area))
     };
-    bvh.triangle_order().flat_map(of_triangle).collect()
+    scene.bvh.triangle_order().flat_map(of_triangle).collect()
 }
 
 /// Surfaces that points are spread over, in pieces, and how densely.
@@ -108,8 +108,8 @@ pub struct Drawn {
 
 impl Surfaces {
     /// All of a scene's, alike.
-    pub fn even(scene: &Scene, bvh: &Bvh) -> Self {
-        let sides = sides(scene, bvh).into_iter().filter(|&(_, area)| area > 0.0);
+    pub fn even(scene: &TracedScene) -> Self {
+        let sides = sides(scene).into_iter().filter(|&(_, area)| area > 0.0);
         let (sides, areas): (Vec<u32>, Vec<f64>) = sides.unzip();
         Self { cumulative: cumulative(areas.iter().copied()), areas, points: Points::Sides(sides) }
     }
@@ -233,15 +233,15 @@ impl Place {
 /// Whether most of what a point sees are the backs of single-sided faces: it lies within a solid, where no light is.
 ///
 /// Four rays mostly tell; where any of them meets a back, twelve more do.
-pub fn is_enclosed(scene: &Scene, bvh: &Bvh, point: &SurfacePoint, points: sequence::Points) -> bool {
-    let origin = point.position + point.geometric_normal * bvh.shadow_offset(0.0);
+pub fn is_enclosed(scene: &TracedScene, point: &SurfacePoint, points: sequence::Points) -> bool {
+    let origin = point.position + point.geometric_normal * scene.bvh.shadow_offset(0.0);
     let (s, t) = point.geometric_normal.any_orthonormal_pair();
     let backs = |rays: std::ops::Range<u32>| {
         let meets_back = |&i: &u32| {
             let [u, v, ..] = points.at(i, 0);
             let d = cosine_direction(u, v).as_vec3();
             let direction = s * d.x + t * d.y + point.geometric_normal * d.z;
-            bvh.closest_hit(scene, origin, direction, f32::INFINITY).is_some_and(|hit| is_back(scene, &hit, direction))
+            scene.closest_hit(origin, direction, f32::INFINITY).is_some_and(|hit| is_back(scene, &hit, direction))
         };
         rays.filter(meets_back).count()
     };

@@ -9,14 +9,13 @@ use crate::bake::gather_samples::light_rays::{per_solid_angle, weight_of_rays};
 use crate::bake::transfer::level::{Level, local};
 use crate::bake::transfer::thesis::Thesis;
 use crate::physics::light;
-use crate::scene::Scene;
 use crate::shared::PackedLight;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, trace_all};
 
 /// Coefficients that a light at unit intensity leaves in a level's samples: the mean over each sample's points, and what rays
 /// from the light find between them.
-pub fn shade(scene: &Scene, bvh: &Bvh, level: &Level, light: &PackedLight) -> Vec<DVec3> {
+pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVec3> {
     let per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
     let project = |sample: usize, wi: Vec3, irradiance: f64, values: &mut [Vec3]| {
         let sample = &level.samples.samples[sample];
@@ -25,24 +24,23 @@ pub fn shade(scene: &Scene, bvh: &Bvh, level: &Level, light: &PackedLight) -> Ve
         Projection::get().project(&sample.lit, wi, values);
         values.iter_mut().for_each(|k| *k *= 1.0 - rays);
     };
-    let mut coefficients = shade_with(scene, bvh, &level.samples, &level.first, project, light);
-    level.light_rays.shade(scene, bvh, &level.lit, Projection::get(), light, |index, value| {
+    let mut coefficients = shade_with(scene, &level.samples, &level.first, project, light);
+    level.light_rays.shade(scene, &level.lit, Projection::get(), light, |index, value| {
         coefficients[index as usize] += value.as_dvec3();
     });
     coefficients
 }
 
 /// [`shade`] with the thesis's factors.
-pub fn shade_thesis(scene: &Scene, bvh: &Bvh, thesis: &Thesis, light: &PackedLight) -> Vec<DVec3> {
+pub fn shade_thesis(scene: &TracedScene, thesis: &Thesis, light: &PackedLight) -> Vec<DVec3> {
     let project = |sample: usize, wi: Vec3, _: f64, values: &mut [Vec3]| thesis.project(sample, wi, values);
-    shade_with(scene, bvh, &thesis.samples, &thesis.first, project, light)
+    shade_with(scene, &thesis.samples, &thesis.first, project, light)
 }
 
 /// `project` gives k of a sample for a direction in its frame and what the point adds to the sample's irradiance; its
 /// coefficients are `first[i]..first[i + 1]`.
 fn shade_with(
-    scene: &Scene,
-    bvh: &Bvh,
+    scene: &TracedScene,
     samples: &GatherSamples,
     first: &[u32],
     project: impl Fn(usize, Vec3, f64, &mut [Vec3]) + Sync,
@@ -50,7 +48,7 @@ fn shade_with(
 ) -> Vec<DVec3> {
     let packets = samples.packets();
     let mut visibility = vec![0; packets.len() * PACKET_SIZE];
-    trace_all(bvh, scene, light, &packets, &mut visibility);
+    trace_all(scene, light, &packets, &mut visibility);
     let coefficients = |i: usize| {
         let sample = &samples.samples[i];
         let mut k = vec![Vec3::ZERO; (first[i + 1] - first[i]) as usize];

@@ -11,7 +11,7 @@ use crate::physics::octahedral;
 use crate::physics::sequence::Points;
 use crate::scene::Scene;
 use crate::shared::Brdf;
-use crate::trace::bvh::{Bvh, Hit};
+use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::surface::SurfacePoint;
 
 /// What paths from the eye tell of a scene's surfaces.
@@ -64,15 +64,15 @@ const EVENLY: f64 = 0.1;
 
 impl Importance {
     /// Of what `baked` sees, by so many paths that go on through at most `layers` mirrors.
-    pub fn new(scene: &Scene, bvh: &Bvh, baked: &Baked, layers: u32, paths: usize, seed: u64) -> Self {
-        let visits = Tracer { paths: Paths::new(scene, bvh, layers), baked, seed }.trace(paths);
+    pub fn new(scene: &TracedScene, baked: &Baked, layers: u32, paths: usize, seed: u64) -> Self {
+        let visits = Tracer { paths: Paths::new(scene, layers), baked, seed }.trace(paths);
         let mut shares = vec![0.0; scene.materials.len()];
         for visit in &visits {
             shares[scene.mesh.triangle_materials[visit.side as usize / 2] as usize] += visit.light;
         }
         let all: f32 = shares.iter().sum();
         shares.iter_mut().for_each(|share| *share /= all.max(f32::MIN_POSITIVE));
-        let (surfaces, unseen) = spread(scene, bvh, visits);
+        let (surfaces, unseen) = spread(scene, visits);
         Self { surfaces, shares, unseen }
     }
 }
@@ -158,8 +158,8 @@ impl Tracer<'_> {
 /// Light that comes from `distance` away is wrong by the angle under which a sample's width is seen: the squares of its
 /// share times width over distance add up to the error, which so many samples make least if their density is the root of
 /// the squares' sum without the width.
-fn spread(scene: &Scene, bvh: &Bvh, visits: Vec<Visit>) -> (Surfaces, f64) {
-    let mut sides = sides(scene, bvh);
+fn spread(scene: &TracedScene, visits: Vec<Visit>) -> (Surfaces, f64) {
+    let mut sides = sides(scene);
     // Neighbours that face the same way stay together.
     sides.sort_by_cached_key(|&(side, _)| facing(scene, side));
     let area: f64 = sides.iter().map(|(_, area)| area).sum();

@@ -36,9 +36,8 @@ use super::Baked;
 use super::brdf_factors::harmonics::MAX_FUNCTIONS;
 use super::brdf_factors::{ALBEDO_CAP, Projection};
 use super::gather_samples::{GatherSample, GatherSamples, Placement};
-use crate::scene::Scene;
 use crate::shared::Brdf;
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// How light leaves gather samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -86,8 +85,7 @@ pub struct Certificate {
 
 /// Transfer of one scene and camera.
 pub struct Transfer<'a> {
-    scene: &'a Scene,
-    bvh: &'a Bvh,
+    scene: &'a TracedScene,
     baked: &'a Baked,
     settings: TransferSettings,
     pub fine: Level,
@@ -106,17 +104,16 @@ const TOLERANCE: f64 = 1e-7;
 impl<'a> Transfer<'a> {
     /// Places gather samples and gathers G; `progress` counts samples of the coarse level, or of the only one.
     pub fn new(
-        scene: &'a Scene,
-        bvh: &'a Bvh,
+        scene: &'a TracedScene,
         baked: &'a Baked,
         settings: &TransferSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
         let paths = (PATHS_A_SAMPLE * settings.samples).max(LEAST_PATHS);
-        let importance = Importance::new(scene, bvh, baked, settings.layers, paths, settings.seed ^ 4 << 32);
+        let importance = Importance::new(scene, baked, settings.layers, paths, settings.seed ^ 4 << 32);
         let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
             let placement = Placement::Clustered { points };
-            let mut samples = GatherSamples::place(scene, bvh, &importance.surfaces, placement, count, seed);
+            let mut samples = GatherSamples::place(scene, &importance.surfaces, placement, count, seed);
             if settings.outgoing == Outgoing::Diffuse {
                 samples.samples.iter_mut().for_each(|s| (s.brdf, s.lit) = (lambert(&s.brdf), lambert(&s.lit)));
             }
@@ -142,7 +139,7 @@ impl<'a> Transfer<'a> {
         });
         let receivers = coarse.as_ref().unwrap_or(&fine);
         let gatherer = BounceGatherer {
-            paths: Paths::new(scene, bvh, settings.layers),
+            paths: Paths::new(scene, settings.layers),
             receivers,
             rays: settings.rays,
             seed: settings.seed ^ 2 << 32,
@@ -170,7 +167,7 @@ impl<'a> Transfer<'a> {
         let from_fine = bounces.next();
         let mut settings = settings.clone();
         settings.bounces = settings.bounces.map(|n| n.min(solve::bounces_that_matter(certificate.spectral_radius)));
-        Self { scene, bvh, baked, settings, fine, coarse, among, from_fine, certificate }
+        Self { scene, baked, settings, fine, coarse, among, from_fine, certificate }
     }
 
     /// Columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
@@ -189,12 +186,8 @@ impl<'a> Transfer<'a> {
         self.row_gatherer(lobe).gather(view_samples)
     }
 
-    pub fn scene(&self) -> &'a Scene {
+    pub fn scene(&self) -> &'a TracedScene {
         self.scene
-    }
-
-    pub fn bvh(&self) -> &'a Bvh {
-        self.bvh
     }
 
     /// The view samples that rows are gathered for.
@@ -205,7 +198,7 @@ impl<'a> Transfer<'a> {
     /// What gathers [`Self::rows`]. With another seed its rows differ by their noise.
     pub fn row_gatherer(&self, lobe: Lobe) -> RowGatherer<'_> {
         RowGatherer {
-            paths: Paths::new(self.scene, self.bvh, self.settings.layers),
+            paths: Paths::new(self.scene, self.settings.layers),
             baked: self.baked,
             levels: [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect(),
             rays: self.settings.rays,

@@ -5,9 +5,9 @@ use glam::{DVec3, Vec3};
 use crate::bake::brdf_factors::NEAR_MIRROR_ALPHA;
 use crate::bake::gather_samples::{Place, is_from_behind};
 use crate::physics::brdf::{self, Lobes};
-use crate::scene::{Material, Scene};
+use crate::scene::Material;
 use crate::shared::Brdf;
-use crate::trace::bvh::{Bvh, Hit, interpolate_attributes};
+use crate::trace::bvh::{Hit, TracedScene, interpolate_attributes};
 use crate::trace::surface::SurfacePoint;
 
 /// A path through mirrors is not followed below this share of its light.
@@ -15,8 +15,7 @@ const MIN_TINT: f32 = 1e-3;
 
 /// Casts rays that go on through mirrors and near-mirrors.
 pub struct Paths<'a> {
-    pub scene: &'a Scene,
-    pub bvh: &'a Bvh,
+    pub scene: &'a TracedScene,
     /// Surfaces that a ray goes on to at most, the first not counted.
     layers: u32,
     /// By material.
@@ -44,12 +43,12 @@ pub struct Arrival {
 }
 
 impl<'a> Paths<'a> {
-    pub fn new(scene: &'a Scene, bvh: &'a Bvh, layers: u32) -> Self {
+    pub fn new(scene: &'a TracedScene, layers: u32) -> Self {
         let sides = |m: &Material| Sides {
             double: m.double_sided,
             goes_on: m.least_roughness(&scene.textures).powi(2) < NEAR_MIRROR_ALPHA,
         };
-        Self { scene, bvh, layers, sides: scene.materials.iter().map(sides).collect() }
+        Self { scene, layers, sides: scene.materials.iter().map(sides).collect() }
     }
 
     /// Follows the ray from a surface point into a unit direction. `random` gives three numbers for each surface that
@@ -116,14 +115,14 @@ impl<'a> Paths<'a> {
     }
 
     fn closest_hit(&self, origin: Vec3, direction: Vec3) -> Option<(Hit, bool)> {
-        let hit = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY)?;
+        let hit = self.scene.closest_hit(origin, direction, f32::INFINITY)?;
         Some((hit, is_from_behind(self.scene, hit.triangle, direction)))
     }
 
     /// Where a ray starts: off the surface, on the side that it leaves to.
     pub fn off(&self, position: Vec3, geometric_normal: Vec3, direction: Vec3, distance: f32) -> Vec3 {
         let side = 1f32.copysign(geometric_normal.dot(direction));
-        position + geometric_normal * (side * self.bvh.shadow_offset(distance))
+        position + geometric_normal * (side * self.scene.bvh.shadow_offset(distance))
     }
 }
 

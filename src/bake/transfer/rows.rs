@@ -113,7 +113,7 @@ impl RowGatherer<'_> {
         let geometric_normal = self.baked.geometric_normals[sample as usize];
         let origin = self.paths.off(view.position, geometric_normal, geometric_normal, 0.0);
         scratch.fill_packets(frame);
-        trace_common_origin(self.paths.bvh, self.paths.scene, origin, &mut scratch.packets);
+        trace_common_origin(self.paths.scene, origin, &mut scratch.packets);
         pulp::Arch::new().dispatch(Deposit { gatherer: self, sample, geometric_normal, scratch });
     }
 }

@@ -19,9 +19,8 @@ use crate::bake::brdf_factors::{ALBEDO_CAP, Projection};
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Placement, Surfaces, average};
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
-use crate::scene::Scene;
 use crate::shared::{DISC_SIDE, LIGHT_POINT, NO_BRDF, PackedLight};
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 
 /// What is computed.
@@ -40,8 +39,7 @@ pub struct ThesisSettings {
 
 /// The thesis's transfer of one scene and camera.
 pub struct Thesis<'a> {
-    scene: &'a Scene,
-    bvh: &'a Bvh,
+    scene: &'a TracedScene,
     baked: &'a Baked,
     pub bounces: u32,
     pub samples: GatherSamples,
@@ -90,20 +88,13 @@ impl Reflection {
 impl<'a> Thesis<'a> {
     /// `progress` counts samples whose row of G is done.
     pub fn new(
-        scene: &'a Scene,
-        bvh: &'a Bvh,
+        scene: &'a TracedScene,
         baked: &'a Baked,
         settings: &ThesisSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
-        let samples = GatherSamples::place(
-            scene,
-            bvh,
-            &Surfaces::even(scene, bvh),
-            Placement::Random,
-            settings.samples,
-            settings.seed,
-        );
+        let samples =
+            GatherSamples::place(scene, &Surfaces::even(scene), Placement::Random, settings.samples, settings.seed);
         let reflections: Vec<Option<Reflection>> =
             (0..scene.materials.len()).map(|material| reflection(&samples, material as u32, settings)).collect();
         let mut first = vec![0];
@@ -113,7 +104,6 @@ impl<'a> Thesis<'a> {
         }
         let mut thesis = Self {
             scene,
-            bvh,
             baked,
             bounces: settings.bounces,
             packets: samples.packets(),
@@ -270,7 +260,7 @@ impl<'a> Thesis<'a> {
     ) {
         // Visibility as of a light at the point: exact, and 64 samples at once.
         let light = PackedLight {
-            position: position + geometric_normal * self.bvh.shadow_offset(0.0),
+            position: position + geometric_normal * self.scene.bvh.shadow_offset(0.0),
             kind: LIGHT_POINT,
             direction: Vec3::NEG_Z,
             inverse_range: 0.0,
@@ -278,7 +268,7 @@ impl<'a> Thesis<'a> {
             cone_versine: 1.0,
             strength: 1.0,
         };
-        trace_packets(self.bvh, self.scene, &light, &self.packets, &mut scratch.visibility);
+        trace_packets(self.scene, &light, &self.packets, &mut scratch.visibility);
         for sender in 0..self.samples.len() {
             let seen = f32::from(scratch.visibility[sender]) / 255.0;
             if seen == 0.0 {

@@ -10,7 +10,7 @@ use relume::gpu::Site;
 use relume::image::{Image, exr};
 use relume::relight::{Layers, Picture, Relighter, VisibilityMethod};
 use relume::report::{Method, Point, Seconds, Skipped};
-use relume::session::{BakeReport, Opened, cpu_seconds};
+use relume::session::{BakeReport, Opened, build_bvh, cpu_seconds};
 use relume::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -116,7 +116,8 @@ impl Lab<'_> {
         let setting = format!("--spp {samples}");
         self.point(truth, Method::PathTracing, &setting, &setting, |lab| {
             let clock = Clock::start();
-            Opened::new(lab.path, None, &lab.view.settings(), &Terminal::default())?.build_bvh(&Terminal::default());
+            let opened = Opened::new(lab.path, None, &lab.view.settings(), &Terminal::default())?;
+            build_bvh(opened.scene, &Terminal::default());
             let precompute = clock.seconds();
             let clock = Clock::start();
             let film = trace(&lab.session, &lab.view, samples, lab.view.seed);
@@ -144,8 +145,7 @@ impl Lab<'_> {
             let spectral_radius = Some(transfer.report.spectral_radius);
             let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&session.baked) });
             let settings = relight_settings(VisibilityMethod::Traced);
-            let mut relighter =
-                Relighter::new(&lab.context, &session.scene, &session.bvh, &baked, &session.rig, &settings)?;
+            let mut relighter = Relighter::new(&lab.context, &session.scene, &baked, &session.rig, &settings)?;
             let bake = clock.seconds();
             let image = whole_and_indirect(&mut relighter, session.size())?;
             let frame = lab.frame(&mut relighter)?;

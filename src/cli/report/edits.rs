@@ -78,8 +78,7 @@ impl Lab<'_> {
         let held = || self.context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum::<u64>();
         let measured = |baked: &Arc<Baked>| -> Result<(Vec<[f32; 3]>, Record, u64)> {
             let before = held();
-            let mut relighter =
-                Relighter::new(&self.context, &session.scene, &session.bvh, baked, &session.rig, &settings)?;
+            let mut relighter = Relighter::new(&self.context, &session.scene, baked, &session.rig, &settings)?;
             let picture = relighter.linear(Picture::Whole)?.to_vec();
             let record = measure(&mut relighter, session, &session.rig, edited, edit, self.extent.frames)?;
             Ok((picture, record, held() - before))

@@ -12,7 +12,7 @@ use relume::bake::{BakeSettings, Baked, bake};
 use relume::report::stability::{MOST_BOUNCES, Stability};
 use relume::scene::{Material, Scene};
 use relume::storage::journal::Journal;
-use relume::trace::bvh::Bvh;
+use relume::trace::bvh::TracedScene;
 
 use super::lab::Lab;
 
@@ -42,11 +42,11 @@ impl Lab<'_> {
     fn painted(&self, albedo: f64) -> Result<Option<Stability>> {
         let mut scene = Scene::load(self.path)?;
         scene.materials.iter_mut().for_each(|material| *material = matt(albedo as f32));
-        let bvh = Bvh::build(&scene);
+        let scene = TracedScene::new(scene);
         let session = &self.session;
         // Nobody looks at it: the smallest picture will do.
         let settings = BakeSettings { width: 8, height: 8, layers: 1, samples: 1 };
-        let baked = bake(&scene, &bvh, &session.camera, &session.rig, &settings, &|_| ());
+        let baked = bake(&scene, &session.camera, &session.rig, &settings, &|_| ());
         let settings = TransferSettings {
             outgoing: Outgoing::Diffuse,
             samples: GATHER_SAMPLES,
@@ -57,7 +57,7 @@ impl Lab<'_> {
             bounces: None,
             seed: self.view.seed,
         };
-        let transfer = Transfer::new(&scene, &bvh, &baked, &settings, &|_| ());
+        let transfer = Transfer::new(&scene, &baked, &settings, &|_| ());
         let thesis = ThesisSettings {
             outgoing: Outgoing::Diffuse,
             samples: GATHER_SAMPLES,
@@ -65,9 +65,9 @@ impl Lab<'_> {
             bounces: 5,
             seed: self.view.seed,
         };
-        let thesis = Thesis::new(&scene, &bvh, &baked, &thesis, &|_| ());
+        let thesis = Thesis::new(&scene, &baked, &thesis, &|_| ());
         let Some(light) = session.rig.lights.first() else { return Ok(None) };
-        let direct = direct::shade(&scene, &bvh, &transfer.fine, &light.pack(scene.space));
+        let direct = direct::shade(&scene, &transfer.fine, &light.pack(scene.space));
         let [single, half] = precision(&transfer, &baked, &direct);
         let (all, residual) = transfer.bounce(&direct);
         if squares(&all) == 0.0 {

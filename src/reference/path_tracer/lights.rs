@@ -6,7 +6,7 @@ use crate::physics::brdf::reflected;
 use crate::physics::light::{Incident, incident};
 use crate::scene::{Rig, Scene};
 use crate::shared::PackedLight;
-use crate::trace::bvh::{Bvh, Hit};
+use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::packet::shadow_ray;
 use crate::trace::surface::SurfacePoint;
 
@@ -39,28 +39,26 @@ impl Lamps {
     /// Radiance that `point` reflects to `wo`, straight from each light; with the light's index in the rig.
     pub fn reflect_each(
         &self,
-        scene: &Scene,
-        bvh: &Bvh,
+        scene: &TracedScene,
         point: &SurfacePoint,
         wo: DVec3,
     ) -> impl Iterator<Item = (usize, DVec3)> {
         self.lamps.iter().filter_map(move |lamp| {
             let arriving = incident(&lamp.packed, point.position.as_dvec3())?;
-            Some((lamp.light, lamp.reflect(scene, bvh, point, wo, &arriving)))
+            Some((lamp.light, lamp.reflect(scene, point, wo, &arriving)))
         })
     }
 
     /// Their sum in the mean over `choice` in [0, 1), from one light: each as likely as what would arrive unblocked.
     pub fn reflect_one(
         &self,
-        scene: &Scene,
-        bvh: &Bvh,
+        scene: &TracedScene,
         point: &SurfacePoint,
         wo: DVec3,
         choice: f64,
     ) -> Option<(usize, DVec3)> {
         if self.lamps.len() <= 1 {
-            return self.reflect_each(scene, bvh, point, wo).next();
+            return self.reflect_each(scene, point, wo).next();
         }
         let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
         let (mut total, mut left, mut picked) = (0.0, choice, None);
@@ -82,17 +80,17 @@ impl Lamps {
             }
         }
         let (lamp, power, arriving) = picked?;
-        Some((lamp.light, lamp.reflect(scene, bvh, point, wo, &arriving) * (total / power)))
+        Some((lamp.light, lamp.reflect(scene, point, wo, &arriving) * (total / power)))
     }
 }
 
 impl Lamp {
-    fn reflect(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, wo: DVec3, arriving: &Incident) -> DVec3 {
+    fn reflect(&self, scene: &TracedScene, point: &SurfacePoint, wo: DVec3, arriving: &Incident) -> DVec3 {
         let normal = point.normal.as_dvec3();
         if arriving.irradiance <= 0.0 || normal.dot(arriving.wi) <= 0.0 {
             return DVec3::ZERO;
         }
-        let seen = if self.has_shadows { self.share_seen(scene, bvh, point) } else { 1.0 };
+        let seen = if self.has_shadows { self.share_seen(scene, point) } else { 1.0 };
         if seen <= 0.0 {
             return DVec3::ZERO;
         }
@@ -100,9 +98,9 @@ impl Lamp {
     }
 
     /// What surfaces that blend let through is counted, not drawn by chance: the eye's surfaces look only once.
-    fn share_seen(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint) -> f64 {
-        let ray = shadow_ray(bvh, &self.packed, point.lifted(), point.normal, point.geometric_normal);
-        ray.map_or(0.0, |ray| bvh.transmittance(scene, ray.origin, ray.direction, ray.length).into())
+    fn share_seen(&self, scene: &TracedScene, point: &SurfacePoint) -> f64 {
+        let ray = shadow_ray(&scene.bvh, &self.packed, point.lifted(), point.normal, point.geometric_normal);
+        ray.map_or(0.0, |ray| scene.transmittance(ray.origin, ray.direction, ray.length).into())
     }
 }
 
@@ -151,7 +149,7 @@ impl Emitters {
     }
 
     /// Draws a point and looks whether `point` sees it.
-    pub fn draw(&self, scene: &Scene, bvh: &Bvh, point: &SurfacePoint, u: [f64; 3]) -> Option<Drawn> {
+    pub fn draw(&self, scene: &TracedScene, point: &SurfacePoint, u: [f64; 3]) -> Option<Drawn> {
         let (_, total) = self.running.last()?;
         let at = self.running.partition_point(|&(_, sum)| sum <= u[0] * total).min(self.running.len() - 1);
         let triangle = self.running[at].0;
@@ -164,8 +162,8 @@ impl Emitters {
             return None;
         }
         let distance = point.position.distance(target);
-        let origin = point.leave(direction, bvh.shadow_offset(distance));
-        let hit = bvh.closest_hit(scene, origin, direction, f32::INFINITY).filter(|hit| hit.triangle == triangle)?;
+        let origin = point.leave(direction, scene.bvh.shadow_offset(distance));
+        let hit = scene.closest_hit(origin, direction, f32::INFINITY).filter(|hit| hit.triangle == triangle)?;
         let seen = SurfacePoint::new(scene, &hit, direction, 0.0);
         let density = self.density(&hit, &seen, direction);
         Some(Drawn { wi: direction.as_dvec3(), emission: seen.emission.as_dvec3(), density })

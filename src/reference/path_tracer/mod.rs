@@ -26,8 +26,8 @@ use self::lights::{Emitters, Lamps};
 use self::path::{FirstHit, Numbers};
 use crate::bake::view_samples::{EyeRays, Tiling};
 use crate::physics::sequence::Points;
-use crate::scene::{Camera, Rig, Scene};
-use crate::trace::bvh::Bvh;
+use crate::scene::{Camera, Rig};
+use crate::trace::bvh::TracedScene;
 
 /// What is traced.
 #[derive(Clone, Debug)]
@@ -60,8 +60,7 @@ const MAX_SAMPLES_A_PASS: u32 = 16;
 
 /// A scene with its lights, ready to trace.
 pub struct PathTracer<'a> {
-    scene: &'a Scene,
-    bvh: &'a Bvh,
+    scene: &'a TracedScene,
     eye: EyeRays<'a>,
     lamps: Lamps,
     emitters: Emitters,
@@ -74,13 +73,12 @@ pub struct PathTracer<'a> {
 }
 
 impl<'a> PathTracer<'a> {
-    pub fn new(scene: &'a Scene, bvh: &'a Bvh, camera: &'a Camera, rig: &Rig, settings: &Settings) -> Self {
+    pub fn new(scene: &'a TracedScene, camera: &'a Camera, rig: &Rig, settings: &Settings) -> Self {
         let tiling = Tiling { width: settings.width, height: settings.height };
         let lamps = Lamps::new(scene, rig);
         Self {
             scene,
-            bvh,
-            eye: EyeRays { scene, bvh, camera, tiling, layers: settings.layers },
+            eye: EyeRays { scene, camera, tiling, layers: settings.layers },
             faces: Faces::new(scene, &lamps),
             lamps,
             emitters: Emitters::new(scene),
@@ -183,7 +181,7 @@ impl<'a> PathTracer<'a> {
                 return;
             }
             let layer = if vertex.layer == 0 { DIRECT } else { REFLECTION };
-            for (source, lit) in self.lamps.reflect_each(self.scene, self.bvh, &vertex.point, wo) {
+            for (source, lit) in self.lamps.reflect_each(self.scene, &vertex.point, wo) {
                 sums.add_light(layer, source, weight * lit);
             }
             seen.push(FirstHit { aims: self.faces.aim(&self.lamps, &vertex.point), vertex, number });

@@ -103,13 +103,13 @@ impl PathTracer<'_> {
             throughput *= reflected.sum() * (1.0 / density);
 
             let mut direction = wi.as_vec3();
-            let mut origin = point.leave(direction, self.bvh.shadow_offset(last_distance));
+            let mut origin = point.leave(direction, self.scene.bvh.shadow_offset(last_distance));
             let mut density = Some(density);
             let mut surface = 0;
             // Through perfect mirrors, up to a surface that reflects otherwise.
             loop {
                 segments += 1;
-                let Some(hit) = self.bvh.closest_hit(self.scene, origin, direction, f32::INFINITY) else {
+                let Some(hit) = self.scene.closest_hit(origin, direction, f32::INFINITY) else {
                     return segments;
                 };
                 last_distance = hit.distance;
@@ -129,7 +129,7 @@ impl PathTracer<'_> {
                     true => [0.0; 4],
                     false => numbers.at(SURFACE, bounce, surface),
                 };
-                if let Some((source, lit)) = self.lamps.reflect_one(self.scene, self.bvh, &point, wo, light) {
+                if let Some((source, lit)) = self.lamps.reflect_one(self.scene, &point, wo, light) {
                     ledger.add(bounce, source, throughput * lit);
                 }
 
@@ -153,7 +153,7 @@ impl PathTracer<'_> {
                 }
                 throughput *= mirrored / share;
                 let next = point.mirrored(-direction);
-                origin = point.leave(next, self.bvh.shadow_offset(hit.distance));
+                origin = point.leave(next, self.scene.bvh.shadow_offset(hit.distance));
                 direction = next;
                 density = None; // looking for emitters finds none in a mirror
             }
@@ -168,7 +168,7 @@ impl PathTracer<'_> {
 
     /// What an emitter looked for sends, weighed by the balance heuristic against finding it by chance.
     fn reflect_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &Aims, u: [f64; 3]) -> DVec3 {
-        let Some(drawn) = self.emitters.draw(self.scene, self.bvh, point, u) else { return DVec3::ZERO };
+        let Some(drawn) = self.emitters.draw(self.scene, point, u) else { return DVec3::ZERO };
         let (reflected, density) = mixture(lobes, aims, drawn.wi);
         reflected.sum() * drawn.emission / (drawn.density + density)
     }

@@ -10,8 +10,7 @@ use pulp::{Simd, WithSimd};
 use super::rays::{Rays, any, inverse, load, meets_box};
 use super::triangle::Edges;
 use super::{Entry, Lanes, PACKET_SIZE};
-use crate::scene::Scene;
-use crate::trace::bvh::{Bvh, Hit, passes_by_chance};
+use crate::trace::bvh::{Hit, TracedScene, passes_by_chance};
 
 /// 64 rays from one point, and what they met.
 pub struct CommonOriginPacket {
@@ -63,13 +62,12 @@ impl CommonOriginPacket {
 }
 
 /// Follows the rays of `packets` from `origin` to the first surface that each meets.
-pub fn trace_common_origin(bvh: &Bvh, scene: &Scene, origin: Vec3, packets: &mut [CommonOriginPacket]) {
-    pulp::Arch::new().dispatch(TraceFans { bvh, scene, origin, packets });
+pub fn trace_common_origin(scene: &TracedScene, origin: Vec3, packets: &mut [CommonOriginPacket]) {
+    pulp::Arch::new().dispatch(TraceFans { scene, origin, packets });
 }
 
 struct TraceFans<'a> {
-    bvh: &'a Bvh,
-    scene: &'a Scene,
+    scene: &'a TracedScene,
     origin: Vec3,
     packets: &'a mut [CommonOriginPacket],
 }
@@ -79,12 +77,12 @@ impl WithSimd for TraceFans<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { bvh, scene, origin, packets } = self;
+        let Self { scene, origin, packets } = self;
         let mut stack: Vec<Entry> = Vec::with_capacity(128);
         for packet in packets {
             inverse(simd, &mut packet.rays);
             stack.push((0, u64::MAX >> (64 - PACKET_SIZE / S::F32_LANES)));
-            traverse(simd, bvh, scene, origin, packet, &mut stack);
+            traverse(simd, scene, origin, packet, &mut stack);
         }
     }
 }
@@ -92,13 +90,12 @@ impl WithSimd for TraceFans<'_> {
 #[inline(always)]
 fn traverse<S: Simd>(
     simd: S,
-    bvh: &Bvh,
-    scene: &Scene,
+    scene: &TracedScene,
     origin: Vec3,
     packet: &mut CommonOriginPacket,
     stack: &mut Vec<Entry>,
 ) {
-    let nodes = &bvh.binary.nodes;
+    let nodes = &scene.bvh.binary.nodes;
     let towards: Vec3 = [0, PACKET_SIZE / 2].iter().map(|&lane| packet.direction(lane)).sum();
     while let Some((index, concerned)) = stack.pop() {
         let node = &nodes[index as usize];
@@ -122,10 +119,10 @@ fn traverse<S: Simd>(
             stack.push((near, met));
             continue;
         }
-        for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
+        for corners in &scene.bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
             let edges = Edges::new::<false>(origin, corners.v);
             let id = corners.triangle | if edges.is_behind() { BEHIND } else { 0 };
-            let is_masked = bvh.is_masked(scene, corners.triangle);
+            let is_masked = scene.is_masked(corners.triangle);
             let mut left = met;
             while left != 0 {
                 let register = left.trailing_zeros() as usize;

@@ -3,9 +3,8 @@
 use glam::Vec3;
 
 use super::{PACKET_SIZE, SamplePacket, trace_all};
-use crate::scene::Scene;
 use crate::shared::{PackedLight, TILE_SIZE};
-use crate::trace::bvh::Bvh;
+use crate::trace::bvh::TracedScene;
 
 /// One sample of each block of 2x2 pixels of a tile, or of four in a list, as packets of their own.
 #[derive(Default)]
@@ -51,8 +50,8 @@ impl HalfPackets {
 
     /// Traces them towards `light`, on all cores; `visibility` gets 64 values for each of the packets that these were made
     /// of.
-    pub fn trace(&mut self, bvh: &Bvh, scene: &Scene, light: &PackedLight, visibility: &mut [u8]) {
-        trace_all(bvh, scene, light, &self.packets, &mut self.seen);
+    pub fn trace(&mut self, scene: &TracedScene, light: &PackedLight, visibility: &mut [u8]) {
+        trace_all(scene, light, &self.packets, &mut self.seen);
         for (packet, seen) in visibility.chunks_mut(PACKET_SIZE).zip(self.seen.chunks(BLOCKS)) {
             for (block, &seen) in seen.iter().enumerate() {
                 lanes(block).into_iter().for_each(|lane| packet[lane] = seen);

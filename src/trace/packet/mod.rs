@@ -18,8 +18,7 @@ use rayon::prelude::*;
 
 use self::rays::{Rays, any_positive, meets_box, meets_box_along, start_rays};
 use self::triangle::{Edges, block, dim};
-use super::bvh::{Bvh, taken};
-use crate::scene::Scene;
+use super::bvh::{Bvh, TracedScene, taken};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight, TILE_SIZE};
 
 /// Rays in a packet: one tile of pixels.
@@ -53,21 +52,20 @@ impl Default for SamplePacket {
 
 /// Traces `packets` towards `light`. `visibility` gets 255 a sample that sees it and faces it, else 0, and what surfaces that
 /// blend let through in between; 64 a packet.
-pub fn trace_packets(bvh: &Bvh, scene: &Scene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
-    pulp::Arch::new().dispatch(TracePackets { bvh, scene, light, packets, visibility });
+pub fn trace_packets(scene: &TracedScene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
+    pulp::Arch::new().dispatch(TracePackets { scene, light, packets, visibility });
 }
 
 /// [`trace_packets`] on all cores.
-pub fn trace_all(bvh: &Bvh, scene: &Scene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
+pub fn trace_all(scene: &TracedScene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
     visibility
         .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
         .zip(packets.par_chunks(PACKETS_A_TASK))
-        .for_each(|(visibility, packets)| trace_packets(bvh, scene, light, packets, visibility));
+        .for_each(|(visibility, packets)| trace_packets(scene, light, packets, visibility));
 }
 
 struct TracePackets<'a> {
-    bvh: &'a Bvh,
-    scene: &'a Scene,
+    scene: &'a TracedScene,
     light: &'a PackedLight,
     packets: &'a [SamplePacket],
     visibility: &'a mut [u8],
@@ -78,7 +76,7 @@ impl WithSimd for TracePackets<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        if is_far(self.bvh, self.light) {
+        if is_far(&self.scene.bvh, self.light) {
             self.trace_singly();
         } else if self.light.kind == LIGHT_DIRECTIONAL {
             self.trace::<S, true>(simd);
@@ -94,36 +92,36 @@ fn is_far(bvh: &Bvh, light: &PackedLight) -> bool {
 
 impl TracePackets<'_> {
     fn trace_singly(self) {
-        let Self { bvh, scene, light, packets, visibility } = self;
+        let Self { scene, light, packets, visibility } = self;
         for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
             for (lane, visible) in visibility.iter_mut().enumerate() {
-                let share = |ray: ShadowRay| bvh.transmittance(scene, ray.origin, ray.direction, ray.length);
-                *visible = in_8_bits(packet.shadow_ray(bvh, light, lane).map_or(0.0, share));
+                let share = |ray: ShadowRay| scene.transmittance(ray.origin, ray.direction, ray.length);
+                *visible = in_8_bits(packet.shadow_ray(&scene.bvh, light, lane).map_or(0.0, share));
             }
         }
     }
 
     #[inline(always)]
     fn trace<S: Simd, const DIRECTIONAL: bool>(self, simd: S) {
-        let Self { bvh, scene, light, packets, visibility } = self;
+        let Self { scene, light, packets, visibility } = self;
         let shared = if DIRECTIONAL { -light.direction } else { light.position };
         let mut stack = Vec::with_capacity(128);
         let zero = [[0.0; PACKET_SIZE]; 3];
         let mut rays = Rays { q: zero, inverse_q: zero, end: [-1.0; PACKET_SIZE] };
         let mut left = [1.0; PACKET_SIZE];
         for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
-            start_rays::<S, DIRECTIONAL>(simd, bvh, light, packet, &mut rays);
+            start_rays::<S, DIRECTIONAL>(simd, &scene.bvh, light, packet, &mut rays);
             let mut alive = 0;
             for (register, end) in S::as_simd_f32s(&rays.end).0.iter().enumerate() {
                 alive |= u64::from(any_positive(simd, *end)) << register;
             }
             if alive != 0 {
-                traverse::<S, DIRECTIONAL>(simd, bvh, scene, shared, (&mut rays, &mut left), alive, &mut stack);
+                traverse::<S, DIRECTIONAL>(simd, scene, shared, (&mut rays, &mut left), alive, &mut stack);
             }
             for (visible, end) in visibility.iter_mut().zip(&rays.end) {
                 *visible = if *end > 0.0 { 255 } else { 0 };
             }
-            if bvh.has_blends {
+            if scene.bvh.has_blends {
                 for ((visible, end), left) in visibility.iter_mut().zip(&rays.end).zip(&mut left) {
                     *visible = if *end > 0.0 { in_8_bits(*left) } else { 0 };
                     *left = 1.0;
@@ -213,14 +211,13 @@ fn target<const DIRECTIONAL: bool>(
 #[inline(always)]
 fn traverse<S: Simd, const DIRECTIONAL: bool>(
     simd: S,
-    bvh: &Bvh,
-    scene: &Scene,
+    scene: &TracedScene,
     shared: Vec3,
     (rays, left_of_light): (&mut Rays, &mut Lanes),
     mut alive: u64,
     stack: &mut Vec<Entry>,
 ) {
-    let nodes = &bvh.binary.nodes;
+    let nodes = &scene.bvh.binary.nodes;
     let inverse_direction = shared.recip().clamp(Vec3::splat(-1e30), Vec3::splat(1e30));
     let meets = |node: &Bvh2Node, rays: &Rays, concerned: u64| {
         let bounds = node.aabb();
@@ -253,9 +250,9 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
             }
             continue;
         }
-        for corners in &bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
+        for corners in &scene.bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
             let edges = Edges::new::<DIRECTIONAL>(shared, corners.v);
-            let is_masked = bvh.is_masked(scene, corners.triangle);
+            let is_masked = scene.is_masked(corners.triangle);
             let mut left = met;
             while left != 0 {
                 let register = left.trailing_zeros() as usize;

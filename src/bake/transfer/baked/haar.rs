@@ -20,7 +20,7 @@ impl BakedTransfer {
         journal: &mut Journal,
         progress: &dyn Fn(usize),
     ) -> Result<Self> {
-        let direct = |light: &PackedLight| direct::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
+        let direct = |light: &PackedLight| direct::shade(transfer.scene(), &transfer.fine, light);
         let wavelets = RowWavelets::new(transfer, &direct, settings);
         // On the host and on the device.
         fits(2.0 * (TERM_BYTES * wavelets.samples.len()) as f64 * wavelets.kept)?;

@@ -21,7 +21,7 @@ impl BakedTransfer {
         journal: &mut Journal,
         progress: &dyn Fn(usize),
     ) -> Self {
-        let direct = |light: &PackedLight| direct::shade(transfer.scene(), transfer.bvh(), &transfer.fine, light);
+        let direct = |light: &PackedLight| direct::shade(transfer.scene(), &transfer.fine, light);
         let compressor = Compressor::new(transfer, &direct, settings);
         let (compressed, held_out) = compressor.compress(journal, progress);
         let report = TransferReport::robust("nested", transfer, compressor.residual(), Some(held_out));
