@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::gpu::{Context, Validation};
 use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::Scene;
@@ -14,7 +14,7 @@ use relume::trace::packet::{PACKET_SIZE, trace_packets};
 
 struct Setup {
     scene: Arc<TracedScene>,
-    baked: Arc<Baked>,
+    framebuffer: Arc<DeepFramebuffer>,
     context: Arc<Context>,
 }
 
@@ -36,14 +36,14 @@ impl Setup {
         let scene =
             TracedScene::new(Scene::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)).ok()?);
         let settings = BakeSettings { width: 720, height: 480, layers: 4, samples: 1 };
-        let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+        let framebuffer = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
         let context = Context::new(None, Validation::Off, None).expect("a Vulkan device");
-        Some(Self { scene: Arc::new(scene), baked: Arc::new(baked), context })
+        Some(Self { scene: Arc::new(scene), framebuffer: Arc::new(framebuffer), context })
     }
 
     fn relighter(&self, visibility: VisibilityMethod) -> Relighter {
         let settings = RelightSettings { visibility, shadow_size: 1024, tone_map: ToneMap::Agx, budget_bytes: None };
-        Relighter::new(&self.context, &self.scene, &self.baked, &self.scene.rig, &settings)
+        Relighter::new(&self.context, &self.scene, &self.framebuffer, None, &self.scene.rig, &settings)
             .expect("the device has memory for a small picture")
     }
 }
@@ -115,7 +115,7 @@ fn frame_with_moved_light(relighter: &mut Relighter, frame: u64, pass: Option<&s
 fn shadow_rays(criterion: &mut Criterion) {
     let setup = Setup::new();
     let light = setup.scene.rig.lights[0].pack(setup.scene.space);
-    let (scene, packets) = (&*setup.scene, &setup.baked.packets);
+    let (scene, packets) = (&*setup.scene, &setup.framebuffer.packets);
     let mut visibility = vec![0; packets.len() * PACKET_SIZE];
     let mut group = criterion.benchmark_group("shadow rays");
     group.bench_function("packets", |bencher| {

@@ -1,5 +1,5 @@
 // λ0 of the thesis: what one light at unit intensity leaves in gather samples whose BRDFs are factored by singular values
-// [Yang 2007, Section 4.4]. A sample a thread. Twin: src/bake/transfer/direct.rs.
+// [Yang 2007, Section 4.4]. A sample a thread. Twin: src/bake/transport/direct.rs.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require

@@ -1,5 +1,5 @@
 // λ0: what one light at unit intensity leaves in gather samples, the mean over each sample's points. A sample a thread.
-// Twin: src/bake/transfer/direct.rs.
+// Twin: src/bake/transport/direct.rs.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require

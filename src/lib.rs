@@ -12,7 +12,7 @@
 //! ```
 //!
 //! - [`scene`]: files in, plain data out. World space is in double precision.
-//! - [`bake`]: [`scene::Scene`] -> [`bake::Baked`], what does not depend on the lights: view samples, transfer, its compression.
+//! - [`bake`]: [`scene::Scene`] -> [`bake::DeepFramebuffer`], what does not depend on the lights: view samples, transfer, its compression.
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
 //! - [`session`]: from a scene's file to a relighter: settings, plan, cache, bake.
 //! - [`view`]: the window, its keys, and the lighting desk behind them.
@@ -31,7 +31,7 @@
 //! use relume::{Session, SessionSettings};
 //!
 //! # fn main() -> relume::Result<()> {
-//! // Baked with all indirect light, or found in the cache. `()` hears nothing of progress.
+//! // DeepFramebuffer with all indirect light, or found in the cache. `()` hears nothing of progress.
 //! let session = Session::open(Path::new("scenes/balls-2.glb"), None, &SessionSettings::default(), &())?;
 //! let context = session.context(None)?;
 //! let mut relighter = session.relighter(&context, &session.rig, &RelightSettings::default())?;

@@ -9,7 +9,7 @@ use common::ratio::Lit;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, pixels, render, rig};
 use common::{assert_near, drawn, gpu, transfer};
 use glam::{DVec3, Mat3, Vec2, Vec3};
-use relume::bake::transfer::TransferSettings;
+use relume::bake::transport::TransferSettings;
 use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
 use relume::relight::{Layers, VisibilityMethod};
 use relume::scene::{
@@ -197,9 +197,9 @@ fn nothing_and_all() {
     let opaque = Material { double_sided: true, ..lambert(SHEET) };
     let pairs = [(None, blending(SHEET, 0.0), "nothing"), (Some(opaque), blending(SHEET, 1.0), "all")];
     for (plain, blending, what) in pairs {
-        let [baked, traced] = both(build(plain), &camera, &lights, 48);
+        let [framebuffer, traced] = both(build(plain), &camera, &lights, 48);
         let [with, traced_with] = both(build(Some(blending)), &camera, &lights, 48);
-        assert!(baked == with, "baked: {what}");
+        assert!(framebuffer == with, "baked: {what}");
         assert!(traced == traced_with, "traced: {what}");
     }
 }
@@ -411,7 +411,7 @@ fn a_furnace_with_a_sheet() {
 
     let setup = Setup::new(32, 32);
     let mut stage = Stage::new(scene, &camera, &rig(vec![]), &setup);
-    stage.baked = transfer::with_dense(&stage, &transfer::settings(2048, 512, 512));
+    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(2048, 512, 512)));
     let picture = pixels(&mut stage.relighter(&gpu(), &rig(vec![]), &setup), Layers::All);
     for (i, pixel) in picture.iter().enumerate() {
         assert_near(pixel[0].into(), want, 0.01, format!("baked, pixel {i}"));

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use command::{Run, folder, json, names_in, relume, shipped};
 use relume::bake::compression::CompressionSettings;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::bake::{BakeSettings, bake, cache};
 use relume::scene::Scene;
 use relume::storage::journal::Journal;
@@ -31,7 +31,7 @@ fn only_whole_files_are_taken() {
     let scene = TracedScene::new(Scene::load(&shipped("cornell-glossy.glb")).unwrap());
     let camera = &scene.cameras[0];
     let settings = BakeSettings { width: 24, height: 16, layers: 4, samples: 1 };
-    let baked = bake(&scene, camera, &scene.rig, &settings, &|_| ());
+    let framebuffer = bake(&scene, camera, &scene.rig, &settings, &|_| ());
     let of_transfer = TransferSettings {
         outgoing: Outgoing::Diffuse,
         samples: 40,
@@ -42,20 +42,20 @@ fn only_whole_files_are_taken() {
         bounces: None,
         seed: 1,
     };
-    let transfer = Transfer::new(&scene, &baked, &of_transfer, &|_| ());
+    let transfer = LightTransport::new(&scene, &framebuffer, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.1, lights: 32, lobe: Lobe::All, seed: 1 };
-    let transfer = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
+    let transfer = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
 
     let key = cache::key(&scene, camera, &scene.rig, &settings);
-    cache::store(dir, &key, "a", &baked).unwrap();
-    let framebuffer = bakes_in(dir).remove(0);
+    cache::store(dir, &key, "a", &framebuffer).unwrap();
+    let of_framebuffer = bakes_in(dir).remove(0);
     let transfer_key = cache::transfer_key(&key, &"settings");
-    cache::store_transfer(dir, &transfer_key, "a", &baked, &transfer).unwrap();
-    let of_transfer = bakes_in(dir).into_iter().find(|path| *path != framebuffer).unwrap();
+    cache::store_transfer(dir, &transfer_key, "a", &framebuffer, &transfer).unwrap();
+    let of_transfer = bakes_in(dir).into_iter().find(|path| *path != of_framebuffer).unwrap();
 
-    let load = || cache::load(dir, &key, &settings).map(|b| b.samples.len());
-    let load_transfer = || cache::load_transfer(dir, &transfer_key, &baked).map(|t| t.cost());
-    assert!(load() == Some(baked.samples.len()) && load_transfer() == Some(transfer.cost()));
+    let load = || cache::load(dir, &key, camera, &settings).map(|b| b.samples.len());
+    let load_transfer = || cache::load_transfer(dir, &transfer_key, &framebuffer).map(|t| t.cost());
+    assert!(load() == Some(framebuffer.samples.len()) && load_transfer() == Some(transfer.cost()));
     let stays_out = |path: &Path, absent: &dyn Fn() -> bool| {
         let good = fs::read(path).unwrap();
         let check = |bytes: &[u8], what: &str| {
@@ -79,10 +79,10 @@ fn only_whole_files_are_taken() {
         fs::write(path, &good).unwrap();
         assert!(!absent());
     };
-    stays_out(&framebuffer, &|| load().is_none());
+    stays_out(&of_framebuffer, &|| load().is_none());
     stays_out(&of_transfer, &|| load_transfer().is_none());
     // A file under another's name fits its own key alone.
-    fs::copy(&framebuffer, &of_transfer).unwrap();
+    fs::copy(&of_framebuffer, &of_transfer).unwrap();
     assert!(load_transfer().is_none());
 }
 

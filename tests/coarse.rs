@@ -6,11 +6,10 @@ use std::sync::Arc;
 
 use common::stage::{Setup, Stage};
 use common::{Gpu, gpu, shipped, transfer};
-use relume::bake::Baked;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::relight::{Detail, Layers, Picture, Relighter};
 use relume::scene::{Rig, Scene};
 use relume::storage::journal::Journal;
@@ -26,10 +25,10 @@ fn stage(name: &str) -> Stage {
     let mut stage = Stage::new(scene, &camera, &rig, &setup());
     let settings =
         TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(512, 128, 128) };
-    let transfer = Transfer::new(&stage.scene, &stage.baked, &settings, &|_| ());
+    let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &settings, &|_| ());
     let settings = CompressionSettings { error: 0.02, lights: 128, lobe: Lobe::All, seed: 1 };
-    let nested = BakedTransfer::nested(&transfer, &settings, &mut Journal::default(), &|_| ()).with_coarse();
-    stage.baked = Arc::new(Baked { transfer: Some(nested), ..Baked::clone(&stage.baked) });
+    let nested = Transfer::nested(&transfer, &settings, &mut Journal::default(), &|_| ()).with_coarse();
+    stage.transfer = Some(Arc::new(nested));
     stage
 }
 
@@ -92,7 +91,7 @@ fn what_is_finished_is_the_exact_picture() {
 fn a_part_of_the_transfer_is_near_all_of_it_and_smaller() {
     let gpu = gpu();
     let stage = stage("cornell-glossy.glb");
-    let transfer = stage.baked.transfer.as_ref().unwrap();
+    let transfer = stage.transfer.as_ref().unwrap();
     let size = |chain: &[relume::bake::transfer::blocks::BlockMatrix]| chain.iter().map(|m| m.bytes()).sum::<usize>();
     let (whole_size, part) = (size(&transfer.chain), size(&transfer.coarse));
     assert!(part < whole_size / 2, "{part} of {whole_size} bytes");

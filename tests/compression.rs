@@ -16,10 +16,10 @@ use relume::bake::compression::training::{Group, Trainer};
 use relume::bake::compression::validation::{Validation, validate};
 use relume::bake::compression::vector_batch;
 use relume::bake::compression::{CompressionSettings, Compressor, Report};
-use relume::bake::transfer::Transfer;
-use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::transport::LightTransport;
+use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::{LIGHT_POINT, PackedLight};
 use relume::storage::journal::Journal;
@@ -27,15 +27,15 @@ use relume::trace::bvh::TracedScene;
 
 struct Stage {
     scene: TracedScene,
-    baked: Baked,
+    framebuffer: DeepFramebuffer,
 }
 
 impl Stage {
     fn new(scene: Scene, camera: &Camera, size: u32) -> Self {
         let scene = TracedScene::new(scene);
         let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
-        let baked = bake(&scene, camera, &scene.rig, &settings, &|_| ());
-        Self { scene, baked }
+        let framebuffer = bake(&scene, camera, &scene.rig, &settings, &|_| ());
+        Self { scene, framebuffer }
     }
 
     fn load(path: &Path, size: u32) -> Self {
@@ -53,16 +53,16 @@ impl Stage {
         Self::new(build.scene(), &camera, size)
     }
 
-    fn transfer(&self, samples: usize, coarse_samples: usize, rays: u32) -> Transfer<'_> {
+    fn transfer(&self, samples: usize, coarse_samples: usize, rays: u32) -> LightTransport<'_> {
         let settings = transfer::settings(samples, coarse_samples, rays);
-        Transfer::new(&self.scene, &self.baked, &settings, &|_| ())
+        LightTransport::new(&self.scene, &self.framebuffer, &settings, &|_| ())
     }
 
-    fn direct(&self, transfer: &Transfer, light: &PackedLight) -> Vec<DVec3> {
+    fn direct(&self, transfer: &LightTransport, light: &PackedLight) -> Vec<DVec3> {
         direct::shade(&self.scene, &transfer.fine, light)
     }
 
-    fn compress(&self, transfer: &Transfer, error: f64) -> (Compressed, Report) {
+    fn compress(&self, transfer: &LightTransport, error: f64) -> (Compressed, Report) {
         let settings = CompressionSettings { error, lights: 192, lobe: Lobe::All, seed: 1 };
         let direct = |light: &PackedLight| self.direct(transfer, light);
         Compressor::new(transfer, &direct, &settings).compress(&mut Journal::default(), &|_| ())
@@ -76,7 +76,7 @@ fn relative(got: &[DVec3], want: &[DVec3]) -> f64 {
 }
 
 /// Mean relative error of point lights that the compressor has never seen, against the dense operator.
-fn held_out(stage: &Stage, transfer: &Transfer, compressed: &Compressed) -> f64 {
+fn held_out(stage: &Stage, transfer: &LightTransport, compressed: &Compressed) -> f64 {
     let haar = Haar::new(&transfer.fine.first);
     let random = RandomLights::new(transfer, 12345);
     let lit = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(transfer, &light));
@@ -88,7 +88,7 @@ fn held_out(stage: &Stage, transfer: &Transfer, compressed: &Compressed) -> f64 
 }
 
 /// Every index leads to something, every factor is a number, and blocks lie one after the other.
-fn check_shapes(compressed: &Compressed, baked: &Baked) {
+fn check_shapes(compressed: &Compressed, framebuffer: &DeepFramebuffer) {
     let (mut term, mut v, mut b, mut u, mut sample, mut tiles) = (0, 0, 0, 0, 0, 0);
     for (i, s) in compressed.superclusters.iter().enumerate() {
         assert_eq!((s.first_term as usize, s.first_v as usize, s.first_tile as usize), (term, v, tiles));
@@ -118,7 +118,7 @@ fn check_shapes(compressed: &Compressed, baked: &Baked) {
     assert!(factors().all(|x| x.is_finite()) && compressed.scale > 0.0);
     let mut samples = compressed.samples.clone();
     samples.sort_unstable();
-    assert_eq!(samples, baked.reflecting());
+    assert_eq!(samples, framebuffer.reflecting());
 }
 
 #[test]
@@ -127,7 +127,7 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
         let stage = Stage::load(&shipped(scene), 64);
         let transfer = stage.transfer(1024, coarse, 512);
         let (compressed, report) = stage.compress(&transfer, 0.01);
-        check_shapes(&compressed, &stage.baked);
+        check_shapes(&compressed, &stage.framebuffer);
         let error = held_out(&stage, &transfer, &compressed);
         println!(
             "{scene}: {error:.4}, points {:.4}, spots {:.4}, noise {:.4}",
@@ -146,7 +146,7 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
         let judged = Validation { rays: 2048, share: 0.25, lights: 6, lobe: Lobe::All, seed: 99 };
         let direct = |light: &PackedLight| stage.direct(&transfer, light);
         let relight = |light: &[DVec3]| {
-            let mut image = vec![DVec3::ZERO; stage.baked.samples.len()];
+            let mut image = vec![DVec3::ZERO; stage.framebuffer.samples.len()];
             let relit = compressed.relight(&Haar::new(&transfer.fine.first), light);
             compressed.samples.iter().zip(relit).for_each(|(&i, x)| image[i as usize] = x);
             image
@@ -222,7 +222,7 @@ fn low_rooms_have_lights() {
     let stage = Stage::new(build.scene(), &camera, 48);
     let transfer = stage.transfer(1024, 256, 256);
     let (compressed, report) = stage.compress(&transfer, 0.01);
-    check_shapes(&compressed, &stage.baked);
+    check_shapes(&compressed, &stage.framebuffer);
     let error = held_out(&stage, &transfer, &compressed);
     println!("{error:.4}, points {:.4}, spots {:.4}, noise {:.4}", report.point, report.spot, report.noise);
     assert!(report.point > 0.0 && error < report.noise + 0.005, "{error}, noise {}", report.noise);
@@ -239,7 +239,7 @@ fn lights_come_again_where_few_are_seen() {
             true => stage.direct(&transfer, light),
             false => vec![DVec3::ZERO; transfer.fine.coefficient_count()],
         };
-    let probes = transfer.rows(&stage.baked.reflecting(), Lobe::All);
+    let probes = transfer.rows(&stage.framebuffer.reflecting(), Lobe::All);
     let trainer = Trainer { transfer: &transfer, bounces: &bounces, direct: &direct, probes: &probes, share: 1.0 };
     let group = |kind, count| Group { kind, count, seed: 5 };
     let lights = trainer.lights(&[group(Kind::Spot, 3), group(Kind::Point, 40)]);
@@ -265,7 +265,7 @@ fn nothing_to_compress() {
     for coarse in [1, 0] {
         let transfer = grey.transfer(1, coarse, 64);
         let (one, _) = grey.compress(&transfer, 0.01);
-        check_shapes(&one, &grey.baked);
+        check_shapes(&one, &grey.framebuffer);
         assert_eq!(one.coefficients, transfer.fine.coefficient_count());
         let haar = Haar::new(&transfer.fine.first);
         let light = vec![DVec3::new(1.0, 2.0, 3.0); one.coefficients];

@@ -112,7 +112,7 @@ fn edits(gpu: &Gpu, count: usize, seed: u64) {
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
     let setup = Setup::new(160, 120);
     let mut stage = Stage::new(scene, &camera, &rig, &setup);
-    stage.baked = transfer::with_dense(&stage, &transfer::settings(64, 64, 16));
+    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(64, 64, 16)));
     let mut relighter = stage.relighter(gpu, &rig, &setup);
     let mut desk = Desk::new(rig, camera, f64::from(stage.scene.bvh.radius));
     let first = picture(&mut relighter, &desk);
@@ -136,7 +136,7 @@ fn edits(gpu: &Gpu, count: usize, seed: u64) {
     assert!(compared >= 12 && desk.history().entries().len() > count / 20, "{}", desk.history().entries().len());
     let (device, resident) = memory.expect("a quarter was done");
     let total = |owners: &[(String, u64)]| owners.iter().map(|(_, bytes)| bytes).sum::<u64>();
-    let image = 12 * stage.baked.pixel_stride() as u64;
+    let image = 12 * stage.framebuffer.pixel_stride() as u64;
     // A light more at a time than in the first quarter is two images more.
     let most = total(&device) + 2 * MOST_LIGHTS as u64 * image;
     assert!(total(&gpu.memory_by_owner()) <= most, "{device:?}\n{:?}", gpu.memory_by_owner());

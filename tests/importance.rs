@@ -7,9 +7,9 @@ use common::{assert_near, transfer};
 use glam::{DVec3, Vec2, Vec3};
 use relume::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use relume::bake::gather_samples::{GatherSamples, Patch, Placement};
-use relume::bake::transfer::direct;
-use relume::bake::transfer::importance::Importance;
-use relume::bake::transfer::{Transfer, TransferSettings};
+use relume::bake::transport::direct;
+use relume::bake::transport::importance::Importance;
+use relume::bake::transport::{LightTransport, TransferSettings};
 use relume::scene::{Light, Material, Projection};
 
 /// What a camera sees.
@@ -19,7 +19,7 @@ fn stage(build: &Build, from: DVec3, to: DVec3) -> Stage {
 }
 
 fn importance(stage: &Stage) -> Importance {
-    Importance::new(&stage.scene, &stage.baked, 4, 16_384, 1)
+    Importance::new(&stage.scene, &stage.framebuffer, 4, 16_384, 1)
 }
 
 /// Square metres.
@@ -55,7 +55,7 @@ fn what_no_light_comes_from_gets_no_samples() {
 #[test]
 fn light_where_nobody_looks_is_lost() {
     let stage = two_rooms();
-    let transfer = Transfer::new(&stage.scene, &stage.baked, &transfer::settings(2000, 100, 16), &|_| ());
+    let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &transfer::settings(2000, 100, 16), &|_| ());
     let received = |x: f64| {
         let light = Light::point("near the floor", DVec3::new(x, -0.98, 0.1)).pack(stage.scene.space);
         direct::shade(&stage.scene, &transfer.fine, &light).iter().map(|c| c.length()).sum::<f64>()
@@ -114,7 +114,7 @@ fn materials_that_hardly_count_get_fewer_functions() {
     build.quad(DVec3::new(0.85, -0.95, 0.85), DVec3::Z * 0.1, DVec3::X * 0.1, trinket);
     let stage = stage(&build, DVec3::new(0.0, 0.2, -0.9), DVec3::ZERO);
     let settings = TransferSettings { layers: 1, ..transfer::settings(2000, 100, 16) };
-    let transfer = Transfer::new(&stage.scene, &stage.baked, &settings, &|_| ());
+    let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &settings, &|_| ());
     let level = &transfer.fine;
     let functions = |material: usize| {
         let of = |i: &usize| level.samples.samples[*i].material as usize == material;

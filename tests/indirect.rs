@@ -9,18 +9,17 @@ use common::random::Random;
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
 use common::{Gpu, gpu, transfer};
 use glam::{DVec3, UVec4, Vec3, Vec4};
-use relume::bake::Baked;
+use relume::bake::baselines::thesis::{Thesis, ThesisSettings, shade_thesis};
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
+use relume::bake::framebuffer::view_samples::resolve;
 use relume::bake::gather_samples::light_rays::per_solid_angle;
-use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::Transfer;
 use relume::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
-use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::bake::view_samples::resolve;
+use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::gpu::{Access, Buffer, Frames, Kernel, Pass};
 use relume::relight::{Layers, Picture, VisibilityMethod};
 use relume::scene::rig::Rig;
@@ -342,13 +341,13 @@ fn shade_gather() {
     let (scene, camera) = room();
     let stage = Stage::new(scene, &camera, &lights(), &Setup::new(16, 16));
     let all_functions = TransferSettings { outgoing: Outgoing::Glossy { functions: None }, ..settings(700, 70) };
-    let transfer = Transfer::new(&stage.scene, &stage.baked, &all_functions, &|_| ());
+    let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &all_functions, &|_| ());
     let level = &transfer.fine;
     let length = level.coefficient_count();
     assert!(level.first.windows(2).any(|f| f[1] - f[0] > 9), "some sample is glossy");
-    let baked = BakedTransfer::new(level, length, Vec::new());
-    let samples = Buffer::from_slice(&gpu, "test samples", &baked.samples).unwrap();
-    let points = Buffer::from_slice(&gpu, "test points", &baked.points).unwrap();
+    let framebuffer = Transfer::new(level, length, Vec::new());
+    let samples = Buffer::from_slice(&gpu, "test samples", &framebuffer.samples).unwrap();
+    let points = Buffer::from_slice(&gpu, "test points", &framebuffer.points).unwrap();
     let tables = Buffer::from_slice(&gpu, "test tables", &Projection::get().tables()).unwrap();
     let kernel = Kernel::new(&gpu, "shade_gather", &[(0, HARMONIC_DEGREES)]).unwrap();
     let add_light_rays = Kernel::new(&gpu, "add_light_rays", &[]).unwrap();
@@ -360,15 +359,16 @@ fn shade_gather() {
     };
     for light in lights_with_rays().lights.iter().chain([&sun]) {
         let packed = light.pack(stage.scene.space);
-        let projection = Projection::from_tables(&baked.projection);
+        let projection = Projection::from_tables(&framebuffer.projection);
         let mut found = Vec::new();
-        level.light_rays.shade(&stage.scene, &baked.samples, &projection, &packed, |index, value| {
+        level.light_rays.shade(&stage.scene, &framebuffer.samples, &projection, &packed, |index, value| {
             found.push(Contribution { value, index });
         });
         assert_eq!(found.is_empty(), light.kind == LightKind::Directional, "rays of {}", light.name);
         let mut visibility =
-            Buffer::new(&gpu, "test visibility", Access::HostWrites, baked.packets.len() * PACKET_SIZE / 4).unwrap();
-        trace_all(&stage.scene, &packed, &baked.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
+            Buffer::new(&gpu, "test visibility", Access::HostWrites, framebuffer.packets.len() * PACKET_SIZE / 4)
+                .unwrap();
+        trace_all(&stage.scene, &packed, &framebuffer.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
         let mut coefficients = output(&gpu, 4 * length);
         coefficients.host_mut()[..4 * length].fill(SENTINEL);
         run(&mut frames, |frame| {
@@ -381,7 +381,7 @@ fn shade_gather() {
                 coefficients: pass.write_as(&coefficients),
                 light: packed,
                 sample_count: samples.len() as u32,
-                points_per_sample: baked.points_per_sample as u32,
+                points_per_sample: framebuffer.points_per_sample as u32,
                 stride: 1,
                 offset: 0,
                 per_solid_angle: per_solid_angle(&packed).unwrap_or(0.0),
@@ -411,10 +411,10 @@ fn shade_gather() {
     }
 }
 
-/// The indirect image of all lights, by [`Transfer::apply`].
-fn expected(stage: &Stage, transfer: &Transfer, rig: &Rig) -> Vec<DVec3> {
-    let baked = &stage.baked;
-    let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
+/// The indirect image of all lights, by [`LightTransport::apply`].
+fn expected(stage: &Stage, transfer: &LightTransport, rig: &Rig) -> Vec<DVec3> {
+    let framebuffer = &stage.framebuffer;
+    let all: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
     let mut direct = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
     for light in &rig.lights {
         let unit = direct::shade(&stage.scene, &transfer.fine, &light.pack(stage.scene.space));
@@ -424,16 +424,23 @@ fn expected(stage: &Stage, transfer: &Transfer, rig: &Rig) -> Vec<DVec3> {
 }
 
 fn resolved(stage: &Stage, radiance: &[DVec3]) -> Vec<DVec3> {
-    let baked = &stage.baked;
-    let (pixels, extras) = radiance.split_at(baked.pixel_stride());
+    let framebuffer = &stage.framebuffer;
+    let (pixels, extras) = radiance.split_at(framebuffer.pixel_stride());
     let mut image = pixels.to_vec();
-    resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
+    resolve(
+        &framebuffer.extra_pixels,
+        &framebuffer.extra_indices,
+        &framebuffer.extra_samples,
+        extras,
+        u32::MAX,
+        &mut image,
+    );
     row_by_row(stage, &image)
 }
 
 /// From tile order.
 fn row_by_row(stage: &Stage, image: &[DVec3]) -> Vec<DVec3> {
-    let tiling = stage.baked.tiling;
+    let tiling = stage.framebuffer.tiling;
     let mut rows = vec![DVec3::ZERO; (tiling.width * tiling.height) as usize];
     for (i, pixel) in image.iter().enumerate().filter(|(i, _)| tiling.contains(tiling.pixel(*i))) {
         let (x, y) = tiling.pixel(i);
@@ -456,19 +463,18 @@ fn pictures_are_what_the_operator_says() {
         let setup = Setup::new(41, 23);
         let mut stage = Stage::new(scene, &camera, &lights(), &setup);
         let scene = stage.scene.clone();
-        let baked = stage.baked.clone();
-        let transfer = Transfer::new(&scene, &baked, &settings(300, coarse_samples), &|_| ());
-        let dense = BakedTransfer::dense(&transfer, &baked, Lobe::All, &mut Journal::default(), &|_| ());
-        assert!(dense.is_consistent(baked.samples.len()));
+        let framebuffer = stage.framebuffer.clone();
+        let transfer = LightTransport::new(&scene, &framebuffer, &settings(300, coarse_samples), &|_| ());
+        let dense = Transfer::dense(&transfer, &framebuffer, Lobe::All, &mut Journal::default(), &|_| ());
+        assert!(dense.is_consistent(framebuffer.samples.len()));
         // As many points, in 64 bits.
         assert!(dense.sample_count().is_multiple_of(2));
-        let wraps = BakedTransfer { points_per_sample: dense.points_per_sample + (1 << 63), ..dense.clone() };
-        assert!(!wraps.is_consistent(baked.samples.len()));
-        assert!(!baked.extra_samples.is_empty(), "the mirror shows something");
+        let wraps = Transfer { points_per_sample: dense.points_per_sample + (1 << 63), ..dense.clone() };
+        assert!(!wraps.is_consistent(framebuffer.samples.len()));
+        assert!(!framebuffer.extra_samples.is_empty(), "the mirror shows something");
         let without = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::All);
 
-        let with = Baked { transfer: Some(dense), ..(*baked).clone() };
-        stage.baked = Arc::new(with);
+        stage.transfer = Some(Arc::new(dense));
         let mut relighter = stage.relighter(&gpu, &lights(), &setup);
         let want = expected(&stage, &transfer, &lights());
         let indirect = pixels(&mut relighter, Layers::Indirect);
@@ -484,12 +490,12 @@ fn pictures_are_what_the_operator_says() {
         let all = pixels(&mut relighter, Layers::All);
         let emitted = relighter.linear(Picture::Emission).unwrap().to_vec();
         let seen: Vec<DVec3> = {
-            let plain = Stage { scene: scene.clone(), baked: baked.clone() };
+            let plain = Stage { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None };
             let mut relighter = plain.relighter(&gpu, &lights(), &setup);
             relighter.linear(Picture::Emission).unwrap().iter().map(|p| Vec3::from(*p).as_dvec3()).collect()
         };
         let by_emitters = transfer.emission();
-        let all_samples: Vec<u32> = (0..baked.samples.len() as u32).collect();
+        let all_samples: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
         let by_emitters = resolved(&stage, &transfer.apply(&[by_emitters], &all_samples, Lobe::All, &|_| ())[0]);
         let want_emission: Vec<DVec3> = seen.iter().zip(&by_emitters).map(|(a, b)| a + b).collect();
         assert!(distance(&emitted, &want_emission) < 1e-5);
@@ -520,8 +526,8 @@ fn pictures_are_what_the_operator_says() {
 }
 
 /// What the device does with a transfer, in double precision.
-fn applied(stage: &Stage, transfer: &Transfer, baked: &BakedTransfer, light: &Light) -> Vec<DVec3> {
-    baked.apply(&direct::shade(&stage.scene, &transfer.fine, &light.pack(stage.scene.space)))
+fn applied(stage: &Stage, transfer: &LightTransport, framebuffer: &Transfer, light: &Light) -> Vec<DVec3> {
+    framebuffer.apply(&direct::shade(&stage.scene, &transfer.fine, &light.pack(stage.scene.space)))
 }
 
 #[test]
@@ -530,14 +536,14 @@ fn compressed_pictures_are_what_the_factors_say() {
     let (scene, camera) = room();
     let setup = Setup::new(48, 40);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    let (scene, baked) = (stage.scene.clone(), stage.baked.clone());
-    let transfer = Transfer::new(&scene, &baked, &settings(900, 200), &|_| ());
+    let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
+    let transfer = LightTransport::new(&scene, &framebuffer, &settings(900, 200), &|_| ());
     let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
-    let nested = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
-    assert!(nested.is_consistent(baked.samples.len()) && nested.haar && nested.chain.len() == 3);
+    let nested = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
+    assert!(nested.is_consistent(framebuffer.samples.len()) && nested.haar && nested.chain.len() == 3);
     let by_emitters = resolved(&stage, &nested.emission.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
-    stage.baked = Arc::new(Baked { transfer: Some(nested), ..(*baked).clone() });
-    let nested = stage.baked.transfer.as_ref().unwrap();
+    stage.transfer = Some(Arc::new(nested));
+    let nested = stage.transfer.as_ref().unwrap();
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);
     // Lights that are made together with others are the same to the last bit.
     let mut many = lights();
@@ -569,7 +575,7 @@ fn compressed_pictures_are_what_the_factors_say() {
     // Emitters' light is not compressed.
     relighter.set_layers(Layers::All);
     let emitted = relighter.linear(Picture::Emission).unwrap().to_vec();
-    let plain = Stage { baked, ..stage };
+    let plain = Stage { transfer: None, ..stage };
     let seen = plain.relighter(&gpu, &lights(), &setup).linear(Picture::Emission).unwrap().to_vec();
     let want: Vec<DVec3> = seen.iter().zip(by_emitters).map(|(s, e)| Vec3::from(*s).as_dvec3() + e).collect();
     assert!(distance(&emitted, &want) < 1e-5);
@@ -582,7 +588,7 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
     let (scene, camera) = room();
     let setup = Setup::new(24, 20);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    let (scene, baked) = (stage.scene.clone(), stage.baked.clone());
+    let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
     let settings = ThesisSettings {
         outgoing: Outgoing::Glossy { functions: None },
         samples: 200,
@@ -590,17 +596,17 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
         bounces: 3,
         seed: 1,
     };
-    let thesis = Thesis::new(&scene, &baked, &settings, &|_| ());
-    let transfer = BakedTransfer::thesis(&thesis, &baked, Lobe::All, &mut Journal::default(), &|_| ());
-    assert!(transfer.is_consistent(baked.samples.len()) && !transfer.factored.is_empty());
-    stage.baked = Arc::new(Baked { transfer: Some(transfer), ..(*baked).clone() });
+    let thesis = Thesis::new(&scene, &framebuffer, &settings, &|_| ());
+    let transfer = Transfer::thesis(&thesis, &framebuffer, Lobe::All, &mut Journal::default(), &|_| ());
+    assert!(transfer.is_consistent(framebuffer.samples.len()) && !transfer.factored.is_empty());
+    stage.transfer = Some(Arc::new(transfer));
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);
     relighter.set_layers(Layers::Indirect);
-    let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
+    let all: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
     let rows = thesis.rows(&all, Lobe::All);
     relighter.linear(Picture::Whole).unwrap(); // all lights together; each is looked at below
     for (i, light) in lights().lights.iter().enumerate() {
-        let direct = direct::shade_thesis(&scene, &thesis, &light.pack(scene.space));
+        let direct = shade_thesis(&scene, &thesis, &light.pack(scene.space));
         let scale = light.scale().as_dvec3();
         let want: Vec<DVec3> =
             resolved(&stage, &rows.multiply(&thesis.bounce(&direct))).into_iter().map(|p| scale * p).collect();
@@ -617,7 +623,7 @@ fn shadow_maps_light_gather_samples() {
     let (scene, camera) = room();
     let setup = Setup::new(24, 24);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    stage.baked = transfer::with_dense(&stage, &settings(300, 300));
+    stage.transfer = Some(transfer::dense(&stage, &settings(300, 300)));
     let traced = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::Indirect);
     let maps = Setup { visibility: VisibilityMethod::Map, ..setup };
     let mapped = pixels(&mut stage.relighter(&gpu, &lights(), &maps), Layers::Indirect);
@@ -635,7 +641,7 @@ fn scenes_where_nothing_reflects_have_no_indirect_light() {
     let camera = look(DVec3::ZERO, DVec3::Z, DVec3::Y, Lens::Perspective { yfov: 1.0 });
     let setup = Setup::new(16, 16);
     let mut stage = Stage::new(build.scene(), &camera, &lights(), &setup);
-    stage.baked = transfer::with_dense(&stage, &settings(100, 100));
+    stage.transfer = Some(transfer::dense(&stage, &settings(100, 100)));
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);
     assert!(pixels(&mut relighter, Layers::Indirect).iter().flatten().all(|v| *v == 0.0));
     assert!(pixels(&mut relighter, Layers::All).iter().flatten().all(|v| *v == 1.0));

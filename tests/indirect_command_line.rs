@@ -195,21 +195,22 @@ fn figures_of_the_transfer() {
 #[test]
 fn a_bake_tells_of_the_transfer_what_a_picture_of_it_does() {
     let folder = folder();
-    let [cache, baked, rendered, trace] = ["cache", "a.json", "b.json", "t.json"].map(|name| folder.path().join(name));
+    let [cache, framebuffer, rendered, trace] =
+        ["cache", "a.json", "b.json", "t.json"].map(|name| folder.path().join(name));
     let mut command = relume();
     command.arg("bake").arg(shipped("cornell-glossy.glb")).args(SMALL).args(["--gi", "glossy", "--verify", "--cache"]);
-    let files = [Path::new("--stats"), &baked, Path::new("--trace"), &trace];
+    let files = [Path::new("--stats"), &framebuffer, Path::new("--trace"), &trace];
     Run::of(command.arg(&cache).args(files)).done();
     let arguments = ["--gi", "glossy", "--cache", cache.to_str().unwrap(), "--stats", rendered.to_str().unwrap()];
     render(&folder.path().join("a.png"), &arguments).done();
-    let [mut baked, rendered] = [baked, rendered].map(|path| json(&path));
-    let anew = baked["transfer"]["held_out"].as_object_mut().unwrap().remove("anew").unwrap();
+    let [mut framebuffer, rendered] = [framebuffer, rendered].map(|path| json(&path));
+    let anew = framebuffer["transfer"]["held_out"].as_object_mut().unwrap().remove("anew").unwrap();
     assert!(["point", "spot"].iter().all(|kind| anew[kind]["error"].as_f64().unwrap() > 0.0), "{anew}");
     for what in ["schema", "relume", "scene", "samples", "transfer"] {
-        assert_eq!(baked[what], rendered[what], "{what}");
+        assert_eq!(framebuffer[what], rendered[what], "{what}");
     }
-    assert!(baked["frame"].is_null(), "a bake draws nothing");
-    let stages = baked["bake"]["stages"].as_array().unwrap().len();
+    assert!(framebuffer["frame"].is_null(), "a bake draws nothing");
+    let stages = framebuffer["bake"]["stages"].as_array().unwrap().len();
     let events = json(&trace)["traceEvents"].as_array().unwrap().clone();
     assert_eq!(events.iter().filter(|event| event["cat"] == "bake").count(), stages);
 }

@@ -164,7 +164,7 @@ fn channels_are_what_the_camera_sees() {
     let stage = stage("balls-2.glb");
     let camera = &stage.scene.cameras[0];
     let space = stage.scene.space;
-    let channel = |channel, layer| stage.baked.channel(channel, layer, camera, space);
+    let channel = |channel, layer| stage.framebuffer.channel(channel, layer, space);
     let (positions, normals) = (channel(Channel::Position, 0), channel(Channel::Normal, 0));
     let distances = channel(Channel::Distance, 0);
     for (i, position) in positions.iter().enumerate() {

@@ -73,7 +73,7 @@ fn resolve() {
         });
         let extras: Vec<DVec3> = (0..extras).map(|i| pixel(&radiance, extra_stride, i)).collect();
         let mut want: Vec<DVec3> = (0..pixels).map(|i| pixel(&before, pixels, i)).collect();
-        relume::bake::view_samples::resolve(&listed, &indices, &samples, &extras, layers, &mut want);
+        relume::bake::framebuffer::view_samples::resolve(&listed, &indices, &samples, &extras, layers, &mut want);
         for (i, want) in want.iter().enumerate() {
             // Six products and their sum, all positive: a rounding each.
             let error = (pixel(image.host(), pixels, i) - want).abs();
@@ -140,7 +140,7 @@ fn composite_sums_exposes_and_maps_tones() {
     for output_kind in [OUTPUT_LINEAR, OUTPUT_CLAMPED, OUTPUT_AGX, OUTPUT_PBR_NEUTRAL] {
         let kernel = Kernel::new(&gpu, "composite", &[(0, output_kind)]).unwrap();
         for (width, height) in SIZES {
-            let tiling = relume::bake::view_samples::Tiling { width, height };
+            let tiling = relume::bake::framebuffer::view_samples::Tiling { width, height };
             let stride = tiling.len();
             let count = 1 + random.below(MAX_TERMS as usize);
             let exposure = random.pick(&[1.0f32, 0.25, 8.0]);

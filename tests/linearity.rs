@@ -25,16 +25,16 @@ fn load(name: &str) -> Scene {
 /// Two lights, a matt and four mirror balls.
 fn balls_2() -> &'static Stage {
     static STAGE: OnceLock<Stage> = OnceLock::new();
-    STAGE.get_or_init(|| baked("balls-2.glb"))
+    STAGE.get_or_init(|| framebuffer("balls-2.glb"))
 }
 
 /// The same under 16 lights.
 fn balls_16() -> &'static Stage {
     static STAGE: OnceLock<Stage> = OnceLock::new();
-    STAGE.get_or_init(|| baked("balls-16.glb"))
+    STAGE.get_or_init(|| framebuffer("balls-16.glb"))
 }
 
-fn baked(name: &str) -> Stage {
+fn framebuffer(name: &str) -> Stage {
     let scene = load(name);
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
     Stage::new(scene, &camera, &rig, &setup())
@@ -286,12 +286,12 @@ fn bytes(gpu: &Gpu, threads: usize) -> (Vec<u8>, Vec<u8>) {
         let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
         let setup = Setup { samples: 4, ..setup() };
         let stage = Stage::new(scene, &camera, &rig, &setup);
-        let baked = &stage.baked;
-        let mut data = bytemuck::cast_slice::<_, u8>(&baked.samples).to_vec();
-        data.extend_from_slice(bytemuck::cast_slice(&baked.brdfs));
-        data.extend_from_slice(bytemuck::cast_slice(&baked.extra_samples));
-        data.extend_from_slice(bytemuck::cast_slice(&baked.extra_indices));
-        data.extend_from_slice(bytemuck::cast_slice(&baked.extra_pixels));
+        let framebuffer = &stage.framebuffer;
+        let mut data = bytemuck::cast_slice::<_, u8>(&framebuffer.samples).to_vec();
+        data.extend_from_slice(bytemuck::cast_slice(&framebuffer.brdfs));
+        data.extend_from_slice(bytemuck::cast_slice(&framebuffer.extra_samples));
+        data.extend_from_slice(bytemuck::cast_slice(&framebuffer.extra_indices));
+        data.extend_from_slice(bytemuck::cast_slice(&framebuffer.extra_pixels));
         let picture = stage::pixels(&mut stage.relighter(gpu, &rig, &setup), Layers::All);
         (data, bytemuck::cast_slice(&picture).to_vec())
     })

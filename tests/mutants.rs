@@ -10,9 +10,9 @@ use common::random::Random;
 use common::{mutants, shipped, transfer};
 use glam::DVec3;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::bake::{BakeSettings, bake, cache};
 use relume::scene::{MeshSpace, Rig, Scene};
 use relume::storage::journal::Journal;
@@ -173,25 +173,25 @@ fn cache_files_with_the_right_checksum() {
     let dir = folder.path();
     let scene = TracedScene::new(Scene::load(&shipped("cornell-glossy.glb")).unwrap());
     let settings = BakeSettings { width: 16, height: 16, layers: 4, samples: 1 };
-    let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+    let framebuffer = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
     let key = cache::key(&scene, &scene.cameras[0], &scene.rig, &settings);
-    cache::store(dir, &key, "a", &baked).unwrap();
+    cache::store(dir, &key, "a", &framebuffer).unwrap();
     let files = || -> Vec<_> { std::fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().path()).collect() };
-    let framebuffer = files().remove(0);
+    let of_framebuffer = files().remove(0);
     let of_transfer = TransferSettings {
         outgoing: Outgoing::Glossy { functions: Some(4) },
         points: 2,
         ..transfer::settings(24, 12, 16)
     };
-    let transfer = Transfer::new(&scene, &baked, &of_transfer, &|_| ());
+    let transfer = LightTransport::new(&scene, &framebuffer, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.3, lights: 32, lobe: Lobe::All, seed: 1 };
-    let transfer = BakedTransfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
+    let transfer = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
     let transfer_key = cache::transfer_key(&key, &"mutants");
-    cache::store_transfer(dir, &transfer_key, "a", &baked, &transfer).unwrap();
-    let of_transfer = files().into_iter().find(|path| *path != framebuffer).unwrap();
+    cache::store_transfer(dir, &transfer_key, "a", &framebuffer, &transfer).unwrap();
+    let of_transfer = files().into_iter().find(|path| *path != of_framebuffer).unwrap();
 
     let mut random = Random::new(5);
-    for path in [&framebuffer, &of_transfer] {
+    for path in [&of_framebuffer, &of_transfer] {
         let good = std::fs::read(path).unwrap();
         assert!(resealed(good.clone()) == good, "sealed as the cache does it");
         let header = u64::from_le_bytes(good[..8].try_into().unwrap()) as usize + 8;
@@ -219,14 +219,14 @@ fn cache_files_with_the_right_checksum() {
             }
             let bytes = resealed(bytes);
             std::fs::write(path, &bytes).unwrap();
-            if path == &framebuffer {
-                taken += usize::from(cache::load(dir, &key, &settings).is_some());
-            } else if let Some(transfer) = cache::load_transfer(dir, &transfer_key, &baked) {
+            if path == &of_framebuffer {
+                taken += usize::from(cache::load(dir, &key, &scene.cameras[0], &settings).is_some());
+            } else if let Some(transfer) = cache::load_transfer(dir, &transfer_key, &framebuffer) {
                 taken += 1;
                 // As the kernels do: with every index that it has.
                 let length = transfer.first().last().map_or(0, |&first| first as usize);
                 if transfer.vector_length < 1 << 20 {
-                    assert_eq!(transfer.apply(&vec![DVec3::ONE; length]).len(), baked.samples.len());
+                    assert_eq!(transfer.apply(&vec![DVec3::ONE; length]).len(), framebuffer.samples.len());
                 }
             }
         }

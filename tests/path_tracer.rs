@@ -10,7 +10,7 @@ use common::drawn::tracing;
 use common::stage::{Setup, Stage, pixels};
 use common::{gpu, not_run, shared, shipped};
 use rayon::ThreadPoolBuilder;
-use relume::bake::view_samples::{EyeRays, Tiling};
+use relume::bake::framebuffer::view_samples::{EyeRays, Tiling};
 use relume::image::{Layer as Picture, exr};
 use relume::reference::path_tracer::{Film, Half, Layer, PathTracer, Settings};
 use relume::relight::Layers;

@@ -86,14 +86,14 @@ fn edges(path: &Path, setup: &Setup) -> Vec<bool> {
     let stage = bake_scene(path, &Setup { samples: 2, ..setup.clone() });
     let mut edges = vec![false; (setup.width * setup.height) as usize];
     let mut mark = |pixel: usize| {
-        let (x, y) = stage.baked.tiling.pixel(pixel);
-        if stage.baked.tiling.contains((x, y)) {
+        let (x, y) = stage.framebuffer.tiling.pixel(pixel);
+        if stage.framebuffer.tiling.contains((x, y)) {
             edges[(y * setup.width + x) as usize] = true;
         }
     };
-    stage.baked.extra_pixels.iter().filter(|p| p.first_weight < 1.0).for_each(|p| mark(p.pixel as usize));
-    let lifted = &stage.baked.packets;
-    let flat: Vec<SamplePacket> = (lifted.iter().zip(stage.baked.samples.chunks(PACKET_SIZE)))
+    stage.framebuffer.extra_pixels.iter().filter(|p| p.first_weight < 1.0).for_each(|p| mark(p.pixel as usize));
+    let lifted = &stage.framebuffer.packets;
+    let flat: Vec<SamplePacket> = (lifted.iter().zip(stage.framebuffer.samples.chunks(PACKET_SIZE)))
         .map(|(packet, samples)| {
             let mut packet = packet.clone();
             for (lane, sample) in samples.iter().enumerate() {
@@ -108,7 +108,7 @@ fn edges(path: &Path, setup: &Setup) -> Vec<bool> {
             trace_packets(&stage.scene, &light, packets, &mut visibility);
             visibility
         });
-        (0..stage.baked.pixel_stride()).filter(|&i| lifted[i] != flat[i]).for_each(&mut mark);
+        (0..stage.framebuffer.pixel_stride()).filter(|&i| lifted[i] != flat[i]).for_each(&mut mark);
     }
     edges
 }
@@ -234,7 +234,7 @@ fn packets_see_what_single_rays_see() {
     {
         let Some(path) = path else { continue };
         let stage = bake_scene(&path, &Setup::new(720, 480));
-        let Stage { scene, baked } = &stage;
+        let Stage { scene, framebuffer, .. } = &stage;
         let sun = Light {
             kind: LightKind::Directional,
             direction: DVec3::new(0.4, -1.0, -0.6).normalize(),
@@ -244,16 +244,17 @@ fn packets_see_what_single_rays_see() {
         for light in scene.rig.lights.iter().chain([&sun, &straight]) {
             let light_name = &light.name;
             let light = light.pack(scene.space);
-            let mut visibility = vec![7u8; baked.packets.len() * PACKET_SIZE];
-            trace_packets(scene, &light, &baked.packets, &mut visibility);
-            let lanes =
-                (baked.packets.par_iter().zip(visibility.par_chunks(PACKET_SIZE))).flat_map_iter(|(packet, seen)| {
+            let mut visibility = vec![7u8; framebuffer.packets.len() * PACKET_SIZE];
+            trace_packets(scene, &light, &framebuffer.packets, &mut visibility);
+            let lanes = (framebuffer.packets.par_iter().zip(visibility.par_chunks(PACKET_SIZE))).flat_map_iter(
+                |(packet, seen)| {
                     (0..PACKET_SIZE).filter_map(|lane| {
                         let ray = packet.shadow_ray(&scene.bvh, &light, lane)?;
                         let single = !scene.occluded(ray.origin, ray.direction, ray.length);
                         Some((single, seen[lane] == 255, ray.origin, ray.direction))
                     })
-                });
+                },
+            );
             let lanes: Vec<_> = lanes.collect();
             let seen = lanes.iter().filter(|lane| lane.0).count();
             let differing: Vec<_> = lanes.iter().filter(|lane| lane.0 != lane.1).collect();

@@ -228,12 +228,12 @@ fn radius_is_half_the_diagonal() {
 fn far_point_lights_shadow_like_the_sun() {
     let scene = TracedScene::new(Scene::load(&common::shipped("balls-2.glb")).unwrap());
     let settings = BakeSettings { width: 120, height: 80, layers: 1, samples: 1 };
-    let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+    let framebuffer = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
     let direction = DVec3::new(-0.4, -0.8, -0.3).normalize();
     let sun = Light { kind: LightKind::Directional, direction, ..Light::point("sun", DVec3::ZERO) };
     let seen = |light: &Light| {
-        let mut visibility = vec![0; baked.packets.len() * PACKET_SIZE];
-        trace_packets(&scene, &light.pack(scene.space), &baked.packets, &mut visibility);
+        let mut visibility = vec![0; framebuffer.packets.len() * PACKET_SIZE];
+        trace_packets(&scene, &light.pack(scene.space), &framebuffer.packets, &mut visibility);
         visibility
     };
     let want = seen(&sun);

@@ -6,8 +6,8 @@ use common::ratio::Lit;
 use common::{shared, stage, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::gather_samples::Place;
-use relume::bake::transfer::paths::Paths;
-use relume::bake::transfer::{Transfer, TransferSettings};
+use relume::bake::transport::paths::Paths;
+use relume::bake::transport::{LightTransport, TransferSettings};
 use relume::physics::brdf::{cosine_direction, reflected};
 use relume::physics::light::incident;
 use relume::physics::sequence::Points;
@@ -83,9 +83,9 @@ fn first_bounces_are_read_as_they_are() {
     let lamp = Light { intensity: 30.0, ..Light::point("pendant", DVec3::new(0.2, 2.2, 0.3)) };
     let rig = stage::rig(vec![lamp]);
     let lit = Lit { scene: &scene, camera: &camera, rig: &rig, size: [96, 64] };
-    let baked = lit.bake();
+    let framebuffer = lit.bake();
     let settings = TransferSettings { points: 8, ..transfer::settings(8192, 512, 64) };
-    let transfer = Transfer::new(&scene, &baked, &settings, &|_| ());
+    let transfer = LightTransport::new(&scene, &framebuffer, &settings, &|_| ());
     let direct = lit.direct(&transfer);
     let packed = rig.lights[0].pack(scene.space);
     let intensity = rig.lights[0].scale().as_dvec3();
@@ -94,8 +94,8 @@ fn first_bounces_are_read_as_they_are() {
     let material_of = |triangle: u32| scene.mesh.triangle_materials[triangle as usize] as usize;
     // Read and there, by material.
     let mut sums = [vec![[0.0; 2]; scene.materials.len()], vec![[0.0; 2]; scene.materials.len()]];
-    for i in baked.reflecting().into_iter().filter(|&i| (i as usize) < baked.pixel_stride()) {
-        let (position, normal) = (baked.samples[i as usize].position, baked.geometric_normals[i as usize]);
+    for i in framebuffer.reflecting().into_iter().filter(|&i| (i as usize) < framebuffer.pixel_stride()) {
+        let (position, normal) = (framebuffer.samples[i as usize].position, framebuffer.geometric_normals[i as usize]);
         let Some(seen) = scene.closest_hit(position + 1e-3 * normal, -normal, 1.0) else { continue };
         let numbers = Points::new(7, i.into());
         let (s, t) = normal.any_orthonormal_pair();

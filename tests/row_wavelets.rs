@@ -12,16 +12,16 @@ use common::random::Random;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, pixels, rig};
 use common::{gpu, shipped, transfer};
 use glam::{DVec3, Vec3, Vec4};
-use relume::bake::Baked;
+use relume::bake::baselines::row_wavelets::RowWavelets;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::compression::haar::Haar;
-use relume::bake::compression::row_wavelets::RowWavelets;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::{CsrMatrix, Lobe};
+use relume::bake::csr_matrix::CsrMatrix;
+use relume::bake::framebuffer::view_samples::resolve;
+use relume::bake::transfer::Transfer;
 use relume::bake::transfer::sparse::SellMatrix;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::bake::view_samples::resolve;
+use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::gpu::{Buffer, Frames, Kernel};
 use relume::relight::Layers;
 use relume::scene::rig::Rig;
@@ -205,10 +205,10 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
     let (scene, camera) = room();
     let stage = Stage::new(scene, &camera, &lights(), &Setup::new(40, 30));
     for samples in [400, 60] {
-        let transfer = Transfer::new(&stage.scene, &stage.baked, &settings(samples, 60), &|_| ());
+        let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &settings(samples, 60), &|_| ());
         let direct = |light: &PackedLight| direct::shade(&stage.scene, &transfer.fine, light);
         let haar = Haar::new(&transfer.fine.first);
-        let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
+        let all: Vec<u32> = (0..stage.framebuffer.samples.len() as u32).collect();
         let light = direct(&lights().lights[0].pack(stage.scene.space));
         let dense = transfer.apply(std::slice::from_ref(&light), &all, Lobe::All, &|_| ()).remove(0);
         let wavelets = RowWavelets::new(&transfer, &direct, &to(0.02));
@@ -239,17 +239,15 @@ fn pictures_are_what_the_terms_say() {
     let (scene, camera) = room();
     let setup = Setup::new(41, 23);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
-    let (scene, baked) = (stage.scene.clone(), stage.baked.clone());
-    assert!(!baked.extra_samples.is_empty(), "the mirror shows something");
-    let transfer = Transfer::new(&scene, &baked, &settings(700, 100), &|_| ());
+    let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
+    assert!(!framebuffer.extra_samples.is_empty(), "the mirror shows something");
+    let transfer = LightTransport::new(&scene, &framebuffer, &settings(700, 100), &|_| ());
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            BakedTransfer::haar(&transfer, &to(0.05), |_| Ok(()), &mut Journal::default(), &|_| ()).unwrap()
-        })
+        pool.install(|| Transfer::haar(&transfer, &to(0.05), |_| Ok(()), &mut Journal::default(), &|_| ()).unwrap())
     };
     let haar = on(1);
-    assert!(haar.is_consistent(baked.samples.len()) && haar.haar && haar.chain.is_empty());
+    assert!(haar.is_consistent(framebuffer.samples.len()) && haar.haar && haar.chain.is_empty());
     let (one, three) = (haar.sparse.as_ref().unwrap(), on(3).sparse.unwrap());
     assert!(one.values == three.values && one.outputs == three.outputs);
 
@@ -259,16 +257,23 @@ fn pictures_are_what_the_terms_say() {
         sum.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let radiance = one.multiply(&Haar::new(&transfer.fine.first).terms(&sum));
-    let (samples, extras) = radiance.split_at(baked.pixel_stride());
+    let (samples, extras) = radiance.split_at(framebuffer.pixel_stride());
     let mut image = samples.to_vec();
-    resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
-    let tiling = baked.tiling;
+    resolve(
+        &framebuffer.extra_pixels,
+        &framebuffer.extra_indices,
+        &framebuffer.extra_samples,
+        extras,
+        u32::MAX,
+        &mut image,
+    );
+    let tiling = framebuffer.tiling;
     let mut want = vec![DVec3::ZERO; (tiling.width * tiling.height) as usize];
     for (i, radiance) in image.iter().enumerate().filter(|(i, _)| tiling.contains(tiling.pixel(*i))) {
         let (x, y) = tiling.pixel(i);
         want[(y * tiling.width + x) as usize] = *radiance;
     }
-    stage.baked = Arc::new(Baked { transfer: Some(haar), ..(*baked).clone() });
+    stage.transfer = Some(Arc::new(haar));
     let got = pixels(&mut stage.relighter(&gpu, &lights(), &setup), Layers::Indirect);
     let got: Vec<DVec3> = got.iter().map(|p| Vec3::from(*p).as_dvec3()).collect();
     let error = relative(&got, &want);

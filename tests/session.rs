@@ -6,7 +6,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use command::{folder, shipped};
-use relume::bake::transfer::Outgoing;
+use relume::bake::transport::Outgoing;
 use relume::session::{Form, IndirectSettings, Progress};
 use relume::{Error, Session, SessionSettings};
 
@@ -51,7 +51,7 @@ fn work_that_is_cancelled_ends_and_can_be_done_again() {
         assert!(matches!(stopped, Err(Error::Cancelled)), "after {most} of {steps} steps");
         let again = Session::open(&scene, None, &settings, &()).unwrap();
         let factors = |session: &Session| {
-            let transfer = session.baked.transfer.as_ref().unwrap();
+            let transfer = session.transfer.as_ref().unwrap();
             transfer.chain.iter().map(|matrix| matrix.values.to_vec()).collect::<Vec<_>>()
         };
         assert!(factors(&again) == factors(&whole), "after {most} of {steps} steps");

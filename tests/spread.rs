@@ -7,11 +7,9 @@ use std::sync::Arc;
 use common::stage::{Setup, Stage};
 use common::{gpu, shipped, transfer};
 use glam::DVec3;
-use relume::bake::Baked;
-use relume::bake::spread::spread;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::relight::{Layers, Picture};
 use relume::scene::Scene;
 use relume::storage::journal::Journal;
@@ -26,29 +24,28 @@ fn stage(name: &str, samples: u32) -> Stage {
     Stage::new(scene, &camera, &rig, &setup(samples))
 }
 
-/// The deep framebuffers of `stages`, of one scene, with indirect light off the same gather samples: those of the first.
-fn with_transfer<const N: usize>(stages: [&Stage; N]) -> [Arc<Baked>; N] {
+/// Indirect light of `stages`, of one scene, off the same gather samples: those of the first.
+fn transfers<const N: usize>(stages: [&Stage; N]) -> [Arc<Transfer>; N] {
     let stage = stages[0];
     let settings =
         TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(256, 256, 1024) };
-    let transfer = Transfer::new(&stage.scene, &stage.baked, &settings, &|_| ());
+    let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &settings, &|_| ());
     stages.map(|stage| {
-        let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
-        Arc::new(Baked { transfer: Some(dense), ..Baked::clone(&stage.baked) })
+        Arc::new(Transfer::dense(&transfer, &stage.framebuffer, Lobe::All, &mut Journal::default(), &|_| ()))
     })
 }
 
 #[test]
 fn rows_come_along_unchanged() {
     let stage = stage("balls-2.glb", 1);
-    let [plain] = with_transfer([&stage]);
+    let [plain] = transfers([&stage]);
     let light: Vec<DVec3> = {
-        let count = plain.transfer.as_ref().unwrap().first().last().copied().unwrap();
+        let count = plain.first().last().copied().unwrap();
         (0..count).map(|i| DVec3::splat(1.0 + f64::from(i % 7))).collect()
     };
-    let itself = spread(&plain, &plain, stage.scene.bvh.radius).unwrap();
-    assert!(itself.is_consistent(plain.samples.len()));
-    let (same, first) = (itself.apply(&light), plain.transfer.as_ref().unwrap().apply(&light));
+    let itself = plain.spread(&stage.framebuffer, &stage.framebuffer, stage.scene.bvh.radius).unwrap();
+    assert!(itself.is_consistent(stage.framebuffer.samples.len()));
+    let (same, first) = (itself.apply(&light), plain.apply(&light));
     assert_eq!(same, first, "a sample is likest itself");
 }
 
@@ -56,13 +53,14 @@ fn rows_come_along_unchanged() {
 fn edges_get_the_light_of_the_surface_on_either_side() {
     let gpu = gpu();
     let (one, many) = (stage("balls-2.glb", 1), stage("balls-2.glb", 8));
-    let [plain, of_its_own] = with_transfer([&one, &many]);
-    let spread = spread(&plain, &many.baked, one.scene.bvh.radius).unwrap();
-    assert!(spread.is_consistent(many.baked.samples.len()));
-    let spread = Arc::new(Baked { transfer: Some(spread), ..Baked::clone(&many.baked) });
+    let [plain, of_its_own] = transfers([&one, &many]);
+    let spread = plain.spread(&one.framebuffer, &many.framebuffer, one.scene.bvh.radius).unwrap();
+    assert!(spread.is_consistent(many.framebuffer.samples.len()));
+    let spread = Arc::new(spread);
     let rig = many.scene.rig.clone();
-    let picture = |baked: &Arc<Baked>| {
-        let stage = Stage { scene: many.scene.clone(), baked: baked.clone() };
+    let picture = |stage: &Stage, transfer: &Arc<Transfer>| {
+        let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
+        let stage = Stage { scene, framebuffer, transfer: Some(transfer.clone()) };
         let mut relighter = stage.relighter(&gpu, &rig, &setup(8));
         relighter.set_layers(Layers::Indirect);
         relighter.linear(Picture::Whole).unwrap().to_vec()
@@ -73,7 +71,7 @@ fn edges_get_the_light_of_the_surface_on_either_side() {
         };
         (sum(&|a, b| a - b) / sum(&|_, b| b)).sqrt()
     };
-    let (want, got, aliased) = (picture(&of_its_own), picture(&spread), picture(&plain));
+    let (want, got, aliased) = (picture(&many, &of_its_own), picture(&many, &spread), picture(&one, &plain));
     let (error, before) = (apart(&got, &want), apart(&aliased, &want));
     println!("indirect light on edges: {error:.4} off, {before:.4} with one sample a pixel");
     // Rows gathered for each sample have noise of their own.

@@ -9,8 +9,8 @@ use common::stage::{Build, ball, emitter, lambert, look, mirror, rig};
 use common::{assert_near, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::NEAR_MIRROR_ALPHA;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::physics::brdf::Lobes;
 use relume::physics::sequence::Points;
 use relume::scene::{Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture};
@@ -137,15 +137,15 @@ fn a_furnace_with_checkered_walls() {
     let scene = TracedScene::new(build.scene());
     let camera = inside(DVec3::new(0.3, 0.1, -0.9), DVec3::ZERO);
     let lit = Lit { scene: &scene, camera: &camera, rig: &rig(Vec::new()), size: [48, 32] };
-    let baked = lit.bake();
-    let transfer = Transfer::new(&scene, &baked, &transfer::settings(4096, 1024, 512), &|_| ());
+    let framebuffer = lit.bake();
+    let transfer = LightTransport::new(&scene, &framebuffer, &transfer::settings(4096, 1024, 512), &|_| ());
     let emitted = transfer.emitted().expect("walls glow");
     let all: Vec<u32> =
-        (0..baked.samples.len() as u32).filter(|&i| baked.samples[i as usize].brdf != NO_BRDF).collect();
+        (0..framebuffer.samples.len() as u32).filter(|&i| framebuffer.samples[i as usize].brdf != NO_BRDF).collect();
     let got = transfer.rows(&all, Lobe::All).multiply(&emitted);
     let (mut sum, mut count) = (0.0, 0.0);
     for (&i, radiance) in all.iter().zip(got) {
-        let albedo = f64::from(baked.brdfs[baked.samples[i as usize].brdf as usize].diffuse.x);
+        let albedo = f64::from(framebuffer.brdfs[framebuffer.samples[i as usize].brdf as usize].diffuse.x);
         // Samples hold the mean of their own squares, a ray reads a few of these.
         assert_near(radiance.x / albedo, 2.0, 0.03, format!("sample {i} of albedo {albedo}"));
         (sum, count) = (sum + radiance.x / albedo, count + 1.0);
@@ -229,10 +229,10 @@ fn lobes_keep_the_light_of_lamps() {
             let camera =
                 look(DVec3::new(0.0, 1.0, 1.5), DVec3::Y * 2.0, DVec3::Z, Projection::Perspective { yfov: 2.0 });
             let lit = Lit { scene: &scene, camera: &camera, rig: &rig(vec![spot.clone()]), size: [48, 32] };
-            let baked = lit.bake();
+            let framebuffer = lit.bake();
             let outgoing = Outgoing::Glossy { functions: Some(functions) };
             let settings = TransferSettings { outgoing, points: 16, ..transfer::settings(16_384, 64, 64) };
-            let transfer = Transfer::new(&scene, &baked, &settings, &|_| ());
+            let transfer = LightTransport::new(&scene, &framebuffer, &settings, &|_| ());
             let direct = lit.direct(&transfer);
             let mut sent = 0.0;
             for (i, sample) in

@@ -8,12 +8,12 @@ use std::path::Path;
 use common::stage::{Build, ball, lambert, look, mirror};
 use common::{assert_near, drawn, not_run, shared, transfer};
 use glam::{DVec3, Vec3};
+use relume::bake::baselines::thesis::{Thesis, ThesisSettings, shade_thesis};
 use relume::bake::brdf_factors::svd::Terms;
-use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
-use relume::bake::transfer::{MOST_COARSE_COEFFICIENTS, Outgoing, Transfer, TransferSettings};
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, MOST_COARSE_COEFFICIENTS, Outgoing, TransferSettings};
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::image::{Image, exr};
 use relume::scene::{Light, LightKind, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
@@ -26,23 +26,23 @@ fn settings(samples: usize, rays: u32) -> TransferSettings {
 /// A scene with the picture that its first camera sees.
 struct Stage {
     scene: TracedScene,
-    baked: Baked,
+    framebuffer: DeepFramebuffer,
 }
 
 impl Stage {
     fn load(path: &Path, size: u32) -> Self {
         let scene = TracedScene::new(Scene::load(path).unwrap());
         let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
-        let baked = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
-        Self { scene, baked }
+        let framebuffer = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+        Self { scene, framebuffer }
     }
 
-    fn transfer(&self, settings: &TransferSettings) -> Transfer<'_> {
-        Transfer::new(&self.scene, &self.baked, settings, &|_| ())
+    fn transfer(&self, settings: &TransferSettings) -> LightTransport<'_> {
+        LightTransport::new(&self.scene, &self.framebuffer, settings, &|_| ())
     }
 
     /// λ0 of the scene's lights together, each times its intensity.
-    fn direct(&self, transfer: &Transfer, lights: &[Light]) -> Vec<DVec3> {
+    fn direct(&self, transfer: &LightTransport, lights: &[Light]) -> Vec<DVec3> {
         let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
         for light in lights {
             let unit = direct::shade(&self.scene, &transfer.fine, &light.pack(self.scene.space));
@@ -53,7 +53,7 @@ impl Stage {
 
     /// Every `step`th tile of pixels: places of view samples, and of pixels by rows.
     fn pixels(&self, step: usize) -> (Vec<u32>, Vec<usize>) {
-        let tiling = self.baked.tiling;
+        let tiling = self.framebuffer.tiling;
         let chosen = (0..tiling.len()).filter(|i| (i / 64) % step == step / 2);
         let inside = chosen.filter(|&i| tiling.contains(tiling.pixel(i)));
         let row_major = |i: usize| (tiling.pixel(i).1 * tiling.width + tiling.pixel(i).0) as usize;
@@ -98,7 +98,7 @@ fn truth(name: &str, stage: &Stage, pixels: &[usize]) -> Option<[Vec<DVec3>; 2]>
     };
     if name == "buddha" {
         let [light] = &stage.scene.rig.lights[..] else { panic!("{name} has one light") };
-        let halves = drawn::truth(&stage.scene, light, stage.baked.tiling.width, 64);
+        let halves = drawn::truth(&stage.scene, light, stage.framebuffer.tiling.width, 64);
         return Some(halves.map(|half| at_pixels(&half, "indirect")));
     }
     let [a, b] = [file("a")?, file("b")?].map(|path| at_pixels(&exr::read(&path).unwrap(), "beauty"));
@@ -170,11 +170,11 @@ fn compare_thesis(scene: &str, step: usize, settings: &ThesisSettings) -> Option
     let (samples, pixels) = stage.pixels(step);
     let [a, b] = truth(scene, &stage, &pixels)?;
     let start = cpu_seconds();
-    let thesis = Thesis::new(&stage.scene, &stage.baked, settings, &|_| ());
+    let thesis = Thesis::new(&stage.scene, &stage.framebuffer, settings, &|_| ());
     let gathered = cpu_seconds();
     let mut direct = vec![DVec3::ZERO; thesis.column_count()];
     for light in &stage.scene.rig.lights {
-        let unit = direct::shade_thesis(&stage.scene, &thesis, &light.pack(stage.scene.space));
+        let unit = shade_thesis(&stage.scene, &thesis, &light.pack(stage.scene.space));
         direct.iter_mut().zip(unit).for_each(|(sum, x)| *sum += light.scale().as_dvec3() * x);
     }
     let all = thesis.bounce(&direct);
@@ -299,13 +299,13 @@ impl Stage {
         let eye = scene.space.origin;
         let camera = look(eye, eye + DVec3::new(0.2, -0.1, 1.0), DVec3::Y, Projection::Perspective { yfov: 1.5 });
         let size = BakeSettings { width: 16, height: 16, layers: 1, samples: 1 };
-        let baked = bake(&scene, &camera, &scene.rig, &size, &|_| ());
-        Self { scene, baked }
+        let framebuffer = bake(&scene, &camera, &scene.rig, &size, &|_| ());
+        Self { scene, framebuffer }
     }
 }
 
 /// What leaves all samples of the fine level, by areas in mesh space.
-fn flux(transfer: &Transfer, coefficients: &[DVec3]) -> f64 {
+fn flux(transfer: &LightTransport, coefficients: &[DVec3]) -> f64 {
     let level = &transfer.fine;
     let of = |i: usize| coefficients[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
     (0..level.samples.len()).map(of).sum::<f64>() * PI.sqrt()
@@ -408,9 +408,9 @@ fn even_light_stays_even() {
     {
         let stage = Stage::inside(room(wall.clone(), shining.clone()));
         let transfer = stage.transfer(&TransferSettings { coarse_samples: coarse, layers: 30, ..settings(600, 256) });
-        let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
+        let all: Vec<u32> = (0..stage.framebuffer.samples.len() as u32).collect();
         let image = transfer.apply(&[transfer.emission()], &all, Lobe::All, &|_| ()).remove(0);
-        let lit = stage.baked.samples.iter().map(|s| s.brdf != NO_BRDF);
+        let lit = stage.framebuffer.samples.iter().map(|s| s.brdf != NO_BRDF);
         for (pixel, _) in image.iter().zip(lit).filter(|(_, lit)| *lit) {
             // Spatially even but for the noise of mirrored rays, which balancing leaves alone.
             let tolerance = if what == "a mirror" { 0.02 } else { 1e-4 };
@@ -463,7 +463,7 @@ fn black_rooms_stay_black() {
         assert_eq!(image, [DVec3::ZERO; 2]);
         assert!(transfer.fine.samples.is_empty() && transfer.certificate.spectral_radius == 0.0);
     }
-    let thesis = Thesis::new(&stage.scene, &stage.baked, &thesis_settings(50, 1), &|_| ());
+    let thesis = Thesis::new(&stage.scene, &stage.framebuffer, &thesis_settings(50, 1), &|_| ());
     assert!(thesis.g.values.iter().flatten().all(|v| *v == 0.0) && thesis.spectral_radius == 0.0);
 }
 
@@ -474,7 +474,7 @@ fn a_seed_gives_the_same_transfer_on_any_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let transfer = stage.transfer(&TransferSettings { coarse_samples: 50, ..settings(200, 64) });
-            let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
+            let all: Vec<u32> = (0..stage.framebuffer.samples.len() as u32).collect();
             let rows: Vec<_> = all.chunks(pieces).flat_map(|piece| transfer.rows(piece, Lobe::All).values).collect();
             (transfer.among, transfer.from_fine, rows)
         })
@@ -493,7 +493,7 @@ fn the_specular_lobe_is_a_part() {
         let transfer = stage.transfer(&settings(300, 256));
         let direct = stage.direct(&transfer, &[Light::point("l", stage.scene.space.origin)]);
         let sum = |lobe: Lobe| -> f64 {
-            let all: Vec<u32> = (0..stage.baked.samples.len() as u32).collect();
+            let all: Vec<u32> = (0..stage.framebuffer.samples.len() as u32).collect();
             transfer.apply(std::slice::from_ref(&direct), &all, lobe, &|_| ())[0].iter().map(|p| p.y).sum()
         };
         let part = sum(Lobe::Specular) / sum(Lobe::All);

@@ -6,12 +6,12 @@ use common::drawn::{self, Drawn};
 use common::{not_run, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::compression::CompressionSettings;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Transfer, TransferSettings};
-use relume::bake::view_samples::resolve;
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::framebuffer::view_samples::resolve;
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, TransferSettings};
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::image::Image;
 use relume::image::compare::{Figures, Pictures, Settings};
 use relume::scene::{Light, LightKind};
@@ -23,19 +23,19 @@ const SAMPLES: u32 = 128;
 /// A scene under drawn lights, and the operator without compression.
 struct Lit<'a> {
     drawn: &'a Drawn,
-    baked: &'a Baked,
-    transfer: Transfer<'a>,
+    framebuffer: &'a DeepFramebuffer,
+    transfer: LightTransport<'a>,
 }
 
-fn bake_drawn(Drawn { scene, .. }: &Drawn, size: u32) -> Baked {
+fn bake_drawn(Drawn { scene, .. }: &Drawn, size: u32) -> DeepFramebuffer {
     let settings = BakeSettings { width: size, height: size, layers: 4, samples: 1 };
     bake(scene, &scene.cameras[0], &scene.rig, &settings, &|_| ())
 }
 
 impl<'a> Lit<'a> {
-    fn new(drawn: &'a Drawn, baked: &'a Baked, settings: &TransferSettings) -> Self {
-        let transfer = Transfer::new(&drawn.scene, baked, settings, &|_| ());
-        Self { drawn, baked, transfer }
+    fn new(drawn: &'a Drawn, framebuffer: &'a DeepFramebuffer, settings: &TransferSettings) -> Self {
+        let transfer = LightTransport::new(&drawn.scene, framebuffer, settings, &|_| ());
+        Self { drawn, framebuffer, transfer }
     }
 
     /// What each light leaves in gather samples.
@@ -47,17 +47,24 @@ impl<'a> Lit<'a> {
 
     /// Each light's indirect light on view samples, by the operator without compression.
     fn rows(&self, direct: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
-        let all: Vec<u32> = (0..self.baked.samples.len() as u32).collect();
+        let all: Vec<u32> = (0..self.framebuffer.samples.len() as u32).collect();
         self.transfer.apply(direct, &all, Lobe::All, &|_| ())
     }
 
     /// Figures of light on view samples: indirect light by pixel, indirect light and the whole picture on 4x4 means.
     fn figures(&self, light: &Light, radiance: &[DVec3]) -> [Figures; 3] {
-        let baked = self.baked;
-        let tiling = baked.tiling;
-        let (pixels, extras) = radiance.split_at(baked.pixel_stride());
+        let framebuffer = self.framebuffer;
+        let tiling = framebuffer.tiling;
+        let (pixels, extras) = radiance.split_at(framebuffer.pixel_stride());
         let mut image = pixels.to_vec();
-        resolve(&baked.extra_pixels, &baked.extra_indices, &baked.extra_samples, extras, u32::MAX, &mut image);
+        resolve(
+            &framebuffer.extra_pixels,
+            &framebuffer.extra_indices,
+            &framebuffer.extra_samples,
+            extras,
+            u32::MAX,
+            &mut image,
+        );
         let [width, height] = [tiling.width, tiling.height];
         let [a, b] = drawn::truth(&self.drawn.scene, light, width, SAMPLES);
         let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -103,8 +110,8 @@ fn drawn_lights_against_the_truth() {
     ] {
         let settings = settings(samples, coarse_samples);
         let Some(drawn) = drawn::load(name) else { return };
-        let baked = bake_drawn(&drawn, 256);
-        let lit = Lit::new(&drawn, &baked, &settings);
+        let framebuffer = bake_drawn(&drawn, 256);
+        let lit = Lit::new(&drawn, &framebuffer, &settings);
         for (light, image) in drawn.lights.iter().zip(lit.rows(&lit.direct())) {
             let [by_pixel, on_blocks, beauty] = lit.figures(light, &image);
             println!(
@@ -133,10 +140,10 @@ fn compressed_light_against_the_truth() {
     println!("| scene | size | light | rows | compressed | rows, 4x4 | compressed, 4x4 |");
     for (name, size) in [("cornell-diffuse", 256), ("cornell-glossy", 128), ("bunny-dragon-2", 128), ("buddha", 128)] {
         let Some(drawn) = drawn::load(name) else { return };
-        let baked = bake_drawn(&drawn, size);
-        let lit = Lit::new(&drawn, &baked, &settings(16_384, 2304));
+        let framebuffer = bake_drawn(&drawn, size);
+        let lit = Lit::new(&drawn, &framebuffer, &settings(16_384, 2304));
         let compression = CompressionSettings { error: 0.01, lights: 512, lobe: Lobe::All, seed: 1 };
-        let nested = BakedTransfer::nested(&lit.transfer, &compression, &mut Journal::default(), &|_| ());
+        let nested = Transfer::nested(&lit.transfer, &compression, &mut Journal::default(), &|_| ());
         let direct = lit.direct();
         let mut farther = Vec::new();
         for ((light, rows), direct) in drawn.lights.iter().zip(lit.rows(&direct)).zip(&direct) {

@@ -2,10 +2,9 @@
 
 use glam::Vec3;
 
-use super::Baked;
-use super::compression::clusters::Clusters;
+use super::DeepFramebuffer;
 use crate::physics::octahedral;
-use crate::scene::{Camera, MeshSpace};
+use crate::scene::MeshSpace;
 use crate::shared::{Brdf, NO_BRDF};
 
 /// One thing that view samples hold, or that is known of pixels.
@@ -67,10 +66,10 @@ impl Channel {
     }
 }
 
-impl Baked {
+impl DeepFramebuffer {
     /// A value a pixel, row by row, of the first sample that the pixel has in `layer`, from 0; `None` where it has none or
     /// a surface that reflects no light of its own has no such value.
-    pub fn channel(&self, channel: Channel, layer: u32, camera: &Camera, space: MeshSpace) -> Vec<Option<Vec3>> {
+    pub fn channel(&self, channel: Channel, layer: u32, space: MeshSpace) -> Vec<Option<Vec3>> {
         let places = self.places(layer);
         let pixels = |y: u32| (0..self.tiling.width).map(move |x| self.tiling.index(x, y));
         let all = (0..self.tiling.height).flat_map(pixels);
@@ -82,7 +81,7 @@ impl Baked {
             _ => all
                 .map(|pixel| {
                     let (sample, weight) = places[pixel]?;
-                    self.value(channel, sample as usize, weight, camera, space)
+                    self.value(channel, sample as usize, weight, space)
                 })
                 .collect(),
         }
@@ -118,12 +117,12 @@ impl Baked {
         counts
     }
 
-    fn value(&self, channel: Channel, i: usize, weight: Vec3, camera: &Camera, space: MeshSpace) -> Option<Vec3> {
+    fn value(&self, channel: Channel, i: usize, weight: Vec3, space: MeshSpace) -> Option<Vec3> {
         let sample = &self.samples[i];
         let position = space.to_world(sample.position);
         let brdf = || (sample.brdf != NO_BRDF).then(|| &self.brdfs[sample.brdf as usize]);
         Some(match channel {
-            Channel::Distance => Vec3::splat((position - camera.position).length() as f32),
+            Channel::Distance => Vec3::splat((position - self.camera.position).length() as f32),
             Channel::Position => position.as_vec3(),
             Channel::Normal => octahedral::decode(sample.normal),
             Channel::GeometricNormal => self.geometric_normals[i],
@@ -133,26 +132,6 @@ impl Baked {
             Channel::Weight => weight,
             Channel::Layers | Channel::Samples => unreachable!("they are of pixels"),
         })
-    }
-
-    /// What the compressor found each pixel's tile to be off by under lights that it has not learned from: root mean
-    /// square in units of the image's own, row by row. `None` without a compressed transfer; pixels without indirect
-    /// light have none.
-    pub fn transfer_errors(&self) -> Option<Vec<Option<f32>>> {
-        let report = self.transfer.as_ref()?.report.held_out.as_ref()?;
-        let clusters = Clusters::new(self);
-        let tiles: Vec<_> = clusters.superclusters().flatten().collect();
-        if tiles.len() != report.tiles.len() {
-            return None; // wavelets of rows have no tiles
-        }
-        let mut errors = vec![None; self.samples.len()];
-        for (tile, error) in tiles.into_iter().zip(&report.tiles) {
-            for &sample in &clusters.samples[clusters.rows(&(tile..tile + 1))] {
-                errors[sample as usize] = Some(*error as f32);
-            }
-        }
-        let pixels = |y: u32| (0..self.tiling.width).map(move |x| self.tiling.index(x, y));
-        Some((0..self.tiling.height).flat_map(pixels).map(|pixel| errors[pixel]).collect())
     }
 }
 

@@ -1,121 +1,20 @@
-//! Scene -> [`Baked`]: everything that does not depend on the lights, one call per stage, in order.
+//! What does not depend on the lights: [`DeepFramebuffer`] and [`Transfer`](transfer::Transfer).
+//!
+//! ```text
+//! scene -> framebuffer -> gather_samples -> transport -> compression -> transfer
+//! ```
 
 mod background;
+pub mod baselines;
 pub mod brdf_factors;
 pub mod cache;
 pub mod channels;
 pub mod compression;
-pub mod edges;
-mod forced;
+pub mod csr_matrix;
+pub mod framebuffer;
 pub mod gather_samples;
-pub mod spread;
 pub mod transfer;
-pub mod view_samples;
-
-use glam::Vec3;
+pub mod transport;
 
 pub use self::background::low_priority;
-
-use self::transfer::baked::BakedTransfer;
-use self::view_samples::{EyeRays, Tiling};
-use crate::scene::{Camera, Rig};
-use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, ViewSample};
-use crate::trace::bvh::TracedScene;
-use crate::trace::packet::{self, SamplePacket};
-
-/// What of a scene is baked, and how finely.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct BakeSettings {
-    pub width: u32,
-    pub height: u32,
-    /// Layers of the deep framebuffer: 1 = no reflections.
-    pub layers: u32,
-    /// Paths from the eye for a pixel that lies on an edge.
-    pub samples: u32,
-}
-
-impl BakeSettings {
-    /// Tiles of pixels, the steps that `bake` reports.
-    pub fn tile_count(&self) -> usize {
-        Tiling { width: self.width, height: self.height }.len() / packet::PACKET_SIZE
-    }
-}
-
-/// The layered deep framebuffer of one camera.
-#[derive(Clone)]
-pub struct Baked {
-    pub tiling: Tiling,
-    /// Layer 1, a sample a pixel, tile by tile, padded to whole tiles; then the extra samples.
-    pub samples: Vec<ViewSample>,
-    /// Of each sample, unit, mesh space.
-    pub geometric_normals: Vec<Vec3>,
-    /// How far above each sample, along its geometric normal, rays to lights start; mesh space.
-    pub lifts: Vec<f32>,
-    /// The same samples as the shadow tracer wants them.
-    pub packets: Vec<SamplePacket>,
-    /// One for each material, then those of textured samples.
-    pub brdfs: Vec<Brdf>,
-    /// Share and layer of each extra sample.
-    pub extra_samples: Vec<ExtraSample>,
-    /// Extra samples pixel by pixel.
-    pub extra_indices: Vec<u32>,
-    /// Pixels that have any, and those on edges.
-    pub extra_pixels: Vec<ExtraPixel>,
-    /// Radiance of emitters as seen, resolved to pixels: planes R, G, B in tile order; empty if there are none.
-    pub emission: Vec<f32>,
-    /// Samples in each layer.
-    pub layers: Vec<usize>,
-    /// Layers that were asked for.
-    pub asked_layers: u32,
-    /// Whether any sample has a specular lobe.
-    pub has_specular: bool,
-    /// Indirect light; absent where none is wanted.
-    pub transfer: Option<BakedTransfer>,
-}
-
-impl Baked {
-    /// Whether every index that a kernel follows leads to something.
-    fn is_consistent(&self) -> bool {
-        let pixels = self.pixel_stride();
-        let extras = self.extra_samples.len();
-        let brdf_exists = |s: &ViewSample| s.brdf == NO_BRDF || (s.brdf as usize) < self.brdfs.len();
-        let list_exists = |p: &ExtraPixel| {
-            (p.pixel as usize) < pixels && p.first as usize + p.count as usize <= self.extra_indices.len()
-        };
-        self.samples.len() == pixels + extras
-            && self.geometric_normals.len() == self.samples.len()
-            && self.lifts.len() == self.samples.len()
-            && self.samples.iter().all(brdf_exists)
-            && self.extra_pixels.iter().all(list_exists)
-            && self.extra_indices.iter().all(|&i| (i as usize) < extras)
-            && (self.emission.is_empty() || self.emission.len() == 3 * pixels)
-    }
-
-    /// Indices of the samples that reflect anything.
-    pub fn reflecting(&self) -> Vec<u32> {
-        (0..self.samples.len() as u32).filter(|&i| self.samples[i as usize].brdf != NO_BRDF).collect()
-    }
-
-    /// Samples of layer 1, padding included: what a plane of an image holds.
-    pub fn pixel_stride(&self) -> usize {
-        self.tiling.len()
-    }
-}
-
-/// Bakes what `camera` sees of `scene`. `rig` tells where shadow edges lie, for anti-aliasing.
-pub fn bake(
-    scene: &TracedScene,
-    camera: &Camera,
-    rig: &Rig,
-    settings: &BakeSettings,
-    progress: &(dyn Fn(usize) + Sync),
-) -> Baked {
-    let tiling = Tiling { width: settings.width, height: settings.height };
-    let eye = EyeRays { scene, camera, tiling, layers: settings.layers };
-    let baked = view_samples::collect(&eye, settings, &[], progress);
-    if settings.samples <= 1 {
-        return baked;
-    }
-    let edges = edges::find(&eye, &baked, rig);
-    view_samples::collect(&eye, settings, &edges, progress)
-}
+pub use self::framebuffer::{BakeSettings, DeepFramebuffer, bake};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use relume::bake::cache;
 use relume::bake::compression::Report;
 use relume::bake::compression::validation::ValidationError;
-use relume::bake::transfer::baked::TransferReport;
+use relume::bake::transfer::TransferReport;
 use relume::{Error, Result};
 use serde_json::json;
 
@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> Result<()> {
     let cached = if report.cached { " (deep framebuffer from the cache)" } else { "" };
     out!("{:<20} {:9.1} ms, {:.2} CPU seconds{cached}", "all", 1e3 * report.seconds, report.cpu_seconds)?;
     out!("view samples by layer: {:?}", session.layers())?;
-    if let Some(transfer) = &session.baked.transfer {
+    if let Some(transfer) = &session.transfer {
         let (bytes, multiply_adds) = transfer.cost();
         let TransferReport { method, form, spectral_radius, residual, held_out, .. } = &transfer.report;
         out!("transfer: {} gather samples, {method}, {form}, {:.1} MB", transfer.sample_count(), bytes as f64 * 1e-6)?;
@@ -93,7 +93,7 @@ pub fn run(args: &Args) -> Result<()> {
                 percent(*excess)
             )?;
         }
-        let costs = [bytes as f64, multiply_adds as f64].map(|cost| cost / session.baked.pixel_stride() as f64);
+        let costs = [bytes as f64, multiply_adds as f64].map(|cost| cost / session.framebuffer.pixel_stride() as f64);
         out!("a pixel: {:.0} multiply-adds, {:.0} bytes", costs[1], costs[0])?;
     }
     // Which of rays and maps it will be is the device's choice.

@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> Result<()> {
         let session = args.scene_options.open(path, args.rig.as_deref())?;
         let context = session.context(args.light_options.device.as_deref())?;
         device = (context.info.name.clone(), context.info.driver.clone());
-        let mut measured = Roofline::new(&context, session.baked.samples.len())?;
+        let mut measured = Roofline::new(&context, session.framebuffer.samples.len())?;
         let mut yardstick = Vec::new();
         let counts = match args.lights.as_slice() {
             [] => vec![session.rig.lights.len()],
@@ -208,7 +208,7 @@ pub fn measure(
     relighter.set_layers(if edit == Edit::MoveDirect { Layers::FirstHand } else { Layers::All });
     relighter.set_rig(&rig)?;
     relighter.display(Picture::Whole, 0.0)?;
-    let transfer = session.baked.transfer.as_ref();
+    let transfer = session.transfer.as_ref();
     let original = rig.clone();
     let count = rig.lights.len();
     // Coprime to any even count: `select` meets every light, each far from the one before.
@@ -261,7 +261,7 @@ pub fn measure(
             session.transfers.as_ref().map_or("off", Transfers::gi)
         },
         method: transfer.map(|transfer| transfer.report.method.clone()),
-        size: [session.baked.tiling.width, session.baked.tiling.height],
+        size: [session.framebuffer.tiling.width, session.framebuffer.tiling.height],
         visibility: if relighter.traces() { "traced" } else { "map" },
         median_ms: median(&mut all_ms),
         p95_ms: percentile(&mut all_ms, 0.95),
@@ -306,14 +306,14 @@ impl Table {
 }
 
 fn describe(session: &Session) -> String {
-    let tiling = session.baked.tiling;
+    let tiling = session.framebuffer.tiling;
     let triangles = session.scene.mesh.triangles.len();
     format!("{triangles} triangles, {}x{}, view samples by layer {:?}", tiling.width, tiling.height, session.layers())
 }
 
 /// How long the transfer of a moved light takes, beside a copy of its bytes.
 fn describe_transfer(session: &Session, records: &[Record], copy_gb_s: f64) -> Option<String> {
-    let (bytes, multiply_adds) = session.baked.transfer.as_ref()?.cost();
+    let (bytes, multiply_adds) = session.transfer.as_ref()?.cost();
     let moved = records.iter().filter(|r| r.edit == "move" && r.scene == session.scene.name());
     let transfer = |record: &Record| -> f64 {
         let of_it = |pass: &&PassRecord| pass.name == "Haar transform" || pass.name.starts_with("transfer");

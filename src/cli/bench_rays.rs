@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::reference::path_tracer::{Filter, PathTracer, Settings};
 use relume::session::{Session, cpu_seconds};
 use relume::shared::PackedLight;
@@ -28,16 +28,16 @@ const PACKETS_A_TASK: usize = 16;
 
 pub fn measure(session: &Session) -> RayTimes {
     let lights: Vec<PackedLight> = session.rig.lights.iter().take(4).map(|l| l.pack(session.scene.space)).collect();
-    let baked = &session.baked;
+    let framebuffer = &session.framebuffer;
     let scene = &*session.scene;
-    let mut visibility = vec![vec![0u8; baked.packets.len() * PACKET_SIZE]; lights.len()];
+    let mut visibility = vec![vec![0u8; framebuffer.packets.len() * PACKET_SIZE]; lights.len()];
     let mut singly = visibility.clone();
     let (mut packets_ms, mut singly_ms) = (Vec::new(), Vec::new());
     let mut rays = 0;
     for _ in 0..REPETITIONS {
         let start = Instant::now();
         for (light, visibility) in lights.iter().zip(&mut visibility) {
-            trace_all(scene, light, &baked.packets, visibility);
+            trace_all(scene, light, &framebuffer.packets, visibility);
         }
         packets_ms.push(start.elapsed().as_secs_f64() * 1e3);
 
@@ -46,7 +46,7 @@ pub fn measure(session: &Session) -> RayTimes {
         for (light, visibility) in lights.iter().zip(&mut singly) {
             rays += visibility
                 .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
-                .zip(baked.packets.par_chunks(PACKETS_A_TASK))
+                .zip(framebuffer.packets.par_chunks(PACKETS_A_TASK))
                 .map(|(visibility, packets)| {
                     let mut rays = 0;
                     for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
@@ -84,7 +84,7 @@ pub fn segments_per_s_core(session: &Session) -> f64 {
     let settings = Settings {
         width: width as u32,
         height: height as u32,
-        layers: session.baked.asked_layers,
+        layers: session.framebuffer.asked_layers,
         max_bounces: None,
         filter: Filter::Centre,
         bounce_layers: 0,
@@ -92,7 +92,7 @@ pub fn segments_per_s_core(session: &Session) -> f64 {
         seed: 1,
     };
     let rate = |_| {
-        let tracer = PathTracer::new(&session.scene, &session.camera, &session.rig, &settings);
+        let tracer = PathTracer::new(&session.scene, &session.framebuffer.camera, &session.rig, &settings);
         let start = cpu_seconds();
         tracer.trace(samples_a_half, &|| false, &|_| ());
         // 0.01: the clock's tick, for scenes of nothing.
@@ -103,19 +103,19 @@ pub fn segments_per_s_core(session: &Session) -> f64 {
 
 /// Rays of final gathers a second on all cores, with what is done at their ends: best of a few runs.
 pub fn gather_rays_per_s(session: &Session) -> f64 {
-    let baked = &session.baked;
+    let framebuffer = &session.framebuffer;
     let settings = TransferSettings {
         outgoing: Outgoing::Glossy { functions: None },
         samples: 1024,
         coarse_samples: 1024,
         points: 1,
         rays: 256,
-        layers: baked.asked_layers,
+        layers: framebuffer.asked_layers,
         bounces: None,
         seed: 1,
     };
-    let transfer = Transfer::new(&session.scene, baked, &settings, &|_| ());
-    let reflecting = baked.reflecting();
+    let transfer = LightTransport::new(&session.scene, framebuffer, &settings, &|_| ());
+    let reflecting = framebuffer.reflecting();
     let some: Vec<u32> = reflecting.iter().step_by(reflecting.len().div_ceil(4096).max(1)).copied().collect();
     let gatherer = transfer.row_gatherer(Lobe::All);
     let rate = |_| {

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use relume::bake::transfer::TransferSettings;
-use relume::bake::transfer::importance::Importance;
+use relume::bake::transport::TransferSettings;
+use relume::bake::transport::importance::Importance;
 use relume::session::TransferPlan;
 use relume::{Result, Session, SessionSettings};
 use serde_json::json;
@@ -42,23 +42,23 @@ const PATHS: usize = 16_384;
 /// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn. `unseen`: share of surfaces that no
 /// pixel sees, even over bounces, if there is, or will be, indirect light.
 pub fn left_out(session: &Session, traced: bool, unseen: Option<f64>) -> Vec<LeftOut> {
-    let baked = &session.baked;
-    let pixels = baked.pixel_stride();
+    let framebuffer = &session.framebuffer;
+    let pixels = framebuffer.pixel_stride();
     let mut list = Vec::new();
     let mut add = |what, why: &str, saves: String| list.push(LeftOut { what, why: why.into(), saves });
     let megabytes = |bytes: usize| format!("{:.1} MB", bytes as f64 * 1e-6);
     let per_sample = size_of::<relume::shared::ViewSample>();
-    let full_layers = baked.asked_layers.saturating_sub(1) as usize * pixels;
-    let deeper: usize = baked.layers.iter().skip(1).sum();
+    let full_layers = framebuffer.asked_layers.saturating_sub(1) as usize * pixels;
+    let deeper: usize = framebuffer.layers.iter().skip(1).sum();
     if deeper == 0 && full_layers > 0 {
-        let saves = format!("{} layers, {}", baked.asked_layers - 1, megabytes(full_layers * per_sample));
+        let saves = format!("{} layers, {}", framebuffer.asked_layers - 1, megabytes(full_layers * per_sample));
         add("mirror layers", "no mirror is visible", saves);
     } else if deeper < full_layers {
         let saves =
             format!("{} view samples, {}", full_layers - deeper, megabytes((full_layers - deeper) * per_sample));
         add("parts of mirror layers", "mirrors cover a part of the picture", saves);
     }
-    if !baked.has_specular {
+    if !framebuffer.has_specular {
         add("the specular lobe", "no visible surface has one", "its share of the shading kernel".into());
     }
     match unseen {
@@ -69,10 +69,10 @@ pub fn left_out(session: &Session, traced: bool, unseen: Option<f64>) -> Vec<Lef
         }
         Some(_) => (),
     }
-    if baked.emission.is_empty() {
+    if framebuffer.emission.is_empty() {
         add("emission", "no emitter is visible", megabytes(12 * pixels));
     }
-    if baked.brdfs.len() == session.scene.materials.len() {
+    if framebuffer.brdfs.len() == session.scene.materials.len() {
         add(
             "BRDFs of single samples",
             "no texture or vertex colour is visible",
@@ -91,15 +91,15 @@ pub fn run(args: &Args) -> Result<()> {
     let settings = args.options.settings()?;
     let direct = SessionSettings { indirect: None, ..settings.clone() };
     let session = Session::open(&args.scene, args.rig.as_deref(), &direct, &Terminal::default())?;
-    let baked = &session.baked;
-    let size = [baked.tiling.width, baked.tiling.height];
+    let framebuffer = &session.framebuffer;
+    let size = [framebuffer.tiling.width, framebuffer.tiling.height];
     let transfer = settings.indirect.map(|indirect| indirect.plan(size, settings.layers, settings.seed));
     let reasons = settings.indirect.map_or(Vec::new(), |indirect| indirect.reasons(size));
-    let images = 2 * session.rig.lights.len() * 12 * baked.pixel_stride();
+    let images = 2 * session.rig.lights.len() * 12 * framebuffer.pixel_stride();
     // Whether maps are drawn depends on the device, which a plan does not open.
     let unseen = match &transfer {
         Some(TransferPlan::Robust(TransferSettings { layers, seed, .. }, _)) => {
-            Some(Importance::new(&session.scene, baked, *layers, PATHS, *seed).unseen)
+            Some(Importance::new(&session.scene, framebuffer, *layers, PATHS, *seed).unseen)
         }
         other => other.as_ref().map(|_| 0.0),
     };
@@ -110,10 +110,10 @@ pub fn run(args: &Args) -> Result<()> {
             "scene": {
                 "triangles": session.scene.mesh.triangles.len(),
                 "lights": session.rig.lights.len(),
-                "width": baked.tiling.width,
-                "height": baked.tiling.height,
+                "width": framebuffer.tiling.width,
+                "height": framebuffer.tiling.height,
             },
-            "samples": { "view": baked.samples.len(), "layers": session.layers() },
+            "samples": { "view": framebuffer.samples.len(), "layers": session.layers() },
             "light_image_bytes": images,
             "transfer": transfer.as_ref().map(TransferPlan::describe),
             "reasons": reasons,
@@ -124,7 +124,12 @@ pub fn run(args: &Args) -> Result<()> {
     }
     out!("{}", args.scene.display())?;
     out!("  {} triangles, {} lights", session.scene.mesh.triangles.len(), session.rig.lights.len())?;
-    out!("  {}x{} pixels, view samples by layer {:?}", baked.tiling.width, baked.tiling.height, session.layers())?;
+    out!(
+        "  {}x{} pixels, view samples by layer {:?}",
+        framebuffer.tiling.width,
+        framebuffer.tiling.height,
+        session.layers()
+    )?;
     out!("  light images: up to {:.0} MB", images as f64 * 1e-6)?;
     if let Some(plan) = &transfer {
         out!("  indirect light: {}", plan.describe())?;

@@ -55,8 +55,8 @@ pub fn run(args: &Args) -> Result<()> {
         let reason = "its camera differs from the first rig's; render it on its own";
         return Err(Error::invalid(format!("rig {name}"), reason));
     }
-    let transfer = session.baked.transfer.as_ref();
-    let emission = !session.baked.emission.is_empty() || transfer.is_some_and(|t| !t.emission.is_empty());
+    let transfer = session.transfer.as_ref();
+    let emission = !session.framebuffer.emission.is_empty() || transfer.is_some_and(|t| !t.emission.is_empty());
     let has = Has { emission, indirect: transfer.is_some() };
     let jobs = output::plan(&args.passes, &template, &rigs, has)?;
 

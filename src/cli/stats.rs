@@ -2,8 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use relume::bake::Baked;
-use relume::bake::transfer::baked::BakedTransfer;
+use relume::bake::transfer::Transfer;
 use relume::gpu::{PassTime, Site};
 use relume::session::{BakeReport, Session, peak_bytes};
 use serde_json::{Value, json};
@@ -32,8 +31,8 @@ pub fn figures(session: &Session, relighters: &Relighters, written: &Written) ->
 
 /// What is known without a device; all else is null. `traced`: shadow rays are traced, no maps are drawn.
 pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
-    let baked = &session.baked;
-    let transfer = baked.transfer.as_ref();
+    let framebuffer = &session.framebuffer;
+    let transfer = session.transfer.as_deref();
     json!({
         "schema": 1,
         "relume": env!("CARGO_PKG_VERSION"),
@@ -42,8 +41,8 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
         "scene": {
             "triangles": session.scene.mesh.triangles.len(),
             "lights": session.rig.lights.len(),
-            "width": baked.tiling.width,
-            "height": baked.tiling.height,
+            "width": framebuffer.tiling.width,
+            "height": framebuffer.tiling.height,
         },
         "bake": {
             "seconds": session.bake.seconds,
@@ -52,8 +51,8 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
             "cached": session.bake.cached,
             "peak_bytes": peak_bytes(),
         },
-        "samples": { "view": baked.samples.len(), "gather": transfer.map_or(0, BakedTransfer::sample_count), "layers": session.layers() },
-        "transfer": figures_of_transfer(baked),
+        "samples": { "view": framebuffer.samples.len(), "gather": transfer.map_or(0, Transfer::sample_count), "layers": session.layers() },
+        "transfer": figures_of_transfer(transfer, session.size()),
         "frame": null,
         "non_finite": null,
         "negative": null,
@@ -63,15 +62,15 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
 }
 
 /// What is not computed is null.
-fn figures_of_transfer(baked: &Baked) -> Value {
-    let Some(transfer) = &baked.transfer else {
+fn figures_of_transfer(transfer: Option<&Transfer>, (width, height): (usize, usize)) -> Value {
+    let Some(transfer) = transfer else {
         return json!({
             "method": null, "form": null, "bytes": 0, "bytes_per_pixel": 0.0, "macs_per_pixel": 0.0,
             "held_out": { "point": null, "spot": null, "worst_tile": null },
             "spectral_radius": null, "bounces": null, "residual": null, "capped": null,
         });
     };
-    let pixels = f64::from(baked.tiling.width) * f64::from(baked.tiling.height);
+    let pixels = (width * height) as f64;
     let (bytes, multiply_adds) = transfer.cost();
     let report = &transfer.report;
     json!({

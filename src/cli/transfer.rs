@@ -1,7 +1,7 @@
 //! Options of indirect light.
 
 use clap::ValueEnum;
-use relume::bake::transfer::Outgoing;
+use relume::bake::transport::Outgoing;
 use relume::session::{ERROR, Form, IndirectSettings, THESIS_BOUNCES};
 use relume::{Error, Result};
 

@@ -73,11 +73,11 @@ pub fn run(args: &Args) -> Result<()> {
     let settings = SessionSettings { samples: 1, ..args.scene_options.settings()? };
     let report = relume::view::run(view_settings, move |loader| {
         let session = Session::open_direct(&path, rig.as_deref(), &settings, loader)?;
-        let Session { scene, baked, camera, rig, transfers, .. } = session;
-        loader.show(Opened { scene: scene.clone(), baked: baked.clone(), camera, rig });
+        let Session { scene, framebuffer, rig, transfers, .. } = session;
+        loader.show(Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig });
         match transfers {
             Some(transfers) => {
-                let seen = BakeInput { scene: &scene, baked: &baked };
+                let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
                 transfers.refine(seen, loader, |transfer| loader.refine(transfer.with_coarse()))
             }
             None => Ok(()),

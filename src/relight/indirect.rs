@@ -11,7 +11,7 @@ use super::light_cache::Detail;
 use super::light_rays::RayCaster;
 use super::sparse::SparseProduct;
 use super::visibility::Visibility;
-use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
@@ -151,7 +151,7 @@ const PIECE_BYTES: usize = 1 << 30;
 
 impl Indirect {
     /// Factors beyond `budget` bytes stay in host memory, from which kernels read them in every frame.
-    pub fn new(context: &Arc<Context>, transfer: &BakedTransfer, budget: u64) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, transfer: &Transfer, budget: u64) -> Result<Self> {
         let room = &mut Room { left: budget, streamed: 0 };
         let mut kernels: HashMap<[u32; 2], Arc<ByLights>> = HashMap::new();
         let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
@@ -239,7 +239,7 @@ impl Indirect {
 }
 
 impl LitSamples {
-    fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
+    fn new(context: &Arc<Context>, transfer: &Transfer) -> Result<Self> {
         if !transfer.factored.is_empty() {
             return Ok(Self::Factored {
                 samples: Buffer::from_slice(context, "gather samples", &transfer.factored)?,

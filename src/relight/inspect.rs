@@ -51,7 +51,7 @@ impl Inspector {
 
     /// Looks at the picture that is the sum of `terms`, as far as it is wanted and not known.
     pub fn run(&mut self, frame: &mut Frame, parts: &FrameResources, terms: &[Term], exposure: f32) {
-        let tiling = parts.baked.tiling;
+        let tiling = parts.framebuffer.tiling;
         if self.wanted.histogram && !self.counted {
             self.counts.host_mut().fill(0);
             let size = UVec2::new(tiling.width, tiling.height);
@@ -106,7 +106,7 @@ fn look(frame: &mut Frame, parts: &FrameResources, terms: &[Term], look: &Look) 
         term_count: terms.len() as u32,
         terms: parts.read_terms(&mut pass, terms),
         result: pass.write(look.result),
-        pixel_stride: parts.baked.pixel_stride() as u32,
+        pixel_stride: parts.framebuffer.pixel_stride() as u32,
         pixels: look.pixels,
         exposure: look.exposure.exp2(),
         unused: 0,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::indirect::Strided;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::gather_samples::light_rays::{LightRays, RAYS, per_solid_angle};
-use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::physics::octahedral;
@@ -29,7 +29,7 @@ pub struct LightRayHits {
 
 impl RayCaster {
     /// There must be samples of ours.
-    pub fn new(context: &Arc<Context>, transfer: &BakedTransfer) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, transfer: &Transfer) -> Result<Self> {
         let points = transfer.points.iter().map(|p| (p.position, octahedral::decode(p.normal)));
         Ok(Self {
             rays: LightRays::new(&transfer.samples, points),
@@ -39,7 +39,7 @@ impl RayCaster {
     }
 
     /// Casts the rays of `light` at the samples of `transfer`, the one that this was made of.
-    pub fn cast(&self, scene: &TracedScene, transfer: &BakedTransfer, light: &PackedLight, caught: &mut LightRayHits) {
+    pub fn cast(&self, scene: &TracedScene, transfer: &Transfer, light: &PackedLight, caught: &mut LightRayHits) {
         let contributions = caught.contributions.host_mut();
         let mut count = 0;
         self.rays.shade(scene, &transfer.samples, &self.projection, light, |index, value| {
@@ -70,7 +70,7 @@ impl RayCaster {
 
 impl LightRayHits {
     /// Nothing yet, and room for whatever rays may bring.
-    pub fn nothing(context: &Arc<Context>, transfer: Option<&BakedTransfer>) -> Result<Self> {
+    pub fn nothing(context: &Arc<Context>, transfer: Option<&Transfer>) -> Result<Self> {
         let samples = transfer.map_or(&[][..], |t| &t.samples);
         let functions = samples.iter().map(|s| s.degrees * s.degrees).max().unwrap_or(0) as usize;
         let count = RAYS.min(samples.len()) * functions;

@@ -3,7 +3,7 @@
 mod cutouts;
 pub mod exposure;
 mod finite_check;
-mod gpu_baked;
+mod gpu_framebuffer;
 mod haar;
 mod indirect;
 pub mod inspect;
@@ -23,7 +23,7 @@ use std::time::Instant;
 use glam::{Vec3, Vec4};
 
 use self::finite_check::FiniteCheck;
-use self::gpu_baked::{GpuBaked, upload_emission};
+use self::gpu_framebuffer::{GpuFramebuffer, upload_emission};
 use self::indirect::Indirect;
 use self::inspect::{Inspection, Inspector};
 pub use self::light_cache::Detail;
@@ -34,8 +34,8 @@ use self::shadow_map::ShadowMaps;
 use self::sheet::{Grid, Sheet};
 use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
-use crate::bake::Baked;
-use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::DeepFramebuffer;
+use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::Rig;
@@ -120,8 +120,9 @@ pub struct Relighter {
     context: Arc<Context>,
     frames: Frames,
     scene: Arc<TracedScene>,
-    baked: Arc<Baked>,
-    gpu: GpuBaked,
+    framebuffer: Arc<DeepFramebuffer>,
+    transfer: Option<Arc<Transfer>>,
+    gpu: GpuFramebuffer,
     indirect: Option<Indirect>,
     cache: LightCache,
     images: Vec<Buffer<Vec4>>,
@@ -164,18 +165,19 @@ impl Relighter {
     pub fn new(
         context: &Arc<Context>,
         scene: &Arc<TracedScene>,
-        baked: &Arc<Baked>,
+        framebuffer: &Arc<DeepFramebuffer>,
+        transfer: Option<&Arc<Transfer>>,
         rig: &Rig,
         settings: &RelightSettings,
     ) -> Result<Self> {
-        let pixel_stride = baked.pixel_stride();
+        let pixel_stride = framebuffer.pixel_stride();
         let image_bytes = 12 * pixel_stride as u64;
         let fewest = slot_count(rig, 0);
         // Another relighter may have its share already.
         let held: u64 = context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum();
         let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4 * 3).saturating_sub(held);
         let transfer_budget = budget.saturating_sub(fewest as u64 * image_bytes);
-        let indirect = baked.transfer.as_ref().map(|t| Indirect::new(context, t, transfer_budget)).transpose()?;
+        let indirect = transfer.map(|t| Indirect::new(context, t, transfer_budget)).transpose()?;
         let taken = indirect.as_ref().map_or(0, |indirect| indirect.device_bytes);
         let image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
         let slot_count = slot_count(rig, image_budget);
@@ -186,7 +188,7 @@ impl Relighter {
         }
         let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
         let traced = settings.visibility.traces(context, scene);
-        let gpu = GpuBaked::new(context, baked)?;
+        let gpu = GpuFramebuffer::new(context, framebuffer, transfer.map(Arc::as_ref))?;
         Ok(Self {
             frames: Frames::new(context)?,
             cache: LightCache::new(rig, slot_count, gpu.emission.is_some()),
@@ -196,15 +198,15 @@ impl Relighter {
             image_budget,
             transfer_budget,
             rest: image("light images (rest)")?,
-            extras: (0..together(rig)).map(|_| extra_planes(context, baked)).collect::<Result<_>>()?,
-            visibility: VisibilityBuffers::new(context, baked, traced)?,
+            extras: (0..together(rig)).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?,
+            visibility: VisibilityBuffers::new(context, framebuffer, transfer.map(Arc::as_ref), traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) },
             kernels: Kernels {
-                shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(baked.has_specular))])?,
+                shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(framebuffer.has_specular))])?,
                 resolve: Kernel::new(context, "resolve", &[])?,
                 sum_images: Kernel::new(context, "sum_images", &[])?,
             },
-            outputs: Outputs::new(context, baked.tiling.width as usize * baked.tiling.height as usize),
+            outputs: Outputs::new(context, framebuffer.tiling.width as usize * framebuffer.tiling.height as usize),
             tone_map: settings.tone_map,
             layers: Layers::All,
             finite_check: None,
@@ -214,7 +216,8 @@ impl Relighter {
             times: Vec::new(),
             context: context.clone(),
             scene: scene.clone(),
-            baked: baked.clone(),
+            framebuffer: framebuffer.clone(),
+            transfer: transfer.cloned(),
         })
     }
 
@@ -222,8 +225,8 @@ impl Relighter {
         self.cache.rig()
     }
 
-    pub fn baked(&self) -> &Arc<Baked> {
-        &self.baked
+    pub fn framebuffer(&self) -> &Arc<DeepFramebuffer> {
+        &self.framebuffer
     }
 
     pub fn context(&self) -> &Arc<Context> {
@@ -243,45 +246,48 @@ impl Relighter {
     /// Takes over a new state of the lights; the next picture shows it. More lights may take more memory.
     pub fn set_rig(&mut self, rig: &Rig) -> Result<()> {
         for _ in self.images.len()..slot_count(rig, self.image_budget) {
-            let elements = 3 * self.baked.pixel_stride() / 4;
+            let elements = 3 * self.framebuffer.pixel_stride() / 4;
             self.images.push(Buffer::new(&self.context, "light images", Access::Device, elements)?);
         }
         for _ in self.extras.len()..together(rig) {
-            self.extras.push(extra_planes(&self.context, &self.baked)?);
+            self.extras.push(extra_planes(&self.context, &self.framebuffer)?);
         }
         self.cache.set_rig(rig, self.images.len());
         Ok(())
     }
 
     /// Takes over another transfer to the same view samples; the next picture shows it.
-    pub fn set_transfer(&mut self, transfer: BakedTransfer) -> Result<()> {
+    pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.indirect = None; // its memory first
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
-        let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
-        self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
-        self.gpu.emission = upload_emission(&self.context, &baked)?;
-        self.baked = baked;
+        self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), self.traces())?;
+        self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
+        self.transfer = Some(transfer);
         self.start_anew();
         Ok(())
     }
 
     /// Takes over another bake of the same view of the same scene; the next picture shows it.
-    pub fn set_baked(&mut self, baked: Arc<Baked>) -> Result<()> {
-        let size = |baked: &Baked| (baked.tiling.width, baked.tiling.height);
-        assert_eq!(size(&baked), size(&self.baked), "light images have the size of the first bake");
-        if baked.has_specular != self.baked.has_specular {
-            let specialization = [(0, u32::from(baked.has_specular))];
+    pub fn set_framebuffer(
+        &mut self,
+        framebuffer: Arc<DeepFramebuffer>,
+        transfer: Option<Arc<Transfer>>,
+    ) -> Result<()> {
+        let size = |framebuffer: &DeepFramebuffer| (framebuffer.tiling.width, framebuffer.tiling.height);
+        assert_eq!(size(&framebuffer), size(&self.framebuffer), "light images have the size of the first bake");
+        if framebuffer.has_specular != self.framebuffer.has_specular {
+            let specialization = [(0, u32::from(framebuffer.has_specular))];
             self.kernels.shade_light = Kernel::new(&self.context, "shade_light", &specialization)?;
         }
-        let transfer = baked.transfer.as_ref();
+        let of = transfer.as_deref();
         self.indirect = None; // its memory first
-        self.indirect = transfer.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
-        self.visibility = VisibilityBuffers::new(&self.context, &baked, self.traces())?;
-        self.gpu = GpuBaked::new(&self.context, &baked)?;
+        self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
+        self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, self.traces())?;
+        self.gpu = GpuFramebuffer::new(&self.context, &framebuffer, of)?;
         for extras in &mut self.extras {
-            *extras = extra_planes(&self.context, &baked)?;
+            *extras = extra_planes(&self.context, &framebuffer)?;
         }
-        self.baked = baked;
+        (self.framebuffer, self.transfer) = (framebuffer, transfer);
         self.start_anew();
         Ok(())
     }
@@ -413,7 +419,7 @@ impl Relighter {
                 Plan { steps: Vec::new(), picture: self.gpu.emission.iter().map(|_| emission).collect() }
             }
             Picture::Sheet => {
-                let [width, height] = [self.baked.tiling.width, self.baked.tiling.height];
+                let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
                 self.cache.plan_sheet(Grid::new(self.rig().lights.len(), [width, height]).len())
             }
         }
@@ -461,7 +467,8 @@ impl Relighter {
         let Self { frames, times, visibility, outputs, .. } = self;
         let parts = FrameResources {
             scene: &self.scene,
-            baked: &self.baked,
+            framebuffer: &self.framebuffer,
+            transfer: self.transfer.as_deref(),
             gpu: &self.gpu,
             indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),
             images: &self.images,
@@ -514,7 +521,7 @@ impl Relighter {
                     }
                     match screen {
                         Some(screen) => {
-                            let [width, height] = [self.baked.tiling.width, self.baked.tiling.height];
+                            let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
                             frame.draw(screen, Some(Pixels { buffer: outputs.pixels(*output), width, height }))?;
                             frame.finish_on(screen.surface)?;
                         }
@@ -541,8 +548,8 @@ impl Relighter {
 }
 
 /// Planes R, G, B for the radiance of extra samples.
-fn extra_planes(context: &Arc<Context>, baked: &Baked) -> Result<Buffer<f32>> {
-    let stride = baked.extra_samples.len().next_multiple_of(4);
+fn extra_planes(context: &Arc<Context>, framebuffer: &DeepFramebuffer) -> Result<Buffer<f32>> {
+    let stride = framebuffer.extra_samples.len().next_multiple_of(4);
     Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride)
 }
 

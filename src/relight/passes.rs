@@ -3,14 +3,15 @@
 use glam::Vec4;
 
 use super::finite_check::{self, CheckedPass, FiniteCheck};
-use super::gpu_baked::GpuBaked;
+use super::gpu_framebuffer::GpuFramebuffer;
 use super::indirect::{Indirect, Lit, Targets};
 use super::light_cache::{Detail, Shade, Source, Term};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
 use super::visibility::{VisibilityBuffers, VisibilitySlot, trace, trace_half};
 use super::{Kernels, Layers};
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
+use crate::bake::transfer::Transfer;
 use crate::gpu::{Buffer, Frame, Pass};
 use crate::scene::{Light, Rig};
 use crate::shared::*;
@@ -22,8 +23,9 @@ const PASSES_A_LIGHT: usize = 5;
 /// What passes touch, borrowed for one frame.
 pub struct FrameResources<'a> {
     pub scene: &'a TracedScene,
-    pub baked: &'a Baked,
-    pub gpu: &'a GpuBaked,
+    pub framebuffer: &'a DeepFramebuffer,
+    pub transfer: Option<&'a Transfer>,
+    pub gpu: &'a GpuFramebuffer,
     /// Absent where none is wanted.
     pub indirect: Option<&'a Indirect>,
     pub images: &'a [Buffer<Vec4>],
@@ -62,11 +64,11 @@ impl FrameResources<'_> {
                     let words = &mut bytes.view_samples;
                     let half = &mut half.view_samples;
                     frame.cpu("trace shadows", || match detail {
-                        Detail::Exact => trace(words, self.scene, &self.baked.packets, packed),
+                        Detail::Exact => trace(words, self.scene, &self.framebuffer.packets, packed),
                         Detail::Coarse => trace_half(words, self.scene, half, packed),
                     });
                 }
-                if let Some(transfer) = self.baked.transfer.as_ref().filter(|_| self.indirect.is_some()) {
+                if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
                     let words = &mut bytes.gather_points;
                     let half = &mut half.gather_points;
                     frame.cpu("trace gather samples", || match detail {
@@ -83,7 +85,7 @@ impl FrameResources<'_> {
             }
         }
         let ray_caster = self.indirect.and_then(|indirect| indirect.ray_caster.as_ref());
-        if let (Some(ray_caster), Some(transfer)) = (ray_caster, &self.baked.transfer) {
+        if let (Some(ray_caster), Some(transfer)) = (ray_caster, self.transfer) {
             let caught = &mut bytes.light_rays;
             frame.cpu("trace light rays", || ray_caster.cast(self.scene, transfer, packed, caught));
         }
@@ -115,7 +117,7 @@ impl FrameResources<'_> {
         let lights: Vec<Lit> = seen.iter().enumerate().map(lit).collect();
         lights.iter().for_each(|lit| self.shade_view_samples(frame, lit));
         if let Some(indirect) = self.indirect {
-            let (pixel_stride, extra_stride) = (self.baked.pixel_stride() as u32, self.extra_stride());
+            let (pixel_stride, extra_stride) = (self.framebuffer.pixel_stride() as u32, self.extra_stride());
             indirect.add(frame, &Targets { lights: &lights, pixel_stride, extra_stride }, detail);
             lights.iter().for_each(|lit| self.count(frame, CheckedPass::Transfer, lit));
         }
@@ -132,8 +134,8 @@ impl FrameResources<'_> {
             image: pass.write_as(lit.image),
             extras: pass.write(lit.extras),
             light: lit.light,
-            sample_count: self.baked.samples.len() as u32,
-            pixel_stride: self.baked.pixel_stride() as u32,
+            sample_count: self.framebuffer.samples.len() as u32,
+            pixel_stride: self.framebuffer.pixel_stride() as u32,
             extra_stride: self.extra_stride(),
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
             unused: 0,
@@ -145,9 +147,15 @@ impl FrameResources<'_> {
     /// Counts what is not finite in the radiance of all samples, if somebody watches.
     fn count(&self, frame: &mut Frame, checked: CheckedPass, lit: &Lit) {
         let Some(finite_check) = self.finite_check else { return };
-        let pixel_stride = self.baked.pixel_stride() as u32;
+        let pixel_stride = self.framebuffer.pixel_stride() as u32;
         finite_check.planes(frame, checked, lit.image, pixel_stride, pixel_stride);
-        finite_check.planes(frame, checked, lit.extras, self.baked.extra_samples.len() as u32, self.extra_stride());
+        finite_check.planes(
+            frame,
+            checked,
+            lit.extras,
+            self.framebuffer.extra_samples.len() as u32,
+            self.extra_stride(),
+        );
     }
 
     fn extra_stride(&self) -> u32 {
@@ -159,7 +167,7 @@ impl FrameResources<'_> {
         if self.gpu.extra_pixels.is_empty() {
             return;
         }
-        let pixel_stride = self.baked.pixel_stride() as u32;
+        let pixel_stride = self.framebuffer.pixel_stride() as u32;
         let mut pass = frame.pass("resolve");
         let push = ResolvePush {
             pixels: pass.read(&self.gpu.extra_pixels),
@@ -193,13 +201,13 @@ impl FrameResources<'_> {
             term_count: terms.len() as u32,
             terms: self.read_terms(&mut pass, terms),
             sum: pass.write(self.image(target)),
-            plane_length: (self.baked.pixel_stride() / 4) as u32,
+            plane_length: (self.framebuffer.pixel_stride() / 4) as u32,
             accumulate: u32::from(accumulate),
             unused: 0,
         };
         pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);
         if let Some(finite_check) = self.finite_check {
-            let pixel_stride = self.baked.pixel_stride() as u32;
+            let pixel_stride = self.framebuffer.pixel_stride() as u32;
             finite_check.planes(frame, CheckedPass::SumLights, self.image(target), pixel_stride, pixel_stride);
         }
     }
@@ -211,9 +219,9 @@ impl FrameResources<'_> {
             term_count: terms.len() as u32,
             terms: self.read_terms(&mut pass, terms),
             target: pass.write(outputs.pixels(output)),
-            pixel_stride: self.baked.pixel_stride() as u32,
-            width: self.baked.tiling.width,
-            height: self.baked.tiling.height,
+            pixel_stride: self.framebuffer.pixel_stride() as u32,
+            width: self.framebuffer.tiling.width,
+            height: self.framebuffer.tiling.height,
             exposure: output.exposure().exp2(),
             blue_first: u32::from(output.is_blue_first()),
         };

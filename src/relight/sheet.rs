@@ -86,7 +86,7 @@ impl Sheet {
 impl FrameResources<'_> {
     /// Draws one light's share, or nothing, into its cell.
     pub(super) fn show(&self, frame: &mut Frame, cell: usize, term: Option<Term>, outputs: &Outputs, output: Output) {
-        let tiling = self.baked.tiling;
+        let tiling = self.framebuffer.tiling;
         let [left, top, width, height] = Grid::new(self.rig.lights.len(), [tiling.width, tiling.height]).cell(cell);
         if width == 0 || height == 0 {
             return; // more lights than pixels
@@ -97,7 +97,7 @@ impl FrameResources<'_> {
             term_count: u32::from(term.is_some()),
             term: term.map_or(blank, |term| self.read_terms(&mut pass, &[term])[0]),
             target: pass.write(outputs.pixels(output)),
-            pixel_stride: self.baked.pixel_stride() as u32,
+            pixel_stride: self.framebuffer.pixel_stride() as u32,
             size: UVec2::new(tiling.width, tiling.height),
             corner: UVec2::new(left, top),
             cell: UVec2::new(width, height),

@@ -4,7 +4,8 @@
 use std::sync::Arc;
 
 use super::light_rays::LightRayHits;
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
+use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
 use crate::shared::PackedLight;
@@ -70,25 +71,31 @@ pub struct VisibilityBuffers {
 }
 
 impl VisibilityBuffers {
-    pub fn new(context: &Arc<Context>, baked: &Baked, traced: bool) -> Result<Self> {
+    pub fn new(
+        context: &Arc<Context>,
+        framebuffer: &DeepFramebuffer,
+        transfer: Option<&Transfer>,
+        traced: bool,
+    ) -> Result<Self> {
         let all_seen = |packets: &[SamplePacket]| -> Result<Buffer<u32>> {
             let words = packets.len() * PACKET_SIZE / 4;
             let mut words = Buffer::new(context, "visibility", Access::HostWrites, words)?;
             words.host_mut().fill(u32::MAX);
             Ok(words)
         };
-        let gather_packets = baked.transfer.as_ref().map_or(&[][..], |t| &t.packets);
+        let gather_packets = transfer.map_or(&[][..], |t| &t.packets);
         let new = || -> Result<Visibility> {
             Ok(Visibility {
-                view_samples: all_seen(&baked.packets)?,
+                view_samples: all_seen(&framebuffer.packets)?,
                 gather_points: all_seen(gather_packets)?,
-                light_rays: LightRayHits::nothing(context, baked.transfer.as_ref())?,
+                light_rays: LightRayHits::nothing(context, transfer)?,
             })
         };
         let half = match traced {
-            true => {
-                Half { view_samples: HalfPackets::new(&baked.packets), gather_points: HalfPackets::new(gather_packets) }
-            }
+            true => Half {
+                view_samples: HalfPackets::new(&framebuffer.packets),
+                gather_points: HalfPackets::new(gather_packets),
+            },
             false => Half::default(),
         };
         Ok(Self {

@@ -22,18 +22,17 @@ pub use self::report::{BakeReport, Stage, cpu_seconds, peak_bytes};
 
 use self::memory::check_memory;
 use self::progress::{advance, until_cancelled};
+use crate::bake::baselines::thesis::ThesisSettings;
 use crate::bake::compression::validation::ValidationError;
-use crate::bake::spread::spread;
-use crate::bake::transfer::Outgoing;
-use crate::bake::transfer::TransferSettings;
-use crate::bake::transfer::baked::BakedTransfer;
-use crate::bake::transfer::rows::Lobe;
-use crate::bake::transfer::thesis::ThesisSettings;
-use crate::bake::{BakeSettings, Baked, bake, cache, low_priority};
+use crate::bake::transfer::Transfer;
+use crate::bake::transport::Outgoing;
+use crate::bake::transport::TransferSettings;
+use crate::bake::transport::directions::Lobe;
+use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache, low_priority};
 use crate::error::{Error, Result};
 use crate::gpu::{Context, Validation};
 use crate::relight::{RelightSettings, Relighter};
-use crate::scene::{Camera, Rig};
+use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
 
 /// What a session bakes.
@@ -88,8 +87,9 @@ pub fn user_cache_dir() -> Option<PathBuf> {
 /// A scene with its BVH, baked for one camera.
 pub struct Session {
     pub scene: Arc<TracedScene>,
-    pub baked: Arc<Baked>,
-    pub camera: Camera,
+    pub framebuffer: Arc<DeepFramebuffer>,
+    /// Indirect light, once it is there.
+    pub transfer: Option<Arc<Transfer>>,
     /// The lights that the first picture shows.
     pub rig: Rig,
     pub bake: BakeReport,
@@ -98,8 +98,8 @@ pub struct Session {
     pub cache_dir: Option<PathBuf>,
     /// Absent without indirect light.
     pub transfers: Option<Transfers>,
-    /// One sample a pixel, to which indirect light is baked where `baked` has more and can take it over.
-    plain: Option<Arc<Baked>>,
+    /// One sample a pixel, to which indirect light is baked where `framebuffer` has more and can take it over.
+    plain: Option<Arc<DeepFramebuffer>>,
 }
 
 /// Where transfers to one deep framebuffer come from.
@@ -121,16 +121,16 @@ impl Transfers {
         cache::transfer_key(&self.key, &(&self.plan, lobe))
     }
 
-    fn stored(&self, baked: &Baked, lobe: Lobe, report: &mut BakeReport) -> Option<BakedTransfer> {
+    fn stored(&self, framebuffer: &DeepFramebuffer, lobe: Lobe, report: &mut BakeReport) -> Option<Transfer> {
         let (dir, key) = (self.dir.as_deref()?, self.key(lobe));
-        report.stage("read cache", || cache::load_transfer(dir, &key, baked))
+        report.stage("read cache", || cache::load_transfer(dir, &key, framebuffer))
     }
 
     /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
     /// of its own, so that lights can be edited meanwhile.
-    pub fn refine(&self, seen: BakeInput, progress: &dyn Progress, show: impl Fn(BakedTransfer) + Sync) -> Result<()> {
+    pub fn refine(&self, seen: BakeInput, progress: &dyn Progress, show: impl Fn(Transfer) + Sync) -> Result<()> {
         let mut report = BakeReport::default();
-        if let Some(transfer) = self.stored(seen.baked, Lobe::All, &mut report) {
+        if let Some(transfer) = self.stored(seen.framebuffer, Lobe::All, &mut report) {
             show(transfer);
             return Ok(());
         }
@@ -146,14 +146,8 @@ impl Transfers {
     }
 
     /// From the cache, or baked and kept there.
-    fn get(
-        &self,
-        seen: BakeInput,
-        lobe: Lobe,
-        report: &mut BakeReport,
-        progress: &dyn Progress,
-    ) -> Result<BakedTransfer> {
-        let stored = self.stored(seen.baked, lobe, report);
+    fn get(&self, seen: BakeInput, lobe: Lobe, report: &mut BakeReport, progress: &dyn Progress) -> Result<Transfer> {
+        let stored = self.stored(seen.framebuffer, lobe, report);
         report.cached &= stored.is_some();
         if let Some(transfer) = stored {
             return Ok(transfer);
@@ -162,8 +156,9 @@ impl Transfers {
         let journal = self.dir.as_ref().map(|dir| cache::journal(dir, &key));
         let transfer = self.plan.bake(seen, lobe, journal.as_deref(), report, progress)?;
         if let Some(dir) = &self.dir
-            && let Err(error) = report
-                .stage("write cache", || cache::store_transfer(dir, &key, &seen.scene.name(), seen.baked, &transfer))
+            && let Err(error) = report.stage("write cache", || {
+                cache::store_transfer(dir, &key, &seen.scene.name(), seen.framebuffer, &transfer)
+            })
         {
             tracing::info!("not kept: {error}"); // a read-only cache works
             report.not_stored = Some(error);
@@ -185,22 +180,21 @@ impl Session {
             return Ok(session);
         }
         let transfer = session.transfer(Lobe::All, progress)?;
-        Arc::make_mut(&mut session.baked).transfer = Some(transfer);
+        session.transfer = Some(Arc::new(transfer));
         Ok(session)
     }
 
     /// Indirect light from the cache, or baked: to one sample a pixel, whose rows serve its further samples, so that it does
     /// not depend on where the lights' shadow edges lie.
-    fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<BakedTransfer> {
-        let Self { scene, baked, bake, transfers, plain, .. } = self;
+    fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<Transfer> {
+        let Self { scene, framebuffer, bake, transfers, plain, .. } = self;
         let transfers = transfers.as_ref().expect("there is indirect light");
         let get = move |bake: &mut BakeReport| {
             let Some(plain) = plain.as_deref() else {
-                return transfers.get(BakeInput { scene, baked }, lobe, bake, progress);
+                return transfers.get(BakeInput { scene, framebuffer }, lobe, bake, progress);
             };
-            let transfer = transfers.get(BakeInput { scene, baked: plain }, lobe, bake, progress)?;
-            let plain = Baked { transfer: Some(transfer), ..Baked::clone(plain) };
-            let spread = bake.stage("spread transfer", || spread(&plain, baked, scene.bvh.radius));
+            let transfer = transfers.get(BakeInput { scene, framebuffer: plain }, lobe, bake, progress)?;
+            let spread = bake.stage("spread transfer", || transfer.spread(plain, framebuffer, scene.bvh.radius));
             Ok(spread.expect("such a transfer has no plain bake"))
         };
         bake.clocked(|bake| until_cancelled(|| get(bake)))
@@ -208,7 +202,7 @@ impl Session {
 
     /// How far indirect light is from rows gathered anew, under points and spots.
     pub fn verify(&self, progress: &dyn Progress) -> Result<[ValidationError; 2]> {
-        let (Some(transfers), Some(transfer)) = (&self.transfers, &self.baked.transfer) else {
+        let (Some(transfers), Some(transfer)) = (&self.transfers, &self.transfer) else {
             return Err(Error::invalid("--verify", "with --gi off there is nothing to verify"));
         };
         until_cancelled(|| transfers.plan.verify(self.seen(), transfer, progress))
@@ -244,43 +238,54 @@ impl Session {
         let scene = report.stage("build BVH", || build_bvh(scene, progress));
         let of_framebuffer = BakeSettings { width, height, layers, samples };
         let cache_dir = &settings.cache_dir;
-        let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, Baked)> {
+        let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, DeepFramebuffer)> {
             let key = cache::key(&scene, &camera, &rig, settings);
-            let stored =
-                cache_dir.as_deref().and_then(|dir| report.stage("read cache", || cache::load(dir, &key, settings)));
+            let stored = cache_dir
+                .as_deref()
+                .and_then(|dir| report.stage("read cache", || cache::load(dir, &key, &camera, settings)));
             report.cached = stored.is_some();
-            if let Some(baked) = stored {
-                return Ok((key, baked));
+            if let Some(framebuffer) = stored {
+                return Ok((key, framebuffer));
             }
             let passes = if settings.samples > 1 { 2 } else { 1 };
             progress.begin("deep framebuffer", passes * settings.tile_count());
             let make = || bake(&scene, &camera, &rig, settings, &advance(progress));
-            let baked = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
+            let framebuffer = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
             progress.end();
             if let Some(dir) = cache_dir
-                && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &baked))
+                && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &framebuffer))
             {
                 tracing::info!("not kept: {error}"); // a read-only cache works
                 report.not_stored = Some(error);
             }
-            Ok((key, baked))
+            Ok((key, framebuffer))
         };
         let plain = (samples > 1 && plan.as_ref().is_some_and(TransferPlan::spreads))
             .then(|| framebuffer(&BakeSettings { samples: 1, ..of_framebuffer.clone() }, &mut report))
             .transpose()?;
-        let (key, baked) = framebuffer(&of_framebuffer, &mut report)?;
-        let baked = if settings.force_all { baked.with_nothing_left_out() } else { baked };
+        let (key, framebuffer) = framebuffer(&of_framebuffer, &mut report)?;
+        let framebuffer = if settings.force_all { framebuffer.with_nothing_left_out() } else { framebuffer };
         let plain_key = match &plain {
             Some((key, _)) => key.clone(),
             None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),
             None => key.clone(),
         };
         let transfers = plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone() });
-        let plain = plain.map(|(_, baked)| Arc::new(baked));
+        let plain = plain.map(|(_, framebuffer)| Arc::new(framebuffer));
         report.seconds += start.elapsed().as_secs_f64();
         report.cpu_seconds += cpu_seconds() - cpu_start;
-        let (scene, baked) = (Arc::new(scene), Arc::new(baked));
-        Ok(Self { scene, baked, camera, rig, bake: report, key, cache_dir: cache_dir.clone(), transfers, plain })
+        let (scene, framebuffer) = (Arc::new(scene), Arc::new(framebuffer));
+        Ok(Self {
+            scene,
+            framebuffer,
+            transfer: None,
+            rig,
+            bake: report,
+            key,
+            cache_dir: cache_dir.clone(),
+            transfers,
+            plain,
+        })
     }
 
     /// A Vulkan device by its index or a part of its name, or the best one; compiled kernels go to the cache. Debug builds turn
@@ -292,7 +297,7 @@ impl Session {
 
     /// What makes pictures of the scene under `rig`'s lights, and any edit of these.
     pub fn relighter(&self, context: &Arc<Context>, rig: &Rig, settings: &RelightSettings) -> Result<Relighter> {
-        Relighter::new(context, &self.scene, &self.baked, rig, settings)
+        Relighter::new(context, &self.scene, &self.framebuffer, self.transfer.as_ref(), rig, settings)
     }
 
     /// A relighter whose indirect light is what the pixels' specular lobes make of it.
@@ -304,22 +309,21 @@ impl Session {
         progress: &dyn Progress,
     ) -> Result<Relighter> {
         let transfer = self.transfer(Lobe::Specular, progress)?;
-        let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&self.baked) });
-        Relighter::new(context, &self.scene, &baked, rig, settings)
+        Relighter::new(context, &self.scene, &self.framebuffer, Some(&Arc::new(transfer)), rig, settings)
     }
 
     /// View samples in each layer that was asked for, seen or not.
     pub fn layers(&self) -> Vec<usize> {
-        let mut layers = self.baked.layers.clone();
-        layers.resize(self.baked.asked_layers as usize, 0);
+        let mut layers = self.framebuffer.layers.clone();
+        layers.resize(self.framebuffer.asked_layers as usize, 0);
         layers
     }
 
     pub fn seen(&self) -> BakeInput<'_> {
-        BakeInput { scene: &self.scene, baked: &self.baked }
+        BakeInput { scene: &self.scene, framebuffer: &self.framebuffer }
     }
 
     pub fn size(&self) -> (usize, usize) {
-        (self.baked.tiling.width as usize, self.baked.tiling.height as usize)
+        (self.framebuffer.tiling.width as usize, self.framebuffer.tiling.height as usize)
     }
 }

@@ -8,16 +8,16 @@ use serde::Serialize;
 use super::memory::check_free;
 use super::progress::{Progress, advance};
 use super::report::BakeReport;
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
+use crate::bake::baselines::thesis::{Thesis, ThesisSettings};
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::bake::brdf_factors::svd::Terms;
 use crate::bake::compression::CompressionSettings;
 use crate::bake::compression::validation::{self, Validation, ValidationError};
-use crate::bake::transfer::baked::BakedTransfer;
-use crate::bake::transfer::direct;
-use crate::bake::transfer::rows::Lobe;
-use crate::bake::transfer::thesis::{Thesis, ThesisSettings};
-use crate::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use crate::bake::transfer::Transfer;
+use crate::bake::transport::direct;
+use crate::bake::transport::directions::Lobe;
+use crate::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::shared::PackedLight;
@@ -71,7 +71,7 @@ pub enum TransferPlan {
 #[derive(Clone, Copy)]
 pub struct BakeInput<'a> {
     pub scene: &'a TracedScene,
-    pub baked: &'a Baked,
+    pub framebuffer: &'a DeepFramebuffer,
 }
 
 /// Gather samples of the thesis, and of the dense form [Yang 2007, Section 5.2].
@@ -260,20 +260,20 @@ impl TransferPlan {
     /// How far an operator of ours is from rows gathered anew, under points and spots.
     pub fn verify(
         &self,
-        BakeInput { scene, baked }: BakeInput,
-        operator: &BakedTransfer,
+        BakeInput { scene, framebuffer }: BakeInput,
+        operator: &Transfer,
         progress: &dyn Progress,
     ) -> Result<[ValidationError; 2]> {
         let Self::Robust(settings, _) = self else {
             return Err(Error::invalid("--verify", "rows are gathered anew for --method robust only"));
         };
         progress.begin("bounces", settings.coarse_samples.min(settings.samples));
-        let transfer = Transfer::new(scene, baked, settings, &advance(progress));
+        let transfer = LightTransport::new(scene, framebuffer, settings, &advance(progress));
         progress.end();
         let direct = |light: &PackedLight| direct::shade(scene, &transfer.fine, light);
         let rays = RAYS_ANEW * settings.rays;
         let validation = Validation { rays, share: 0.1, lights: 20, lobe: Lobe::All, seed: settings.seed ^ 5 << 32 };
-        progress.begin("verifying", (validation.share * baked.samples.len() as f64) as usize);
+        progress.begin("verifying", (validation.share * framebuffer.samples.len() as f64) as usize);
         let errors =
             validation::validate(&transfer, &direct, |light| operator.apply(light), &validation, &advance(progress));
         progress.end();
@@ -283,18 +283,18 @@ impl TransferPlan {
     /// Bakes the operator; `journal` is where it keeps what it would go on from if it was stopped.
     pub fn bake(
         &self,
-        BakeInput { scene, baked }: BakeInput,
+        BakeInput { scene, framebuffer }: BakeInput,
         lobe: Lobe,
         journal: Option<&Path>,
         report: &mut BakeReport,
         progress: &dyn Progress,
-    ) -> Result<BakedTransfer> {
+    ) -> Result<Transfer> {
         let advance = advance(progress);
         let mut journal = journal.map_or_else(Journal::default, Journal::open);
-        let baked = match self {
+        let framebuffer = match self {
             Self::Robust(settings, form) => {
                 progress.begin("bounces", settings.coarse_samples.min(settings.samples));
-                let transfer = report.stage("bounces", || Transfer::new(scene, baked, settings, &advance));
+                let transfer = report.stage("bounces", || LightTransport::new(scene, framebuffer, settings, &advance));
                 progress.end();
                 let radius = transfer.certificate.spectral_radius;
                 if radius > HARDLY_ABSORBED {
@@ -304,16 +304,16 @@ impl TransferPlan {
                     );
                 }
                 if *form == Form::Dense {
-                    check_dense(baked, transfer.column_count(), scene)?;
+                    check_dense(framebuffer, transfer.column_count(), scene)?;
                 }
-                progress.begin("transfer", baked.samples.len());
+                progress.begin("transfer", framebuffer.samples.len());
                 let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
                 let made = report.stage("transfer", || match *form {
-                    Form::Dense => Ok(BakedTransfer::dense(&transfer, baked, lobe, &mut journal, &advance)),
-                    Form::Nested(error) => Ok(BakedTransfer::nested(&transfer, &to(error), &mut journal, &advance)),
+                    Form::Dense => Ok(Transfer::dense(&transfer, framebuffer, lobe, &mut journal, &advance)),
+                    Form::Nested(error) => Ok(Transfer::nested(&transfer, &to(error), &mut journal, &advance)),
                     Form::Haar(error) => {
                         let fits = |bytes| check_wavelets(bytes, scene);
-                        BakedTransfer::haar(&transfer, &to(error), fits, &mut journal, &advance)
+                        Transfer::haar(&transfer, &to(error), fits, &mut journal, &advance)
                     }
                 });
                 progress.end();
@@ -331,9 +331,9 @@ impl TransferPlan {
             }
             Self::Thesis(settings) => {
                 progress.begin("bounces", settings.samples);
-                let thesis = report.stage("bounces", || Thesis::new(scene, baked, settings, &advance));
+                let thesis = report.stage("bounces", || Thesis::new(scene, framebuffer, settings, &advance));
                 progress.end();
-                check_dense(baked, thesis.column_count(), scene)?;
+                check_dense(framebuffer, thesis.column_count(), scene)?;
                 if scene.materials.iter().any(|material| material.emissive != Vec3::ZERO) {
                     tracing::warn!("the thesis's method has no emitters: what their light does to surfaces is missing");
                 }
@@ -344,15 +344,15 @@ impl TransferPlan {
                         settings.bounces
                     );
                 }
-                progress.begin("transfer", baked.samples.len());
-                let make = || BakedTransfer::thesis(&thesis, baked, lobe, &mut journal, &advance);
+                progress.begin("transfer", framebuffer.samples.len());
+                let make = || Transfer::thesis(&thesis, framebuffer, lobe, &mut journal, &advance);
                 let dense = report.stage("transfer", make);
                 progress.end();
                 dense
             }
         };
         journal.remove();
-        Ok(baked)
+        Ok(framebuffer)
     }
 }
 
@@ -363,9 +363,10 @@ const HARDLY_ABSORBED: f64 = 0.999;
 const RAYS_ANEW: u32 = 8;
 
 /// Refuses a dense operator that cannot fit this machine: float16 RGB, on the host and on the device, and G* once more.
-fn check_dense(baked: &Baked, columns: usize, scene: &Scene) -> Result<()> {
-    let bytes = 12.0 * (baked.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
-    let what = format!("a dense transfer of {columns} coefficients to {} view samples takes", baked.samples.len());
+fn check_dense(framebuffer: &DeepFramebuffer, columns: usize, scene: &Scene) -> Result<()> {
+    let bytes = 12.0 * (framebuffer.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
+    let what =
+        format!("a dense transfer of {columns} coefficients to {} view samples takes", framebuffer.samples.len());
     check_free(bytes, &what, "choose a smaller --size, fewer --gather, or a --basis of fewer functions", &scene.path)
 }
 

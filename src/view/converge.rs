@@ -12,8 +12,8 @@ use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
 use super::load::LoadEvent;
-use crate::bake::spread::spread;
-use crate::bake::{BakeSettings, Baked, bake, low_priority};
+use crate::bake::transfer::Transfer;
+use crate::bake::{BakeSettings, DeepFramebuffer, bake, low_priority};
 use crate::error::Result;
 use crate::gpu::Context;
 use crate::relight::{Layers, RelightSettings, Relighter};
@@ -22,9 +22,15 @@ use crate::scene::{Rig, Scene};
 /// A deep framebuffer with more samples, baked in the background.
 pub struct Sharper {
     edges: Edges,
-    /// What it was made from.
-    of: Arc<Baked>,
-    baked: Arc<Baked>,
+    /// The transfer that its own was made from.
+    of: Option<Arc<Transfer>>,
+    framebuffer: Arc<DeepFramebuffer>,
+    transfer: Option<Arc<Transfer>>,
+}
+
+/// Whether both are the same bake.
+fn is_same(a: &Option<Arc<Transfer>>, b: &Option<Arc<Transfer>>) -> bool {
+    a.as_ref().map(Arc::as_ptr) == b.as_ref().map(Arc::as_ptr)
 }
 
 /// What shadow edges depend on: every light that casts shadows, as kernels know it.
@@ -42,8 +48,8 @@ pub struct Converge {
     context: Arc<Context>,
     proxy: EventLoopProxy<LoadEvent>,
     relighter: Option<Relighter>,
-    /// Of the framebuffer that the relighter has, and the one it was made from.
-    has: Option<(Edges, Arc<Baked>)>,
+    /// Edges and source of the transfer that the relighter has.
+    has: Option<(Edges, Option<Arc<Transfer>>)>,
     baking: Option<Baking>,
     /// When something was last edited.
     edited: Instant,
@@ -108,7 +114,7 @@ impl Converge {
     fn is_current(&self, opened: &Opened, rig: &Rig) -> bool {
         self.has
             .as_ref()
-            .is_some_and(|(edges_of, of)| Arc::ptr_eq(of, &opened.baked) && *edges_of == edges(&opened.scene, rig))
+            .is_some_and(|(edges_of, of)| is_same(of, &opened.transfer) && *edges_of == edges(&opened.scene, rig))
     }
 
     /// The relighter with more samples, if all that it needs for `rig` is there.
@@ -127,7 +133,7 @@ impl Converge {
         // Rows of wavelets serve one sample a pixel; images that take each other's place are never all there.
         self.samples > 1
             && self.relighter.as_ref().is_none_or(Relighter::keeps_all)
-            && opened.baked.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
+            && opened.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
     }
 
     /// When there is something to do, or to show to one who looks at it, if nothing happens until then.
@@ -157,12 +163,12 @@ impl Converge {
 
     /// Begins a bake on threads of its own.
     fn begin(&mut self, opened: &Opened, rig: &Rig) {
-        let Opened { scene, baked, camera, .. } = opened;
-        let (scene, of, camera, rig) = (scene.clone(), baked.clone(), camera.clone(), rig.clone());
+        let (scene, plain, of, rig) =
+            (opened.scene.clone(), opened.framebuffer.clone(), opened.transfer.clone(), rig.clone());
         let settings = BakeSettings {
-            width: of.tiling.width,
-            height: of.tiling.height,
-            layers: of.asked_layers,
+            width: plain.tiling.width,
+            height: plain.tiling.height,
+            layers: plain.asked_layers,
             samples: self.samples,
         };
         let done = Arc::new(AtomicUsize::new(0));
@@ -173,13 +179,13 @@ impl Converge {
             let advance = |tiles| {
                 done.fetch_add(tiles, Ordering::Relaxed);
             };
-            let baked = low_priority(|| {
-                let mut baked = bake(&scene, &camera, &rig, &settings, &advance);
-                baked.has_specular |= of.has_specular;
-                baked.transfer = spread(&of, &baked, scene.bvh.radius);
-                Arc::new(baked)
+            let (framebuffer, transfer) = low_priority(|| {
+                let mut framebuffer = bake(&scene, &plain.camera, &rig, &settings, &advance);
+                framebuffer.has_specular |= plain.has_specular;
+                let transfer = of.as_ref().and_then(|of| of.spread(&plain, &framebuffer, scene.bvh.radius));
+                (Arc::new(framebuffer), transfer.map(Arc::new))
             });
-            let sharper = Sharper { edges: edges(&scene, &rig), of, baked };
+            let sharper = Sharper { edges: edges(&scene, &rig), of, framebuffer, transfer };
             // Fails only when the window has gone.
             let _ = proxy.send_event(LoadEvent::Sharper(Box::new(sharper)));
         });
@@ -188,14 +194,14 @@ impl Converge {
     /// Takes over what another thread has baked, unless lights have moved since.
     pub fn take(&mut self, sharper: Sharper, opened: &Opened, rig: &Rig) {
         self.baking = None;
-        if !Arc::ptr_eq(&sharper.of, &opened.baked) || sharper.edges != edges(&opened.scene, rig) {
+        if !is_same(&sharper.of, &opened.transfer) || sharper.edges != edges(&opened.scene, rig) {
             return;
         }
         let taken = match &mut self.relighter {
-            Some(relighter) => relighter.set_baked(sharper.baked),
+            Some(relighter) => relighter.set_framebuffer(sharper.framebuffer, sharper.transfer),
             None => {
                 let (context, settings) = (&self.context, &self.settings);
-                Relighter::new(context, &opened.scene, &sharper.baked, rig, settings)
+                Relighter::new(context, &opened.scene, &sharper.framebuffer, sharper.transfer.as_ref(), rig, settings)
                     .map(|made| self.relighter = Some(made))
             }
         };

@@ -7,11 +7,11 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Opened;
-use crate::bake::Baked;
+use crate::bake::transfer::Transfer;
 
 /// Those that the camera sees, and their marks.
 pub struct GatherMarks {
-    baked: Arc<Baked>,
+    transfer: Option<Arc<Transfer>>,
     /// World space.
     seen: Vec<DVec3>,
     /// Where the first and the last of them were when the marks were made.
@@ -25,10 +25,13 @@ const SIZES: [(f32, Color32); 2] = [(1.75, Color32::from_black_alpha(170)), (1.0
 impl GatherMarks {
     /// Of what is open; those there are, if they are of that.
     pub fn get(marks: Option<Self>, opened: &Opened) -> Self {
-        match marks {
-            Some(marks) if Arc::ptr_eq(&marks.baked, &opened.baked) => marks,
-            _ => Self { baked: opened.baked.clone(), seen: seen(opened), drawn_at: None, mesh: Arc::default() },
-        }
+        let same = |marks: &Self| marks.transfer.as_ref().map(Arc::as_ptr) == opened.transfer.as_ref().map(Arc::as_ptr);
+        marks.filter(same).unwrap_or_else(|| Self {
+            transfer: opened.transfer.clone(),
+            seen: seen(opened),
+            drawn_at: None,
+            mesh: Arc::default(),
+        })
     }
 
     /// `at` places a point of the scene, in points of the window.
@@ -50,9 +53,9 @@ impl GatherMarks {
 
 /// Samples whose first point nothing hides from the camera.
 fn seen(opened: &Opened) -> Vec<DVec3> {
-    let Some(transfer) = &opened.baked.transfer else { return Vec::new() };
-    let (scene, camera) = (&opened.scene, &opened.camera);
-    let aspect = f64::from(opened.baked.tiling.width) / f64::from(opened.baked.tiling.height);
+    let Some(transfer) = &opened.transfer else { return Vec::new() };
+    let (scene, camera) = (&opened.scene, &opened.framebuffer.camera);
+    let aspect = f64::from(opened.framebuffer.tiling.width) / f64::from(opened.framebuffer.tiling.height);
     let visible = |position: &Vec3| -> Option<DVec3> {
         let world = scene.space.to_world(*position);
         let [x, y] = camera.project(world, aspect)?;

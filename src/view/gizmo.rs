@@ -117,7 +117,7 @@ impl Gizmos<'_> {
     fn ring(&self, light: &Light, angle: f64) -> impl Iterator<Item = DVec3> {
         let center = self.aim(light);
         let radius = (center - light.position).length() * angle.tan();
-        let right = self.opened.camera.world_from_camera.x_axis;
+        let right = self.opened.framebuffer.camera.world_from_camera.x_axis;
         let x = right - light.direction * right.dot(light.direction);
         let x = x.try_normalize().unwrap_or_else(|| light.direction.any_orthonormal_vector());
         let y = light.direction.cross(x);

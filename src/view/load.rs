@@ -1,14 +1,14 @@
 //! Scenes and their indirect light, handed to the window by the thread that loads and bakes.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
 use super::converge::Sharper;
-use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::session::Progress;
 
@@ -19,7 +19,7 @@ pub enum LoadEvent {
         share: f32,
     },
     Opened(Box<Opened>),
-    Refined(Box<BakedTransfer>),
+    Refined(Arc<Transfer>),
     /// More samples where edges lie, as lights rest.
     Sharper(Box<Sharper>),
     /// The thread has ended, with all done or with an error.
@@ -58,8 +58,8 @@ impl Loader {
     }
 
     /// Indirect light takes the place of what there was.
-    pub fn refine(&self, transfer: BakedTransfer) {
-        self.send(LoadEvent::Refined(Box::new(transfer)));
+    pub fn refine(&self, transfer: Transfer) {
+        self.send(LoadEvent::Refined(Arc::new(transfer)));
     }
 
     pub(super) fn end(&self, outcome: Result<()>) {

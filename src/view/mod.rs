@@ -42,10 +42,11 @@ use std::time::Duration;
 
 pub use self::load::Loader;
 pub use self::window::run;
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
+use crate::bake::transfer::Transfer;
 use crate::gpu::{PassTime, Site, Validation, Vsync};
 use crate::relight::RelightSettings;
-use crate::scene::{Camera, Rig};
+use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
 
 /// What a window needs to know before its scene is loaded.
@@ -75,8 +76,9 @@ pub struct ViewSettings {
 /// A loaded and baked scene.
 pub struct Opened {
     pub scene: Arc<TracedScene>,
-    pub baked: Arc<Baked>,
-    pub camera: Camera,
+    pub framebuffer: Arc<DeepFramebuffer>,
+    /// Absent until it is baked, or where none is wanted.
+    pub transfer: Option<Arc<Transfer>>,
     pub rig: Rig,
 }
 

@@ -54,7 +54,7 @@ pub fn pixel(placement: Placement, size: [u32; 2], at: [f32; 2]) -> Option<[u32;
 
 impl Opened {
     fn aspect(&self) -> f64 {
-        f64::from(self.baked.tiling.width) / f64::from(self.baked.tiling.height)
+        f64::from(self.framebuffer.tiling.width) / f64::from(self.framebuffer.tiling.height)
     }
 
     /// The surface point that the picture shows at `at`, physical pixels.
@@ -65,7 +65,7 @@ impl Opened {
 
     /// The surface point at a share of the picture, y down.
     pub fn pick_share(&self, x: f64, y: f64) -> Option<Pick> {
-        let (origin, direction) = self.camera.ray(x, y, self.aspect());
+        let (origin, direction) = self.framebuffer.camera.ray(x, y, self.aspect());
         let space = self.scene.space;
         let from = space.from_world(origin).as_vec3();
         let hit = self.scene.closest_solid_hit(from, direction.as_vec3())?;
@@ -95,8 +95,8 @@ impl Opened {
     /// The point under `at`, physical pixels, on the plane through `point` that faces the camera.
     pub fn beside(&self, placement: Placement, at: [f32; 2], point: DVec3) -> Option<DVec3> {
         let [x, y] = shares(placement, at);
-        let (origin, direction) = self.camera.ray(x, y, self.aspect());
-        let back = self.camera.world_from_camera.z_axis;
+        let (origin, direction) = self.framebuffer.camera.ray(x, y, self.aspect());
+        let back = self.framebuffer.camera.world_from_camera.z_axis;
         let distance = back.dot(point - origin) / back.dot(direction);
         (distance.is_finite() && distance > 0.0).then(|| origin + direction * distance)
     }
@@ -113,7 +113,7 @@ impl Opened {
 
     /// Where it would be in a picture that had no edges; `None` behind the camera.
     pub fn project_beyond(&self, placement: Placement, point: DVec3) -> Option<Pos2> {
-        let [x, y] = self.camera.project(point, self.aspect())?;
+        let [x, y] = self.framebuffer.camera.project(point, self.aspect())?;
         Some(Pos2::new(
             (f64::from(placement.left) + x * f64::from(placement.width)) as f32,
             (f64::from(placement.top) + y * f64::from(placement.height)) as f32,

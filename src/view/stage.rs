@@ -30,7 +30,7 @@ use super::snapshots::Thumbnail;
 use super::still::Still;
 use super::views::{Aid, View};
 use super::{Opened, ViewSettings};
-use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
@@ -90,9 +90,9 @@ impl Stage {
         settings: &ViewSettings,
         proxy: EventLoopProxy<LoadEvent>,
     ) -> Result<Self> {
-        let Opened { scene, baked, camera, rig } = &opened;
-        let relighter = Relighter::new(context, scene, baked, rig, &settings.relight)?;
-        let desk = Desk::new(rig.clone(), camera.clone(), scene.space.unit);
+        let Opened { scene, framebuffer, transfer, rig } = &opened;
+        let relighter = Relighter::new(context, scene, framebuffer, transfer.as_ref(), rig, &settings.relight)?;
+        let desk = Desk::new(rig.clone(), framebuffer.camera.clone(), scene.space.unit);
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self {
@@ -122,7 +122,7 @@ impl Stage {
 
     /// Pixels.
     pub fn picture_size(&self) -> [u32; 2] {
-        [self.opened.baked.tiling.width, self.opened.baked.tiling.height]
+        [self.opened.framebuffer.tiling.width, self.opened.framebuffer.tiling.height]
     }
 
     pub fn rig_path(&self) -> Option<&Path> {
@@ -161,11 +161,11 @@ impl Stage {
     }
 
     /// Indirect light takes the place of what there was.
-    pub fn refine(&mut self, transfer: BakedTransfer) -> Result<()> {
+    pub fn refine(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.shares.forget();
         self.overlaid.iter_mut().for_each(Overlaid::forget);
-        self.relighter.set_transfer(transfer)?;
-        self.opened.baked = self.relighter.baked().clone();
+        self.relighter.set_transfer(transfer.clone())?;
+        self.opened.transfer = Some(transfer);
         self.still = None;
         Ok(())
     }
@@ -431,7 +431,7 @@ impl Stage {
                 desk.message = format!("view: {}", view.views.title());
             }
             Command::NextLayer => {
-                let layers = self.opened.baked.layers.len().max(1) as u32;
+                let layers = self.opened.framebuffer.layers.len().max(1) as u32;
                 view.views.layer = (view.views.layer + 1) % layers;
                 desk.message = format!("view: {}", view.views.title());
             }

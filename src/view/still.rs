@@ -40,17 +40,17 @@ impl Still {
         {
             return Ok(still);
         }
-        let baked = &opened.baked;
-        let size = [baked.tiling.width, baked.tiling.height];
+        let framebuffer = &opened.framebuffer;
+        let size = [framebuffer.tiling.width, framebuffer.tiling.height];
         let nothing = || vec![None; (size[0] * size[1]) as usize];
         let (values, colors): (Vec<Option<Vec3>>, Vec<[u8; 3]>) = match views.view {
             View::Channel(channel) => {
-                let values = baked.channel(channel, views.layer, &opened.camera, opened.scene.space);
+                let values = framebuffer.channel(channel, views.layer, opened.scene.space);
                 let colors = channel_colors(channel, &values);
                 (values, colors)
             }
             _ => {
-                let errors = baked.transfer_errors();
+                let errors = opened.transfer.as_ref().and_then(|t| t.errors(framebuffer));
                 let values = errors.map_or_else(nothing, |e| e.into_iter().map(|e| e.map(Vec3::splat)).collect());
                 let color = |value: &Option<Vec3>| value.map_or(NOTHING, |v| stop_color((v.x / MIDDLE_ERROR).log2()));
                 let colors = values.iter().map(color).collect();

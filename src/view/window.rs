@@ -419,7 +419,7 @@ impl ApplicationHandler<LoadEvent> for App {
                 self.check(outcome, event_loop);
             }
             LoadEvent::Refined(transfer) => {
-                let outcome = self.stage.as_mut().map_or(Ok(()), |stage| stage.refine(*transfer));
+                let outcome = self.stage.as_mut().map_or(Ok(()), |stage| stage.refine(transfer));
                 self.stale = true;
                 self.check(outcome.map(|()| Then::Continue), event_loop);
             }

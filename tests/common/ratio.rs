@@ -1,10 +1,10 @@
 //! How much indirect light there is, against the path tracer.
 
 use glam::{DVec3, Vec3};
-use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Transfer, TransferSettings};
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, TransferSettings};
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
 use relume::scene::{Camera, Rig};
 use relume::trace::bvh::TracedScene;
@@ -20,14 +20,14 @@ pub struct Lit<'a> {
 }
 
 impl Lit<'_> {
-    pub fn bake(&self) -> Baked {
+    pub fn bake(&self) -> DeepFramebuffer {
         let [width, height] = self.size;
         let settings = BakeSettings { width, height, layers: 4, samples: 1 };
         bake(self.scene, self.camera, self.rig, &settings, &|_| ())
     }
 
     /// λ0 of all lights together.
-    pub fn direct(&self, transfer: &Transfer) -> Vec<DVec3> {
+    pub fn direct(&self, transfer: &LightTransport) -> Vec<DVec3> {
         let mut sum = vec![DVec3::ZERO; transfer.fine.coefficient_count()];
         for light in &self.rig.lights {
             let unit = direct::shade(self.scene, &transfer.fine, &light.pack(self.scene.space));
@@ -38,13 +38,13 @@ impl Lit<'_> {
 
     /// Mean of indirect light over all pixels, by our operator.
     pub fn mean(&self, settings: &TransferSettings) -> DVec3 {
-        let baked = self.bake();
-        let transfer = Transfer::new(self.scene, &baked, settings, &|_| ());
-        let all: Vec<u32> = (0..baked.samples.len() as u32).collect();
+        let framebuffer = self.bake();
+        let transfer = LightTransport::new(self.scene, &framebuffer, settings, &|_| ());
+        let all: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
         let image = transfer.apply(&[self.direct(&transfer)], &all, Lobe::All, &|_| ()).remove(0);
-        let mut weights = vec![Vec3::ONE; baked.pixel_stride()];
-        baked.extra_pixels.iter().for_each(|p| weights[p.pixel as usize] = Vec3::splat(p.first_weight));
-        weights.extend(baked.extra_samples.iter().map(|extra| extra.weight));
+        let mut weights = vec![Vec3::ONE; framebuffer.pixel_stride()];
+        framebuffer.extra_pixels.iter().for_each(|p| weights[p.pixel as usize] = Vec3::splat(p.first_weight));
+        weights.extend(framebuffer.extra_samples.iter().map(|extra| extra.weight));
         let sum: DVec3 = image.into_iter().enumerate().map(|(i, radiance)| weights[i].as_dvec3() * radiance).sum();
         sum / f64::from(self.size[0] * self.size[1])
     }

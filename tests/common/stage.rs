@@ -4,7 +4,8 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use glam::{DVec3, Mat3, Vec2, Vec3, Vec4};
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::transfer::Transfer;
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene, Texture, TextureRef, Wrap};
@@ -159,7 +160,8 @@ impl Setup {
 /// A scene, baked.
 pub struct Stage {
     pub scene: Arc<TracedScene>,
-    pub baked: Arc<Baked>,
+    pub framebuffer: Arc<DeepFramebuffer>,
+    pub transfer: Option<Arc<Transfer>>,
 }
 
 impl Stage {
@@ -167,8 +169,8 @@ impl Stage {
         let scene = TracedScene::new(scene);
         let settings =
             BakeSettings { width: setup.width, height: setup.height, layers: setup.layers, samples: setup.samples };
-        let baked = bake(&scene, camera, rig, &settings, &|_| ());
-        Self { scene: Arc::new(scene), baked: Arc::new(baked) }
+        let framebuffer = bake(&scene, camera, rig, &settings, &|_| ());
+        Self { scene: Arc::new(scene), framebuffer: Arc::new(framebuffer), transfer: None }
     }
 
     pub fn relighter(&self, gpu: &Gpu, rig: &Rig, setup: &Setup) -> Relighter {
@@ -178,7 +180,8 @@ impl Stage {
             tone_map: ToneMap::None,
             budget_bytes: setup.budget_bytes,
         };
-        Relighter::new(gpu, &self.scene, &self.baked, rig, &settings).expect("the device has room")
+        Relighter::new(gpu, &self.scene, &self.framebuffer, self.transfer.as_ref(), rig, &settings)
+            .expect("the device has room")
     }
 }
 

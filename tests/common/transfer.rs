@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use relume::bake::Baked;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::storage::journal::Journal;
 
 use super::stage::Stage;
@@ -24,10 +23,10 @@ pub fn settings(samples: usize, coarse_samples: usize, rays: u32) -> TransferSet
     }
 }
 
-/// The stage's deep framebuffer with indirect light in dense form.
-pub fn with_dense(stage: &Stage, settings: &TransferSettings) -> Arc<Baked> {
-    let transfer = Transfer::new(&stage.scene, &stage.baked, settings, &|_| ());
-    let dense = BakedTransfer::dense(&transfer, &stage.baked, Lobe::All, &mut Journal::default(), &|_| ());
-    assert!(dense.is_consistent(stage.baked.samples.len()));
-    Arc::new(Baked { transfer: Some(dense), ..Baked::clone(&stage.baked) })
+/// Indirect light of the stage in dense form.
+pub fn dense(stage: &Stage, settings: &TransferSettings) -> Arc<Transfer> {
+    let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, settings, &|_| ());
+    let dense = Transfer::dense(&transfer, &stage.framebuffer, Lobe::All, &mut Journal::default(), &|_| ());
+    assert!(dense.is_consistent(stage.framebuffer.samples.len()));
+    Arc::new(dense)
 }

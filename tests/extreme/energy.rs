@@ -1,9 +1,9 @@
 //! Light that hardly ends, or gets more at each bounce.
 
 use glam::{DVec3, Vec3};
-use relume::bake::transfer::Transfer;
-use relume::bake::transfer::direct;
-use relume::bake::transfer::thesis::Thesis;
+use relume::bake::baselines::thesis::{Thesis, shade_thesis};
+use relume::bake::transport::LightTransport;
+use relume::bake::transport::direct;
 use relume::scene::{Light, Material, Scene};
 use relume::shared::ALBEDO_CAP;
 
@@ -18,7 +18,7 @@ fn room(material: Material) -> Scene {
 }
 
 /// How many times the light of the first bounce all bounces together are, from what leaves all samples.
-fn gain(transfer: &Transfer, direct: &[DVec3]) -> f64 {
+fn gain(transfer: &LightTransport, direct: &[DVec3]) -> f64 {
     let flux = |coefficients: &[DVec3]| -> f64 {
         let level = &transfer.fine;
         let of = |i: usize| coefficients[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
@@ -47,7 +47,7 @@ fn closed_rooms_at_any_albedo() {
             let transfer = stage.transfer(&settings(1024, 1024, 128));
             let ours = gain(&transfer, &direct::shade(&stage.scene, &transfer.fine, &light));
             let thesis = stage.thesis(1024);
-            let thesis = gain_of_thesis(&thesis, &direct::shade_thesis(&stage.scene, &thesis, &light));
+            let thesis = gain_of_thesis(&thesis, &shade_thesis(&stage.scene, &thesis, &light));
             let case = format!("closed {what}, albedo {albedo}, a point light off its centre");
             let row = Row::new(case, "all light is 1/(1-ρ) times the first bounce's", 1e-3, (ours / want - 1.0).abs());
             rows.push(row.thesis((thesis / want - 1.0).abs()));

@@ -2,13 +2,13 @@
 //! indirect light is ρ/(1-ρ) at every pixel.
 
 use glam::{DVec3, Vec3};
+use relume::bake::baselines::thesis::{Thesis, ThesisSettings};
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::NO_BRDF;
 use relume::storage::journal::Journal;
@@ -33,7 +33,7 @@ pub fn thesis_settings(samples: usize) -> ThesisSettings {
 /// A scene and what its camera sees, without indirect light.
 pub struct Stage {
     pub scene: TracedScene,
-    pub baked: Baked,
+    pub framebuffer: DeepFramebuffer,
 }
 
 impl Stage {
@@ -49,28 +49,28 @@ impl Stage {
     pub fn new(scene: Scene, camera: &Camera, [width, height]: [u32; 2]) -> Self {
         let scene = TracedScene::new(scene);
         let settings = BakeSettings { width, height, layers: 4, samples: 1 };
-        let baked = bake(&scene, camera, &scene.rig, &settings, &|_| ());
-        Self { scene, baked }
+        let framebuffer = bake(&scene, camera, &scene.rig, &settings, &|_| ());
+        Self { scene, framebuffer }
     }
 
-    pub fn transfer(&self, settings: &TransferSettings) -> Transfer<'_> {
-        Transfer::new(&self.scene, &self.baked, settings, &|_| ())
+    pub fn transfer(&self, settings: &TransferSettings) -> LightTransport<'_> {
+        LightTransport::new(&self.scene, &self.framebuffer, settings, &|_| ())
     }
 
     pub fn thesis(&self, samples: usize) -> Thesis<'_> {
-        Thesis::new(&self.scene, &self.baked, &thesis_settings(samples), &|_| ())
+        Thesis::new(&self.scene, &self.framebuffer, &thesis_settings(samples), &|_| ())
     }
 
     /// View samples that reflect light.
     pub fn lit(&self) -> Vec<u32> {
-        let lit = |&i: &u32| self.baked.samples[i as usize].brdf != NO_BRDF;
-        (0..self.baked.samples.len() as u32).filter(lit).collect()
+        let lit = |&i: &u32| self.framebuffer.samples[i as usize].brdf != NO_BRDF;
+        (0..self.framebuffer.samples.len() as u32).filter(lit).collect()
     }
 }
 
-pub fn compressed(transfer: &Transfer, error: f64) -> BakedTransfer {
+pub fn compressed(transfer: &LightTransport, error: f64) -> Transfer {
     let settings = CompressionSettings { error, lights: 64, lobe: Lobe::All, seed: 1 };
-    BakedTransfer::nested(transfer, &settings, &mut Journal::default(), &|_| ())
+    Transfer::nested(transfer, &settings, &mut Journal::default(), &|_| ())
 }
 
 /// Relative errors of indirect light, root mean square over pixels.

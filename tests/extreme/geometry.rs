@@ -1,7 +1,7 @@
 //! Triangles that are hardly any, surfaces that lie on each other or cut each other, gaps that are hardly any.
 
 use glam::{DVec3, Vec3};
-use relume::bake::transfer::rows::Lobe;
+use relume::bake::transport::directions::Lobe;
 use relume::scene::{Projection, Scene};
 
 use crate::common::stage::{Build, ball, lambert, look};

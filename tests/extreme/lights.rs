@@ -4,8 +4,11 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
-use relume::bake::Baked;
-use relume::bake::transfer::direct;
+use relume::bake::DeepFramebuffer;
+use relume::bake::baselines::thesis::shade_thesis;
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::LightTransport;
+use relume::bake::transport::direct;
 use relume::relight::{Layers, Picture};
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
 
@@ -29,21 +32,17 @@ impl Relit {
     pub fn with(scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup, samples: usize) -> Self {
         let mut stage = stage::Stage::new(scene, camera, rig, setup);
         let settings = settings(samples, samples.div_ceil(4), 128);
-        let transfer = relume::bake::transfer::Transfer::new(&stage.scene, &stage.baked, &settings, &|_| ());
+        let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &settings, &|_| ());
         let transfer = compressed(&transfer, 0.01);
-        assert!(transfer.is_consistent(stage.baked.samples.len()));
-        stage.baked = Arc::new(Baked { transfer: Some(transfer), ..(*stage.baked).clone() });
+        assert!(transfer.is_consistent(stage.framebuffer.samples.len()));
+        stage.transfer = Some(Arc::new(transfer));
         Self { stage, setup: setup.clone() }
     }
 
-    pub fn baked(&self) -> Baked {
-        (*self.stage.baked).clone()
-    }
-
-    pub fn change(&mut self, change: impl FnOnce(&mut Baked)) {
-        let mut baked = self.baked();
-        change(&mut baked);
-        self.stage.baked = Arc::new(baked);
+    /// What has been baked, to spoil it.
+    pub fn baked(&mut self) -> (&mut DeepFramebuffer, &mut Transfer) {
+        let transfer = self.stage.transfer.as_mut().expect("it was baked");
+        (Arc::make_mut(&mut self.stage.framebuffer), Arc::make_mut(transfer))
     }
 
     /// What each pass leaves that is not finite.
@@ -212,7 +211,7 @@ fn all_light_is_caught() {
         let ours = direct::shade(&stage.scene, level, &packed);
         let of = |i: usize| ours[level.coefficients(i).start].x * f64::from(level.samples.samples[i].area);
         let ours = (0..level.samples.len()).map(of).sum::<f64>() * PI.sqrt();
-        let theirs = direct::shade_thesis(&stage.scene, &thesis, &packed);
+        let theirs = shade_thesis(&stage.scene, &thesis, &packed);
         let theirs: f64 = thesis.samples.samples.iter().zip(&theirs).map(|(s, r)| f64::from(s.area) * r.x * PI).sum();
         let square = stage.scene.space.unit.powi(2);
         [ours, theirs].map(|flux| square * flux / f64::from(ALBEDO))

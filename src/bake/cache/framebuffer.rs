@@ -6,41 +6,43 @@ use glam::Vec3;
 use safetensors::tensor::Dtype;
 
 use super::{Key, Reader, Writer, file, read};
-use crate::bake::view_samples::{Tiling, pack};
-use crate::bake::{BakeSettings, Baked};
+use crate::bake::framebuffer::view_samples::{Tiling, pack};
+use crate::bake::{BakeSettings, DeepFramebuffer};
 use crate::error::Result;
+use crate::scene::Camera;
 use crate::shared::{Brdf, NO_BRDF, ViewSample};
 
 /// Looks a bake up. A file that is damaged or of another version counts as absent.
-pub fn load(dir: &Path, key: &Key, settings: &BakeSettings) -> Option<Baked> {
-    let baked = read(dir, key, |reader| decode(reader, settings))?;
-    let packets = pack(&baked.samples, &baked.geometric_normals, &baked.lifts, baked.tiling.len());
-    Some(Baked { packets, ..baked })
+pub fn load(dir: &Path, key: &Key, camera: &Camera, settings: &BakeSettings) -> Option<DeepFramebuffer> {
+    let framebuffer = read(dir, key, |reader| decode(reader, camera, settings))?;
+    let packets =
+        pack(&framebuffer.samples, &framebuffer.geometric_normals, &framebuffer.lifts, framebuffer.tiling.len());
+    Some(DeepFramebuffer { packets, ..framebuffer })
 }
 
 /// Stores a bake of the scene called `name`.
-pub fn store(dir: &Path, key: &Key, name: &str, baked: &Baked) -> Result<()> {
+pub fn store(dir: &Path, key: &Key, name: &str, framebuffer: &DeepFramebuffer) -> Result<()> {
     let mut writer = Writer { tensors: Vec::new() };
-    writer.add("view_samples", Dtype::U32, 8, &baked.samples);
-    writer.add("geometric_normals", Dtype::F32, 3, &baked.geometric_normals);
-    writer.add("lifts", Dtype::F32, 1, &baked.lifts);
-    writer.add("brdfs", Dtype::F32, 10, &baked.brdfs);
-    writer.add("extra_samples", Dtype::U32, 4, &baked.extra_samples);
-    writer.add("extra_indices", Dtype::U32, 1, &baked.extra_indices);
-    writer.add("extra_pixels", Dtype::U32, 4, &baked.extra_pixels);
-    writer.add("emission", Dtype::F32, 1, &baked.emission);
-    writer.add("layers", Dtype::U64, 1, &baked.layers);
+    writer.add("view_samples", Dtype::U32, 8, &framebuffer.samples);
+    writer.add("geometric_normals", Dtype::F32, 3, &framebuffer.geometric_normals);
+    writer.add("lifts", Dtype::F32, 1, &framebuffer.lifts);
+    writer.add("brdfs", Dtype::F32, 10, &framebuffer.brdfs);
+    writer.add("extra_samples", Dtype::U32, 4, &framebuffer.extra_samples);
+    writer.add("extra_indices", Dtype::U32, 1, &framebuffer.extra_indices);
+    writer.add("extra_pixels", Dtype::U32, 4, &framebuffer.extra_pixels);
+    writer.add("emission", Dtype::F32, 1, &framebuffer.emission);
+    writer.add("layers", Dtype::U64, 1, &framebuffer.layers);
     let metadata = [
         ("scene", name.to_owned()),
         ("what", "deep framebuffer".to_owned()),
-        ("width", baked.tiling.width.to_string()),
-        ("height", baked.tiling.height.to_string()),
+        ("width", framebuffer.tiling.width.to_string()),
+        ("height", framebuffer.tiling.height.to_string()),
     ];
     writer.write(&file(dir, key), &metadata)
 }
 
 /// `None` if anything is not as [`store`] writes it: kernels follow these indices, so every one is checked.
-fn decode(reader: &Reader, settings: &BakeSettings) -> Option<Baked> {
+fn decode(reader: &Reader, camera: &Camera, settings: &BakeSettings) -> Option<DeepFramebuffer> {
     let samples: Vec<ViewSample> = reader.take("view_samples")?;
     let geometric_normals: Vec<Vec3> = reader.take("geometric_normals")?;
     let lifts = reader.take("lifts")?;
@@ -53,11 +55,11 @@ fn decode(reader: &Reader, settings: &BakeSettings) -> Option<Baked> {
     let tiling = Tiling { width: settings.width, height: settings.height };
     let brdf_of = |s: &ViewSample| (s.brdf != NO_BRDF).then_some(s.brdf as usize);
     let has_specular = samples.iter().filter_map(brdf_of).any(|b| brdfs.get(b).is_some_and(|b| b.has_lobe()));
-    let baked = Baked {
+    let framebuffer = DeepFramebuffer {
         packets: Vec::new(),
         tiling,
         has_specular,
-        transfer: None,
+        camera: camera.clone(),
         samples,
         geometric_normals,
         lifts,
@@ -69,5 +71,5 @@ fn decode(reader: &Reader, settings: &BakeSettings) -> Option<Baked> {
         layers,
         asked_layers: settings.layers,
     };
-    baked.is_consistent().then_some(baked)
+    framebuffer.is_consistent().then_some(framebuffer)
 }

@@ -6,8 +6,8 @@ use safetensors::tensor::Dtype;
 use serde::Serialize;
 
 use super::{Key, Reader, Writer, file, hash_of, read};
-use crate::bake::Baked;
-use crate::bake::transfer::baked::BakedTransfer;
+use crate::bake::DeepFramebuffer;
+use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::BlockMatrix;
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
@@ -18,12 +18,18 @@ pub fn transfer_key(key: &Key, settings: &impl Serialize) -> Key {
 }
 
 /// Looks a transfer up. A file that is damaged or of another version counts as absent. Factors stay in the file, mapped.
-pub fn load_transfer(dir: &Path, key: &Key, baked: &Baked) -> Option<BakedTransfer> {
-    read(dir, key, |reader| decode(reader, baked)).map(BakedTransfer::with_packets)
+pub fn load_transfer(dir: &Path, key: &Key, framebuffer: &DeepFramebuffer) -> Option<Transfer> {
+    read(dir, key, |reader| decode(reader, framebuffer)).map(Transfer::with_packets)
 }
 
 /// Stores a transfer of the scene called `name`.
-pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer: &BakedTransfer) -> Result<()> {
+pub fn store_transfer(
+    dir: &Path,
+    key: &Key,
+    name: &str,
+    framebuffer: &DeepFramebuffer,
+    transfer: &Transfer,
+) -> Result<()> {
     let mut writer = Writer { tensors: Vec::new() };
     writer.add("gather_samples", Dtype::U32, 20, &transfer.samples);
     writer.add("projection_tables", Dtype::F32, 2, &transfer.projection);
@@ -35,8 +41,8 @@ pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer
     let mut metadata = vec![
         ("scene", name.to_owned()),
         ("what", "transfer".to_owned()),
-        ("width", baked.tiling.width.to_string()),
-        ("height", baked.tiling.height.to_string()),
+        ("width", framebuffer.tiling.width.to_string()),
+        ("height", framebuffer.tiling.height.to_string()),
         ("points_per_sample", transfer.points_per_sample.to_string()),
         ("vector_length", transfer.vector_length.to_string()),
         ("haar", transfer.haar.to_string()),
@@ -61,8 +67,8 @@ pub fn store_transfer(dir: &Path, key: &Key, name: &str, baked: &Baked, transfer
 }
 
 /// `None` if anything is not as [`store_transfer`] writes it: kernels follow these indices, so every one is checked.
-fn decode(reader: &Reader, baked: &Baked) -> Option<BakedTransfer> {
-    let mut transfer = BakedTransfer {
+fn decode(reader: &Reader, framebuffer: &DeepFramebuffer) -> Option<Transfer> {
+    let mut transfer = Transfer {
         samples: reader.take("gather_samples")?,
         projection: reader.take("projection_tables")?,
         factored: reader.take("factored_samples")?,
@@ -100,5 +106,5 @@ fn decode(reader: &Reader, baked: &Baked) -> Option<BakedTransfer> {
             values: reader.take("terms")?,
         });
     }
-    transfer.is_consistent(baked.samples.len()).then_some(transfer)
+    transfer.is_consistent(framebuffer.samples.len()).then_some(transfer)
 }

@@ -8,8 +8,8 @@ use super::haar::Haar;
 use super::largest::largest;
 use super::linear::{self, Lu};
 use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
-use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::CsrMatrix;
+use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::transport::LightTransport;
 
 /// Further bounces of direct light.
 pub struct Bounces<'a> {
@@ -37,7 +37,7 @@ struct Operand {
 }
 
 impl<'a> Bounces<'a> {
-    pub fn new(transfer: &'a Transfer) -> Self {
+    pub fn new(transfer: &'a LightTransport) -> Self {
         let terms = transfer.bounces().map(|bounces| bounces.saturating_sub(1));
         let series = |channel: usize| {
             let g = dense(&transfer.among, channel);
@@ -62,8 +62,8 @@ impl<'a> Bounces<'a> {
         vector_batch::multiply(self.first, direct).map(|channel, panel| self.series[channel].times(panel, false))
     }
 
-    /// See [`Transfer::residual`].
-    pub fn residual(&self, transfer: &Transfer) -> Option<f64> {
+    /// See [`LightTransport::residual`].
+    pub fn residual(&self, transfer: &LightTransport) -> Option<f64> {
         let even = transfer.even_light();
         let further = self.further(&VectorBatch::from_fn(even.len(), 1, |channel, i, _| even[i][channel] as f32));
         let of = |i: usize| DVec3::from_array([0, 1, 2].map(|c: usize| f64::from(further.channels[c][0][i][0])));

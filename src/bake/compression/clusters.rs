@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
 use crate::physics::octahedral;
 use crate::shared::ViewSample;
 use crate::trace::point_tree::{Point, point};
@@ -19,7 +19,7 @@ const TILES: usize = 1024;
 
 /// View samples that reflect anything, tile by tile; all tiles are full but the last.
 pub struct Clusters {
-    /// Indices into [`Baked::samples`](crate::bake::Baked::samples).
+    /// Indices into [`DeepFramebuffer::samples`](crate::bake::DeepFramebuffer::samples).
     pub samples: Vec<u32>,
     /// View samples of a tile.
     tile: usize,
@@ -28,8 +28,8 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    pub fn new(baked: &Baked) -> Self {
-        let (samples, lit) = (&baked.samples, baked.reflecting());
+    pub fn new(framebuffer: &DeepFramebuffer) -> Self {
+        let (samples, lit) = (&framebuffer.samples, framebuffer.reflecting());
         let tile = (lit.len() / TILES).next_multiple_of(TILE[0]).clamp(TILE[0], TILE[1]);
         let length = normal_length(samples, &lit, tile);
         let mut items: Vec<(Point, u32)> = lit

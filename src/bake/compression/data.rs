@@ -27,7 +27,7 @@ pub struct Compressed {
     pub b: Vec<f16>,
     /// For each tile: its view samples x its rank.
     pub u: Vec<f16>,
-    /// Indices into [`Baked::samples`](crate::bake::Baked::samples) of the rows of all tiles, each at most once; what is
+    /// Indices into [`DeepFramebuffer::samples`](crate::bake::DeepFramebuffer::samples) of the rows of all tiles, each at most once; what is
     /// not listed gets no indirect light.
     pub samples: Vec<u32>,
     /// Indirect radiance of emitters at these; empty without any.

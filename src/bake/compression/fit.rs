@@ -14,13 +14,13 @@ use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
 use super::vector_batch::{self, Compact, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use super::{Found, OUTSIDE};
-use crate::bake::transfer::rows::CsrMatrix;
+use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::sequence::Points;
 
 /// What all superclusters are made of.
 pub struct Inputs {
     pub bounces: Thinned,
-    /// See [`crate::bake::transfer::Transfer::residual`].
+    /// See [`crate::bake::transport::LightTransport::residual`].
     pub residual: Option<f64>,
     pub haar: Haar,
     /// What Φ multiplies: random combinations of the lights to learn from.

@@ -21,7 +21,7 @@ use crate::trace::point_tree::middle;
 
 /// The transform of coefficients whose sample i has `first[i]..first[i + 1]`, as [`Level`] counts them.
 ///
-/// [`Level`]: crate::bake::transfer::level::Level
+/// [`Level`]: crate::bake::transport::level::Level
 #[derive(Clone, Debug, Default)]
 pub struct Haar {
     /// From the bottom of the tree up; those of one height touch no place twice.

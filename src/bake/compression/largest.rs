@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::vector_batch::{Panel, VectorBatch, WIDTH};
-use crate::bake::transfer::rows::CsrMatrix;
+use crate::bake::csr_matrix::CsrMatrix;
 
 /// Of each vector the fewest terms that leave out no more than a share of its energy; a term has the sum of its channels'
 /// squares, each times its weight. Rows of the terms that are kept, one a vector; terms of nothing never are.

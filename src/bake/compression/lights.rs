@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec3};
 
 use crate::bake::gather_samples::{GatherSample, GatherSamples};
-use crate::bake::transfer::Transfer;
+use crate::bake::transport::LightTransport;
 use crate::physics::sequence::Points;
 use crate::scene::{Light, LightKind, MeshSpace};
 use crate::shared::PackedLight;
@@ -41,7 +41,7 @@ const BEYOND: f32 = 0.15;
 
 impl<'a> RandomLights<'a> {
     /// Lights of different `seed`s have nothing in common. There must be a fine sample.
-    pub fn new(transfer: &'a Transfer, seed: u64) -> Self {
+    pub fn new(transfer: &'a LightTransport, seed: u64) -> Self {
         let samples = &transfer.fine.samples;
         let positions = || samples.samples.iter().map(|s| s.position);
         let (low, high) =
@@ -104,7 +104,7 @@ impl<'a> RandomLights<'a> {
 }
 
 /// How far two thirds of the samples see along their normals at most; infinite where more than a third see nothing.
-fn height(transfer: &Transfer) -> f32 {
+fn height(transfer: &LightTransport) -> f32 {
     let samples = &transfer.fine.samples.samples;
     let sees = |sample: &GatherSample| {
         let offset = transfer.scene().bvh.shadow_offset(0.0);

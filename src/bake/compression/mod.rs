@@ -16,12 +16,11 @@ pub mod clusters;
 pub mod data;
 pub mod fit;
 pub mod haar;
-mod largest;
+pub(super) mod largest;
 pub mod lights;
 pub mod linear;
 mod noise_estimate;
-mod report;
-pub mod row_wavelets;
+pub(super) mod report;
 mod terms;
 pub mod training;
 pub mod validation;
@@ -45,8 +44,8 @@ use self::lights::Kind;
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
 use self::vector_batch::{Compact, WIDTH};
-use super::transfer::Transfer;
-use super::transfer::rows::Lobe;
+use super::transport::LightTransport;
+use super::transport::directions::Lobe;
 use crate::physics::sequence::Points;
 use crate::storage::journal::Journal;
 
@@ -64,7 +63,7 @@ pub struct CompressionSettings {
 
 /// Compresses one transfer; learns from lights once, then fits one supercluster after the other.
 pub struct Compressor<'a> {
-    transfer: &'a Transfer<'a>,
+    transfer: &'a LightTransport<'a>,
     settings: CompressionSettings,
     pub clusters: Clusters,
     inputs: Inputs,
@@ -105,13 +104,13 @@ impl Fitted {
 
 impl<'a> Compressor<'a> {
     /// `direct` gives the coefficients of direct light.
-    pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
-        let clusters = Clusters::new(transfer.baked());
+    pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
+        let clusters = Clusters::new(transfer.framebuffer());
         let inputs = learn(transfer, direct, &clusters.samples, settings);
         Self { transfer, settings: settings.clone(), clusters, inputs, emitted: transfer.emitted() }
     }
 
-    /// See [`Transfer::residual`].
+    /// See [`LightTransport::residual`].
     pub fn residual(&self) -> Option<f64> {
         self.inputs.residual
     }
@@ -269,7 +268,7 @@ fn take_halves(fitted: &mut Vec<Fitted>) -> Vec<Range<usize>> {
 
 /// Share of the error asked for by which light that is lost may lengthen the noise of the rows. The sum stays below the whole,
 /// for part of the noise is lost, too.
-const BIAS: f64 = 0.5;
+pub(super) const BIAS: f64 = 0.5;
 /// How much light the noise that is left out pays for: with all of it the operator would be as far from the truth as its rows,
 /// but what it lacks would be in all pictures the same.
 const PAYS: f64 = 0.5;
@@ -288,9 +287,9 @@ const COMBINATIONS: usize = 3 * WIDTH;
 const SHARES: [f64; 3] = [0.4, 0.3, 0.3];
 /// Lights to check with: points that decide whether a supercluster is fitted closely enough, and points and spots that
 /// nothing depends on.
-const DECIDING: Range<usize> = 0..24;
+pub(super) const DECIDING: Range<usize> = 0..24;
 const POINTS: Range<usize> = 24..44;
-const SPOTS: Range<usize> = 44..64;
+pub(super) const SPOTS: Range<usize> = 44..64;
 /// Superclusters that are fitted in halves before it is asked again whether that is enough.
 const HALVED: usize = 4;
 /// How much more than allowed the steps may lose together at first: they mostly lose less.
@@ -304,7 +303,12 @@ const WORTH: f64 = 0.9;
 const ROUNDS: usize = 5;
 
 /// Learns from lights what view samples `samples` see.
-fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &CompressionSettings) -> Inputs {
+pub(super) fn learn(
+    transfer: &LightTransport,
+    direct: &Direct,
+    samples: &[u32],
+    settings: &CompressionSettings,
+) -> Inputs {
     let bounces = Bounces::new(transfer);
     let residual = bounces.residual(transfer);
     let haar = Haar::new(&transfer.fine.first);
@@ -334,7 +338,7 @@ fn learn(transfer: &Transfer, direct: &Direct, samples: &[u32], settings: &Compr
 }
 
 /// As many random ones of `samples`, or as many as there are.
-fn some(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
+pub(super) fn some(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
     let points = Points::new(seed, 0);
     let pick = |i: usize| samples[(points.at(i as u32, 0)[0] * samples.len() as f64) as usize];
     (0..count.min(samples.len())).map(pick).collect()

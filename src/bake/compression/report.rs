@@ -30,7 +30,7 @@ impl Report {
     }
 
     /// From squared error and square of each light to check with.
-    pub(super) fn new(lights: &[[f64; 2]], noise: f64) -> Self {
+    pub(in crate::bake) fn new(lights: &[[f64; 2]], noise: f64) -> Self {
         let worst = relative(&lights[POINTS.start..SPOTS.end]).fold(0.0, f64::max);
         Self {
             point: mean(relative(&lights[POINTS])),
@@ -84,12 +84,12 @@ impl<'a> Errors<'a> {
 }
 
 /// Relative errors from squared ones and squares; lights that nothing is seen of say nothing.
-pub(super) fn relative(squares: &[[f64; 2]]) -> impl Iterator<Item = f64> {
+pub(in crate::bake) fn relative(squares: &[[f64; 2]]) -> impl Iterator<Item = f64> {
     squares.iter().filter(|[_, image]| *image > 0.0).map(|[error, image]| (error / image).sqrt())
 }
 
 /// 0 of nothing.
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub(in crate::bake) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0usize), |(sum, count), x| (sum + x, count + 1));
     if count > 0 { sum / count as f64 } else { 0.0 }
 }

@@ -5,8 +5,8 @@ use glam::DVec3;
 use super::bounces::Bounces;
 use super::lights::{Kind, RandomLights};
 use super::vector_batch::{self, VectorBatch, WIDTH};
-use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::CsrMatrix;
+use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::transport::LightTransport;
 use crate::physics::sequence::Points;
 use crate::shared::PackedLight;
 
@@ -15,7 +15,7 @@ pub type Direct<'a> = dyn Fn(&PackedLight) -> Vec<DVec3> + Sync + 'a;
 
 /// Makes light to learn from and to check with.
 pub struct Trainer<'a> {
-    pub transfer: &'a Transfer<'a>,
+    pub transfer: &'a LightTransport<'a>,
     pub bounces: &'a Bounces<'a>,
     pub direct: &'a Direct<'a>,
     /// Rows of a few view samples, of how many there are.

@@ -7,8 +7,8 @@ use glam::DVec3;
 use super::clusters::Clusters;
 use super::lights::{Kind, RandomLights};
 use super::training::Direct;
-use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::Lobe;
+use crate::bake::transport::LightTransport;
+use crate::bake::transport::directions::Lobe;
 use crate::physics::sequence::Points;
 
 /// What to judge by.
@@ -40,13 +40,13 @@ pub struct ValidationError {
 /// Under point lights and under spots. `direct` gives coefficients of direct light, `relight` makes an image of them, a
 /// value a view sample. Rows take memory by the tile, not by the picture; `progress` counts view samples.
 pub fn validate(
-    transfer: &Transfer,
+    transfer: &LightTransport,
     direct: &Direct,
     relight: impl Fn(&[DVec3]) -> Vec<DVec3>,
     validation: &Validation,
     progress: &dyn Fn(usize),
 ) -> [ValidationError; 2] {
-    let clusters = Clusters::new(transfer.baked());
+    let clusters = Clusters::new(transfer.framebuffer());
     let tiles = validation.tiles(&clusters);
     if tiles.is_empty() || transfer.fine.samples.is_empty() {
         return Default::default();
@@ -105,7 +105,7 @@ const LIT: f64 = 0.05;
 /// Lights looked at for each one wanted, at most.
 const ATTEMPTS: u32 = 50;
 
-fn lights(transfer: &Transfer, direct: &Direct, kind: Kind, validation: &Validation) -> Vec<Vec<DVec3>> {
+fn lights(transfer: &LightTransport, direct: &Direct, kind: Kind, validation: &Validation) -> Vec<Vec<DVec3>> {
     let random = RandomLights::new(transfer, validation.seed);
     let all =
         (0..validation.lights as u32 * ATTEMPTS).filter_map(|i| random.light(kind, i)).map(|light| direct(&light));

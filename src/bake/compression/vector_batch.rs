@@ -7,7 +7,7 @@ use half::bf16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
-use crate::bake::transfer::rows::CsrMatrix;
+use crate::bake::csr_matrix::CsrMatrix;
 
 /// Vectors of a panel: two cache lines of single precision.
 pub const WIDTH: usize = 32;

@@ -11,7 +11,7 @@ use half::f16;
 use rayon::prelude::*;
 
 use super::blocks::{pieces, scale};
-use super::rows::CsrMatrix;
+use crate::bake::csr_matrix::CsrMatrix;
 use crate::shared::{GROUP_SIZE, Slice};
 
 /// A sparse matrix for vectors of RGB.

@@ -3,9 +3,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use relume::bake::Baked;
 use relume::bake::brdf_factors::Projection;
-use relume::bake::transfer::rows::Lobe;
+use relume::bake::transport::directions::Lobe;
 use relume::gpu::Site;
 use relume::image::{Image, exr};
 use relume::relight::{Layers, Picture, Relighter, VisibilityMethod};
@@ -143,9 +142,16 @@ impl Lab<'_> {
             let (bytes, multiply_adds) = transfer.cost();
             let held_out = transfer.report.held_out.as_ref().map(|r| r.point);
             let spectral_radius = Some(transfer.report.spectral_radius);
-            let baked = Arc::new(Baked { transfer: Some(transfer), ..Baked::clone(&session.baked) });
+            let transfer = Some(Arc::new(transfer));
             let settings = relight_settings(VisibilityMethod::Traced);
-            let mut relighter = Relighter::new(&lab.context, &session.scene, &baked, &session.rig, &settings)?;
+            let mut relighter = Relighter::new(
+                &lab.context,
+                &session.scene,
+                &session.framebuffer,
+                transfer.as_ref(),
+                &session.rig,
+                &settings,
+            )?;
             let bake = clock.seconds();
             let image = whole_and_indirect(&mut relighter, session.size())?;
             let frame = lab.frame(&mut relighter)?;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use relume::bake::Baked;
+use relume::bake::DeepFramebuffer;
 use relume::relight::roofline::Roofline;
 use relume::relight::{Picture, RelightSettings, Relighter, VisibilityMethod};
 use relume::report::{Ablation, EditTime, LeftOut, PassMs, larger};
@@ -55,7 +55,7 @@ impl Lab<'_> {
             let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;
             times.push(limits.told(&record));
         }
-        let items = left_out(&session, relighter.traces(), session.baked.transfer.as_ref().map(|t| t.report.unseen));
+        let items = left_out(&session, relighter.traces(), session.transfer.as_ref().map(|t| t.report.unseen));
         let left_out = items.into_iter().map(|i| LeftOut { what: i.what.into(), why: i.why, saves: i.saves }).collect();
         // The other way to shadows, beside the one that was chosen.
         let other = if relighter.traces() { VisibilityMethod::Map } else { VisibilityMethod::Traced };
@@ -76,15 +76,23 @@ impl Lab<'_> {
         let Some((edited, edit)) = moved else { return Ok(None) };
         let settings = relight_settings(VisibilityMethod::Traced);
         let held = || self.context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum::<u64>();
-        let measured = |baked: &Arc<Baked>| -> Result<(Vec<[f32; 3]>, Record, u64)> {
+        let measured = |framebuffer: &Arc<DeepFramebuffer>| -> Result<(Vec<[f32; 3]>, Record, u64)> {
             let before = held();
-            let mut relighter = Relighter::new(&self.context, &session.scene, baked, &session.rig, &settings)?;
+            let mut relighter = Relighter::new(
+                &self.context,
+                &session.scene,
+                framebuffer,
+                session.transfer.as_ref(),
+                &session.rig,
+                &settings,
+            )?;
             let picture = relighter.linear(Picture::Whole)?.to_vec();
             let record = measure(&mut relighter, session, &session.rig, edited, edit, self.extent.frames)?;
             Ok((picture, record, held() - before))
         };
-        let of_all = Arc::new(Baked::clone(&session.baked).with_nothing_left_out());
-        let [(picture, record, bytes), (all, all_record, all_bytes)] = [measured(&session.baked)?, measured(&of_all)?];
+        let of_all = Arc::new(DeepFramebuffer::clone(&session.framebuffer).with_nothing_left_out());
+        let [(picture, record, bytes), (all, all_record, all_bytes)] =
+            [measured(&session.framebuffer)?, measured(&of_all)?];
         let values = || picture.iter().flatten().zip(all.iter().flatten());
         let largest = values().map(|(a, b)| f64::from((a - b).abs())).fold(0.0, larger);
         let mean = values().map(|(a, _)| f64::from(*a)).sum::<f64>() / (3 * picture.len()) as f64;
@@ -113,10 +121,10 @@ struct Measured {
 
 impl Measured {
     fn new(lab: &Lab, session: &Session) -> Result<Self> {
-        let mut limits = Roofline::new(&lab.context, session.baked.samples.len())?;
+        let mut limits = Roofline::new(&lab.context, session.framebuffer.samples.len())?;
         let mut yardstick = (0..9).map(|_| limits.yardstick_ms()).collect::<Result<Vec<_>>>()?;
         let yardstick_ms = percentile(&mut yardstick, 0.0);
-        let bytes = session.baked.transfer.as_ref().map_or(0, |transfer| transfer.cost().0);
+        let bytes = session.transfer.as_ref().map_or(0, |transfer| transfer.cost().0);
         let times_maps = !lab.context.is_cpu();
         Ok(Self { yardstick_ms, times_maps, copy_ms: bytes as f64 * 1e-6 / best_of(5, || limits.copy_gb_s())? })
     }

@@ -58,7 +58,7 @@ impl Lab<'_> {
     fn against_pixels(&self) -> Result<Growth> {
         let mut bake = cost("deep framebuffer, baked", 1.0);
         let mut costs = EDITS.map(|(_, name)| cost(name, 1.0));
-        let own = self.session.scene.default_size(Some(&self.session.camera));
+        let own = self.session.scene.default_size(Some(&self.session.framebuffer.camera));
         let large = own.map(|side| side * 16);
         for &side in self.extent.sides {
             let view = ViewOptions { size: Some(fit(large, side)), ..self.view.clone() };

@@ -2,13 +2,13 @@
 
 use glam::{DVec3, Vec3};
 use relume::Result;
+use relume::bake::baselines::thesis::{Thesis, ThesisSettings};
 use relume::bake::brdf_factors::svd::Terms;
-use relume::bake::transfer::baked::BakedTransfer;
-use relume::bake::transfer::direct;
-use relume::bake::transfer::rows::Lobe;
-use relume::bake::transfer::thesis::{Thesis, ThesisSettings};
-use relume::bake::transfer::{Outgoing, Transfer, TransferSettings};
-use relume::bake::{BakeSettings, Baked, bake};
+use relume::bake::transfer::Transfer;
+use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
+use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::report::stability::{MOST_BOUNCES, Stability};
 use relume::scene::{Material, Scene};
 use relume::storage::journal::Journal;
@@ -46,7 +46,7 @@ impl Lab<'_> {
         let session = &self.session;
         // Nobody looks at it: the smallest picture will do.
         let settings = BakeSettings { width: 8, height: 8, layers: 1, samples: 1 };
-        let baked = bake(&scene, &session.camera, &session.rig, &settings, &|_| ());
+        let framebuffer = bake(&scene, &session.framebuffer.camera, &session.rig, &settings, &|_| ());
         let settings = TransferSettings {
             outgoing: Outgoing::Diffuse,
             samples: GATHER_SAMPLES,
@@ -57,7 +57,7 @@ impl Lab<'_> {
             bounces: None,
             seed: self.view.seed,
         };
-        let transfer = Transfer::new(&scene, &baked, &settings, &|_| ());
+        let transfer = LightTransport::new(&scene, &framebuffer, &settings, &|_| ());
         let thesis = ThesisSettings {
             outgoing: Outgoing::Diffuse,
             samples: GATHER_SAMPLES,
@@ -65,10 +65,10 @@ impl Lab<'_> {
             bounces: 5,
             seed: self.view.seed,
         };
-        let thesis = Thesis::new(&scene, &baked, &thesis, &|_| ());
+        let thesis = Thesis::new(&scene, &framebuffer, &thesis, &|_| ());
         let Some(light) = session.rig.lights.first() else { return Ok(None) };
         let direct = direct::shade(&scene, &transfer.fine, &light.pack(scene.space));
-        let [single, half] = precision(&transfer, &baked, &direct);
+        let [single, half] = precision(&transfer, &framebuffer, &direct);
         let (all, residual) = transfer.bounce(&direct);
         if squares(&all) == 0.0 {
             return Ok(None);
@@ -109,8 +109,8 @@ impl Lab<'_> {
 
 /// How far single precision, and factors in half precision, are from double precision: relative root mean square of what the
 /// camera sees after all bounces.
-fn precision(transfer: &Transfer, baked: &Baked, direct: &[DVec3]) -> [f64; 2] {
-    let seen: Vec<u32> = (0..baked.samples.len() as u32).collect();
+fn precision(transfer: &LightTransport, framebuffer: &DeepFramebuffer, direct: &[DVec3]) -> [f64; 2] {
+    let seen: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
     let rows = transfer.rows(&seen, Lobe::All);
     let further = transfer.further_bounces();
     let bounced = |i: usize| {
@@ -126,7 +126,7 @@ fn precision(transfer: &Transfer, baked: &Baked, direct: &[DVec3]) -> [f64; 2] {
     let of_row =
         |r: usize| rows.row(r).map(|(j, factors)| Vec3::from(factors) * all[j as usize]).sum::<Vec3>().as_dvec3();
     let single: Vec<DVec3> = (0..seen.len()).map(of_row).collect();
-    let dense = BakedTransfer::dense(transfer, baked, Lobe::All, &mut Journal::default(), &|_| ());
+    let dense = Transfer::dense(transfer, framebuffer, Lobe::All, &mut Journal::default(), &|_| ());
     [single, dense.apply(direct)].map(|picture| {
         let off: Vec<DVec3> = picture.iter().zip(&double).map(|(a, b)| *a - *b).collect();
         (squares(&off) / squares(&double).max(f64::MIN_POSITIVE)).sqrt()

@@ -140,7 +140,7 @@ fn trace_and_time(
         seed: view.seed,
     };
     let clock = Clock::start();
-    let tracer = PathTracer::new(&session.scene, &session.camera, &session.rig, &settings);
+    let tracer = PathTracer::new(&session.scene, &session.framebuffer.camera, &session.rig, &settings);
     let film = tracer.trace(SAMPLES / 2, &|| false, &|_| ());
     let final_picture = clock.seconds();
     exr::write(theirs, &film.image(Half::Both, &[Layer::Beauty]))?;

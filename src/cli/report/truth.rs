@@ -34,7 +34,7 @@ pub fn trace(session: &Session, view: &ViewOptions, samples: u32, seed: u64) -> 
         light_layers: false,
         seed,
     };
-    let tracer = PathTracer::new(&session.scene, &session.camera, &session.rig, &settings);
+    let tracer = PathTracer::new(&session.scene, &session.framebuffer.camera, &session.rig, &settings);
     let bar = progress::bar("path tracing", (samples / 2) as usize * tracer.tile_count());
     let film = tracer.trace(samples / 2, &|| false, &|count| bar.inc(count));
     bar.finish_and_clear();

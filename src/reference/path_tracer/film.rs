@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::bake::view_samples::Tiling;
+use crate::bake::framebuffer::view_samples::Tiling;
 use crate::image::{Image, luminance};
 use crate::shared::TILE_SIZE;
 

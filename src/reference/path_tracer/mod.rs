@@ -24,7 +24,7 @@ use self::aims::Faces;
 use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::lights::{Emitters, Lamps};
 use self::path::{FirstHit, Numbers};
-use crate::bake::view_samples::{EyeRays, Tiling};
+use crate::bake::framebuffer::view_samples::{EyeRays, Tiling};
 use crate::physics::sequence::Points;
 use crate::scene::{Camera, Rig};
 use crate::trace::bvh::TracedScene;

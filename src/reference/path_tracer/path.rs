@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::PathTracer;
 use super::aims::Aims;
 use super::film::{EMISSION, INDIRECT, INDIRECT_GLOSSY, Sample};
-use crate::bake::view_samples::PathVertex;
+use crate::bake::framebuffer::view_samples::PathVertex;
 use crate::physics::brdf::{Lobes, mirror};
 use crate::physics::sequence::Points;
 use crate::trace::surface::SurfacePoint;

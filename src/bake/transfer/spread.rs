@@ -7,8 +7,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Baked;
-use super::transfer::baked::BakedTransfer;
+use super::Transfer;
+use crate::bake::DeepFramebuffer;
 use crate::physics::octahedral;
 use crate::shared::NO_BRDF;
 
@@ -16,23 +16,24 @@ use crate::shared::NO_BRDF;
 const NORMAL: f32 = 0.02;
 const MATERIAL: f32 = 0.1;
 
-/// The transfer of `from`, which has one sample a pixel, for `to`, the same view of the same scene with more; `radius` is the
-/// scene's. `None` without a transfer, or with one of wavelets, whose rows have no blocks.
-pub fn spread(from: &Baked, to: &Baked, radius: f32) -> Option<BakedTransfer> {
-    let transfer = from.transfer.as_ref()?;
-    let (last, inner) = transfer.chain.split_last()?;
-    let sources = sources(from, to, radius);
-    let mut chain = inner.to_vec();
-    chain.push(last.with_rows(&sources));
-    let emission = match transfer.emission.is_empty() {
-        true => Vec::new(),
-        false => sources.iter().map(|s| s.map_or(Vec3::ZERO, |s| transfer.emission[s as usize])).collect(),
-    };
-    Some(BakedTransfer { chain, coarse: Vec::new(), emission, ..transfer.clone() })
+impl Transfer {
+    /// This transfer to `from`, which has one sample a pixel, for `to`, the same view of the same scene with more; `radius` is
+    /// the scene's. `None` for wavelets, whose rows have no blocks.
+    pub fn spread(&self, from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Option<Self> {
+        let (last, inner) = self.chain.split_last()?;
+        let sources = sources(from, to, radius);
+        let mut chain = inner.to_vec();
+        chain.push(last.with_rows(&sources));
+        let emission = match self.emission.is_empty() {
+            true => Vec::new(),
+            false => sources.iter().map(|s| s.map_or(Vec3::ZERO, |s| self.emission[s as usize])).collect(),
+        };
+        Some(Self { chain, coarse: Vec::new(), emission, ..self.clone() })
+    }
 }
 
 /// For each view sample of `to`, that of `from` whose indirect light it gets.
-fn sources(from: &Baked, to: &Baked, radius: f32) -> Vec<Option<u32>> {
+fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Option<u32>> {
     assert_eq!((from.tiling.width, from.tiling.height), (to.tiling.width, to.tiling.height));
     let pixels = from.pixel_stride();
     let mut lists: Vec<&[u32]> = vec![&[]; pixels];
@@ -77,7 +78,7 @@ fn sources(from: &Baked, to: &Baked, radius: f32) -> Vec<Option<u32>> {
 }
 
 /// How unlike two samples are; a squared length.
-fn apart(from: &Baked, i: u32, to: &Baked, j: u32, radius: f32) -> f32 {
+fn apart(from: &DeepFramebuffer, i: u32, to: &DeepFramebuffer, j: u32, radius: f32) -> f32 {
     let (a, b) = (&from.samples[i as usize], &to.samples[j as usize]);
     let normals = octahedral::decode(a.normal) - octahedral::decode(b.normal);
     // Products of materials are compared: textured samples have BRDFs of their own.

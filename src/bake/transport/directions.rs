@@ -5,9 +5,16 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 use pulp::{Simd, WithSimd};
 
-use super::rows::Lobe;
 use crate::physics::sequence::{BLOCK, ShiftedPoints};
 use crate::shared::Brdf;
+
+/// Which of a view sample's lobes reflect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub enum Lobe {
+    All,
+    /// For the pass `indirect_glossy`.
+    Specular,
+}
 
 /// Directions in the frame of a view sample, in which the eye lies in the half plane of z and positive x.
 #[derive(Default)]

@@ -11,15 +11,20 @@
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::fit::Inputs;
-use super::largest::largest;
-use super::report::{Report, mean, relative};
-use super::training::Direct;
-use super::vector_batch::{self, VectorBatch, WIDTH};
-use super::{BIAS, CompressionSettings, DECIDING, SPOTS, learn, some};
-use crate::bake::transfer::Transfer;
-use crate::bake::transfer::rows::{CsrMatrix, RowGatherer};
-use crate::bake::transfer::sparse::SellMatrix;
+use crate::bake::compression::fit::Inputs;
+use crate::bake::compression::largest::largest;
+use crate::bake::compression::report::{Report, mean, relative};
+use crate::bake::compression::training::Direct;
+use crate::bake::compression::vector_batch::{self, VectorBatch, WIDTH};
+use crate::bake::compression::{BIAS, CompressionSettings, DECIDING, SPOTS, learn, some};
+use crate::bake::transfer::{Transfer, TransferReport};
+use crate::bake::transport::{LightTransport, direct};
+use crate::error::Result;
+use crate::shared::PackedLight;
+
+use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::transfer::sparse::{SellMatrix, TERM_BYTES};
+use crate::bake::transport::rows::RowGatherer;
 use crate::storage::journal::Journal;
 
 /// Cuts the rows of one transfer.
@@ -66,8 +71,8 @@ const CHECKED: usize = 8;
 
 impl<'a> RowWavelets<'a> {
     /// `direct` gives the coefficients of direct light.
-    pub fn new(transfer: &'a Transfer<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
-        let samples = transfer.baked().reflecting();
+    pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
+        let samples = transfer.framebuffer().reflecting();
         let inputs = learn(transfer, direct, &samples, settings);
         let probes = some(&samples, PROBES, settings.seed ^ 32 << 32);
         let mut gatherer = transfer.row_gatherer(settings.lobe);
@@ -84,7 +89,7 @@ impl<'a> RowWavelets<'a> {
         made
     }
 
-    /// See [`Transfer::residual`].
+    /// See [`LightTransport::residual`].
     pub fn residual(&self) -> Option<f64> {
         self.inputs.residual
     }
@@ -114,7 +119,7 @@ impl<'a> RowWavelets<'a> {
     /// Rows of all view samples that reflect anything; indirect radiance of emitters at all view samples, exactly, or
     /// nothing without any; and how the rows do. What `journal` has is not done again. `progress` counts view samples.
     pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SellMatrix, Vec<Vec3>, Report) {
-        let all = self.gatherer.baked.samples.len();
+        let all = self.gatherer.framebuffer.samples.len();
         let mut matrix = SellMatrix::new(self.weights.len(), all);
         let mut emission = vec![Vec3::ZERO; if self.emitted.is_some() { all } else { 0 }];
         let mut errors = vec![[0.0; 2]; SPOTS.end];
@@ -180,4 +185,26 @@ fn compare(images: &VectorBatch, others: &VectorBatch) -> Vec<[f64; 2]> {
 /// Adds squares, light by light.
 fn add(sums: &mut [[f64; 2]], found: Vec<[f64; 2]>) {
     sums.iter_mut().zip(found).for_each(|(sum, found)| *sum = [0, 1].map(|i| sum[i] + found[i]));
+}
+
+impl Transfer {
+    /// Our operator, of each row of which the largest wavelets are kept. `fits` is asked whether so many bytes may be
+    /// taken, before most of the work; what `journal` has is not done again; `progress` counts view samples.
+    pub fn haar(
+        transfer: &LightTransport,
+        settings: &CompressionSettings,
+        fits: impl Fn(f64) -> Result<()>,
+        journal: &mut Journal,
+        progress: &dyn Fn(usize),
+    ) -> Result<Self> {
+        let direct = |light: &PackedLight| direct::shade(transfer.scene(), &transfer.fine, light);
+        let wavelets = RowWavelets::new(transfer, &direct, settings);
+        // On the host and on the device.
+        fits(2.0 * (TERM_BYTES * wavelets.samples.len()) as f64 * wavelets.kept)?;
+        let residual = wavelets.residual();
+        let (sparse, emission, held_out) = wavelets.compress(journal, progress);
+        let report = TransferReport::robust("haar", transfer, residual, Some(held_out));
+        let plain = Self::new(&transfer.fine, transfer.fine.coefficient_count(), Vec::new());
+        Ok(Self { haar: true, sparse: Some(sparse), emission, report, ..plain })
+    }
 }

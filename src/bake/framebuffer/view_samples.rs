@@ -7,7 +7,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::{BakeSettings, Baked};
+use super::{BakeSettings, DeepFramebuffer};
 use crate::physics::brdf;
 use crate::physics::octahedral;
 use crate::scene::{AlphaMode, Camera, Projection};
@@ -240,7 +240,7 @@ pub(super) fn collect(
     settings: &BakeSettings,
     edges: &[u32],
     progress: &(dyn Fn(usize) + Sync),
-) -> Baked {
+) -> DeepFramebuffer {
     let tile_count = eye.tiling.len() / PACKET_SIZE;
     let tiles: Vec<Tile> = (0..tile_count)
         .into_par_iter()
@@ -312,7 +312,7 @@ fn radical_inverse(base: u32, mut index: u32) -> f64 {
 }
 
 /// Joins the tiles: layer 1 in tile order, then the extra samples by layer and pixel.
-fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>) -> Baked {
+fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>) -> DeepFramebuffer {
     let pixel_count = eye.tiling.len();
     let mut brdfs: Vec<Brdf> = eye
         .scene
@@ -402,7 +402,8 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         }
     }
     let has_specular = samples.iter().any(|s| s.brdf != NO_BRDF && brdfs[s.brdf as usize].has_lobe());
-    Baked {
+    DeepFramebuffer {
+        camera: eye.camera.clone(),
         tiling: eye.tiling,
         has_specular,
         packets: pack(&samples, &geometric_normals, &lifts, pixel_count),
@@ -416,7 +417,6 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         emission,
         layers,
         asked_layers: eye.layers,
-        transfer: None,
     }
 }
 
@@ -441,7 +441,7 @@ pub fn resolve(
 }
 
 /// Samples as packets of 64; a packet holds samples of layer 1 or extra ones, not both. Without `lifts` rays start on surfaces.
-pub(super) fn pack(
+pub(in crate::bake) fn pack(
     samples: &[ViewSample],
     geometric_normals: &[Vec3],
     lifts: &[f32],

@@ -1,14 +1,14 @@
 //! Rows of Φ: what each gather sample's coefficients add to a view sample, by final gathering.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-use super::directions::Directions;
+use super::directions::{Directions, Lobe};
 use super::level::Level;
 use super::paths::{Arrival, Paths};
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
+use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
 use crate::physics::sequence::{BLOCK, Points, ShiftedPoints};
@@ -16,29 +16,10 @@ use crate::shared::NO_BRDF;
 use crate::trace::packet::PACKET_SIZE;
 use crate::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
 
-/// Sparse rows, one a view sample.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct CsrMatrix {
-    /// Entries of row r: `first[r]..first[r + 1]`.
-    pub first: Vec<usize>,
-    /// Coefficient of each entry, ascending within a row.
-    pub columns: Vec<u32>,
-    /// RGB.
-    pub values: Vec<[f32; 3]>,
-}
-
-/// Which of a view sample's lobes reflect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-pub enum Lobe {
-    All,
-    /// For the pass `indirect_glossy`.
-    Specular,
-}
-
 /// Gathers rows.
 pub struct RowGatherer<'a> {
     pub paths: Paths<'a>,
-    pub baked: &'a Baked,
+    pub framebuffer: &'a DeepFramebuffer,
     /// The columns of the first level come first, then those of the second.
     pub levels: Vec<&'a Level>,
     /// Rays a row.
@@ -48,7 +29,7 @@ pub struct RowGatherer<'a> {
 }
 
 /// One row under construction: sums for every coefficient of a level, and which samples were added to.
-pub(super) struct Row<'a> {
+pub struct Row<'a> {
     /// Coefficients of sample i: `first[i]..first[i + 1]`.
     first: &'a [u32],
     /// The first of these that are kept of each sample, at most.
@@ -99,18 +80,18 @@ impl RowGatherer<'_> {
     }
 
     fn gather_row(&self, sample: u32, points: &ShiftedPoints, scratch: &mut Scratch) {
-        let view = &self.baked.samples[sample as usize];
+        let view = &self.framebuffer.samples[sample as usize];
         if view.brdf == NO_BRDF {
             return;
         }
-        let brdf = &self.baked.brdfs[view.brdf as usize];
+        let brdf = &self.framebuffer.brdfs[view.brdf as usize];
         let normal = octahedral::decode(view.normal).as_dvec3().normalize();
         let wo = octahedral::decode(view.wo).as_dvec3().normalize();
         let Some(lobes) = Lobes::new(brdf, normal, wo) else { return };
         let eye = (normal.dot(wo) as f32, lobes.specular_share() as f32);
         scratch.directions.draw(brdf, eye, self.lobe, points, points.shifts(sample.into()));
         let frame = frame_towards(normal.as_vec3(), wo.as_vec3());
-        let geometric_normal = self.baked.geometric_normals[sample as usize];
+        let geometric_normal = self.framebuffer.geometric_normals[sample as usize];
         let origin = self.paths.off(view.position, geometric_normal, geometric_normal, 0.0);
         scratch.fill_packets(frame);
         trace_common_origin(self.paths.scene, origin, &mut scratch.packets);
@@ -132,7 +113,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let Self { gatherer: RowGatherer { paths, levels, .. }, sample, geometric_normal, scratch } = self;
-        let position = self.gatherer.baked.samples[sample as usize].position;
+        let position = self.gatherer.framebuffer.samples[sample as usize].position;
         let numbers = Points::new(self.gatherer.seed, u64::from(sample));
         let Scratch { rows, packets, rays, .. } = scratch;
         let shift = numbers.at(0, 0)[0];
@@ -288,78 +269,5 @@ impl<'a> Row<'a> {
                 sums.fill(0.0);
             }
         }
-    }
-}
-
-impl CsrMatrix {
-    /// Rows without entries.
-    pub fn empty(count: usize) -> CsrMatrix {
-        CsrMatrix { first: vec![0; count + 1], ..Default::default() }
-    }
-
-    /// No rows yet, with room for so many entries.
-    pub fn with_capacity(entries: usize) -> CsrMatrix {
-        CsrMatrix { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) }
-    }
-
-    /// Whether these are so many rows of so many columns.
-    pub fn is_consistent(&self, rows: usize, columns: usize) -> bool {
-        self.first.len() == rows + 1
-            && self.first[0] == 0
-            && self.first[rows] == self.columns.len()
-            && self.first.is_sorted()
-            && self.columns.len() == self.values.len()
-            && self.columns.iter().all(|&column| (column as usize) < columns)
-    }
-
-    pub fn scale(&mut self, factor: f64) {
-        self.values.iter_mut().flatten().for_each(|value| *value = (f64::from(*value) * factor) as f32);
-    }
-
-    /// All rows of `parts` in turn.
-    pub fn concatenated(parts: Vec<CsrMatrix>) -> Self {
-        let mut rows = Self::with_capacity(parts.iter().map(|part| part.columns.len()).sum());
-        for part in parts {
-            let start = rows.columns.len();
-            rows.first.extend(part.first[1..].iter().map(|end| start + end));
-            rows.columns.extend(part.columns);
-            rows.values.extend(part.values);
-        }
-        rows
-    }
-
-    fn clear(&mut self) {
-        self.first.clear();
-        self.first.push(0);
-        self.columns.clear();
-        self.values.clear();
-    }
-
-    pub fn len(&self) -> usize {
-        self.first.len().saturating_sub(1)
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Entries of a row: coefficients and RGB factors.
-    pub fn row(&self, row: usize) -> impl Iterator<Item = (u32, [f32; 3])> {
-        let range = self.first[row]..self.first[row + 1];
-        self.columns[range.clone()].iter().copied().zip(self.values[range].iter().copied())
-    }
-
-    /// Each row times a vector of RGB coefficients, channel by channel, on all cores.
-    pub fn multiply(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
-        (0..self.len()).into_par_iter().map(|r| self.times(r, coefficients)).collect()
-    }
-
-    /// [`Self::multiply`] on this core alone, for few rows.
-    pub fn multiply_here(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
-        (0..self.len()).map(|r| self.times(r, coefficients)).collect()
-    }
-
-    fn times(&self, row: usize, coefficients: &[DVec3]) -> DVec3 {
-        self.row(row).map(|(i, value)| Vec3::from(value).as_dvec3() * coefficients[i as usize]).sum()
     }
 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Baked;
+use super::DeepFramebuffer;
 use super::view_samples::EyeRays;
 use crate::physics::octahedral::decode;
 use crate::scene::Rig;
@@ -19,19 +19,19 @@ const PLANE_SLOPE: f32 = 0.2;
 const VISIBLE_STEP: u8 = 16;
 
 /// Pixels on edges, in tile order, sorted. Visibility edges are those of `rig`'s lights.
-pub(super) fn find(eye: &EyeRays, baked: &Baked, rig: &Rig) -> Vec<u32> {
+pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<u32> {
     let mut visible: Vec<Vec<u8>> = Vec::new();
     for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
         let light = light.pack(eye.scene.space);
-        let mut visibility = vec![0u8; baked.packets.len() * PACKET_SIZE];
-        trace_all(eye.scene, &light, &baked.packets, &mut visibility);
+        let mut visibility = vec![0u8; framebuffer.packets.len() * PACKET_SIZE];
+        trace_all(eye.scene, &light, &framebuffer.packets, &mut visibility);
         visible.push(visibility);
     }
     // Extra samples of each pixel: one in each layer, and those behind what blends.
-    let pixel_count = baked.pixel_stride();
+    let pixel_count = framebuffer.pixel_stride();
     let mut extras: Vec<&[u32]> = vec![&[]; pixel_count];
-    for p in &baked.extra_pixels {
-        extras[p.pixel as usize] = &baked.extra_indices[p.first as usize..(p.first + p.count) as usize];
+    for p in &framebuffer.extra_pixels {
+        extras[p.pixel as usize] = &framebuffer.extra_indices[p.first as usize..(p.first + p.count) as usize];
     }
     let materials = eye.scene.materials.len() as u32;
     let tiling = eye.tiling;
@@ -39,12 +39,18 @@ pub(super) fn find(eye: &EyeRays, baked: &Baked, rig: &Rig) -> Vec<u32> {
         let (extra_a, extra_b) = (extras[a], extras[b]);
         let deeper = || {
             extra_a.iter().zip(extra_b).any(|(&a, &b)| {
-                let layer = |i: u32| baked.extra_samples[i as usize].layer;
+                let layer = |i: u32| framebuffer.extra_samples[i as usize].layer;
                 layer(a) != layer(b)
-                    || samples_differ(baked, materials, &visible, pixel_count + a as usize, pixel_count + b as usize)
+                    || samples_differ(
+                        framebuffer,
+                        materials,
+                        &visible,
+                        pixel_count + a as usize,
+                        pixel_count + b as usize,
+                    )
             })
         };
-        samples_differ(baked, materials, &visible, a, b) || extra_a.len() != extra_b.len() || deeper()
+        samples_differ(framebuffer, materials, &visible, a, b) || extra_a.len() != extra_b.len() || deeper()
     };
     let mut on_edge: Vec<u32> = (0..pixel_count)
         .into_par_iter()
@@ -65,9 +71,9 @@ pub(super) fn find(eye: &EyeRays, baked: &Baked, rig: &Rig) -> Vec<u32> {
     on_edge
 }
 
-fn samples_differ(baked: &Baked, materials: u32, visible: &[Vec<u8>], a: usize, b: usize) -> bool {
-    let (sa, sb) = (&baked.samples[a], &baked.samples[b]);
-    let (ga, gb) = (baked.geometric_normals[a], baked.geometric_normals[b]);
+fn samples_differ(framebuffer: &DeepFramebuffer, materials: u32, visible: &[Vec<u8>], a: usize, b: usize) -> bool {
+    let (sa, sb) = (&framebuffer.samples[a], &framebuffer.samples[b]);
+    let (ga, gb) = (framebuffer.geometric_normals[a], framebuffer.geometric_normals[b]);
     if (ga == Vec3::ZERO) != (gb == Vec3::ZERO) {
         return true;
     }

@@ -1,10 +1,10 @@
 //! Nothing left out: what a deep framebuffer costs that was not made for its scene.
 
-use super::Baked;
+use super::DeepFramebuffer;
 use super::view_samples::{EMPTY_SAMPLE, pack};
 use crate::shared::{ExtraPixel, ExtraSample, NO_BRDF};
 
-impl Baked {
+impl DeepFramebuffer {
     /// The same picture from a framebuffer with all mirror layers over all pixels, a BRDF for each sample, its specular lobe and
     /// an image of emission. Samples that there were keep their places.
     pub fn with_nothing_left_out(mut self) -> Self {

@@ -9,17 +9,23 @@ use faer::Mat;
 use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::Outgoing;
-use super::level::local;
-use super::rows::{CsrMatrix, Lobe, Row};
-use super::solve;
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::svd::{Factors, Terms};
 use crate::bake::brdf_factors::{ALBEDO_CAP, Projection};
+use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Placement, Surfaces, average};
+use crate::bake::transfer::dense::{explicit, last_matrix};
+use crate::bake::transfer::{Transfer, TransferReport};
+use crate::bake::transport::Outgoing;
+use crate::bake::transport::direct;
+use crate::bake::transport::directions::Lobe;
+use crate::bake::transport::level::local;
+use crate::bake::transport::rows::Row;
+use crate::bake::transport::solve;
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
-use crate::shared::{DISC_SIDE, LIGHT_POINT, NO_BRDF, PackedLight};
+use crate::shared::{DISC_SIDE, FactoredSample, LIGHT_POINT, NO_BRDF, PackedLight};
+use crate::storage::journal::Journal;
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 
@@ -40,7 +46,7 @@ pub struct ThesisSettings {
 /// The thesis's transfer of one scene and camera.
 pub struct Thesis<'a> {
     scene: &'a TracedScene,
-    baked: &'a Baked,
+    framebuffer: &'a DeepFramebuffer,
     pub bounces: u32,
     pub samples: GatherSamples,
     packets: Vec<SamplePacket>,
@@ -89,7 +95,7 @@ impl<'a> Thesis<'a> {
     /// `progress` counts samples whose row of G is done.
     pub fn new(
         scene: &'a TracedScene,
-        baked: &'a Baked,
+        framebuffer: &'a DeepFramebuffer,
         settings: &ThesisSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
@@ -104,7 +110,7 @@ impl<'a> Thesis<'a> {
         }
         let mut thesis = Self {
             scene,
-            baked,
+            framebuffer,
             bounces: settings.bounces,
             packets: samples.packets(),
             frames: samples.samples.iter().map(GatherSample::frame).collect(),
@@ -145,7 +151,7 @@ impl<'a> Thesis<'a> {
         solve::sum_of_powers(&self.g, direct, self.bounces)
     }
 
-    /// Rows of Φ for view samples, by index into [`Baked::samples`].
+    /// Rows of Φ for view samples, by index into [`DeepFramebuffer::samples`].
     pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> CsrMatrix {
         let row = |scratch: &mut Scratch, sample: &u32| {
             let mut rows = CsrMatrix::empty(0);
@@ -228,14 +234,14 @@ impl<'a> Thesis<'a> {
 
     /// Row of a view sample: T(v, gj) f(v, ωo, ωi) h(gj, -ωi).
     fn view_row(&self, view_sample: u32, lobe: Lobe, scratch: &mut Scratch) {
-        let view = &self.baked.samples[view_sample as usize];
+        let view = &self.framebuffer.samples[view_sample as usize];
         if view.brdf == NO_BRDF {
             return;
         }
         let (normal, wo) = (octahedral::decode(view.normal), octahedral::decode(view.wo));
-        let brdf = &self.baked.brdfs[view.brdf as usize];
+        let brdf = &self.framebuffer.brdfs[view.brdf as usize];
         let Some(lobes) = Lobes::new(brdf, normal.as_dvec3().normalize(), wo.as_dvec3().normalize()) else { return };
-        let geometric_normal = self.baked.geometric_normals[view_sample as usize];
+        let geometric_normal = self.framebuffer.geometric_normals[view_sample as usize];
         self.each_visible(view.position, normal, geometric_normal, scratch, |scratch, sender, wi, transfer| {
             let at = lobes.at(wi.as_dvec3());
             let reflected = match lobe {
@@ -307,4 +313,52 @@ fn reflection(samples: &GatherSamples, material: u32, settings: &ThesisSettings)
         }
         Outgoing::Glossy { .. } => Reflection::Factors(Factors::new(&brdf, settings.terms)),
     })
+}
+
+/// [`direct::shade`] with the thesis's factors.
+pub fn shade_thesis(scene: &TracedScene, thesis: &Thesis, light: &PackedLight) -> Vec<DVec3> {
+    let project = |sample: usize, wi: Vec3, _: f64, values: &mut [Vec3]| thesis.project(sample, wi, values);
+    direct::shade_with(scene, &thesis.samples, &thesis.first, project, light)
+}
+
+impl Transfer {
+    /// The thesis's operator: G* and Φ [Yang 2007, Eq. 4.5 to 4.9]; rows of Φ that `journal` has are not gathered again.
+    /// `progress` counts view samples.
+    pub fn thesis(
+        thesis: &Thesis,
+        framebuffer: &DeepFramebuffer,
+        lobe: Lobe,
+        journal: &mut Journal,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Self {
+        let count = thesis.column_count();
+        let all = thesis.all_bounces();
+        let bounce = explicit(count, count, |row, column| all.each_ref().map(|matrix| matrix[(row, column)]));
+        let gather = |samples: &[u32]| thesis.rows(samples, lobe);
+        let (last, _) = last_matrix(framebuffer, 2 * count, count as u32, &[], gather, journal, progress);
+        let (tables, table_of) = thesis.k_tables();
+        let sample = |i: usize| FactoredSample {
+            normal: thesis.frames[i][2],
+            tangent: thesis.frames[i][0],
+            table: table_of[i],
+            terms: thesis.first[i + 1] - thesis.first[i],
+            first: thesis.first[i],
+        };
+        let report = TransferReport {
+            method: "thesis".into(),
+            form: "dense".into(),
+            spectral_radius: thesis.spectral_radius,
+            bounces: Some(thesis.bounces),
+            ..Default::default()
+        };
+        let transfer = Self {
+            factored: (0..thesis.samples.len()).map(sample).collect(),
+            tables,
+            vector_length: 2 * count,
+            chain: vec![bounce, last],
+            report,
+            ..Self::lit_at(&thesis.samples)
+        };
+        transfer.with_packets()
+    }
 }

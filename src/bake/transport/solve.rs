@@ -5,7 +5,7 @@ use faer::linalg::solvers::Solve;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::rows::CsrMatrix;
+use crate::bake::csr_matrix::CsrMatrix;
 
 /// Steps before GMRES starts anew.
 const STEPS: usize = 40;

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::paths::{Arrival, Paths};
-use crate::bake::Baked;
+use crate::bake::DeepFramebuffer;
 use crate::bake::gather_samples::{Patch, Place, Surfaces, Visited, held, sides};
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
@@ -63,9 +63,9 @@ const DEVIATIONS: f64 = 4.0;
 const EVENLY: f64 = 0.1;
 
 impl Importance {
-    /// Of what `baked` sees, by so many paths that go on through at most `layers` mirrors.
-    pub fn new(scene: &TracedScene, baked: &Baked, layers: u32, paths: usize, seed: u64) -> Self {
-        let visits = Tracer { paths: Paths::new(scene, layers), baked, seed }.trace(paths);
+    /// Of what `framebuffer` sees, by so many paths that go on through at most `layers` mirrors.
+    pub fn new(scene: &TracedScene, framebuffer: &DeepFramebuffer, layers: u32, paths: usize, seed: u64) -> Self {
+        let visits = Tracer { paths: Paths::new(scene, layers), framebuffer, seed }.trace(paths);
         let mut shares = vec![0.0; scene.materials.len()];
         for visit in &visits {
             shares[scene.mesh.triangle_materials[visit.side as usize / 2] as usize] += visit.light;
@@ -79,13 +79,13 @@ impl Importance {
 
 struct Tracer<'a> {
     paths: Paths<'a>,
-    baked: &'a Baked,
+    framebuffer: &'a DeepFramebuffer,
     seed: u64,
 }
 
 impl Tracer<'_> {
     fn trace(&self, count: usize) -> Vec<Visit> {
-        let seen = self.baked.reflecting();
+        let seen = self.framebuffer.reflecting();
         if seen.is_empty() {
             return Vec::new();
         }
@@ -129,13 +129,13 @@ impl Tracer<'_> {
     }
 
     fn eye_sees(&self, sample: u32) -> Corner {
-        let view = &self.baked.samples[sample as usize];
+        let view = &self.framebuffer.samples[sample as usize];
         Corner {
             position: view.position,
-            geometric_normal: self.baked.geometric_normals[sample as usize],
+            geometric_normal: self.framebuffer.geometric_normals[sample as usize],
             normal: octahedral::decode(view.normal).as_dvec3().normalize(),
             wo: octahedral::decode(view.wo).as_dvec3().normalize(),
-            brdf: self.baked.brdfs[view.brdf as usize],
+            brdf: self.framebuffer.brdfs[view.brdf as usize],
         }
     }
 

@@ -4,19 +4,19 @@ use glam::Vec3;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
-use super::{BakedTransfer, TransferReport};
+use super::{Transfer, TransferReport};
 use crate::bake::compression::data::{Compressed, Supercluster};
 use crate::bake::compression::{CompressionSettings, Compressor};
-use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
-use crate::bake::transfer::direct;
+use crate::bake::transport::LightTransport;
+use crate::bake::transport::direct;
 use crate::shared::PackedLight;
 use crate::storage::journal::Journal;
 
-impl BakedTransfer {
+impl Transfer {
     /// Our operator, compressed; what `journal` has is not done again. `progress` counts view samples.
     pub fn nested(
-        transfer: &Transfer,
+        transfer: &LightTransport,
         settings: &CompressionSettings,
         journal: &mut Journal,
         progress: &dyn Fn(usize),
@@ -25,11 +25,11 @@ impl BakedTransfer {
         let compressor = Compressor::new(transfer, &direct, settings);
         let (compressed, held_out) = compressor.compress(journal, progress);
         let report = TransferReport::robust("nested", transfer, compressor.residual(), Some(held_out));
-        let (vector_length, chain) = chain(&compressed, transfer.baked().samples.len());
+        let (vector_length, chain) = chain(&compressed, transfer.framebuffer().samples.len());
         let plain = Self::new(&transfer.fine, vector_length, chain);
         let mut emission = Vec::new();
         if !compressed.emission.is_empty() {
-            emission.resize(transfer.baked().samples.len(), Vec3::ZERO);
+            emission.resize(transfer.framebuffer().samples.len(), Vec3::ZERO);
             let emitted = compressed.samples.iter().zip(&compressed.emission);
             emitted.for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
         }

@@ -5,23 +5,23 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{BakedTransfer, TransferReport};
-use crate::bake::Baked;
-use crate::bake::transfer::Transfer;
+use super::{Transfer, TransferReport};
+use crate::bake::DeepFramebuffer;
+use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
-use crate::bake::transfer::rows::{CsrMatrix, Lobe, RowGatherer};
-use crate::bake::transfer::thesis::Thesis;
-use crate::shared::FactoredSample;
+use crate::bake::transport::LightTransport;
+use crate::bake::transport::directions::Lobe;
+use crate::bake::transport::rows::RowGatherer;
 use crate::storage::journal::Journal;
 use crate::storage::mapped::Elements;
 use crate::trace::packet::PACKET_SIZE;
 
-impl BakedTransfer {
-    /// Our operator in dense form, to the view samples of `baked`: G* explicitly, then Φ; rows of Φ that `journal` has are not gathered again. `progress`
+impl Transfer {
+    /// Our operator in dense form, to the view samples of `framebuffer`: G* explicitly, then Φ; rows of Φ that `journal` has are not gathered again. `progress`
     /// counts view samples.
     pub fn dense(
-        transfer: &Transfer,
-        baked: &Baked,
+        transfer: &LightTransport,
+        framebuffer: &DeepFramebuffer,
         lobe: Lobe,
         journal: &mut Journal,
         progress: &(dyn Fn(usize) + Sync),
@@ -39,9 +39,9 @@ impl BakedTransfer {
         let emitted = transfer.emitted().unwrap_or_default();
         let offset = if one_level { fine as u32 } else { 0 };
         let none = transfer.bounces() == Some(0);
-        let gatherer = RowGatherer { baked, ..transfer.row_gatherer(lobe) };
+        let gatherer = RowGatherer { framebuffer, ..transfer.row_gatherer(lobe) };
         let gather = |samples: &[u32]| if none { CsrMatrix::empty(samples.len()) } else { gatherer.gather(samples) };
-        let (last, emission) = last_matrix(baked, vector_length, offset, &emitted, gather, journal, progress);
+        let (last, emission) = last_matrix(framebuffer, vector_length, offset, &emitted, gather, journal, progress);
         let even = transfer.even_light();
         let of_even = |row: usize| {
             DVec3::from_array([0, 1, 2].map(|c: usize| (0..fine).map(|i| further[c][(row, i)] * even[i][c]).sum()))
@@ -49,46 +49,6 @@ impl BakedTransfer {
         let residual = transfer.residual(&(0..further[0].nrows()).map(of_even).collect::<Vec<_>>());
         let report = TransferReport::robust("dense", transfer, residual, None);
         let transfer = Self { emission, report, ..Self::new(&transfer.fine, vector_length, vec![bounce, last]) };
-        transfer.with_packets()
-    }
-
-    /// The thesis's operator: G* and Φ [Yang 2007, Eq. 4.5 to 4.9]; rows of Φ that `journal` has are not gathered again.
-    /// `progress` counts view samples.
-    pub fn thesis(
-        thesis: &Thesis,
-        baked: &Baked,
-        lobe: Lobe,
-        journal: &mut Journal,
-        progress: &(dyn Fn(usize) + Sync),
-    ) -> Self {
-        let count = thesis.column_count();
-        let all = thesis.all_bounces();
-        let bounce = explicit(count, count, |row, column| all.each_ref().map(|matrix| matrix[(row, column)]));
-        let gather = |samples: &[u32]| thesis.rows(samples, lobe);
-        let (last, _) = last_matrix(baked, 2 * count, count as u32, &[], gather, journal, progress);
-        let (tables, table_of) = thesis.k_tables();
-        let sample = |i: usize| FactoredSample {
-            normal: thesis.frames[i][2],
-            tangent: thesis.frames[i][0],
-            table: table_of[i],
-            terms: thesis.first[i + 1] - thesis.first[i],
-            first: thesis.first[i],
-        };
-        let report = TransferReport {
-            method: "thesis".into(),
-            form: "dense".into(),
-            spectral_radius: thesis.spectral_radius,
-            bounces: Some(thesis.bounces),
-            ..Default::default()
-        };
-        let transfer = Self {
-            factored: (0..thesis.samples.len()).map(sample).collect(),
-            tables,
-            vector_length: 2 * count,
-            chain: vec![bounce, last],
-            report,
-            ..Self::lit_at(&thesis.samples)
-        };
         transfer.with_packets()
     }
 }
@@ -101,7 +61,7 @@ const ROWS_A_BLOCK: usize = PACKET_SIZE;
 const BLOCKS_AT_ONCE: usize = 64;
 
 /// A dense matrix from the first `columns` elements of the vector to the `rows` behind them.
-fn explicit(columns: usize, rows: usize, value: impl Fn(usize, usize) -> [f32; 3]) -> BlockMatrix {
+pub(in crate::bake) fn explicit(columns: usize, rows: usize, value: impl Fn(usize, usize) -> [f32; 3]) -> BlockMatrix {
     let all: Vec<u32> = (0..columns as u32).collect();
     let mut matrix = BlockMatrix::new(3, columns + rows, columns + rows);
     for first in (0..rows).step_by(ROWS_AT_ONCE) {
@@ -119,8 +79,8 @@ fn explicit(columns: usize, rows: usize, value: impl Fn(usize, usize) -> [f32; 3
 }
 
 /// Φ in dense blocks, from its sparse rows, whose columns start at `offset` of the vector; and what it makes of `emitted`.
-fn last_matrix(
-    baked: &Baked,
+pub(in crate::bake) fn last_matrix(
+    framebuffer: &DeepFramebuffer,
     vector_length: usize,
     offset: u32,
     emitted: &[DVec3],
@@ -128,10 +88,10 @@ fn last_matrix(
     journal: &mut Journal,
     progress: &(dyn Fn(usize) + Sync),
 ) -> (BlockMatrix, Vec<Vec3>) {
-    let empty = || BlockMatrix::new(3, vector_length, baked.samples.len());
+    let empty = || BlockMatrix::new(3, vector_length, framebuffer.samples.len());
     let mut matrix = empty();
-    let mut emission = vec![Vec3::ZERO; if emitted.is_empty() { 0 } else { baked.samples.len() }];
-    for piece in baked.reflecting().chunks(ROWS_A_BLOCK * BLOCKS_AT_ONCE) {
+    let mut emission = vec![Vec3::ZERO; if emitted.is_empty() { 0 } else { framebuffer.samples.len() }];
+    for piece in framebuffer.reflecting().chunks(ROWS_A_BLOCK * BLOCKS_AT_ONCE) {
         let make = || {
             let rows = gather(piece);
             let block = |(block, samples): (usize, &[u32])| {

@@ -6,8 +6,7 @@ use rayon::prelude::*;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::gather_samples::GatherSamples;
 use crate::bake::gather_samples::light_rays::{per_solid_angle, weight_of_rays};
-use crate::bake::transfer::level::{Level, local};
-use crate::bake::transfer::thesis::Thesis;
+use crate::bake::transport::level::{Level, local};
 use crate::physics::light;
 use crate::shared::PackedLight;
 use crate::trace::bvh::TracedScene;
@@ -31,15 +30,9 @@ pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVe
     coefficients
 }
 
-/// [`shade`] with the thesis's factors.
-pub fn shade_thesis(scene: &TracedScene, thesis: &Thesis, light: &PackedLight) -> Vec<DVec3> {
-    let project = |sample: usize, wi: Vec3, _: f64, values: &mut [Vec3]| thesis.project(sample, wi, values);
-    shade_with(scene, &thesis.samples, &thesis.first, project, light)
-}
-
 /// `project` gives k of a sample for a direction in its frame and what the point adds to the sample's irradiance; its
 /// coefficients are `first[i]..first[i + 1]`.
-fn shade_with(
+pub(in crate::bake) fn shade_with(
     scene: &TracedScene,
     samples: &GatherSamples,
     first: &[u32],

@@ -1,0 +1,4 @@
+//! Published methods, to compare with.
+
+pub mod row_wavelets;
+pub mod thesis;

@@ -1,0 +1,89 @@
+//! Sparse matrices of light's three channels, row by row.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Sparse rows, one a view sample.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CsrMatrix {
+    /// Entries of row r: `first[r]..first[r + 1]`.
+    pub first: Vec<usize>,
+    /// Coefficient of each entry, ascending within a row.
+    pub columns: Vec<u32>,
+    /// RGB.
+    pub values: Vec<[f32; 3]>,
+}
+
+impl CsrMatrix {
+    /// Rows without entries.
+    pub fn empty(count: usize) -> CsrMatrix {
+        CsrMatrix { first: vec![0; count + 1], ..Default::default() }
+    }
+
+    /// No rows yet, with room for so many entries.
+    pub fn with_capacity(entries: usize) -> CsrMatrix {
+        CsrMatrix { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) }
+    }
+
+    /// Whether these are so many rows of so many columns.
+    pub fn is_consistent(&self, rows: usize, columns: usize) -> bool {
+        self.first.len() == rows + 1
+            && self.first[0] == 0
+            && self.first[rows] == self.columns.len()
+            && self.first.is_sorted()
+            && self.columns.len() == self.values.len()
+            && self.columns.iter().all(|&column| (column as usize) < columns)
+    }
+
+    pub fn scale(&mut self, factor: f64) {
+        self.values.iter_mut().flatten().for_each(|value| *value = (f64::from(*value) * factor) as f32);
+    }
+
+    /// All rows of `parts` in turn.
+    pub fn concatenated(parts: Vec<CsrMatrix>) -> Self {
+        let mut rows = Self::with_capacity(parts.iter().map(|part| part.columns.len()).sum());
+        for part in parts {
+            let start = rows.columns.len();
+            rows.first.extend(part.first[1..].iter().map(|end| start + end));
+            rows.columns.extend(part.columns);
+            rows.values.extend(part.values);
+        }
+        rows
+    }
+
+    pub fn clear(&mut self) {
+        self.first.clear();
+        self.first.push(0);
+        self.columns.clear();
+        self.values.clear();
+    }
+
+    pub fn len(&self) -> usize {
+        self.first.len().saturating_sub(1)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Entries of a row: coefficients and RGB factors.
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (u32, [f32; 3])> {
+        let range = self.first[row]..self.first[row + 1];
+        self.columns[range.clone()].iter().copied().zip(self.values[range].iter().copied())
+    }
+
+    /// Each row times a vector of RGB coefficients, channel by channel, on all cores.
+    pub fn multiply(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
+        (0..self.len()).into_par_iter().map(|r| self.times(r, coefficients)).collect()
+    }
+
+    /// [`Self::multiply`] on this core alone, for few rows.
+    pub fn multiply_here(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
+        (0..self.len()).map(|r| self.times(r, coefficients)).collect()
+    }
+
+    fn times(&self, row: usize, coefficients: &[DVec3]) -> DVec3 {
+        self.row(row).map(|(i, value)| Vec3::from(value).as_dvec3() * coefficients[i as usize]).sum()
+    }
+}

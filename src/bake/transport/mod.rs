@@ -1,0 +1,348 @@
+//! Indirect light as a linear map of direct light at gather samples [Yang 2007, Chapter 4; Hasan 2006].
+//!
+//! λ0 are the coefficients that the gather samples have from a light directly. G is one bounce among them, Φ what view
+//! samples make of them:
+//!
+//! ```text
+//! indirect = Φ (I + G + G² + ...) λ0 = Φ_f λ0 + Φ_c S λ0,    S = (I - G_cc)⁻¹ G_cf
+//! ```
+//!
+//! with direct light at a fine level of samples (f) and further bounces among coarse ones (c). With one level they are
+//! the same samples, and Φ (I - G)⁻¹ λ0 is left. Rows of G and Φ are final gathers: nothing here divides by a squared
+//! distance, and no row sum exceeds the albedo. Samples lie where the picture [needs them](importance).
+
+pub mod bounces;
+pub mod cells;
+pub mod direct;
+pub mod directions;
+pub mod importance;
+pub mod level;
+pub mod paths;
+pub mod rows;
+pub mod solve;
+
+use glam::{DVec3, Vec3};
+
+use self::bounces::{Bounce, BounceGatherer};
+use self::directions::Lobe;
+use self::importance::Importance;
+use self::level::Level;
+use self::paths::Paths;
+use self::rows::RowGatherer;
+use super::DeepFramebuffer;
+use super::brdf_factors::harmonics::MAX_FUNCTIONS;
+use super::brdf_factors::{ALBEDO_CAP, Projection};
+use super::csr_matrix::CsrMatrix;
+use super::gather_samples::{GatherSample, GatherSamples, Placement};
+use crate::shared::Brdf;
+use crate::trace::bvh::TracedScene;
+
+/// How light leaves gather samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub enum Outgoing {
+    /// Equally in all directions, with the BRDF's hemispherical albedo [Yang 2007, Section 4.2].
+    Diffuse,
+    /// In as many harmonics as a material needs, or a square number up to 49 for all [Yang 2007, Section 4.3].
+    Glossy { functions: Option<u8> },
+}
+
+/// How transfer is computed.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct TransferSettings {
+    pub outgoing: Outgoing,
+    /// Gather samples.
+    pub samples: usize,
+    /// Gather samples among which light bounces on; as many as `samples` or more: those themselves.
+    pub coarse_samples: usize,
+    /// Points of each sample at which direct light is looked at, 1 to 16.
+    pub points: usize,
+    /// Rays a row, of Φ and of G.
+    pub rays: u32,
+    /// Mirrors that a ray goes on through at most.
+    pub layers: u32,
+    /// Indirect bounces counted at the pixel; without, all of them.
+    pub bounces: Option<u32>,
+    pub seed: u64,
+}
+
+/// How far the solution can be trusted.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Certificate {
+    /// Largest absolute eigenvalue of G, by power iteration.
+    pub spectral_radius: f64,
+    /// Largest relative error of a column of geometric factors after balancing.
+    pub imbalance: f64,
+    /// Share of all reflected light, under even light from everywhere, that was taken away lest a bounce reflects more than
+    /// [`ALBEDO_CAP`].
+    pub capped: f64,
+    /// Mean share of a sample's rays that met nothing that reflects.
+    pub escaped: f64,
+    /// Share of all surfaces, by area, that no pixel sees, even over bounces: no sample lies there.
+    pub unseen: f64,
+}
+
+/// Transfer of one scene and camera.
+pub struct LightTransport<'a> {
+    scene: &'a TracedScene,
+    framebuffer: &'a DeepFramebuffer,
+    settings: TransferSettings,
+    pub fine: Level,
+    /// Absent with one level.
+    pub coarse: Option<Level>,
+    /// G_cc; with one level G.
+    pub among: CsrMatrix,
+    /// G_cf; absent with one level.
+    pub from_fine: Option<CsrMatrix>,
+    pub certificate: Certificate,
+}
+
+/// Relative residual of the solution, in every channel.
+const TOLERANCE: f64 = 1e-7;
+
+impl<'a> LightTransport<'a> {
+    /// Places gather samples and gathers G; `progress` counts samples of the coarse level, or of the only one.
+    pub fn new(
+        scene: &'a TracedScene,
+        framebuffer: &'a DeepFramebuffer,
+        settings: &TransferSettings,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Self {
+        let paths = (PATHS_A_SAMPLE * settings.samples).max(LEAST_PATHS);
+        let importance = Importance::new(scene, framebuffer, settings.layers, paths, settings.seed ^ 4 << 32);
+        let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
+            let placement = Placement::Clustered { points };
+            let mut samples = GatherSamples::place(scene, &importance.surfaces, placement, count, seed);
+            if settings.outgoing == Outgoing::Diffuse {
+                samples.samples.iter_mut().for_each(|s| (s.brdf, s.lit) = (lambert(&s.brdf), lambert(&s.lit)));
+            }
+            let with = |most: u8| -> Vec<u8> {
+                let dropped = |s: &GatherSample| DROPPED / importance.shares[s.material as usize];
+                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most, dropped(s))).collect()
+            };
+            let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
+            let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
+            let most = functions.iter().copied().max().unwrap_or(1);
+            if let Outgoing::Glossy { functions: Some(asked) } = settings.outgoing
+                && most < asked
+            {
+                tracing::warn!("{asked} harmonics for each of {count} gather samples are too many, {most} are kept");
+            }
+            Level::new(scene, samples, &functions)
+        };
+        let limit = MOST_FINE_COEFFICIENTS.max(6 * settings.samples);
+        let fine = level(settings.samples, settings.points, settings.seed, &FINE_FUNCTIONS, limit);
+        let coarse = (settings.coarse_samples < settings.samples).then(|| {
+            let (count, seed) = (settings.coarse_samples.max(1), settings.seed ^ 1 << 32);
+            level(count, RAY_POINTS, seed, &COARSE_FUNCTIONS, MOST_COARSE_COEFFICIENTS)
+        });
+        let receivers = coarse.as_ref().unwrap_or(&fine);
+        let gatherer = BounceGatherer {
+            paths: Paths::new(scene, settings.layers),
+            receivers,
+            rays: settings.rays,
+            seed: settings.seed ^ 2 << 32,
+        };
+        let (bounces, escaped) = match &coarse {
+            Some(coarse) => gatherer.gather(&[coarse, &fine], progress),
+            None => gatherer.gather(&[&fine], progress),
+        };
+        let imbalance = bounces.iter().map(|b| b.imbalance).fold(0.0, f64::max);
+        let mut bounces = bounces.into_iter().map(|Bounce { rows, .. }| rows);
+        let mut among = bounces.next().expect("one a sender");
+        let found = solve::spectral_radius(&among);
+        // Rows of few rays that mirrors pass on may give more than they get.
+        let kept = (f64::from(ALBEDO_CAP) / found).min(1.0);
+        if kept < 1.0 {
+            among.scale(kept);
+        }
+        let certificate = Certificate {
+            spectral_radius: kept * found,
+            imbalance,
+            capped: 1.0 - kept * (1.0 - capped(&receivers.samples)),
+            escaped: escaped.iter().sum::<f64>() / escaped.len().max(1) as f64,
+            unseen: importance.unseen,
+        };
+        let from_fine = bounces.next();
+        let mut settings = settings.clone();
+        settings.bounces = settings.bounces.map(|n| n.min(solve::bounces_that_matter(certificate.spectral_radius)));
+        Self { scene, framebuffer, settings, fine, coarse, among, from_fine, certificate }
+    }
+
+    /// Columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
+    pub fn column_count(&self) -> usize {
+        self.fine.coefficient_count() + self.coarse.as_ref().map_or(0, Level::coefficient_count)
+    }
+
+    /// Indirect bounces counted at the pixel; without, all of them.
+    pub fn bounces(&self) -> Option<u32> {
+        self.settings.bounces
+    }
+
+    /// Rows of Φ for view samples, by index into [`DeepFramebuffer::samples`]: a row for each, [`Self::column_count`] columns, RGB
+    /// entries in 1/√sr, for coefficients in radiance times √sr. Gathered again in every call, always the same.
+    pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> CsrMatrix {
+        self.row_gatherer(lobe).gather(view_samples)
+    }
+
+    pub fn scene(&self) -> &'a TracedScene {
+        self.scene
+    }
+
+    /// The view samples that rows are gathered for.
+    pub fn framebuffer(&self) -> &'a DeepFramebuffer {
+        self.framebuffer
+    }
+
+    /// What gathers [`Self::rows`]. With another seed its rows differ by their noise.
+    pub fn row_gatherer(&self, lobe: Lobe) -> RowGatherer<'_> {
+        RowGatherer {
+            paths: Paths::new(self.scene, self.settings.layers),
+            framebuffer: self.framebuffer,
+            levels: [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect(),
+            rays: self.settings.rays,
+            lobe,
+            seed: self.settings.seed ^ 3 << 32,
+        }
+    }
+
+    /// What rows of Φ multiply, from direct light at the fine level: λ0 and, with two levels, S λ0; with one, the sum
+    /// of all bounces. Comes with the residual of the solution, 0 for a given number of bounces.
+    pub fn bounce(&self, direct: &[DVec3]) -> (Vec<DVec3>, f64) {
+        let first = self.from_fine.as_ref().map_or_else(|| direct.to_vec(), |g| g.multiply(direct));
+        // With one level λ0 itself is the first term, with two G_cf λ0, which the pixel sees after a second bounce.
+        let terms = |bounces: u32| if self.coarse.is_some() { bounces.saturating_sub(1) } else { bounces };
+        let (bounced, residual) = match self.settings.bounces.map(terms) {
+            Some(terms) => (solve::sum_of_powers(&self.among, &first, terms), 0.0),
+            None => {
+                let solution = solve::solve(&self.among, &first, TOLERANCE);
+                (solution.coefficients, solution.residual)
+            }
+        };
+        let mut all = if self.coarse.is_some() { direct.to_vec() } else { Vec::new() };
+        if self.settings.bounces == Some(0) {
+            all.fill(DVec3::ZERO);
+        }
+        all.extend(bounced);
+        (all, residual)
+    }
+
+    /// S, or with one level G (I - G)⁻¹, as dense matrices, one a channel: what all further bounces make of direct light,
+    /// or as many as are counted.
+    /// For few samples: coarse coefficients times fine ones are doubles in memory, three times over.
+    pub fn further_bounces(&self) -> [faer::Mat<f64>; 3] {
+        let right = self.from_fine.as_ref().unwrap_or(&self.among);
+        let terms = self.settings.bounces.map(|bounces| bounces.saturating_sub(1));
+        solve::explicit(&self.among, right, self.fine.coefficient_count(), terms)
+    }
+
+    /// How well `further`, what all further bounces are said to make of [even light](Self::even_light), balances it:
+    /// |b - (I - G) x| / |b|, the worst of the channels. Absent for a given number of bounces.
+    pub fn residual(&self, further: &[DVec3]) -> Option<f64> {
+        let even = self.even_light();
+        let b = self.from_fine.as_ref().unwrap_or(&self.among).multiply(&even);
+        self.settings.bounces.is_none().then(|| solve::relative_residual(&self.among, &b, further))
+    }
+
+    /// λ0 of a light that makes all samples radiate evenly, with radiance 1.
+    pub fn even_light(&self) -> Vec<DVec3> {
+        self.radiating(|_| DVec3::ONE)
+    }
+
+    /// Indirect radiance of view samples under several lights, from the lights' direct light at the fine level; Φ is
+    /// gathered once, a few rows at a time that are multiplied and forgotten. `progress` counts view samples.
+    pub fn apply(
+        &self,
+        direct: &[Vec<DVec3>],
+        view_samples: &[u32],
+        lobe: Lobe,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Vec<Vec<DVec3>> {
+        let coefficients: Vec<Vec<DVec3>> = direct.iter().map(|light| self.bounce(light).0).collect();
+        let pieces = self.row_gatherer(lobe).map(view_samples, |rows| {
+            let piece: Vec<_> = coefficients.iter().map(|coefficients| rows.multiply_here(coefficients)).collect();
+            progress(rows.len());
+            piece
+        });
+        let image = |light: usize| pieces.iter().flat_map(|piece| piece[light].iter().copied()).collect();
+        (0..direct.len()).map(image).collect()
+    }
+
+    /// λ0 of everything that emits: one more light.
+    pub fn emission(&self) -> Vec<DVec3> {
+        self.radiating(|sample| sample.emission.as_dvec3())
+    }
+
+    /// What rows of Φ multiply for the light of everything that emits, one light more; absent where nothing does.
+    pub fn emitted(&self) -> Option<Vec<DVec3>> {
+        let emission = self.emission();
+        emission.iter().any(|e| *e != DVec3::ZERO).then(|| self.bounce(&emission).0)
+    }
+
+    /// Coefficients of samples that radiate so much, in all directions alike.
+    fn radiating(&self, radiance: impl Fn(&GatherSample) -> DVec3) -> Vec<DVec3> {
+        let mut coefficients = vec![DVec3::ZERO; self.fine.coefficient_count()];
+        for (i, sample) in self.fine.samples.samples.iter().enumerate() {
+            // Even radiance L lies along the first function, 1/sqrt(pi).
+            coefficients[self.fine.coefficients(i).start] = radiance(sample) * std::f64::consts::PI.sqrt();
+        }
+        coefficients
+    }
+}
+
+/// Paths from the eye that tell where samples are needed, for each of them.
+const PATHS_A_SAMPLE: usize = 16;
+/// And as many at least: they also tell which sides are hidden.
+const LEAST_PATHS: usize = 1 << 17;
+/// Points of a coarse sample that its rays start from.
+const RAY_POINTS: usize = 16;
+
+/// The Lambertian BRDF that reflects as much of even light, beside the same mirror.
+fn lambert(brdf: &Brdf) -> Brdf {
+    let diffuse = Projection::get().hemispherical_albedo(brdf, ALBEDO_CAP);
+    let (f0, f90) = if brdf.has_lobe() { (Vec3::ZERO, 0.0) } else { (brdf.f0, brdf.f90) };
+    Brdf { diffuse, alpha: 0.0, f0, f90, dielectric_f0: 0.0, dielectric_f90: 0.0 }
+}
+
+/// How many functions a material gets, of at most `most`; they may drop so much of its energy.
+fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
+    match *outgoing {
+        Outgoing::Diffuse => 1,
+        Outgoing::Glossy { functions: Some(count) } => {
+            assert_eq!(count.isqrt().pow(2), count, "harmonics come by whole degrees");
+            count.clamp(1, most)
+        }
+        Outgoing::Glossy { functions: None } => {
+            let energy = Projection::get().energy_by_degree(brdf);
+            let all: f32 = energy.iter().sum();
+            let enough = |functions: &u8| {
+                let degrees = functions.isqrt() as usize;
+                all == 0.0 || energy[degrees..].iter().sum::<f32>() <= dropped * all
+            };
+            EVEN_DEGREES.into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
+        }
+    }
+}
+
+/// Share of a material's energy beyond its functions, times its share of the picture's indirect light, at most.
+const DROPPED: f32 = 0.004;
+/// Functions up to an even degree, of which a material gets as many as it needs: in a furnished room sums that end with an odd
+/// one are further off (docs/accuracy.md, "How many functions").
+const EVEN_DEGREES: [u8; 4] = [1, 9, 25, MAX_FUNCTIONS as u8];
+/// Functions of a fine sample at most, for direct light, the first that fits: highlights that it casts.
+const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
+/// Coefficients of the fine level, or six a sample: hundreds of lights are learned from, each with as many.
+const MOST_FINE_COEFFICIENTS: usize = 150_000;
+/// The same of a coarse sample: light that has bounced is smoother.
+const COARSE_FUNCTIONS: [u8; 2] = [9, 1];
+/// Coefficients of a coarse level: compression factors the matrix among them.
+pub const MOST_COARSE_COEFFICIENTS: usize = 6_000;
+
+fn capped(samples: &GatherSamples) -> f64 {
+    let (mut kept, mut all) = (0.0, 0.0);
+    for sample in &samples.samples {
+        let reflected = |cap: f32| f64::from(Projection::get().hemispherical_albedo(&sample.brdf, cap).element_sum());
+        kept += f64::from(sample.area) * reflected(ALBEDO_CAP);
+        all += f64::from(sample.area) * reflected(f32::INFINITY);
+    }
+    if all > 0.0 { 1.0 - kept / all } else { 0.0 }
+}
