@@ -7,7 +7,7 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::gpu::{Context, Validation};
-use relume::relight::{Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
+use relume::relight::{Picture, RelightSettings, Relighter, VisibilityMethod};
 use relume::scene::Scene;
 use relume::trace::bvh::TracedScene;
 use relume::trace::packet::{PACKET_SIZE, trace_packets};
@@ -42,7 +42,7 @@ impl Setup {
     }
 
     fn relighter(&self, visibility: VisibilityMethod) -> Relighter {
-        let settings = RelightSettings { visibility, shadow_size: 1024, tone_map: ToneMap::Agx, budget_bytes: None };
+        let settings = RelightSettings { visibility, shadow_size: 1024, budget_bytes: None };
         Relighter::new(&self.context, &self.scene, &self.framebuffer, None, &self.scene.rig, &settings)
             .expect("the device has memory for a small picture")
     }
@@ -96,7 +96,7 @@ fn frames(criterion: &mut Criterion) {
         bencher.iter(|| {
             rig.lights[0].stops = 1.0 - rig.lights[0].stops;
             relighter.set_rig(&rig).expect("no light was added");
-            relighter.display(Picture::Whole, 0.0).expect("it did before").len()
+            relighter.display(Picture::Whole).expect("it did before").len()
         });
     });
 }
@@ -106,7 +106,7 @@ fn frame_with_moved_light(relighter: &mut Relighter, frame: u64, pass: Option<&s
     let mut rig = relighter.rig().clone();
     rig.lights[0].position.x += if frame.is_multiple_of(2) { 0.1 } else { -0.1 };
     relighter.set_rig(&rig).expect("no light was added");
-    relighter.display(Picture::Whole, 0.0).expect("it did before");
+    relighter.display(Picture::Whole).expect("it did before");
     let ms: f64 = relighter.times().iter().filter(|time| Some(time.name) == pass).map(|time| time.ms).sum();
     Duration::from_secs_f64(ms * 1e-3)
 }

@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 
 use relume::image::png;
-use relume::relight::{Picture, RelightSettings, exposure};
+use relume::relight::{Picture, RelightSettings, Request, exposure};
 use relume::{Error, Result, Session, SessionSettings};
 
 fn main() -> Result<()> {
@@ -26,7 +26,7 @@ fn main() -> Result<()> {
     }
     relighter.set_rig(&rig)?;
     let exposure = exposure::automatic(relighter.linear(Picture::Whole)?);
-    let pixels = relighter.display(Picture::Whole, exposure)?;
+    let pixels = relighter.display(Request { exposure, ..Request::default() })?;
     let (width, height) = session.size();
     png::write(&out, width, height, pixels)
 }

@@ -31,14 +31,14 @@
 //! use relume::{Session, SessionSettings};
 //!
 //! # fn main() -> relume::Result<()> {
-//! // DeepFramebuffer with all indirect light, or found in the cache. `()` hears nothing of progress.
+//! // Baked with all indirect light, or found in the cache. `()` hears nothing of progress.
 //! let session = Session::open(Path::new("scenes/balls-2.glb"), None, &SessionSettings::default(), &())?;
 //! let context = session.context(None)?;
 //! let mut relighter = session.relighter(&context, &session.rig, &RelightSettings::default())?;
 //! let mut rig = session.rig.clone();
 //! rig.lights[0].position.y += 0.1;
 //! relighter.set_rig(&rig)?;
-//! let pixels: &[[u8; 4]] = relighter.display(Picture::Whole, 0.0)?;
+//! let pixels: &[[u8; 4]] = relighter.display(Picture::Whole)?;
 //! # Ok(()) }
 //! ```
 //!

@@ -10,7 +10,7 @@ use relume::bake::compression::CompressionSettings;
 use relume::bake::transfer::Transfer;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
-use relume::relight::{Detail, Layers, Picture, Relighter};
+use relume::relight::{Detail, Layers, Relighter, Request};
 use relume::scene::{Rig, Scene};
 use relume::storage::journal::Journal;
 
@@ -36,8 +36,8 @@ fn relighter(gpu: &Gpu, stage: &Stage, rig: &Rig) -> Relighter {
     stage.relighter(gpu, rig, &setup())
 }
 
-fn whole(relighter: &mut Relighter) -> Vec<[f32; 3]> {
-    relighter.linear(Picture::Whole).unwrap().to_vec()
+fn whole(relighter: &mut Relighter, detail: Detail) -> Vec<[f32; 3]> {
+    relighter.linear(Request { detail, ..Request::default() }).unwrap().to_vec()
 }
 
 /// Relative root mean square.
@@ -58,32 +58,29 @@ fn what_is_finished_is_the_exact_picture() {
     let stage = stage("balls-2.glb");
     let mut rig = stage.scene.rig.clone();
     let mut hurried = relighter(&gpu, &stage, &rig);
-    let first = whole(&mut hurried);
+    let first = whole(&mut hurried, Detail::Exact);
     // A drag of one light, then of another, all in a hurry.
-    hurried.set_detail(Detail::Coarse);
     for step in 0..6 {
         rig.lights[step / 3].position.x += 0.05;
         hurried.set_rig(&rig).unwrap();
         hurried.select(&[step / 3]);
-        let coarse = whole(&mut hurried);
+        let coarse = whole(&mut hurried, Detail::Coarse);
         assert!(hurried.is_coarse());
         let mut exact = relighter(&gpu, &stage, &rig);
-        let error = apart(&coarse, &whole(&mut exact));
+        let error = apart(&coarse, &whole(&mut exact, Detail::Exact));
         assert!((1e-6..0.2).contains(&error), "step {step}: {error}");
         assert!(apart(&coarse, &first) > 1e-3, "the edit shows");
     }
-    hurried.set_detail(Detail::Exact);
+    let finished = whole(&mut hurried, Detail::Exact);
     assert!(!hurried.is_coarse());
-    let finished = whole(&mut hurried);
     let mut exact = relighter(&gpu, &stage, &rig);
     exact.select(&[1]);
-    assert_eq!(bits(&finished), bits(&whole(&mut exact)), "to the last bit");
+    assert_eq!(bits(&finished), bits(&whole(&mut exact, Detail::Exact)), "to the last bit");
     // Nothing is left to do.
-    whole(&mut hurried);
+    whole(&mut hurried, Detail::Exact);
     assert!(hurried.times().is_empty());
     // What is up to date is not made coarser.
-    hurried.set_detail(Detail::Coarse);
-    whole(&mut hurried);
+    whole(&mut hurried, Detail::Coarse);
     assert!(!hurried.is_coarse() && hurried.times().is_empty());
 }
 
@@ -99,11 +96,8 @@ fn a_part_of_the_transfer_is_near_all_of_it_and_smaller() {
     let rig = stage.scene.rig.clone();
     let mut exact = relighter(&gpu, &stage, &rig);
     let mut coarse = relighter(&gpu, &stage, &rig);
-    coarse.set_detail(Detail::Coarse);
-    for relighter in [&mut exact, &mut coarse] {
-        relighter.set_layers(Layers::Indirect);
-    }
-    let error = apart(&whole(&mut coarse), &whole(&mut exact));
+    let coarsely = Request { detail: Detail::Coarse, ..Layers::Indirect.into() };
+    let error = apart(coarse.linear(coarsely).unwrap(), exact.linear(Layers::Indirect).unwrap());
     println!("indirect light in a hurry: {error:.4} off with {part} of {whole_size} bytes");
     // Rows of few rays are noisy, and directions that hold noise are the first to go.
     assert!((1e-5..0.3).contains(&error), "{error}");

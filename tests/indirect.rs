@@ -21,7 +21,7 @@ use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::gpu::{Access, Buffer, Frames, Kernel, Pass};
-use relume::relight::{Layers, Picture, VisibilityMethod};
+use relume::relight::{Layers, Picture, Request, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Light, LightKind, Material, Projection as Lens, Scene};
 use relume::shared::gpu_struct::Write;
@@ -517,10 +517,9 @@ fn pictures_are_what_the_operator_says() {
         let mut moved = lights();
         moved.lights[1].position.x += 0.7;
         relighter.set_rig(&moved).unwrap();
-        relighter.set_layers(Layers::Indirect);
-        relighter.linear(Picture::Whole).unwrap();
+        relighter.linear(Layers::Indirect).unwrap();
         relighter.set_rig(&lights()).unwrap();
-        let back = relighter.linear(Picture::Whole).unwrap();
+        let back = relighter.linear(Layers::Indirect).unwrap();
         assert!(distance(back, &want) < 2e-4);
     }
 }
@@ -560,12 +559,12 @@ fn compressed_pictures_are_what_the_factors_say() {
     for light in 0..many.lights.len() {
         assert_eq!(together.linear(Picture::Light(light)).unwrap(), alone(light), "light {light}");
     }
-    relighter.set_layers(Layers::Indirect);
+    let indirect = |i| Request { layers: Layers::Indirect, ..Picture::Light(i).into() };
     for (i, light) in lights().lights.iter().enumerate() {
         let scale = light.scale().as_dvec3();
         let want: Vec<DVec3> =
             resolved(&stage, &applied(&stage, &transfer, nested, light)).into_iter().map(|p| scale * p).collect();
-        let got = relighter.linear(Picture::Light(i)).unwrap().to_vec();
+        let got = relighter.linear(indirect(i)).unwrap().to_vec();
         let error = distance(&got, &want);
         assert!(error < 1e-5, "{}: off by {error:.2e}", light.name);
         let exact = expected(&stage, &transfer, &rig(vec![light.clone()]));
@@ -573,7 +572,6 @@ fn compressed_pictures_are_what_the_factors_say() {
         assert!(error < 0.2, "{}: {error:.3} from what is compressed", light.name);
     }
     // Emitters' light is not compressed.
-    relighter.set_layers(Layers::All);
     let emitted = relighter.linear(Picture::Emission).unwrap().to_vec();
     let plain = Stage { transfer: None, ..stage };
     let seen = plain.relighter(&gpu, &lights(), &setup).linear(Picture::Emission).unwrap().to_vec();
@@ -601,16 +599,16 @@ fn pictures_of_the_thesis_are_what_its_operator_says() {
     assert!(transfer.is_consistent(framebuffer.samples.len()) && !transfer.factored.is_empty());
     stage.transfer = Some(Arc::new(transfer));
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);
-    relighter.set_layers(Layers::Indirect);
     let all: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
     let rows = thesis.rows(&all, Lobe::All);
-    relighter.linear(Picture::Whole).unwrap(); // all lights together; each is looked at below
+    relighter.linear(Layers::Indirect).unwrap(); // all lights together; each is looked at below
     for (i, light) in lights().lights.iter().enumerate() {
         let direct = shade_thesis(&scene, &thesis, &light.pack(scene.space));
         let scale = light.scale().as_dvec3();
         let want: Vec<DVec3> =
             resolved(&stage, &rows.multiply(&thesis.bounce(&direct))).into_iter().map(|p| scale * p).collect();
-        let error = distance(relighter.linear(Picture::Light(i)).unwrap(), &want);
+        let indirect = Request { layers: Layers::Indirect, ..Picture::Light(i).into() };
+        let error = distance(relighter.linear(indirect).unwrap(), &want);
         // Factors in float16, and sums of terms of either sign.
         assert!(error < 1e-3, "{}: off by {error:.2e}", light.name);
     }

@@ -9,7 +9,7 @@ use relume::bake::channels::Channel;
 use relume::relight::exposure::{stop_color, stops};
 use relume::relight::inspect::Inspection;
 use relume::relight::sheet::Grid;
-use relume::relight::{Picture, Relighter, ToneMap};
+use relume::relight::{Layers, Picture, Relighter, Request, ToneMap};
 use relume::scene::{LightGroup, Scene};
 use relume::shared::{BINS_A_STOP, HISTOGRAM_BINS};
 
@@ -45,8 +45,8 @@ fn false_colours_are_stops_of_luminance() {
     let stage = stage("balls-2.glb");
     let mut relighter = relighter(&gpu, &stage);
     let linear = relighter.linear(Picture::Whole).unwrap().to_vec();
-    relighter.set_tone_map(ToneMap::FalseColor);
-    let shown = relighter.display(Picture::Whole, EXPOSURE).unwrap();
+    let request = Request { exposure: EXPOSURE, tone_map: ToneMap::FalseColor, ..Request::default() };
+    let shown = relighter.display(request).unwrap();
     let mut colors = std::collections::BTreeSet::new();
     for (&c, shown) in linear.iter().zip(shown) {
         let stops = stops(luminance(c) * EXPOSURE.exp2());
@@ -71,8 +71,8 @@ fn histogram_and_probe_tell_what_the_pixels_are() {
         want[(bin.floor() + (HISTOGRAM_BINS / 2) as f32).clamp(0.0, (HISTOGRAM_BINS - 1) as f32) as usize] += 1;
     }
     for probe in [[0, 0], [89, 60], [41, 33]] {
-        relighter.inspect(Inspection { histogram: true, probe: Some(probe) }).unwrap();
-        relighter.display(Picture::Whole, EXPOSURE).unwrap();
+        let inspection = Inspection { histogram: true, probe: Some(probe) };
+        relighter.display(Request { exposure: EXPOSURE, inspection, ..Request::default() }).unwrap();
         let (pixel, radiance) = relighter.probed().unwrap();
         assert_eq!((pixel, radiance.to_array()), (probe, linear[(probe[1] * 90 + probe[0]) as usize]));
     }
@@ -82,8 +82,8 @@ fn histogram_and_probe_tell_what_the_pixels_are() {
     assert!(apart <= 2 * unclear, "{apart} pixels in other bins, {unclear} on their edges");
     assert!(counts.iter().filter(|&&count| count > 0).count() > 10, "{counts:?}");
     // Outside of the picture there is nothing to read, and a new picture forgets.
-    relighter.inspect(Inspection { histogram: false, probe: Some([90, 0]) }).unwrap();
-    relighter.display(Picture::Whole, EXPOSURE + 1.0).unwrap();
+    let inspection = Inspection { histogram: false, probe: Some([90, 0]) };
+    relighter.display(Request { exposure: EXPOSURE + 1.0, inspection, ..Request::default() }).unwrap();
     assert!(relighter.probed().is_none() && relighter.histogram().is_none());
 }
 
@@ -154,9 +154,9 @@ fn lights_that_are_black_by_their_group_are_not_waited_for() {
     }
     relighter.set_rig(&rig).unwrap();
     for _ in 0..rig.lights.len() {
-        relighter.prepare().unwrap();
+        relighter.prepare(Layers::All).unwrap();
     }
-    assert_eq!(relighter.pending(), 0);
+    assert_eq!(relighter.pending(Layers::All), 0);
 }
 
 #[test]

@@ -10,7 +10,7 @@ use glam::DVec3;
 use relume::bake::transfer::Transfer;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
-use relume::relight::{Layers, Picture};
+use relume::relight::Layers;
 use relume::scene::Scene;
 use relume::storage::journal::Journal;
 
@@ -62,8 +62,7 @@ fn edges_get_the_light_of_the_surface_on_either_side() {
         let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
         let stage = Stage { scene, framebuffer, transfer: Some(transfer.clone()) };
         let mut relighter = stage.relighter(&gpu, &rig, &setup(8));
-        relighter.set_layers(Layers::Indirect);
-        relighter.linear(Picture::Whole).unwrap().to_vec()
+        relighter.linear(Layers::Indirect).unwrap().to_vec()
     };
     let apart = |a: &[[f32; 3]], b: &[[f32; 3]]| {
         let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {

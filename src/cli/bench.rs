@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<()> {
         for &count in &counts {
             let rig = light_like_scene(&session, count, args.scene_options.view.seed);
             let mut relighter = session.relighter(&context, &rig, &args.light_options.relight_settings())?;
-            relighter.display(Picture::Whole, 0.0)?;
+            relighter.display(Picture::Whole)?;
             for (edited, edit) in edits_of(&rig) {
                 yardstick.push(measured.yardstick_ms()?);
                 let record = measure(&mut relighter, &session, &rig, edited, edit, args.frames)?;
@@ -205,9 +205,9 @@ pub fn measure(
         let half = rig.lights.len() / 2;
         rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
     }
-    relighter.set_layers(if edit == Edit::MoveDirect { Layers::FirstHand } else { Layers::All });
+    let layers = if edit == Edit::MoveDirect { Layers::FirstHand } else { Layers::All };
     relighter.set_rig(&rig)?;
-    relighter.display(Picture::Whole, 0.0)?;
+    relighter.display(layers)?;
     let transfer = session.transfer.as_ref();
     let original = rig.clone();
     let count = rig.lights.len();
@@ -235,7 +235,7 @@ pub fn measure(
             Edit::None => {}
         }
         relighter.set_rig(&rig)?;
-        relighter.display(Picture::Whole, 0.0)?;
+        relighter.display(layers)?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
         bar.inc(1);
         if frame < warm_up {

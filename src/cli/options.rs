@@ -140,12 +140,7 @@ impl ViewOptions {
 
 impl LightOptions {
     pub fn relight_settings(&self) -> RelightSettings {
-        RelightSettings {
-            visibility: self.visibility.into(),
-            shadow_size: self.shadow_size,
-            tone_map: self.tonemap.into(),
-            budget_bytes: self.budget,
-        }
+        RelightSettings { visibility: self.visibility.into(), shadow_size: self.shadow_size, budget_bytes: self.budget }
     }
 }
 

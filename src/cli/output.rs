@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use relume::gpu::PassTime;
 use relume::image::{Image, exr, png};
-use relume::relight::{Layers, Picture, Relighter, exposure};
+use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
 use relume::scene::Rig;
 use relume::storage::file::write_bytes;
 use relume::{Error, Result};
@@ -130,18 +130,15 @@ impl PassKind {
         self.name().replace(['/', '\\', '\0'], "_")
     }
 
-    /// Tells the relighter which layers this pass shows, and which picture of them.
-    fn choose(&self, relighter: &mut Relighter) -> Picture {
-        relighter.set_layers(match self {
-            Self::Direct => Layers::Direct,
-            Self::Reflection => Layers::Reflection,
-            Self::Indirect | Self::IndirectGlossy => Layers::Indirect,
-            _ => Layers::All,
-        });
+    /// What this pass asks of the relighter.
+    fn request(&self, rig: &Rig) -> Request {
         match self {
-            Self::Emission => Picture::Emission,
-            Self::Light(name) => Picture::Light(find_light(relighter.rig(), name).expect("names were checked")),
-            _ => Picture::Whole,
+            Self::Beauty => Request::default(),
+            Self::Direct => Layers::Direct.into(),
+            Self::Reflection => Layers::Reflection.into(),
+            Self::Indirect | Self::IndirectGlossy => Layers::Indirect.into(),
+            Self::Emission => Picture::Emission.into(),
+            Self::Light(name) => Picture::Light(find_light(rig, name).expect("names were checked")).into(),
         }
     }
 }
@@ -261,19 +258,26 @@ impl Relighters {
     }
 }
 
-/// Renders a rig and writes its files. `exposure` is fixed by the first picture that needs it.
+/// How pictures become 8 bits.
+pub struct Display {
+    /// Fixed by the first picture that needs it.
+    pub exposure: Exposure,
+    pub tone_map: ToneMap,
+}
+
+/// Renders a rig and writes its files.
 pub fn write(
     relighters: &mut Relighters,
     job: &Job,
     size: (usize, usize),
-    exposure: &mut Exposure,
+    display: &mut Display,
     written: &mut Written,
 ) -> Result<()> {
     relighters.whole.set_rig(job.rig)?;
     relighters.glossy.as_mut().map_or(Ok(()), |glossy| glossy.set_rig(job.rig))?;
     let beauty = linear(relighters, &PassKind::Beauty, written)?;
     written.negative += beauty.iter().flatten().filter(|v| **v < 0.0).count();
-    let stops = match *exposure {
+    let stops = match display.exposure {
         Exposure::Stops(stops) => stops,
         Exposure::Auto => {
             let stops = exposure::automatic(&beauty);
@@ -281,7 +285,7 @@ pub fn write(
             stops
         }
     };
-    *exposure = Exposure::Stops(stops);
+    display.exposure = Exposure::Stops(stops);
 
     for Target { path, passes, named } in &job.targets {
         make_parent(path)?;
@@ -297,8 +301,8 @@ pub fn write(
             exr::write(path, &image)?;
         } else {
             let relighter = relighters.of(&passes[0]);
-            let picture = passes[0].choose(relighter);
-            png::write(path, size.0, size.1, relighter.display(picture, stops)?)?;
+            let request = Request { exposure: stops, tone_map: display.tone_map, ..passes[0].request(job.rig) };
+            png::write(path, size.0, size.1, relighter.display(request)?)?;
             written.frames.push(relighter.times().to_vec());
         }
         written.files.push(path.clone());
@@ -308,8 +312,8 @@ pub fn write(
 
 fn linear(relighters: &mut Relighters, pass: &PassKind, written: &mut Written) -> Result<Vec<[f32; 3]>> {
     let relighter = relighters.of(pass);
-    let picture = pass.choose(relighter);
-    let pixels = relighter.linear(picture)?.to_vec();
+    let request = pass.request(relighter.rig());
+    let pixels = relighter.linear(request)?.to_vec();
     written.frames.push(relighter.times().to_vec());
     Ok(pixels)
 }

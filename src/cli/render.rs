@@ -6,7 +6,7 @@ use relume::scene::Rig;
 use relume::{Error, Result};
 
 use super::options::{LightOptions, SceneOptions};
-use super::output::{self, Has, PassKind, Passes, Relighters, Template, Written};
+use super::output::{self, Display, Has, PassKind, Passes, Relighters, Template, Written};
 use super::progress::Terminal;
 use super::stats;
 
@@ -69,10 +69,11 @@ pub fn run(args: &Args) -> Result<()> {
     let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &settings, &progress)).transpose()?;
     glossy.as_mut().map_or(Ok(()), |glossy| glossy.check_finite())?;
     let mut relighters = Relighters { whole, glossy };
-    let mut exposure = args.light_options.exposure;
+    let LightOptions { exposure, tonemap, .. } = args.light_options;
+    let mut display = Display { exposure, tone_map: tonemap.into() };
     let mut written = Written::default();
     for job in &jobs {
-        output::write(&mut relighters, job, session.size(), &mut exposure, &mut written)?;
+        output::write(&mut relighters, job, session.size(), &mut display, &mut written)?;
     }
     for file in &written.files {
         tracing::info!("wrote {}", file.display());

@@ -61,6 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
         validation: if cfg!(debug_assertions) { Validation::On } else { Validation::Off },
         cache_dir: args.scene_options.cache_dir(),
         relight: args.light_options.relight_settings(),
+        tone_map: args.light_options.tonemap.into(),
         vsync: if args.no_vsync { Vsync::Off } else { Vsync::On },
         script,
         record: args.record.clone(),

@@ -25,9 +25,8 @@ pub(super) struct Inspector {
     probe: Kernel,
     counts: Buffer<u32>,
     radiance: Buffer<u32>,
-    pub wanted: Inspection,
     /// Whether `counts` are those of the picture that is shown.
-    pub counted: bool,
+    counted: bool,
     /// The pixel whose radiance was read.
     probed: Option<[u32; 2]>,
 }
@@ -43,33 +42,39 @@ impl Inspector {
             probe: Kernel::new(context, "inspect", &[(0, 0)])?,
             counts: buffer(HISTOGRAM_BINS as usize)?,
             radiance: buffer(3)?,
-            wanted: Inspection::default(),
             counted: false,
             probed: None,
         })
     }
 
     /// Looks at the picture that is the sum of `terms`, as far as it is wanted and not known.
-    pub fn run(&mut self, frame: &mut Frame, parts: &FrameResources, terms: &[Term], exposure: f32) {
-        let tiling = parts.framebuffer.tiling;
-        if self.wanted.histogram && !self.counted {
+    pub fn run(
+        &mut self,
+        frame: &mut Frame,
+        resources: &FrameResources,
+        terms: &[Term],
+        wanted: Inspection,
+        exposure: f32,
+    ) {
+        let tiling = resources.framebuffer.tiling;
+        if wanted.histogram && !self.counted {
             self.counts.host_mut().fill(0);
             let size = UVec2::new(tiling.width, tiling.height);
             let threads = (tiling.len() as u32).div_ceil(TILES_A_GROUP);
             look(
                 frame,
-                parts,
+                resources,
                 terms,
                 &Look { kernel: &self.histogram, result: &self.counts, pixels: size, exposure, threads },
             );
             self.counted = true;
         }
-        self.probed = self.wanted.probe.filter(|&[x, y]| tiling.contains((x, y)));
+        self.probed = wanted.probe.filter(|&[x, y]| tiling.contains((x, y)));
         if let Some([x, y]) = self.probed {
             let pixels = UVec2::new(tiling.index(x, y) as u32, 0);
             look(
                 frame,
-                parts,
+                resources,
                 terms,
                 &Look { kernel: &self.probe, result: &self.radiance, pixels, exposure: 1.0, threads: 1 },
             );
@@ -100,13 +105,13 @@ struct Look<'a> {
     threads: u32,
 }
 
-fn look(frame: &mut Frame, parts: &FrameResources, terms: &[Term], look: &Look) {
+fn look(frame: &mut Frame, resources: &FrameResources, terms: &[Term], look: &Look) {
     let mut pass = frame.pass("inspect");
     let push = InspectPush {
         term_count: terms.len() as u32,
-        terms: parts.read_terms(&mut pass, terms),
+        terms: resources.read_terms(&mut pass, terms),
         result: pass.write(look.result),
-        pixel_stride: parts.framebuffer.pixel_stride() as u32,
+        pixel_stride: resources.framebuffer.pixel_stride() as u32,
         pixels: look.pixels,
         exposure: look.exposure.exp2(),
         unused: 0,

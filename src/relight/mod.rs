@@ -1,8 +1,9 @@
-//! The whole frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
+//! Pictures of a baked scene under lights that are edited.
 
 mod cutouts;
 pub mod exposure;
 mod finite_check;
+mod frame;
 mod gpu_framebuffer;
 mod haar;
 mod indirect;
@@ -11,6 +12,7 @@ pub mod light_cache;
 mod light_rays;
 mod output;
 mod passes;
+mod request;
 pub mod roofline;
 mod shadow_map;
 pub mod sheet;
@@ -18,20 +20,19 @@ mod sparse;
 mod visibility;
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use glam::{Vec3, Vec4};
 
 use self::finite_check::FiniteCheck;
 use self::gpu_framebuffer::{GpuFramebuffer, upload_emission};
 use self::indirect::Indirect;
-use self::inspect::{Inspection, Inspector};
+use self::inspect::Inspector;
 pub use self::light_cache::Detail;
-use self::light_cache::{LightCache, Plan, Source, Step, Term};
+use self::light_cache::{LightCache, Term};
 use self::output::{Output, Outputs};
-use self::passes::FrameResources;
+pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
-use self::sheet::{Grid, Sheet};
+use self::sheet::Sheet;
 use self::visibility::VisibilityBuffers;
 pub use self::visibility::VisibilityMethod;
 use crate::bake::DeepFramebuffer;
@@ -42,76 +43,18 @@ use crate::scene::Rig;
 use crate::shared::LIGHTS_A_PASS;
 use crate::trace::bvh::TracedScene;
 
-/// How pictures leave the relighter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ToneMap {
-    /// Clamped.
-    None,
-    Agx,
-    PbrNeutral,
-    /// [`STOP_COLORS`] by luminance: a colour a stop, middle grey at 2^exposure stops being grey.
-    FalseColor,
-}
-
-/// Which part of the picture is made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Layers {
-    /// Straight and through mirrors.
-    All,
-    /// Layer 1 of the deep framebuffer.
-    Direct,
-    /// The mirror layers.
-    Reflection,
-    /// All but what came through the gather samples.
-    FirstHand,
-    /// What came through the gather samples.
-    Indirect,
-}
-
-impl Layers {
-    /// Layers of the deep framebuffer that count.
-    fn mask(self) -> u32 {
-        match self {
-            Self::All | Self::FirstHand | Self::Indirect => u32::MAX,
-            Self::Direct => 1,
-            Self::Reflection => !1,
-        }
-    }
-
-    fn direct(self) -> bool {
-        self != Self::Indirect
-    }
-
-    fn indirect(self) -> bool {
-        matches!(self, Self::All | Self::Indirect)
-    }
-}
-
-/// What a picture shows of the chosen layers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Picture {
-    Whole,
-    /// One light's share, by its index in the rig.
-    Light(usize),
-    /// Emitters as seen.
-    Emission,
-    /// Every light's share, side by side as in a [`Grid`].
-    Sheet,
-}
-
 #[derive(Clone, Debug)]
 pub struct RelightSettings {
     pub visibility: VisibilityMethod,
     /// Side of a shadow map in texels.
     pub shadow_size: u32,
-    pub tone_map: ToneMap,
     /// Device memory for light images; `None` takes three quarters of what the device has.
     pub budget_bytes: Option<u64>,
 }
 
 impl Default for RelightSettings {
     fn default() -> Self {
-        Self { visibility: VisibilityMethod::Auto, shadow_size: 1024, tone_map: ToneMap::Agx, budget_bytes: None }
+        Self { visibility: VisibilityMethod::Auto, shadow_size: 1024, budget_bytes: None }
     }
 }
 
@@ -137,7 +80,7 @@ pub struct Relighter {
     shadow_maps: Option<ShadowMaps>,
     kernels: Kernels,
     outputs: Outputs,
-    tone_map: ToneMap,
+    /// Of the light images.
     layers: Layers,
     finite_check: Option<FiniteCheck>,
     inspector: Option<Inspector>,
@@ -146,13 +89,6 @@ pub struct Relighter {
     shown: Option<(Picture, Output, Vec<Term>)>,
     /// Times of the frames that the last call took.
     times: Vec<PassTime>,
-}
-
-/// How making images ends.
-struct Last<'a> {
-    picture: Picture,
-    output: Output,
-    screen: Option<Screen<'a>>,
 }
 
 struct Kernels {
@@ -207,7 +143,6 @@ impl Relighter {
                 sum_images: Kernel::new(context, "sum_images", &[])?,
             },
             outputs: Outputs::new(context, framebuffer.tiling.width as usize * framebuffer.tiling.height as usize),
-            tone_map: settings.tone_map,
             layers: Layers::All,
             finite_check: None,
             inspector: None,
@@ -263,7 +198,7 @@ impl Relighter {
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), self.traces())?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
         self.transfer = Some(transfer);
-        self.start_anew();
+        self.start_again();
         Ok(())
     }
 
@@ -288,27 +223,28 @@ impl Relighter {
             *extras = extra_planes(&self.context, &framebuffer)?;
         }
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
-        self.start_anew();
+        self.start_again();
         Ok(())
     }
 
     /// No image is up to date any more.
-    fn start_anew(&mut self) {
+    fn start_again(&mut self) {
         self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
         self.shown = None;
         self.sheet.forget();
     }
 
-    /// Lights of which a whole picture has yet to make images.
-    pub fn pending(&self) -> usize {
-        self.cache.pending().0
+    /// Lights of which a whole picture of these layers has yet to make images.
+    pub fn pending(&self, layers: Layers) -> usize {
+        if layers == self.layers { self.cache.pending().0 } else { self.rig().lights.len() }
     }
 
-    /// Makes the image of one light that is [pending](Self::pending), so that a whole picture has less to do.
-    pub fn prepare(&mut self) -> Result<()> {
+    /// Makes the exact image of one light that is [pending](Self::pending), so that a whole picture has less to do.
+    pub fn prepare(&mut self, layers: Layers) -> Result<()> {
+        self.choose_images(layers, Detail::Exact);
         let Some(light) = self.cache.pending().1 else { return Ok(()) };
         let plan = self.cache.plan_light(light);
-        self.run_or_start_anew(&plan, None)
+        self.make_or_start_again(&plan, None)
     }
 
     /// Whether every image has its place, so that none is made twice.
@@ -321,22 +257,18 @@ impl Relighter {
         self.cache.select(lights);
     }
 
-    /// How closely stale images are made from now on. Exact: those that were made coarsely are stale.
-    pub fn set_detail(&mut self, detail: Detail) {
-        self.cache.set_detail(detail);
-    }
-
     /// Whether an image that was made coarsely is part of any sum.
     pub fn is_coarse(&self) -> bool {
         self.cache.is_coarse()
     }
 
-    /// Chooses the part of the picture that is made from now on; emitters belong to the whole.
-    pub fn set_layers(&mut self, layers: Layers) {
+    /// Images of other layers than before are all out of date, and coarse ones where exact ones are wanted.
+    fn choose_images(&mut self, layers: Layers, detail: Detail) {
         if self.layers != layers {
             self.layers = layers;
             self.cache.invalidate(layers == Layers::All && self.gpu.emission.is_some());
         }
+        self.cache.set_detail(detail);
     }
 
     /// From now on counts the values that passes leave infinite or not a number; see [`Self::non_finite`].
@@ -350,49 +282,36 @@ impl Relighter {
         self.finite_check.as_ref().map_or_else(Vec::new, FiniteCheck::counts)
     }
 
-    /// From now on looks into every picture but contact sheets for what is asked for.
-    pub fn inspect(&mut self, wanted: Inspection) -> Result<()> {
-        if wanted != Inspection::default() && self.inspector.is_none() {
-            self.inspector = Some(Inspector::new(&self.context)?);
-        }
-        if let Some(inspector) = &mut self.inspector {
-            inspector.wanted = wanted;
-        }
-        Ok(())
-    }
-
     /// How many pixels of the last picture have which luminance, exposed: [`BINS_A_STOP`] bins a stop around middle grey,
-    /// and those below and above all of them; of none where nobody asked.
+    /// and those below and above all of them; of none where [`Request::inspection`] did not ask.
     pub fn histogram(&self) -> Option<&[u32]> {
         self.inspector.as_ref()?.counts()
     }
 
-    /// Pixel and scene-linear radiance where [`Self::inspect`] asked for it.
+    /// Pixel and scene-linear radiance where [`Request::inspection`] asked for it.
     pub fn probed(&self) -> Option<([u32; 2], Vec3)> {
         self.inspector.as_ref()?.probed()
     }
 
-    /// Chooses the curve from scene-linear to display from now on.
-    pub fn set_tone_map(&mut self, tone_map: ToneMap) {
-        self.tone_map = tone_map;
-    }
-
-    /// The picture for a display: 8-bit sRGB with alpha, row by row, at 2^`exposure` stops.
-    pub fn display(&mut self, picture: Picture, exposure: f32) -> Result<&[[u8; 4]]> {
-        let output = Output::Display { exposure, tone_map: self.tone_map };
-        self.run(picture, output, None)?;
+    /// The picture for a display: 8-bit sRGB with alpha, row by row.
+    pub fn display(&mut self, request: impl Into<Request>) -> Result<&[[u8; 4]]> {
+        let request = request.into();
+        let output = Output::Display { exposure: request.exposure, tone_map: request.tone_map };
+        self.run(&request, output, None)?;
         Ok(bytemuck::cast_slice(self.outputs.pixels(output).host()))
     }
 
     /// The same picture in a window; an unchanged one is drawn again.
-    pub fn show(&mut self, picture: Picture, exposure: f32, screen: Screen) -> Result<()> {
-        let blue_first = screen.surface.wants_blue_first();
-        self.run(picture, Output::Screen { exposure, tone_map: self.tone_map, blue_first }, Some(screen))
+    pub fn show(&mut self, request: impl Into<Request>, screen: Screen) -> Result<()> {
+        let request = request.into();
+        let Request { exposure, tone_map, .. } = request;
+        let output = Output::Screen { exposure, tone_map, blue_first: screen.surface.wants_blue_first() };
+        self.run(&request, output, Some(screen))
     }
 
     /// The picture in scene-linear Rec. 709 radiance, row by row.
-    pub fn linear(&mut self, picture: Picture) -> Result<&[[f32; 3]]> {
-        self.run(picture, Output::Linear, None)?;
+    pub fn linear(&mut self, request: impl Into<Request>) -> Result<&[[f32; 3]]> {
+        self.run(&request.into(), Output::Linear, None)?;
         Ok(bytemuck::cast_slice(self.outputs.pixels(Output::Linear).host()))
     }
 
@@ -406,144 +325,14 @@ impl Relighter {
         Ok(())
     }
 
-    fn plan(&mut self, picture: Picture) -> Plan {
-        #[cfg(feature = "hot-reload")]
-        if self.reload_changed_kernels() {
-            self.start_anew();
-        }
-        match picture {
-            Picture::Whole => self.cache.plan(),
-            Picture::Light(light) => self.cache.plan_light(light),
-            Picture::Emission => {
-                let emission = Term { source: Source::Emission, scale: Vec3::ONE };
-                Plan { steps: Vec::new(), picture: self.gpu.emission.iter().map(|_| emission).collect() }
-            }
-            Picture::Sheet => {
-                let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
-                self.cache.plan_sheet(Grid::new(self.rig().lights.len(), [width, height]).len())
-            }
-        }
-    }
-
-    /// Makes the picture.
-    fn run(&mut self, picture: Picture, output: Output, screen: Option<Screen>) -> Result<()> {
-        let is_sheet = picture == Picture::Sheet;
-        self.outputs.prepare(output, is_sheet)?;
-        let mut plan = self.plan(picture);
-        if !is_sheet || self.shown.as_ref().is_none_or(|(shown, ..)| *shown != picture) {
-            self.sheet.forget();
-        }
-        if is_sheet {
-            self.sheet.thin(&mut plan, output);
-        }
-        plan.bring_shades_together();
-        self.run_or_start_anew(&plan, Some(Last { picture, output, screen }))
-    }
-
-    /// After an error no image counts as made.
-    fn run_or_start_anew(&mut self, plan: &Plan, last: Option<Last>) -> Result<()> {
-        let outcome = self.run_frames(plan, last);
-        if outcome.is_err() {
-            self.start_anew();
-        }
-        outcome
-    }
-
-    /// One frame, or several if many lights are stale at once. Without an end, images alone are made.
-    fn run_frames(&mut self, plan: &Plan, mut last: Option<Last>) -> Result<()> {
-        self.times.clear();
-        let shown = last.as_ref().map(|last| (last.picture, last.output, plan.picture.clone()));
-        let unchanged = plan.steps.is_empty() && shown.is_some() && self.shown == shown;
-        let mut inspector = self.inspector.as_mut();
-        if let Some(inspector) = inspector.as_mut().filter(|_| !unchanged) {
-            inspector.forget();
-        }
-        let looks = inspector.as_ref().is_some_and(|inspector| inspector.wanted != Inspection::default());
-        if unchanged && !looks && last.as_ref().is_none_or(|last| last.screen.is_none()) {
-            return Ok(()); // it is there already
-        }
-        self.shown = None;
-        let began = Instant::now();
-        let Self { frames, times, visibility, outputs, .. } = self;
-        let parts = FrameResources {
-            scene: &self.scene,
-            framebuffer: &self.framebuffer,
-            transfer: self.transfer.as_deref(),
-            gpu: &self.gpu,
-            indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),
-            images: &self.images,
-            rest: &self.rest,
-            extras: &self.extras,
-            kernels: &self.kernels,
-            rig: self.cache.rig(),
-            layers: self.layers,
-            finite_check: self.finite_check.as_ref(),
-        };
-        let mut steps = &plan.steps[..];
-        loop {
-            visibility.restart();
-            let begin_ms = began.elapsed().as_secs_f64() * 1e3;
-            let mut frame = frames.begin()?;
-            while let Some(step) = steps.first() {
-                let room = frame.passes_left().saturating_sub(LAST_PASSES) / parts.passes_a_step();
-                let taken = match step {
-                    _ if room == 0 => break,
-                    Step::Shade(_) => {
-                        let most = room.min(visibility.left()).min(self.extras.len());
-                        let shades = steps.iter().map_while(Step::as_shade).take(most).copied().collect::<Vec<_>>();
-                        if shades.is_empty() {
-                            break;
-                        }
-                        parts.shade(&mut frame, visibility, self.shadow_maps.as_mut(), &shades);
-                        shades.len()
-                    }
-                    Step::Sum { target, terms, accumulate } => {
-                        parts.sum(&mut frame, *target, terms, *accumulate);
-                        1
-                    }
-                    Step::Show { cell, term } => {
-                        let output = last.as_ref().expect("sheets are shown").output;
-                        parts.show(&mut frame, *cell, *term, outputs, output);
-                        1
-                    }
-                };
-                steps = &steps[taken..];
-            }
-            let done = steps.is_empty();
-            match last.as_mut().filter(|_| done) {
-                Some(Last { picture, output, screen }) => {
-                    let is_sheet = *picture == Picture::Sheet;
-                    if !unchanged && !is_sheet {
-                        parts.composite(&mut frame, &plan.picture, outputs, *output);
-                    }
-                    if let Some(inspector) = inspector.as_mut().filter(|_| !is_sheet) {
-                        inspector.run(&mut frame, &parts, &plan.picture, output.exposure());
-                    }
-                    match screen {
-                        Some(screen) => {
-                            let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
-                            frame.draw(screen, Some(Pixels { buffer: outputs.pixels(*output), width, height }))?;
-                            frame.finish_on(screen.surface)?;
-                        }
-                        None => frame.finish()?,
-                    }
-                }
-                None => frame.finish()?,
-            }
-            times.extend(frames.times().iter().map(|time| PassTime { start_ms: begin_ms + time.start_ms, ..*time }));
-            if done {
-                self.shown = shown;
-                return Ok(());
-            }
-        }
-    }
-
-    /// Compute kernels of the frame whose source changed are compiled anew, and the picture with them.
+    /// Compute kernels of the frame whose source changed are compiled again, and the picture with them.
     #[cfg(feature = "hot-reload")]
-    fn reload_changed_kernels(&mut self) -> bool {
+    fn reload_changed_kernels(&mut self) {
         let Kernels { shade_light, resolve, sum_images } = &mut self.kernels;
         let kernels = [shade_light, resolve, sum_images].into_iter().chain(self.outputs.kernels());
-        kernels.fold(false, |changed, kernel| kernel.reload_if_changed() | changed)
+        if kernels.fold(false, |changed, kernel| kernel.reload_if_changed() | changed) {
+            self.start_again();
+        }
     }
 }
 
@@ -567,6 +356,3 @@ fn slot_count(rig: &Rig, image_budget: usize) -> usize {
 /// Past this rigs do not keep everything, however much room there is: of 100,000 lights the images of small pictures alone
 /// would be gigabytes, and nobody edits so many at once.
 const MAX_IMAGES: usize = 4_096;
-
-/// Composite, histogram, probe, fit, present, user interface.
-const LAST_PASSES: usize = 6;

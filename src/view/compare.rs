@@ -5,8 +5,7 @@ use std::sync::Arc;
 use super::desk::Desk;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Over, Pixels};
-use crate::relight::light_cache::Detail;
-use crate::relight::{Layers, Picture, Relighter, ToneMap};
+use crate::relight::{Picture, Relighter, Request, ToneMap};
 
 /// What the window shows of a snapshot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,14 +78,11 @@ impl Overlaid {
         if self.made_for == Some(wanted) {
             return Ok(false);
         }
-        relighter.set_detail(Detail::Exact);
-        relighter.set_layers(Layers::All);
         let mut relit = false;
         if is_wipe {
             relighter.set_rig(&rig)?;
             relighter.select(&[]);
-            relighter.set_tone_map(tone_map);
-            let pixels = relighter.display(Picture::Whole, exposure)?;
+            let pixels = relighter.display(Request { exposure, tone_map, ..Request::default() })?;
             write(&mut self.buffer, pixels.iter().copied(), blue_first);
             relit = true;
         } else {

@@ -50,6 +50,8 @@ pub struct Converge {
     relighter: Option<Relighter>,
     /// Edges and source of the transfer that the relighter has.
     has: Option<(Edges, Option<Arc<Transfer>>)>,
+    /// Those that were asked for last.
+    layers: Layers,
     baking: Option<Baking>,
     /// When something was last edited.
     edited: Instant,
@@ -95,6 +97,7 @@ impl Converge {
             proxy,
             relighter: None,
             has: None,
+            layers: Layers::All,
             baking: None,
             edited: Instant::now(),
             looked: Instant::now(),
@@ -123,9 +126,9 @@ impl Converge {
             return Ok(None);
         }
         let Some(relighter) = &mut self.relighter else { return Ok(None) };
+        self.layers = layers;
         relighter.set_rig(rig)?;
-        relighter.set_layers(layers);
-        Ok(Some(relighter).filter(|relighter| relighter.pending() == 0))
+        Ok(Some(relighter).filter(|relighter| relighter.pending(layers) == 0))
     }
 
     /// Whether there can be more samples.
@@ -138,7 +141,7 @@ impl Converge {
 
     /// When there is something to do, or to show to one who looks at it, if nothing happens until then.
     pub fn goes_on_at(&self, opened: &Opened, rig: &Rig, is_looked_at: bool) -> Option<Instant> {
-        let pending = self.relighter.as_ref().map_or(0, Relighter::pending);
+        let pending = self.relighter.as_ref().map_or(0, |relighter| relighter.pending(self.layers));
         match &self.baking {
             _ if !self.is_wanted(opened) => None,
             Some(_) => is_looked_at.then_some(self.looked + LOOK),
@@ -156,7 +159,7 @@ impl Converge {
         if !self.is_current(opened, rig) {
             self.begin(opened, rig);
         } else if let Some(relighter) = &mut self.relighter {
-            relighter.prepare()?;
+            relighter.prepare(self.layers)?;
         }
         Ok(())
     }
@@ -220,7 +223,7 @@ impl Converge {
             (Some(Baking { done, total }), _) => {
                 Progress::Bakes(done.load(Ordering::Relaxed) as f32 / (*total).max(1) as f32)
             }
-            (None, Some(relighter)) if self.is_current(opened, rig) => match relighter.pending() {
+            (None, Some(relighter)) if self.is_current(opened, rig) => match relighter.pending(self.layers) {
                 0 => Progress::Done,
                 pending => Progress::Shades(rig.lights.len().saturating_sub(pending), rig.lights.len()),
             },

@@ -45,7 +45,7 @@ pub use self::window::run;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::gpu::{PassTime, Site, Validation, Vsync};
-use crate::relight::RelightSettings;
+use crate::relight::{RelightSettings, ToneMap};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
 
@@ -61,6 +61,7 @@ pub struct ViewSettings {
     pub validation: Validation,
     pub cache_dir: Option<PathBuf>,
     pub relight: RelightSettings,
+    pub tone_map: ToneMap,
     pub vsync: Vsync,
     /// Events to play, and where to write those that happen.
     pub script: Option<script::Script>,

@@ -35,7 +35,7 @@ use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
-use crate::relight::{Layers, Picture, Relighter, ToneMap, exposure};
+use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
 use crate::scene::{Rig, export_gltf};
 
 pub struct Stage {
@@ -183,7 +183,6 @@ impl Stage {
             return Ok(false); // images are not those of the whole picture
         }
         self.take_lights()?;
-        self.relighter.inspect(Inspection::default())?;
         self.shares.measure(self.desk.history().state(), &mut self.relighter)
     }
 
@@ -231,17 +230,16 @@ impl Stage {
                 sharp
             }
             None => {
-                self.relighter.set_detail(detail);
                 self.take_lights()?;
-                self.relighter.set_layers(layers);
                 self.layers = layers;
                 &mut self.relighter
             }
         };
-        relighter.set_tone_map(view.curve());
-        relighter.inspect(Inspection { histogram: view.views.has(Aid::Histogram), probe })?;
+        let detail = if self.is_sharp { Detail::Exact } else { detail };
+        let inspection = Inspection { histogram: view.views.has(Aid::Histogram), probe };
+        let request = Request { picture, layers, detail, exposure: view.exposure, tone_map: view.curve(), inspection };
         let over = comparing.and_then(|comparing| Some(self.overlaid.as_ref()?.over(comparing.kind)));
-        relighter.show(picture, view.exposure, Screen { over, ..screen })?;
+        relighter.show(request, Screen { over, ..screen })?;
         self.overlay.histogram = relighter.histogram().map(<[u32]>::to_vec);
         self.overlay.is_coarse = relighter.is_coarse();
         if let Some((pixel, radiance)) = relighter.probed() {
@@ -365,7 +363,7 @@ impl Stage {
             }
             Command::Shadow => self.drag_shadow(pointer),
             Command::LookThrough => view.look = !view.look,
-            Command::Keep(slot) => self.keep(slot, view.exposure)?,
+            Command::Keep(slot) => self.keep(slot, view)?,
             Command::Recall(slot) => desk.recall(slot),
             Command::Wipe => self.toggle_comparison(view, Comparison::Wipe { at: 0.5 }),
             Command::Difference => self.toggle_comparison(view, Comparison::Difference),

@@ -86,14 +86,14 @@ impl App {
     fn new(settings: ViewSettings, proxy: EventLoopProxy<LoadEvent>) -> Self {
         let view = ViewState {
             exposure: settings.exposure.unwrap_or(0.0),
-            tone_map: match settings.relight.tone_map {
+            tone_map: match settings.tone_map {
                 ToneMap::FalseColor => ToneMap::Agx,
                 curve => curve,
             },
             one_to_one: false,
             panel: true,
             overlay: false,
-            views: Views::new(settings.relight.tone_map),
+            views: Views::new(settings.tone_map),
             help: false,
             dialog: None,
             search: String::new(),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DVec3, Mat3, Vec2, Vec3, Vec4};
 use relume::bake::transfer::Transfer;
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
-use relume::relight::{Layers, Picture, RelightSettings, Relighter, ToneMap, VisibilityMethod};
+use relume::relight::{Layers, RelightSettings, Relighter, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene, Texture, TextureRef, Wrap};
 use relume::trace::bvh::TracedScene;
@@ -177,7 +177,6 @@ impl Stage {
         let settings = RelightSettings {
             visibility: setup.visibility,
             shadow_size: setup.shadow_size,
-            tone_map: ToneMap::None,
             budget_bytes: setup.budget_bytes,
         };
         Relighter::new(gpu, &self.scene, &self.framebuffer, self.transfer.as_ref(), rig, &settings)
@@ -187,8 +186,7 @@ impl Stage {
 
 /// Linear pixels of the chosen layers under all lights.
 pub fn pixels(relighter: &mut Relighter, layers: Layers) -> Vec<[f32; 3]> {
-    relighter.set_layers(layers);
-    relighter.linear(Picture::Whole).expect("frames run").to_vec()
+    relighter.linear(layers).expect("frames run").to_vec()
 }
 
 /// All the way: bakes `scene`, lights it, returns linear pixels.

@@ -9,7 +9,7 @@ use relume::bake::baselines::thesis::shade_thesis;
 use relume::bake::transfer::Transfer;
 use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
-use relume::relight::{Layers, Picture};
+use relume::relight::{Layers, Picture, Request};
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
 
 use crate::common::stage::{self, Build, Setup, lambert, look, rig};
@@ -69,8 +69,8 @@ impl Relit {
     pub fn by_light(&self, gpu: &Gpu, lights: &[Light]) -> Vec<[Vec<[f32; 3]>; 2]> {
         let mut relighter = self.stage.relighter(gpu, &rig(lights.to_vec()), &self.setup);
         let mut of = |layers: Layers| -> Vec<Vec<[f32; 3]>> {
-            relighter.set_layers(layers);
-            (0..lights.len()).map(|i| relighter.linear(Picture::Light(i)).unwrap().to_vec()).collect()
+            let of = |i| Request { layers, ..Picture::Light(i).into() };
+            (0..lights.len()).map(|i| relighter.linear(of(i)).unwrap().to_vec()).collect()
         };
         let (first, indirect) = (of(Layers::FirstHand), of(Layers::Indirect));
         first.into_iter().zip(indirect).map(|(first, indirect)| [first, indirect]).collect()

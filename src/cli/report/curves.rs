@@ -235,7 +235,7 @@ impl Lab<'_> {
             nudge(&mut rig.lights[0], original, &self.session, f64::from(step % 16));
             let start = Instant::now();
             relighter.set_rig(&rig)?;
-            relighter.display(Picture::Whole, 0.0)?;
+            relighter.display(Picture::Whole)?;
             walls.push(start.elapsed().as_secs_f64());
             let on_device = relighter.times().iter().filter(|pass| pass.site == Site::Gpu && !self.context.is_cpu());
             device_seconds += 1e-3 * on_device.map(|pass| pass.ms).sum::<f64>();
@@ -282,8 +282,6 @@ fn setting(options: &TransferOptions) -> String {
 
 fn whole_and_indirect(relighter: &mut Relighter, (width, height): (usize, usize)) -> Result<Image> {
     let whole = relighter.linear(Picture::Whole)?.to_vec();
-    relighter.set_layers(Layers::Indirect);
-    let indirect = relighter.linear(Picture::Whole)?.to_vec();
-    relighter.set_layers(Layers::All);
+    let indirect = relighter.linear(Layers::Indirect)?.to_vec();
     Ok(Image::single(width, height, whole).with_layer("indirect", indirect))
 }

@@ -49,7 +49,7 @@ impl Lab<'_> {
         let session = Session::open(self.path, None, &settings, &Terminal::default())?;
         let limits = Measured::new(self, &session)?;
         let mut relighter = session.relighter(&self.context, &session.rig, &RelightSettings::default())?;
-        relighter.display(Picture::Whole, 0.0)?;
+        relighter.display(Picture::Whole)?;
         let mut times = Vec::new();
         for (edited, edit) in edits_of(&session.rig) {
             let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;

@@ -132,7 +132,7 @@ impl Lab<'_> {
     /// Times the edits that the costs are of, with `count` of what grows.
     fn time(&self, session: &Session, rig: &Rig, count: f64, costs: &mut [Cost; 3]) -> Result<()> {
         let mut relighter = session.relighter(&self.context, rig, &RelightSettings::default())?;
-        relighter.display(Picture::Whole, 0.0)?;
+        relighter.display(Picture::Whole)?;
         for ((name, _), cost) in EDITS.iter().zip(costs) {
             let Some((edited, edit)) = edits_of(rig).into_iter().find(|(_, edit)| edit.1 == *name) else { continue };
             let record = measure(&mut relighter, session, rig, edited, edit, self.extent.frames)?;

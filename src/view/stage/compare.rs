@@ -2,8 +2,7 @@
 
 use super::Stage;
 use crate::error::Result;
-use crate::relight::light_cache::Detail;
-use crate::relight::{Layers, Picture};
+use crate::relight::{Layers, Request};
 use crate::view::compare::{Comparing, Comparison, Overlaid};
 use crate::view::controls::ViewState;
 use crate::view::snapshots::Thumbnail;
@@ -28,14 +27,13 @@ impl Stage {
     }
 
     /// Keeps the lights in a slot, with what they look like.
-    pub(super) fn keep(&mut self, slot: usize, exposure: f32) -> Result<()> {
+    pub(super) fn keep(&mut self, slot: usize, view: &ViewState) -> Result<()> {
         self.desk.keep(slot);
         self.take_lights()?;
-        self.relighter.set_detail(Detail::Exact);
-        self.relighter.set_layers(Layers::All);
         self.layers = Layers::All;
         let size = self.picture_size();
-        self.thumbnails[slot] = Some(Thumbnail::of(self.relighter.display(Picture::Whole, exposure)?, size));
+        let request = Request { exposure: view.exposure, tone_map: view.curve(), ..Request::default() };
+        self.thumbnails[slot] = Some(Thumbnail::of(self.relighter.display(request)?, size));
         Ok(())
     }
 

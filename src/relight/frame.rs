@@ -1,0 +1,178 @@
+//! The frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
+
+use std::time::Instant;
+
+use glam::Vec3;
+
+use super::inspect::{Inspection, Inspector};
+use super::light_cache::{Plan, Source, Step, Term};
+use super::output::{Output, Outputs};
+use super::passes::FrameResources;
+use super::shadow_map::ShadowMaps;
+use super::sheet::Grid;
+use super::visibility::VisibilityBuffers;
+use super::{Picture, Relighter, Request};
+use crate::error::Result;
+use crate::gpu::{Frame, PassTime, Pixels, Screen};
+
+/// The picture that a frame ends with.
+pub(super) struct Last<'a> {
+    picture: Picture,
+    inspection: Inspection,
+    output: Output,
+    screen: Option<Screen<'a>>,
+}
+
+/// Composite, histogram, probe, fit, present, user interface.
+const LAST_PASSES: usize = 6;
+
+impl Relighter {
+    /// Makes the picture.
+    pub(super) fn run(&mut self, request: &Request, output: Output, screen: Option<Screen>) -> Result<()> {
+        #[cfg(feature = "hot-reload")]
+        self.reload_changed_kernels();
+        let Request { picture, layers, detail, inspection, .. } = *request;
+        self.choose_images(layers, detail);
+        let is_sheet = picture == Picture::Sheet;
+        self.outputs.prepare(output, is_sheet)?;
+        if inspection != Inspection::default() && self.inspector.is_none() {
+            self.inspector = Some(Inspector::new(&self.context)?);
+        }
+        let mut plan = self.plan(picture);
+        if !is_sheet || self.shown.as_ref().is_none_or(|(shown, ..)| *shown != picture) {
+            self.sheet.forget();
+        }
+        if is_sheet {
+            self.sheet.thin(&mut plan, output);
+        }
+        plan.bring_shades_together();
+        self.make_or_start_again(&plan, Some(Last { picture, inspection, output, screen }))
+    }
+
+    fn plan(&mut self, picture: Picture) -> Plan {
+        match picture {
+            Picture::Whole => self.cache.plan(),
+            Picture::Light(light) => self.cache.plan_light(light),
+            Picture::Emission => {
+                let emission = Term { source: Source::Emission, scale: Vec3::ONE };
+                Plan { steps: Vec::new(), picture: self.gpu.emission.iter().map(|_| emission).collect() }
+            }
+            Picture::Sheet => {
+                let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
+                self.cache.plan_sheet(Grid::new(self.rig().lights.len(), [width, height]).len())
+            }
+        }
+    }
+
+    /// Makes images, and the picture if there is to be one. After an error no image counts as made.
+    pub(super) fn make_or_start_again(&mut self, plan: &Plan, last: Option<Last>) -> Result<()> {
+        let outcome = self.make(plan, last);
+        if outcome.is_err() {
+            self.start_again();
+        }
+        outcome
+    }
+
+    /// One frame, or several if many lights are stale at once.
+    fn make(&mut self, plan: &Plan, mut last: Option<Last>) -> Result<()> {
+        self.times.clear();
+        let shown = last.as_ref().map(|last| (last.picture, last.output, plan.picture.clone()));
+        let unchanged = plan.steps.is_empty() && shown.is_some() && self.shown == shown;
+        if let Some(inspector) = self.inspector.as_mut().filter(|_| !unchanged) {
+            inspector.forget();
+        }
+        let is_looked_at = |last: &Last| last.screen.is_some() || last.inspection != Inspection::default();
+        if unchanged && !last.as_ref().is_some_and(is_looked_at) {
+            return Ok(()); // it is there already
+        }
+        self.shown = None;
+        let began = Instant::now();
+        let Self { frames, times, visibility, shadow_maps, outputs, inspector, .. } = self;
+        let resources = FrameResources {
+            scene: &self.scene,
+            framebuffer: &self.framebuffer,
+            transfer: self.transfer.as_deref(),
+            gpu: &self.gpu,
+            indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),
+            images: &self.images,
+            rest: &self.rest,
+            extras: &self.extras,
+            kernels: &self.kernels,
+            rig: self.cache.rig(),
+            layers: self.layers,
+            finite_check: self.finite_check.as_ref(),
+        };
+        let mut steps = &plan.steps[..];
+        loop {
+            visibility.restart();
+            let begin_ms = began.elapsed().as_secs_f64() * 1e3;
+            let mut frame = frames.begin()?;
+            let output = last.as_ref().map(|last| last.output);
+            steps = resources.take_steps(&mut frame, steps, visibility, shadow_maps.as_mut(), outputs, output);
+            let is_done = steps.is_empty();
+            let mut surface = None;
+            if let Some(Last { picture, inspection, output, screen }) = last.as_mut().filter(|_| is_done) {
+                let is_sheet = *picture == Picture::Sheet;
+                if !unchanged && !is_sheet {
+                    resources.composite(&mut frame, &plan.picture, outputs, *output);
+                }
+                if let Some(inspector) = inspector.as_mut().filter(|_| !is_sheet) {
+                    inspector.run(&mut frame, &resources, &plan.picture, *inspection, output.exposure());
+                }
+                if let Some(screen) = screen {
+                    let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
+                    frame.draw(screen, Some(Pixels { buffer: outputs.pixels(*output), width, height }))?;
+                    surface = Some(&mut *screen.surface);
+                }
+            }
+            match surface {
+                Some(surface) => frame.finish_on(surface)?,
+                None => frame.finish()?,
+            }
+            times.extend(frames.times().iter().map(|time| PassTime { start_ms: begin_ms + time.start_ms, ..*time }));
+            if is_done {
+                self.shown = shown;
+                return Ok(());
+            }
+        }
+    }
+}
+
+impl FrameResources<'_> {
+    /// Takes as many of `steps` as the frame has room for, and returns those that are left. `output` is where sheets go.
+    fn take_steps<'p>(
+        &self,
+        frame: &mut Frame,
+        mut steps: &'p [Step],
+        visibility: &mut VisibilityBuffers,
+        mut shadow_maps: Option<&mut ShadowMaps>,
+        outputs: &Outputs,
+        output: Option<Output>,
+    ) -> &'p [Step] {
+        while let Some(step) = steps.first() {
+            let room = frame.passes_left().saturating_sub(LAST_PASSES) / self.passes_a_step();
+            let taken = match step {
+                _ if room == 0 => break,
+                Step::Shade(_) => {
+                    let most = room.min(visibility.left()).min(self.extras.len());
+                    let shades: Vec<_> = steps.iter().map_while(Step::as_shade).take(most).copied().collect();
+                    if shades.is_empty() {
+                        break;
+                    }
+                    self.shade(frame, visibility, shadow_maps.as_deref_mut(), &shades);
+                    shades.len()
+                }
+                Step::Sum { target, terms, accumulate } => {
+                    self.sum(frame, *target, terms, *accumulate);
+                    1
+                }
+                Step::Show { cell, term } => {
+                    self.show(frame, *cell, *term, outputs, output.expect("sheets are shown"));
+                    1
+                }
+            };
+            steps = &steps[taken..];
+        }
+        steps
+    }
+}
