@@ -1,4 +1,4 @@
-//! DeepFramebuffer data on disk, keyed by content: safetensors files, which NumPy opens too, under a checksum, header and all. They
+//! Baked data on disk, keyed by content: safetensors files, which NumPy opens too, under a checksum, header and all. They
 //! are mapped: what is not copied out of them is never read twice, and takes no memory that the system cannot take back.
 
 mod framebuffer;
