@@ -9,13 +9,13 @@ use common::{shipped, transfer};
 use glam::{DVec3, Vec3};
 use half::f16;
 use relume::bake::compression::bounces::Bounces;
-use relume::bake::compression::data::{Compressed, MULTIPLE};
-use relume::bake::compression::haar::Haar;
 use relume::bake::compression::lights::{Kind, RandomLights};
 use relume::bake::compression::training::{Group, Trainer};
 use relume::bake::compression::validation::{Validation, validate};
 use relume::bake::compression::vector_batch;
-use relume::bake::compression::{CompressionSettings, Compressor, Report};
+use relume::bake::compression::{CompressionSettings, Report};
+use relume::bake::transfer::Transfer;
+use relume::bake::transfer::blocks::BlockMatrix;
 use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
@@ -62,10 +62,12 @@ impl Stage {
         direct::shade(&self.scene, &transfer.fine, light)
     }
 
-    fn compress(&self, transfer: &LightTransport, error: f64) -> (Compressed, Report) {
+    fn compress(&self, transport: &LightTransport, error: f64) -> Transfer {
         let settings = CompressionSettings { error, lights: 192, lobe: Lobe::All, seed: 1 };
-        let direct = |light: &PackedLight| self.direct(transfer, light);
-        Compressor::new(transfer, &direct, &settings).compress(&mut Journal::default(), &|_| ())
+        let transfer = Transfer::nested(transport, &settings, &mut Journal::default(), &|_| ());
+        assert!(transfer.is_consistent(self.framebuffer.samples.len()));
+        assert!(transfer.chain.iter().flat_map(factors).all(|x| x.is_finite()));
+        transfer
     }
 }
 
@@ -75,50 +77,32 @@ fn relative(got: &[DVec3], want: &[DVec3]) -> f64 {
     (error / square(&mut want.iter().copied())).sqrt()
 }
 
+/// All factors of a matrix.
+fn factors(matrix: &BlockMatrix) -> &[f16] {
+    bytemuck::cast_slice(&matrix.values)
+}
+
+fn report(transfer: &Transfer) -> &Report {
+    transfer.report.held_out.as_ref().expect("it is compressed")
+}
+
 /// Mean relative error of point lights that the compressor has never seen, against the dense operator.
-fn held_out(stage: &Stage, transfer: &LightTransport, compressed: &Compressed) -> f64 {
-    let haar = Haar::new(&transfer.fine.first);
-    let random = RandomLights::new(transfer, 12345);
-    let lit = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(transfer, &light));
+fn held_out(stage: &Stage, transport: &LightTransport, compressed: &Transfer) -> f64 {
+    let random = RandomLights::new(transport, 12345);
+    let lit = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(transport, &light));
     let lights: Vec<Vec<DVec3>> =
         lit.filter(|light| light.iter().filter(|x| **x != DVec3::ZERO).count() > light.len() / 4).take(64).collect();
-    let dense = transfer.apply(&lights, &compressed.samples, Lobe::All, &|_| ());
-    let error = |(light, dense): (&Vec<DVec3>, &Vec<DVec3>)| relative(&compressed.relight(&haar, light), dense);
+    let all: Vec<u32> = (0..stage.framebuffer.samples.len() as u32).collect();
+    let dense = transport.apply(&lights, &all, Lobe::All, &|_| ());
+    let error = |(light, dense): (&Vec<DVec3>, &Vec<DVec3>)| relative(&compressed.apply(light), dense);
     lights.iter().zip(&dense).map(error).sum::<f64>() / lights.len() as f64
 }
 
-/// Every index leads to something, every factor is a number, and blocks lie one after the other.
-fn check_shapes(compressed: &Compressed, framebuffer: &DeepFramebuffer) {
-    let (mut term, mut v, mut b, mut u, mut sample, mut tiles) = (0, 0, 0, 0, 0, 0);
-    for (i, s) in compressed.superclusters.iter().enumerate() {
-        assert_eq!((s.first_term as usize, s.first_v as usize, s.first_tile as usize), (term, v, tiles));
-        let (terms, rank) = (s.terms as usize, s.rank as usize);
-        assert!([terms, rank, s.own as usize].iter().all(|n| n.is_multiple_of(MULTIPLE)) && s.own <= s.terms);
-        assert!(rank == 0 || terms > 0, "nothing fills the directions");
-        for tile in &compressed.tiles[tiles..tiles + s.tiles as usize] {
-            assert_eq!((tile.supercluster as usize, tile.first_b as usize, tile.first_u as usize), (i, b, u));
-            assert_eq!(tile.first_sample as usize, sample);
-            assert!((tile.rank as usize).is_multiple_of(MULTIPLE) && tile.rank <= s.rank);
-            b += tile.rank as usize * rank;
-            u += tile.rank as usize * tile.samples as usize;
-            sample += tile.samples as usize;
-        }
-        tiles += s.tiles as usize;
-        term += terms;
-        v += rank * (2 * s.own as usize + terms);
-    }
-    assert_eq!((term, tiles), (compressed.terms.len(), compressed.tiles.len()));
-    assert!(compressed.tints.len() == term && compressed.tints.iter().all(|tint| tint.is_finite()));
-    assert_eq!(
-        (v, b, u, sample),
-        (compressed.v.len(), compressed.b.len(), compressed.u.len(), compressed.samples.len())
-    );
-    assert!(compressed.terms.iter().all(|&t| (t as usize) < compressed.coefficients));
-    let factors = || [&compressed.v, &compressed.b, &compressed.u].into_iter().flatten();
-    assert!(factors().all(|x| x.is_finite()) && compressed.scale > 0.0);
-    let mut samples = compressed.samples.clone();
-    samples.sort_unstable();
-    assert_eq!(samples, framebuffer.reflecting());
+/// View samples that reflect have rows, but for tiles that get no light.
+fn check_rows(compressed: &Transfer, framebuffer: &DeepFramebuffer) {
+    let (rows, reflecting) = (&compressed.chain[2].outputs, framebuffer.reflecting());
+    assert!(rows.iter().all(|row| reflecting.binary_search(row).is_ok()));
+    assert!(10 * rows.len() > 9 * reflecting.len(), "{} rows of {}", rows.len(), reflecting.len());
 }
 
 #[test]
@@ -126,8 +110,9 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
     for (scene, coarse) in [("cornell-diffuse.glb", 256), ("cornell-glossy.glb", 192), ("balls-2.glb", 256)] {
         let stage = Stage::load(&shipped(scene), 64);
         let transfer = stage.transfer(1024, coarse, 512);
-        let (compressed, report) = stage.compress(&transfer, 0.01);
-        check_shapes(&compressed, &stage.framebuffer);
+        let compressed = stage.compress(&transfer, 0.01);
+        let report = report(&compressed);
+        check_rows(&compressed, &stage.framebuffer);
         let error = held_out(&stage, &transfer, &compressed);
         println!(
             "{scene}: {error:.4}, points {:.4}, spots {:.4}, noise {:.4}",
@@ -137,26 +122,21 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
         // what was asked for longer than noise alone.
         assert!(error < report.noise + 0.005, "{scene}: {error}, noise {}", report.noise);
         // Dense is 3 for each of 1,024 to some 10,000 coefficients.
-        let dense = 3 * (compressed.samples.len() * compressed.coefficients) as u64;
-        assert!(compressed.multiply_adds() < dense / 2, "{scene}: {} of {dense}", compressed.multiply_adds());
+        let (pixels, coefficients) = (stage.framebuffer.reflecting().len(), transfer.fine.coefficient_count());
+        let (dense, (bytes, multiply_adds)) = (3 * (pixels * coefficients) as u64, compressed.cost());
+        assert!(multiply_adds < dense / 2, "{scene}: {multiply_adds} of {dense}");
         if scene != "cornell-diffuse.glb" {
             continue;
         }
         // Against rows gathered anew the noise that was left out tells in its favour.
         let judged = Validation { rays: 2048, share: 0.25, lights: 6, lobe: Lobe::All, seed: 99 };
         let direct = |light: &PackedLight| stage.direct(&transfer, light);
-        let relight = |light: &[DVec3]| {
-            let mut image = vec![DVec3::ZERO; stage.framebuffer.samples.len()];
-            let relit = compressed.relight(&Haar::new(&transfer.fine.first), light);
-            compressed.samples.iter().zip(relit).for_each(|(&i, x)| image[i as usize] = x);
-            image
-        };
-        let [points, spots] = validate(&transfer, &direct, relight, &judged, &|_| ());
+        let [points, spots] = validate(&transfer, &direct, |light| compressed.apply(light), &judged, &|_| ());
         println!("{points:?} {spots:?}");
         assert!(points.error < points.rows + 0.005, "{scene}: {points:?}");
         // Looser is smaller, and further off.
-        let (looser, _) = stage.compress(&transfer, 0.2);
-        assert!(looser.bytes() < compressed.bytes() && held_out(&stage, &transfer, &looser) > error);
+        let looser = stage.compress(&transfer, 0.2);
+        assert!(looser.cost().0 < bytes && held_out(&stage, &transfer, &looser) > error);
     }
 }
 
@@ -164,13 +144,12 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
 fn light_adds_up() {
     let stage = Stage::room(lambert(Vec3::new(0.7, 0.5, 0.2)), 32);
     let transfer = stage.transfer(200, 200, 64);
-    let (compressed, _) = stage.compress(&transfer, 0.02);
-    let haar = Haar::new(&transfer.fine.first);
+    let compressed = stage.compress(&transfer, 0.02);
     let random = RandomLights::new(&transfer, 7);
     let mut lights = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(&transfer, &light));
     let [a, b] = [lights.next().unwrap(), lights.next().unwrap()];
     let mixed: Vec<DVec3> = a.iter().zip(&b).map(|(a, b)| 2.0 * a + DVec3::new(0.5, 0.0, 3.0) * b).collect();
-    let [from_a, from_b, from_both] = [&a, &b, &mixed].map(|light| compressed.relight(&haar, light));
+    let [from_a, from_b, from_both] = [&a, &b, &mixed].map(|light| compressed.apply(light));
     let sum: Vec<DVec3> = from_a.iter().zip(&from_b).map(|(a, b)| 2.0 * a + DVec3::new(0.5, 0.0, 3.0) * b).collect();
     assert!(relative(&from_both, &sum) < 1e-12);
     assert!(from_a.iter().any(|x| *x != DVec3::ZERO));
@@ -181,20 +160,19 @@ fn light_adds_up() {
 fn half_precision_costs_nothing() {
     let stage = Stage::room(lambert(Vec3::splat(0.6)), 32);
     let transfer = stage.transfer(200, 200, 64);
-    let (compressed, _) = stage.compress(&transfer, 0.01);
-    let haar = Haar::new(&transfer.fine.first);
+    let compressed = stage.compress(&transfer, 0.01);
     let random = RandomLights::new(&transfer, 8);
     let mut lights = (0..).filter_map(|i| random.light(Kind::Point, i)).map(|light| stage.direct(&transfer, &light));
     let light = lights.find(|light| light.iter().any(|x| *x != DVec3::ZERO)).unwrap();
-    let before = compressed.relight(&haar, &light);
+    let before = compressed.apply(&light);
     // One more rounding, to a digit less, shows what rounding does.
     let coarser = |x: &mut f16| *x = f16::from_bits((x.to_bits() + 1) & !1);
     let mut rounded = compressed.clone();
-    rounded.v.iter_mut().chain(&mut rounded.b).chain(&mut rounded.u).for_each(coarser);
-    let moved = relative(&rounded.relight(&haar, &light), &before);
+    for matrix in &mut rounded.chain {
+        bytemuck::cast_slice_mut::<_, f16>(matrix.values.to_mut()).iter_mut().for_each(coarser);
+    }
+    let moved = relative(&rounded.apply(&light), &before);
     assert!(moved > 0.0 && moved < 3.0 * f64::exp2(-10.0), "{moved}");
-    let smallest = compressed.u.iter().chain(&compressed.v).map(|x| x.to_f32().abs()).fold(0.0, f32::max);
-    assert!((256.0..=1024.0).contains(&smallest), "the largest factor is {smallest}");
 }
 
 #[test]
@@ -205,7 +183,8 @@ fn the_same_bytes_on_any_number_of_threads() {
         pool.install(|| stage.compress(&stage.transfer(128, 64, 32), 0.05))
     };
     let (one, three) = (on(1), on(3));
-    assert!(one == three && !one.0.u.is_empty());
+    let bits = |transfer: &Transfer| transfer.chain.iter().map(|m| factors(m).to_vec()).collect::<Vec<_>>();
+    assert!(bits(&one) == bits(&three) && report(&one) == report(&three) && one.chain.iter().all(|m| m.bytes() > 0));
 }
 
 /// None would be a few percent of the diagonal from floor and ceiling.
@@ -221,8 +200,9 @@ fn low_rooms_have_lights() {
     let camera = look(eye, DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.0 });
     let stage = Stage::new(build.scene(), &camera, 48);
     let transfer = stage.transfer(1024, 256, 256);
-    let (compressed, report) = stage.compress(&transfer, 0.01);
-    check_shapes(&compressed, &stage.framebuffer);
+    let compressed = stage.compress(&transfer, 0.01);
+    let report = report(&compressed);
+    check_rows(&compressed, &stage.framebuffer);
     let error = held_out(&stage, &transfer, &compressed);
     println!("{error:.4}, points {:.4}, spots {:.4}, noise {:.4}", report.point, report.spot, report.noise);
     assert!(report.point > 0.0 && error < report.noise + 0.005, "{error}, noise {}", report.noise);
@@ -257,20 +237,19 @@ fn lights_come_again_where_few_are_seen() {
 fn nothing_to_compress() {
     // No gather samples; nothing that reflects; one of each.
     let black = Stage::room(lambert(Vec3::ZERO), 8);
-    let (nothing, report) = black.compress(&black.transfer(50, 50, 16), 0.01);
-    assert!(nothing.samples.is_empty() && nothing.superclusters.is_empty() && report.tiles.is_empty());
-    assert_eq!(nothing.apply(&[]), []);
+    let nothing = black.compress(&black.transfer(50, 50, 16), 0.01);
+    assert!(nothing.chain.iter().all(|matrix| matrix.panels.is_empty()) && report(&nothing).tiles.is_empty());
+    assert!(nothing.apply(&[]).iter().all(|x| *x == DVec3::ZERO));
 
     let grey = Stage::room(lambert(Vec3::splat(0.5)), 8);
     for coarse in [1, 0] {
         let transfer = grey.transfer(1, coarse, 64);
-        let (one, _) = grey.compress(&transfer, 0.01);
-        check_shapes(&one, &grey.framebuffer);
-        assert_eq!(one.coefficients, transfer.fine.coefficient_count());
-        let haar = Haar::new(&transfer.fine.first);
-        let light = vec![DVec3::new(1.0, 2.0, 3.0); one.coefficients];
-        let dense = transfer.apply(std::slice::from_ref(&light), &one.samples, Lobe::All, &|_| ()).remove(0);
-        assert!(relative(&one.relight(&haar, &light), &dense) < 1e-3);
+        let one = grey.compress(&transfer, 0.01);
+        check_rows(&one, &grey.framebuffer);
+        let light = vec![DVec3::new(1.0, 2.0, 3.0); transfer.fine.coefficient_count()];
+        let all: Vec<u32> = (0..grey.framebuffer.samples.len() as u32).collect();
+        let dense = transfer.apply(std::slice::from_ref(&light), &all, Lobe::All, &|_| ()).remove(0);
+        assert!(relative(&one.apply(&light), &dense) < 1e-3);
     }
 
     let away = look(DVec3::splat(9.0), DVec3::splat(10.0), DVec3::Y, Projection::Perspective { yfov: 1.0 });
@@ -278,6 +257,6 @@ fn nothing_to_compress() {
     let wall = build.material(lambert(Vec3::splat(0.5)));
     build.room(DVec3::ZERO, 1.0, wall);
     let unseen = Stage::new(build.scene(), &away, 8);
-    let (none, _) = unseen.compress(&unseen.transfer(50, 20, 16), 0.01);
-    assert!(none.samples.is_empty() && none.apply(&vec![DVec3::ONE; none.coefficients]).is_empty());
+    let none = unseen.compress(&unseen.transfer(50, 20, 16), 0.01);
+    assert!(none.chain[2].panels.is_empty());
 }

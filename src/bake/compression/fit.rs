@@ -120,7 +120,7 @@ pub struct Factors {
     /// One for each of the list, 1 for these.
     pub tints: Vec<Vec3>,
     pub rank: usize,
-    /// As in [`Compressed::v`](super::data::Compressed::v).
+    /// The blocks of red, green and blue in turn, rank x own terms; then that of all three, rank x others.
     pub v: Vec<f16>,
     pub tiles: Vec<TileFactors>,
 }
@@ -142,7 +142,7 @@ pub struct TileFactors {
     pub rank: usize,
     /// rank x the supercluster's rank.
     pub b: Vec<f16>,
-    /// Pixels x rank; not rounded yet, since its scale is that of the whole image.
+    /// Pixels x rank; not rounded yet: packing does.
     pub u: Vec<f32>,
 }
 

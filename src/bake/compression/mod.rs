@@ -9,11 +9,11 @@
 //! ```
 //!
 //! λ̂ are the [Haar terms](haar) of direct light, J those that matter to the supercluster; most lights go there behind
-//! [tints](data::Compressed::tints). Differs from [Hasan 2006]: nested bases instead of each row's own wavelets.
+//! [tints](chain::Chain). Differs from [Hasan 2006]: nested bases instead of each row's own wavelets.
 
 pub mod bounces;
+mod chain;
 pub mod clusters;
-pub mod data;
 pub mod fit;
 pub mod haar;
 pub(super) mod largest;
@@ -30,20 +30,20 @@ pub use self::report::Report;
 
 use std::ops::Range;
 
-use glam::DVec3;
-use half::f16;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::bounces::Bounces;
+use self::chain::Chain;
 use self::clusters::Clusters;
-use self::data::{Compressed, Supercluster, Tile};
 use self::fit::{Budget, Factors, Inputs, Projected, Resampled, RowProducts};
 use self::haar::Haar;
 use self::lights::Kind;
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
 use self::vector_batch::{Compact, WIDTH};
+use super::transfer::blocks::BlockMatrix;
 use super::transport::LightTransport;
 use super::transport::directions::Lobe;
 use crate::physics::sequence::Points;
@@ -73,6 +73,15 @@ pub struct Compressor<'a> {
 
 /// For each tile and light to check with: squared error and square of the image, whole images having square 1.
 pub type Found = Vec<Vec<[f64; 2]>>;
+
+/// The compressed operator.
+pub struct Compressed {
+    /// From Haar terms of direct light to view samples, see [`Chain`].
+    pub chain: Vec<BlockMatrix>,
+    /// Indirect radiance of emitters at each view sample, exactly; empty without any.
+    pub emission: Vec<Vec3>,
+    pub report: Report,
+}
 
 /// A supercluster, or part of one, and what it was fitted by.
 #[derive(Serialize, Deserialize)]
@@ -116,7 +125,7 @@ impl<'a> Compressor<'a> {
     }
 
     /// Compresses all view samples that reflect anything; `progress` counts them. What `journal` has is not fitted again.
-    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (Compressed, Report) {
+    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> Compressed {
         let mut fitted = self.fit_all(&self.clusters.superclusters().collect::<Vec<_>>(), journal, progress);
         loop {
             let halves = take_halves(&mut fitted);
@@ -126,21 +135,20 @@ impl<'a> Compressor<'a> {
             fitted.extend(self.fit_all(&halves, journal, progress));
         }
         fitted.sort_by_key(|f| f.tiles.start);
-        let mut compressed = Compressed { coefficients: self.transfer.fine.coefficient_count(), ..Default::default() };
-        let mut u = Vec::new();
+        let view_samples = self.transfer.framebuffer().samples.len();
+        let mut chain = Chain::new(self.transfer.fine.coefficient_count(), view_samples);
+        let mut emission = vec![Vec3::ZERO; if self.emitted.is_some() { view_samples } else { 0 }];
         let mut errors = Errors::new(&self.clusters);
         for fitted in fitted {
             errors.add(&fitted);
-            let rows = self.clusters.rows(&fitted.tiles);
+            let samples = &self.clusters.samples[self.clusters.rows(&fitted.tiles)];
             if !fitted.is_enough() {
-                progress(rows.len());
+                progress(samples.len());
             }
-            compressed.emission.extend(fitted.emission);
-            let within = self.within(&fitted.tiles);
-            append(&mut compressed, &mut u, fitted.factors, &within, &self.clusters.samples[rows]);
+            samples.iter().zip(&fitted.emission).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
+            chain.push(&fitted.factors, &self.within(&fitted.tiles), samples);
         }
-        round(&mut compressed, &u);
-        (compressed, errors.report())
+        Compressed { chain: chain.finish(), emission, report: errors.report() }
     }
 
     /// Fits ranges of tiles; `progress` counts the view samples of those that are close enough.
@@ -342,51 +350,6 @@ pub(super) fn some(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
     let points = Points::new(seed, 0);
     let pick = |i: usize| samples[(points.at(i as u32, 0)[0] * samples.len() as f64) as usize];
     (0..count.min(samples.len())).map(pick).collect()
-}
-
-/// Adds a supercluster to what is compressed already; its U goes to `u` unrounded.
-fn append(compressed: &mut Compressed, u: &mut Vec<f32>, factors: Factors, tiles: &[Range<usize>], samples: &[u32]) {
-    let first_sample = compressed.tiles.last().map_or(0, |t| t.first_sample + t.samples);
-    compressed.superclusters.push(Supercluster {
-        first_term: compressed.terms.len() as u32,
-        terms: factors.list.len() as u32,
-        own: factors.own as u32,
-        rank: factors.rank as u32,
-        first_tile: compressed.tiles.len() as u32,
-        tiles: tiles.len() as u32,
-        first_v: compressed.v.len() as u64,
-    });
-    for (tile, rows) in factors.tiles.iter().zip(tiles) {
-        compressed.tiles.push(Tile {
-            supercluster: compressed.superclusters.len() as u32 - 1,
-            first_sample: first_sample + rows.start as u32,
-            samples: rows.len() as u32,
-            rank: tile.rank as u32,
-            first_b: compressed.b.len() as u64,
-            first_u: u.len() as u64,
-        });
-        compressed.b.extend(&tile.b);
-        u.extend(&tile.u);
-    }
-    compressed.terms.extend(factors.list);
-    compressed.tints.extend(factors.tints);
-    compressed.v.extend(factors.v);
-    compressed.samples.extend(samples);
-}
-
-/// Largest factor of U, as of V.
-const U_LARGEST: f32 = 1024.0;
-
-/// Rounds U, in units that suit half precision.
-fn round(compressed: &mut Compressed, u: &[f32]) {
-    let largest = u.iter().fold(0.0f32, |max, x| max.max(x.abs()));
-    compressed.scale = if largest > 0.0 { (largest / U_LARGEST).log2().ceil().exp2() } else { 1.0 };
-    compressed.u = u.iter().map(|x| f16::from_f32(x / compressed.scale)).collect();
-    let finite = |factors: &[f16]| factors.iter().all(|x| x.is_finite());
-    assert!(
-        finite(&compressed.u) && finite(&compressed.b) && finite(&compressed.v),
-        "a factor is beyond half precision"
-    );
 }
 
 #[cfg(test)]

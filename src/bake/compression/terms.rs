@@ -4,10 +4,12 @@
 //! multiples of one vector, v t with a tint t (docs/method.md, "Tints"). So a term may go with one column and a tint of
 //! its light, for a third of the bytes, or with all three.
 
+use crate::shared::PANEL_COLUMNS;
 use faer::Mat;
 use glam::{DMat3, DVec3, Vec3};
 
-use super::data::MULTIPLE;
+/// Ranks and lists come in multiples of this: 16 bytes of factors.
+pub const MULTIPLE: usize = PANEL_COLUMNS as usize;
 
 /// The terms that a supercluster sees, ascending.
 #[derive(Debug, PartialEq)]
