@@ -21,7 +21,7 @@ use crate::storage::file::{is_temporary, open, write_whole};
 use crate::storage::mapped::{Elements, Mapping};
 
 /// Counts changes of what a file holds.
-const FORMAT: &str = "20";
+const FORMAT: &str = "21";
 
 /// Name of what a bake depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]
