@@ -11,39 +11,12 @@ use crate::error::{Error, Result};
 /// Values of specialization constants, by `constant_id`: what a scene does not use compiles to nothing.
 pub type Specialization<'a> = &'a [(u32, u32)];
 
-/// SPIR-V of every shader in `glsl/`, by file name.
-macro_rules! embedded {
-    ($($name:literal),* $(,)?) => {
-        pub(super) fn embedded_spirv(name: &str) -> Option<&'static [u8]> {
-            match name {
-                $($name => Some(include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".spv"))),)*
-                _ => None,
-            }
-        }
-    };
+/// File name and SPIR-V of every shader in `glsl/`; the build script writes the list.
+static SPIRV: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
+
+pub(super) fn embedded_spirv(file_name: &str) -> Option<&'static [u8]> {
+    SPIRV.iter().find(|(name, _)| *name == file_name).map(|(_, spirv)| *spirv)
 }
-embedded![
-    "shade_light.comp",
-    "shade_gather.comp",
-    "add_light_rays.comp",
-    "shade_factored.comp",
-    "haar.comp",
-    "haar_sums.comp",
-    "multiply_blocks.comp",
-    "multiply_sparse.comp",
-    "resolve.comp",
-    "sum_images.comp",
-    "composite.comp",
-    "sheet.comp",
-    "inspect.comp",
-    "count_non_finite.comp",
-    "fit.comp",
-    "yardstick.comp",
-    "shadow.vert",
-    "shadow_cutout.vert",
-    "shadow_cutout.frag",
-    "shadow_pcf.comp"
-];
 
 /// One compute pipeline.
 pub struct Kernel {
