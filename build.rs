@@ -14,13 +14,12 @@ fn main() {
 
     let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let out = Path::new(&out);
-    let shared = shared::shared_glsl();
     let files = std::fs::read_dir("glsl").expect("glsl/ is beside build.rs").flatten();
     let mut kernels: Vec<_> = files.map(|file| file.path()).filter(|path| path.is_file()).collect();
     kernels.sort();
     let mut list = String::new();
     for path in kernels {
-        let spirv = compile::compile(&path, &shared).unwrap_or_else(|log| panic!("{log}"));
+        let spirv = compile::compile(&path).unwrap_or_else(|log| panic!("{log}"));
         let name = path.file_name().expect("it is a file").to_string_lossy();
         let bytes: Vec<u8> = spirv.into_iter().flat_map(u32::to_ne_bytes).collect();
         std::fs::write(out.join(format!("{name}.spv")), bytes).expect("OUT_DIR is writable");

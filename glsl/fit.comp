@@ -7,7 +7,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { FitPush push; };
 // Whether the picture shrinks along any axis.
 layout(constant_id = 0) const bool SHRINKS = false;
 

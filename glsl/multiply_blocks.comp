@@ -9,7 +9,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { MultiplyBlocksPush push; };
 // 3: the first columns have factors for R, G and B each, the others a tint of their input; 1: R, G and B share all factors.
 layout(constant_id = 0) const uint CHANNELS = 1;
 // Whether rows are view samples, whose radiance is added to; else elements of the vector itself.

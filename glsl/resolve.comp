@@ -7,7 +7,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ResolvePush push; };
 
 void main() {
     uint index = thread_index();

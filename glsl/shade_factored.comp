@@ -10,7 +10,6 @@
 #include "lib/light.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadeFactoredPush push; };
 
 void main() {
     uint index = thread_index();

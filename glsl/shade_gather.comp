@@ -10,7 +10,6 @@
 #include "lib/light.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadeGatherPush push; };
 // Most degrees that any sample has.
 layout(constant_id = 0) const uint DEGREES = HARMONIC_DEGREES;
 

@@ -9,7 +9,6 @@
 #include "lib/light.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadeLightPush push; };
 // Whether any BRDF of the scene has a specular lobe.
 layout(constant_id = 0) const bool SPECULAR = true;
 

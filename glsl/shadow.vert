@@ -5,7 +5,6 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
 
-layout(push_constant, scalar) uniform Block { ShadowPush push; };
 
 void main() {
     uint at = 3 * gl_VertexIndex;

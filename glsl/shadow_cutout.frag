@@ -6,7 +6,6 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shared.glsl"
 
-layout(push_constant, scalar) uniform Block { ShadowCutoutPush push; };
 layout(location = 0) in vec2 uv;
 layout(location = 1) in float alpha;
 layout(location = 2) flat in uvec2 cutout_and_triangle;

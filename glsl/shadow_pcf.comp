@@ -8,7 +8,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadowPcfPush push; };
 layout(set = 0, binding = 0) uniform sampler2DArrayShadow shadow_map;
 
 // The cube face that holds direction v: +X, -X, +Y, -Y, +Z, -Z.

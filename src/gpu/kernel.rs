@@ -1,12 +1,14 @@
 //! Compute kernels: GLSL compiled at build time, specialised at start.
 
 use std::ffi::CStr;
+use std::marker::PhantomData;
 use std::sync::Arc;
 
 use ash::vk;
 
 use super::context::{Context, vulkan};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::shared::gpu_struct::Push;
 
 /// Values of specialization constants, by `constant_id`: what a scene does not use compiles to nothing.
 pub type Specialization<'a> = &'a [(u32, u32)];
@@ -18,35 +20,33 @@ pub(super) fn embedded_spirv(file_name: &str) -> Option<&'static [u8]> {
     SPIRV.iter().find(|(name, _)| *name == file_name).map(|(_, spirv)| *spirv)
 }
 
-/// One compute pipeline.
-pub struct Kernel {
-    #[cfg(feature = "hot-reload")]
-    name: String,
+/// One compute pipeline, of the kernel that `P` is for.
+pub struct Kernel<P> {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
     #[cfg(feature = "hot-reload")]
     specialization: Vec<(u32, u32)>,
     #[cfg(feature = "hot-reload")]
     modified: Option<std::time::SystemTime>,
+    push: PhantomData<P>,
 }
 
 pub(super) const ENTRY_POINT: &CStr = c"main";
 
-impl Kernel {
-    /// Compiles `glsl/{name}.comp` for this device, or takes it from the pipeline cache.
-    pub fn new(context: &Arc<Context>, name: &str, specialization: Specialization) -> Result<Self> {
-        let spirv = embedded_spirv(&format!("{name}.comp"))
-            .ok_or_else(|| Error::Shader { kernel: name.into(), log: "no such kernel was compiled in".into() })?;
-        let pipeline = create_pipeline(context, name, spirv, specialization)?;
+impl<P: Push> Kernel<P> {
+    /// Compiles the kernel for this device, or takes it from the pipeline cache.
+    pub fn new(context: &Arc<Context>, specialization: Specialization) -> Result<Self> {
+        let file = format!("{}.comp", P::KERNEL);
+        let spirv = embedded_spirv(&file).unwrap_or_else(|| panic!("there is no glsl/{file}"));
+        let pipeline = create_pipeline(context, P::KERNEL, spirv, specialization)?;
         Ok(Self {
-            #[cfg(feature = "hot-reload")]
-            name: name.into(),
             pipeline,
             context: context.clone(),
             #[cfg(feature = "hot-reload")]
             specialization: specialization.to_vec(),
             #[cfg(feature = "hot-reload")]
             modified: None,
+            push: PhantomData,
         })
     }
 
@@ -58,7 +58,7 @@ impl Kernel {
     /// stays as it was. Looks at `glsl/` where this program was built. Returns whether it is a new one.
     #[cfg(feature = "hot-reload")]
     pub fn reload_if_changed(&mut self) -> bool {
-        let path = format!("{}/glsl/{}.comp", env!("CARGO_MANIFEST_DIR"), self.name);
+        let path = format!("{}/glsl/{}.comp", env!("CARGO_MANIFEST_DIR"), P::KERNEL);
         let path = std::path::Path::new(&path);
         let folder = path.with_file_name("lib");
         let includes = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -68,14 +68,14 @@ impl Kernel {
         if seen.is_none_or(|seen| seen == modified) {
             return false;
         }
-        let made = super::compile::compile(path, &crate::shared::shared_glsl())
-            .map_err(|log| Error::Shader { kernel: self.name.clone(), log })
+        let made = super::compile::compile(path)
+            .map_err(|log| crate::error::Error::Shader { kernel: P::KERNEL.into(), log })
             .and_then(|spirv| {
-                create_pipeline(&self.context, &self.name, bytemuck::cast_slice(&spirv), &self.specialization)
+                create_pipeline(&self.context, P::KERNEL, bytemuck::cast_slice(&spirv), &self.specialization)
             });
         match made {
             Ok(pipeline) => {
-                tracing::info!("reloaded {}", self.name);
+                tracing::info!("reloaded {}", P::KERNEL);
                 // SAFETY: frames are waited for before kernels can be borrowed mutably.
                 unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
                 self.pipeline = pipeline;
@@ -89,7 +89,7 @@ impl Kernel {
     }
 }
 
-impl Drop for Kernel {
+impl<P> Drop for Kernel<P> {
     fn drop(&mut self) {
         // SAFETY: every frame is waited for before its borrow of the kernel ends.
         unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };

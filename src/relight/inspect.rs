@@ -21,8 +21,8 @@ pub struct Inspection {
 
 /// Kernels and what they count, made when they are first asked for.
 pub(super) struct Inspector {
-    histogram: Kernel,
-    probe: Kernel,
+    histogram: Kernel<InspectPush>,
+    probe: Kernel<InspectPush>,
     counts: Buffer<u32>,
     radiance: Buffer<u32>,
     pub wanted: Inspection,
@@ -39,8 +39,8 @@ impl Inspector {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let buffer = |count| Buffer::new(context, "inspection", Access::HostWrites, count);
         Ok(Self {
-            histogram: Kernel::new(context, "inspect", &[(0, 1)])?,
-            probe: Kernel::new(context, "inspect", &[(0, 0)])?,
+            histogram: Kernel::new(context, &[(0, 1)])?,
+            probe: Kernel::new(context, &[(0, 0)])?,
             counts: buffer(HISTOGRAM_BINS as usize)?,
             radiance: buffer(3)?,
             wanted: Inspection::default(),
@@ -93,7 +93,7 @@ impl Inspector {
 
 /// One look at a picture.
 struct Look<'a> {
-    kernel: &'a Kernel,
+    kernel: &'a Kernel<InspectPush>,
     result: &'a Buffer<u32>,
     pixels: UVec2,
     exposure: f32,

@@ -39,7 +39,7 @@ use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::{Rig, Scene};
-use crate::shared::LIGHTS_A_PASS;
+use crate::shared::{LIGHTS_A_PASS, ResolvePush, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::Bvh;
 
 /// How pictures leave the relighter.
@@ -156,9 +156,9 @@ struct Last<'a> {
 }
 
 struct Kernels {
-    shade_light: Kernel,
-    resolve: Kernel,
-    sum_images: Kernel,
+    shade_light: Kernel<ShadeLightPush>,
+    resolve: Kernel<ResolvePush>,
+    sum_images: Kernel<SumImagesPush>,
 }
 
 impl Relighter {
@@ -202,9 +202,9 @@ impl Relighter {
             visibility: VisibilityBuffers::new(context, baked, traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
             kernels: Kernels {
-                shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(baked.has_specular))])?,
-                resolve: Kernel::new(context, "resolve", &[])?,
-                sum_images: Kernel::new(context, "sum_images", &[])?,
+                shade_light: Kernel::new(context, &[(0, u32::from(baked.has_specular))])?,
+                resolve: Kernel::new(context, &[])?,
+                sum_images: Kernel::new(context, &[])?,
             },
             outputs: Outputs::new(context, baked.tiling.width as usize * baked.tiling.height as usize),
             tone_map: settings.tone_map,
@@ -274,7 +274,7 @@ impl Relighter {
         assert_eq!(size(&baked), size(&self.baked), "light images have the size of the first bake");
         if baked.has_specular != self.baked.has_specular {
             let specialization = [(0, u32::from(baked.has_specular))];
-            self.kernels.shade_light = Kernel::new(&self.context, "shade_light", &specialization)?;
+            self.kernels.shade_light = Kernel::new(&self.context, &specialization)?;
         }
         let transfer = baked.transfer.as_ref();
         self.indirect = None; // its memory first
@@ -539,8 +539,10 @@ impl Relighter {
     #[cfg(feature = "hot-reload")]
     fn reload_changed_kernels(&mut self) -> bool {
         let Kernels { shade_light, resolve, sum_images } = &mut self.kernels;
-        let kernels = [shade_light, resolve, sum_images].into_iter().chain(self.outputs.kernels());
-        kernels.fold(false, |changed, kernel| kernel.reload_if_changed() | changed)
+        shade_light.reload_if_changed()
+            | resolve.reload_if_changed()
+            | sum_images.reload_if_changed()
+            | self.outputs.reload_changed_kernels()
     }
 }
 

@@ -14,6 +14,12 @@ pub trait Glsl: Pod {
     fn name() -> String;
 }
 
+/// Push constants, of one kernel.
+pub trait Push: Pod {
+    /// Its shaders are `glsl/{KERNEL}.*`.
+    const KERNEL: &'static str;
+}
+
 macro_rules! primitive {
     ($($rust:ty => $glsl:literal),* $(,)?) => {
         $(impl Glsl for $rust {
@@ -90,17 +96,23 @@ pub fn references<T: Glsl>() -> String {
         .concat()
 }
 
-/// Declares constants and structs for both languages, and `shared_glsl()`, their GLSL.
+/// The kernel that `P` is for, and GLSL of its interface.
+pub fn interface<P: Push + Glsl>() -> (&'static str, String) {
+    (P::KERNEL, format!("layout(push_constant, scalar) uniform Block {{ {} push; }};\n", P::name()))
+}
+
+/// Declares constants and structs for both languages; `shared_glsl()`, their GLSL; and `interfaces()`, GLSL of what each
+/// kernel alone sees, by its name.
 ///
-/// `struct` items can be elements of buffers; `push` items are push constants and must fit 128 bytes, the smallest
-/// limit that Vulkan allows. Eight-byte fields come first.
+/// `struct` items can be elements of buffers. `push` items are push constants `for` the kernel that they name, and must
+/// fit 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first.
 macro_rules! gpu_shared {
     (
         constants { $($(#[doc = $const_doc:literal])* pub const $constant:ident: u32 = $value:expr;)* }
         floats { $($(#[doc = $float_doc:literal])* pub const $float:ident: f32 = $float_value:expr;)* }
         tables { $($(#[doc = $table_doc:literal])* pub const $table:ident: [u32; $length:expr] = $entries:expr;)* }
         structs {
-            $($(#[doc = $doc:literal])* pub $kind:ident $name:ident {
+            $($(#[doc = $doc:literal])* pub $kind:ident $name:ident $(for $kernel:ident)? {
                 $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty,)*
             })*
         }
@@ -110,6 +122,7 @@ macro_rules! gpu_shared {
         $($(#[doc = $table_doc])* pub const $table: [u32; $length] = $entries;)*
         $(
             $(#[doc = $doc])*
+            $(#[doc = concat!("Push constants of `glsl/", stringify!($kernel), "`.")])?
             #[repr(C)]
             #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
             pub struct $name {
@@ -120,7 +133,12 @@ macro_rules! gpu_shared {
                     stringify!($name).into()
                 }
             }
-            gpu_shared!(@check $kind $name);
+            $(
+                impl $crate::shared::gpu_struct::Push for $name {
+                    const KERNEL: &'static str = stringify!($kernel);
+                }
+                const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
+            )?
         )*
 
         /// GLSL of everything declared here.
@@ -152,16 +170,20 @@ macro_rules! gpu_shared {
             )*
             glsl
         }
-    };
-    (@check struct $name:ident) => {};
-    (@check push $name:ident) => {
-        const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
+
+        /// By kernel, GLSL of its interface.
+        pub fn interfaces() -> Vec<(&'static str, String)> {
+            vec![$($(gpu_shared!(@interface $name $kernel),)?)*]
+        }
     };
     (@references struct $name:ident) => {
         &$crate::shared::gpu_struct::references::<$name>()
     };
     (@references push $name:ident) => {
-        "" // each kernel declares its own push constant block
+        "" // only its kernel sees it, see `interface`
+    };
+    (@interface $name:ident $kernel:ident) => {
+        $crate::shared::gpu_struct::interface::<$name>()
     };
 }
 pub(crate) use gpu_shared;
