@@ -7,8 +7,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-// Whether the picture shrinks along any axis.
-layout(constant_id = 0) const bool SHRINKS = false;
 
 vec4 source(ivec2 at) {
     uvec2 inside = uvec2(clamp(at, ivec2(0), ivec2(push.source_size) - 1));

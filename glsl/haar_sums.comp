@@ -9,7 +9,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(constant_id = 0) const uint LIGHTS = 1;
 
 void main() {
     uint index = thread_index();

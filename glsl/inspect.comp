@@ -9,8 +9,6 @@
 #include "lib/color.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-// A histogram of all pixels; else one pixel.
-layout(constant_id = 0) const bool HISTOGRAM = true;
 
 shared uint bins[HISTOGRAM_BINS];
 

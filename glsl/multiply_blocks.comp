@@ -9,12 +9,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-// 3: the first columns have factors for R, G and B each, the others a tint of their input; 1: R, G and B share all factors.
-layout(constant_id = 0) const uint CHANNELS = 1;
-// Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
-layout(constant_id = 1) const bool TO_VIEW_SAMPLES = false;
-// Vectors, element by element side by side: factors are read once for all.
-layout(constant_id = 2) const uint LIGHTS = 1;
 
 #include "lib/add_radiance.glsl"
 

@@ -8,7 +8,6 @@
 #include "lib/thread.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(constant_id = 0) const uint LIGHTS = 1;
 
 #include "lib/add_radiance.glsl"
 

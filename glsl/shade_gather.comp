@@ -10,8 +10,6 @@
 #include "lib/light.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-// Most degrees that any sample has.
-layout(constant_id = 0) const uint DEGREES = HARMONIC_DEGREES;
 
 const uint RADIALS = HARMONIC_DEGREES * (HARMONIC_DEGREES + 1) / 2;
 const uint SCHLICK = TABLE_ROUGHNESSES * TABLE_COSINES * RADIALS * 2;

@@ -9,8 +9,6 @@
 #include "lib/light.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-// Whether any BRDF of the scene has a specular lobe.
-layout(constant_id = 0) const bool SPECULAR = true;
 
 vec3 shade(uint index) {
     ViewSample s = push.samples.at[index];

@@ -9,7 +9,6 @@
 #include "lib/color.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-layout(constant_id = 0) const uint OUTPUT = OUTPUT_LINEAR;
 
 #include "lib/display.glsl"
 

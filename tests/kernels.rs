@@ -28,7 +28,7 @@ fn resolve() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(3);
-    let kernel = Kernel::<ResolvePush>::new(&gpu, &[]).unwrap();
+    let kernel = Kernel::<ResolvePush>::new(&gpu, ()).unwrap();
     for (case, &pixels) in RAGGED.iter().enumerate() {
         let extras = [0, 1, 5, 200, 3, 77, 20_000][case];
         let layers = [u32::MAX, 1, !1, 0b100][case % 4];
@@ -88,7 +88,7 @@ fn sum_images() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(4);
-    let kernel = Kernel::<SumImagesPush>::new(&gpu, &[]).unwrap();
+    let kernel = Kernel::<SumImagesPush>::new(&gpu, ()).unwrap();
     for (case, &quarter) in RAGGED.iter().enumerate() {
         let stride = 4 * quarter;
         for term_count in 0..=MAX_TERMS as usize {
@@ -138,7 +138,7 @@ fn composite_sums_exposes_and_maps_tones() {
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(6);
     for output_kind in [OUTPUT_LINEAR, OUTPUT_CLAMPED, OUTPUT_AGX, OUTPUT_PBR_NEUTRAL] {
-        let kernel = Kernel::<CompositePush>::new(&gpu, &[(0, output_kind)]).unwrap();
+        let kernel = Kernel::<CompositePush>::new(&gpu, OutputConstants { output: output_kind }).unwrap();
         for (width, height) in SIZES {
             let tiling = relume::bake::view_samples::Tiling { width, height };
             let stride = tiling.len();
@@ -225,8 +225,8 @@ fn fit() {
     let mut random = Random::new(11);
     for (from, to) in [([7, 5], [7, 5]), ([7, 5], [20, 13]), ([64, 48], [33, 25]), ([1, 1], [9, 3]), ([50, 3], [7, 9])]
     {
-        let shrinks = u32::from(from[0] > to[0] || from[1] > to[1]);
-        let kernel = Kernel::<FitPush>::new(&gpu, &[(0, shrinks)]).unwrap();
+        let shrinks = from[0] > to[0] || from[1] > to[1];
+        let kernel = Kernel::<FitPush>::new(&gpu, FitConstants { shrinks }).unwrap();
         let pixels: Vec<u32> = (0..from[0] * from[1]).map(|_| random.below(1 << 32) as u32).collect();
         let source = Buffer::from_slice(&gpu, "test picture", &pixels).unwrap();
         let count = (to[0] * to[1]) as usize;
@@ -260,7 +260,7 @@ fn yardstick() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(7);
-    let kernel = Kernel::<YardstickPush>::new(&gpu, &[]).unwrap();
+    let kernel = Kernel::<YardstickPush>::new(&gpu, ()).unwrap();
     for count in RAGGED {
         let samples: Vec<Vec4> = (0..2 * count).map(|_| random.color().extend(random.unit() as f32)).collect();
         let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
@@ -292,7 +292,7 @@ fn yardstick() {
 fn passes_see_what_earlier_ones_wrote() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
-    let kernel = Kernel::<SumImagesPush>::new(&gpu, &[]).unwrap();
+    let kernel = Kernel::<SumImagesPush>::new(&gpu, ()).unwrap();
     let quarter = 50_000;
     let mut buffers: Vec<Buffer<Vec4>> =
         (0..3).map(|_| Buffer::new(&gpu, "test chain", Access::HostReads, 3 * quarter).unwrap()).collect();
@@ -357,7 +357,7 @@ fn writing_twice_in_one_pass_stops() {
 fn barriers_follow_from_declared_accesses() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
-    let kernel = Kernel::<YardstickPush>::new(&gpu, &[]).unwrap();
+    let kernel = Kernel::<YardstickPush>::new(&gpu, ()).unwrap();
     let samples = Buffer::from_slice(&gpu, "test samples", &[Vec4::ONE; 4]).unwrap();
     let (a, b) = (output(&gpu, 8), output(&gpu, 8));
     // Which buffer each pass reads (`None`: the samples) and writes, and the barriers up to and with it.
@@ -394,7 +394,7 @@ fn barriers_follow_from_declared_accesses() {
 fn frames_go_on_after_one_was_dropped() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
-    let kernel = Kernel::<YardstickPush>::new(&gpu, &[]).unwrap();
+    let kernel = Kernel::<YardstickPush>::new(&gpu, ()).unwrap();
     let samples = Buffer::from_slice(&gpu, "test samples", &[Vec4::ONE; 2]).unwrap();
     let results = output(&gpu, 3);
     let record = |frame: &mut Frame| {

@@ -8,10 +8,7 @@ use ash::vk;
 
 use super::context::{Context, vulkan};
 use crate::error::Result;
-use crate::shared::gpu_struct::Push;
-
-/// Values of specialization constants, by `constant_id`: what a scene does not use compiles to nothing.
-pub type Specialization<'a> = &'a [(u32, u32)];
+use crate::shared::gpu_struct::{Constants, Push};
 
 /// File name and SPIR-V of every shader in `glsl/`; the build script writes the list.
 static SPIRV: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
@@ -21,11 +18,11 @@ pub(super) fn embedded_spirv(file_name: &str) -> Option<&'static [u8]> {
 }
 
 /// One compute pipeline, of the kernel that `P` is for.
-pub struct Kernel<P> {
+pub struct Kernel<P: Push> {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
     #[cfg(feature = "hot-reload")]
-    specialization: Vec<(u32, u32)>,
+    constants: P::Constants,
     #[cfg(feature = "hot-reload")]
     modified: Option<std::time::SystemTime>,
     push: PhantomData<P>,
@@ -35,15 +32,15 @@ pub(super) const ENTRY_POINT: &CStr = c"main";
 
 impl<P: Push> Kernel<P> {
     /// Compiles the kernel for this device, or takes it from the pipeline cache.
-    pub fn new(context: &Arc<Context>, specialization: Specialization) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, constants: P::Constants) -> Result<Self> {
         let file = format!("{}.comp", P::KERNEL);
         let spirv = embedded_spirv(&file).unwrap_or_else(|| panic!("there is no glsl/{file}"));
-        let pipeline = create_pipeline(context, P::KERNEL, spirv, specialization)?;
+        let pipeline = create_pipeline(context, P::KERNEL, spirv, &constants)?;
         Ok(Self {
             pipeline,
             context: context.clone(),
             #[cfg(feature = "hot-reload")]
-            specialization: specialization.to_vec(),
+            constants,
             #[cfg(feature = "hot-reload")]
             modified: None,
             push: PhantomData,
@@ -70,9 +67,7 @@ impl<P: Push> Kernel<P> {
         }
         let made = super::compile::compile(path)
             .map_err(|log| crate::error::Error::Shader { kernel: P::KERNEL.into(), log })
-            .and_then(|spirv| {
-                create_pipeline(&self.context, P::KERNEL, bytemuck::cast_slice(&spirv), &self.specialization)
-            });
+            .and_then(|spirv| create_pipeline(&self.context, P::KERNEL, bytemuck::cast_slice(&spirv), &self.constants));
         match made {
             Ok(pipeline) => {
                 tracing::info!("reloaded {}", P::KERNEL);
@@ -89,23 +84,18 @@ impl<P: Push> Kernel<P> {
     }
 }
 
-impl<P> Drop for Kernel<P> {
+impl<P: Push> Drop for Kernel<P> {
     fn drop(&mut self) {
         // SAFETY: every frame is waited for before its borrow of the kernel ends.
         unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
     }
 }
 
-fn create_pipeline(
-    context: &Context,
-    name: &str,
-    spirv: &[u8],
-    specialization: Specialization,
-) -> Result<vk::Pipeline> {
-    let entries: Vec<_> = (0..specialization.len())
-        .map(|i| vk::SpecializationMapEntry { constant_id: specialization[i].0, offset: 4 * i as u32, size: 4 })
+fn create_pipeline(context: &Context, name: &str, spirv: &[u8], constants: &impl Constants) -> Result<vk::Pipeline> {
+    let values: Vec<u8> = constants.list().iter().flat_map(|(.., value)| value.to_ne_bytes()).collect();
+    let entries: Vec<_> = (0..values.len() as u32 / 4)
+        .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
         .collect();
-    let values: Vec<u8> = specialization.iter().flat_map(|(_, value)| value.to_ne_bytes()).collect();
     let info = vk::SpecializationInfo::default().map_entries(&entries).data(&values);
     let module = ShaderModule::new(context, name, spirv)?;
     let stage = vk::PipelineShaderStageCreateInfo::default()

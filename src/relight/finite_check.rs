@@ -32,7 +32,7 @@ impl FiniteCheck {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let mut counts = Buffer::new(context, "non-finite values", Access::HostWrites, NAMES.len())?;
         counts.host_mut().fill(0);
-        Ok(Self { kernel: Kernel::new(context, &[])?, counts })
+        Ok(Self { kernel: Kernel::new(context, ())?, counts })
     }
 
     /// Values so far, by pass; all frames are finished.

@@ -11,7 +11,7 @@ use super::indirect::ByLights;
 use crate::bake::compression::haar::{Haar, Pruned};
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
-use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, Rotation};
+use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, LightsConstants, Rotation};
 use crate::trace::point_tree::middle;
 
 pub struct HaarTransform {
@@ -49,10 +49,10 @@ impl HaarTransform {
         Ok(Self {
             places: Buffer::from_slice(context, "transfer (Haar sums)", &places)?,
             first_place: Buffer::from_slice(context, "transfer (Haar sums' places)", &first_place)?,
-            sums: ByLights::new(context, [])?,
+            sums: ByLights::new(context, |lights| LightsConstants { lights })?,
             rotations: Buffer::from_slice(context, "transfer (Haar rotations)", &order.rotations)?,
             launches: order.launches.iter().map(launch).collect::<Result<_>>()?,
-            rotate: ByLights::new(context, [])?,
+            rotate: ByLights::new(context, |lights| LightsConstants { lights })?,
         })
     }
 

@@ -63,7 +63,7 @@ struct Product {
 }
 
 /// A kernel for one light, and for [`LIGHTS_A_PASS`] of which some may be absent.
-pub struct ByLights<P>([Kernel<P>; 2]);
+pub struct ByLights<P: Push>([Kernel<P>; 2]);
 
 /// How many vectors lie side by side.
 fn vectors(light_count: usize) -> u32 {
@@ -71,12 +71,9 @@ fn vectors(light_count: usize) -> u32 {
 }
 
 impl<P: Push> ByLights<P> {
-    /// The last constant of each kernel is the number of lights.
-    pub fn new<const N: usize>(context: &Arc<Context>, constants: [u32; N]) -> Result<Self> {
-        let kernel = |lights: u32| {
-            let all: Vec<(u32, u32)> = (0..).zip(constants.into_iter().chain([lights])).collect();
-            Kernel::new(context, &all)
-        };
+    /// `constants` for a number of lights.
+    pub fn new(context: &Arc<Context>, constants: impl Fn(u32) -> P::Constants) -> Result<Self> {
+        let kernel = |lights| Kernel::new(context, constants(lights));
         Ok(Self([kernel(1)?, kernel(LIGHTS_A_PASS)?]))
     }
 
@@ -149,14 +146,16 @@ impl Indirect {
     /// Factors beyond `budget` bytes stay in host memory, from which kernels read them in every frame.
     pub fn new(context: &Arc<Context>, transfer: &BakedTransfer, budget: u64) -> Result<Self> {
         let room = &mut Room { left: budget, streamed: 0 };
-        let mut kernels: HashMap<[u32; 2], Arc<ByLights<_>>> = HashMap::new();
+        let mut kernels: HashMap<(u32, bool), Arc<ByLights<_>>> = HashMap::new();
         let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
             let mut products = Vec::new();
             for matrix in matrices {
-                let kernel = match kernels.entry([matrix.channels, u32::from(are_last)]) {
+                let kernel = match kernels.entry((matrix.channels, are_last)) {
                     Entry::Occupied(made) => made.get().clone(),
                     Entry::Vacant(place) => {
-                        let kernel = ByLights::new(context, *place.key())?;
+                        let (channels, to_view_samples) = *place.key();
+                        let constants = |lights| MultiplyBlocksConstants { channels, to_view_samples, lights };
+                        let kernel = ByLights::new(context, constants)?;
                         place.insert(Arc::new(kernel)).clone()
                     }
                 };
@@ -240,7 +239,7 @@ impl LitSamples {
             return Ok(Self::Factored {
                 samples: Buffer::from_slice(context, "gather samples", &transfer.factored)?,
                 tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.tables)?,
-                kernel: Kernel::new(context, &[])?,
+                kernel: Kernel::new(context, ())?,
             });
         }
         let degrees = transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0);
@@ -248,7 +247,7 @@ impl LitSamples {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
             points_per_sample: transfer.points_per_sample as u32,
             tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.projection)?,
-            kernel: Kernel::new(context, &[(0, degrees)])?,
+            kernel: Kernel::new(context, ShadeGatherConstants { degrees })?,
         })
     }
 

@@ -39,8 +39,8 @@ impl Inspector {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let buffer = |count| Buffer::new(context, "inspection", Access::HostWrites, count);
         Ok(Self {
-            histogram: Kernel::new(context, &[(0, 1)])?,
-            probe: Kernel::new(context, &[(0, 0)])?,
+            histogram: Kernel::new(context, InspectConstants { histogram: true })?,
+            probe: Kernel::new(context, InspectConstants { histogram: false })?,
             counts: buffer(HISTOGRAM_BINS as usize)?,
             radiance: buffer(3)?,
             wanted: Inspection::default(),

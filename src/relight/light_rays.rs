@@ -35,7 +35,7 @@ impl RayCaster {
         Ok(Self {
             rays: LightRays::new(&transfer.samples, points),
             projection: Projection::from_tables(&transfer.projection),
-            kernel: Kernel::new(context, &[])?,
+            kernel: Kernel::new(context, ())?,
         })
     }
 

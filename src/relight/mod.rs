@@ -39,7 +39,7 @@ use crate::bake::transfer::baked::BakedTransfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::{Rig, Scene};
-use crate::shared::{LIGHTS_A_PASS, ResolvePush, ShadeLightPush, SumImagesPush};
+use crate::shared::{LIGHTS_A_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::Bvh;
 
 /// How pictures leave the relighter.
@@ -202,9 +202,9 @@ impl Relighter {
             visibility: VisibilityBuffers::new(context, baked, traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, bvh, settings.shadow_size)?) },
             kernels: Kernels {
-                shade_light: Kernel::new(context, &[(0, u32::from(baked.has_specular))])?,
-                resolve: Kernel::new(context, &[])?,
-                sum_images: Kernel::new(context, &[])?,
+                shade_light: Kernel::new(context, ShadeLightConstants { specular: baked.has_specular })?,
+                resolve: Kernel::new(context, ())?,
+                sum_images: Kernel::new(context, ())?,
             },
             outputs: Outputs::new(context, baked.tiling.width as usize * baked.tiling.height as usize),
             tone_map: settings.tone_map,
@@ -273,8 +273,8 @@ impl Relighter {
         let size = |baked: &Baked| (baked.tiling.width, baked.tiling.height);
         assert_eq!(size(&baked), size(&self.baked), "light images have the size of the first bake");
         if baked.has_specular != self.baked.has_specular {
-            let specialization = [(0, u32::from(baked.has_specular))];
-            self.kernels.shade_light = Kernel::new(&self.context, &specialization)?;
+            let constants = ShadeLightConstants { specular: baked.has_specular };
+            self.kernels.shade_light = Kernel::new(&self.context, constants)?;
         }
         let transfer = baked.transfer.as_ref();
         self.indirect = None; // its memory first

@@ -114,10 +114,13 @@ impl Outputs {
 }
 
 /// Makes the kernel for an `OUTPUT_` constant.
-fn prepare<P: Push>(context: &Arc<Context>, kernels: &mut [Option<Kernel<P>>], kind: u32) -> Result<()> {
-    let kernel = &mut kernels[kind as usize];
+fn prepare<P>(context: &Arc<Context>, kernels: &mut [Option<Kernel<P>>], output: u32) -> Result<()>
+where
+    P: Push<Constants = OutputConstants>,
+{
+    let kernel = &mut kernels[output as usize];
     if kernel.is_none() {
-        *kernel = Some(Kernel::new(context, &[(0, kind)])?);
+        *kernel = Some(Kernel::new(context, OutputConstants { output })?);
     }
     Ok(())
 }

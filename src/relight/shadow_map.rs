@@ -69,7 +69,7 @@ impl ShadowMaps {
         Ok(Self {
             depth: DepthArray::new(context, "shadow map", size, 6)?,
             draw: DepthKernel::new(context)?,
-            pcf: Kernel::new(context, &[])?,
+            pcf: Kernel::new(context, ())?,
             positions: Buffer::from_slice(context, "shadow positions", bytemuck::cast_slice(&mesh.positions))?,
             indices: Buffer::from_slice(context, "shadow indices", bytemuck::cast_slice(&order))?,
             clusters: clusters(scene, &order),

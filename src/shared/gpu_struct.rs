@@ -18,6 +18,20 @@ pub trait Glsl: Pod {
 pub trait Push: Pod {
     /// Its shaders are `glsl/{KERNEL}.*`.
     const KERNEL: &'static str;
+    /// The kernel's specialization constants; `()` if it has none.
+    type Constants: Constants;
+}
+
+/// Specialization constants of a kernel: what a scene does not use compiles to nothing.
+pub trait Constants: Default {
+    /// By `constant_id`: type and name in GLSL, and the value, which is one word.
+    fn list(&self) -> Vec<(&'static str, String, u32)>;
+}
+
+impl Constants for () {
+    fn list(&self) -> Vec<(&'static str, String, u32)> {
+        Vec::new()
+    }
 }
 
 macro_rules! primitive {
@@ -98,21 +112,31 @@ pub fn references<T: Glsl>() -> String {
 
 /// The kernel that `P` is for, and GLSL of its interface.
 pub fn interface<P: Push + Glsl>() -> (&'static str, String) {
-    (P::KERNEL, format!("layout(push_constant, scalar) uniform Block {{ {} push; }};\n", P::name()))
+    let mut glsl = format!("layout(push_constant, scalar) uniform Block {{ {} push; }};\n", P::name());
+    for (id, (kind, name, value)) in P::Constants::default().list().into_iter().enumerate() {
+        glsl += &format!("layout(constant_id = {id}) const {kind} {name} = {kind}({value});\n");
+    }
+    (P::KERNEL, glsl)
 }
 
 /// Declares constants and structs for both languages; `shared_glsl()`, their GLSL; and `interfaces()`, GLSL of what each
 /// kernel alone sees, by its name.
 ///
 /// `struct` items can be elements of buffers. `push` items are push constants `for` the kernel that they name, and must
-/// fit 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first.
+/// fit 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first. In brackets follow the kernel's
+/// specialization constants; in GLSL they have names in capitals, and the values given here if no others are.
 macro_rules! gpu_shared {
     (
         constants { $($(#[doc = $const_doc:literal])* pub const $constant:ident: u32 = $value:expr;)* }
         floats { $($(#[doc = $float_doc:literal])* pub const $float:ident: f32 = $float_value:expr;)* }
         tables { $($(#[doc = $table_doc:literal])* pub const $table:ident: [u32; $length:expr] = $entries:expr;)* }
+        specializations {
+            $($(#[doc = $special_doc:literal])* pub struct $special:ident {
+                $($(#[doc = $id_doc:literal])* pub $id:ident: $id_type:ident = $default:expr,)*
+            })*
+        }
         structs {
-            $($(#[doc = $doc:literal])* pub $kind:ident $name:ident $(for $kernel:ident)? {
+            $($(#[doc = $doc:literal])* pub $kind:ident $name:ident $(for $kernel:ident $(($constants:ident))?)? {
                 $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty,)*
             })*
         }
@@ -120,6 +144,27 @@ macro_rules! gpu_shared {
         $($(#[doc = $const_doc])* pub const $constant: u32 = $value;)*
         $($(#[doc = $float_doc])* pub const $float: f32 = $float_value;)*
         $($(#[doc = $table_doc])* pub const $table: [u32; $length] = $entries;)*
+        $(
+            $(#[doc = $special_doc])*
+            #[derive(Clone, Copy, Debug)]
+            pub struct $special {
+                $($(#[doc = $id_doc])* pub $id: $id_type,)*
+            }
+            impl Default for $special {
+                fn default() -> Self {
+                    Self { $($id: $default,)* }
+                }
+            }
+            impl $crate::shared::gpu_struct::Constants for $special {
+                fn list(&self) -> Vec<(&'static str, String, u32)> {
+                    vec![$((
+                        gpu_shared!(@glsl $id_type),
+                        stringify!($id).to_uppercase(),
+                        u32::from(self.$id),
+                    ),)*]
+                }
+            }
+        )*
         $(
             $(#[doc = $doc])*
             $(#[doc = concat!("Push constants of `glsl/", stringify!($kernel), "`.")])?
@@ -136,6 +181,7 @@ macro_rules! gpu_shared {
             $(
                 impl $crate::shared::gpu_struct::Push for $name {
                     const KERNEL: &'static str = stringify!($kernel);
+                    type Constants = gpu_shared!(@constants $($constants)?);
                 }
                 const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
             )?
@@ -181,6 +227,18 @@ macro_rules! gpu_shared {
     };
     (@references push $name:ident) => {
         "" // only its kernel sees it, see `interface`
+    };
+    (@glsl bool) => {
+        "bool"
+    };
+    (@glsl u32) => {
+        "uint"
+    };
+    (@constants) => {
+        ()
+    };
+    (@constants $constants:ident) => {
+        $constants
     };
     (@interface $name:ident $kernel:ident) => {
         $crate::shared::gpu_struct::interface::<$name>()

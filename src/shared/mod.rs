@@ -98,6 +98,55 @@ gpu_shared! {
         ];
     }
 
+    specializations {
+        /// Of shade_light.comp.
+        pub struct ShadeLightConstants {
+            /// Whether any BRDF of the scene has a specular lobe.
+            pub specular: bool = true,
+        }
+
+        /// Of shade_gather.comp.
+        pub struct ShadeGatherConstants {
+            /// Most degrees that any sample has.
+            pub degrees: u32 = HARMONIC_DEGREES,
+        }
+
+        /// Of multiply_blocks.comp.
+        pub struct MultiplyBlocksConstants {
+            /// 3: the first columns have factors for R, G and B each, the others a tint of their input; 1: R, G and B share
+            /// all factors.
+            pub channels: u32 = 1,
+            /// Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
+            pub to_view_samples: bool = false,
+            /// Vectors, element by element side by side: factors are read once for all.
+            pub lights: u32 = 1,
+        }
+
+        /// Of kernels for the vectors of some lights.
+        pub struct LightsConstants {
+            /// Vectors, element by element side by side.
+            pub lights: u32 = 1,
+        }
+
+        /// Of kernels that write pixels.
+        pub struct OutputConstants {
+            /// One of the `OUTPUT_` constants.
+            pub output: u32 = OUTPUT_LINEAR,
+        }
+
+        /// Of inspect.comp.
+        pub struct InspectConstants {
+            /// A histogram of all pixels; else one pixel.
+            pub histogram: bool = true,
+        }
+
+        /// Of fit.comp.
+        pub struct FitConstants {
+            /// Whether the picture shrinks along any axis.
+            pub shrinks: bool = false,
+        }
+    }
+
     structs {
         /// A surface point that the camera sees, straight or through mirrors; mesh space.
         pub struct ViewSample {
@@ -212,7 +261,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        pub push ShadeLightPush for shade_light {
+        pub push ShadeLightPush for shade_light(ShadeLightConstants) {
             /// View samples, layer 1 first.
             pub samples: Read<ViewSample>,
             /// BRDFs that they point to.
@@ -311,7 +360,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        pub push ShadeGatherPush for shade_gather {
+        pub push ShadeGatherPush for shade_gather(ShadeGatherConstants) {
             /// Gather samples.
             pub samples: Read<LightSample>,
             /// Position and normal of `points_per_sample` points of each sample in turn.
@@ -383,7 +432,7 @@ gpu_shared! {
             pub sine: f32,
         }
 
-        pub push HaarPush for haar {
+        pub push HaarPush for haar(LightsConstants) {
             /// By subtree, then height from the bottom up.
             pub rotations: Read<Rotation>,
             /// Where the rotations of each height begin, and where the last ones end: `height_count` + 1 a subtree.
@@ -396,7 +445,7 @@ gpu_shared! {
             pub height_count: u32,
         }
 
-        pub push HaarSumsPush for haar_sums {
+        pub push HaarSumsPush for haar_sums(LightsConstants) {
             /// Of each sum what it adds up; the first gets the sum over the root of their number.
             pub places: Read<u32>,
             /// Where each sum's places begin, and where the last one's end.
@@ -407,7 +456,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        pub push MultiplySparsePush for multiply_sparse {
+        pub push MultiplySparsePush for multiply_sparse(LightsConstants) {
             /// One a workgroup.
             pub slices: Read<Slice>,
             /// Two terms each: red and green, blue and how far the column is from the one before, twice.
@@ -430,7 +479,7 @@ gpu_shared! {
             pub light_count: u32,
         }
 
-        pub push MultiplyBlocksPush for multiply_blocks {
+        pub push MultiplyBlocksPush for multiply_blocks(MultiplyBlocksConstants) {
             /// One a workgroup.
             pub panels: Read<Panel>,
             /// Eight float16 each.
@@ -551,7 +600,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        pub push CompositePush for composite {
+        pub push CompositePush for composite(OutputConstants) {
             /// What is summed.
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// One packed RGBA8 a pixel, or three floats, row by row.
@@ -570,7 +619,7 @@ gpu_shared! {
             pub blue_first: u32,
         }
 
-        pub push SheetPush for sheet {
+        pub push SheetPush for sheet(OutputConstants) {
             /// What the cell shows.
             pub term: SumTerm,
             /// One packed RGBA8 a pixel, or three floats, row by row.
@@ -591,7 +640,7 @@ gpu_shared! {
             pub blue_first: u32,
         }
 
-        pub push InspectPush for inspect {
+        pub push InspectPush for inspect(InspectConstants) {
             /// What is summed.
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// [`HISTOGRAM_BINS`] counts of pixels, added to; or the RGB bits of one pixel.
@@ -608,7 +657,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        pub push FitPush for fit {
+        pub push FitPush for fit(FitConstants) {
             /// Four bytes a pixel, row by row.
             pub source: Read<u32>,
             /// The same.
