@@ -1,14 +1,4 @@
 // A block matrix times the vectors of some lights, RGB: a panel a workgroup. Twin: src/bake/transfer/blocks.rs.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_control_flow_attributes : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
 
 #include "lib/add_radiance.glsl"
 

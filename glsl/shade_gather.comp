@@ -1,15 +1,8 @@
 // λ0: what one light at unit intensity leaves in gather samples, the mean over each sample's points. A sample a thread.
 // Twin: src/bake/transfer/direct.rs.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
+
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
 
 const uint RADIALS = HARMONIC_DEGREES * (HARMONIC_DEGREES + 1) / 2;
 const uint SCHLICK = TABLE_ROUGHNESSES * TABLE_COSINES * RADIALS * 2;

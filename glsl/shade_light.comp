@@ -1,14 +1,7 @@
 // One light at unit intensity, all view samples.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
+
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
 
 vec3 shade(uint index) {
     ViewSample s = push.samples.at[index];

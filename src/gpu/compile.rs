@@ -2,6 +2,14 @@
 
 use std::path::Path;
 
+/// Stands before every shader; lines are counted from behind it.
+const PRELUDE: &str = "\
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include \"lib/prelude.glsl\"
+#line 1
+";
+
 /// Compiles `glsl/{kernel}.{comp,vert,frag}`. `shared.glsl` is what `src/shared` declares; other includes are files beside it.
 ///
 /// The error is the compiler's log, with file names and lines.
@@ -29,7 +37,7 @@ pub fn compile(path: &Path) -> Result<Vec<u32>, String> {
         content.map(|content| shaderc::ResolvedInclude { resolved_name: name.to_owned(), content })
     });
     compiler
-        .compile_into_spirv(&read(path)?, kind, &path.to_string_lossy(), "main", Some(&options))
+        .compile_into_spirv(&(PRELUDE.to_owned() + &read(path)?), kind, &path.to_string_lossy(), "main", Some(&options))
         .map(|artifact| artifact.as_binary().to_vec())
         .map_err(|e| e.to_string())
 }
