@@ -17,7 +17,14 @@ pub(super) fn embedded_spirv(file_name: &str) -> Option<&'static [u8]> {
     SPIRV.iter().find(|(name, _)| *name == file_name).map(|(_, spirv)| *spirv)
 }
 
-/// One compute pipeline, of the kernel that `P` is for.
+/// One compute pipeline, of the kernel that `P` is for. It takes no other push constants:
+///
+/// ```compile_fail,E0308
+/// # use relume::{gpu::{Kernel, Pass}, shared::{FitPush, ResolvePush}};
+/// fn run(pass: Pass, kernel: &Kernel<FitPush>, push: &ResolvePush) {
+///     pass.dispatch(kernel, push, 1);
+/// }
+/// ```
 pub struct Kernel<P: Push> {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
@@ -133,5 +140,27 @@ impl Drop for ShaderModule<'_> {
     fn drop(&mut self) {
         // SAFETY: pipelines keep what they need of a module.
         unsafe { self.context.device.destroy_shader_module(self.handle, None) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::Validation;
+
+    /// Each compute kernel in `glsl/`; and each push struct has its kernel there.
+    #[test]
+    fn all_kernels_can_be_made() {
+        let context = Context::new(None, Validation::On, None).expect("tools/setup installs a Vulkan device");
+        for (name, _) in crate::shared::interfaces() {
+            let is_there = |stage| embedded_spirv(&format!("{name}.{stage}")).is_some();
+            assert!(is_there("comp") || is_there("vert"), "a push struct is for {name}, which is not in glsl/");
+        }
+        for (name, spirv) in SPIRV.iter().filter(|(name, _)| name.ends_with(".comp")) {
+            let pipeline = create_pipeline(&context, name, spirv, &()).unwrap_or_else(|e| panic!("{name}: {e}"));
+            // SAFETY: nothing uses it.
+            unsafe { context.device.destroy_pipeline(pipeline, None) };
+        }
+        assert_eq!(context.validation_messages(), [""; 0]);
     }
 }

@@ -123,7 +123,7 @@ pub fn interface<P: Push + Glsl>() -> (&'static str, String) {
 /// kernel alone sees, by its name.
 ///
 /// `struct` items can be elements of buffers. `push` items are push constants `for` the kernel that they name, and must
-/// fit 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first. In brackets follow the kernel's
+/// fit 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first. In brackets is the kernel's struct of
 /// specialization constants; in GLSL they have names in capitals, and the values given here if no others are.
 macro_rules! gpu_shared {
     (
