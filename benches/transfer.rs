@@ -58,7 +58,7 @@ fn matrix(blocks: usize, rows: usize, [own, shared]: [usize; 2], channels: u32) 
 
 struct Product {
     frames: Frames,
-    kernel: Kernel,
+    kernel: Kernel<MultiplyBlocksPush>,
     panels: Buffer<Panel>,
     values: Buffer<glam::UVec4>,
     inputs: Buffer<u32>,
@@ -72,10 +72,12 @@ struct Product {
 impl Product {
     fn new(context: &Arc<Context>, matrix: &BlockMatrix, lights: u32) -> Self {
         let vector = vec![Vec4::ONE; (lights * matrix.input_count) as usize];
+        let channels = matrix.channels;
+        let constants = MultiplyBlocksConstants { channels, to_view_samples: false, lights };
         let buffers = || -> relume::error::Result<Self> {
             Ok(Self {
                 frames: Frames::new(context)?,
-                kernel: Kernel::new(context, "multiply_blocks", &[(0, matrix.channels), (1, 0), (2, lights)])?,
+                kernel: Kernel::new(context, constants)?,
                 panels: Buffer::from_slice(context, "panels", &matrix.panels)?,
                 values: Buffer::from_slice(context, "values", &matrix.values)?,
                 inputs: Buffer::from_slice(context, "inputs", &matrix.inputs)?,

@@ -1,17 +1,6 @@
 // Sums of light images -> exposed, tone-mapped pixels, row by row.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_control_flow_attributes : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
+
 #include "lib/color.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { CompositePush push; };
-layout(constant_id = 0) const uint OUTPUT = OUTPUT_LINEAR;
-
 #include "lib/display.glsl"
 
 // One workgroup a tile: reads run on in memory, and no pixel divides by the width.

@@ -1,15 +1,4 @@
 // A picture -> the same at another size: bilinear where it grows; where it shrinks, a tent as wide as two new pixels.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { FitPush push; };
-// Whether the picture shrinks along any axis.
-layout(constant_id = 0) const bool SHRINKS = false;
 
 vec4 source(ivec2 at) {
     uvec2 inside = uvec2(clamp(at, ivec2(0), ivec2(push.source_size) - 1));

@@ -1,16 +1,5 @@
 // Sums of coefficients over subtrees whose Haar terms nothing reads, normalised, in place, under some lights: a sum a thread.
 // Twin: src/bake/compression/haar.rs.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_control_flow_attributes : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { HaarSumsPush push; };
-layout(constant_id = 0) const uint LIGHTS = 1;
 
 void main() {
     uint index = thread_index();

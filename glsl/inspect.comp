@@ -1,17 +1,6 @@
 // What the eye cannot read off a picture: how many pixels have which luminance, or the radiance of one.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_control_flow_attributes : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
-#include "lib/color.glsl"
 
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { InspectPush push; };
-// A histogram of all pixels; else one pixel.
-layout(constant_id = 0) const bool HISTOGRAM = true;
+#include "lib/color.glsl"
 
 shared uint bins[HISTOGRAM_BINS];
 

@@ -1,21 +1,4 @@
 // A block matrix times the vectors of some lights, RGB: a panel a workgroup. Twin: src/bake/transfer/blocks.rs.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_control_flow_attributes : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { MultiplyBlocksPush push; };
-// 3: the first columns have factors for R, G and B each, the others a tint of their input; 1: R, G and B share all factors.
-layout(constant_id = 0) const uint CHANNELS = 1;
-// Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
-layout(constant_id = 1) const bool TO_VIEW_SAMPLES = false;
-// Vectors, element by element side by side: factors are read once for all.
-layout(constant_id = 2) const uint LIGHTS = 1;
 
 #include "lib/add_radiance.glsl"
 

@@ -1,15 +1,4 @@
 // A sparse matrix times the vectors of some lights, RGB, added to view samples: a row a thread. Twin: src/bake/transfer/sparse.rs.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_control_flow_attributes : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { MultiplySparsePush push; };
-layout(constant_id = 0) const uint LIGHTS = 1;
 
 #include "lib/add_radiance.glsl"
 

@@ -1,13 +1,4 @@
 // Extra view samples -> their pixels of one light's image.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ResolvePush push; };
 
 void main() {
     uint index = thread_index();

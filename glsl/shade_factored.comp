@@ -1,16 +1,8 @@
 // λ0 of the thesis: what one light at unit intensity leaves in gather samples whose BRDFs are factored by singular values
 // [Yang 2007, Section 4.4]. A sample a thread. Twin: src/bake/transport/direct.rs.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
+
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadeFactoredPush push; };
 
 void main() {
     uint index = thread_index();

@@ -1,18 +1,8 @@
 // λ0: what one light at unit intensity leaves in gather samples, the mean over each sample's points. A sample a thread.
 // Twin: src/bake/transport/direct.rs.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
+
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadeGatherPush push; };
-// Most degrees that any sample has.
-layout(constant_id = 0) const uint DEGREES = HARMONIC_DEGREES;
 
 const uint RADIALS = HARMONIC_DEGREES * (HARMONIC_DEGREES + 1) / 2;
 const uint SCHLICK = TABLE_ROUGHNESSES * TABLE_COSINES * RADIALS * 2;

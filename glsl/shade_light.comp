@@ -1,17 +1,7 @@
 // One light at unit intensity, all view samples.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
+
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadeLightPush push; };
-// Whether any BRDF of the scene has a specular lobe.
-layout(constant_id = 0) const bool SPECULAR = true;
 
 vec3 shade(uint index) {
     ViewSample s = push.samples.at[index];

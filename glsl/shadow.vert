@@ -1,11 +1,4 @@
 // Depth from the light.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-
-layout(push_constant, scalar) uniform Block { ShadowPush push; };
 
 void main() {
     uint at = 3 * gl_VertexIndex;

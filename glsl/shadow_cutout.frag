@@ -1,12 +1,6 @@
 // Leaves out what is not there: by alpha, as `Texture::sample` reads it at its finest level, and where a material blends by
 // chance [Enderton 2010].
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
 
-layout(push_constant, scalar) uniform Block { ShadowCutoutPush push; };
 layout(location = 0) in vec2 uv;
 layout(location = 1) in float alpha;
 layout(location = 2) flat in uvec2 cutout_and_triangle;

@@ -1,11 +1,5 @@
 // Depth from the light of triangles that it may pass.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
 
-layout(push_constant, scalar) uniform Block { ShadowCutoutPush push; };
 layout(location = 0) out vec2 uv;
 layout(location = 1) out float alpha;
 layout(location = 2) flat out uvec2 cutout_and_triangle;

@@ -1,14 +1,6 @@
 // Shadow maps -> visibility of one light at all view samples, percentage-closer filtered [Reeves 1987].
 // Four samples a thread, one word of visibility.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
 
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { ShadowPcfPush push; };
 layout(set = 0, binding = 0) uniform sampler2DArrayShadow shadow_map;
 
 // The cube face that holds direction v: +X, -X, +Y, -Y, +Z, -Z.

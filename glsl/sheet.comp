@@ -1,17 +1,7 @@
 // One light's image -> its cell of the contact sheet: means of the pixels that each pixel of the cell stands for.
-#version 460
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "shared.glsl"
-#include "lib/thread.glsl"
+
 #include "lib/tiles.glsl"
 #include "lib/color.glsl"
-
-layout(local_size_x = GROUP_SIZE) in;
-layout(push_constant, scalar) uniform Block { SheetPush push; };
-layout(constant_id = 0) const uint OUTPUT = OUTPUT_LINEAR;
-
 #include "lib/display.glsl"
 
 void main() {

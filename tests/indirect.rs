@@ -81,8 +81,12 @@ fn multiply(
     vector: &Buffer<Vec4>,
     [images, extras]: [&[Buffer<f32>]; 2],
 ) {
-    let constants = [(0, matrix.channels), (1, u32::from(shape.to_view)), (2, shape.places as u32)];
-    let kernel = Kernel::new(gpu, "multiply_blocks", &constants).unwrap();
+    let constants = MultiplyBlocksConstants {
+        channels: matrix.channels,
+        to_view_samples: shape.to_view,
+        lights: shape.places as u32,
+    };
+    let kernel = Kernel::<MultiplyBlocksPush>::new(gpu, constants).unwrap();
     let panels = Buffer::from_slice(gpu, "test panels", &matrix.panels).unwrap();
     let factors = Buffer::from_slice(gpu, "test factors", &matrix.values).unwrap();
     let inputs = Buffer::from_slice(gpu, "test inputs", &matrix.inputs).unwrap();
@@ -349,8 +353,8 @@ fn shade_gather() {
     let samples = Buffer::from_slice(&gpu, "test samples", &framebuffer.samples).unwrap();
     let points = Buffer::from_slice(&gpu, "test points", &framebuffer.points).unwrap();
     let tables = Buffer::from_slice(&gpu, "test tables", &Projection::get().tables()).unwrap();
-    let kernel = Kernel::new(&gpu, "shade_gather", &[(0, HARMONIC_DEGREES)]).unwrap();
-    let add_light_rays = Kernel::new(&gpu, "add_light_rays", &[]).unwrap();
+    let kernel = Kernel::<ShadeGatherPush>::new(&gpu, ShadeGatherConstants::default()).unwrap();
+    let add_light_rays = Kernel::<AddLightRaysPush>::new(&gpu, ()).unwrap();
     let mut frames = Frames::new(&gpu).unwrap();
     let sun = Light {
         kind: LightKind::Directional,

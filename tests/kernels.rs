@@ -28,7 +28,7 @@ fn resolve() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(3);
-    let kernel = Kernel::new(&gpu, "resolve", &[]).unwrap();
+    let kernel = Kernel::<ResolvePush>::new(&gpu, ()).unwrap();
     for (case, &pixels) in RAGGED.iter().enumerate() {
         let extras = [0, 1, 5, 200, 3, 77, 20_000][case];
         let layers = [u32::MAX, 1, !1, 0b100][case % 4];
@@ -88,7 +88,7 @@ fn sum_images() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(4);
-    let kernel = Kernel::new(&gpu, "sum_images", &[]).unwrap();
+    let kernel = Kernel::<SumImagesPush>::new(&gpu, ()).unwrap();
     for (case, &quarter) in RAGGED.iter().enumerate() {
         let stride = 4 * quarter;
         for term_count in 0..=MAX_TERMS as usize {
@@ -138,7 +138,7 @@ fn composite_sums_exposes_and_maps_tones() {
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(6);
     for output_kind in [OUTPUT_LINEAR, OUTPUT_CLAMPED, OUTPUT_AGX, OUTPUT_PBR_NEUTRAL] {
-        let kernel = Kernel::new(&gpu, "composite", &[(0, output_kind)]).unwrap();
+        let kernel = Kernel::<CompositePush>::new(&gpu, OutputConstants { output: output_kind }).unwrap();
         for (width, height) in SIZES {
             let tiling = relume::bake::framebuffer::view_samples::Tiling { width, height };
             let stride = tiling.len();
@@ -225,8 +225,8 @@ fn fit() {
     let mut random = Random::new(11);
     for (from, to) in [([7, 5], [7, 5]), ([7, 5], [20, 13]), ([64, 48], [33, 25]), ([1, 1], [9, 3]), ([50, 3], [7, 9])]
     {
-        let shrinks = u32::from(from[0] > to[0] || from[1] > to[1]);
-        let kernel = Kernel::new(&gpu, "fit", &[(0, shrinks)]).unwrap();
+        let shrinks = from[0] > to[0] || from[1] > to[1];
+        let kernel = Kernel::<FitPush>::new(&gpu, FitConstants { shrinks }).unwrap();
         let pixels: Vec<u32> = (0..from[0] * from[1]).map(|_| random.below(1 << 32) as u32).collect();
         let source = Buffer::from_slice(&gpu, "test picture", &pixels).unwrap();
         let count = (to[0] * to[1]) as usize;
@@ -260,7 +260,7 @@ fn yardstick() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(7);
-    let kernel = Kernel::new(&gpu, "yardstick", &[]).unwrap();
+    let kernel = Kernel::<YardstickPush>::new(&gpu, ()).unwrap();
     for count in RAGGED {
         let samples: Vec<Vec4> = (0..2 * count).map(|_| random.color().extend(random.unit() as f32)).collect();
         let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
@@ -292,7 +292,7 @@ fn yardstick() {
 fn passes_see_what_earlier_ones_wrote() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
-    let kernel = Kernel::new(&gpu, "sum_images", &[]).unwrap();
+    let kernel = Kernel::<SumImagesPush>::new(&gpu, ()).unwrap();
     let quarter = 50_000;
     let mut buffers: Vec<Buffer<Vec4>> =
         (0..3).map(|_| Buffer::new(&gpu, "test chain", Access::HostReads, 3 * quarter).unwrap()).collect();
@@ -357,7 +357,7 @@ fn writing_twice_in_one_pass_stops() {
 fn barriers_follow_from_declared_accesses() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
-    let kernel = Kernel::new(&gpu, "yardstick", &[]).unwrap();
+    let kernel = Kernel::<YardstickPush>::new(&gpu, ()).unwrap();
     let samples = Buffer::from_slice(&gpu, "test samples", &[Vec4::ONE; 4]).unwrap();
     let (a, b) = (output(&gpu, 8), output(&gpu, 8));
     // Which buffer each pass reads (`None`: the samples) and writes, and the barriers up to and with it.
@@ -394,7 +394,7 @@ fn barriers_follow_from_declared_accesses() {
 fn frames_go_on_after_one_was_dropped() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
-    let kernel = Kernel::new(&gpu, "yardstick", &[]).unwrap();
+    let kernel = Kernel::<YardstickPush>::new(&gpu, ()).unwrap();
     let samples = Buffer::from_slice(&gpu, "test samples", &[Vec4::ONE; 2]).unwrap();
     let results = output(&gpu, 3);
     let record = |frame: &mut Frame| {
@@ -430,7 +430,7 @@ fn octahedral_normals_decode_alike_on_both_sides() {
 }
 
 /// glslang lets GLSL write through `readonly` references, which no barrier then waits for: every store to `.at[...]`
-/// must go through a field of the shader's push constants that is declared `Write`, also in what it includes.
+/// must go through a field of the kernel's push constants that is declared `Write`, also in what it includes.
 #[test]
 fn shaders_store_only_through_write_references() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -444,7 +444,8 @@ fn shaders_store_only_through_write_references() {
         let source = with_includes(&std::fs::read_to_string(&path).unwrap(), &root.join("glsl"));
         let stores = stores(&source);
         stores_seen += stores.len();
-        let wrong = stores_not_declared(&stores, &source, &shared);
+        let kernel = path.file_stem().unwrap().to_str().unwrap();
+        let wrong = stores_not_declared(&stores, kernel, &shared);
         assert!(wrong.is_empty(), "{} stores through {wrong:?}", path.display());
     }
     assert!(stores_seen >= 10, "only {stores_seen} stores found in all shaders");
@@ -461,12 +462,9 @@ fn with_includes(source: &str, folder: &std::path::Path) -> String {
 
 #[test]
 fn stores_through_read_references_are_found() {
-    let shared = "pub push P { pub a: Read<f32>, pub b: Write<f32>, pub c: [Write<f32>; 4], pub d: [Read<f32>; 4], }";
-    let block = "uniform Block { P push; };";
-    let check = |code: &str| {
-        let source = format!("{block} void main() {{ {code} }}");
-        stores_not_declared(&stores(&source), &source, shared)
-    };
+    let shared =
+        "pub push P for kernel { pub a: Read<f32>, pub b: Write<f32>, pub c: [Write<f32>; 4], pub d: [Read<f32>; 4], }";
+    let check = |code: &str| stores_not_declared(&stores(&format!("void main() {{ {code} }}")), "kernel", shared);
     let fine = [
         "push.b.at[i] = 1.0;",
         "push.b.at[i + n[2]].x += push.a.at[3];",
@@ -552,9 +550,10 @@ fn after_bracket(text: &str) -> &str {
     ""
 }
 
-fn stores_not_declared(stores: &[String], source: &str, shared: &str) -> Vec<String> {
-    let push = source.split("uniform Block {").nth(1).and_then(|s| s.split_whitespace().next()).unwrap_or("none");
-    let fields = shared.split(&format!("pub push {push} {{")).nth(1).and_then(|s| s.split('}').next()).unwrap_or("");
+fn stores_not_declared(stores: &[String], kernel: &str, shared: &str) -> Vec<String> {
+    let mut pushes = shared.split("pub push ").skip(1);
+    let push = pushes.find(|push| push.split([' ', '(']).nth(2) == Some(kernel));
+    let fields = push.and_then(|push| push.split('}').next()).unwrap_or("");
     let is_written = |base: &str| {
         let (field, array) = match base.strip_prefix("push.").unwrap_or("").split_once('[') {
             Some((field, _)) => (field, "["),

@@ -59,7 +59,7 @@ fn multiply_sparse() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(3);
-    let kernel = Kernel::new(&gpu, "multiply_sparse", &[]).unwrap();
+    let kernel = Kernel::<MultiplySparsePush>::new(&gpu, LightsConstants { lights: 1 }).unwrap();
     for (inputs, outputs) in [(1, 1), (60, 63), (333, 130), (200_000, 700)] {
         let extras: usize = outputs / 3;
         let (pixel_count, extra_stride) = (outputs - extras, extras.next_multiple_of(4));

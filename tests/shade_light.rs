@@ -171,7 +171,8 @@ fn shade_light() {
     let brdf_buffer = Buffer::from_slice(&gpu, "test brdfs", &brdfs).unwrap();
     // As the scene's materials without a lobe have it, a kernel without one.
     let matt = brdfs.iter().map(|&b| Brdf { alpha: 0.0, ..b }).collect::<Vec<_>>();
-    let kernels = [0, 1].map(|specular| Kernel::new(&gpu, "shade_light", &[(0, specular)]).unwrap());
+    let kernels =
+        [false, true].map(|specular| Kernel::<ShadeLightPush>::new(&gpu, ShadeLightConstants { specular }).unwrap());
     let (mut lit, mut tight) = (0, 0);
     for (light_index, light) in lights(&mut random).iter().enumerate() {
         for (size_index, &count) in RAGGED.iter().enumerate() {
@@ -241,7 +242,7 @@ fn shaded(gpu: &common::Gpu, samples: &[ViewSample], brdfs: &[Brdf], lights: &[P
     let visibility = Buffer::from_slice(gpu, "test visibility", &vec![u32::MAX; count.div_ceil(4)]).unwrap();
     let image = output(gpu, 3 * count);
     let none = output(gpu, 0);
-    let kernel = Kernel::new(gpu, "shade_light", &[(0, 1)]).unwrap();
+    let kernel = Kernel::<ShadeLightPush>::new(gpu, ShadeLightConstants { specular: true }).unwrap();
     let shade = |&light: &PackedLight| {
         run(&mut frames, |frame| {
             let mut pass = frame.pass("shade light");

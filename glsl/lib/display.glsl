@@ -1,5 +1,5 @@
-// Scene-linear radiance -> pixels as OUTPUT asks for them. The kernel declares OUTPUT, and `push` with target, exposure
-// and blue_first.
+// Scene-linear radiance -> pixels as OUTPUT asks for them. The kernel has the constant OUTPUT, and `push` with target,
+// exposure and blue_first.
 
 vec3 false_color(vec3 c) {
     float band = clamp(floor(stops(c) + 0.5) + float(MIDDLE_STOP), 0.0, float(STOP_COUNT - 1));

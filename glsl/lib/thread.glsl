@@ -1,5 +1,7 @@
 // Threads of a dispatch, which is folded into rows of MAX_COLUMNS workgroups.
 
+layout(local_size_x = GROUP_SIZE) in;
+
 uint group_index() {
     return gl_WorkGroupID.y * MAX_COLUMNS + gl_WorkGroupID.x;
 }

@@ -11,7 +11,6 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use ash::vk;
-use bytemuck::Pod;
 
 use super::context::{Context, vulkan};
 use super::kernel::Kernel;
@@ -19,7 +18,7 @@ use super::memory::{Access, Buffer, RawBuffer};
 use super::raster::DepthArray;
 use super::surface::Surface;
 use crate::error::Result;
-use crate::shared::gpu_struct::{Glsl, Read, Write};
+use crate::shared::gpu_struct::{Glsl, Push, Read, Write};
 use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 
 /// Where a pass ran.
@@ -444,7 +443,7 @@ impl Pass<'_> {
     }
 
     /// Runs `kernel` with at least one thread for each of `thread_count`; the kernel leaves the others out.
-    pub fn dispatch<P: Pod>(self, kernel: &Kernel, push: &P, thread_count: u32) {
+    pub fn dispatch<P: Push>(self, kernel: &Kernel<P>, push: &P, thread_count: u32) {
         let Self { frames, name, sampled } = self;
         frames.begin_pass(name);
         let groups = thread_count.div_ceil(GROUP_SIZE).max(1);

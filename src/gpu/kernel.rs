@@ -1,79 +1,56 @@
 //! Compute kernels: GLSL compiled at build time, specialised at start.
 
 use std::ffi::CStr;
+use std::marker::PhantomData;
 use std::sync::Arc;
 
 use ash::vk;
 
 use super::context::{Context, vulkan};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::shared::gpu_struct::{Constants, Push};
 
-/// Values of specialization constants, by `constant_id`: what a scene does not use compiles to nothing.
-pub type Specialization<'a> = &'a [(u32, u32)];
+/// File name and SPIR-V of every shader in `glsl/`; the build script writes the list.
+static SPIRV: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
 
-/// SPIR-V of every shader in `glsl/`, by file name.
-macro_rules! embedded {
-    ($($name:literal),* $(,)?) => {
-        pub(super) fn embedded_spirv(name: &str) -> Option<&'static [u8]> {
-            match name {
-                $($name => Some(include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".spv"))),)*
-                _ => None,
-            }
-        }
-    };
+pub(super) fn embedded_spirv(file_name: &str) -> Option<&'static [u8]> {
+    SPIRV.iter().find(|(name, _)| *name == file_name).map(|(_, spirv)| *spirv)
 }
-embedded![
-    "shade_light.comp",
-    "shade_gather.comp",
-    "add_light_rays.comp",
-    "shade_factored.comp",
-    "haar.comp",
-    "haar_sums.comp",
-    "multiply_blocks.comp",
-    "multiply_sparse.comp",
-    "resolve.comp",
-    "sum_images.comp",
-    "composite.comp",
-    "sheet.comp",
-    "inspect.comp",
-    "count_non_finite.comp",
-    "fit.comp",
-    "yardstick.comp",
-    "shadow.vert",
-    "shadow_cutout.vert",
-    "shadow_cutout.frag",
-    "shadow_pcf.comp"
-];
 
-/// One compute pipeline.
-pub struct Kernel {
-    #[cfg(feature = "hot-reload")]
-    name: String,
+/// One compute pipeline, of the kernel that `P` is for. It takes no other push constants:
+///
+/// ```compile_fail,E0308
+/// # use relume::{gpu::{Kernel, Pass}, shared::{FitPush, ResolvePush}};
+/// fn run(pass: Pass, kernel: &Kernel<FitPush>, push: &ResolvePush) {
+///     pass.dispatch(kernel, push, 1);
+/// }
+/// ```
+pub struct Kernel<P: Push> {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
     #[cfg(feature = "hot-reload")]
-    specialization: Vec<(u32, u32)>,
+    constants: P::Constants,
     #[cfg(feature = "hot-reload")]
     modified: Option<std::time::SystemTime>,
+    push: PhantomData<P>,
 }
 
 pub(super) const ENTRY_POINT: &CStr = c"main";
 
-impl Kernel {
-    /// Compiles `glsl/{name}.comp` for this device, or takes it from the pipeline cache.
-    pub fn new(context: &Arc<Context>, name: &str, specialization: Specialization) -> Result<Self> {
-        let spirv = embedded_spirv(&format!("{name}.comp"))
-            .ok_or_else(|| Error::Shader { kernel: name.into(), log: "no such kernel was compiled in".into() })?;
-        let pipeline = create_pipeline(context, name, spirv, specialization)?;
+impl<P: Push> Kernel<P> {
+    /// Compiles the kernel for this device, or takes it from the pipeline cache.
+    pub fn new(context: &Arc<Context>, constants: P::Constants) -> Result<Self> {
+        let file = format!("{}.comp", P::KERNEL);
+        let spirv = embedded_spirv(&file).unwrap_or_else(|| panic!("there is no glsl/{file}"));
+        let pipeline = create_pipeline(context, P::KERNEL, spirv, &constants)?;
         Ok(Self {
-            #[cfg(feature = "hot-reload")]
-            name: name.into(),
             pipeline,
             context: context.clone(),
             #[cfg(feature = "hot-reload")]
-            specialization: specialization.to_vec(),
+            constants,
             #[cfg(feature = "hot-reload")]
             modified: None,
+            push: PhantomData,
         })
     }
 
@@ -85,7 +62,7 @@ impl Kernel {
     /// stays as it was. Looks at `glsl/` where this program was built. Returns whether it is a new one.
     #[cfg(feature = "hot-reload")]
     pub fn reload_if_changed(&mut self) -> bool {
-        let path = format!("{}/glsl/{}.comp", env!("CARGO_MANIFEST_DIR"), self.name);
+        let path = format!("{}/glsl/{}.comp", env!("CARGO_MANIFEST_DIR"), P::KERNEL);
         let path = std::path::Path::new(&path);
         let folder = path.with_file_name("lib");
         let includes = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -95,14 +72,12 @@ impl Kernel {
         if seen.is_none_or(|seen| seen == modified) {
             return false;
         }
-        let made = super::compile::compile(path, &crate::shared::shared_glsl())
-            .map_err(|log| Error::Shader { kernel: self.name.clone(), log })
-            .and_then(|spirv| {
-                create_pipeline(&self.context, &self.name, bytemuck::cast_slice(&spirv), &self.specialization)
-            });
+        let made = super::compile::compile(path)
+            .map_err(|log| crate::error::Error::Shader { kernel: P::KERNEL.into(), log })
+            .and_then(|spirv| create_pipeline(&self.context, P::KERNEL, bytemuck::cast_slice(&spirv), &self.constants));
         match made {
             Ok(pipeline) => {
-                tracing::info!("reloaded {}", self.name);
+                tracing::info!("reloaded {}", P::KERNEL);
                 // SAFETY: frames are waited for before kernels can be borrowed mutably.
                 unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
                 self.pipeline = pipeline;
@@ -116,23 +91,18 @@ impl Kernel {
     }
 }
 
-impl Drop for Kernel {
+impl<P: Push> Drop for Kernel<P> {
     fn drop(&mut self) {
         // SAFETY: every frame is waited for before its borrow of the kernel ends.
         unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
     }
 }
 
-fn create_pipeline(
-    context: &Context,
-    name: &str,
-    spirv: &[u8],
-    specialization: Specialization,
-) -> Result<vk::Pipeline> {
-    let entries: Vec<_> = (0..specialization.len())
-        .map(|i| vk::SpecializationMapEntry { constant_id: specialization[i].0, offset: 4 * i as u32, size: 4 })
+fn create_pipeline(context: &Context, name: &str, spirv: &[u8], constants: &impl Constants) -> Result<vk::Pipeline> {
+    let values: Vec<u8> = constants.list().iter().flat_map(|(.., value)| value.to_ne_bytes()).collect();
+    let entries: Vec<_> = (0..values.len() as u32 / 4)
+        .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
         .collect();
-    let values: Vec<u8> = specialization.iter().flat_map(|(_, value)| value.to_ne_bytes()).collect();
     let info = vk::SpecializationInfo::default().map_entries(&entries).data(&values);
     let module = ShaderModule::new(context, name, spirv)?;
     let stage = vk::PipelineShaderStageCreateInfo::default()
@@ -170,5 +140,27 @@ impl Drop for ShaderModule<'_> {
     fn drop(&mut self) {
         // SAFETY: pipelines keep what they need of a module.
         unsafe { self.context.device.destroy_shader_module(self.handle, None) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::Validation;
+
+    /// Each compute kernel in `glsl/`; and each push struct has its kernel there.
+    #[test]
+    fn all_kernels_can_be_made() {
+        let context = Context::new(None, Validation::On, None).expect("tools/setup installs a Vulkan device");
+        for (name, _) in crate::shared::interfaces() {
+            let is_there = |stage| embedded_spirv(&format!("{name}.{stage}")).is_some();
+            assert!(is_there("comp") || is_there("vert"), "a push struct is for {name}, which is not in glsl/");
+        }
+        for (name, spirv) in SPIRV.iter().filter(|(name, _)| name.ends_with(".comp")) {
+            let pipeline = create_pipeline(&context, name, spirv, &()).unwrap_or_else(|e| panic!("{name}: {e}"));
+            // SAFETY: nothing uses it.
+            unsafe { context.device.destroy_pipeline(pipeline, None) };
+        }
+        assert_eq!(context.validation_messages(), [""; 0]);
     }
 }

@@ -17,7 +17,7 @@ pub mod ui;
 pub use context::{Context, Validation};
 pub use device::{DeviceInfo, list_devices};
 pub use frame::{Frame, Frames, Pass, PassTime, Site};
-pub use kernel::{Kernel, Specialization};
+pub use kernel::Kernel;
 pub use memory::{Access, Buffer};
 pub use present::{Over, Pixels, Placement, Screen};
 pub use raster::{DepthArray, DepthKernel};

@@ -12,7 +12,7 @@ use super::memory::{Access, Buffer};
 use super::surface::{COLOR, Surface};
 use super::ui::{UiFrame, UiRenderer};
 use crate::error::Result;
-use crate::shared::FitPush;
+use crate::shared::{FitConstants, FitPush};
 
 /// Where the picture lies in the window, physical pixels; it may reach over the edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -56,7 +56,7 @@ impl Surface {
     fn prepare_fit(&mut self, context: &Arc<Context>, shrinks: bool, pixels: usize, is_over: bool) -> Result<()> {
         let kernel = &mut self.fit[usize::from(shrinks)];
         if kernel.is_none() {
-            *kernel = Some(Kernel::new(context, "fit", &[(0, u32::from(shrinks))])?);
+            *kernel = Some(Kernel::new(context, FitConstants { shrinks })?);
         }
         let fitted = &mut self.fitted[usize::from(is_over)];
         if fitted.as_ref().is_none_or(|fitted| fitted.len() < pixels) {
@@ -134,7 +134,7 @@ impl Frame<'_> {
         drawn
     }
 
-    fn fit(&mut self, pixels: Pixels, placement: Placement, kernel: &Kernel, fitted: &Buffer<u32>) {
+    fn fit(&mut self, pixels: Pixels, placement: Placement, kernel: &Kernel<FitPush>, fitted: &Buffer<u32>) {
         let mut pass = self.pass("fit");
         let push = FitPush {
             source: pass.read(pixels.buffer),

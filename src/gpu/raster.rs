@@ -1,11 +1,11 @@
 //! Depth from a light: an array of depth images, and the graphics pipelines that draw into it.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
-use bytemuck::Pod;
 use gpu_allocator::vulkan::Allocation;
 
 use super::context::{Context, vulkan};
@@ -13,6 +13,7 @@ use super::frame::Pass;
 use super::kernel::{ENTRY_POINT, ShaderModule, embedded_spirv};
 use super::memory::{Access, Buffer, allocate, owner, release};
 use crate::error::Result;
+use crate::shared::gpu_struct::Push;
 
 const FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 
@@ -33,10 +34,11 @@ pub struct DepthArray {
     context: Arc<Context>,
 }
 
-/// Pipeline that writes depth only.
-pub struct DepthKernel {
+/// Pipeline that writes depth only, of the shaders that `P` is for.
+pub struct DepthKernel<P> {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
+    push: PhantomData<P>,
 }
 
 /// What is drawn into one layer: push constants and ranges of indices, or of vertices.
@@ -186,10 +188,11 @@ fn depth_layers(first: u32, count: u32) -> vk::ImageSubresourceRange {
     }
 }
 
-impl DepthKernel {
-    /// Makes the pipeline of `glsl/{name}.vert` and, if there is one, `glsl/{name}.frag`. Both sides of a triangle block light.
-    pub fn new(context: &Arc<Context>, name: &str) -> Result<Self> {
-        let spirv = embedded_spirv(&format!("{name}.vert")).expect("the name is one of ours");
+impl<P: Push> DepthKernel<P> {
+    /// Makes the pipeline of the vertex shader and, if there is one, the fragment shader. Both sides of a triangle block light.
+    pub fn new(context: &Arc<Context>) -> Result<Self> {
+        let name = P::KERNEL;
+        let spirv = embedded_spirv(&format!("{name}.vert")).unwrap_or_else(|| panic!("there is no glsl/{name}.vert"));
         let module = ShaderModule::new(context, name, spirv)?;
         let fragment = embedded_spirv(&format!("{name}.frag"));
         let fragment = fragment.map(|spirv| ShaderModule::new(context, name, spirv)).transpose()?;
@@ -237,11 +240,11 @@ impl DepthKernel {
         let pipelines = unsafe { context.device.create_graphics_pipelines(context.pipeline_cache, &[create], None) }
             .map_err(|(_, error)| vulkan(format!("create the pipeline {name}"))(error))?;
         context.name(pipelines[0], name);
-        Ok(Self { pipeline: pipelines[0], context: context.clone() })
+        Ok(Self { pipeline: pipelines[0], context: context.clone(), push: PhantomData })
     }
 }
 
-impl Drop for DepthKernel {
+impl<P> Drop for DepthKernel<P> {
     fn drop(&mut self) {
         // SAFETY: every frame is waited for before its borrow of the pipeline ends.
         unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };
@@ -251,11 +254,11 @@ impl Drop for DepthKernel {
 impl Pass<'_> {
     /// Draws indexed triangles into layer 0, 1, ... of `target`, one [`DepthDraw`] a layer, and triangles without indices by
     /// another kernel; each layer is cleared.
-    pub fn draw_depth<P: Pod, Q: Pod>(
+    pub fn draw_depth<P: Push, Q: Push>(
         mut self,
         target: &DepthArray,
-        (kernel, indices, draws): (&DepthKernel, &Buffer<u32>, &[DepthDraw<P>]),
-        unindexed: Option<(&DepthKernel, &[DepthDraw<Q>])>,
+        (kernel, indices, draws): (&DepthKernel<P>, &Buffer<u32>, &[DepthDraw<P>]),
+        unindexed: Option<(&DepthKernel<Q>, &[DepthDraw<Q>])>,
     ) {
         use vk::{AccessFlags2 as Rights, ImageLayout as Layout, PipelineStageFlags2 as Stage};
         let _ = self.read(indices);
@@ -316,10 +319,10 @@ const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );
 
-fn draw_indexed<P: Pod>(
+fn draw_indexed<P: Push>(
     context: &Context,
     commands: vk::CommandBuffer,
-    kernel: &DepthKernel,
+    kernel: &DepthKernel<P>,
     indices: &Buffer<u32>,
     draw: &DepthDraw<P>,
 ) {
@@ -337,7 +340,12 @@ fn draw_indexed<P: Pod>(
     }
 }
 
-fn draw_unindexed<P: Pod>(context: &Context, commands: vk::CommandBuffer, kernel: &DepthKernel, draw: &DepthDraw<P>) {
+fn draw_unindexed<P: Push>(
+    context: &Context,
+    commands: vk::CommandBuffer,
+    kernel: &DepthKernel<P>,
+    draw: &DepthDraw<P>,
+) {
     let device = &context.device;
     // SAFETY: rendering was begun; whoever made the clusters made as many vertices.
     unsafe {

@@ -10,6 +10,7 @@ use super::frame::Presenting;
 use super::kernel::Kernel;
 use super::memory::Buffer;
 use crate::error::{Error, Result};
+use crate::shared::FitPush;
 
 /// What a surface needs of a window.
 pub trait Window: HasWindowHandle + HasDisplayHandle {}
@@ -37,7 +38,7 @@ pub struct Surface {
     pub(super) targets: Vec<Target>,
     pub(super) acquired: vk::Semaphore,
     /// Kernels that let the picture grow and shrink, and where to; made when they are first needed.
-    pub(super) fit: [Option<Kernel>; 2],
+    pub(super) fit: [Option<Kernel<FitPush>>; 2],
     pub(super) fitted: [Option<Buffer<u32>>; 2],
     surfaces: khr::surface::Instance,
     swapchains: khr::swapchain::Device,

@@ -13,7 +13,7 @@ use crate::shared::gpu_struct::Read;
 use crate::shared::*;
 
 pub struct Cutouts {
-    kernel: DepthKernel,
+    kernel: DepthKernel<ShadowCutoutPush>,
     corners: Buffer<CutoutCorner>,
     cutouts: Buffer<Cutout>,
     texels: Buffer<u32>,
@@ -30,7 +30,7 @@ impl Cutouts {
         let mut alphas = Alphas::default();
         let cutouts: Vec<Cutout> = scene.materials.iter().map(|material| alphas.cutout(scene, material)).collect();
         Ok(Self {
-            kernel: DepthKernel::new(context, "shadow_cutout")?,
+            kernel: DepthKernel::new(context)?,
             corners: Buffer::from_slice(context, "shadow positions (cutouts)", &corners)?,
             cutouts: Buffer::from_slice(context, "shadow cutouts", &cutouts)?,
             texels: Buffer::from_slice(context, "shadow alphas", &alphas.words())?,
@@ -39,7 +39,7 @@ impl Cutouts {
         })
     }
 
-    pub fn kernel(&self) -> &DepthKernel {
+    pub fn kernel(&self) -> &DepthKernel<ShadowCutoutPush> {
         &self.kernel
     }
 

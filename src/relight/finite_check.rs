@@ -24,7 +24,7 @@ const NAMES: [&str; 5] = ["shade light", "transfer", "resolve", "sum lights", "c
 pub const PASSES_A_STEP: usize = 5;
 
 pub struct FiniteCheck {
-    kernel: Kernel,
+    kernel: Kernel<CountNonFinitePush>,
     counts: Buffer<u32>,
 }
 
@@ -32,7 +32,7 @@ impl FiniteCheck {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let mut counts = Buffer::new(context, "non-finite values", Access::HostWrites, NAMES.len())?;
         counts.host_mut().fill(0);
-        Ok(Self { kernel: Kernel::new(context, "count_non_finite", &[])?, counts })
+        Ok(Self { kernel: Kernel::new(context, ())?, counts })
     }
 
     /// Values so far, by pass; all frames are finished.

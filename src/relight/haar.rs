@@ -11,16 +11,16 @@ use super::indirect::ByLights;
 use crate::bake::compression::haar::{Haar, Pruned};
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
-use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, Rotation};
+use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, LightsConstants, Rotation};
 use crate::trace::point_tree::middle;
 
 pub struct HaarTransform {
     places: Buffer<u32>,
     first_place: Buffer<u32>,
-    sums: ByLights,
+    sums: ByLights<HaarSumsPush>,
     rotations: Buffer<Rotation>,
     launches: Vec<Launch>,
-    rotate: ByLights,
+    rotate: ByLights<HaarPush>,
 }
 
 /// Subtrees of the same height.
@@ -49,10 +49,10 @@ impl HaarTransform {
         Ok(Self {
             places: Buffer::from_slice(context, "transfer (Haar sums)", &places)?,
             first_place: Buffer::from_slice(context, "transfer (Haar sums' places)", &first_place)?,
-            sums: ByLights::new(context, "haar_sums", [])?,
+            sums: ByLights::new(context, |lights| LightsConstants { lights })?,
             rotations: Buffer::from_slice(context, "transfer (Haar rotations)", &order.rotations)?,
             launches: order.launches.iter().map(launch).collect::<Result<_>>()?,
-            rotate: ByLights::new(context, "haar", [])?,
+            rotate: ByLights::new(context, |lights| LightsConstants { lights })?,
         })
     }
 

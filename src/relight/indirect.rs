@@ -16,7 +16,7 @@ use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel, Pass};
-use crate::shared::gpu_struct::Write;
+use crate::shared::gpu_struct::{Push, Write};
 use crate::shared::*;
 
 pub struct Indirect {
@@ -45,14 +45,10 @@ enum LitSamples {
         samples: Buffer<LightSample>,
         points_per_sample: u32,
         tables: Buffer<f32>,
-        kernel: Kernel,
+        kernel: Kernel<ShadeGatherPush>,
     },
     /// The thesis's.
-    Factored {
-        samples: Buffer<FactoredSample>,
-        tables: Buffer<Vec4>,
-        kernel: Kernel,
-    },
+    Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernel: Kernel<ShadeFactoredPush> },
 }
 
 /// A block matrix on the device, or a part of its rows.
@@ -63,28 +59,25 @@ struct Product {
     inputs: Buffer<u32>,
     tints: Buffer<Vec3>,
     outputs: Buffer<u32>,
-    kernels: Arc<ByLights>,
+    kernels: Arc<ByLights<MultiplyBlocksPush>>,
 }
 
 /// A kernel for one light, and for [`LIGHTS_A_PASS`] of which some may be absent.
-pub struct ByLights([Kernel; 2]);
+pub struct ByLights<P: Push>([Kernel<P>; 2]);
 
 /// How many vectors lie side by side.
 fn vectors(light_count: usize) -> u32 {
     if light_count > 1 { LIGHTS_A_PASS } else { 1 }
 }
 
-impl ByLights {
-    /// The last constant of each kernel is the number of lights.
-    pub fn new<const N: usize>(context: &Arc<Context>, name: &'static str, constants: [u32; N]) -> Result<Self> {
-        let kernel = |lights: u32| {
-            let all: Vec<(u32, u32)> = (0..).zip(constants.into_iter().chain([lights])).collect();
-            Kernel::new(context, name, &all)
-        };
+impl<P: Push> ByLights<P> {
+    /// `constants` for a number of lights.
+    pub fn new(context: &Arc<Context>, constants: impl Fn(u32) -> P::Constants) -> Result<Self> {
+        let kernel = |lights| Kernel::new(context, constants(lights));
         Ok(Self([kernel(1)?, kernel(LIGHTS_A_PASS)?]))
     }
 
-    pub fn get(&self, light_count: usize) -> &Kernel {
+    pub fn get(&self, light_count: usize) -> &Kernel<P> {
         &self.0[usize::from(vectors(light_count) > 1)]
     }
 }
@@ -153,14 +146,16 @@ impl Indirect {
     /// Factors beyond `budget` bytes stay in host memory, from which kernels read them in every frame.
     pub fn new(context: &Arc<Context>, transfer: &Transfer, budget: u64) -> Result<Self> {
         let room = &mut Room { left: budget, streamed: 0 };
-        let mut kernels: HashMap<[u32; 2], Arc<ByLights>> = HashMap::new();
+        let mut kernels: HashMap<(u32, bool), Arc<ByLights<_>>> = HashMap::new();
         let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
             let mut products = Vec::new();
             for matrix in matrices {
-                let kernel = match kernels.entry([matrix.channels, u32::from(are_last)]) {
+                let kernel = match kernels.entry((matrix.channels, are_last)) {
                     Entry::Occupied(made) => made.get().clone(),
                     Entry::Vacant(place) => {
-                        let kernel = ByLights::new(context, "multiply_blocks", *place.key())?;
+                        let (channels, to_view_samples) = *place.key();
+                        let constants = |lights| MultiplyBlocksConstants { channels, to_view_samples, lights };
+                        let kernel = ByLights::new(context, constants)?;
                         place.insert(Arc::new(kernel)).clone()
                     }
                 };
@@ -244,7 +239,7 @@ impl LitSamples {
             return Ok(Self::Factored {
                 samples: Buffer::from_slice(context, "gather samples", &transfer.factored)?,
                 tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.tables)?,
-                kernel: Kernel::new(context, "shade_factored", &[])?,
+                kernel: Kernel::new(context, ())?,
             });
         }
         let degrees = transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0);
@@ -252,7 +247,7 @@ impl LitSamples {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
             points_per_sample: transfer.points_per_sample as u32,
             tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.projection)?,
-            kernel: Kernel::new(context, "shade_gather", &[(0, degrees)])?,
+            kernel: Kernel::new(context, ShadeGatherConstants { degrees })?,
         })
     }
 
@@ -299,7 +294,7 @@ impl Product {
         context: &Arc<Context>,
         name: &'static str,
         matrix: &Piece,
-        kernels: Arc<ByLights>,
+        kernels: Arc<ByLights<MultiplyBlocksPush>>,
         room: &mut Room,
     ) -> Result<Self> {
         Ok(Self {

@@ -21,8 +21,8 @@ pub struct Inspection {
 
 /// Kernels and what they count, made when they are first asked for.
 pub(super) struct Inspector {
-    histogram: Kernel,
-    probe: Kernel,
+    histogram: Kernel<InspectPush>,
+    probe: Kernel<InspectPush>,
     counts: Buffer<u32>,
     radiance: Buffer<u32>,
     /// Whether `counts` are those of the picture that is shown.
@@ -38,8 +38,8 @@ impl Inspector {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let buffer = |count| Buffer::new(context, "inspection", Access::HostWrites, count);
         Ok(Self {
-            histogram: Kernel::new(context, "inspect", &[(0, 1)])?,
-            probe: Kernel::new(context, "inspect", &[(0, 0)])?,
+            histogram: Kernel::new(context, InspectConstants { histogram: true })?,
+            probe: Kernel::new(context, InspectConstants { histogram: false })?,
             counts: buffer(HISTOGRAM_BINS as usize)?,
             radiance: buffer(3)?,
             counted: false,
@@ -98,7 +98,7 @@ impl Inspector {
 
 /// One look at a picture.
 struct Look<'a> {
-    kernel: &'a Kernel,
+    kernel: &'a Kernel<InspectPush>,
     result: &'a Buffer<u32>,
     pixels: UVec2,
     exposure: f32,

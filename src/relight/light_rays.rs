@@ -16,7 +16,7 @@ use crate::trace::bvh::TracedScene;
 pub struct RayCaster {
     rays: LightRays,
     projection: Projection,
-    kernel: Kernel,
+    kernel: Kernel<AddLightRaysPush>,
 }
 
 /// What the rays of one light bring to gather samples.
@@ -34,7 +34,7 @@ impl RayCaster {
         Ok(Self {
             rays: LightRays::new(&transfer.samples, points),
             projection: Projection::from_tables(&transfer.projection),
-            kernel: Kernel::new(context, "add_light_rays", &[])?,
+            kernel: Kernel::new(context, ())?,
         })
     }
 

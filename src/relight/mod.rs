@@ -40,7 +40,7 @@ use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::Rig;
-use crate::shared::LIGHTS_A_PASS;
+use crate::shared::{LIGHTS_A_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
 #[derive(Clone, Debug)]
@@ -92,9 +92,9 @@ pub struct Relighter {
 }
 
 struct Kernels {
-    shade_light: Kernel,
-    resolve: Kernel,
-    sum_images: Kernel,
+    shade_light: Kernel<ShadeLightPush>,
+    resolve: Kernel<ResolvePush>,
+    sum_images: Kernel<SumImagesPush>,
 }
 
 impl Relighter {
@@ -138,9 +138,9 @@ impl Relighter {
             visibility: VisibilityBuffers::new(context, framebuffer, transfer.map(Arc::as_ref), traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) },
             kernels: Kernels {
-                shade_light: Kernel::new(context, "shade_light", &[(0, u32::from(framebuffer.has_specular))])?,
-                resolve: Kernel::new(context, "resolve", &[])?,
-                sum_images: Kernel::new(context, "sum_images", &[])?,
+                shade_light: Kernel::new(context, ShadeLightConstants { specular: framebuffer.has_specular })?,
+                resolve: Kernel::new(context, ())?,
+                sum_images: Kernel::new(context, ())?,
             },
             outputs: Outputs::new(context, framebuffer.tiling.width as usize * framebuffer.tiling.height as usize),
             layers: Layers::All,
@@ -211,8 +211,8 @@ impl Relighter {
         let size = |framebuffer: &DeepFramebuffer| (framebuffer.tiling.width, framebuffer.tiling.height);
         assert_eq!(size(&framebuffer), size(&self.framebuffer), "light images have the size of the first bake");
         if framebuffer.has_specular != self.framebuffer.has_specular {
-            let specialization = [(0, u32::from(framebuffer.has_specular))];
-            self.kernels.shade_light = Kernel::new(&self.context, "shade_light", &specialization)?;
+            let constants = ShadeLightConstants { specular: framebuffer.has_specular };
+            self.kernels.shade_light = Kernel::new(&self.context, constants)?;
         }
         let of = transfer.as_deref();
         self.indirect = None; // its memory first
@@ -329,8 +329,11 @@ impl Relighter {
     #[cfg(feature = "hot-reload")]
     fn reload_changed_kernels(&mut self) {
         let Kernels { shade_light, resolve, sum_images } = &mut self.kernels;
-        let kernels = [shade_light, resolve, sum_images].into_iter().chain(self.outputs.kernels());
-        if kernels.fold(false, |changed, kernel| kernel.reload_if_changed() | changed) {
+        let changed = shade_light.reload_if_changed()
+            | resolve.reload_if_changed()
+            | sum_images.reload_if_changed()
+            | self.outputs.reload_changed_kernels();
+        if changed {
             self.start_again();
         }
     }

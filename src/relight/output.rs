@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::ToneMap;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Kernel};
+use crate::shared::gpu_struct::Push;
 use crate::shared::*;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,8 +21,8 @@ pub enum Output {
 /// Kernels and buffers, each made when it is first asked for.
 pub struct Outputs {
     /// By `OUTPUT_` constant: of whole pictures, and of cells of the contact sheet.
-    kernels: [Option<Kernel>; OUTPUT_COUNT as usize],
-    sheet_kernels: [Option<Kernel>; OUTPUT_COUNT as usize],
+    kernels: [Option<Kernel<CompositePush>>; OUTPUT_COUNT as usize],
+    sheet_kernels: [Option<Kernel<SheetPush>>; OUTPUT_COUNT as usize],
     linear: Option<Buffer<u32>>,
     display: Option<Buffer<u32>>,
     screen: Option<Buffer<u32>>,
@@ -71,10 +72,10 @@ impl Outputs {
     /// Makes what `output` needs, of a contact sheet or else of a whole picture.
     pub fn prepare(&mut self, output: Output, sheet: bool) -> Result<()> {
         let kind = output.kind();
-        let (kernels, name) = if sheet { (&mut self.sheet_kernels, "sheet") } else { (&mut self.kernels, "composite") };
-        let kernel = &mut kernels[kind as usize];
-        if kernel.is_none() {
-            *kernel = Some(Kernel::new(&self.context, name, &[(0, kind)])?);
+        if sheet {
+            prepare(&self.context, &mut self.sheet_kernels, kind)?;
+        } else {
+            prepare(&self.context, &mut self.kernels, kind)?;
         }
         let (buffer, access, words) = match output {
             Output::Linear => (&mut self.linear, Access::HostReads, 3),
@@ -87,11 +88,11 @@ impl Outputs {
         Ok(())
     }
 
-    pub fn kernel(&self, output: Output) -> &Kernel {
+    pub fn kernel(&self, output: Output) -> &Kernel<CompositePush> {
         self.kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
-    pub fn sheet_kernel(&self, output: Output) -> &Kernel {
+    pub fn sheet_kernel(&self, output: Output) -> &Kernel<SheetPush> {
         self.sheet_kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
@@ -105,7 +106,21 @@ impl Outputs {
     }
 
     #[cfg(feature = "hot-reload")]
-    pub fn kernels(&mut self) -> impl Iterator<Item = &mut Kernel> {
-        self.kernels.iter_mut().chain(&mut self.sheet_kernels).flatten()
+    pub fn reload_changed_kernels(&mut self) -> bool {
+        let wholes = self.kernels.iter_mut().flatten().map(Kernel::reload_if_changed);
+        let sheets = self.sheet_kernels.iter_mut().flatten().map(Kernel::reload_if_changed);
+        wholes.chain(sheets).fold(false, |changed, is_new| changed | is_new)
     }
+}
+
+/// Makes the kernel for an `OUTPUT_` constant.
+fn prepare<P>(context: &Arc<Context>, kernels: &mut [Option<Kernel<P>>], output: u32) -> Result<()>
+where
+    P: Push<Constants = OutputConstants>,
+{
+    let kernel = &mut kernels[output as usize];
+    if kernel.is_none() {
+        *kernel = Some(Kernel::new(context, OutputConstants { output })?);
+    }
+    Ok(())
 }

@@ -11,8 +11,8 @@ use crate::shared::{MAX_TERMS, SumImagesPush, SumTerm, YardstickPush};
 /// Kernels and buffers for measuring, made once.
 pub struct Roofline {
     frames: Frames,
-    yardstick: Kernel,
-    sum_images: Kernel,
+    yardstick: Kernel<YardstickPush>,
+    sum_images: Kernel<SumImagesPush>,
     samples: Buffer<Vec4>,
     results: Buffer<f32>,
     source: Buffer<Vec4>,
@@ -31,8 +31,8 @@ impl Roofline {
         let samples: Vec<Vec4> = (0..2 * sample_count).map(|i| Vec4::splat(1.0 / (1 + i % 7) as f32)).collect();
         Ok(Self {
             frames: Frames::new(context)?,
-            yardstick: Kernel::new(context, "yardstick", &[])?,
-            sum_images: Kernel::new(context, "sum_images", &[])?,
+            yardstick: Kernel::new(context, ())?,
+            sum_images: Kernel::new(context, ())?,
             samples: Buffer::from_slice(context, "yardstick samples", &samples)?,
             results: Buffer::new(context, "yardstick results", Access::Device, 3 * sample_count)?,
             source: Buffer::from_slice(context, "yardstick image", &vec![Vec4::ONE; 3 * COPY_PLANE])?,

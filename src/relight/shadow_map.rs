@@ -30,8 +30,8 @@ const FAR_RADII: f32 = 1.5;
 
 pub struct ShadowMaps {
     depth: DepthArray,
-    draw: DepthKernel,
-    pcf: Kernel,
+    draw: DepthKernel<ShadowPush>,
+    pcf: Kernel<ShadowPcfPush>,
     /// x, y, z of each vertex.
     positions: Buffer<f32>,
     indices: Buffer<u32>,
@@ -68,8 +68,8 @@ impl ShadowMaps {
         let cutouts = || Cutouts::new(context, scene, &passable);
         Ok(Self {
             depth: DepthArray::new(context, "shadow map", size, 6)?,
-            draw: DepthKernel::new(context, "shadow")?,
-            pcf: Kernel::new(context, "shadow_pcf", &[])?,
+            draw: DepthKernel::new(context)?,
+            pcf: Kernel::new(context, ())?,
             positions: Buffer::from_slice(context, "shadow positions", bytemuck::cast_slice(&mesh.positions))?,
             indices: Buffer::from_slice(context, "shadow indices", bytemuck::cast_slice(&order))?,
             clusters: clusters(scene, &order),

@@ -8,13 +8,13 @@ use super::indirect::{ByLights, Room, Targets};
 use crate::bake::transfer::sparse::Piece;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
-use crate::shared::{GROUP_SIZE, MultiplySparsePush, Slice};
+use crate::shared::{GROUP_SIZE, LightsConstants, MultiplySparsePush, Slice};
 
 pub struct SparseProduct {
     slices: Buffer<Slice>,
     values: Buffer<UVec4>,
     outputs: Buffer<u32>,
-    kernels: ByLights,
+    kernels: ByLights<MultiplySparsePush>,
 }
 
 impl SparseProduct {
@@ -23,7 +23,7 @@ impl SparseProduct {
             slices: Buffer::from_slice(context, "transfer (slices)", &matrix.slices)?,
             values: room.hold(context, "transfer (terms)", matrix.values)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
-            kernels: ByLights::new(context, "multiply_sparse", [])?,
+            kernels: ByLights::new(context, |lights| LightsConstants { lights })?,
         })
     }
 

@@ -14,6 +14,26 @@ pub trait Glsl: Pod {
     fn name() -> String;
 }
 
+/// Push constants, of one kernel.
+pub trait Push: Pod {
+    /// Its shaders are `glsl/{KERNEL}.*`.
+    const KERNEL: &'static str;
+    /// The kernel's specialization constants; `()` if it has none.
+    type Constants: Constants;
+}
+
+/// Specialization constants of a kernel: what a scene does not use compiles to nothing.
+pub trait Constants: Default {
+    /// By `constant_id`: type and name in GLSL, and the value, which is one word.
+    fn list(&self) -> Vec<(&'static str, String, u32)>;
+}
+
+impl Constants for () {
+    fn list(&self) -> Vec<(&'static str, String, u32)> {
+        Vec::new()
+    }
+}
+
 macro_rules! primitive {
     ($($rust:ty => $glsl:literal),* $(,)?) => {
         $(impl Glsl for $rust {
@@ -90,17 +110,33 @@ pub fn references<T: Glsl>() -> String {
         .concat()
 }
 
-/// Declares constants and structs for both languages, and `shared_glsl()`, their GLSL.
+/// The kernel that `P` is for, and GLSL of its interface.
+pub fn interface<P: Push + Glsl>() -> (&'static str, String) {
+    let mut glsl = format!("layout(push_constant, scalar) uniform Block {{ {} push; }};\n", P::name());
+    for (id, (kind, name, value)) in P::Constants::default().list().into_iter().enumerate() {
+        glsl += &format!("layout(constant_id = {id}) const {kind} {name} = {kind}({value});\n");
+    }
+    (P::KERNEL, glsl)
+}
+
+/// Declares constants and structs for both languages; `shared_glsl()`, their GLSL; and `interfaces()`, GLSL of what each
+/// kernel alone sees, by its name.
 ///
-/// `struct` items can be elements of buffers; `push` items are push constants and must fit 128 bytes, the smallest
-/// limit that Vulkan allows. Eight-byte fields come first.
+/// `struct` items can be elements of buffers. `push` items are push constants `for` the kernel that they name, and must
+/// fit 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first. In brackets is the kernel's struct of
+/// specialization constants; in GLSL they have names in capitals, and the values given here if no others are.
 macro_rules! gpu_shared {
     (
         constants { $($(#[doc = $const_doc:literal])* pub const $constant:ident: u32 = $value:expr;)* }
         floats { $($(#[doc = $float_doc:literal])* pub const $float:ident: f32 = $float_value:expr;)* }
         tables { $($(#[doc = $table_doc:literal])* pub const $table:ident: [u32; $length:expr] = $entries:expr;)* }
+        specializations {
+            $($(#[doc = $special_doc:literal])* pub struct $special:ident {
+                $($(#[doc = $id_doc:literal])* pub $id:ident: $id_type:ident = $default:expr,)*
+            })*
+        }
         structs {
-            $($(#[doc = $doc:literal])* pub $kind:ident $name:ident {
+            $($(#[doc = $doc:literal])* pub $kind:ident $name:ident $(for $kernel:ident $(($constants:ident))?)? {
                 $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty,)*
             })*
         }
@@ -109,7 +145,29 @@ macro_rules! gpu_shared {
         $($(#[doc = $float_doc])* pub const $float: f32 = $float_value;)*
         $($(#[doc = $table_doc])* pub const $table: [u32; $length] = $entries;)*
         $(
+            $(#[doc = $special_doc])*
+            #[derive(Clone, Copy, Debug)]
+            pub struct $special {
+                $($(#[doc = $id_doc])* pub $id: $id_type,)*
+            }
+            impl Default for $special {
+                fn default() -> Self {
+                    Self { $($id: $default,)* }
+                }
+            }
+            impl $crate::shared::gpu_struct::Constants for $special {
+                fn list(&self) -> Vec<(&'static str, String, u32)> {
+                    vec![$((
+                        gpu_shared!(@glsl $id_type),
+                        stringify!($id).to_uppercase(),
+                        u32::from(self.$id),
+                    ),)*]
+                }
+            }
+        )*
+        $(
             $(#[doc = $doc])*
+            $(#[doc = concat!("Push constants of `glsl/", stringify!($kernel), "`.")])?
             #[repr(C)]
             #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
             pub struct $name {
@@ -120,7 +178,13 @@ macro_rules! gpu_shared {
                     stringify!($name).into()
                 }
             }
-            gpu_shared!(@check $kind $name);
+            $(
+                impl $crate::shared::gpu_struct::Push for $name {
+                    const KERNEL: &'static str = stringify!($kernel);
+                    type Constants = gpu_shared!(@constants $($constants)?);
+                }
+                const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
+            )?
         )*
 
         /// GLSL of everything declared here.
@@ -152,16 +216,32 @@ macro_rules! gpu_shared {
             )*
             glsl
         }
-    };
-    (@check struct $name:ident) => {};
-    (@check push $name:ident) => {
-        const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
+
+        /// By kernel, GLSL of its interface.
+        pub fn interfaces() -> Vec<(&'static str, String)> {
+            vec![$($(gpu_shared!(@interface $name $kernel),)?)*]
+        }
     };
     (@references struct $name:ident) => {
         &$crate::shared::gpu_struct::references::<$name>()
     };
     (@references push $name:ident) => {
-        "" // each kernel declares its own push constant block
+        "" // only its kernel sees it, see `interface`
+    };
+    (@glsl bool) => {
+        "bool"
+    };
+    (@glsl u32) => {
+        "uint"
+    };
+    (@constants) => {
+        ()
+    };
+    (@constants $constants:ident) => {
+        $constants
+    };
+    (@interface $name:ident $kernel:ident) => {
+        $crate::shared::gpu_struct::interface::<$name>()
     };
 }
 pub(crate) use gpu_shared;

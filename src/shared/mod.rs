@@ -98,6 +98,55 @@ gpu_shared! {
         ];
     }
 
+    specializations {
+        /// Of shade_light.comp.
+        pub struct ShadeLightConstants {
+            /// Whether any BRDF of the scene has a specular lobe.
+            pub specular: bool = true,
+        }
+
+        /// Of shade_gather.comp.
+        pub struct ShadeGatherConstants {
+            /// Most degrees that any sample has.
+            pub degrees: u32 = HARMONIC_DEGREES,
+        }
+
+        /// Of multiply_blocks.comp.
+        pub struct MultiplyBlocksConstants {
+            /// 3: the first columns have factors for R, G and B each, the others a tint of their input; 1: R, G and B share
+            /// all factors.
+            pub channels: u32 = 1,
+            /// Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
+            pub to_view_samples: bool = false,
+            /// Vectors, element by element side by side: factors are read once for all.
+            pub lights: u32 = 1,
+        }
+
+        /// Of kernels for the vectors of some lights.
+        pub struct LightsConstants {
+            /// Vectors, element by element side by side.
+            pub lights: u32 = 1,
+        }
+
+        /// Of kernels that write pixels.
+        pub struct OutputConstants {
+            /// One of the `OUTPUT_` constants.
+            pub output: u32 = OUTPUT_LINEAR,
+        }
+
+        /// Of inspect.comp.
+        pub struct InspectConstants {
+            /// A histogram of all pixels; else one pixel.
+            pub histogram: bool = true,
+        }
+
+        /// Of fit.comp.
+        pub struct FitConstants {
+            /// Whether the picture shrinks along any axis.
+            pub shrinks: bool = false,
+        }
+    }
+
     structs {
         /// A surface point that the camera sees, straight or through mirrors; mesh space.
         pub struct ViewSample {
@@ -212,8 +261,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// shade_light.comp
-        pub push ShadeLightPush {
+        pub push ShadeLightPush for shade_light(ShadeLightConstants) {
             /// View samples, layer 1 first.
             pub samples: Read<ViewSample>,
             /// BRDFs that they point to.
@@ -297,8 +345,7 @@ gpu_shared! {
             pub index: u32,
         }
 
-        /// add_light_rays.comp
-        pub push AddLightRaysPush {
+        pub push AddLightRaysPush for add_light_rays {
             /// No two for one coefficient.
             pub contributions: Read<Contribution>,
             /// Coefficients of all samples, as [`ShadeGatherPush::coefficients`].
@@ -313,8 +360,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// shade_gather.comp
-        pub push ShadeGatherPush {
+        pub push ShadeGatherPush for shade_gather(ShadeGatherConstants) {
             /// Gather samples.
             pub samples: Read<LightSample>,
             /// Position and normal of `points_per_sample` points of each sample in turn.
@@ -353,8 +399,7 @@ gpu_shared! {
             pub first: u32,
         }
 
-        /// shade_factored.comp
-        pub push ShadeFactoredPush {
+        pub push ShadeFactoredPush for shade_factored {
             /// Gather samples.
             pub samples: Read<FactoredSample>,
             /// Position of each.
@@ -387,8 +432,7 @@ gpu_shared! {
             pub sine: f32,
         }
 
-        /// haar.comp
-        pub push HaarPush {
+        pub push HaarPush for haar(LightsConstants) {
             /// By subtree, then height from the bottom up.
             pub rotations: Read<Rotation>,
             /// Where the rotations of each height begin, and where the last ones end: `height_count` + 1 a subtree.
@@ -401,8 +445,7 @@ gpu_shared! {
             pub height_count: u32,
         }
 
-        /// haar_sums.comp
-        pub push HaarSumsPush {
+        pub push HaarSumsPush for haar_sums(LightsConstants) {
             /// Of each sum what it adds up; the first gets the sum over the root of their number.
             pub places: Read<u32>,
             /// Where each sum's places begin, and where the last one's end.
@@ -413,8 +456,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// multiply_sparse.comp
-        pub push MultiplySparsePush {
+        pub push MultiplySparsePush for multiply_sparse(LightsConstants) {
             /// One a workgroup.
             pub slices: Read<Slice>,
             /// Two terms each: red and green, blue and how far the column is from the one before, twice.
@@ -437,8 +479,7 @@ gpu_shared! {
             pub light_count: u32,
         }
 
-        /// multiply_blocks.comp
-        pub push MultiplyBlocksPush {
+        pub push MultiplyBlocksPush for multiply_blocks(MultiplyBlocksConstants) {
             /// One a workgroup.
             pub panels: Read<Panel>,
             /// Eight float16 each.
@@ -465,8 +506,7 @@ gpu_shared! {
             pub light_count: u32,
         }
 
-        /// shadow_pcf.comp
-        pub push ShadowPcfPush {
+        pub push ShadowPcfPush for shadow_pcf {
             /// View samples.
             pub samples: Read<ViewSample>,
             /// One, or six in the order +X, -X, +Y, -Y, +Z, -Z.
@@ -483,8 +523,7 @@ gpu_shared! {
             pub texel: f32,
         }
 
-        /// shadow.vert
-        pub push ShadowPush {
+        pub push ShadowPush for shadow {
             /// Vertices, three floats each.
             pub positions: Read<f32>,
             /// All faces of the light.
@@ -495,8 +534,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// shadow_cutout.vert, shadow_cutout.frag
-        pub push ShadowCutoutPush {
+        pub push ShadowCutoutPush for shadow_cutout {
             /// Three a triangle.
             pub corners: Read<CutoutCorner>,
             /// One a material.
@@ -511,8 +549,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// resolve.comp
-        pub push ResolvePush {
+        pub push ResolvePush for resolve {
             /// Pixels that have extra samples.
             pub pixels: Read<ExtraPixel>,
             /// Their lists of extra samples, counted from the first extra one.
@@ -533,8 +570,7 @@ gpu_shared! {
             pub layers: u32,
         }
 
-        /// sum_images.comp
-        pub push SumImagesPush {
+        pub push SumImagesPush for sum_images {
             /// Planes R, G, B.
             pub sum: Write<Vec4>,
             /// What is summed.
@@ -549,8 +585,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// count_non_finite.comp
-        pub push CountNonFinitePush {
+        pub push CountNonFinitePush for count_non_finite {
             /// Planes R, G, B, as bits.
             pub values: Read<u32>,
             /// One count a pass that is looked after.
@@ -565,8 +600,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// composite.comp
-        pub push CompositePush {
+        pub push CompositePush for composite(OutputConstants) {
             /// What is summed.
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// One packed RGBA8 a pixel, or three floats, row by row.
@@ -585,8 +619,7 @@ gpu_shared! {
             pub blue_first: u32,
         }
 
-        /// sheet.comp
-        pub push SheetPush {
+        pub push SheetPush for sheet(OutputConstants) {
             /// What the cell shows.
             pub term: SumTerm,
             /// One packed RGBA8 a pixel, or three floats, row by row.
@@ -607,8 +640,7 @@ gpu_shared! {
             pub blue_first: u32,
         }
 
-        /// inspect.comp
-        pub push InspectPush {
+        pub push InspectPush for inspect(InspectConstants) {
             /// What is summed.
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// [`HISTOGRAM_BINS`] counts of pixels, added to; or the RGB bits of one pixel.
@@ -625,8 +657,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        /// fit.comp
-        pub push FitPush {
+        pub push FitPush for fit(FitConstants) {
             /// Four bytes a pixel, row by row.
             pub source: Read<u32>,
             /// The same.
@@ -637,8 +668,7 @@ gpu_shared! {
             pub target_size: UVec2,
         }
 
-        /// yardstick.comp
-        pub push YardstickPush {
+        pub push YardstickPush for yardstick {
             /// 32 bytes a sample.
             pub samples: Read<Vec4>,
             /// 12 bytes a sample.

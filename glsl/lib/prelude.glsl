@@ -1,0 +1,12 @@
+// What every shader begins with; src/gpu/compile.rs includes it.
+
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_KHR_shader_subgroup_ballot : require
+
+#include "shared.glsl"
+
+#ifdef GL_COMPUTE_SHADER
+#include "lib/thread.glsl"
+#endif
