@@ -73,7 +73,8 @@ impl Product {
     fn new(context: &Arc<Context>, matrix: &BlockMatrix, lights: u32) -> Self {
         let vector = vec![Vec4::ONE; (lights * matrix.input_count) as usize];
         let channels = matrix.channels;
-        let constants = MultiplyBlocksConstants { channels, to_view_samples: false, lights };
+        let constants =
+            MultiplyBlocksConstants { channels, to_view_samples: false, lights, wide: context.has_wide_subgroups() };
         let buffers = || -> relume::error::Result<Self> {
             Ok(Self {
                 frames: Frames::new(context)?,

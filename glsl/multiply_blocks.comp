@@ -26,12 +26,36 @@ struct Batch {
     uint lit;
 };
 
+// Of one of the vectors, tinted where channels share factors.
+vec3 read_input(uint column, uint light, uint channels) {
+    vec3 tint = CHANNELS == 3 && channels == 1 ? push.tints.at[column] : vec3(1.0);
+    return push.vector.at[push.inputs.at[column] * LIGHTS + light].rgb * tint;
+}
+
+// Whether light falls on any column of a group, where lanes cannot ask each other.
+bool is_lit(uint first_column) {
+    for (uint k = 0; k < PANEL_COLUMNS; ++k) {
+        uint input_index = push.inputs.at[first_column + k];
+        for (uint l = 0; l < push.light_count; ++l) {
+            if (push.vector.at[input_index * LIGHTS + l].rgb != vec3(0.0)) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
 // From `column_group` on, of those before `end`. The first words of column group o are from `place + o * channels * stride` on, a stride apart.
 Batch read_batch(Panel panel, uint column_group, uint end, uint place, uint channels, uint stride, uint lane) {
     Batch batch;
     batch.lit = 0;
     [[unroll]] for (uint i = 0; i < BATCH; ++i) {
-        uint column = panel.first_input + min(column_group + i, end - 1) * PANEL_COLUMNS + lane;
+        uint first_column = panel.first_input + min(column_group + i, end - 1) * PANEL_COLUMNS;
+        if (!WIDE) {
+            batch.lit |= column_group + i < end && is_lit(first_column) ? 1 << i : 0;
+            continue;
+        }
+        uint column = first_column + lane;
         uint input_index = push.inputs.at[column];
         vec3 tint = CHANNELS == 3 && channels == 1 ? push.tints.at[column] : vec3(1.0);
         bool lit = false;
@@ -56,8 +80,10 @@ Batch read_batch(Panel panel, uint column_group, uint end, uint place, uint chan
     return batch;
 }
 
-// The first word of a column group of the batch, and its inputs, for all lanes.
-uvec3 read_column_group(Batch batch, uint column_group, out vec3 x[LIGHTS][PANEL_COLUMNS]) {
+// The first word of a column group of the batch, and its inputs, for all lanes. Its columns are from `first_column` on.
+uvec3 read_column_group(
+    Batch batch, uint column_group, uint first_column, uint channels, out vec3 x[LIGHTS][PANEL_COLUMNS]
+) {
     // Picked, not indexed: the batch stays in registers.
     uvec3 words = batch.words[0];
     vec3 own[LIGHTS];
@@ -72,7 +98,7 @@ uvec3 read_column_group(Batch batch, uint column_group, out vec3 x[LIGHTS][PANEL
     }
     [[unroll]] for (uint l = 0; l < LIGHTS; ++l) {
         [[unroll]] for (uint k = 0; k < PANEL_COLUMNS; ++k) {
-            x[l][k] = subgroupBroadcast(own[l], k);
+            x[l][k] = WIDE ? subgroupBroadcast(own[l], k) : read_input(first_column + k, l, channels);
         }
     }
     return words;
@@ -108,7 +134,8 @@ void main() {
             if ((batch.lit >> i & 1) == 0) {
                 continue;
             }
-            uvec3 words = read_column_group(batch, i, x);
+            uint first_column = panel.first_input + (column_group + i) * PANEL_COLUMNS;
+            uvec3 words = read_column_group(batch, i, first_column, 3, x);
             uint of_column_group = first + 3 * (column_group + i) * stride;
             [[unroll]] for (uint r = 0; r < ROWS; ++r) {
                 uint place = of_column_group + min(lane * ROWS + r, stride - 1);
@@ -135,7 +162,8 @@ void main() {
             if ((batch.lit >> i & 1) == 0) {
                 continue;
             }
-            uint word = read_column_group(batch, i, x).x;
+            uint first_column = panel.first_input + (column_group + i) * PANEL_COLUMNS;
+            uint word = read_column_group(batch, i, first_column, 1, x).x;
             uint of_column_group = first + (column_group + i) * stride;
             [[unroll]] for (uint r = 0; r < ROWS; ++r) {
                 uvec4 packed = push.values.at[of_column_group + min(lane * ROWS + r, stride - 1)];

@@ -65,6 +65,7 @@ fn addresses(pass: &mut Pass, buffers: &[Buffer<f32>]) -> [Write<f32>; LIGHTS_A_
 }
 
 struct Shape {
+    wide: bool,
     places: usize,
     lights: usize,
     to_view: bool,
@@ -85,6 +86,7 @@ fn multiply(
         channels: matrix.channels,
         to_view_samples: shape.to_view,
         lights: shape.places as u32,
+        wide: shape.wide,
     };
     let kernel = Kernel::<MultiplyBlocksPush>::new(gpu, constants).unwrap();
     let panels = Buffer::from_slice(gpu, "test panels", &matrix.panels).unwrap();
@@ -112,6 +114,11 @@ fn multiply(
     });
 }
 
+/// Forms of the kernel that the device can run: see [`MultiplyBlocksConstants::wide`].
+fn forms(gpu: &Gpu) -> impl Iterator<Item = bool> {
+    [false, true].into_iter().take(1 + usize::from(gpu.has_wide_subgroups()))
+}
+
 #[test]
 fn multiply_blocks() {
     let gpu = gpu();
@@ -121,7 +128,9 @@ fn multiply_blocks() {
     // Alone, or with one of several lights absent; with light on all elements, or on so few that it is dark in many a column group.
     let lit = [(1, 1, 1.0), (3, 4, 1.0), (1, 1, 0.1), (3, 4, 0.03), (1, 1, 0.0)];
     let cases = shapes.into_iter().flat_map(|shape| lit.map(|lit| (shape, lit)));
-    for ((channels, outputs, to_view), (lights, places, share)) in cases {
+    // The narrow form works everywhere.
+    let cases = cases.flat_map(|case| forms(&gpu).map(move |wide| (case, wide)));
+    for (((channels, outputs, to_view), (lights, places, share)), wide) in cases {
         let inputs = 333;
         let extras: usize = if to_view { outputs / 3 } else { 0 };
         let (pixel_count, extra_stride) = (outputs - extras, extras.next_multiple_of(4));
@@ -147,7 +156,7 @@ fn multiply_blocks() {
         };
         let images: Vec<_> = (0..lights).map(|_| image(3 * pixel_count)).collect();
         let extra_images: Vec<_> = (0..lights).map(|_| image(3 * extra_stride)).collect();
-        let shape = Shape { places, lights, to_view, pixel_count, extra_stride };
+        let shape = Shape { wide, places, lights, to_view, pixel_count, extra_stride };
         multiply(&gpu, &mut frames, &matrix, &shape, &vector, [&images, &extra_images]);
         for light in 0..lights {
             let exact: Vec<DVec3> =
@@ -181,7 +190,8 @@ fn column_groups_in_the_dark_are_passed_over() {
     let gpu = gpu();
     let mut frames = Frames::new(&gpu).unwrap();
     let (columns, column_group) = (16, PANEL_COLUMNS as usize);
-    for (lights, places) in [(1, 1), (2, 4), (3, 4)] {
+    let cases = [(1, 1), (2, 4), (3, 4)].into_iter().flat_map(|case| forms(&gpu).map(move |wide| (case, wide)));
+    for ((lights, places), wide) in cases {
         let [own, shared]: [Vec<u32>; 2] = [(0..columns).collect(), (columns..2 * columns).collect()];
         let to = 2 * columns;
         let mut matrix = BlockMatrix::new(3, to as usize + 1, to as usize + 1);
@@ -201,7 +211,7 @@ fn column_groups_in_the_dark_are_passed_over() {
         let mut vector = Buffer::new(&gpu, "test vector", Access::HostWrites, values.len()).unwrap();
         vector.host_mut().copy_from_slice(&values);
         let images = [0, 1].map(|_| (0..lights).map(|_| output(&gpu, 1)).collect::<Vec<_>>());
-        let shape = Shape { places, lights, to_view: false, pixel_count: 1, extra_stride: 1 };
+        let shape = Shape { wide, places, lights, to_view: false, pixel_count: 1, extra_stride: 1 };
         multiply(&gpu, &mut frames, &matrix, &shape, &vector, images.each_ref().map(Vec::as_slice));
         for light in 0..lights {
             let got = vector.host()[to as usize * places + light];

@@ -279,6 +279,11 @@ impl Context {
         self.info.kind == "cpu"
     }
 
+    /// Whether 8 neighbouring threads are always in one subgroup, so that they can share what each of them read.
+    pub fn has_wide_subgroups(&self) -> bool {
+        self.info.wide_subgroups
+    }
+
     /// Whether the validation layer watches: it may not be installed.
     pub fn is_validated(&self) -> bool {
         self.instance.messenger.is_some()

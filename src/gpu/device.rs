@@ -7,6 +7,7 @@ use ash::vk;
 use super::context::Instance;
 use super::{Validation, context::vulkan};
 use crate::error::{Error, Result};
+use crate::shared::PANEL_COLUMNS;
 
 /// One line of `relume devices`.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -21,6 +22,9 @@ pub struct DeviceInfo {
     pub memory_bytes: u64,
     /// What relume needs and the device does not have; empty if it can be used.
     pub lacks: Vec<String>,
+    /// Whether a subgroup never has fewer than 8 threads, and any of them can tell all others a value.
+    #[serde(skip)]
+    pub(super) wide_subgroups: bool,
     #[serde(skip)]
     pub(super) handle: vk::PhysicalDevice,
 }
@@ -78,6 +82,12 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
     let properties = properties.properties;
     let api = properties.api_version;
     let has_13 = api >= vk::API_VERSION_1_3;
+    let mut properties13 = vk::PhysicalDeviceVulkan13Properties::default();
+    if has_13 {
+        let mut more = vk::PhysicalDeviceProperties2::default().push_next(&mut properties13);
+        // SAFETY: as above; the struct of 1.3 is chained only where 1.3 is.
+        unsafe { instance.get_physical_device_properties2(handle, &mut more) };
+    }
     let mut features = vk::PhysicalDeviceFeatures2::default();
     if has_13 {
         features = features.push_next(&mut features12).push_next(&mut features13);
@@ -88,6 +98,8 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
         instance.get_physical_device_memory_properties(handle)
     };
     let core = features.features;
+    let has_ballots = subgroups.supported_operations.contains(vk::SubgroupFeatureFlags::BALLOT)
+        && subgroups.supported_stages.contains(vk::ShaderStageFlags::COMPUTE);
     let needs = [
         ("Vulkan 1.3", has_13),
         ("bufferDeviceAddress", features12.buffer_device_address == vk::TRUE),
@@ -96,14 +108,7 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
         ("synchronization2", features13.synchronization2 == vk::TRUE),
         ("dynamicRendering", features13.dynamic_rendering == vk::TRUE),
         ("depthClamp", core.depth_clamp == vk::TRUE),
-        (
-            "subgroups of 8 that broadcast",
-            subgroups.subgroup_size >= 8 && {
-                let operations = subgroups.supported_operations;
-                operations.contains(vk::SubgroupFeatureFlags::BALLOT)
-                    && subgroups.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-            },
-        ),
+        ("subgroups with ballots", has_ballots),
         ("timestamps", properties.limits.timestamp_compute_and_graphics == vk::TRUE),
     ];
     let text = |bytes: Option<&CStr>| bytes.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
@@ -126,6 +131,7 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
             .map(|h| h.size)
             .max()
             .unwrap_or(0),
+        wide_subgroups: has_ballots && properties13.min_subgroup_size >= PANEL_COLUMNS,
         lacks: needs.iter().filter(|(_, has)| !has).map(|(what, _)| what.to_string()).collect(),
         handle,
     }

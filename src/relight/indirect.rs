@@ -154,7 +154,12 @@ impl Indirect {
                     Entry::Occupied(made) => made.get().clone(),
                     Entry::Vacant(place) => {
                         let (channels, to_view_samples) = *place.key();
-                        let constants = |lights| MultiplyBlocksConstants { channels, to_view_samples, lights };
+                        let constants = |lights| MultiplyBlocksConstants {
+                            channels,
+                            to_view_samples,
+                            lights,
+                            wide: context.has_wide_subgroups(),
+                        };
                         let kernel = ByLights::new(context, constants)?;
                         place.insert(Arc::new(kernel)).clone()
                     }

@@ -120,6 +120,8 @@ gpu_shared! {
             pub to_view_samples: bool = false,
             /// Vectors, element by element side by side: factors are read once for all.
             pub lights: u32 = 1,
+            /// Whether each [`PANEL_COLUMNS`] neighbouring threads are in one subgroup, which shares what each of them read.
+            pub wide: bool = false,
         }
 
         /// Of kernels for the vectors of some lights.
