@@ -1,19 +1,20 @@
-//! Bakes that nobody waits for.
+//! Bakes that run in the background.
 
-/// Runs `work` on threads of its own, one less than there are cores and behind all others that want to run, so that lights
-/// can be edited meanwhile.
+/// Runs `work` in a thread pool of its own, at low priority and with one thread fewer than there are cores, so that
+/// lights can be edited meanwhile.
 pub fn low_priority<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     let threads = rayon::current_num_threads().saturating_sub(1).max(1);
     match rayon::ThreadPoolBuilder::new().num_threads(threads).start_handler(|_| give_way()).build() {
         Ok(pool) => pool.install(work),
-        Err(_) => work(), // no more threads are to be had
+        Err(_) => work(), // no more threads are available
     }
 }
 
-/// Lets other threads go first; on Linux a thread has a priority of its own, elsewhere it would be the whole program's.
+/// Lowers the priority of this thread. Only Linux has a priority per thread; elsewhere it would apply to the whole
+/// program.
 fn give_way() {
     #[cfg(target_os = "linux")]
     if let Err(error) = rustix::process::setpriority_process(None, 10) {
-        tracing::info!("a bake in the background has the priority of all else: {error}");
+        tracing::info!("the priority of the background bake cannot be lowered: {error}");
     }
 }

@@ -1,4 +1,4 @@
-//! The deep framebuffer as pictures: what each of its layers holds at every pixel.
+//! The deep framebuffer as images: the content of each of its layers at every pixel.
 
 use glam::Vec3;
 
@@ -7,27 +7,27 @@ use crate::physics::octahedral;
 use crate::scene::MeshSpace;
 use crate::shared::{Brdf, NO_BRDF};
 
-/// One thing that view samples hold, or that is known of pixels.
+/// One attribute of view samples or of pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
-    /// From the camera, metres; through mirrors as the crow flies.
+    /// Straight-line distance from the camera, metres, also for surfaces seen in mirrors.
     Distance,
     /// World space, metres.
     Position,
-    /// Unit, world space: interpolated, normal map included.
+    /// Unit shading normal, world space: interpolated, normal map included.
     Normal,
-    /// Unit, world space: the triangle's.
+    /// Unit normal of the triangle, world space.
     GeometricNormal,
     /// Linear Rec. 709.
     BaseColor,
     Metallic,
-    /// glTF's: the root of GGX's alpha.
+    /// As in glTF: the square root of GGX's alpha.
     Roughness,
-    /// Product of BRDFs and cosines along the way through mirrors.
+    /// Product of BRDFs and cosines along the path through mirrors.
     Weight,
-    /// Surfaces that the pixel sees, one behind the other in mirrors.
+    /// Number of surfaces along the pixel's path through mirrors.
     Layers,
-    /// View samples of the pixel: more than one a layer only on edges.
+    /// Number of view samples of the pixel: more than one per layer only on edges.
     Samples,
 }
 
@@ -60,15 +60,15 @@ impl Channel {
         }
     }
 
-    /// Whether each layer has its own.
+    /// Whether each layer has its own value.
     pub fn has_layers(self) -> bool {
         !matches!(self, Self::Layers | Self::Samples)
     }
 }
 
 impl DeepFramebuffer {
-    /// A value a pixel, row by row, of the first sample that the pixel has in `layer`, from 0; `None` where it has none or
-    /// a surface that reflects no light of its own has no such value.
+    /// One value per pixel, row by row: that of the pixel's first sample in `layer`, counted from 0. `None` if there is
+    /// no such sample, or if the surface reflects no direct light and the channel is a material property.
     pub fn channel(&self, channel: Channel, layer: u32, space: MeshSpace) -> Vec<Option<Vec3>> {
         let places = self.places(layer);
         let pixels = |y: u32| (0..self.tiling.width).map(move |x| self.tiling.index(x, y));
@@ -87,7 +87,7 @@ impl DeepFramebuffer {
         }
     }
 
-    /// Sample and weight of each pixel in tile order.
+    /// View sample and weight of each pixel in `layer`, in tile order.
     fn places(&self, layer: u32) -> Vec<Option<(u32, Vec3)>> {
         let pixels = self.pixel_stride();
         if layer == 0 {
@@ -104,7 +104,7 @@ impl DeepFramebuffer {
         places
     }
 
-    /// Of each pixel in tile order: its layers, or its samples.
+    /// Number of layers or of samples of each pixel, in tile order.
     fn counts(&self, of_layers: bool) -> Vec<u32> {
         let mut counts: Vec<u32> =
             self.geometric_normals[..self.pixel_stride()].iter().map(|n| u32::from(*n != Vec3::ZERO)).collect();
@@ -135,11 +135,12 @@ impl DeepFramebuffer {
     }
 }
 
-/// Base colour and metallic of a surface from what [`crate::trace::surface::brdf`] multiplied out: with m metallic and d = base
-/// (1 - m), f0 = dielectric + m (base - dielectric) makes 1 - m a root of dielectric x² - (f0 + d) x + d.
+/// Base colour and metallic of a surface, recovered from the products of [`crate::trace::surface::brdf`]. With metallic
+/// m and d = base (1 - m), f0 = dielectric + m (base - dielectric), hence 1 - m is a root of dielectric x² - (f0 + d) x
+/// + d.
 fn material(brdf: &Brdf) -> (Vec3, f32) {
     let dielectric = f64::from(brdf.dielectric_f0);
-    // The channel that tells most: the others' roots are the same but for rounding.
+    // The brightest diffuse channel: the other channels have the same root up to rounding.
     let channel = (0..3).fold(0, |best, c| if brdf.diffuse[c] > brdf.diffuse[best] { c } else { best });
     let (d, f0) = (f64::from(brdf.diffuse[channel]), f64::from(brdf.f0[channel]));
     let sum = f0 + d;
@@ -163,7 +164,7 @@ mod tests {
     use crate::scene::Surface;
     use crate::trace::surface;
 
-    /// glTF's dielectrics, metals and mixtures come back from their products.
+    /// Base colour and metallic are recovered for dielectrics, metals and mixtures.
     #[test]
     fn base_colour_and_metallic_are_what_the_material_had() {
         for metallic in [0.0, 0.1, 0.5, 0.9, 1.0f32] {

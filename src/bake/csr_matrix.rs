@@ -1,32 +1,32 @@
-//! Sparse matrices of light's three channels, row by row.
+//! Sparse RGB matrices in compressed row storage.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Sparse rows, one a view sample.
+/// Sparse matrix with one row per view sample.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CsrMatrix {
     /// Entries of row r: `first[r]..first[r + 1]`.
     pub first: Vec<usize>,
-    /// Coefficient of each entry, ascending within a row.
+    /// Column of each entry, ascending within a row.
     pub columns: Vec<u32>,
     /// RGB.
     pub values: Vec<[f32; 3]>,
 }
 
 impl CsrMatrix {
-    /// Rows without entries.
+    /// `count` rows without entries.
     pub fn empty(count: usize) -> CsrMatrix {
         CsrMatrix { first: vec![0; count + 1], ..Default::default() }
     }
 
-    /// No rows yet, with room for so many entries.
+    /// A matrix without rows, with capacity for `entries` entries.
     pub fn with_capacity(entries: usize) -> CsrMatrix {
         CsrMatrix { first: vec![0], columns: Vec::with_capacity(entries), values: Vec::with_capacity(entries) }
     }
 
-    /// Whether these are so many rows of so many columns.
+    /// Whether all indices are valid for `rows` rows and `columns` columns.
     pub fn is_consistent(&self, rows: usize, columns: usize) -> bool {
         self.first.len() == rows + 1
             && self.first[0] == 0
@@ -36,11 +36,12 @@ impl CsrMatrix {
             && self.columns.iter().all(|&column| (column as usize) < columns)
     }
 
+    /// Multiplies all values by `factor`.
     pub fn scale(&mut self, factor: f64) {
         self.values.iter_mut().flatten().for_each(|value| *value = (f64::from(*value) * factor) as f32);
     }
 
-    /// All rows of `parts` in turn.
+    /// The rows of all `parts`, in order.
     pub fn concatenated(parts: Vec<CsrMatrix>) -> Self {
         let mut rows = Self::with_capacity(parts.iter().map(|part| part.columns.len()).sum());
         for part in parts {
@@ -52,6 +53,7 @@ impl CsrMatrix {
         rows
     }
 
+    /// Removes all rows.
     pub fn clear(&mut self) {
         self.first.clear();
         self.first.push(0);
@@ -59,6 +61,7 @@ impl CsrMatrix {
         self.values.clear();
     }
 
+    /// Number of rows.
     pub fn len(&self) -> usize {
         self.first.len().saturating_sub(1)
     }
@@ -67,18 +70,18 @@ impl CsrMatrix {
         self.len() == 0
     }
 
-    /// Entries of a row: coefficients and RGB factors.
+    /// Entries of a row: columns and RGB values.
     pub fn row(&self, row: usize) -> impl Iterator<Item = (u32, [f32; 3])> {
         let range = self.first[row]..self.first[row + 1];
         self.columns[range.clone()].iter().copied().zip(self.values[range].iter().copied())
     }
 
-    /// Each row times a vector of RGB coefficients, channel by channel, on all cores.
+    /// Product with a vector of RGB coefficients, channel by channel, on all cores.
     pub fn multiply(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
         (0..self.len()).into_par_iter().map(|r| self.times(r, coefficients)).collect()
     }
 
-    /// [`Self::multiply`] on this core alone, for few rows.
+    /// [`Self::multiply`] on the calling thread, for few rows.
     pub fn multiply_here(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
         (0..self.len()).map(|r| self.times(r, coefficients)).collect()
     }

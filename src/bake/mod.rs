@@ -1,4 +1,4 @@
-//! What does not depend on the lights: [`DeepFramebuffer`] and [`Transfer`](transfer::Transfer).
+//! Everything that is independent of the lights: [`DeepFramebuffer`] and [`Transfer`](transfer::Transfer).
 //!
 //! ```text
 //! scene -> framebuffer -> gather_samples -> transport -> compression -> transfer

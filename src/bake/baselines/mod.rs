@@ -1,4 +1,4 @@
-//! Published methods, to compare with.
+//! Published methods, for comparison.
 
 pub mod row_wavelets;
 pub mod thesis;

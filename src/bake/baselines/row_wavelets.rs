@@ -1,12 +1,12 @@
-//! Each row's own wavelets, the published form that ours is compared with [Hasan 2006].
+//! Wavelet compression of each row, the published method that ours is compared with [Hasan 2006].
 //!
-//! A row of T in Haar terms has few large ones, elsewhere for each pixel; these are kept. Light varies slowly, so a term
-//! counts for more the more samples it spans: what is compared is |t| times their number, as in the area-weighted
-//! selection of [Ng 2003].
+//! A row of T has few large Haar terms, different ones for each pixel; only these are stored. Light varies slowly, so
+//! terms that span more samples are more important. Terms are ranked by |t| times the number of samples, as in the
+//! area-weighted selection of [Ng 2003].
 //!
-//! Differs from [Hasan 2006]: bounces among gather samples are no matrix of their own but part of each row, wavelets run
-//! along our tree, where theirs lie in a square image, each function of a glossy sample has its own, and how many are kept
-//! follows from `--error`.
+//! Differs from [Hasan 2006]: bounces among gather samples are included in each row instead of a separate matrix;
+//! wavelets are defined on our tree instead of a square image; each function of a glossy sample has its own wavelets;
+//! and the number of terms is determined by `--error`.
 
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -27,50 +27,50 @@ use crate::bake::transfer::sparse::{SellMatrix, TERM_BYTES};
 use crate::bake::transport::rows::RowGatherer;
 use crate::storage::journal::Journal;
 
-/// Cuts the rows of one transfer.
+/// Compresses the rows of one transfer.
 pub struct RowWavelets<'a> {
     gatherer: RowGatherer<'a>,
     inputs: Inputs,
     /// Square of each term's weight.
     weights: Vec<f32>,
-    /// What rows of Φ multiply for the light of emitters; absent without any.
+    /// Operand of the rows of Φ for the light of emitters; `None` if there are none.
     emitted: Option<Vec<DVec3>>,
-    /// View samples that reflect anything.
+    /// View samples that reflect light.
     pub samples: Vec<u32>,
-    /// Share of a row's weighted energy that is left out at most.
+    /// Maximum omitted share of a row's weighted energy.
     pub left_out: f64,
-    /// Terms of a row that are kept, mean over a few.
+    /// Mean number of terms stored per row, over a few rows.
     pub kept: f64,
     /// Relative noise of the rows under deciding lights.
     noise: f64,
 }
 
-/// Rows that were cut.
+/// Compressed rows.
 #[derive(Serialize, Deserialize)]
 struct Cut {
     rows: CsrMatrix,
-    /// Indirect radiance of emitters, exactly; empty without any.
+    /// Indirect radiance of emitters, uncompressed; empty if there are none.
     emission: Vec<Vec3>,
-    /// For each light to check with: squared error and square of the image of the rows that were checked.
+    /// For each validation light: squared error and square of the image of the checked rows.
     found: Vec<[f64; 2]>,
 }
 
-/// View samples that tell how noisy rows are.
+/// View samples from which the noise of rows is estimated.
 const PROBES: usize = 2048;
-/// Those of them by which it is decided how much is left out.
+/// The first of these, from which the omitted share is determined.
 const CUT: usize = 256;
-/// Halvings of the range in which that is looked for, and its ends.
+/// Iterations of the bisection for the omitted share, and its initial range.
 const HALVINGS: usize = 10;
 const LEFT_OUT: [f64; 2] = [1e-9, 1.0];
-/// Rows that are looked at at once, whole panels of them.
+/// Rows that are processed together: whole panels.
 const AT_ONCE: usize = 4 * WIDTH;
 /// Rows that are sorted by length together.
 const WINDOW: usize = 32 * AT_ONCE;
-/// One of so many pieces is checked with held-out lights.
+/// One in this many pieces is checked with held-out lights.
 const CHECKED: usize = 8;
 
 impl<'a> RowWavelets<'a> {
-    /// `direct` gives the coefficients of direct light.
+    /// `direct` computes the coefficients of direct light.
     pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let samples = transfer.framebuffer().reflecting();
         let inputs = learn(transfer, direct, &samples, settings);
@@ -94,12 +94,13 @@ impl<'a> RowWavelets<'a> {
         self.inputs.residual
     }
 
-    /// Finds how much may be left out, so that on average over deciding lights what rows make of them is as far off as is
-    /// asked for, and as the noise of `rows` is, which those gathered `resampled` tell.
+    /// Determines the omitted share of energy such that, averaged over deciding lights, the relative error of images
+    /// equals the noise of `rows` plus a share of the target error. The noise is estimated by comparison with
+    /// `resampled`.
     fn decide(&mut self, rows: &CsrMatrix, resampled: &CsrMatrix, samples: &[u32], error: f64) {
         let Inputs { checked: bounced, checks: lights, .. } = &self.inputs;
         let far = |images: &VectorBatch, others: &VectorBatch| mean(relative(&compare(images, others)[DECIDING]));
-        // Both have the same noise.
+        // Both have equal noise.
         let noise =
             0.5f64.sqrt() * far(&vector_batch::multiply(rows, bounced), &vector_batch::multiply(resampled, bounced));
         let rows = self.gatherer.gather(samples);
@@ -116,8 +117,9 @@ impl<'a> RowWavelets<'a> {
         (self.left_out, self.noise) = (left_out, noise);
     }
 
-    /// Rows of all view samples that reflect anything; indirect radiance of emitters at all view samples, exactly, or
-    /// nothing without any; and how the rows do. What `journal` has is not done again. `progress` counts view samples.
+    /// Rows of all view samples that reflect light; indirect radiance of emitters at all view samples, uncompressed, or
+    /// empty if there are none; and an error report. Rows found in `journal` are reused. `progress` counts view
+    /// samples.
     pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SellMatrix, Vec<Vec3>, Report) {
         let all = self.gatherer.framebuffer.samples.len();
         let mut matrix = SellMatrix::new(self.weights.len(), all);
@@ -138,7 +140,7 @@ impl<'a> RowWavelets<'a> {
         (matrix, emission, Report::new(&errors, self.noise))
     }
 
-    /// What is kept of some rows.
+    /// Compresses some rows.
     fn cut(&self, window: &[u32]) -> Cut {
         let mut found = vec![[0.0; 2]; SPOTS.end];
         let (mut parts, mut emission) = (Vec::new(), Vec::new());
@@ -165,13 +167,14 @@ impl<'a> RowWavelets<'a> {
         self.inputs.bounces.terms(&self.inputs.haar, VectorBatch::from_rows(rows, 0..rows.len(), columns))
     }
 
-    /// The fewest terms of each vector that leave out no more than a share of its weighted energy.
+    /// The fewest terms of each vector such that the omitted ones have at most the share `left_out` of its weighted
+    /// energy.
     fn largest(&self, terms: &VectorBatch, left_out: f64) -> CsrMatrix {
         largest(terms, [&self.weights; 3].map(Vec::as_slice), left_out)
     }
 }
 
-/// Square of each image's distance from another, and its own.
+/// Squared distance of each image from the corresponding other one, and its own square.
 fn compare(images: &VectorBatch, others: &VectorBatch) -> Vec<[f64; 2]> {
     let mut difference = others.clone();
     for (channel, images) in difference.channels.iter_mut().zip(&images.channels) {
@@ -182,14 +185,14 @@ fn compare(images: &VectorBatch, others: &VectorBatch) -> Vec<[f64; 2]> {
     difference.squares().into_iter().zip(images.squares()).map(<[f64; 2]>::from).collect()
 }
 
-/// Adds squares, light by light.
+/// Adds squares for each light.
 fn add(sums: &mut [[f64; 2]], found: Vec<[f64; 2]>) {
     sums.iter_mut().zip(found).for_each(|(sum, found)| *sum = [0, 1].map(|i| sum[i] + found[i]));
 }
 
 impl Transfer {
-    /// Our operator, of each row of which the largest wavelets are kept. `fits` is asked whether so many bytes may be
-    /// taken, before most of the work; what `journal` has is not done again; `progress` counts view samples.
+    /// Our operator, with the largest wavelets of each row. `fits` decides whether the given number of bytes is
+    /// available, before most of the work. Rows found in `journal` are reused; `progress` counts view samples.
     pub fn haar(
         transfer: &LightTransport,
         settings: &CompressionSettings,

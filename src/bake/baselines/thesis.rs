@@ -1,9 +1,9 @@
-//! Transfer as printed [Yang 2007, Chapter 4]: random samples, form factors over squared distances, a truncated sum and
-//! BRDFs factored by singular values.
+//! Transfer as published [Yang 2007, Chapter 4]: random samples, form factors with squared distances, a truncated sum,
+//! and BRDFs factored by singular values.
 //!
-//! Printed slips that are mended: λ0 has the cosine that it lacks there. Every pair of samples has an entry, so δ
-//! terms for a material are what it needs, not the same for all: with δ = 8 everywhere Φ of a picture of 512x512 and
-//! 2,304 samples would take 19 GB. A texture's material is factored at its mean.
+//! Corrections of the text: λ0 includes the cosine that is missing there. The number of terms δ is chosen per material,
+//! as every pair of samples has an entry: with δ = 8 everywhere, Φ of a picture of 512x512 with 2,304 samples would
+//! take 19 GB. A textured material is factored at its mean.
 
 use faer::Mat;
 use glam::{DVec3, Vec3, Vec4};
@@ -29,16 +29,16 @@ use crate::storage::journal::Journal;
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 
-/// What is computed.
+/// Settings of the thesis's method.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ThesisSettings {
-    /// `Diffuse` is Section 4.2, `Glossy` Section 4.3; how many terms is said by `terms`.
+    /// `Diffuse` is Section 4.2, `Glossy` Section 4.3 with the number of terms given by `terms`.
     pub outgoing: Outgoing,
-    /// N; 2,304 there.
+    /// Number of samples N; 2,304 in the thesis.
     pub samples: usize,
-    /// δ of a material.
+    /// Number of terms δ of a material.
     pub terms: Terms,
-    /// Indirect bounces counted at the pixel: 5 is the I + G + ... + G⁴ printed there.
+    /// Number of indirect bounces, counted at the pixel: 5 gives the published I + G + ... + G⁴.
     pub bounces: u32,
     pub seed: u64,
 }
@@ -50,14 +50,14 @@ pub struct Thesis<'a> {
     pub bounces: u32,
     pub samples: GatherSamples,
     packets: Vec<SamplePacket>,
-    /// By material; absent where no sample has it.
+    /// By material; `None` if it has no sample.
     reflections: Vec<Option<Reflection>>,
     /// Coefficients of sample i: `first[i]..first[i + 1]`.
     pub first: Vec<u32>,
     pub frames: Vec<[Vec3; 3]>,
     /// G.
     pub g: CsrMatrix,
-    /// Largest absolute eigenvalue of G: from 1 on the series that is truncated has no sum.
+    /// Largest absolute eigenvalue of G: from 1 on the series diverges.
     pub spectral_radius: f64,
 }
 
@@ -137,11 +137,12 @@ impl<'a> Thesis<'a> {
         thesis
     }
 
+    /// Number of coefficients of all samples.
     pub fn column_count(&self) -> usize {
         self.first[self.samples.len()] as usize
     }
 
-    /// k of a sample for light from a unit direction of its frame, one for each of its coefficients.
+    /// k of a sample for light from a unit direction in its frame, one value per coefficient.
     pub fn project(&self, sample: usize, wi: Vec3, values: &mut [Vec3]) {
         self.reflection(sample).k(wi, values);
     }
@@ -163,7 +164,7 @@ impl<'a> Thesis<'a> {
         CsrMatrix::concatenated(view_samples.par_iter().map_init(|| self.scratch(), row).collect())
     }
 
-    /// Tables of k for all materials, as shade_factored.comp reads them, and where each sample's begins.
+    /// Tables of k for all materials, in the layout of shade_factored.comp, and the offset of each sample's table.
     pub fn k_tables(&self) -> (Vec<Vec4>, Vec<u32>) {
         let mut tables = Vec::new();
         let mut add = |reflection: &Option<Reflection>| {
@@ -180,8 +181,8 @@ impl<'a> Thesis<'a> {
         (tables, first)
     }
 
-    /// G* = I + G + ... as many terms as bounces count, one matrix a channel: for so few coefficients that n² numbers
-    /// fit memory six times over.
+    /// G* = I + G + ..., with as many terms as bounces, one matrix per channel. Only for few coefficients: takes six n²
+    /// matrices.
     pub fn all_bounces(&self) -> [Mat<f32>; 3] {
         let n = self.column_count();
         [0, 1, 2].map(|channel| {
@@ -248,14 +249,14 @@ impl<'a> Thesis<'a> {
                 Lobe::All => at.sum(),
                 Lobe::Specular => at.specular,
             };
-            // T holds the cosine that `reflected` has too.
+            // T contains the cosine that is also in `reflected`.
             let light = reflected.as_vec3() * (transfer / normal.dot(wi));
             scratch.rows[0].add_colored(sender, &scratch.h, light);
         });
     }
 
-    /// Calls `visit` with every sample that a point sees, the direction to it, and T [Yang 2007, Eq. 4.4]; `scratch.h`
-    /// are its h towards the point.
+    /// Calls `visit` with every sample visible from a point, the direction to it, and T [Yang 2007, Eq. 4.4];
+    /// `scratch.h` contains its h towards the point.
     fn each_visible(
         &self,
         position: Vec3,
@@ -264,7 +265,7 @@ impl<'a> Thesis<'a> {
         scratch: &mut Scratch,
         mut visit: impl FnMut(&mut Scratch, usize, Vec3, f32),
     ) {
-        // Visibility as of a light at the point: exact, and 64 samples at once.
+        // Visibility as for a point light at the point: exact, and 64 samples at a time.
         let light = PackedLight {
             position: position + geometric_normal * self.scene.bvh.shadow_offset(0.0),
             kind: LIGHT_POINT,
@@ -295,7 +296,7 @@ impl<'a> Thesis<'a> {
     }
 }
 
-/// What a thread keeps between rows.
+/// Buffers that a thread reuses between rows.
 struct Scratch<'a> {
     visibility: Vec<u8>,
     rows: Vec<Row<'a>>,
@@ -322,8 +323,8 @@ pub fn shade_thesis(scene: &TracedScene, thesis: &Thesis, light: &PackedLight) -
 }
 
 impl Transfer {
-    /// The thesis's operator: G* and Φ [Yang 2007, Eq. 4.5 to 4.9]; rows of Φ that `journal` has are not gathered again.
-    /// `progress` counts view samples.
+    /// The thesis's operator: G* and Φ [Yang 2007, Eq. 4.5 to 4.9]. Rows of Φ found in `journal` are reused. `progress`
+    /// counts view samples.
     pub fn thesis(
         thesis: &Thesis,
         framebuffer: &DeepFramebuffer,

@@ -1,8 +1,8 @@
-//! Spherical harmonics made orthonormal over one hemisphere under projected solid angle: ∫ B_i B_j cosθ dω = δ_ij.
+//! Spherical harmonics, orthonormalized over one hemisphere under projected solid angle: ∫ B_i B_j cosθ dω = δ_ij.
 //!
-//! A function of degree l and order m is `R_lm(z) Re (x + iy)^m` or `R_lm(z) Im (x + iy)^m`: its radial part R_lm is a
+//! A function of degree l and order m is `R_lm(z) Re (x + iy)^m` or `R_lm(z) Im (x + iy)^m`. Its radial part R_lm is a
 //! polynomial in z of degree l - m. The first n² functions span all polynomials of degree below n on the sphere, so a
-//! smaller basis is the beginning of a larger one.
+//! smaller basis is a prefix of a larger one.
 
 use std::sync::OnceLock;
 
@@ -10,14 +10,14 @@ use glam::{DVec3, Vec3};
 
 use crate::shared::HARMONIC_DEGREES;
 
-/// Degrees: the largest basis has all below.
+/// Number of degrees: the largest basis has all degrees below this.
 pub const DEGREES: usize = HARMONIC_DEGREES as usize;
-/// Functions at most.
+/// Maximum number of functions.
 pub const MAX_FUNCTIONS: usize = DEGREES * DEGREES;
-/// Radial parts: one for each degree, and order up to the degree.
+/// Number of radial parts: one for each degree and each order up to the degree.
 pub const RADIAL_COUNT: usize = radials_of(MAX_FUNCTIONS);
 
-/// Degree and order of each radial part; those of one degree are neighbours.
+/// Degree and order of each radial part; parts of equal degree are adjacent.
 pub const RADIALS: [(usize, usize); RADIAL_COUNT] = {
     let mut radials = [(0, 0); RADIAL_COUNT];
     let mut i = 1;
@@ -29,7 +29,7 @@ pub const RADIALS: [(usize, usize); RADIAL_COUNT] = {
     radials
 };
 
-/// Radial parts that the first `functions` functions need, of all below some degree.
+/// Number of radial parts of the first `functions` functions, which are all those below some degree.
 pub const fn radials_of(functions: usize) -> usize {
     (functions + functions.isqrt()) / 2
 }
@@ -39,11 +39,11 @@ pub struct Harmonics {
     /// Coefficients of R_lm, ascending powers of z.
     radials: [[f64; DEGREES]; RADIAL_COUNT],
     single: [[f32; DEGREES]; RADIAL_COUNT],
-    /// The same power by power for every function, filled up with zeros.
+    /// The same for every function, by power, padded with zeros.
     by_function: [[f32; MAX_FUNCTIONS.next_multiple_of(LANES)]; DEGREES],
 }
 
-/// Functions evaluated at once.
+/// Number of functions evaluated together.
 const LANES: usize = 16;
 
 /// Radial part of each function, its order, and whether it has the imaginary part of the azimuth.
@@ -63,6 +63,7 @@ const PARTS_OF: [(usize, u8, bool); MAX_FUNCTIONS] = {
 };
 
 impl Harmonics {
+    /// The only instance, computed at first use.
     pub fn get() -> &'static Self {
         static HARMONICS: OnceLock<Harmonics> = OnceLock::new();
         HARMONICS.get_or_init(Self::new)
@@ -73,7 +74,7 @@ impl Harmonics {
         for (i, &(degree, order)) in RADIALS.iter().enumerate() {
             let mut radial = [0.0; DEGREES];
             radial[degree - order] = 1.0;
-            // Twice is enough to lose nothing to rounding [Giraud 2005].
+            // Two passes suffice against loss of precision [Giraud 2005].
             for _ in 0..2 {
                 for (lower, &(_, of_order)) in radials[..i].iter().zip(&RADIALS) {
                     if of_order == order {
@@ -92,8 +93,8 @@ impl Harmonics {
         Self { radials, single: radials.map(|radial| radial.map(|r| r as f32)), by_function }
     }
 
-    /// The first `values.len()` functions in a unit direction of the local frame; below the horizon those of the
-    /// nearest direction that is not.
+    /// The first `values.len()` functions in a unit direction of the local frame. A direction below the horizon is
+    /// projected onto the horizon.
     #[inline(always)]
     pub fn evaluate(&self, direction: Vec3, values: &mut [f32]) {
         let mut d = direction;
@@ -101,7 +102,7 @@ impl Harmonics {
             d = d.with_z(0.0).try_normalize().unwrap_or(Vec3::X);
         }
         let azimuths = azimuths(d.x, d.y);
-        // Function by function rather than radial part by radial part: neighbours share a register.
+        // By function rather than by radial part: neighbouring functions share a vector register.
         let mut start = 0;
         while start < values.len() {
             let mut sums = [0.0; LANES];
@@ -128,13 +129,13 @@ impl Harmonics {
         values
     }
 
-    /// Coefficients of each radial part, ascending powers of z: what a kernel needs.
+    /// Coefficients of each radial part, ascending powers of z, for use in kernels.
     pub fn radial_coefficients(&self) -> &[[f32; DEGREES]; RADIAL_COUNT] {
         &self.single
     }
 }
 
-/// Re and Im of (x + iy)^m for every order m.
+/// Real and imaginary part of (x + iy)^m for every order m.
 #[inline(always)]
 pub fn azimuths<T>(x: T, y: T) -> [(T, T); DEGREES]
 where
@@ -148,7 +149,7 @@ where
     powers
 }
 
-/// Functions from their radial and azimuthal parts: by degree, then order; of an order above 0 the real part first.
+/// Functions from their radial and azimuthal parts: by degree, then by order; for orders above 0 the real part first.
 pub fn spread<R, A>(values: &mut [R], radial: impl Fn(usize) -> R, azimuths: [(A, A); DEGREES])
 where
     A: Copy,
@@ -183,7 +184,7 @@ fn inner(a: &[f64; DEGREES], b: &[f64; DEGREES], order: usize) -> f64 {
 mod tests {
     use super::*;
 
-    /// Midpoint rule, whose error falls with the square of its step.
+    /// Midpoint rule, whose error decreases with the square of its step.
     #[test]
     fn functions_are_orthonormal_under_projected_solid_angle() {
         let (heights, around) = (4000, 32);

@@ -1,8 +1,8 @@
-//! BRDFs as short sums of products, f(ωo, ωi) ≈ Σ h_i(ωo) k_i(ωi): what a gather sample keeps of the light that
-//! reaches it, and what it sends on.
+//! BRDFs as short sums of products, f(ωo, ωi) ≈ Σ h_i(ωo) k_i(ωi): k_i projects incident light onto the coefficients of
+//! a gather sample, and h_i evaluates its outgoing radiance.
 //!
-//! [`harmonics`] and [`Projection`] are ours: one basis h = B for all materials, the hemisphere's own harmonics, and
-//! k_i(ωi) = ∫ B_i f cosθ dω tabulated once for every roughness. [`svd`] is that of [Yang 2007, Section 4.4].
+//! [`harmonics`] and [`Projection`] are our method: one basis h = B for all materials, hemispherical harmonics, and
+//! k_i(ωi) = ∫ B_i f cosθ dω, tabulated once for every roughness. [`svd`] is the method of [Yang 2007, Section 4.4].
 
 pub mod harmonics;
 pub mod svd;
@@ -19,26 +19,28 @@ use crate::shared::{Brdf, TABLE_COSINES, TABLE_ROUGHNESSES};
 
 pub use crate::shared::ALBEDO_CAP;
 
-/// Narrower lobes, of glTF roughness below 0.2, are followed by rays: no short sum holds them.
+/// Rays continue at narrower lobes, of glTF roughness below 0.2: no short sum can represent them.
 pub const NEAR_MIRROR_ALPHA: f32 = 0.04;
 const ROUGHNESSES: usize = TABLE_ROUGHNESSES as usize;
-/// Over the square root of the cosine, since k is steep near grazing.
+/// Number of cosines, equidistant in their square root, as k is steep near grazing.
 const COSINES: usize = TABLE_COSINES as usize;
-/// Facets that an entry is summed over, around and along: half of those around, since the other half is their image.
+/// Facets to integrate an entry, in azimuth and in elevation. Only half of the azimuths are used, as the other half is
+/// symmetric.
 const FACETS: [usize; 2] = [12, 288];
 
-/// k_i over roughness and angle, divided by what glTF multiplies in: it is linear in all reflectances.
+/// k_i over roughness and angle, without the reflectances of glTF's model: it is linear in all of them.
 pub struct Projection {
-    /// [roughness][cosine]: radial parts of the specular lobe's k with Fresnel's term 1, and with Schlick's weight.
+    /// [roughness][cosine]: radial parts of the specular lobe's k with Fresnel term 1, and with Schlick's weight.
     specular: Vec<[[f32; 2]; RADIAL_COUNT]>,
-    /// [cosine]: radial parts of Schlick's weight over pi, which the diffuse lobe lacks.
+    /// [cosine]: radial parts of Schlick's weight over pi, which is subtracted from the diffuse lobe.
     schlick: Vec<[f32; RADIAL_COUNT]>,
 }
 
 impl Projection {
-    /// Elements of [`Self::tables`].
+    /// Number of elements of [`Self::tables`].
     pub const TABLE_LENGTH: usize = (2 * ROUGHNESSES + 1) * COSINES * RADIAL_COUNT;
 
+    /// The only instance, computed at first use.
     pub fn get() -> &'static Self {
         static PROJECTION: OnceLock<Projection> = OnceLock::new();
         PROJECTION.get_or_init(Self::new)
@@ -48,7 +50,7 @@ impl Projection {
         let white = Brdf {
             diffuse: Vec3::ZERO,
             alpha: 0.0,
-            f0: Vec3::X, // red reflects all, green what Schlick's weight says
+            f0: Vec3::X, // red has Fresnel term 1, green Schlick's weight
             f90: 1.0,
             dielectric_f0: 0.0,
             dielectric_f90: 0.0,
@@ -62,16 +64,17 @@ impl Projection {
             column(|wi| integrate(&brdf, wi, |reflected| [reflected.specular.x, reflected.specular.y]))
         };
         let specular = (0..ROUGHNESSES).into_par_iter().flat_map_iter(row).map(|k| k.map(|k| k.map(|k| k as f32)));
-        // Its diffuse lobe is 1/pi less Schlick's weight over pi.
+        // Its diffuse lobe is 1/pi minus Schlick's weight over pi.
         let lambert = Brdf { diffuse: Vec3::ONE, f0: Vec3::ZERO, f90: 0.0, dielectric_f90: 1.0, ..white };
         let missing = |wi| integrate(&lambert, wi, |r| [r.density - r.diffuse.x, 0.0]);
         let schlick = column(missing).into_iter().map(|k| k.map(|[missing, _]| missing as f32)).collect();
         Self { specular: specular.collect(), schlick }
     }
 
-    /// k_i of `brdf` for light from the unit direction `wi` of the local frame, above the horizon: what the first
-    /// `values.len()` functions get of irradiance 1 at normal incidence to the light, cosine not included. Capped, so
-    /// that no more than [`ALBEDO_CAP`] of the light is reflected in any channel, a perfect mirror's image included.
+    /// k_i of `brdf` for light from the unit direction `wi` of the local frame, above the horizon: the first
+    /// `values.len()` coefficients for irradiance 1 on a plane perpendicular to `wi`. The cosine is not included.
+    /// Scaled down where necessary so that at most [`ALBEDO_CAP`] of the light is reflected in any channel, including a
+    /// perfect mirror's reflection.
     pub fn project(&self, brdf: &Brdf, wi: Vec3, values: &mut [Vec3]) {
         let radials = self.radials(brdf, wi.z, radials_of(values.len()));
         let albedo = radials[0] * PI.sqrt() as f32;
@@ -79,12 +82,13 @@ impl Projection {
         spread(values, |i| radials[i] * cap, azimuths(wi.x, wi.y));
     }
 
-    /// What `brdf` reflects of the light from directions at this cosine, the cap left out.
+    /// Directional albedo of `brdf` at this cosine, without the cap.
     pub fn albedo(&self, brdf: &Brdf, cosine: f32) -> Vec3 {
         self.radials(brdf, cosine, 1)[0] * PI.sqrt() as f32
     }
 
-    /// The mean of [`Self::albedo`] under even light from everywhere, where with a mirror's image it is at most `cap`.
+    /// The mean of [`Self::albedo`] under uniform illumination; together with a perfect mirror's reflection it is
+    /// limited to `cap` in every direction.
     pub fn hemispherical_albedo(&self, brdf: &Brdf, cap: f32) -> Vec3 {
         let steps = 256;
         let cosine = |i: usize| (i as f32 + 0.5) / steps as f32;
@@ -95,8 +99,9 @@ impl Projection {
         (0..steps).map(at).sum()
     }
 
-    /// Mean square of what leaves in the functions of each degree, over lights of the same irradiance at normal incidence from
-    /// all directions, mean of RGB. A light near the horizon brings little, however sharply it is reflected.
+    /// Mean energy of the outgoing light in the functions of each degree, averaged over RGB and over lights from all
+    /// directions with equal irradiance at normal incidence. Lights near the horizon contribute little, however sharply
+    /// they are reflected.
     pub fn energy_by_degree(&self, brdf: &Brdf) -> [f32; DEGREES] {
         let steps = 256;
         let mut energy = [0.0; DEGREES];
@@ -112,14 +117,14 @@ impl Projection {
         energy
     }
 
-    /// All tables as shade_gather.comp reads them: `[roughness][cosine][radial part]` of the specular lobe, twice a part,
-    /// then `[cosine][radial part]` of the diffuse one.
+    /// All tables in the layout of shade_gather.comp: `[roughness][cosine][radial part]` of the specular lobe, two
+    /// values per part, then `[cosine][radial part]` of the diffuse one.
     pub fn tables(&self) -> Vec<f32> {
         let specular = self.specular.iter().flatten().flatten();
         specular.chain(self.schlick.iter().flatten()).copied().collect()
     }
 
-    /// What [`Self::tables`] was made from; `tables` are [`Self::TABLE_LENGTH`] long.
+    /// The inverse of [`Self::tables`]; `tables` has [`Self::TABLE_LENGTH`] elements.
     pub fn from_tables(tables: &[f32]) -> Self {
         let (specular, schlick) = tables.split_at(2 * ROUGHNESSES * COSINES * RADIAL_COUNT);
         Self { specular: bytemuck::cast_slice(specular).to_vec(), schlick: bytemuck::cast_slice(schlick).to_vec() }
@@ -135,7 +140,7 @@ impl Projection {
                 let schlick = weights[0] * self.schlick[column][c] + weights[1] * self.schlick[column + 1][c];
                 *radial = -fall * schlick * brdf.diffuse;
             }
-            // Even light lies along the first function alone.
+            // Uniform outgoing light is a multiple of the first function.
             radials[0] += (1.0 - brdf.dielectric_f0) / PI.sqrt() as f32 * brdf.diffuse;
         }
         if brdf.has_lobe() {
@@ -158,33 +163,33 @@ impl Projection {
     }
 }
 
-/// What of `cap` a perfect mirror's image leaves for the rest of the BRDF.
+/// The part of `cap` that remains after a perfect mirror's reflection.
 fn left_by_mirror(brdf: &Brdf, cosine: f32, cap: f32) -> Vec3 {
     (Vec3::splat(cap) - brdf::mirror(brdf, cosine.into()).as_vec3()).max(Vec3::ZERO)
 }
 
-/// Where a BRDF's roughness lies between the first row of the tables and the last, 0 to 1.
+/// Position of a BRDF's roughness between the first and the last row of the tables, 0 to 1.
 pub fn roughness_coordinate(brdf: &Brdf) -> f32 {
     let narrowest = NEAR_MIRROR_ALPHA.sqrt();
     ((brdf.alpha.sqrt() - narrowest) / (1.0 - narrowest)).clamp(0.0, 1.0)
 }
 
-/// Which two of `count` entries a number in [0, 1] lies between, and how far along.
+/// For a number in [0, 1]: the first of the two entries around it, out of `count`, and the interpolation weight.
 fn place(x: f32, count: usize) -> (usize, f32) {
     let x = x * (count - 1) as f32;
     let index = (x as usize).min(count - 2);
     (index, x - index as f32)
 }
 
-/// Entries over all cosines of what `integrate` makes of a direction of light.
+/// Entries for all cosines: `integrate` applied to directions of light.
 fn column(integrate: impl Fn(DVec3) -> [[f64; 2]; RADIAL_COUNT]) -> Vec<[[f64; 2]; RADIAL_COUNT]> {
     let entry = |i: usize| {
-        // Never exactly along the horizon, where nothing is reflected.
+        // Never exactly on the horizon, where nothing is reflected.
         let z = ((i as f64 / (COSINES - 1) as f64).powi(2)).clamp(1e-6, 1.0);
         integrate(DVec3::new((1.0 - z * z).sqrt(), 0.0, z))
     };
     let mut entries: Vec<_> = (0..COSINES).map(entry).collect();
-    // Straight from above radial parts of higher orders are 0/0: they go on as they come.
+    // At normal incidence radial parts of higher orders are 0/0: they are extrapolated.
     let [.., before, last, top] = &mut entries[..] else { unreachable!("there are {COSINES}") };
     for (i, &(_, order)) in RADIALS.iter().enumerate() {
         if order > 0 {
@@ -194,7 +199,8 @@ fn column(integrate: impl Fn(DVec3) -> [[f64; 2]; RADIAL_COUNT]) -> Vec<[[f64; 2
     entries
 }
 
-/// Radial parts of ∫ B_i(ωo) f cosθo dωo for light from `wi`, by facets: two `parts` of BRDF times cosine at once.
+/// Radial parts of ∫ B_i(ωo) f cosθo dωo for light from `wi`, by sampling facets; `parts` selects two parts of BRDF
+/// times cosine.
 fn integrate(
     brdf: &Brdf,
     wi: DVec3,
@@ -210,7 +216,7 @@ fn integrate(
         let values = Harmonics::get().evaluate_exactly(wo);
         let mut next = 0;
         for (sum, &(_, order)) in sums.iter_mut().zip(&RADIALS) {
-            // The other half of an order's pair is odd in the azimuth: its integral is zero.
+            // The other function of this order is odd in the azimuth: its integral is zero.
             for (sum, part) in sum.iter_mut().zip(parts(&reflected)) {
                 *sum += values[next] * part / reflected.density / (FACETS[0] * FACETS[1]) as f64;
             }
@@ -241,7 +247,7 @@ mod tests {
         }
     }
 
-    /// k against drawing directions from the BRDF, with another rule and at angles and roughnesses between the table's.
+    /// Compares k with integration by BRDF sampling, at angles and roughnesses between the table's entries.
     #[test]
     fn tabulated_factors_are_the_integrals() {
         for brdf in [brdf(0.73, 1.0, 0.04, false), brdf(0.5, 0.31, 0.04, false), brdf(0.0, 0.417, 0.5, true)] {
@@ -264,8 +270,8 @@ mod tests {
                 let mut got = [Vec3::ZERO; MAX_FUNCTIONS];
                 Projection::get().project(&brdf, wi.as_vec3(), &mut got);
                 for (i, (got, want)) in got.iter().zip(want).enumerate() {
-                    // Light at grazing angles counts for its cosine. White reflects 0.56 in k_0: 0.4 % of that is what linear
-                    // interpolation leaves.
+                    // Light at grazing angles counts by its cosine. White reflects 0.56 in k_0: linear interpolation
+                    // has an error of 0.4 % of that.
                     let error = (got.as_dvec3() - want * cap).abs().max_element() * cosine;
                     assert!(error < 2e-3, "k_{i} of {brdf:?} at {cosine}: {got}, want {want}");
                 }

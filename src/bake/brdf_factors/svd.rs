@@ -1,9 +1,9 @@
-//! BRDFs factored by singular values, as printed [Yang 2007, Section 4.4; Kautz 1999].
+//! BRDF factorization by singular values, as published [Yang 2007, Section 4.4; Kautz 1999].
 //!
-//! f is tabulated between all pairs of 812 directions: the texels of a 32x32 map of the disc that directions project
-//! to [Yang 2007, Figure 4.2 b]. The largest singular values and their vectors, M ≈ (U Σ^½)(V Σ^½)ᵀ, are h and k at the
-//! texels; between them they are interpolated. In the cosine-weighted mean square this is the best that so many terms
-//! can be; grazing peaks dominate that norm, and truncation adds energy.
+//! f is tabulated for all pairs of 812 directions: the texels of a 32x32 map of the disc that directions project to
+//! [Yang 2007, Figure 4.2 b]. The largest singular values and their vectors, M ≈ (U Σ^½)(V Σ^½)ᵀ, give h and k at the
+//! texels, with interpolation between them. This is optimal in the cosine-weighted mean square for a given number of
+//! terms. However, grazing peaks dominate that norm, and truncation adds energy.
 
 use faer::Mat;
 use glam::{DVec3, Vec3, Vec4};
@@ -14,25 +14,25 @@ use crate::shared::{Brdf, DISC_SIDE};
 
 /// Texels along each side of the map.
 const SIDE: usize = DISC_SIDE as usize;
-/// Texels whose middle lies on the disc.
+/// Number of texels whose centre lies on the disc.
 pub const DIRECTIONS: usize = 812;
 
-/// How many terms a BRDF gets.
+/// Number of terms of a BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Terms {
     Count(usize),
-    /// As few as leave at most this relative error, root mean square over all pairs of directions and RGB.
+    /// The fewest terms with at most this relative error, root mean square over all pairs of directions and RGB.
     Error(f64),
 }
 
-/// h and k of one BRDF, a set for each channel.
+/// h and k of one BRDF, separate for each channel.
 pub struct Factors {
-    /// δ.
+    /// δ, the number of terms.
     pub terms: usize,
     /// [texel][term], RGB.
     h: Vec<Vec3>,
     k: Vec<Vec3>,
-    /// Relative error that is left, root mean square.
+    /// Relative error of the truncated sum, root mean square.
     pub error: f64,
 }
 
@@ -84,7 +84,7 @@ impl Factors {
         self.interpolate(&self.k, wi, values);
     }
 
-    /// k over the square around the disc, `[texel][term]`: RGB and 1, nothing beyond the disc.
+    /// k over the square around the disc, `[texel][term]`: RGB and 1, or 0 outside the disc.
     pub fn k_map(&self) -> Vec<Vec4> {
         let of_texel = |texel: &Option<u32>| match texel {
             Some(texel) => self.k[*texel as usize * self.terms..][..self.terms].iter().map(|k| k.extend(1.0)).collect(),
@@ -93,7 +93,7 @@ impl Factors {
         texels().iter().flat_map(of_texel).collect()
     }
 
-    /// Bilinear between the four nearest texels, those beyond the disc left out.
+    /// Bilinear interpolation between the four nearest texels, excluding those outside the disc.
     fn interpolate(&self, table: &[Vec3], direction: Vec3, values: &mut [Vec3]) {
         values.fill(Vec3::ZERO);
         let texels = texels();
@@ -117,7 +117,7 @@ impl Factors {
     }
 }
 
-/// Directions of the texels, unit, in the local frame.
+/// Unit directions of the texels, in the local frame.
 pub fn directions() -> Vec<DVec3> {
     let middle = |i: usize| (i as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0;
     let all = (0..SIDE * SIDE).map(|i| (middle(i % SIDE), middle(i / SIDE)));
@@ -125,7 +125,7 @@ pub fn directions() -> Vec<DVec3> {
     on_disc.map(|(x, y)| DVec3::new(x, y, (1.0 - x * x - y * y).sqrt())).collect()
 }
 
-/// Which direction each texel of the square map is.
+/// Index of the direction of each texel of the square map.
 fn texels() -> &'static [Option<u32>] {
     static TEXELS: std::sync::OnceLock<Vec<Option<u32>>> = std::sync::OnceLock::new();
     TEXELS.get_or_init(|| {
@@ -161,7 +161,7 @@ mod tests {
         assert_eq!(directions().len(), DIRECTIONS);
     }
 
-    /// One term is exact for a BRDF that is constant.
+    /// One term is exact for a constant BRDF.
     #[test]
     fn lambert_has_rank_one() {
         let lambert = Brdf { diffuse: Vec3::new(0.7, 0.5, 0.2), alpha: 0.0, f0: Vec3::ZERO, f90: 0.0, ..metal(1.0) };
@@ -173,7 +173,7 @@ mod tests {
         assert!((h[0] * k[0] * std::f32::consts::PI - lambert.diffuse).abs().max_element() < 1e-5, "{}", h[0] * k[0]);
     }
 
-    /// At the texels themselves h · k is f but for the error that is told.
+    /// At the texels h · k equals f up to the reported error.
     #[test]
     fn terms_add_up_to_the_brdf() {
         let brdf = metal(0.8);
@@ -192,6 +192,6 @@ mod tests {
             }
         }
         let got = (error / norm).sqrt();
-        assert!(got < 2.0 * factors.error && factors.error < 0.1, "{got}, told {}", factors.error);
+        assert!(got < 2.0 * factors.error && factors.error < 0.1, "{got}, reported {}", factors.error);
     }
 }

@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::scene::Camera;
 use crate::shared::{Brdf, NO_BRDF, ViewSample};
 
-/// Looks a bake up. A file that is damaged or of another version counts as absent.
+/// Loads a bake. A file that is damaged or of another format version counts as absent.
 pub fn load(dir: &Path, key: &Key, camera: &Camera, settings: &BakeSettings) -> Option<DeepFramebuffer> {
     let framebuffer = read(dir, key, |reader| decode(reader, camera, settings))?;
     let packets =
@@ -41,7 +41,7 @@ pub fn store(dir: &Path, key: &Key, name: &str, framebuffer: &DeepFramebuffer) -
     writer.write(&file(dir, key), &metadata)
 }
 
-/// `None` if anything is not as [`store`] writes it: kernels follow these indices, so every one is checked.
+/// `None` if the file differs from what [`store`] writes. Kernels follow these indices, so every index is checked.
 fn decode(reader: &Reader, camera: &Camera, settings: &BakeSettings) -> Option<DeepFramebuffer> {
     let samples: Vec<ViewSample> = reader.take("view_samples")?;
     let geometric_normals: Vec<Vec3> = reader.take("geometric_normals")?;

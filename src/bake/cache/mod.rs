@@ -1,5 +1,5 @@
-//! Baked data on disk, keyed by content: safetensors files, which NumPy opens too, under a checksum, header and all. They
-//! are mapped: what is not copied out of them is never read twice, and takes no memory that the system cannot take back.
+//! Baked data on disk, keyed by content: safetensors files, which NumPy reads too, with a checksum over header and
+//! data. Files are memory-mapped: data that is not copied out is read once, and the system can reclaim its memory.
 
 mod framebuffer;
 mod transfer;
@@ -20,10 +20,10 @@ use crate::scene::{Camera, Rig, Scene};
 use crate::storage::file::{is_temporary, open, write_whole};
 use crate::storage::mapped::{Elements, Mapping};
 
-/// Counts changes of what a file holds.
+/// Version of the file format; incremented when the content changes.
 const FORMAT: &str = "21";
 
-/// Name of what a bake depends on.
+/// Hash of all inputs of a bake; names its file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key(String);
 
@@ -32,13 +32,13 @@ pub struct Key(String);
 pub struct Entry {
     pub path: PathBuf,
     pub scene: String,
-    /// Deep framebuffer or transfer.
+    /// "deep framebuffer" or "transfer".
     pub what: String,
     pub size: String,
     pub bytes: u64,
 }
 
-/// Hashes everything that a bake looks at. Lights count only where shadow edges are anti-aliased.
+/// Hashes all inputs of a bake. Lights are inputs only if shadow edges are anti-aliased.
 pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -> Key {
     let mut hasher = blake3::Hasher::new();
     let seen = (camera.position, camera.world_from_camera, camera.projection);
@@ -72,7 +72,7 @@ pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -
     Key(name(&hasher.finalize()))
 }
 
-/// What tells these settings from all others of their type.
+/// A byte string that identifies these settings among all settings of their type.
 fn serialized(settings: &impl Serialize) -> Vec<u8> {
     postcard::to_stdvec(settings).expect("plain data is serialized in memory")
 }
@@ -85,12 +85,12 @@ fn name(hash: &blake3::Hash) -> String {
     hash.to_hex()[..32].to_owned()
 }
 
-/// Where the bake of a key keeps what it has finished.
+/// Path of the journal that stores the finished parts of the bake of `key`.
 pub fn journal(dir: &Path, key: &Key) -> PathBuf {
     dir.join(format!("bake-{}.journal", key.0))
 }
 
-/// Every bake in a cache directory; only the files' headers are read.
+/// Every bake in a cache directory. Reads only the headers of the files.
 pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     let mut entries = Vec::new();
     for path in files(dir, |name| name.starts_with("bake-") && name.ends_with(".safetensors"))? {
@@ -104,15 +104,15 @@ pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     Ok(entries)
 }
 
-/// Removes every bake from a cache directory, and what those left that were stopped; returns how many files and bytes that
-/// were.
+/// Removes every bake from a cache directory, including the files of interrupted bakes. Returns the number of files and
+/// bytes removed.
 pub fn prune(dir: &Path) -> Result<(usize, u64)> {
     let mut bytes = 0;
     let files = files(dir, |name| name.starts_with("bake-") || is_temporary(name))?;
     for path in &files {
         bytes += path.metadata().map_or(0, |m| m.len());
         match std::fs::remove_file(path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {} // another process was done with it
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {} // another process removed it
             removed => removed.map_err(Error::io("remove", path))?,
         }
     }
@@ -123,8 +123,8 @@ fn file(dir: &Path, key: &Key) -> PathBuf {
     dir.join(format!("bake-{}.safetensors", key.0))
 }
 
-/// What `decode` makes of the file of a key, unless that is damaged or of another version, which one line tells. `decode`
-/// must trust nothing: it runs beside the checksum.
+/// The file of a key as decoded by `decode`. A file that is damaged or of another version is reported in one line.
+/// `decode` must validate everything, as it runs in parallel with the checksum.
 fn read<T: Send>(dir: &Path, key: &Key, decode: impl Fn(&Reader) -> Option<T> + Sync) -> Option<T> {
     let path = file(dir, key);
     let (opened, _) = open(&path).ok()?;
@@ -136,7 +136,7 @@ fn read<T: Send>(dir: &Path, key: &Key, decode: impl Fn(&Reader) -> Option<T> + 
         },
         None => "damaged",
     };
-    tracing::warn!("{} is {reason}: baking anew", path.display());
+    tracing::warn!("{} is {reason}: baking again", path.display());
     None
 }
 
@@ -151,7 +151,7 @@ fn files(dir: &Path, chosen: impl Fn(&str) -> bool) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Writes one file: tensors by name, type and columns.
+/// Writes one file: tensors with name, type and number of columns.
 struct Writer<'a> {
     tensors: Vec<(String, Dtype, usize, &'a [u8])>,
 }
@@ -161,7 +161,7 @@ impl<'a> Writer<'a> {
         self.tensors.push((name.into(), dtype, columns, bytemuck::cast_slice(data)));
     }
 
-    /// Header and data as they are, through no memory of their own.
+    /// Writes header and data without copying the data.
     fn write(&self, path: &Path, metadata: &[(&str, String)]) -> Result<()> {
         let dir = path.parent().expect("files of the cache lie in it");
         std::fs::create_dir_all(dir).map_err(Error::io("create", dir))?;
@@ -183,7 +183,7 @@ impl<'a> Writer<'a> {
         })
     }
 
-    /// The header with [`NO_CHECKSUM`], filled up so that the data begins at a multiple of 8.
+    /// The header with [`NO_CHECKSUM`], padded so that the data begins at a multiple of 8.
     fn header(&self, metadata: &[(&str, String)]) -> std::result::Result<String, Cause> {
         let mut end = 0;
         let info = |(name, dtype, columns, bytes): &(String, Dtype, usize, &[u8])| {
@@ -196,26 +196,26 @@ impl<'a> Writer<'a> {
         let ours = [("relume", FORMAT.to_owned()), ("blake3", NO_CHECKSUM.to_owned())];
         let all = ours.iter().chain(metadata).map(|(k, v)| ((*k).to_owned(), v.clone()));
         let mut header = serde_json::to_value(Metadata::new(Some(all.collect()), tensors)?)?;
-        header.sort_all_objects(); // the same bytes for the same bake
+        header.sort_all_objects(); // the same bake gives the same bytes
         let mut header = header.to_string();
         header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(8) - header.len()));
         Ok(header)
     }
 }
 
-/// Stands for the checksum in the header that is itself under it.
+/// Placeholder for the checksum, which also covers the header that contains it.
 const NO_CHECKSUM: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
-/// One file, mapped.
+/// One memory-mapped file.
 struct Reader {
     file: Mapping,
     metadata: Metadata,
-    /// Where the data begins.
+    /// Offset of the data in bytes.
     data: usize,
 }
 
 impl Reader {
-    /// `None` if that is no safetensors file from end to end.
+    /// `None` if the file is not valid safetensors.
     fn new(file: Mapping) -> Option<Self> {
         let (header, metadata) = SafeTensors::read_metadata(&file).ok()?;
         Some(Self { data: size_of::<u64>() + header, file, metadata })
@@ -227,7 +227,7 @@ impl Reader {
         bytes.len().is_multiple_of(size_of::<T>()).then(|| bytemuck::pod_collect_to_vec(bytes))
     }
 
-    /// A tensor's elements where they are.
+    /// A tensor's elements, mapped.
     fn map<T: Pod>(&self, name: &str) -> Option<Elements<T>> {
         Elements::mapped(&self.file, self.place(name)?)
     }
@@ -245,7 +245,7 @@ impl Reader {
         self.text(name)?.parse().ok()
     }
 
-    /// Whether all of the file is as it was written.
+    /// Whether the content matches the checksum.
     fn is_whole(&self) -> bool {
         let header = std::str::from_utf8(&self.file[size_of::<u64>()..self.data]).expect("it was parsed");
         let checksum = self.text("blake3").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Transfer on disk.
+//! The transfer on disk.
 
 use std::path::Path;
 
@@ -12,12 +12,13 @@ use crate::bake::transfer::blocks::BlockMatrix;
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
 
-/// Name of a transfer to what the bake of `key` sees; `settings` tells how it is computed.
+/// Key of a transfer to the bake of `key`; `settings` determine how it is computed.
 pub fn transfer_key(key: &Key, settings: &impl Serialize) -> Key {
     Key(hash_of(&(&key.0, settings)))
 }
 
-/// Looks a transfer up. A file that is damaged or of another version counts as absent. Factors stay in the file, mapped.
+/// Loads a transfer. A file that is damaged or of another format version counts as absent. Factors stay in the file,
+/// mapped.
 pub fn load_transfer(dir: &Path, key: &Key, framebuffer: &DeepFramebuffer) -> Option<Transfer> {
     read(dir, key, |reader| decode(reader, framebuffer)).map(Transfer::with_packets)
 }
@@ -66,7 +67,8 @@ pub fn store_transfer(
     writer.write(&file(dir, key), &metadata)
 }
 
-/// `None` if anything is not as [`store_transfer`] writes it: kernels follow these indices, so every one is checked.
+/// `None` if the file differs from what [`store_transfer`] writes. Kernels follow these indices, so every index is
+/// checked.
 fn decode(reader: &Reader, framebuffer: &DeepFramebuffer) -> Option<Transfer> {
     let mut transfer = Transfer {
         samples: reader.take("gather_samples")?,
@@ -97,7 +99,7 @@ fn decode(reader: &Reader, framebuffer: &DeepFramebuffer) -> Option<Transfer> {
     }
     if let Some(counts) = reader.text("sparse") {
         let [input_count, output_count] = serde_json::from_str(counts).ok()?;
-        // Copied, not mapped: terms hold steps from column to column, which a kernel follows.
+        // Copied, not mapped: terms contain column increments, which a kernel follows.
         transfer.sparse = Some(SellMatrix {
             input_count,
             output_count,

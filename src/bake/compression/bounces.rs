@@ -1,4 +1,4 @@
-//! S applied to many vectors at once, and its transpose in Haar terms: T = Φ_f + Φ_c S.
+//! S applied to batches of vectors, and its transpose in Haar terms: T = Φ_f + Φ_c S.
 
 use faer::Mat;
 use glam::DVec3;
@@ -11,28 +11,28 @@ use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, 
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::transport::LightTransport;
 
-/// Further bounces of direct light.
+/// All bounces of direct light beyond the first surface.
 pub struct Bounces<'a> {
-    /// One a channel.
+    /// One per channel.
     series: Vec<Series>,
-    /// G_cf; with one level G.
+    /// G_cf; with a single level, G.
     first: &'a CsrMatrix,
     operand: Operand,
 }
 
-/// (I - G)⁻¹ as factors, or G with the number of terms of I + G + ...
+/// The factorized (I - G)⁻¹, or G and the number of terms of I + G + ...
 enum Series {
     Infinite(Lu),
     Terms(Mat<f32>, u32),
 }
 
-/// What rows of Φ multiply.
+/// Layout of the vectors that Φ multiplies.
 #[derive(Clone, Copy)]
 struct Operand {
     two_levels: bool,
     /// Coefficients of the fine level.
     fine: usize,
-    /// Whether light reaches view samples straight from the samples that it falls on.
+    /// Whether light that reaches a gather sample directly contributes to view samples.
     first: bool,
 }
 
@@ -70,7 +70,7 @@ impl<'a> Bounces<'a> {
         transfer.residual(&(0..transfer.among.len()).map(of).collect::<Vec<_>>())
     }
 
-    /// What rows of Φ multiply, from direct light and [`Self::further`].
+    /// Operand of Φ, from direct light and [`Self::further`].
     pub fn seen(&self, direct: &VectorBatch, further: &VectorBatch) -> VectorBatch {
         let mut all = direct.clone();
         if !self.operand.first {
@@ -89,8 +89,8 @@ impl<'a> Bounces<'a> {
         all
     }
 
-    /// What makes Haar terms of the operator. Of each row of G_cf, the terms are dropped that light of `power` puts at most
-    /// the share `tail` of all squares into: most of what rows of a few rays hold is noise.
+    /// The transpose of the operator in Haar terms. From each row of G_cf, omits terms with at most the share `tail` of
+    /// the row's energy, weighted by `power`: most entries of rows of few rays are noise.
     pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
         let power = power.each_ref().map(Vec::as_slice);
         let columns = self.operand.fine;

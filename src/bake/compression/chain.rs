@@ -1,4 +1,4 @@
-//! What is left of the operator: three block matrices, one applied after the other.
+//! The compressed operator: three block matrices, applied one after another.
 
 use std::ops::Range;
 
@@ -8,9 +8,10 @@ use half::slice::HalfFloatSliceExt;
 use super::fit::Factors;
 use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 
-/// T as three products of small dense blocks: of light's Haar terms each supercluster of pixels makes y = V λ̂[J],
-/// each of its tiles c = B y, each pixel of a tile u·c, channel by channel. B and the rows u serve all three channels.
-/// So do V's columns for most terms, behind a tint of light; for the others V has columns for each channel.
+/// T as three products of small dense blocks, channel by channel. Each supercluster computes y = V λ̂[J] from the Haar
+/// terms of light, each of its tiles c = B y, and each pixel of a tile u·c. All three channels share B and the rows u.
+/// They also share V's columns for most terms, which are first multiplied by a tint; for the other terms V has one
+/// column per channel.
 ///
 /// All matrices read one vector: the Haar terms, then y of each supercluster and c of its tiles.
 pub struct Chain {
@@ -21,13 +22,13 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// For as many `terms` of light as coefficients.
+    /// `terms` is the number of Haar terms of light, equal to the number of coefficients.
     pub fn new(terms: usize, view_samples: usize) -> Self {
         let [v, b] = [3, 1].map(|channels| BlockMatrix::new(channels, terms, terms));
         Self { v, b, u: BlockMatrix::new(1, terms, view_samples), length: terms as u32 }
     }
 
-    /// Adds a supercluster whose view samples are `samples`; `tiles` has the range of each tile among them.
+    /// Adds a supercluster with view samples `samples`; `tiles` has the range of each tile among them.
     pub fn push(&mut self, factors: &Factors, tiles: &[Range<usize>], samples: &[u32]) {
         let ys = self.take(factors.rank);
         let (own, tinted) = factors.list.split_at(factors.own);
@@ -39,7 +40,7 @@ impl Chain {
             shared: Columns { inputs: tinted, values: &values[of_own..] },
             tints: &factors.tints[own.len()..],
         });
-        // All tiles of a supercluster read the same.
+        // All tiles of a supercluster read the same y.
         let cs = self.take(factors.tiles.iter().map(|tile| tile.rank).sum());
         let values: Vec<f32> = factors.tiles.iter().flat_map(|tile| floats(&tile.b)).collect();
         self.b.push(&Dense { rows: &cs, shared: Columns { inputs: &ys, values: &values }, ..Default::default() });
@@ -52,14 +53,14 @@ impl Chain {
         }
     }
 
-    /// The next elements of the vector.
+    /// Allocates the next `count` elements of the vector.
     fn take(&mut self, count: usize) -> Vec<u32> {
         let first = self.length;
         self.length += count as u32;
         (first..self.length).collect()
     }
 
-    /// V, B and U, for vectors of the same length.
+    /// V, B and U, for vectors of equal length.
     pub fn finish(self) -> Vec<BlockMatrix> {
         let Self { mut v, mut b, mut u, length } = self;
         for matrix in [&mut v, &mut b, &mut u] {

@@ -1,4 +1,4 @@
-//! View samples in clusters of like position and normal: superclusters of tiles.
+//! View samples clustered by position and normal: superclusters of tiles.
 
 use std::ops::Range;
 
@@ -9,21 +9,21 @@ use crate::physics::octahedral;
 use crate::shared::ViewSample;
 use crate::trace::point_tree::{Point, point};
 
-/// View samples of a tile, which share one small basis: at least and at most, in whole groups of the least.
+/// Minimum and maximum number of view samples of a tile, which share one small basis; always a multiple of the minimum.
 const TILE: [usize; 2] = [64, 256];
-/// Tiles of a supercluster, which share one projection of light, at most; small pictures have smaller ones.
+/// Maximum number of tiles of a supercluster, which share one projection of light; small pictures have fewer.
 const SUPERCLUSTER: usize = 16;
-/// Tiles that a picture is cut into if they can be as large as that: images of a tile are alike because it is a small
-/// part of the scene, however many pixels show it.
+/// Number of tiles of a picture, if the tile size permits: images of a tile are similar because it is a small part of
+/// the scene, regardless of its number of pixels.
 const TILES: usize = 1024;
 
-/// View samples that reflect anything, tile by tile; all tiles are full but the last.
+/// View samples that reflect light, tile by tile; all tiles except the last are full.
 pub struct Clusters {
     /// Indices into [`DeepFramebuffer::samples`](crate::bake::DeepFramebuffer::samples).
     pub samples: Vec<u32>,
-    /// View samples of a tile.
+    /// View samples per tile.
     tile: usize,
-    /// Tiles of a supercluster.
+    /// Tiles per supercluster.
     supercluster: usize,
 }
 
@@ -44,19 +44,19 @@ impl Clusters {
         Self { samples: items.into_iter().map(|(_, i)| i).collect(), tile, supercluster }
     }
 
-    /// Tiles of each supercluster.
+    /// The range of tiles of each supercluster.
     pub fn superclusters(&self) -> impl Iterator<Item = Range<usize>> {
         let tiles = self.samples.len().div_ceil(self.tile);
         (0..tiles).step_by(self.supercluster).map(move |first| first..(first + self.supercluster).min(tiles))
     }
 
-    /// Places in `samples` of the rows of a range of tiles.
+    /// Range in `samples` of the rows of a range of tiles.
     pub fn rows(&self, tiles: &Range<usize>) -> Range<usize> {
         tiles.start * self.tile..(tiles.end * self.tile).min(self.samples.len())
     }
 }
 
-/// How far apart opposite faces count: twice the width of a tile, if tiles were spread evenly over the bounds' faces.
+/// Length of normals in [`point`]: twice the width of a tile, if tiles were spread evenly over the faces of the bounds.
 fn normal_length(samples: &[ViewSample], lit: &[u32], tile: usize) -> f32 {
     let positions = || lit.iter().map(|&i| samples[i as usize].position);
     let size = positions().fold(Vec3::NEG_INFINITY, Vec3::max) - positions().fold(Vec3::INFINITY, Vec3::min);
@@ -65,8 +65,8 @@ fn normal_length(samples: &[ViewSample], lit: &[u32], tile: usize) -> f32 {
     if area.is_finite() { 2.0 * (area / tiles as f32).sqrt() } else { 0.0 }
 }
 
-/// Orders items so that tiles and superclusters are compact: halves along the longest side of their bounds, at whole
-/// superclusters as long as there are several, then at whole tiles.
+/// Orders items so that tiles and superclusters are compact. Splits at the middle of the longest side of their bounds,
+/// at a multiple of the supercluster size while there are several superclusters, then at a multiple of the tile size.
 fn split(items: &mut [(Point, u32)], tile: usize, supercluster: usize) {
     let unit = if items.len() > tile * supercluster { tile * supercluster } else { tile };
     let units = items.len().div_ceil(unit);

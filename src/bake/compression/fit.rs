@@ -1,4 +1,4 @@
-//! One supercluster: from the sparse rows of its pixels to V, B and U.
+//! The fit of one supercluster: from the sparse rows of its pixels to V, B and U.
 
 use std::ops::Range;
 
@@ -17,77 +17,78 @@ use super::{Found, OUTSIDE};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::sequence::Points;
 
-/// What all superclusters are made of.
+/// Input shared by all superclusters.
 pub struct Inputs {
     pub bounces: Thinned,
     /// See [`crate::bake::transport::LightTransport::residual`].
     pub residual: Option<f64>,
     pub haar: Haar,
-    /// What Φ multiplies: random combinations of the lights to learn from.
+    /// Operands of Φ for random combinations of the training lights.
     pub combinations: VectorBatch,
-    /// What Φ multiplies: the lights to check with.
+    /// Operands of Φ for the validation lights.
     pub checked: VectorBatch,
-    /// Haar terms of the lights to learn from, the mean square of whose images is 1.
+    /// Haar terms of the training lights, scaled so that the mean square of their images is 1.
     pub learned: Compact,
-    /// Sum of the squares of each term over the lights to learn from, by channel.
+    /// Sum of the squares of each term over the training lights, by channel.
     pub power: [Vec<f32>; 3],
-    /// Haar terms of the lights to check with.
+    /// Haar terms of the validation lights.
     pub checks: VectorBatch,
-    /// Those of the lights to check with that decide how many directions are kept.
+    /// The validation lights that determine the ranks.
     pub deciding: Range<usize>,
 }
 
-/// Squared errors that the three steps may make, in shares of the whole image's square.
+/// Squared errors allowed for the three steps, as shares of the whole image's square.
 #[derive(Clone, Copy, Debug)]
 pub struct Budget {
-    /// For directions of the supercluster left out.
+    /// Omitted directions of the supercluster.
     pub rank: f64,
-    /// For terms of light left out.
+    /// Omitted terms of light.
     pub terms: f64,
-    /// For directions of tiles left out.
+    /// Omitted directions of tiles.
     pub tiles: f64,
 }
 
-/// A supercluster before it is fitted.
+/// A supercluster projected onto a basis, before it is fitted.
 pub struct Projected<'a> {
     inputs: &'a Inputs,
-    /// An orthonormal basis of what is kept, those directions first that the lights to learn from fill most: pixels x directions.
+    /// An orthonormal basis of the retained space, ordered by decreasing energy of the training lights: pixels x
+    /// directions.
     directions: Mat<f64>,
-    /// Squares of all lights along each.
+    /// Energy of all training lights along each direction.
     squares: Vec<f64>,
-    /// Haar terms that matter, ascending.
+    /// Significant Haar terms, ascending.
     list: Vec<u32>,
     /// Their power, by channel.
     power: [Vec<f32>; 3],
-    /// What T's transpose makes of another basis, by channel: terms that matter x vectors.
+    /// Products of Tᵀ with the vectors of another basis, by channel: significant terms x vectors.
     terms: VectorBatch,
     /// The directions as combinations of those vectors.
     vectors: Mat<f64>,
-    /// What those vectors hold of the lights to learn from: vectors x lights, by channel.
+    /// Coefficients of the training lights in those vectors: vectors x lights, by channel.
     learned: [Mat<f32>; 3],
-    /// What the directions hold of the deciding lights.
+    /// Coefficients of the deciding lights along the directions.
     decided: Mat<f64>,
-    /// Squared error beyond noise that the supercluster may have.
+    /// Allowed squared error beyond noise.
     pub allowed: f64,
-    /// What no fit can mend: square of the light that the basis lacks.
+    /// Squared light outside the basis, which no fit can recover.
     pub outside: f64,
-    /// Images of the lights to check with: pixels x lights.
+    /// Images of the validation lights: pixels x lights.
     pub checks: VectorBatch,
     pub estimate: NoiseEstimate,
-    /// What the basis holds of the deciding lights' images.
+    /// Projections of the deciding lights' images onto the basis.
     held: Mat<f64>,
 }
 
-/// Rows of Φ and what they make of lights.
+/// Rows of Φ and their products with lights.
 pub struct RowProducts {
     rows: Transposed,
-    /// Images of random combinations of the lights to learn from, and of the lights to check with.
+    /// Images of random combinations of the training lights, and of the validation lights.
     combinations: VectorBatch,
     checks: VectorBatch,
 }
 
 impl RowProducts {
-    /// Of no rows yet.
+    /// Contains no rows.
     pub fn new(inputs: &Inputs) -> Self {
         Self {
             rows: Transposed { columns: inputs.combinations.rows(), parts: Vec::new() },
@@ -96,7 +97,7 @@ impl RowProducts {
         }
     }
 
-    /// Adds pixels.
+    /// Appends pixels.
     pub fn push(&mut self, inputs: &Inputs, rows: &CsrMatrix) {
         self.rows.parts.push(TransposedPart::new(rows, self.combinations.rows(), self.rows.columns));
         self.combinations.append(vector_batch::multiply(rows, &inputs.combinations));
@@ -107,26 +108,27 @@ impl RowProducts {
 /// Some of the rows, gathered with other random numbers.
 pub struct Resampled<'a> {
     pub rows: &'a CsrMatrix,
-    /// Which pixels of the supercluster they are.
+    /// Their indices among the pixels of the supercluster.
     pub pixels: &'a [usize],
 }
 
-/// Factors of one supercluster; V as it is multiplied with terms, B after V, U after B.
+/// Factors of one supercluster: V multiplies the terms, B the result of V, U the result of B.
 #[derive(Default, Serialize, Deserialize)]
 pub struct Factors {
     pub list: Vec<u32>,
-    /// How many of the list, the first ones, have factors for each channel.
+    /// Number of terms, the first of the list, that have separate factors for each channel.
     pub own: usize,
-    /// One for each of the list, 1 for these.
+    /// One for each entry of the list; 1 for the first `own`.
     pub tints: Vec<Vec3>,
     pub rank: usize,
-    /// The blocks of red, green and blue in turn, rank x own terms; then that of all three, rank x others.
+    /// Blocks of red, green and blue, rank x own terms each; then the block shared by all channels, rank x tinted
+    /// terms.
     pub v: Vec<f16>,
     pub tiles: Vec<TileFactors>,
 }
 
 impl Factors {
-    /// V of a channel, tints included: rank x list.
+    /// V of one channel, tints included: rank x list.
     fn v(&self, channel: usize) -> Mat<f32> {
         let (own, tinted) = (self.own, self.list.len() - self.own);
         let [of_own, of_tinted] = [channel, 3].map(|block| &self.v[block * self.rank * own..]);
@@ -137,18 +139,19 @@ impl Factors {
     }
 }
 
+/// Factors of one tile.
 #[derive(Serialize, Deserialize)]
 pub struct TileFactors {
     pub rank: usize,
     /// rank x the supercluster's rank.
     pub b: Vec<f16>,
-    /// Pixels x rank; not rounded yet: packing does.
+    /// Pixels x rank; not rounded before packing.
     pub u: Vec<f32>,
 }
 
 impl<'a> Projected<'a> {
-    /// From what the supercluster's pixels see. `allowed` gives the squared error beyond noise that they may have, from the squares
-    /// of their images and of their noise.
+    /// From the products of the supercluster's rows. `allowed` computes the allowed squared error beyond noise from the
+    /// squares of the images and of their noise.
     pub fn new(
         inputs: &'a Inputs,
         seen: RowProducts,
@@ -211,7 +214,7 @@ impl<'a> Projected<'a> {
         let turned = self.turned(&turn);
         let chosen = terms::choose(&turned, &self.power, budget.terms);
         if chosen.own.is_empty() && chosen.tinted.is_empty() {
-            // Nothing would fill the directions.
+            // Without terms all directions are zero.
             let none = |_| TileFactors { rank: 0, b: Vec::new(), u: Vec::new() };
             return Factors { tiles: tiles.iter().map(none).collect(), ..Default::default() };
         }
@@ -226,8 +229,9 @@ impl<'a> Projected<'a> {
         Factors { list, own: multiple(chosen.own.len()), tints, rank, v, tiles }
     }
 
-    /// Squared errors against the rows and squares of the images of the lights to check with: for each tile, each light.
-    /// Comes with the squares of the light that the factors lose of what the basis holds, and of the noise left out.
+    /// Compares the images of the validation lights with those of the rows: squared error and square for each tile and
+    /// light. Also returns the squared light that the factors lose of the projected images, and the squared noise that
+    /// they discard.
     pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> (Found, (f64, f64)) {
         let mut found = vec![vec![[0.0; 2]; self.checks.count]; tiles.len()];
         let mut seen = [0; 3].map(|_| Mat::zeros(self.checks.rows(), WIDTH));
@@ -258,11 +262,12 @@ impl<'a> Projected<'a> {
         (found, self.estimate.lost(&self.held, &seen))
     }
 
-    /// The first directions: as many as leave at most `budget` of what all hold of the deciding lights.
+    /// The smallest number of leading directions such that the remaining ones contain at most `budget` of the deciding
+    /// lights.
     fn directions(&self, budget: f64) -> Directions {
         let certain = self.squares.iter().take_while(|v| **v > linear::CERTAIN * self.squares[0]).count();
         let rank = multiple(self.estimate.needed(self.directions.as_ref(), self.decided.as_ref(), budget).min(certain));
-        // Padded with directions that are zero.
+        // Padded with zero directions.
         let filled = certain.min(rank);
         let turn =
             Mat::from_fn(self.vectors.nrows(), rank, |i, j| if j < filled { self.vectors[(i, j)] as f32 } else { 0.0 });
@@ -274,7 +279,7 @@ impl<'a> Projected<'a> {
         Directions { turn, sizes, deciding }
     }
 
-    /// Terms that matter x directions.
+    /// Products with the directions, by channel: significant terms x directions.
     fn turned(&self, turn: &Mat<f32>) -> [Mat<f32>; 3] {
         let turned = |panels: &Vec<Panel>| {
             let mut all = Mat::<f32>::zeros(self.list.len(), turn.ncols());
@@ -290,7 +295,7 @@ impl<'a> Projected<'a> {
         self.terms.channels.each_ref().map(turned)
     }
 
-    /// List and tints of chosen terms, and V before it is rounded, in units of the directions' `sizes`.
+    /// List and tints of the chosen terms, and V before rounding, in units of the directions' `sizes`.
     fn fit_v(
         &self,
         turn: &Mat<f32>,
@@ -302,7 +307,7 @@ impl<'a> Projected<'a> {
         let all = [&own[..], tinted].concat();
         let [red, green, blue] = turned;
         let fitted = [(0, red), (1, green), (2, blue)].map(|(c, turned)| self.fit_terms(c, turn, turned, &all));
-        // What pads lists is multiplied by zero.
+        // Padding entries of the lists have zero factors.
         let mut list = Vec::new();
         for terms in [own, tinted] {
             list.extend(terms.iter().map(|&i| self.list[i as usize]));
@@ -329,8 +334,8 @@ impl<'a> Projected<'a> {
         (list, tints, v)
     }
 
-    /// What some terms are multiplied by, terms x directions: their own factors and, by ridge regression over the lights to learn
-    /// from, what they tell of the terms left out.
+    /// Factors of the terms `some`: terms x directions. They are the terms' own factors plus, by ridge regression over
+    /// the training lights, a prediction of the omitted terms.
     fn fit_terms(&self, channel: usize, turn: &Mat<f32>, factors: Mat<f32>, some: &[u32]) -> Mat<f32> {
         let learned = &self.inputs.learned;
         let listed = learned.gathered(channel, some.iter().map(|&i| self.list[i as usize] as usize));
@@ -353,30 +358,31 @@ impl<'a> Projected<'a> {
     }
 }
 
-/// Share of the allowed error that terms may add up to which are not looked at.
+/// Terms that sum to less than this share of the allowed error are ignored.
 const SLIGHT: f64 = 0.01;
-/// Terms that are multiplied at once, with what they make of all vectors and lights: these stay in a cache.
+/// Block size of the terms in products, so that intermediate results stay in a cache.
 const TERMS: usize = 512;
-/// What keeps the regression from believing few lights too much, as a share of all their squares.
+/// Ridge regularization against overfitting to few lights, as a share of the sum of their squares.
 const RIDGE: f64 = 1e-3;
 
-/// What is kept of a basis.
+/// The retained part of a basis.
 struct Directions {
-    /// Directions as combinations of the basis.
+    /// Directions as combinations of the basis vectors.
     turn: Mat<f32>,
-    /// Root mean square that light has along each; 0 of padding.
+    /// Root mean square of light along each direction; 0 for padding.
     sizes: Vec<f32>,
-    /// The deciding lights in these units, by their weights: directions x lights, channel after channel.
+    /// The deciding lights in these units, times the roots of their weights: directions x lights, channel by channel.
     deciding: Mat<f64>,
 }
 
-/// Haar terms that matter, and what they make of the vectors of `basis`. The others add up to squares of about `slight`.
+/// Significant Haar terms, and their products with the vectors of `basis`. The squares of the omitted terms sum to
+/// about `slight`.
 fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, VectorBatch) {
     let terms = |vectors: MatRef<f64>| {
         let vectors = VectorBatch::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
         inputs.bounces.terms(&inputs.haar, rows.multiply(&vectors))
     };
-    // Of sums with random signs the mean square is the sum of squares.
+    // The mean square of sums with random signs equals the sum of squares.
     let points = Points::new(0, 0);
     let sign = |vector: usize, sum: usize| if points.at(vector as u32, sum as u32)[0] < 0.5 { 1.0 } else { -1.0 };
     let signs = Mat::from_fn(basis.ncols(), WIDTH, sign);
@@ -402,7 +408,8 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f6
     (list, found)
 }
 
-/// What `count` vectors hold of lights, from the terms of both, of which `lit` gives those of `lights` lights: vectors x lights.
+/// Coefficients of lights in `count` vectors, from the Haar terms of both: vectors x lights. `lit` returns the terms of
+/// the `lights` lights.
 fn hold(terms: &[Panel], list: &[u32], lights: usize, lit: impl Fn(&[u32]) -> Vec<f32>, count: usize) -> Mat<f32> {
     let mut all = Mat::zeros(count, lights);
     for (number, list) in list.chunks(TERMS).enumerate() {
@@ -420,23 +427,24 @@ fn single(block: &[f16], rows: usize, columns: usize) -> Mat<f32> {
     Mat::from_fn(rows, columns, |i, j| block[i * columns + j].to_f32())
 }
 
-/// Largest factor of V: far from the largest of half precision, 65,504, and far above the smallest normal one, 6e-5.
+/// Largest factor of V: far below the maximum of half precision, 65,504, and far above its smallest normal number,
+/// 6e-5.
 const V_LARGEST: f32 = 1024.0;
 
-/// An orthonormal basis of what the images span, the fullest directions first; and the square of all images.
+/// An orthonormal basis of the span of the images, ordered by decreasing energy; and the sum of all squares.
 fn range(images: &VectorBatch) -> (Mat<f64>, f64) {
     let all: Vec<&Panel> = images.channels.iter().flatten().collect();
     let all = Mat::from_fn(images.rows(), all.len() * WIDTH, |i, j| f64::from(all[j / WIDTH][i][j % WIDTH]));
     linear::orthonormal(&all)
 }
 
-/// Factors of a tile from its pixels' rows: what they make of the directions, each in units of its root mean square.
-/// `scale` is what V was multiplied by.
+/// Factors of a tile from the rows of its pixels, whose columns are the directions in units of their root mean square.
+/// `scale` is the factor that V was multiplied by.
 fn tile(pixels: &Mat<f32>, rows: &Range<usize>, deciding: &Mat<f64>, budget: f64, scale: f32) -> TileFactors {
     let rank = pixels.ncols();
     let all = Mat::from_fn(rows.len(), rank, |i, j| f64::from(pixels[(rows.start + i, j)]));
     let (values, vectors) = linear::eigen(&linear::product(all.transpose(), all.as_ref()));
-    // What each direction holds of the deciding lights' images.
+    // Squared coefficients of the deciding lights along each direction.
     let turned = linear::product(vectors.transpose(), deciding.as_ref());
     let square = |r: usize| turned.row(r).iter().map(|x| x * x).sum::<f64>() * values[r];
     let kept = multiple(cut((0..rank).map(square), budget));

@@ -1,16 +1,16 @@
 //! Orthonormal Haar wavelets over the tree of gather samples, one transform for each coefficient index.
 //!
-//! A node of the tree holds the samples `first..end` and is split at [`middle`]. For coefficient k, only samples that
-//! have one take part, l on the left and r on the right. From the bottom up, each node with both turns the two sums below it by
-//! a plane rotation,
+//! A node of the tree contains the samples `first..end` and is split at [`middle`]. For coefficient k, only samples
+//! that have it take part: l on the left and r on the right. From the bottom up, each node with both sides rotates
+//! their sums in the plane,
 //!
 //! ```text
 //! sum  = (√l left + √r right) / √(l + r)
 //! term = (√r left - √l right) / √(l + r)
 //! ```
 //!
-//! in place: the sum stays where the left one was, the term takes the place of the right one. So there are as many
-//! terms as coefficients, and rotations keep all squares: λ̂ = H λ with HᵀH = I.
+//! in place: the sum replaces the left sum, the term the right one. So there are as many terms as coefficients, and
+//! rotations preserve squares: λ̂ = H λ with HᵀH = I.
 
 use std::ops::{Add, Sub};
 
@@ -19,34 +19,35 @@ use glam::DVec3;
 use crate::shared::Rotation;
 use crate::trace::point_tree::middle;
 
-/// The transform of coefficients whose sample i has `first[i]..first[i + 1]`, as [`Level`] counts them.
+/// The transform of coefficients, of which sample i has `first[i]..first[i + 1]`, as in [`Level`].
 ///
 /// [`Level`]: crate::bake::transport::level::Level
 #[derive(Clone, Debug, Default)]
 pub struct Haar {
-    /// From the bottom of the tree up; those of one height touch no place twice.
+    /// From the bottom of the tree up; rotations of equal height touch disjoint elements.
     pub rotations: Vec<Rotation>,
     /// Rotations of height h: `heights[h]..heights[h + 1]`.
     pub heights: Vec<usize>,
 }
 
-/// A transform to some terms: sums first, then rotations. Other places end with anything.
+/// A transform to selected terms: sums first, then rotations. Other elements have undefined values afterwards.
 pub struct Pruned {
-    /// Places of coefficients. Their sum over the root of their number comes to the first of them.
+    /// Elements of all sums. Each sum, divided by the square root of its length, is stored in its first element.
     pub places: Vec<u32>,
-    /// Where each sum's places begin, and where the last one's end.
+    /// Offset of each sum's elements in `places`, and the end of the last one.
     pub first_place: Vec<u32>,
-    /// The rotations that are left.
+    /// The remaining rotations.
     pub haar: Haar,
 }
 
-/// Places of a sum, at most: a thread adds them up while its neighbours, whose sums are shorter, wait.
+/// Maximum number of elements of a sum: one thread adds them up while neighbouring threads with shorter sums are idle.
 const LONGEST_SUM: u32 = 32;
 
-/// For each coefficient index: how many samples of a node have it, and where their sum is.
+/// For each coefficient index: the number of samples of a node that have it, and the element with their sum.
 type Sums = Vec<(u32, u32)>;
 
 impl Haar {
+    /// The transform for samples with coefficients `first[i]..first[i + 1]`.
     pub fn new(first: &[u32]) -> Self {
         let mut by_height: Vec<Vec<Rotation>> = Vec::new();
         let samples = first.len().saturating_sub(1);
@@ -61,7 +62,7 @@ impl Haar {
         Self { rotations: by_height.concat(), heights }
     }
 
-    /// Transforms vectors side by side: `values[coefficient * WIDTH + vector]`.
+    /// Transforms several vectors: `values[coefficient][vector]`.
     pub fn transform<const WIDTH: usize>(&self, values: &mut [[f32; WIDTH]]) {
         for rotation in &self.rotations {
             let (left, right) = (values[rotation.sum as usize], values[rotation.term as usize]);
@@ -71,8 +72,8 @@ impl Haar {
         }
     }
 
-    /// How many samples each of `count` terms spans, those that have its coefficient: the samples of both sums that it
-    /// tells apart, or of the one that is left.
+    /// Number of samples that each of `count` terms spans, counting those that have its coefficient: the samples of
+    /// both sums that it separates, or all samples for a final sum.
     pub fn spans(&self, count: usize) -> Vec<u32> {
         let mut spans = vec![1; count];
         for rotation in &self.rotations {
@@ -83,9 +84,10 @@ impl Haar {
         spans
     }
 
-    /// Leaves out what no `needed` term depends on, of one flag a coefficient. Subtrees without such terms become sums.
+    /// Omits rotations on which no needed term depends; `needed` has one flag per coefficient. Subtrees without needed
+    /// terms become sums.
     pub fn pruned(&self, needed: &[bool]) -> Pruned {
-        // From the top down, whether anything needed is made of what lies at a place.
+        // From the top down: whether any needed term depends on an element.
         let mut used = needed.to_vec();
         let mut kept = vec![false; self.rotations.len()];
         for (i, rotation) in self.rotations.iter().enumerate().rev() {
@@ -93,7 +95,7 @@ impl Haar {
             kept[i] = used[sum] || used[term];
             (used[sum], used[term]) = (kept[i], kept[i]);
         }
-        // From the bottom up, chains of places that are summed.
+        // From the bottom up: linked lists of the elements of sums.
         let mut next: Vec<u32> = (0..needed.len() as u32).collect();
         let mut last = next.clone();
         let mut count = vec![1; needed.len()];
@@ -125,7 +127,7 @@ impl Haar {
         Pruned { places, first_place, haar }
     }
 
-    /// The terms of RGB coefficients, in double precision.
+    /// The Haar terms of RGB coefficients, in double precision.
     pub fn terms(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
         let mut values = coefficients.to_vec();
         for rotation in &self.rotations {
@@ -139,7 +141,7 @@ impl Haar {
 }
 
 impl Pruned {
-    /// Transforms vectors side by side, as [`Haar::transform`] does; twin of haar_sums.comp and haar.comp.
+    /// Transforms several vectors, as [`Haar::transform`] does; twin of haar_sums.comp and haar.comp.
     pub fn transform<const WIDTH: usize>(&self, values: &mut [[f32; WIDTH]]) {
         for range in self.first_place.windows(2) {
             let places = &self.places[range[0] as usize..range[1] as usize];
@@ -151,7 +153,7 @@ impl Pruned {
     }
 }
 
-/// Adds the rotations of a node, by its height, to `by_height`.
+/// Adds the rotations of a node to `by_height`. Returns its sums and its height.
 fn collect(first: &[u32], begin: usize, end: usize, by_height: &mut Vec<Vec<Rotation>>) -> (Sums, usize) {
     if end - begin == 1 {
         return ((first[begin]..first[end]).map(|place| (1, place)).collect(), 0);
@@ -164,7 +166,7 @@ fn collect(first: &[u32], begin: usize, end: usize, by_height: &mut Vec<Vec<Rota
         by_height.resize(height + 1, Vec::new());
     }
     if left.len() < right.len() {
-        // What only one side has goes up as it is.
+        // Coefficients of only one side pass through unchanged.
         left.extend(right.drain(left.len()..));
     }
     for ((count, sum), (others, term)) in left.iter_mut().zip(right) {
@@ -181,7 +183,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Haar as it is defined: sums over samples, one term at a time.
+    /// Haar terms by definition: explicit sums over samples, one term at a time.
     fn slowly(first: &[u32], values: &[f64], k: u32, begin: usize, end: usize) -> Vec<f64> {
         let with: Vec<usize> = (begin..end).filter(|&i| first[i] + k < first[i + 1]).collect();
         if end - begin == 1 || with.is_empty() {
@@ -265,7 +267,8 @@ mod tests {
     fn one_term_is_made_of_sums_and_what_lies_above_it() {
         let first: Vec<u32> = (0..=256).collect();
         let haar = Haar::new(&first);
-        // Of the lowest rotation, which tells the first two apart; of the highest one, halves.
+        // Term 1 belongs to the lowest rotation, which separates the first two samples; term 128 to the highest, which
+        // separates the halves.
         for (needed, sums, rotations) in [(1, 0, 1), (128, 8, 7)] {
             let pruned = haar.pruned(&(0..256).map(|place| place == needed).collect::<Vec<_>>());
             let mut values: Vec<[f32; 1]> = (0..256).map(|i| [(i as f32 * 0.37).sin()]).collect();

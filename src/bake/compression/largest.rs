@@ -1,12 +1,13 @@
-//! The terms of vectors that matter most.
+//! Selection of the most significant terms of vectors.
 
 use rayon::prelude::*;
 
 use super::vector_batch::{Panel, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
 
-/// Of each vector the fewest terms that leave out no more than a share of its energy; a term has the sum of its channels'
-/// squares, each times its weight. Rows of the terms that are kept, one a vector; terms of nothing never are.
+/// For each vector the fewest terms such that the omitted ones have at most the share `left_out` of its energy. The
+/// energy of a term is the weighted sum of its squares over the channels. Returns one row of retained terms per vector;
+/// zero terms are never retained.
 pub fn largest(terms: &VectorBatch, weights: [&[f32]; 3], left_out: f64) -> CsrMatrix {
     let panel = |p: usize| {
         let count = WIDTH.min(terms.count - p * WIDTH);
@@ -15,11 +16,11 @@ pub fn largest(terms: &VectorBatch, weights: [&[f32]; 3], left_out: f64) -> CsrM
     CsrMatrix::concatenated((0..terms.channels[0].len()).into_par_iter().map(panel).collect())
 }
 
-/// Classes of energies of a float's first bits: eight an octave, which tells terms apart well enough.
+/// Classes of energies by the leading bits of a float: eight per octave, which is fine enough to rank terms.
 const CLASSES: usize = 1 << 11;
 const CLASS_SHIFT: u32 = 20;
 
-/// The terms of the highest classes, of each of the first `count` vectors of a panel a channel.
+/// The terms of the highest classes for the first `count` vectors, of one panel per channel.
 fn of_panel(panels: [&Panel; 3], weights: [&[f32]; 3], left_out: f64, count: usize) -> CsrMatrix {
     let energies = |i: usize| -> [f32; WIDTH] {
         let [red, green, blue] = panels.map(|panel| &panel[i]);

@@ -1,4 +1,4 @@
-//! Random lights of the kind that people place: in free space and near surfaces, points and spots, some grazing.
+//! Random lights, placed as a user might: in free space and near surfaces, points and spots, some grazing.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,37 +10,37 @@ use crate::physics::sequence::Points;
 use crate::scene::{Light, LightKind, MeshSpace};
 use crate::shared::PackedLight;
 
-/// Which light a random one is.
+/// Type of a random light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Point,
-    /// Every third shines along the surface that it is near, the others at some surface.
+    /// Half of the spots near a surface shine along it, all others towards a point of some surface.
     Spot,
 }
 
 /// Draws lights around the surfaces of a scene.
 pub struct RandomLights<'a> {
     samples: &'a GatherSamples,
-    /// Areas up to and with each sample, in mesh space.
+    /// Inclusive prefix sums of the samples' areas, in mesh space.
     areas: Vec<f64>,
     low: Vec3,
     high: Vec3,
-    /// Lights near surfaces are so far from them, none is nearer to any.
+    /// Range of distances of lights near a surface. No light is closer than the minimum to any sample.
     near: [f64; 2],
     points: Points,
 }
 
-/// That, in diagonals of the scene's bounds.
+/// [`RandomLights::near`] as a fraction of the diagonal of the scene's bounds.
 const NEAR: [f64; 2] = [0.03, 0.2];
-/// In low rooms it is less: so many lights fit over one another where two thirds of the samples see no further than that.
+/// Low rooms have a smaller minimum: the height of the room (see [`height`]) divided by this.
 const IN_ROOM: f64 = 8.0;
-/// Samples that tell how far they see, at most.
+/// Maximum number of samples that measure the height.
 const HEIGHT_PROBES: usize = 256;
-/// Free lights may be so far beyond the bounds of all surfaces, in diagonals.
+/// Maximum distance of free lights beyond the bounds of all surfaces, in diagonals.
 const BEYOND: f32 = 0.15;
 
 impl<'a> RandomLights<'a> {
-    /// Lights of different `seed`s have nothing in common. There must be a fine sample.
+    /// Different seeds give independent lights. There must be at least one fine sample.
     pub fn new(transfer: &'a LightTransport, seed: u64) -> Self {
         let samples = &transfer.fine.samples;
         let positions = || samples.samples.iter().map(|s| s.position);
@@ -59,8 +59,8 @@ impl<'a> RandomLights<'a> {
         Self { samples, areas, low: low - beyond, high: high + beyond, near, points: Points::new(seed, 0) }
     }
 
-    /// Light number `index`, in mesh space, unless it is too close to a surface; it may be where it lights nothing. Every
-    /// fourth is near a surface, the others are anywhere.
+    /// Light number `index`, in mesh space; `None` if it is too close to a surface. It can be at a place where it
+    /// lights nothing. Every fourth light is near a surface, the others are anywhere.
     pub fn light(&self, kind: Kind, index: u32) -> Option<PackedLight> {
         let set = |set: u32| self.points.at(index, 4 * set + u32::from(kind == Kind::Spot));
         let [x, y, z, which] = set(0);
@@ -83,7 +83,7 @@ impl<'a> RandomLights<'a> {
         let [grazing, target, ..] = set(2);
         let toward = (self.pick(target).0 - position).normalize_or(DVec3::NEG_Y);
         let direction = if near_surface && grazing < 0.5 {
-            // Along the surface, and a little down.
+            // Along the surface, and slightly towards it.
             let (s, t) = near.1.any_orthonormal_pair();
             ((TAU * u).cos() * s + (TAU * u).sin() * t - 0.3 * v * near.1).normalize()
         } else {
@@ -94,7 +94,7 @@ impl<'a> RandomLights<'a> {
         Some(Light { kind: LightKind::Spot, direction, outer_angle, inner_angle, ..light }.pack(MeshSpace::WORLD))
     }
 
-    /// A point of some surface, and its normal.
+    /// A random surface point and its normal.
     fn pick(&self, random: f64) -> (DVec3, DVec3) {
         let last = self.samples.len() - 1;
         let sample = self.areas.partition_point(|&area| area <= random * self.areas[last]);
@@ -103,7 +103,8 @@ impl<'a> RandomLights<'a> {
     }
 }
 
-/// How far two thirds of the samples see along their normals at most; infinite where more than a third see nothing.
+/// Distance within which two thirds of the samples hit a surface along their normals; infinite if more than a third hit
+/// nothing.
 fn height(transfer: &LightTransport) -> f32 {
     let samples = &transfer.fine.samples.samples;
     let sees = |sample: &GatherSample| {

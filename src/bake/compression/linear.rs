@@ -1,4 +1,4 @@
-//! Dense linear algebra on one thread, so that results do not depend on how many there are.
+//! Dense linear algebra on one thread, so that results do not depend on the number of threads.
 
 use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -19,7 +19,7 @@ pub fn product<T: faer::traits::ComplexField>(left: MatRef<'_, T>, right: MatRef
     product
 }
 
-/// Eigenvalues of a symmetric matrix, largest first, none below zero, and their vectors as columns.
+/// Eigenvalues of a symmetric matrix in descending order, clamped to 0 from below, and their vectors as columns.
 pub fn eigen(matrix: &Mat<f64>) -> (Vec<f64>, Mat<f64>) {
     let n = matrix.nrows();
     let (mut values, mut vectors) = (Diag::zeros(n), Mat::zeros(n, n));
@@ -38,11 +38,11 @@ pub fn eigen(matrix: &Mat<f64>) -> (Vec<f64>, Mat<f64>) {
     (descending, Mat::from_fn(n, n, |i, j| vectors[(i, n - 1 - j)]))
 }
 
-/// What single precision cannot tell from zero: smaller eigenvalues, as shares of the largest.
+/// Eigenvalues below this share of the largest are indistinguishable from zero in single precision.
 pub const CERTAIN: f64 = 1e-12;
 
-/// An orthonormal basis of what the columns of a tall matrix span, the fullest directions first; and the square of them
-/// all.
+/// An orthonormal basis of the span of a tall matrix's columns, ordered by decreasing energy; and the sum of their
+/// squares.
 pub fn orthonormal(columns: &Mat<f64>) -> (Mat<f64>, f64) {
     let (values, vectors) = eigen(&product(columns.transpose(), columns.as_ref()));
     let certain = values.iter().take_while(|v| **v > CERTAIN * values[0]).count();
@@ -50,7 +50,7 @@ pub fn orthonormal(columns: &Mat<f64>) -> (Mat<f64>, f64) {
     (product(columns.as_ref(), scaled.as_ref()), values.iter().sum())
 }
 
-/// A square matrix as L and U.
+/// LU factorization of a square matrix.
 pub struct Lu {
     factors: Mat<f64>,
     order: Vec<usize>,
@@ -68,7 +68,7 @@ impl Lu {
         Self { factors: matrix, order, back }
     }
 
-    /// The solutions for the columns of `right`, of the matrix or of its transpose.
+    /// Solves for the columns of `right`, with the matrix or its transpose.
     pub fn solve(&self, right: MatRef<'_, f32>, transposed: bool) -> Mat<f64> {
         let n = right.nrows();
         let rows = PermRef::new_checked(&self.order, &self.back, n);

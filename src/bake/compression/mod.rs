@@ -1,15 +1,17 @@
 //! Transfer as nested blocks of low rank.
 //!
-//! T maps coefficients of gather samples to view samples and is never formed. View samples are put into superclusters
-//! of like position and normal, and these into tiles. Where lights are, images of a supercluster's pixels lie close to
-//! a space of few dimensions, and those of a tile to one of fewer:
+//! T maps coefficients of gather samples to view samples and is never formed explicitly. View samples are grouped by
+//! position and normal into superclusters, and these are divided into tiles. Over all placements of lights, the images
+//! of a supercluster's pixels lie close to a low-dimensional space, and those of a tile to one of still fewer
+//! dimensions:
 //!
 //! ```text
 //! y = V λ̂[J]    c = B y    pixel = u·c
 //! ```
 //!
-//! λ̂ are the [Haar terms](haar) of direct light, J those that matter to the supercluster; most lights go there behind
-//! [tints](chain::Chain). Differs from [Hasan 2006]: nested bases instead of each row's own wavelets.
+//! λ̂ are the [Haar terms](haar) of direct light, J the terms that are significant for the supercluster. Most terms are
+//! multiplied by [tints](chain::Chain) first. Differs from [Hasan 2006]: nested bases instead of wavelets chosen per
+//! row.
 
 pub mod bounces;
 mod chain;
@@ -49,41 +51,41 @@ use super::transport::directions::Lobe;
 use crate::physics::sequence::Points;
 use crate::storage::journal::Journal;
 
-/// How closely to compress.
+/// Accuracy of the compression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompressionSettings {
-    /// Relative error of the indirect image, root mean square over all pixels, that point lights may have on average, beyond
-    /// the noise of the rows; much noise may hide more.
+    /// Target relative error of the indirect image, root mean square over all pixels, averaged over point lights, in
+    /// addition to the noise of the rows. Strong noise can hide a larger error.
     pub error: f64,
-    /// Random lights to learn from.
+    /// Number of random training lights.
     pub lights: usize,
     pub lobe: Lobe,
     pub seed: u64,
 }
 
-/// Compresses one transfer; learns from lights once, then fits one supercluster after the other.
+/// Compresses one transfer: generates the training lights once, then fits one supercluster after another.
 pub struct Compressor<'a> {
     transfer: &'a LightTransport<'a>,
     settings: CompressionSettings,
     pub clusters: Clusters,
     inputs: Inputs,
-    /// What rows of Φ multiply for the light of emitters; absent without any.
+    /// Operand of the rows of Φ for the light of emitters; `None` if there are none.
     emitted: Option<Vec<DVec3>>,
 }
 
-/// For each tile and light to check with: squared error and square of the image, whole images having square 1.
+/// For each tile and validation light: squared error and square of the image; whole images have square 1.
 pub type Found = Vec<Vec<[f64; 2]>>;
 
 /// The compressed operator.
 pub struct Compressed {
     /// From Haar terms of direct light to view samples, see [`Chain`].
     pub chain: Vec<BlockMatrix>,
-    /// Indirect radiance of emitters at each view sample, exactly; empty without any.
+    /// Indirect radiance of emitters at each view sample, uncompressed; empty if there are none.
     pub emission: Vec<Vec3>,
     pub report: Report,
 }
 
-/// A supercluster, or part of one, and what it was fitted by.
+/// The fit of a supercluster, or of part of one.
 #[derive(Serialize, Deserialize)]
 pub struct Fitted {
     pub tiles: Range<usize>,
@@ -91,12 +93,12 @@ pub struct Fitted {
     pub found: Found,
     /// Square of the noise of the supercluster's rows, mean over deciding lights.
     pub noise: f64,
-    /// Square of the light that is lost, and that may be.
+    /// Squared error of the light, noise excluded, and its allowed maximum.
     pub lost: f64,
     pub allowed: f64,
-    /// How often it was fitted.
+    /// Number of fits.
     pub rounds: usize,
-    /// Indirect radiance of emitters, exactly; empty without any.
+    /// Indirect radiance of emitters, uncompressed; empty if there are none.
     pub emission: Vec<DVec3>,
 }
 
@@ -105,14 +107,14 @@ impl Fitted {
         self.lost <= self.allowed
     }
 
-    /// Square of the light that is lost beyond what may be.
+    /// Squared error of the light beyond the allowed one.
     fn excess(&self) -> f64 {
         (self.lost - self.allowed).max(0.0)
     }
 }
 
 impl<'a> Compressor<'a> {
-    /// `direct` gives the coefficients of direct light.
+    /// `direct` computes the coefficients of direct light.
     pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let clusters = Clusters::new(transfer.framebuffer());
         let inputs = learn(transfer, direct, &clusters.samples, settings);
@@ -124,7 +126,7 @@ impl<'a> Compressor<'a> {
         self.inputs.residual
     }
 
-    /// Compresses all view samples that reflect anything; `progress` counts them. What `journal` has is not fitted again.
+    /// Compresses all view samples that reflect light; `progress` counts them. Fits found in `journal` are reused.
     pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> Compressed {
         let mut fitted = self.fit_all(&self.clusters.superclusters().collect::<Vec<_>>(), journal, progress);
         loop {
@@ -151,7 +153,7 @@ impl<'a> Compressor<'a> {
         Compressed { chain: chain.finish(), emission, report: errors.report() }
     }
 
-    /// Fits ranges of tiles; `progress` counts the view samples of those that are close enough.
+    /// Fits ranges of tiles; `progress` counts the view samples of fits that are accurate enough.
     fn fit_all(&self, ranges: &[Range<usize>], journal: &mut Journal, progress: &dyn Fn(usize)) -> Vec<Fitted> {
         let count =
             |fitted: &Fitted| progress(if fitted.is_enough() { self.clusters.rows(&fitted.tiles).len() } else { 0 });
@@ -171,7 +173,7 @@ impl<'a> Compressor<'a> {
         all
     }
 
-    /// Whether what was read from a file has the shape of these tiles' factors.
+    /// Whether a fit read from a file has the shape of these tiles' factors.
     fn is_of(&self, fitted: &Fitted, tiles: &Range<usize>) -> bool {
         let Fitted { factors, found, emission, .. } = fitted;
         let rows = self.within(tiles);
@@ -192,7 +194,7 @@ impl<'a> Compressor<'a> {
             && emission.len() == if self.emitted.is_some() { samples } else { 0 }
     }
 
-    /// Gathers the rows of a supercluster, once, and fits it as closely as the error allows, not much more closely.
+    /// Gathers the rows of a supercluster once and fits it to the allowed error, not much more accurately.
     fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
@@ -207,7 +209,7 @@ impl<'a> Compressor<'a> {
             let (found, (light, noise)) = projected.check(&factors, &within);
             let error = light - PAYS * noise;
             let enough = error <= allowed;
-            // What is not enough must be worth its size.
+            // A fit that is not accurate enough must reduce the error enough for its size.
             let better =
                 best.as_ref().is_none_or(|(before, ..)| error < if *before > allowed { WORTH * before } else { 0.0 });
             if !enough && !better {
@@ -221,13 +223,13 @@ impl<'a> Compressor<'a> {
             scale *= (0.9 * allowed / error.max(0.01 * allowed)).clamp(0.2, 3.0);
         }
         let (error, factors, found) = best.expect("there is a round");
-        // What the basis lacks is lost, too, and was left out with the noise, which paid for it.
+        // Light outside the basis is lost too. It was discarded with the noise, and part of it was credited as noise.
         let lost = (error + (1.0 + PAYS) * projected.outside).max(0.0);
         let (allowed, noise) = (projected.allowed, projected.estimate.noise);
         Fitted { tiles: tiles.clone(), factors, found, noise, lost, allowed, rounds, emission }
     }
 
-    /// What a supercluster's rows make of lights, and of emitters.
+    /// Products of a supercluster's rows with lights and with emitters.
     fn project(&self, samples: &[u32]) -> (Projected<'_>, Vec<DVec3>) {
         let pixels: Vec<usize> =
             (0..ANEW.min(samples.len())).map(|i| (2 * i + 1) * samples.len() / (2 * ANEW.min(samples.len()))).collect();
@@ -243,14 +245,14 @@ impl<'a> Compressor<'a> {
         let resampled = Resampled { rows: &gatherer.gather(&again), pixels: &pixels };
         let share = samples.len() as f64 / self.clusters.samples.len() as f64;
         let allowed = |energy: f64, noise: f64| {
-            // Half of the error goes where there is light, half everywhere.
+            // Half of the error is distributed by brightness, half uniformly.
             let (noise, all) = (noise.sqrt(), (0.5 * (share + energy)).sqrt());
             (noise + BIAS * self.settings.error * all).powi(2) - noise.powi(2)
         };
         (Projected::new(&self.inputs, seen, &resampled, allowed), emission)
     }
 
-    /// Rows of each tile, counted from the first of their supercluster.
+    /// Rows of each tile, relative to the first row of the range.
     fn within(&self, tiles: &Range<usize>) -> Vec<Range<usize>> {
         let first = self.clusters.rows(tiles).start;
         let of = |tile: usize| self.clusters.rows(&(tile..tile + 1));
@@ -258,8 +260,8 @@ impl<'a> Compressor<'a> {
     }
 }
 
-/// Takes out those that lose most, while what some lose too much is more than [`OUTSIDE`] of what all may lose. Returns their
-/// halves, each of which gets a basis of its own.
+/// Removes the fits with the largest excess error if the total excess is above [`OUTSIDE`] of the total allowed error.
+/// Returns their halves, each of which gets its own basis.
 fn take_halves(fitted: &mut Vec<Fitted>) -> Vec<Range<usize>> {
     let too_much: f64 = fitted.iter().map(Fitted::excess).sum();
     if too_much <= OUTSIDE * fitted.iter().map(|f| f.allowed).sum::<f64>() {
@@ -274,43 +276,44 @@ fn take_halves(fitted: &mut Vec<Fitted>) -> Vec<Range<usize>> {
     halved.flat_map(halves).collect()
 }
 
-/// Share of the error asked for by which light that is lost may lengthen the noise of the rows. The sum stays below the whole,
-/// for part of the noise is lost, too.
+/// Share of the target error by which lost light may increase the norm of the rows' noise. The total stays below the
+/// target, as part of the noise is discarded too.
 pub(super) const BIAS: f64 = 0.5;
-/// How much light the noise that is left out pays for: with all of it the operator would be as far from the truth as its rows,
-/// but what it lacks would be in all pictures the same.
+/// Lost light that is accepted per unit of discarded noise. At 1 the operator would be as far from the exact transfer
+/// as its rows, but its error would be the same in all pictures.
 const PAYS: f64 = 0.5;
-/// Error that each row of the first bounce may have, as a multiple of that asked for: hundreds of them add up to each
-/// pixel, and what one lacks another does not.
+/// Relative error of each row of the first bounce, as a multiple of the target error: hundreds of rows add up to each
+/// pixel, and their errors are independent.
 const THINNED: f64 = 0.5;
-/// Rows of a supercluster that are gathered before they are put by their columns: thousands of entries each.
+/// Rows of a supercluster that are gathered before they are sorted by column: each has thousands of entries.
 const AT_ONCE: usize = 512;
-/// Rows of each supercluster that are gathered twice, to tell light from noise.
+/// Rows of each supercluster that are gathered twice, to separate light from noise.
 const ANEW: usize = 128;
-/// View samples that tell how bright a light's image is.
+/// View samples from which the brightness of a light's image is estimated.
 const PROBES: usize = 512;
-/// Random combinations of lights, in each channel, whose images span those of all.
+/// Random combinations of lights, in each channel, whose images span those of all lights.
 const COMBINATIONS: usize = 3 * WIDTH;
-/// Shares of the allowed error for directions of a supercluster, terms of light, and directions of tiles.
+/// Shares of the allowed error for omitted directions of a supercluster, omitted terms of light, and omitted directions
+/// of tiles.
 const SHARES: [f64; 3] = [0.4, 0.3, 0.3];
-/// Lights to check with: points that decide whether a supercluster is fitted closely enough, and points and spots that
-/// nothing depends on.
+/// Validation lights: points that decide whether a fit is accurate enough, and points and spots that are used only to
+/// report errors.
 pub(super) const DECIDING: Range<usize> = 0..24;
 const POINTS: Range<usize> = 24..44;
 pub(super) const SPOTS: Range<usize> = 44..64;
-/// Superclusters that are fitted in halves before it is asked again whether that is enough.
+/// Superclusters that are split in half per iteration.
 const HALVED: usize = 4;
-/// How much more than allowed the steps may lose together at first: they mostly lose less.
+/// Initial sum of the steps' budgets as a multiple of the allowed error: the steps mostly lose less than their budgets.
 const FIRST: f64 = 1.3;
-/// Share of the allowed error that is left to what a basis lacks. No fit mends more than that; to fit the more closely the
-/// more it lacks took a third more multiply-adds for no less error.
+/// Share of the allowed error reserved for light outside a basis, which no fit can reduce. Compensating for it by a
+/// closer fit took a third more multiply-adds at the same error.
 const OUTSIDE: f64 = 0.1;
-/// What remains of an error at most after a fit that is worth its size.
+/// Maximum ratio of errors after and before a fit that is worth its size.
 const WORTH: f64 = 0.9;
-/// Fits of a supercluster at most.
+/// Maximum number of fits of a supercluster.
 const ROUNDS: usize = 5;
 
-/// Learns from lights what view samples `samples` see.
+/// Generates training and validation lights; their brightness is measured at view samples `samples`.
 pub(super) fn learn(
     transfer: &LightTransport,
     direct: &Direct,
@@ -345,7 +348,7 @@ pub(super) fn learn(
     Inputs { bounces, residual, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
 }
 
-/// As many random ones of `samples`, or as many as there are.
+/// `count` random elements of `samples`, or as many as `samples` has.
 pub(super) fn some(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
     let points = Points::new(seed, 0);
     let pick = |i: usize| samples[(points.at(i as u32, 0)[0] * samples.len() as f64) as usize];

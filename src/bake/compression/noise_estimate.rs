@@ -1,4 +1,4 @@
-//! Light told from noise, by rows gathered twice.
+//! Separates light from noise by rows that are gathered twice.
 
 use std::ops::Range;
 
@@ -7,31 +7,33 @@ use faer::{Mat, MatRef};
 use super::linear;
 use super::vector_batch::VectorBatch;
 
-/// Images of the deciding lights, and at some pixels the same gathered anew.
+/// Images of the deciding lights, and at some pixels the same images with resampled rows.
 ///
-/// Of what some directions hold of an image part is light, part noise. Noise has nothing in common with that of images gathered
-/// anew, so products of the two are right on average for light alone. What all directions hold of an image is taken away
-/// before: then little is left to chance where few pixels were gathered anew.
+/// The projection of an image onto some directions contains light and noise. The noise is independent of that of the
+/// resampled image, so the expected product of the two contains light alone. The projection onto all directions is
+/// subtracted first, which reduces the variance if few pixels are resampled.
 ///
-/// Matrices of images have a column for each deciding light, channel after channel, times the root of the light's weight.
+/// Matrices of images have a column for each deciding light, channel by channel, times the square root of the light's
+/// weight.
 pub struct NoiseEstimate {
-    /// Square of the noise of the deciding lights' images: mean over them, and by their weights.
+    /// Square of the noise of the deciding lights' images: mean over the lights, and weighted mean.
     pub noise: f64,
     pub weighted_noise: f64,
     lights: Range<usize>,
-    /// Roots of the lights' weights, which add up to 1: lights with more noise than half of those that reach the pixels count for
-    /// less, so that few noisy ones don't hide what the others show.
+    /// Square roots of the lights' weights, which sum to 1. Lights with more noise than the median of those that reach
+    /// the pixels have smaller weights, so that few noisy lights do not hide the others.
     roots: Vec<f64>,
     /// All pixels x deciding lights.
     pub images: Mat<f64>,
-    /// Which pixels were gathered anew.
+    /// Indices of the resampled pixels.
     pixels: Vec<usize>,
-    /// Their images.
+    /// Their resampled images.
     again: Mat<f64>,
 }
 
 impl NoiseEstimate {
-    /// `checks` are images of all pixels, of which `lights` decide; `again` those of `pixels` gathered anew.
+    /// `checks` are images at all pixels, and `lights` the deciding ones among them; `again` are images at the
+    /// resampled `pixels`.
     pub fn new(pixels: &[usize], checks: &VectorBatch, again: &VectorBatch, lights: &Range<usize>) -> Self {
         let times = 0.5 * checks.rows() as f64 / pixels.len() as f64;
         let noise: Vec<f64> = lights.clone().map(|light| times * apart(pixels, checks, again, light)).collect();
@@ -57,7 +59,7 @@ impl NoiseEstimate {
         twice
     }
 
-    /// The deciding ones of values of all lights, from each one's channel, row and light: rows x deciding lights.
+    /// Weighted values of the deciding lights: rows x deciding lights. `value` takes channel, row and light.
     pub fn deciding(&self, rows: usize, value: impl Fn(usize, usize, usize) -> f64) -> Mat<f64> {
         let count = self.roots.len();
         Mat::from_fn(rows, 3 * count, |row, column| {
@@ -66,8 +68,8 @@ impl NoiseEstimate {
         })
     }
 
-    /// How many directions it takes, from the first one on, until all others hold light of no more than `budget`.
-    /// `directions` are orthonormal, all pixels x directions; `held` is what each holds of the images.
+    /// The smallest number of leading directions such that the others contain at most `budget` of the light.
+    /// `directions` are orthonormal, all pixels x directions; `held` are the images' coefficients along them.
     pub fn needed(&self, directions: MatRef<f64>, held: MatRef<f64>, budget: f64) -> usize {
         let seen = Mat::from_fn(self.pixels.len(), directions.ncols(), |i, j| directions[(self.pixels[i], j)]);
         let missing = &self.again - linear::product(seen.as_ref(), held);
@@ -81,8 +83,8 @@ impl NoiseEstimate {
         held.nrows() - few.count()
     }
 
-    /// Square of the light that `got` has too much or lacks of `held`, what a basis holds of the images, and square of the noise
-    /// of the images that it leaves out; all pixels. Chance may take either below zero.
+    /// Squared error of the light in `got` against `held`, the images' projections onto a basis; and the squared noise
+    /// of the images that `got` discards. Sums over all pixels; as estimates, both can be negative.
     pub fn lost(&self, held: &Mat<f64>, got: &Mat<f64>) -> (f64, f64) {
         let off = got - held;
         let apart = |i: usize, j: usize| off[(i, j)] * (off[(i, j)] + held[(i, j)] - self.images[(i, j)]);
@@ -98,8 +100,8 @@ impl NoiseEstimate {
         (light, of_images - light)
     }
 
-    /// Square of the light in the images that a basis, which holds `held` of them, lacks; all pixels. At least: of what it seems to
-    /// be, two standard deviations of chance are taken away.
+    /// Squared light of the images outside a basis, given their projections `held` onto it; sum over all pixels. A
+    /// lower bound: two standard deviations are subtracted from the estimate.
     pub fn outside(&self, held: &Mat<f64>) -> f64 {
         let product = |(i, &p): (usize, &usize)| -> f64 {
             (0..held.ncols()).map(|j| (self.images[(p, j)] - held[(p, j)]) * (self.again[(i, j)] - held[(p, j)])).sum()
@@ -111,16 +113,16 @@ impl NoiseEstimate {
         self.images.nrows() as f64 * (mean - 2.0 * chance).max(0.0)
     }
 
-    /// All pixels for each one gathered anew.
+    /// Ratio of all pixels to resampled ones.
     fn times(&self) -> f64 {
         self.images.nrows() as f64 / self.pixels.len() as f64
     }
 }
 
-/// A light reaches pixels if the square of its image there is more than this share of the mean of all.
+/// A light reaches the pixels if its image's square exceeds this share of the mean over all lights.
 const REACHES: f64 = 0.01;
 
-/// Square of the distance of a light's images, over all channels.
+/// Squared distance of a light's two images, over all channels.
 fn apart(pixels: &[usize], checks: &VectorBatch, again: &VectorBatch, light: usize) -> f64 {
     let square = |channel: usize, i: usize| {
         f64::from(again.get(channel, i, light) - checks.get(channel, pixels[i], light)).powi(2)
@@ -135,15 +137,15 @@ mod tests {
 
     const PIXELS: usize = 512;
     const LIGHTS: usize = 24;
-    /// Directions that there is light in.
+    /// Number of directions that contain light.
     const LIT: usize = 8;
 
     fn random(i: usize, j: usize) -> f64 {
         Points::new(1, 0).at(i as u32, j as u32)[0] - 0.5
     }
 
-    /// Of noise and lights: directions, what each holds of the lights without noise, and their images with it. Light is half as
-    /// bright in each direction as in the one before; of each light there is `share`, noise and all.
+    /// Orthonormal directions, coefficients of noise-free lights along them, and their images with noise. Light halves
+    /// from each direction to the next; light l and its noise are scaled by `share(l)`.
     fn images(noise: f64, share: impl Fn(usize) -> f64 + Sync) -> (Mat<f64>, Mat<f64>, NoiseEstimate) {
         let (directions, _) = linear::orthonormal(&Mat::from_fn(PIXELS, 64, random));
         let light = |j: usize, l: usize| random(j, 100 + l) * 0.5f64.powi(j as i32) * share(l % LIGHTS);
@@ -179,14 +181,14 @@ mod tests {
             let (found, _) = twice.lost(&within(64), &within(kept));
             assert!((found - lost).abs() < 0.2 * held_by_others, "{kept} directions: {found} instead of {lost}");
         }
-        // A basis of three directions lacks the light of five, one of all eight lacks none.
+        // A basis of three directions lacks the light of five, and one of eight lacks none.
         let lost: f64 = (3..LIT).map(|j| square(light.row(j))).sum::<f64>() / LIGHTS as f64;
         let found = twice.outside(&within(3));
         assert!(found > 0.6 * lost && found < lost, "{found} outside instead of {lost}");
         assert!(twice.outside(&within(LIT)) < 0.01 * lost);
     }
 
-    /// Pixels that most lights do not reach, or hardly, are fitted by those that do.
+    /// If most lights hardly reach the pixels or not at all, the remaining lights decide.
     #[test]
     fn lights_elsewhere_do_not_decide() {
         for elsewhere in [0.0, 1e-4] {

@@ -1,35 +1,36 @@
-//! How well the compressed operator does on lights that it has not learned from.
+//! Accuracy of the compressed operator for lights outside the training set.
 
 use super::clusters::Clusters;
 use super::{Fitted, OUTSIDE, POINTS, SPOTS};
 
-/// Errors against the rows that the operator was made of, root mean square over all view samples and channels.
+/// Errors against the rows that the operator was fitted to, root mean square over all view samples and channels.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Report {
     /// Relative error of the image, mean over held-out point lights and over held-out spots.
     pub point: f64,
     pub spot: f64,
-    /// The worst of these lights.
+    /// The largest error over these lights.
     pub worst: f64,
-    /// Relative noise of the rows themselves under point lights: root mean square, of wavelets mean. Most of `point` is noise left
-    /// out.
+    /// Relative noise of the rows themselves under point lights: root mean square; for wavelets, mean. Most of `point`
+    /// is discarded noise.
     pub noise: f64,
-    /// Of each tile, over all held-out points, in units of the image's own root mean square.
+    /// Error of each tile over all held-out points, in units of the image's root mean square.
     pub tiles: Vec<f64>,
-    /// Superclusters that had to be fitted again, and those whose error beyond noise stayed larger than allowed; wavelets have none.
+    /// Number of superclusters that were fitted more than once, and of those whose error beyond noise stays above the
+    /// allowed one; 0 for wavelets.
     pub refined: usize,
     pub missed: usize,
-    /// What those lose too much, squared, as a share of what all may lose.
+    /// Squared error of those beyond the allowed one, as a share of the total allowed squared error.
     pub excess: f64,
 }
 
 impl Report {
-    /// Whether the error that was asked for is exceeded by more than fits can mend.
+    /// Whether the target error is exceeded by more than fits can correct.
     pub fn is_exceeded(&self) -> bool {
         self.excess > OUTSIDE
     }
 
-    /// From squared error and square of each light to check with.
+    /// From squared error and square of each validation light.
     pub(in crate::bake) fn new(lights: &[[f64; 2]], noise: f64) -> Self {
         let worst = relative(&lights[POINTS.start..SPOTS.end]).fold(0.0, f64::max);
         Self {
@@ -42,13 +43,13 @@ impl Report {
     }
 }
 
-/// Squared errors so far.
+/// Accumulates squared errors.
 pub(super) struct Errors<'a> {
     clusters: &'a Clusters,
-    /// Of each light to check with: squared error and square.
+    /// Squared error and square of each validation light.
     lights: Vec<[f64; 2]>,
     noise: f64,
-    /// What all superclusters may lose, squared, and what some lose beyond that.
+    /// Allowed squared error of all superclusters, and the excess beyond it.
     allowed: f64,
     excess: f64,
     report: Report,
@@ -83,12 +84,12 @@ impl<'a> Errors<'a> {
     }
 }
 
-/// Relative errors from squared ones and squares; lights that nothing is seen of say nothing.
+/// Relative errors from pairs of squared error and squared image; lights without a visible image are skipped.
 pub(in crate::bake) fn relative(squares: &[[f64; 2]]) -> impl Iterator<Item = f64> {
     squares.iter().filter(|[_, image]| *image > 0.0).map(|[error, image]| (error / image).sqrt())
 }
 
-/// 0 of nothing.
+/// The mean; 0 if there are no values.
 pub(in crate::bake) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0usize), |(sum, count), x| (sum + x, count + 1));
     if count > 0 { sum / count as f64 } else { 0.0 }

@@ -1,30 +1,31 @@
-//! Which terms of light a supercluster sees, and in what colours.
+//! Selects the terms of light that a supercluster uses, and their tints.
 //!
-//! What one term adds to the directions of a supercluster, R, G and B, are three vectors, V's columns. They are nearly
-//! multiples of one vector, v t with a tint t (docs/method.md, "Tints"). So a term may go with one column and a tint of
-//! its light, for a third of the bytes, or with all three.
+//! The contributions of one term to the directions of a supercluster, in R, G and B, are three vectors, the columns of
+//! V. They are nearly multiples of one vector, v t with a tint t (docs/method.md, "Tints"). So a term is stored either
+//! as one column and a tint, for a third of the bytes, or as three columns.
 
 use crate::shared::PANEL_COLUMNS;
 use faer::Mat;
 use glam::{DMat3, DVec3, Vec3};
 
-/// Ranks and lists come in multiples of this: 16 bytes of factors.
+/// Ranks and list lengths are multiples of this: 16 bytes of factors.
 pub const MULTIPLE: usize = PANEL_COLUMNS as usize;
 
-/// The terms that a supercluster sees, ascending.
+/// The terms that a supercluster uses, ascending.
 #[derive(Debug, PartialEq)]
 pub struct Chosen {
-    /// With a column for each channel.
+    /// With one column per channel.
     pub own: Vec<u32>,
     /// With one column and a tint.
     pub tinted: Vec<u32>,
 }
 
-/// The cheapest choice that loses about `tail` of all squares at most: of each channel's terms x directions, by the terms' power
-/// in that channel. Either list is filled up to a multiple of [`MULTIPLE`], while there are terms.
+/// The cheapest choice that loses at most about `tail` of the sum of squares. `turned` has terms x directions for each
+/// channel; squares are weighted by the terms' power in that channel. Either list is extended to a multiple of
+/// [`MULTIPLE`] while there are terms.
 pub fn choose(turned: &[Mat<f32>; 3], power: &[Vec<f32>; 3], tail: f64) -> Chosen {
     let products = products(turned);
-    // What a column and a tint bring, and what two columns more, over the bytes of one column.
+    // Gain of one column and a tint, and of two more columns; `worth` is the gain per column.
     let mut steps: Vec<Step> = Vec::new();
     for (term, products) in products.iter().enumerate() {
         let power = DVec3::from_array(power.each_ref().map(|p| p[term].into()));
@@ -50,17 +51,17 @@ pub fn choose(turned: &[Mat<f32>; 3], power: &[Vec<f32>; 3], tail: f64) -> Chose
     Chosen { own, tinted }
 }
 
-/// Something to be had for bytes.
+/// One storage option: a gain at a cost in bytes.
 struct Step {
     term: u32,
-    /// From a column and a tint to three columns; else from nothing to these.
+    /// From one column and a tint to three columns; otherwise from nothing to one column and a tint.
     own: bool,
     gain: f64,
-    /// Over what it costs.
+    /// Gain per column.
     worth: f64,
 }
 
-/// For each term the products of its channels' columns with each other.
+/// For each term the inner products of its channels' columns.
 fn products(turned: &[Mat<f32>; 3]) -> Vec<DMat3> {
     let mut all = vec![DMat3::ZERO; turned[0].nrows()];
     for (a, b) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)] {
@@ -76,19 +77,20 @@ fn products(turned: &[Mat<f32>; 3]) -> Vec<DMat3> {
     all
 }
 
-/// One unit vector instead of three.
+/// One unit vector that replaces three vectors.
 struct Blend {
-    /// It as a sum of the three.
+    /// Its coefficients as a combination of the three vectors.
     shares: DVec3,
-    /// Its products with the three: what each is a multiple of it by.
+    /// Its inner products with the three vectors, each of which is replaced by the vector times its entry.
     tint: DVec3,
 }
 
 impl Blend {
-    /// That which most is left of, by the channels' `power`; from the products of the three vectors.
+    /// The direction with the smallest residual, weighted by channel `power`; from the inner products of the three
+    /// vectors.
     fn new(products: &DMat3, power: DVec3) -> Self {
         let root = DMat3::from_diagonal(power.map(f64::sqrt));
-        // The largest eigenvector: what is left of columns after many a multiplication.
+        // The largest eigenvector: the dominant column of a high power of the matrix.
         let mut many = root * *products * root;
         for _ in 0..5 {
             let largest = many.to_cols_array().into_iter().fold(0.0f64, |m, x| m.max(x.abs()));
@@ -107,7 +109,7 @@ impl Blend {
     }
 }
 
-/// One column and a tint that stand for three columns, by the channels' `power`.
+/// One column and a tint that approximate three columns, weighted by channel `power`.
 pub fn tinted(columns: [&[f32]; 3], power: DVec3) -> (Vec<f32>, Vec3) {
     let product = |a: usize, b: usize| columns[a].iter().zip(columns[b]).map(|(x, y)| f64::from(x * y)).sum::<f64>();
     let products = DMat3::from_cols_array_2d(&[0, 1, 2].map(|a| [0, 1, 2].map(|b| product(a, b))));
@@ -121,7 +123,7 @@ pub fn tinted(columns: [&[f32]; 3], power: DVec3) -> (Vec<f32>, Vec3) {
     ((0..columns[0].len()).map(blended).collect(), (tint / largest).as_vec3())
 }
 
-/// How many of the values, most wanted first, to keep so that the others add up to at most `tail`.
+/// Number of leading values, in order of priority, such that the others sum to at most `tail`.
 pub fn cut(values: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator, tail: f64) -> usize {
     let (count, mut sum) = (values.len(), 0.0);
     let dropped = values.rev().take_while(|value| {
@@ -131,6 +133,7 @@ pub fn cut(values: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator, tai
     count - dropped.count()
 }
 
+/// `count`, rounded up to a multiple of [`MULTIPLE`].
 pub fn multiple(count: usize) -> usize {
     count.next_multiple_of(MULTIPLE)
 }
@@ -143,8 +146,8 @@ mod tests {
     const TERMS: usize = 192;
     const DIRECTIONS: usize = 24;
 
-    /// Columns of terms each a tenth smaller than the one before, in colours of their own; of every third term the channels
-    /// differ.
+    /// Columns of terms, each a tenth smaller than the one before and with its own colour; in every third term the
+    /// channels differ.
     fn turned(count: usize) -> [Mat<f32>; 3] {
         let points = Points::new(3, 0);
         let random = |i: usize, j: usize| points.at(i as u32, j as u32)[0] as f32 - 0.5;
@@ -161,7 +164,7 @@ mod tests {
         turned.row(term).iter().copied().collect()
     }
 
-    /// What is lost of each term: all, by a tint, or nothing.
+    /// Total squared error of a choice. A term contributes all of its square, its residual after tinting, or nothing.
     fn lost(turned: &[Mat<f32>; 3], power: &[Vec<f32>; 3], chosen: &Chosen) -> f64 {
         let of_term = |term: usize| {
             let columns = turned.each_ref().map(|turned| column(turned, term));
@@ -189,7 +192,7 @@ mod tests {
             let found = lost(&turned, &power, &chosen);
             assert!(found <= tail, "{found} of {tail}");
             assert!(chosen.own.iter().all(|term| !chosen.tinted.contains(term)));
-            // All of a kind: no fewer terms would do.
+            // With terms of only one type, no fewer suffice.
             let fewest = |own: bool| {
                 let chosen = |count: u32| {
                     let some: Vec<u32> = (0..count).collect();
@@ -201,7 +204,7 @@ mod tests {
             assert!(cost < 3 * multiple(fewest(true).unwrap() as usize), "{chosen:?}");
             assert!(fewest(false).is_none(), "tints alone would do");
         }
-        // Of what is grey no term needs columns for each channel.
+        // A grey operator needs no separate columns per channel.
         let grey = turned[0].clone();
         let chosen = choose(&[grey.clone(), grey.clone(), grey], &power, 1e-6 * all);
         assert!(chosen.own.is_empty() && !chosen.tinted.is_empty(), "{chosen:?}");
@@ -209,7 +212,7 @@ mod tests {
         assert_eq!(choose(&black, &power, 0.0), Chosen { own: vec![], tinted: vec![] });
     }
 
-    /// Against the best of many other blends; channels without power follow, in their own measure.
+    /// Compares with the best of many other blends. Channels without power follow in proportion to their own scale.
     #[test]
     fn no_other_blend_is_closer() {
         let columns = [0, 1, 2].map(|c| column(&turned(1)[c], 0));

@@ -1,4 +1,4 @@
-//! What lights really put into the terms: random lights, made equally bright by what view samples see of them.
+//! Random lights for training and validation, normalized by the brightness of their images at view samples.
 
 use glam::DVec3;
 
@@ -10,20 +10,20 @@ use crate::bake::transport::LightTransport;
 use crate::physics::sequence::Points;
 use crate::shared::PackedLight;
 
-/// Coefficients of direct light at the fine level, from a light at unit intensity.
+/// Computes the coefficients of direct light at the fine level, for a light at unit intensity.
 pub type Direct<'a> = dyn Fn(&PackedLight) -> Vec<DVec3> + Sync + 'a;
 
-/// Makes light to learn from and to check with.
+/// Generates training and validation lights.
 pub struct Trainer<'a> {
     pub transfer: &'a LightTransport<'a>,
     pub bounces: &'a Bounces<'a>,
     pub direct: &'a Direct<'a>,
-    /// Rows of a few view samples, of how many there are.
+    /// Rows of a few view samples, and their share of all view samples.
     pub probes: &'a CsrMatrix,
     pub share: f64,
 }
 
-/// Random lights of one purpose.
+/// A set of random lights for one purpose.
 #[derive(Clone, Copy, Debug)]
 pub struct Group {
     pub kind: Kind,
@@ -31,13 +31,13 @@ pub struct Group {
     pub seed: u64,
 }
 
-/// A light is passed over if what view samples see of it is less than this share of what they see of another one as bright: few
-/// rays of the rows meet that little light, so that its image is mostly their noise.
+/// A light is skipped if its image is darker than this share of the brightest light's image at equal intensity: few
+/// rays of the rows hit so little light, and the image would be mostly noise.
 const SEEN: f64 = 0.02;
-/// Lights looked at for each one wanted, at most.
+/// Maximum number of candidates per requested light.
 const ATTEMPTS: u32 = 20;
 
-/// Light at the fine level, and what it becomes on further bounces.
+/// Light at the fine level, and after further bounces.
 #[derive(Clone)]
 pub struct Bounced {
     pub direct: VectorBatch,
@@ -45,9 +45,9 @@ pub struct Bounced {
 }
 
 impl Trainer<'_> {
-    /// Random lights, group by group; each is scaled so that its whole indirect image has norm 1. Lights that hardly
-    /// anything visible receives light from are passed over; if too few are left in a group, they come again, and if none is, all
-    /// of it is black. Lights of different seeds have nothing in common.
+    /// Random lights, group by group, each scaled so that its whole indirect image has norm 1. Lights that illuminate
+    /// hardly anything visible are skipped. If too few remain in a group, they are repeated; if none remains, the whole
+    /// group is black. Different seeds give independent lights.
     pub fn lights(&self, groups: &[Group]) -> Bounced {
         let level = &self.transfer.fine;
         let count = groups.iter().map(|g| g.count).sum();
@@ -80,18 +80,17 @@ impl Trainer<'_> {
         all
     }
 
-    /// A panel of lights or fewer, and what each must be multiplied by for an image of norm 1; 0 for those that are
-    /// passed over.
+    /// At most a panel of lights, and each one's scale for an image of norm 1; 0 for skipped lights.
     fn bounce(&self, lights: &[PackedLight]) -> (Bounced, Vec<f32>) {
         let direct: Vec<Vec<DVec3>> = lights.iter().map(|light| (self.direct)(light)).collect();
-        // Single precision holds what is neither very bright nor very dark.
+        // Normalized, as the magnitude may be outside the range of single precision.
         let length = |light: &Vec<DVec3>| light.iter().map(|x| x.length_squared()).sum::<f64>().sqrt();
         let units: Vec<f64> = direct.iter().map(length).map(|l| if l > 0.0 { l.recip() } else { 0.0 }).collect();
         let entry = |channel: usize, i: usize, light: usize| (direct[light][i][channel] * units[light]) as f32;
         let direct = VectorBatch::from_fn(self.transfer.fine.coefficient_count(), lights.len(), entry);
         let further = self.bounces.further(&direct);
         let seen = vector_batch::multiply(self.probes, &self.bounces.seen(&direct, &further)).squares();
-        // Squares of images, of lights as they are rather than in their units.
+        // Squares of the images at the original intensities instead of normalized ones.
         let image = |(seen, unit): (&f64, &f64)| if *unit > 0.0 { seen / (unit * unit) } else { 0.0 };
         let images: Vec<f64> = seen.iter().zip(&units).map(image).collect();
         let least = SEEN * SEEN * images.iter().copied().fold(0.0, f64::max);
@@ -102,12 +101,12 @@ impl Trainer<'_> {
 }
 
 impl Bounced {
-    /// `count` random combinations; their covariance is that of these.
+    /// `count` random combinations with the covariance of these lights.
     pub fn combine(&self, count: usize, seed: u64) -> Self {
         Self { direct: combine(&self.direct, count, seed), further: combine(&self.further, count, seed) }
     }
 
-    /// Copies one of these to the place of another.
+    /// Copies light `from` over light `to`.
     fn repeat(&mut self, from: usize, to: usize) {
         self.direct.repeat(from, to);
         self.further.repeat(from, to);
@@ -122,7 +121,7 @@ impl Bounced {
 fn combine(lights: &VectorBatch, count: usize, seed: u64) -> VectorBatch {
     let points = Points::new(seed, 0);
     let scale = 1.0 / count as f64;
-    // Box and Muller's way to normal numbers.
+    // Normal deviates by the Box-Muller transform.
     let normal = |i: usize, j: usize| {
         let [u, v, ..] = points.at(i as u32, j as u32);
         ((-2.0 * (1.0 - u).ln() * scale).sqrt() * (std::f64::consts::TAU * v).cos()) as f32

@@ -1,4 +1,5 @@
-//! How far both an operator and the rows that it was made of are from rows gathered anew, with more rays and other numbers.
+//! Errors of an operator, and of the rows it was fitted to, against rows resampled with more rays and other random
+//! numbers.
 
 use std::ops::Range;
 
@@ -11,34 +12,35 @@ use crate::bake::transport::LightTransport;
 use crate::bake::transport::directions::Lobe;
 use crate::physics::sequence::Points;
 
-/// What to judge by.
+/// Settings of a validation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Validation {
-    /// Rays of a row gathered anew.
+    /// Rays per resampled row.
     pub rays: u32,
-    /// Share of all tiles that is looked at, picked at random.
+    /// Share of all tiles that is validated, chosen at random.
     pub share: f64,
-    /// Lights of each kind.
+    /// Number of lights of each kind.
     pub lights: usize,
     pub lobe: Lobe,
-    /// Lights and rows of another seed than the compressor's have nothing in common with what it knows.
+    /// A seed that differs from the compressor's gives independent lights and rows.
     pub seed: u64,
 }
 
-/// Relative errors over all tiles looked at, root mean square, of lights of one kind.
+/// Relative errors for lights of one kind, root mean square over all validated tiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ValidationError {
-    /// Of the operator against rows gathered anew: mean and largest.
+    /// Of the operator against resampled rows: mean and largest.
     pub error: f64,
     pub worst: f64,
-    /// Of the rows that it was made of, against those gathered anew, mean: their noise, all but that of the latter.
+    /// Of the original rows against resampled rows, mean: mostly the noise of the original rows.
     pub rows: f64,
-    /// Of the operator against the rows that it was made of, mean.
+    /// Of the operator against the original rows, mean.
     pub apart: f64,
 }
 
-/// Under point lights and under spots. `direct` gives coefficients of direct light, `relight` makes an image of them, a
-/// value a view sample. Rows take memory by the tile, not by the picture; `progress` counts view samples.
+/// Errors for point lights and for spots. `direct` computes coefficients of direct light, and `relight` an image from
+/// them, one value per view sample. Memory use depends on the tile size, not on the picture. `progress` counts view
+/// samples.
 pub fn validate(
     transfer: &LightTransport,
     direct: &Direct,
@@ -54,7 +56,8 @@ pub fn validate(
     let kinds = [Kind::Point, Kind::Spot].map(|kind| lights(transfer, direct, kind, validation));
     let bounced: Vec<Vec<DVec3>> = kinds.iter().flatten().map(|light| transfer.bounce(light).0).collect();
     let relit: Vec<Vec<DVec3>> = kinds.iter().flatten().map(|light| relight(light)).collect();
-    // Squares of the image, of the operator's and the rows' errors, and of what lies between these.
+    // Squares of the image, of the operator's error, of the rows' error, and of the difference between operator and
+    // rows.
     let mut sums = vec![[0.0; 4]; bounced.len()];
     for tile in tiles {
         let samples = &clusters.samples[tile];
@@ -77,7 +80,7 @@ pub fn validate(
 }
 
 impl Validation {
-    /// View samples of the tiles looked at, as places in the clusters' order.
+    /// View samples of the validated tiles, as ranges in the clusters' order.
     fn tiles(&self, clusters: &Clusters) -> Vec<Range<usize>> {
         let all: Vec<usize> = clusters.superclusters().flatten().collect();
         let wanted = (self.share * all.len() as f64).ceil() as usize;
@@ -92,7 +95,7 @@ impl Validation {
 
 impl ValidationError {
     fn new(sums: &[[f64; 4]]) -> Self {
-        // Lights that nothing is seen of say nothing.
+        // Lights without a visible image are skipped.
         let lit = || sums.iter().filter(|sums| sums[0] > 0.0);
         let errors = |which: usize| lit().map(move |sums| (sums[which] / sums[0]).sqrt());
         let mean = |which: usize| errors(which).sum::<f64>() / lit().count().max(1) as f64;
@@ -100,9 +103,9 @@ impl ValidationError {
     }
 }
 
-/// A light must reach this share of all coefficients.
+/// Minimum share of nonzero coefficients of a light.
 const LIT: f64 = 0.05;
-/// Lights looked at for each one wanted, at most.
+/// Maximum number of candidates per requested light.
 const ATTEMPTS: u32 = 50;
 
 fn lights(transfer: &LightTransport, direct: &Direct, kind: Kind, validation: &Validation) -> Vec<Vec<DVec3>> {

@@ -1,4 +1,4 @@
-//! Vectors of RGB coefficients side by side, cut into panels that fit caches, and sparse rows times them.
+//! Batches of vectors of RGB coefficients, divided into panels that fit caches, and products of sparse rows with them.
 
 use std::ops::Range;
 
@@ -9,34 +9,35 @@ use rayon::prelude::*;
 
 use crate::bake::csr_matrix::CsrMatrix;
 
-/// Vectors of a panel: two cache lines of single precision.
+/// Vectors per panel: two cache lines of single precision.
 pub const WIDTH: usize = 32;
-/// Rows that one task multiplies.
+/// Rows per parallel task.
 const ROWS: usize = 64;
 
-/// A row a coefficient (or pixel), a column a vector.
+/// One row per coefficient (or pixel), one column per vector.
 pub type Panel = Vec<[f32; WIDTH]>;
 
-/// The same number of vectors for each channel, in panels; the last panels end with zeros.
+/// An equal number of vectors for each channel, in panels; the last panel is padded with zeros.
 #[derive(Clone, Debug, Default)]
 pub struct VectorBatch {
-    /// Vectors of each channel.
+    /// Number of vectors of each channel.
     pub count: usize,
     pub channels: [Vec<Panel>; 3],
 }
 
 impl VectorBatch {
+    /// `count` zero vectors of `rows` elements for each channel.
     pub fn zeros(rows: usize, count: usize) -> Self {
         let channel = || vec![vec![[0.0; WIDTH]; rows]; count.div_ceil(WIDTH)];
         Self { count, channels: [channel(), channel(), channel()] }
     }
 
-    /// All panels, each with its channel.
+    /// All panels, with channel indices.
     pub fn iter(&self) -> impl Iterator<Item = (usize, &Panel)> {
         self.channels.iter().enumerate().flat_map(|(channel, panels)| panels.iter().map(move |panel| (channel, panel)))
     }
 
-    /// Makes new panels of each panel and its channel, all at once.
+    /// Computes a new panel from each panel and its channel, in parallel.
     pub fn map(&self, make: impl Fn(usize, &Panel) -> Panel + Sync) -> Self {
         let all: Vec<(usize, &Panel)> = self.iter().collect();
         let mut made = all.par_iter().map(|(channel, panel)| make(*channel, panel)).collect::<Vec<_>>().into_iter();
@@ -44,13 +45,14 @@ impl VectorBatch {
         Self { count: self.count, channels }
     }
 
+    /// Applies `change` to each panel and its channel, in parallel.
     pub fn for_each_mut(&mut self, change: impl Fn(usize, &mut Panel) + Sync) {
         let panels = self.channels.iter_mut().enumerate();
         let all: Vec<_> = panels.flat_map(|(c, panels)| panels.iter_mut().map(move |panel| (c, panel))).collect();
         all.into_par_iter().for_each(|(channel, panel)| change(channel, panel));
     }
 
-    /// From each entry's channel, row and vector.
+    /// `entry` takes channel, row and vector.
     pub fn from_fn(rows: usize, count: usize, entry: impl Fn(usize, usize, usize) -> f32 + Sync) -> Self {
         let mut made = Self::zeros(rows, count);
         for (channel, panels) in made.channels.iter_mut().enumerate() {
@@ -64,7 +66,7 @@ impl VectorBatch {
         made
     }
 
-    /// Some rows as vectors of `columns` coefficients.
+    /// Selected matrix rows as vectors of `columns` coefficients.
     pub fn from_rows(rows: &CsrMatrix, range: Range<usize>, columns: usize) -> Self {
         let mut made = Self::zeros(columns, range.len());
         for (vector, r) in range.enumerate() {
@@ -76,14 +78,14 @@ impl VectorBatch {
         made
     }
 
-    /// As many vectors of other rows, behind these.
+    /// Appends the rows of `others`, which has equally many vectors.
     pub fn append(&mut self, others: Self) {
         for (panels, others) in self.channels.iter_mut().zip(others.channels) {
             panels.iter_mut().zip(others).for_each(|(panel, other)| panel.extend(other));
         }
     }
 
-    /// Adds as many other vectors.
+    /// Adds `others`, which has equally many vectors, elementwise.
     pub fn add(&mut self, others: &Self) {
         for (panels, others) in self.channels.iter_mut().zip(&others.channels) {
             for (panel, other) in panels.iter_mut().zip(others) {
@@ -92,11 +94,12 @@ impl VectorBatch {
         }
     }
 
+    /// The element of a vector at a row.
     pub fn get(&self, channel: usize, row: usize, vector: usize) -> f32 {
         self.channels[channel][vector / WIDTH][row][vector % WIDTH]
     }
 
-    /// Copies a vector of others, times `factor`.
+    /// Overwrites a vector by one of `others`, times `factor`.
     pub fn copy(&mut self, vector: usize, others: &Self, other: usize, factor: f32) {
         for (panels, others) in self.channels.iter_mut().zip(&others.channels) {
             let from = others[other / WIDTH].iter().map(|row| row[other % WIDTH]);
@@ -104,7 +107,7 @@ impl VectorBatch {
         }
     }
 
-    /// Copies one of the vectors to the place of another.
+    /// Copies vector `from` over vector `to`.
     pub fn repeat(&mut self, from: usize, to: usize) {
         for panels in &mut self.channels {
             for row in 0..panels[to / WIDTH].len() {
@@ -113,12 +116,12 @@ impl VectorBatch {
         }
     }
 
-    /// Rows of each panel.
+    /// Number of rows of each panel.
     pub fn rows(&self) -> usize {
         self.channels[0].first().map_or(0, Vec::len)
     }
 
-    /// Of each vector, over all channels.
+    /// Sum of squares of each vector, over all channels.
     pub fn squares(&self) -> Vec<f64> {
         let square = |vector: usize| {
             let of_channel = |panels: &Vec<Panel>| -> f64 {
@@ -129,7 +132,7 @@ impl VectorBatch {
         (0..self.count).into_par_iter().map(square).collect()
     }
 
-    /// Of each row of a channel, over all vectors.
+    /// Sum of squares of each row of a channel, over all vectors.
     pub fn row_squares(&self, channel: usize) -> Vec<f32> {
         let mut sums = vec![0.0; self.rows()];
         for panel in &self.channels[channel] {
@@ -138,7 +141,7 @@ impl VectorBatch {
         sums
     }
 
-    /// Multiplies each vector by a factor.
+    /// Multiplies each vector by its factor.
     pub fn scale(&mut self, factors: &[f32]) {
         for panels in &mut self.channels {
             for (panel, factors) in panels.iter_mut().zip(factors.chunks(WIDTH)) {
@@ -149,7 +152,7 @@ impl VectorBatch {
         }
     }
 
-    /// Makes zero what lies beyond the last vector.
+    /// Sets the padding after the last vector to zero.
     pub fn clear_padding(&mut self) {
         if !self.count.is_multiple_of(WIDTH) {
             let last = self.channels.iter_mut().filter_map(|panels| panels.last_mut());
@@ -163,9 +166,9 @@ pub fn matrix(panel: &[[f32; WIDTH]]) -> MatRef<'_, f32> {
     MatRef::from_row_major_slice(panel.as_flattened(), panel.len(), WIDTH)
 }
 
-/// VectorBatch whose rows are looked up, in half the bytes: lights to learn from may differ a little from those that were drawn.
+/// A batch in bf16, row-major, for lookup of rows: rounding changes training lights only slightly.
 pub struct Compact {
-    /// Vectors, with those that fill the last panel.
+    /// Number of vectors, including the padding of the last panel.
     pub width: usize,
     /// Row-major, by channel.
     channels: [Vec<bf16>; 3],
@@ -185,7 +188,7 @@ impl Compact {
         Self { width, channels }
     }
 
-    /// These rows of a channel, row-major.
+    /// The given rows of a channel, row-major.
     pub fn gathered(&self, channel: usize, rows: impl ExactSizeIterator<Item = usize>) -> Vec<f32> {
         let mut all = vec![0.0; rows.len() * self.width];
         let places = all.chunks_exact_mut(self.width.max(1));
@@ -196,14 +199,14 @@ impl Compact {
     }
 }
 
-/// These rows of all panels: row-major, `panels.len() * WIDTH` values each.
+/// The given rows of all panels: row-major, `panels.len() * WIDTH` values each.
 pub fn gathered(panels: &[Panel], rows: impl ExactSizeIterator<Item = usize>) -> Vec<f32> {
     let mut all = Vec::with_capacity(rows.len() * panels.len() * WIDTH);
     rows.for_each(|row| panels.iter().for_each(|panel| all.extend_from_slice(&panel[row])));
     all
 }
 
-/// Each row times each vector, channel by channel.
+/// Product of each row with each vector, channel by channel.
 pub fn multiply(rows: &CsrMatrix, vectors: &VectorBatch) -> VectorBatch {
     vectors.map(|channel, panel| {
         let mut products = vec![[0.0; WIDTH]; rows.len()];
@@ -240,32 +243,32 @@ impl pulp::NullaryFnOnce for Multiply<'_> {
     }
 }
 
-/// Columns whose sums stay in a cache while all rows go by.
+/// Columns per piece, so that their sums stay in a cache during the pass over all rows.
 const COLUMNS: usize = 256;
 
-/// Sparse rows by their columns: what is read together lies together, as often as they are multiplied.
+/// Sparse rows sorted by pieces of columns, for fast repeated products with the transpose.
 pub struct Transposed {
     pub columns: usize,
-    /// Each made behind as many rows as those before it have.
+    /// Each part is constructed with the number of rows before it.
     pub parts: Vec<TransposedPart>,
 }
 
-/// Some of the rows.
+/// A range of the rows.
 pub struct TransposedPart {
-    /// Entries of piece p, [`COLUMNS`] columns, row by row: `first[p]..first[p + 1]`.
+    /// Entries of piece p, which has [`COLUMNS`] columns, row by row: `first[p]..first[p + 1]`.
     first: Vec<usize>,
     entries: Vec<Entry>,
 }
 
 #[derive(Clone, Copy, Default)]
 struct Entry {
-    /// Row times [`COLUMNS`] plus the column, counted from the piece's first.
+    /// Row times [`COLUMNS`] plus the column's offset in the piece.
     place: u32,
     value: [f32; 3],
 }
 
 impl TransposedPart {
-    /// Of rows that come behind `before` others.
+    /// `before` is the number of rows in preceding parts.
     pub fn new(rows: &CsrMatrix, before: usize, columns: usize) -> Self {
         assert!(before + rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
         let piece = |column: u32| column as usize / COLUMNS;
@@ -287,14 +290,14 @@ impl TransposedPart {
 }
 
 impl Transposed {
-    /// One a channel times the vectors: a row of the result for each column.
+    /// Product of the transposed matrix with each vector, channel by channel; the result has one row per matrix column.
     pub fn multiply(&self, vectors: &VectorBatch) -> VectorBatch {
         let mut products = VectorBatch::zeros(self.columns, vectors.count);
         self.add_product(vectors, &mut products);
         products
     }
 
-    /// Adds [`Self::multiply`].
+    /// Adds the product of [`Self::multiply`] to `sums`.
     pub fn add_product(&self, vectors: &VectorBatch, sums: &mut VectorBatch) {
         let mut tasks: Vec<Vec<Task>> = (0..self.columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
         for (channel, (sums, panels)) in sums.channels.iter_mut().zip(&vectors.channels).enumerate() {
@@ -309,14 +312,14 @@ impl Transposed {
     }
 }
 
-/// What a panel of vectors makes of a few columns.
+/// The product of one piece of columns with one panel of vectors.
 struct Task<'a> {
     channel: usize,
     panel: &'a Panel,
     sums: &'a mut [[f32; WIDTH]],
 }
 
-/// All panels for a piece of the columns.
+/// The products of one piece of columns with all panels.
 struct MultiplyTransposed<'a> {
     parts: &'a [TransposedPart],
     piece: usize,
@@ -334,7 +337,7 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
                     let factor = entry.value[channel];
                     let x = &panel[entry.place as usize / COLUMNS];
                     let sum = &mut sums[entry.place as usize % COLUMNS];
-                    // A copy cannot be what `x` is: a register at a time.
+                    // The copy cannot alias `x`, so the loop is vectorized.
                     let mut all = *sum;
                     all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
                     *sum = all;
@@ -344,7 +347,7 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
     }
 }
 
-/// [`matrix`], to write.
+/// [`matrix`], mutable.
 pub fn matrix_mut(panel: &mut [[f32; WIDTH]]) -> MatMut<'_, f32> {
     let rows = panel.len();
     MatMut::from_row_major_slice_mut(panel.as_flattened_mut(), rows, WIDTH)
@@ -359,7 +362,7 @@ mod tests {
         Points::new(5, 0).at(i as u32, j as u32)[0] as f32 - 0.5
     }
 
-    /// More columns than a piece has, more vectors than a panel, empty rows and one that is full.
+    /// More columns than a piece, more vectors than a panel, empty rows and a full one.
     #[test]
     fn transposed_rows_are_those_of_the_columns() {
         let (row_count, columns, vectors) = (70, 2 * COLUMNS + 3, WIDTH + 1);

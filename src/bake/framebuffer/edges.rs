@@ -1,4 +1,4 @@
-//! Pixels that need more than one sample: where surface, normal or visibility change from one pixel to the next.
+//! Pixels that need more than one sample: surface, normal or visibility differs between neighbouring pixels.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -10,12 +10,12 @@ use crate::scene::Rig;
 use crate::shared::NO_BRDF;
 use crate::trace::packet::{PACKET_SIZE, trace_all};
 
-/// Normals further apart than this lie on an edge: 8 degrees.
+/// Normals that differ by more than this form an edge: 8 degrees.
 const NORMAL_COSINE: f32 = 0.99;
-/// Neighbours whose connection leaves the tangent plane by more than this slope lie on an edge.
+/// Two neighbours form an edge if the line between them leaves the tangent plane by more than this slope.
 const PLANE_SLOPE: f32 = 0.2;
 
-/// Light that differs by more, of 255, makes an edge: what falls through a patterned curtain mostly does not.
+/// Visibility differences above this, of 255, form an edge: light through a patterned curtain mostly does not.
 const VISIBLE_STEP: u8 = 16;
 
 /// Pixels on edges, in tile order, sorted. Visibility edges are those of `rig`'s lights.
@@ -27,7 +27,7 @@ pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> V
         trace_all(eye.scene, &light, &framebuffer.packets, &mut visibility);
         visible.push(visibility);
     }
-    // Extra samples of each pixel: one in each layer, and those behind what blends.
+    // Extra samples of each pixel: one in each layer, and those behind surfaces that blend.
     let pixel_count = framebuffer.pixel_stride();
     let mut extras: Vec<&[u32]> = vec![&[]; pixel_count];
     for p in &framebuffer.extra_pixels {
@@ -80,7 +80,7 @@ fn samples_differ(framebuffer: &DeepFramebuffer, materials: u32, visible: &[Vec<
     if ga == Vec3::ZERO {
         return false;
     }
-    // BRDFs from `materials` on are a textured sample's own: they differ everywhere.
+    // BRDFs from index `materials` on belong to single textured samples: they differ everywhere.
     let material = |brdf: u32| if (materials..NO_BRDF).contains(&brdf) { materials } else { brdf };
     let between = sb.position - sa.position;
     let off_plane = between.dot(ga).abs().max(between.dot(gb).abs());

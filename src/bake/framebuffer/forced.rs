@@ -1,12 +1,12 @@
-//! Nothing left out: what a deep framebuffer costs that was not made for its scene.
+//! Worst case of a deep framebuffer: its cost without the optimizations for a particular scene.
 
 use super::DeepFramebuffer;
 use super::view_samples::{EMPTY_SAMPLE, pack};
 use crate::shared::{ExtraPixel, ExtraSample, NO_BRDF};
 
 impl DeepFramebuffer {
-    /// The same picture from a framebuffer with all mirror layers over all pixels, a BRDF for each sample, its specular lobe and
-    /// an image of emission. Samples that there were keep their places.
+    /// The same picture from a framebuffer with all mirror layers at all pixels, one BRDF per sample, a specular lobe,
+    /// and an emission image. Existing samples retain their places.
     pub fn with_nothing_left_out(mut self) -> Self {
         let pixels = self.pixel_stride();
         for sample in self.samples.iter_mut().filter(|s| s.brdf != NO_BRDF) {

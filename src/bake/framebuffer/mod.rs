@@ -12,19 +12,19 @@ use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, ViewSample};
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{self, SamplePacket};
 
-/// What of a scene is baked, and how finely.
+/// Resolution and sampling of a bake.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct BakeSettings {
     pub width: u32,
     pub height: u32,
     /// Layers of the deep framebuffer: 1 = no reflections.
     pub layers: u32,
-    /// Paths from the eye for a pixel that lies on an edge.
+    /// Number of eye paths of a pixel on an edge.
     pub samples: u32,
 }
 
 impl BakeSettings {
-    /// Tiles of pixels, the steps that `bake` reports.
+    /// Number of pixel tiles, the unit of progress that `bake` reports.
     pub fn tile_count(&self) -> usize {
         Tiling { width: self.width, height: self.height }.len() / packet::PACKET_SIZE
     }
@@ -35,34 +35,35 @@ impl BakeSettings {
 pub struct DeepFramebuffer {
     pub camera: Camera,
     pub tiling: Tiling,
-    /// Layer 1, a sample a pixel, tile by tile, padded to whole tiles; then the extra samples.
+    /// Layer 1: one sample per pixel, tile by tile, padded to whole tiles. The extra samples follow.
     pub samples: Vec<ViewSample>,
-    /// Of each sample, unit, mesh space.
+    /// Of each sample; unit, mesh space.
     pub geometric_normals: Vec<Vec3>,
-    /// How far above each sample, along its geometric normal, rays to lights start; mesh space.
+    /// Offset of the origin of shadow rays above each sample, along its geometric normal; mesh space.
     pub lifts: Vec<f32>,
-    /// The same samples as the shadow tracer wants them.
+    /// The same samples in the layout of the shadow tracer.
     pub packets: Vec<SamplePacket>,
-    /// One for each material, then those of textured samples.
+    /// One per material, then those of textured samples.
     pub brdfs: Vec<Brdf>,
-    /// Share and layer of each extra sample.
+    /// Weight and layer of each extra sample.
     pub extra_samples: Vec<ExtraSample>,
-    /// Extra samples pixel by pixel.
+    /// Indices into `extra_samples`, grouped by pixel.
     pub extra_indices: Vec<u32>,
-    /// Pixels that have any, and those on edges.
+    /// Pixels with extra samples, and pixels on edges.
     pub extra_pixels: Vec<ExtraPixel>,
-    /// Radiance of emitters as seen, resolved to pixels: planes R, G, B in tile order; empty if there are none.
+    /// Directly visible radiance of emitters, resolved to pixels: planes R, G, B in tile order. Empty if there are no
+    /// emitters.
     pub emission: Vec<f32>,
-    /// Samples in each layer.
+    /// Number of samples in each layer.
     pub layers: Vec<usize>,
-    /// Layers that were asked for.
+    /// The number of layers requested.
     pub asked_layers: u32,
     /// Whether any sample has a specular lobe.
     pub has_specular: bool,
 }
 
 impl DeepFramebuffer {
-    /// Whether every index that a kernel follows leads to something.
+    /// Whether every index that a kernel follows is valid.
     pub(super) fn is_consistent(&self) -> bool {
         let pixels = self.pixel_stride();
         let extras = self.extra_samples.len();
@@ -79,18 +80,18 @@ impl DeepFramebuffer {
             && (self.emission.is_empty() || self.emission.len() == 3 * pixels)
     }
 
-    /// Indices of the samples that reflect anything.
+    /// Indices of the samples that reflect direct light.
     pub fn reflecting(&self) -> Vec<u32> {
         (0..self.samples.len() as u32).filter(|&i| self.samples[i as usize].brdf != NO_BRDF).collect()
     }
 
-    /// Samples of layer 1, padding included: what a plane of an image holds.
+    /// Number of layer-1 samples, padding included; the size of one image plane.
     pub fn pixel_stride(&self) -> usize {
         self.tiling.len()
     }
 }
 
-/// Bakes what `camera` sees of `scene`. `rig` tells where shadow edges lie, for anti-aliasing.
+/// Bakes the view of `scene` from `camera`. The lights of `rig` determine the shadow edges to be anti-aliased.
 pub fn bake(
     scene: &TracedScene,
     camera: &Camera,

@@ -1,8 +1,8 @@
 //! The layered deep framebuffer [Yang 2007, Tables 3.1 and 3.2], ray-cast, as a compact list of view samples.
 //!
-//! Layer 1 holds one sample a pixel, tile by tile; deeper layers, and further samples of pixels on edges, are extra
-//! samples that exist only where a mirror, an edge or something behind a surface that blends is seen. Order: layer, then
-//! pixel, so that neighbours in memory are neighbours in the scene.
+//! Layer 1 stores one sample per pixel, tile by tile. Deeper layers, and further samples of pixels on edges, are extra
+//! samples: they exist only where a mirror, an edge or a surface behind a blending one is visible. The order is layer,
+//! then pixel, so that neighbours in memory are neighbours in the scene.
 
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -16,37 +16,38 @@ use crate::trace::bvh::{Hit, TracedScene, coverage, passes_by_chance};
 use crate::trace::packet::{PACKET_SIZE, SamplePacket};
 use crate::trace::surface::SurfacePoint;
 
-/// A path from the eye is not followed below this share of a pixel: half of an 8-bit step a thousand times brighter.
+/// An eye path ends below this share of a pixel: half of an 8-bit step at a thousandfold exposure.
 const MIN_WEIGHT: f32 = 1e-6;
 
-/// Surfaces that blend, and what is behind them, have samples of their own, without noise, up to so many surfaces a path and
-/// down to such a share of it. Further on chance picks one, as on all other rays.
+/// Surfaces that blend, and what is behind them, get separate samples without noise: up to this number of surfaces per
+/// path, and down to a weight of [`LEAST_BEHIND`]. Beyond that one surface is chosen at random, as for all other rays.
 const MOST_IN_A_ROW: u32 = 16;
-/// See [`MOST_IN_A_ROW`]: one step of 8 bits.
+/// See [`MOST_IN_A_ROW`]: one 8-bit step.
 const LEAST_BEHIND: f32 = 1.0 / 256.0;
-/// The same with those that turn out not to be there.
+/// Limit like [`MOST_IN_A_ROW`], counting also surfaces whose coverage is 0 at the hit.
 const MOST_STEPS: u32 = 256;
 
-/// One surface along a path from the eye through mirrors and what blends; mesh space.
+/// One surface along an eye path through mirrors and blending surfaces; mesh space.
 #[derive(Clone, Copy)]
 pub struct PathVertex {
     pub point: SurfacePoint,
-    /// Unit, towards the eye or the mirror that sees it.
+    /// Unit, towards the previous vertex: the eye or a mirror.
     pub wo: Vec3,
-    /// Product of BRDF and cosine along the path up to here, of what surfaces before it let through, and of its own coverage.
+    /// Product of BRDFs and cosines along the path up to here, of the transmittance of surfaces before it, and of its
+    /// own coverage.
     pub weight: Vec3,
-    /// Mirrors before it.
+    /// Number of mirrors before it.
     pub layer: u32,
 }
 
-/// A straight part of a path from the eye.
+/// A straight segment of an eye path.
 #[derive(Clone, Copy)]
 struct Segment {
     origin: Vec3,
     direction: Vec3,
-    /// The triangle that blends and that it has passed last, and up to where it has met all of those.
+    /// The blending triangle that the path passed last, and the distance up to which all blending surfaces are passed.
     passed: Option<(u32, f32)>,
-    /// Length of the path up to the origin.
+    /// Length of the path before the origin.
     before: f32,
     weight: Vec3,
     layer: u32,
@@ -60,7 +61,7 @@ pub struct Tiling {
 }
 
 impl Tiling {
-    /// Pixels, padded to whole tiles.
+    /// Number of pixels, padded to whole tiles.
     pub fn len(&self) -> usize {
         let tiles = |size: u32| size.div_ceil(TILE_SIZE) as usize;
         tiles(self.width) * tiles(self.height) * PACKET_SIZE
@@ -70,7 +71,7 @@ impl Tiling {
         self.len() == 0
     }
 
-    /// Pixel (x, y) at a place in tile order; it may lie outside of the image, in a tile's padding.
+    /// Pixel (x, y) at an index in tile order. It can lie outside the image, in the padding of a tile.
     pub fn pixel(&self, index: usize) -> (u32, u32) {
         let tiles_x = self.width.div_ceil(TILE_SIZE) as usize;
         let (tile, inside) = (index / PACKET_SIZE, (index % PACKET_SIZE) as u32);
@@ -78,7 +79,7 @@ impl Tiling {
         (tile_x * TILE_SIZE + inside % TILE_SIZE, tile_y * TILE_SIZE + inside / TILE_SIZE)
     }
 
-    /// Place of pixel (x, y) in tile order.
+    /// Index of pixel (x, y) in tile order.
     pub fn index(&self, x: u32, y: u32) -> usize {
         let tiles_x = self.width.div_ceil(TILE_SIZE);
         let tile = (y / TILE_SIZE) * tiles_x + x / TILE_SIZE;
@@ -95,17 +96,17 @@ pub struct EyeRays<'a> {
     pub scene: &'a TracedScene,
     pub camera: &'a Camera,
     pub tiling: Tiling,
-    /// Surfaces that a ray meets at most, mirrors included.
+    /// Maximum number of layers of a path: the number of its mirrors, plus 1.
     pub layers: u32,
 }
 
 impl EyeRays<'_> {
-    /// Follows the ray through image point (x, y), in pixels, through perfect mirrors and past surfaces that blend. Calls
-    /// `visit` at each surface, first at the one in front.
+    /// Follows the ray through image point (x, y), in pixels, through perfect mirrors and blending surfaces. Calls
+    /// `visit` at each surface, the frontmost first.
     pub fn follow(&self, x: f64, y: f64, mut visit: impl FnMut(PathVertex)) {
         let (width, height) = (f64::from(self.tiling.width), f64::from(self.tiling.height));
         let (origin, direction) = self.camera.ray(x / width, y / height, width / height);
-        // Up to the scene in double precision: a long way to it costs no digits.
+        // Moves the origin close to the scene in double precision, so that a distant camera costs no precision.
         let space = self.scene.space;
         let origin = space.from_world(origin);
         let start = (-origin.dot(direction) - f64::from(self.scene.bvh.radius)).max(0.0);
@@ -122,7 +123,7 @@ impl EyeRays<'_> {
             weight: Vec3::ONE,
             layer: 0,
         });
-        // What lies behind surfaces that blend.
+        // Segments that continue behind blending surfaces.
         let mut behind: Vec<Segment> = Vec::new();
         let (mut met, mut steps) = (0, 0);
         while let Some(segment) = next.take().or_else(|| behind.pop()) {
@@ -147,13 +148,14 @@ impl EyeRays<'_> {
         }
     }
 
-    /// The first surface that was not passed: `in_a_row`, whatever its coverage, which is averaged over a pixel; else by chance.
+    /// The first surface not yet passed. With `in_a_row` a blending surface is always hit, as its coverage is averaged
+    /// over a pixel; otherwise it is hit with a probability equal to its coverage.
     fn first_hit(&self, segment: &Segment, in_a_row: bool) -> Option<Hit> {
         let Segment { origin, direction, passed, .. } = *segment;
         if !self.scene.bvh.has_blends {
             return self.scene.closest_hit(origin, direction, f32::INFINITY);
         }
-        // From the same origin again: what is behind is met at the same point, to the last bit, as without the surfaces before.
+        // Traced again from the same origin: the hit behind is bitwise the same as without the surfaces before it.
         self.scene.closest_hit_unless(origin, direction, |hit| {
             let coverage = coverage(self.scene, hit.triangle, hit.barycentric);
             let is_passed = |(last, beyond)| hit.triangle == last || (hit.distance <= beyond && coverage < 1.0);
@@ -164,11 +166,11 @@ impl EyeRays<'_> {
         })
     }
 
-    /// How a path goes on from a mirror.
+    /// The continuation of a path at a mirror.
     fn mirrored(&self, segment: &Segment, point: &SurfacePoint, distance: f32, weight: Vec3) -> Option<Segment> {
         let wo = -segment.direction;
         let cosine = point.normal.dot(wo);
-        // Single-sided, seen from behind; or the last one.
+        // Single-sided and seen from behind, or the last layer.
         if cosine <= 0.0 || segment.layer + 1 >= self.layers {
             return None;
         }
@@ -189,7 +191,7 @@ struct Collector {
     samples: Vec<ViewSample>,
     geometric_normals: Vec<Vec3>,
     lifts: Vec<f32>,
-    /// Only those that are not a material's own.
+    /// Only those that differ from their material's.
     brdfs: Vec<Brdf>,
 }
 
@@ -217,24 +219,24 @@ impl Collector {
     }
 }
 
-/// Stands for the next BRDF of the collector until collectors are joined.
+/// Marks the collector's next BRDF until collectors are joined.
 const OWN_BRDF: u32 = NO_BRDF - 1;
 pub(super) const EMPTY_SAMPLE: ViewSample =
     ViewSample { position: Vec3::ZERO, brdf: NO_BRDF, normal: Vec2::ZERO, wo: Vec2::ZERO };
 
-/// What one tile of pixels sees.
+/// The view samples of one tile of pixels.
 #[derive(Default)]
 struct Tile {
     first: Collector,
     extra: Collector,
     /// Pixel in tile order, weight and layer of each extra sample.
     extra_of: Vec<(u32, ExtraSample)>,
-    /// Pixels of which the first sample has not all, in tile order, and what it has.
+    /// Pixels whose first sample covers them partly, in tile order, and its coverage.
     covered: Vec<(u32, f32)>,
     emission: Vec<(u32, Vec3)>,
 }
 
-/// The deep framebuffer with one path a pixel, through its centre; `edges` lists pixels that get `samples` paths.
+/// The deep framebuffer with one path per pixel, through its centre; `edges` lists pixels that get `samples` paths.
 pub(super) fn collect(
     eye: &EyeRays,
     settings: &BakeSettings,
@@ -371,8 +373,8 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         layers[extra.layer as usize] += 1;
     }
 
-    // Pixels on edges, or with a surface that blends in front, are listed even if their extra rays saw nothing: their first
-    // sample counts for a share only.
+    // Pixels on edges, or with a blending surface in front, are listed even if their extra rays hit nothing, as their
+    // first sample has a weight below 1.
     owners.sort_unstable();
     let covered: Vec<(u32, f32)> = tiles.iter().flat_map(|tile| tile.covered.iter().copied()).collect();
     let in_part = covered.iter().map(|&(pixel, _)| pixel).chain(edges.iter().copied());
@@ -422,7 +424,8 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
 
 /// Adds the extra view samples to their pixels of a light's image. Twin of resolve.comp.
 ///
-/// `image` is by pixel, `extras` the radiance of the extra samples; `layers` has bit l set where layer l counts.
+/// `image` is indexed by pixel. `extras` is the radiance of the extra samples. Bit l of `layers` is set if layer l
+/// counts.
 pub fn resolve(
     pixels: &[ExtraPixel],
     indices: &[u32],
@@ -440,7 +443,8 @@ pub fn resolve(
     }
 }
 
-/// Samples as packets of 64; a packet holds samples of layer 1 or extra ones, not both. Without `lifts` rays start on surfaces.
+/// Packets of 64 samples; a packet holds either samples of layer 1 or extra ones. Without `lifts` rays start on the
+/// surfaces.
 pub(in crate::bake) fn pack(
     samples: &[ViewSample],
     geometric_normals: &[Vec3],

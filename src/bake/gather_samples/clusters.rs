@@ -4,10 +4,10 @@ use rayon::prelude::*;
 
 use crate::trace::point_tree::{Point, PointTree};
 
-/// Rounds of assignment and averaging: pieces of the tree are a good start.
+/// Lloyd iterations. Few suffice, as the initial pieces come from the tree.
 const ROUNDS: usize = 8;
 
-/// Which points belong together.
+/// A partition of points.
 pub struct Clusters {
     /// Mean of each cluster's points.
     pub means: Vec<Point>,
@@ -17,12 +17,12 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// At most `count` clusters of `points`, none of them empty. The same points give the same clusters, whatever the
-    /// threads.
+    /// At most `count` clusters of `points`, none of them empty. The result does not depend on the number of threads.
     pub fn new(points: &[Point], count: usize) -> Self {
         let count = count.min(points.len());
         let tree = PointTree::new(points);
-        // A point of each of as many pieces of the tree, not its mean: pieces that bend round an edge have none near.
+        // Seeds are points of pieces of the tree, not means: a piece that bends around an edge has no point near its
+        // mean.
         let seed = |c: usize| points[tree.order()[(2 * c + 1) * points.len() / (2 * count)] as usize];
         let means = (0..count).map(seed).collect();
         let mut clusters = Self { means, first: Vec::new(), members: tree.order().to_vec() };
@@ -42,10 +42,10 @@ impl Clusters {
         &self.members[self.first[cluster] as usize..self.first[cluster + 1] as usize]
     }
 
-    /// Puts every point into the cluster with the nearest mean; clusters that get none vanish.
+    /// Assigns every point to the cluster with the nearest mean; clusters without points are removed.
     fn assign(&mut self, points: &[Point]) {
         let tree = PointTree::new(&self.means);
-        // In tree order, so that neighbours' searches touch the same nodes.
+        // In tree order, so that searches of neighbours touch the same nodes.
         let nearest: Vec<u32> =
             self.members.par_iter().map(|&i| tree.nearest::<1>(&points[i as usize], |_| true).items()[0].1).collect();
         let mut counts = vec![0u32; self.means.len()];

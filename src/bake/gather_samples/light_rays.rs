@@ -1,10 +1,10 @@
 //! Rays from lights, for light that falls between the points of gather samples.
 //!
-//! Points tell what a light leaves in gather samples as long as each stands for a small part of it. Where a light is so near
-//! or so narrow that it would all fall on few points, or between them, rays from the light tell instead: they are spread
-//! evenly over its solid angle, and each brings its power to the sample that it meets. At every place the weights of the two
-//! sum to one, as in multiple importance sampling [Veach 1995]; where many points share the light, that of rays
-//! is zero.
+//! The points of gather samples give the incident light accurately if each accounts for a small part of it. If a light
+//! is so near or so narrow that its power falls on few points, or between them, rays from the light are used instead.
+//! They are spread evenly over its solid angle, and each adds its power to the sample that it hits. At every place the
+//! weights of the two techniques sum to one, as in multiple importance sampling [Veach 1995]. Where many points share
+//! the light, the weight of rays is zero.
 
 use std::f32::consts::TAU;
 
@@ -20,41 +20,42 @@ use crate::trace::bvh::TracedScene;
 use crate::trace::point_tree::{PointTree, point};
 use crate::trace::surface::SurfacePoint;
 
-/// Rays of each light: one for each point where they begin to tell. Twice as many change nothing (docs/accuracy.md).
+/// Rays per light: 2 / [`EVEN_SHARE`], the number of points per light at which the weight of rays becomes zero. Twice
+/// as many change nothing (docs/accuracy.md).
 pub const RAYS: usize = 512;
-/// How far from the nearest point a ray may end, in widths of its sample. No sample lies where nobody looks: what rays
-/// meet there is nobody's.
+/// Maximum distance of a hit from the nearest point, in widths of its sample. Regions that do not contribute to the
+/// picture have no samples: rays that hit there are discarded.
 const REACH: f32 = 2.0;
-/// A ray counts for the ratio of its cosines to the shading normal and the geometric one, but never for more than this.
+/// Maximum ratio of the cosines to the shading normal and to the geometric normal, by which a ray is weighted.
 const MOST_COSINES: f32 = 8.0;
-/// From one ray to the next about the light's axis, in radians: what is left of a turn by the golden ratio.
+/// Rotation about the light's axis between successive rays, in radians: 2 pi (1 - 1 / golden ratio).
 const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
-/// Knows which gather sample a place belongs to.
+/// Finds the gather sample of a surface point.
 pub struct LightRays {
-    /// Over the points of gather samples.
+    /// Over the points of all gather samples.
     tree: PointTree,
-    /// Of each point, unit.
+    /// Unit normal of each point.
     normals: Vec<Vec3>,
     normal_length: f32,
     points_per_sample: usize,
 }
 
-/// What a ray brings to a gather sample.
+/// The contribution of a ray to a gather sample.
 #[derive(Clone, Copy)]
 struct LightRayHit {
-    /// [`NOTHING`] for a ray that brings nothing to any.
+    /// [`NOTHING`] if the ray contributes to no sample.
     sample: usize,
     /// Unit, towards the light, in the sample's frame.
     wi: Vec3,
-    /// Of the sample's surface, by a light of unit intensity; mesh space.
+    /// At the sample, from a light of unit intensity; mesh space.
     irradiance: f32,
 }
 
 const NOTHING: usize = usize::MAX;
 
 impl LightRays {
-    /// `points` are position and unit normal of as many points of each sample in turn.
+    /// `points` lists position and unit normal of each point, sample by sample; all samples have equally many points.
     pub fn new(samples: &[LightSample], points: impl ExactSizeIterator<Item = (Vec3, Vec3)>) -> Self {
         let points_per_sample = points.len() / samples.len().max(1);
         let normal_length = normal_length(samples.iter().map(|s| s.area));
@@ -63,8 +64,8 @@ impl LightRays {
         Self { tree: PointTree::new(&places), normals, normal_length, points_per_sample }
     }
 
-    /// What rays of `light` at unit intensity leave in coefficients of `samples`: calls `add` with the index of each
-    /// coefficient that gets some, in ascending order.
+    /// Computes the coefficients of `samples` due to rays of `light` at unit intensity. Calls `add` with the index of
+    /// each nonzero coefficient, in ascending order within a sample.
     pub fn shade(
         &self,
         scene: &TracedScene,
@@ -93,7 +94,7 @@ impl LightRays {
         }
     }
 
-    /// Ray number `i` of a spherical Fibonacci lattice [Keinert 2015]: each stands for as much of the solid angle.
+    /// Ray `i` of a spherical Fibonacci lattice [Keinert 2015]: all rays represent equal solid angles.
     fn cast(
         &self,
         scene: &TracedScene,
@@ -138,25 +139,25 @@ impl LightRays {
     }
 }
 
-/// Weight of rays at a place whose point answers for `share` of a light's power, range and shadows not counted. Twin of
-/// glsl/shade_gather.comp.
+/// Weight of rays at a place whose point receives the share `share` of a light's power, ignoring range and shadows.
+/// Twin of glsl/shade_gather.comp.
 pub fn weight_of_rays(share: f32) -> f32 {
     let x = (share / EVEN_SHARE - 0.5).clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// A light's intensity along its axis over its power, in 1/sr; `None` for lights that cast no rays, directional ones and those
-/// that light nothing.
+/// A light's intensity along its axis divided by its power, in 1/sr. `None` for lights that cast no rays: directional
+/// lights and cones of zero solid angle.
 pub fn per_solid_angle(light: &PackedLight) -> Option<f32> {
     let widest = versine(light);
-    // Up to where it is 1 throughout, then along a parabola down to 0.
+    // The falloff is 1 inside the inner cone, then decreases to 0 along a parabola.
     let fall = if light.kind == LIGHT_SPOT { widest.min(1.0 / light.cone_scale) } else { 0.0 };
     let inner = widest - fall;
     let inverse = 1.0 / (TAU * (inner + (fall * light.cone_scale).powi(2) * fall / 3.0));
     (light.kind != LIGHT_DIRECTIONAL && inverse.is_finite()).then_some(inverse)
 }
 
-/// 1 - cos of the angle between a light's axis and the edge of what it shines into.
+/// 1 - cos of the angle between a light's axis and the edge of its cone; 2 if it has no cone.
 fn versine(light: &PackedLight) -> f32 {
     if light.kind == LIGHT_SPOT { light.cone_versine } else { 2.0 }
 }
@@ -171,7 +172,7 @@ mod tests {
     use crate::physics::light::incident;
     use crate::scene::{Light, LightKind, MeshSpace};
 
-    /// Against what arrives on a sphere about the light.
+    /// Compares with the irradiance integrated over a sphere around the light.
     #[test]
     fn power_is_all_that_a_light_sends() {
         let space = MeshSpace { unit: 3.0, ..MeshSpace::WORLD };
@@ -194,7 +195,7 @@ mod tests {
             assert!((got / want - 1.0).abs() < 1e-3, "{light:?}: {got}, want {want}");
         }
         assert!((1.0 / per_solid_angle(&point.pack(space)).unwrap() - 4.0 * PI as f32).abs() < 1e-5);
-        // Of a narrow spot in a scene so large that its power is none that single precision holds.
+        // A narrow spot in a scene so large that its power overflows or underflows in single precision.
         assert!(per_solid_angle(&spot(0.0, 0.01).pack(MeshSpace { unit: 1e18, ..MeshSpace::WORLD })).is_some());
     }
 }

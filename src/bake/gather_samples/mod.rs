@@ -1,4 +1,4 @@
-//! Gather samples: points on surfaces that stand for an area and carry outgoing radiance as a few coefficients.
+//! Gather samples: surface points that represent an area and store its outgoing radiance as a few coefficients.
 
 mod clusters;
 pub mod light_rays;
@@ -25,9 +25,9 @@ use crate::trace::surface::SurfacePoint;
 pub enum Placement {
     /// Random, uniform by area [Yang 2007, Section 4.1].
     Random,
-    /// One for each of as many compact clusters of the surface.
+    /// One sample in each of `count` compact clusters of the surface.
     Clustered {
-        /// Points of a cluster at which light is looked at: 1 to 16.
+        /// Points per cluster at which incident light is evaluated: 1 to 16.
         points: usize,
     },
 }
@@ -38,26 +38,26 @@ pub struct GatherSample {
     pub position: Vec3,
     /// Mesh space.
     pub area: f32,
-    /// Unit; its directions are counted in the frame that [`GatherSample::frame`] gives.
+    /// Unit; directions are expressed in the frame that [`GatherSample::frame`] returns.
     pub normal: Vec3,
     /// The mesh's triangle that `position` lies on.
     pub triangle: u32,
-    /// Radiance that it emits, the same in all directions.
+    /// Emitted radiance, the same in all directions.
     pub emission: Vec3,
-    /// Index into the scene's materials; of the middle, if there are several.
+    /// Index into the scene's materials; that of the central point if the sample covers several.
     pub material: u32,
-    /// What it makes of light from surfaces, averaged over its area. Lobes narrower than [`NEAR_MIRROR_ALPHA`] are no part
-    /// of it: rays go on through them.
+    /// BRDF for light reflected by surfaces, averaged over its area. Excludes lobes narrower than
+    /// [`NEAR_MIRROR_ALPHA`], which paths follow instead.
     pub brdf: Brdf,
-    /// What it makes of light from lights, averaged likewise. No ray meets these: narrow lobes are as wide as the basis can
-    /// hold, and reflect as much.
+    /// BRDF for light from light sources, averaged likewise. Paths cannot hit these sources, so narrow lobes are
+    /// included, widened to what the basis can represent, with the same reflectance.
     pub lit: Brdf,
 }
 
 /// A point of a gather sample's area; mesh space.
 #[derive(Clone, Copy, Debug)]
 pub struct GatherPoint {
-    /// Where rays start, above the surface by [`SurfacePoint::lift`].
+    /// Origin of rays, above the surface by [`SurfacePoint::lift`].
     pub position: Vec3,
     /// Unit shading normal.
     pub normal: Vec3,
@@ -65,33 +65,34 @@ pub struct GatherPoint {
     pub geometric_normal: Vec3,
 }
 
-/// All gather samples of a scene, in the order of the leaves of a balanced tree: a node that holds the samples
-/// `first..end` has as children what lies before and after [`crate::trace::point_tree::middle`].
+/// All gather samples of a scene, in the leaf order of a balanced tree. A node with samples `first..end` is split into
+/// two children at [`crate::trace::point_tree::middle`].
 #[derive(Clone, Debug, Default)]
 pub struct GatherSamples {
     pub samples: Vec<GatherSample>,
-    /// `points_per_sample` of each sample in turn: what it receives is the mean over them.
+    /// `points_per_sample` points per sample; a sample receives the mean over its points.
     pub points: Vec<GatherPoint>,
     pub points_per_sample: usize,
-    /// By material: samples of one group stand for its surfaces alone. Empty: all are of one.
+    /// Group of each material. The samples of a group represent only surfaces of its materials. Empty: all are in one
+    /// group.
     pub groups: Vec<u32>,
 }
 
-/// Points of the surface for each cluster.
+/// Candidate points per cluster.
 const CANDIDATES: usize = 32;
 
-/// One of these.
+/// A random point of the surface.
 struct Candidate {
     triangle: u32,
-    /// What it stands for, in mesh space.
+    /// The area it represents, in mesh space.
     area: f64,
-    /// How much light comes from there: its weight in what a sample's surface is like and gets.
+    /// Light that reaches the picture from that area: its weight in the sample's averages.
     light: f64,
     surface: SurfacePoint,
 }
 
 impl GatherSamples {
-    /// At most `count` samples: fewer where less surface reflects light. Everything random follows from `seed`.
+    /// At most `count` samples: fewer if less surface reflects light. Deterministic for a given `seed`.
     pub fn place(scene: &TracedScene, surfaces: &Surfaces, placement: Placement, count: usize, seed: u64) -> Self {
         match placement {
             Placement::Random => random(scene, surfaces, count, seed),
@@ -112,7 +113,7 @@ impl GatherSamples {
         self.samples.iter().map(|s| f64::from(s.area)).sum()
     }
 
-    /// All points, as shadow rays want them.
+    /// All points, in the layout of the shadow tracer.
     pub fn packets(&self) -> Vec<SamplePacket> {
         let packet = |points: &[GatherPoint]| {
             let mut packet = SamplePacket::default();
@@ -133,12 +134,12 @@ impl GatherSamples {
         &self.points[sample * self.points_per_sample..][..self.points_per_sample]
     }
 
-    /// Which samples a material's surfaces read.
+    /// The group of gather samples that surfaces of a material read.
     pub fn group(&self, material: u32) -> u32 {
         self.groups.get(material as usize).copied().unwrap_or(0)
     }
 
-    /// Puts samples, each with its points, into the order of the tree.
+    /// Sorts samples, each with its points, into tree order.
     fn in_tree_order(
         samples: Vec<(GatherSample, Vec<GatherPoint>)>,
         points_per_sample: usize,
@@ -157,7 +158,7 @@ impl GatherSamples {
     }
 }
 
-/// How far apart opposite faces count when samples of such areas are compared: twice their mean width. Scale-free.
+/// Length of normals in [`point`] for samples of such areas: twice their mean width, which is scale-invariant.
 fn normal_length(areas: impl ExactSizeIterator<Item = f32>) -> f32 {
     let count = areas.len().max(1) as f64;
     2.0 * (areas.map(|area| f64::from(area.sqrt())).sum::<f64>() / count) as f32
@@ -177,13 +178,13 @@ impl GatherPoint {
         Self { position: surface.lifted(), normal, geometric_normal }
     }
 
-    /// The frame of its sample, turned until its normal is the point's own.
+    /// The frame of its sample, rotated so that its normal is the point's own.
     pub fn frame(&self, sample: &GatherSample) -> [Vec3; 3] {
         turned(sample.frame(), self.normal)
     }
 }
 
-/// A sample's frame, turned the short way round until its normal is `normal`.
+/// A sample's frame under the smallest rotation that takes its normal to `normal`.
 fn turned([s, t, n]: [Vec3; 3], normal: Vec3) -> [Vec3; 3] {
     let turn = glam::Quat::from_rotation_arc(n, normal);
     [turn * s, turn * t, normal]
@@ -217,9 +218,10 @@ fn clustered(
         .enumerate()
         .filter(|(_, drawn)| !drawn.place.is_hole(scene))
         .map(|(i, Drawn { place, area, light })| {
-            // Texel by texel: a mean over many, in which those of other surfaces may lie beside, is made of all candidates.
+            // Footprint 0: texels are averaged over candidates, as a filtered texel can include those of other
+            // surfaces.
             let surface = place.surface(scene, 0.0);
-            // What blends meets fewer rays, and sends out as much less.
+            // A blending surface is hit by fewer rays and emits proportionally less.
             (i, Candidate { triangle: place.triangle, area: area * f64::from(surface.coverage), light, surface })
         })
         .filter(|(i, Candidate { surface, .. })| {
@@ -232,7 +234,7 @@ fn clustered(
     let (groups, grouped) = groups(scene, &candidates);
     let in_all = candidates.len().max(1);
     let mut done = 0;
-    // As many samples as each group has of all candidates, and one at least.
+    // Samples in proportion to each group's candidates, and at least one.
     let clusters: Vec<(Vec<u32>, Point)> = grouped
         .into_iter()
         .flat_map(|members| {
@@ -266,7 +268,7 @@ fn clustered(
             brdf: average(of_members().map(|c| (held(&c.surface.brdf), counts(c)))),
             lit: average(of_members().map(|c| (widened(&c.surface.brdf), counts(c)))),
         };
-        // Members lie in tree order: points picked evenly among their weights are spread over the cluster.
+        // Members are in tree order: points at equal steps of cumulative weight are spread over the cluster.
         let mut points = Vec::with_capacity(points_per_sample);
         let mut covered = 0.0;
         for member in of_members() {
@@ -275,16 +277,16 @@ fn clustered(
                 points.push(GatherPoint::new(&member.surface));
             }
         }
-        // Where rounding leaves the last one out.
+        // Rounding can omit the last point.
         points.resize(points_per_sample, GatherPoint::new(centre));
         (sample, points)
     };
     GatherSamples::in_tree_order(clusters.par_iter().map(sample).collect(), points_per_sample, groups)
 }
 
-/// Weight of a place whose area brings `ratio` times the light that its sample's area brings on average. Visits are few: what
-/// differs by a quarter counts as alike, so that all energy is there where everything is seen alike; what is hidden
-/// counts less and less, lest what nobody sees darkens what is seen.
+/// Weight of a place whose area contributes `ratio` times as much light as its sample's area does on average. As visits
+/// are few, ratios within a quarter of 1 count as equal, so that energy is conserved where everything is equally
+/// visible. Smaller ratios reduce the weight continuously, so that hidden surfaces do not darken visible ones.
 fn evened(ratio: f64) -> f64 {
     if ratio < ALIKE { ratio / ALIKE } else { (ratio * ALIKE).max(1.0) }
 }
@@ -292,8 +294,9 @@ fn evened(ratio: f64) -> f64 {
 /// See [`evened`].
 const ALIKE: f64 = 0.8;
 
-/// Materials whose candidates are enough for a sample have samples of their own: those of a dark wall tell nothing of the white
-/// skirting before it. All others are one group. Returns each material's group, and each group's candidates.
+/// Materials with enough candidates for a sample get their own samples: the radiance of a dark wall says nothing about
+/// the white skirting in front of it. All other materials form one group. Returns the group of each material and the
+/// candidates of each group.
 fn groups(scene: &Scene, candidates: &[Candidate]) -> (Vec<u32>, Vec<Vec<u32>>) {
     let mut members = vec![Vec::new(); scene.materials.len()];
     candidates.iter().enumerate().for_each(|(i, c)| members[c.surface.material as usize].push(i as u32));
@@ -311,26 +314,27 @@ fn groups(scene: &Scene, candidates: &[Candidate]) -> (Vec<u32>, Vec<Vec<u32>>) 
     (groups, grouped)
 }
 
-/// Whether a sample has anything to carry there.
+/// Whether a surface emits or reflects light that a sample can store.
 pub fn carries_light(surface: &SurfacePoint) -> bool {
     surface.emission != Vec3::ZERO || surface.brdf.reflects_directly()
 }
 
-/// What a gather sample holds of a BRDF: a lobe so narrow that rays go on through it is a perfect mirror's.
+/// The part of a BRDF that a gather sample stores: a lobe so narrow that paths follow it is replaced by a perfect
+/// mirror.
 pub fn held(brdf: &Brdf) -> Brdf {
     if brdf.alpha >= NEAR_MIRROR_ALPHA { *brdf } else { Brdf { alpha: 0.0, ..*brdf } }
 }
 
-/// A BRDF with a lobe no narrower than [`NEAR_MIRROR_ALPHA`]; a perfect mirror stays one.
+/// A BRDF with a lobe no narrower than [`NEAR_MIRROR_ALPHA`]; perfect mirrors are unchanged.
 fn widened(brdf: &Brdf) -> Brdf {
     if brdf.has_lobe() { Brdf { alpha: brdf.alpha.max(NEAR_MIRROR_ALPHA), ..*brdf } } else { *brdf }
 }
 
-/// The mean of BRDFs, each with its weight: of every reflectance, and of roughness over those that have a lobe. Among these
-/// mirrors reflect diffusely alone.
+/// The weighted mean of BRDFs. Reflectances are averaged over all of them, and roughness over those with a lobe. If
+/// there is any lobe, mirrors contribute only their diffuse part.
 pub fn average(brdfs: impl Iterator<Item = (Brdf, f64)>) -> Brdf {
     let (mut all, mut diffuse, mut dielectric) = (0.0, DVec3::ZERO, DVec2::ZERO);
-    // F0 and F90 of lobes and of mirrors.
+    // F0 and F90, of lobes and of mirrors.
     let (mut lobes, mut mirrors) = ([DVec3::ZERO; 2], [DVec3::ZERO; 2]);
     let (mut roughness, mut rough) = (0.0, 0.0);
     for (brdf, weight) in brdfs {

@@ -1,4 +1,4 @@
-//! Points spread evenly over the surfaces of a scene, as many as their areas ask for.
+//! Points distributed over the surfaces of a scene in proportion to area or to a given density.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -9,32 +9,32 @@ use crate::scene::Scene;
 use crate::trace::bvh::{Hit, TracedScene, coverage};
 use crate::trace::surface::SurfacePoint;
 
-/// A place on one side of a triangle.
+/// A point on one side of a triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     /// Index into the mesh's triangles.
     pub triangle: u32,
-    /// Weights of the second and third corner.
+    /// Weights of the second and third vertex.
     pub barycentric: Vec2,
-    /// The side that its corners run clockwise around: only of double-sided materials.
+    /// The side on which the vertices appear clockwise: only for double-sided materials.
     pub back: bool,
 }
 
 /// A side of a triangle, or a part of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Patch {
-    /// Twice the triangle, and 1 for its back.
+    /// Twice the triangle's index, plus 1 for its back.
     pub side: u32,
-    /// 1: all of it. The four quarters of part p, cut between the middles of its edges, are 4p to 4p + 3; the last lies in
-    /// the middle.
+    /// 1: the whole side. Part p has four quarters, cut between the midpoints of its edges: 4p to 4p + 3, the last in
+    /// the centre.
     pub part: u32,
 }
 
 impl Patch {
-    /// How often a side can be cut.
+    /// Maximum number of subdivisions of a side.
     pub const DEEPEST: u32 = 14;
 
-    /// The part of a side, `depth` cuts deep, in which a point lies.
+    /// The part of a side, after `depth` subdivisions, that contains a point.
     pub fn around(side: u32, barycentric: Vec2, depth: u32) -> Self {
         let (mut at, mut part) = (barycentric, 1);
         for _ in 0..depth {
@@ -57,8 +57,8 @@ impl Patch {
     }
 }
 
-/// The sides of triangles that reflect light, in the order of the BVH's leaves: neighbours are near each other. Each comes
-/// with its area in mesh space; double-sided triangles have two.
+/// The sides of triangles that reflect light, in the leaf order of the BVH, so that neighbours are near each other.
+/// Each comes with its area in mesh space; double-sided triangles have two sides.
 pub fn sides(scene: &TracedScene) -> Vec<(u32, f64)> {
     let of_triangle = |triangle: u32| {
         let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize].as_dvec3());
@@ -69,53 +69,54 @@ pub fn sides(scene: &TracedScene) -> Vec<(u32, f64)> {
     scene.bvh.triangle_order().flat_map(of_triangle).collect()
 }
 
-/// Surfaces that points are spread over, in pieces, and how densely.
+/// Surface pieces with a sampling density.
 pub struct Surfaces {
-    /// Of each piece, in mesh space.
+    /// Area of each piece, in mesh space.
     areas: Vec<f64>,
-    /// Areas times densities up to and with each piece.
+    /// Inclusive prefix sums of area times density.
     cumulative: Vec<f64>,
     points: Points,
 }
 
-/// Where on a piece points lie.
+/// Where points lie on a piece.
 enum Points {
     /// Anywhere: pieces are whole sides.
     Sides(Vec<u32>),
-    /// At visited places, those of piece p being `first[p]..first[p + 1]`; with the area of a piece up to and with each.
+    /// At visited places: those of piece p are `first[p]..first[p + 1]`. `until` has the inclusive prefix sums of their
+    /// areas.
     Visited { first: Vec<usize>, places: Vec<Visited>, until: Vec<f64> },
 }
 
-/// A place that paths from the eye came to.
+/// A place that eye paths reached.
 #[derive(Clone, Copy, Debug)]
 pub struct Visited {
     pub place: Place,
     /// Its share of the piece's area, in mesh space.
     pub area: f64,
-    /// How much light paths bring from there; not 0.
+    /// Light that paths carry from there to the picture; not 0.
     pub light: f64,
 }
 
-/// A point of a surface.
+/// A sampled point of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawn {
     pub place: Place,
-    /// What it stands for, in mesh space.
+    /// The area it represents, in mesh space.
     pub area: f64,
-    /// How much of the picture's light comes from that area; where nobody knows, the area.
+    /// Light that reaches the picture from that area; if unknown, the area itself.
     pub light: f64,
 }
 
 impl Surfaces {
-    /// All of a scene's, alike.
+    /// All surfaces of a scene, at uniform density.
     pub fn even(scene: &TracedScene) -> Self {
         let sides = sides(scene).into_iter().filter(|&(_, area)| area > 0.0);
         let (sides, areas): (Vec<u32>, Vec<f64>) = sides.unzip();
         Self { cumulative: cumulative(areas.iter().copied()), areas, points: Points::Sides(sides) }
     }
 
-    /// Pieces with their areas, how densely they get points, relative to each other, and the places where points may
-    /// lie, each as often as its area asks for. A piece without any is left out.
+    /// Pieces with area, relative density of points, and visited places. A point is placed at one of these places with
+    /// a probability proportional to its area. Pieces without places are omitted.
     pub fn visited(pieces: Vec<(f64, f32, Vec<Visited>)>) -> Self {
         let (mut areas, mut needs, mut first, mut places) = (Vec::new(), Vec::new(), vec![0], Vec::new());
         for (area, density, visited) in pieces {
@@ -131,18 +132,19 @@ impl Surfaces {
         Self { areas, cumulative: cumulative(needs.into_iter()), points: Points::Visited { first, places, until } }
     }
 
-    /// Mesh space, double-sided triangles counted twice.
+    /// In mesh space; double-sided triangles count twice.
     pub fn area(&self) -> f64 {
         self.areas.iter().sum()
     }
 
-    /// Index of the piece at a share of all points.
+    /// Index of the piece at a fraction `share` of the cumulative density.
     fn at(&self, share: f64) -> usize {
         let at = share * self.cumulative[self.cumulative.len() - 1];
         self.cumulative.partition_point(|&sum| sum <= at).min(self.areas.len() - 1)
     }
 
-    /// `count` random points, each on its own, if there is any surface: where it is even [Yang 2007, Section 4.1].
+    /// `count` independent random points; empty if there is no surface. Uniform by area for [`Self::even`] [Yang 2007,
+    /// Section 4.1].
     pub fn random(&self, points: sequence::Points, count: usize) -> Vec<Place> {
         let place = |i: usize| {
             let [share, u, v, _] = points.at(0, i as u32);
@@ -151,8 +153,8 @@ impl Surfaces {
         if self.areas.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
 
-    /// `count` points, one in each of as many equal shares of all, if there is any surface. A piece's area and light are
-    /// shared out evenly, those of a piece without points go to the next.
+    /// `count` points, one in each of `count` equal strata; empty if there is no surface. A piece's area and light are
+    /// divided evenly among its points; those of pieces without points go to the next piece with points.
     pub fn stratified(&self, points: sequence::Points, count: usize) -> Vec<Drawn> {
         if self.areas.is_empty() {
             return Vec::new();
@@ -178,12 +180,12 @@ impl Surfaces {
 }
 
 impl Points {
-    /// A point of a piece, and how much light an area of 1 there brings: of a side by a point of the unit square, of visited
-    /// places by a share of their area.
+    /// A point of a piece, and the light per unit area there. A whole side is sampled by a point [u, v] of the unit
+    /// square, visited places by a fraction `share` of their area.
     fn place(&self, piece: usize, [u, v]: [f64; 2], share: f64) -> (Place, f64) {
         match self {
             Self::Sides(sides) => {
-                // Folding the square along its diagonal keeps neighbours together.
+                // Folding the square along its diagonal preserves neighbourhoods.
                 let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
                 let (side, barycentric) = (sides[piece], Vec2::new(u as f32, v as f32));
                 (Place { triangle: side / 2, barycentric, back: side % 2 == 1 }, 1.0)
@@ -210,7 +212,7 @@ fn cumulative(values: impl Iterator<Item = f64>) -> Vec<f64> {
 }
 
 impl Place {
-    /// What the scene is there; a texel is averaged over `footprint` of mesh space.
+    /// The surface at the point; texels are averaged over `footprint`, in mesh space.
     pub fn surface(&self, scene: &Scene, footprint: f32) -> SurfacePoint {
         let [a, b, c] = scene.mesh.triangles[self.triangle as usize].map(|v| scene.mesh.positions[v as usize]);
         let normal = (b - a).cross(c - a);
@@ -219,7 +221,7 @@ impl Place {
         SurfacePoint::new(scene, &hit, seen_along, footprint)
     }
 
-    /// Share of the surface that is there.
+    /// Coverage of the surface at the point.
     pub fn coverage(&self, scene: &Scene) -> f32 {
         coverage(scene, self.triangle, self.barycentric)
     }
@@ -230,9 +232,9 @@ impl Place {
     }
 }
 
-/// Whether most of what a point sees are the backs of single-sided faces: it lies within a solid, where no light is.
+/// Whether a point lies inside a solid, where there is no light: most of its rays hit the backs of single-sided faces.
 ///
-/// Four rays mostly tell; where any of them meets a back, twelve more do.
+/// Four rays usually suffice. If any of them hits a back, twelve more are traced.
 pub fn is_enclosed(scene: &TracedScene, point: &SurfacePoint, points: sequence::Points) -> bool {
     let origin = point.position + point.geometric_normal * scene.bvh.shadow_offset(0.0);
     let (s, t) = point.geometric_normal.any_orthonormal_pair();
@@ -251,13 +253,13 @@ pub fn is_enclosed(scene: &TracedScene, point: &SurfacePoint, points: sequence::
     }
 }
 
-/// Whether a ray met the back of a single-sided face: black, and nothing reflects there.
+/// Whether a ray hit the back of a single-sided face, which is black and reflects nothing.
 pub fn is_back(scene: &Scene, hit: &Hit, direction: Vec3) -> bool {
     let material = scene.mesh.triangle_materials[hit.triangle as usize];
     !scene.materials[material as usize].double_sided && is_from_behind(scene, hit.triangle, direction)
 }
 
-/// Whether a direction runs along a triangle's geometric normal rather than against it.
+/// Whether a direction and a triangle's geometric normal lie in the same hemisphere.
 pub fn is_from_behind(scene: &Scene, triangle: u32, direction: Vec3) -> bool {
     let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
     (b - a).cross(c - a).dot(direction) > 0.0

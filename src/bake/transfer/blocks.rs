@@ -1,11 +1,11 @@
-//! Block matrices: what the device multiplies light by.
+//! Block matrices, which the device multiplies with light.
 //!
-//! A matrix is cut into panels: a few rows that share a list of columns, dense within. Factors are float16, read 16 bytes
-//! at a time: a row's eight columns, rows next to each other, so that neighbouring threads read neighbouring bytes.
-//! Each panel has a scale that keeps its factors far from the ends of float16's range.
+//! A matrix is divided into panels: a few rows that share a list of columns and are dense within it. Factors are
+//! float16, read 16 bytes at a time: eight columns of a row. Rows are adjacent, so that neighbouring threads read
+//! neighbouring bytes. Each panel has a scale, so that its factors are within the range of float16.
 //!
-//! Columns come in two kinds: with factors for R, G and B each, and with factors that they share, three times shorter,
-//! behind a tint of the input.
+//! There are two kinds of columns: with separate factors for R, G and B, and with shared factors, which take a third of
+//! the memory and need a tint of the input.
 
 use std::ops::Range;
 
@@ -17,23 +17,23 @@ use rayon::prelude::*;
 use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, STRIP_ROWS};
 use crate::storage::mapped::Elements;
 
-/// Rows of a panel before it is packed.
+/// Rows of a panel before packing.
 #[derive(Default)]
 pub struct Dense<'a> {
-    /// Index into the vector that results, for each row.
+    /// Index into the output vector for each row.
     pub rows: &'a [u32],
-    /// With factors for R, G and B each: `[channel][row][column]`.
+    /// With separate factors for R, G and B: `[channel][row][column]`.
     pub own: Columns<'a>,
-    /// Behind these, with factors that R, G and B share: `[row][column]`.
+    /// With factors shared by R, G and B, stored after the own ones: `[row][column]`.
     pub shared: Columns<'a>,
-    /// In matrices of three channels what the inputs of shared columns are multiplied by.
+    /// In matrices of three channels, the factor of the input of each shared column.
     pub tints: &'a [Vec3],
 }
 
-/// Columns of a panel before it is packed.
+/// Columns of a panel before packing.
 #[derive(Clone, Copy, Default)]
 pub struct Columns<'a> {
-    /// Index into the vector that is multiplied, for each.
+    /// Index into the input vector for each column.
     pub inputs: &'a [u32],
     pub values: &'a [f32],
 }
@@ -49,27 +49,28 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// A sparse matrix of dense panels, for vectors of RGB.
+/// A sparse matrix of dense panels, for RGB vectors.
 #[derive(Clone, Debug, Default)]
 pub struct BlockMatrix {
-    /// 3: R, G and B have factors each, or tints; 1: they share all factors.
+    /// 3: R, G and B have separate factors or tints; 1: they share all factors.
     pub channels: u32,
-    /// Elements of the vector that is multiplied.
+    /// Number of elements of the input vector.
     pub input_count: u32,
-    /// Elements of the vector that results.
+    /// Number of elements of the output vector.
     pub output_count: u32,
     pub panels: Vec<Panel>,
-    /// Inputs of each panel's columns, each kind padded to a multiple of [`PANEL_COLUMNS`] by repeating its first.
+    /// Inputs of each panel's columns; each kind is padded to a multiple of [`PANEL_COLUMNS`] by repeating its first.
     pub inputs: Vec<u32>,
-    /// Of three channels: a tint for each input, 1 where factors are each channel's own. Else empty.
+    /// With three channels: a tint for each input, 1 for columns with separate factors. Otherwise empty.
     pub tints: Vec<Vec3>,
-    /// Output of each panel's rows.
+    /// Outputs of each panel's rows.
     pub outputs: Vec<u32>,
-    /// Of each panel: `[rows / STRIP_ROWS][columns / 8][channel][row]`, eight columns each; one channel for shared ones.
+    /// For each panel: `[rows / STRIP_ROWS][columns / 8][channel][row]`, eight columns each; one channel for shared
+    /// columns.
     pub values: Elements<UVec4>,
 }
 
-/// Some panels of a matrix, whose indices count from the beginning of what they point into here.
+/// A range of panels of a matrix, with indices relative to the slices stored here.
 pub struct Piece<'a> {
     pub channels: u32,
     pub panels: Vec<Panel>,
@@ -79,17 +80,18 @@ pub struct Piece<'a> {
     pub values: &'a [UVec4],
 }
 
-/// Largest magnitude of a packed factor: that of float16 is 65,504, and its precision falls below 6e-5.
+/// Maximum magnitude of a packed factor: float16 ends at 65,504 and loses precision below 6e-5.
 const LARGEST: f32 = 16384.0;
 
 impl BlockMatrix {
+    /// A matrix without panels.
     pub fn new(channels: u32, input_count: usize, output_count: usize) -> Self {
         let [input_count, output_count] =
             [input_count, output_count].map(|n| u32::try_from(n).expect("indices are u32"));
         Self { channels, input_count, output_count, ..Default::default() }
     }
 
-    /// Adds rows that share their columns, [`PANEL_ROWS`] to a panel.
+    /// Adds rows that share their columns, [`PANEL_ROWS`] per panel.
     pub fn push<'a>(&mut self, dense: &Dense<'a>) {
         let &Dense { rows, own, shared, tints } = dense;
         if own.inputs.is_empty() && shared.inputs.is_empty() {
@@ -139,7 +141,7 @@ impl BlockMatrix {
         }
     }
 
-    /// All panels of `parts` in turn, which have the same channels and vectors.
+    /// Appends all panels of `part`, which has the same channels and vector lengths.
     pub fn append(&mut self, part: Self) {
         assert_eq!(
             (self.channels, self.input_count, self.output_count),
@@ -158,7 +160,7 @@ impl BlockMatrix {
         self.outputs.extend(part.outputs);
     }
 
-    /// Whether every index that a kernel follows leads to something, and no output has two rows.
+    /// Whether every index that a kernel follows is valid, and no output has two rows.
     pub fn is_consistent(&self) -> bool {
         let within = |first: u32, count: usize, len: usize| first as usize + count <= len;
         let mut seen = vec![false; self.output_count as usize];
@@ -168,7 +170,7 @@ impl BlockMatrix {
             && self.inputs.iter().all(|&i| i < self.input_count)
             && self.outputs.iter().all(|&o| o < self.output_count && !std::mem::replace(&mut seen[o as usize], true))
             && self.panels.windows(2).all(|p| {
-                // In the order of what they point into.
+                // Panels are stored in the order of their data.
                 let places = |p: &Panel| [p.first_value, p.first_input, p.first_output];
                 places(&p[0]).iter().zip(places(&p[1])).all(|(a, b)| *a <= b)
             })
@@ -181,7 +183,8 @@ impl BlockMatrix {
             })
     }
 
-    /// Shares of the first rows and columns of what was [pushed](Self::push) together, in whole column groups.
+    /// The first rows and columns of each group [pushed](Self::push) together, as shares of their number, rounded up to
+    /// whole column groups.
     pub fn leading(&self, rows: f64, columns: f64) -> Self {
         let mut all = Self::new(self.channels, self.input_count as usize, self.output_count as usize);
         let values = all.values.to_mut();
@@ -225,7 +228,7 @@ impl BlockMatrix {
         all
     }
 
-    /// The matrix whose row i is this one's row `sources[i]`, or nothing.
+    /// A matrix whose row i is row `sources[i]` of this one, or empty.
     pub fn with_rows(&self, sources: &[Option<u32>]) -> Self {
         let mut takers = vec![Vec::new(); self.output_count as usize];
         for (row, source) in sources.iter().enumerate() {
@@ -264,12 +267,12 @@ impl BlockMatrix {
         all
     }
 
-    /// Ranges of panels whose factors take at most `bytes`, or that are one panel.
+    /// Ranges of panels with at most `bytes` of factors, or of a single panel.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
         pieces(self.panels.iter().map(|panel| value_count(panel) * size_of::<UVec4>()), bytes)
     }
 
-    /// These panels alone.
+    /// The given panels as a separate matrix.
     pub fn piece(&self, panels: Range<usize>) -> Piece<'_> {
         let panels = &self.panels[panels];
         let [first, last] = [&panels[0], &panels[panels.len() - 1]];
@@ -293,7 +296,7 @@ impl BlockMatrix {
         }
     }
 
-    /// Bytes that a multiplication reads: factors, indices and tints.
+    /// Bytes read by a multiplication: factors, indices and tints.
     pub fn bytes(&self) -> usize {
         let columns = size_of_val(&self.inputs[..]) + size_of_val(&self.tints[..]);
         let rows = size_of_val(&self.outputs[..]) + size_of_val(&self.panels[..]);
@@ -311,7 +314,7 @@ impl BlockMatrix {
         self.sum_rows(|factor, i| factor * vector[i])
     }
 
-    /// The same for magnitudes: what the rounding of sums is measured by.
+    /// The same with magnitudes of all terms, for bounds on rounding errors.
     pub fn multiply_magnitudes(&self, vector: &[DVec3]) -> Vec<DVec3> {
         self.sum_rows(|factor, i| (factor * vector[i]).abs())
     }
@@ -350,12 +353,12 @@ impl BlockMatrix {
     }
 }
 
-/// Octets of factors of a panel.
+/// Number of groups of eight factors of a panel.
 fn value_count(panel: &Panel) -> usize {
     (panel.column_group_count as usize + 2 * panel.own_column_group_count as usize) * panel.row_count as usize
 }
 
-/// Index of eight columns of row `r`; shared ones have them for all channels.
+/// Index of eight columns of row `r`; shared columns have one entry for all channels.
 fn place(panel: &Panel, column_group: usize, channel: usize, r: usize) -> usize {
     let [column_groups, own, rows] =
         [panel.column_group_count, panel.own_column_group_count, panel.row_count].map(|n| n as usize);
@@ -365,13 +368,13 @@ fn place(panel: &Panel, column_group: usize, channel: usize, r: usize) -> usize 
     panel.first_value as usize + (column_groups + 2 * own) * strip + before * stride + r - strip
 }
 
-/// What factors, the largest of them this one, are divided by before they are packed: a power of two, so that those that
-/// are float16 already stay as they are.
+/// Divisor of factors before packing, given the largest of them: a power of two, so that factors with float16 precision
+/// are unchanged.
 pub(super) fn scale(largest: f32) -> f32 {
     (largest / LARGEST).max(f32::MIN_POSITIVE).log2().ceil().exp2()
 }
 
-/// Ranges of what has these sizes that take at most `most` together, or that are one.
+/// Ranges of items with at most `most` total size, or of a single item.
 pub(super) fn pieces(sizes: impl Iterator<Item = usize>, most: usize) -> Vec<Range<usize>> {
     let mut pieces: Vec<Range<usize>> = Vec::new();
     let mut sum = 0;
@@ -390,7 +393,8 @@ pub(super) fn pieces(sizes: impl Iterator<Item = usize>, most: usize) -> Vec<Ran
     pieces
 }
 
-/// Adds the factors of a panel of that many column groups of columns of either kind, and rows: `value(column group, channel, row)`.
+/// Appends the factors of a panel with `own` and `shared` column groups and `rows` rows: `value(column group, channel,
+/// row)`.
 fn lay_out(values: &mut Vec<UVec4>, [own, shared, rows]: [usize; 3], value: impl Fn(usize, usize, usize) -> UVec4) {
     for strip in (0..rows).step_by(STRIP_ROWS as usize) {
         let of_own = (0..own).flat_map(|column_group| [0, 1, 2].map(|channel| (column_group, channel)));
@@ -400,7 +404,7 @@ fn lay_out(values: &mut Vec<UVec4>, [own, shared, rows]: [usize; 3], value: impl
     }
 }
 
-/// The first eight of `factors`, or all followed by zeros, over `scale`.
+/// The first eight of `factors`, padded with zeros, divided by `scale`.
 fn pack(factors: &[f32], scale: f32) -> UVec4 {
     let mut scaled = [0.0; PANEL_COLUMNS as usize];
     scaled.iter_mut().zip(factors).for_each(|(s, v)| *s = v / scale);

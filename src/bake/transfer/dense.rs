@@ -1,4 +1,4 @@
-//! The dense form: G* and Φ as they are, for few gather samples.
+//! The dense form: explicit G* and Φ, for few gather samples.
 
 use bytemuck::{cast_slice, pod_collect_to_vec};
 use glam::{DVec3, Vec3};
@@ -17,8 +17,8 @@ use crate::storage::mapped::Elements;
 use crate::trace::packet::PACKET_SIZE;
 
 impl Transfer {
-    /// Our operator in dense form, to the view samples of `framebuffer`: G* explicitly, then Φ; rows of Φ that `journal` has are not gathered again. `progress`
-    /// counts view samples.
+    /// Our operator in dense form, to the view samples of `framebuffer`: G* explicitly, then Φ. Rows of Φ found in
+    /// `journal` are reused. `progress` counts view samples.
     pub fn dense(
         transfer: &LightTransport,
         framebuffer: &DeepFramebuffer,
@@ -29,7 +29,7 @@ impl Transfer {
         let fine = transfer.fine.coefficient_count();
         let further = transfer.further_bounces();
         let one_level = transfer.coarse.is_none();
-        // With one level Φ sees light at the same samples at first hand, too: the identity.
+        // With one level, Φ also receives the direct light of the same samples: the identity.
         let bounced = |row: usize, column: usize| {
             let itself = if one_level && row == column { 1.0 } else { 0.0 };
             further.each_ref().map(|matrix| (matrix[(row, column)] + itself) as f32)
@@ -53,14 +53,14 @@ impl Transfer {
     }
 }
 
-/// Rows of the explicit matrix that are packed at once.
+/// Rows of the explicit matrix that are packed together.
 const ROWS_AT_ONCE: usize = 256;
 /// View samples whose rows share a list of columns: a tile of pixels.
 const ROWS_A_BLOCK: usize = PACKET_SIZE;
-/// Blocks that are gathered at once.
+/// Number of blocks that are gathered together.
 const BLOCKS_AT_ONCE: usize = 64;
 
-/// A dense matrix from the first `columns` elements of the vector to the `rows` behind them.
+/// A dense matrix from the first `columns` elements of the vector to the `rows` elements after them.
 pub(in crate::bake) fn explicit(columns: usize, rows: usize, value: impl Fn(usize, usize) -> [f32; 3]) -> BlockMatrix {
     let all: Vec<u32> = (0..columns as u32).collect();
     let mut matrix = BlockMatrix::new(3, columns + rows, columns + rows);
@@ -78,7 +78,8 @@ pub(in crate::bake) fn explicit(columns: usize, rows: usize, value: impl Fn(usiz
     matrix
 }
 
-/// Φ in dense blocks, from its sparse rows, whose columns start at `offset` of the vector; and what it makes of `emitted`.
+/// Φ in dense blocks, from its sparse rows, whose columns start at `offset` in the vector; and its product with
+/// `emitted`.
 pub(in crate::bake) fn last_matrix(
     framebuffer: &DeepFramebuffer,
     vector_length: usize,
@@ -119,7 +120,7 @@ pub(in crate::bake) fn last_matrix(
     (matrix, emission)
 }
 
-/// Some rows of a matrix in a journal, with the light of emitters there: panels, inputs, outputs and values are bytes.
+/// Some rows of a matrix in a journal, and the light of emitters there; panels, inputs, outputs and values as bytes.
 #[derive(Serialize, Deserialize)]
 struct Recorded {
     #[serde(with = "serde_bytes")]
@@ -144,7 +145,7 @@ impl Recorded {
         }
     }
 
-    /// The rows, as part of a matrix like an `empty` one.
+    /// The rows as a part of a matrix with the shape of `empty`.
     fn matrix(&self, empty: BlockMatrix) -> BlockMatrix {
         let inputs: Vec<u32> = pod_collect_to_vec(&self.inputs);
         BlockMatrix {
@@ -158,7 +159,7 @@ impl Recorded {
     }
 }
 
-/// Adds the rows of `samples`, which begin at `first`, with the union of their columns.
+/// Adds the rows of `samples`, from row `first` on, with the union of their columns.
 fn push_block(matrix: &mut BlockMatrix, rows: &CsrMatrix, first: usize, samples: &[u32], offset: u32) {
     let listed = (0..samples.len()).flat_map(|r| rows.row(first + r));
     let mut columns: Vec<u32> = listed.map(|(column, _)| column).collect();

@@ -1,5 +1,5 @@
-//! What pictures need of a transfer, whatever its method: gather samples that lights shine on, and the chain of block
-//! matrices from there to view samples.
+//! The baked indirect light, independent of the method: gather samples as receivers of direct light, and the chain of
+//! block matrices from there to view samples.
 
 pub mod blocks;
 mod coarse;
@@ -26,62 +26,62 @@ use crate::physics::octahedral;
 use crate::shared::{DISC_SIDE, FactoredSample, HARMONIC_DEGREES, LightSample, ViewSample};
 use crate::trace::packet::SamplePacket;
 
-/// Indirect light of one scene and camera, ready for the device.
+/// Indirect light of one scene and camera, in the layout of the device.
 #[derive(Clone, Default)]
 pub struct Transfer {
-    /// Ours, or none.
+    /// Samples of our method; empty for the thesis's.
     pub samples: Vec<LightSample>,
-    /// [`Projection::tables`], which these are shaded by; kept, since making them takes a second.
+    /// [`Projection::tables`] for shading these; stored, as computing them takes a second.
     pub projection: Vec<f32>,
-    /// The thesis's, or none, with the tables of k that they point into.
+    /// Samples of the thesis's method, with the tables of k that they refer to; empty for ours.
     pub factored: Vec<FactoredSample>,
     pub tables: Vec<Vec4>,
-    /// `points_per_sample` of each sample in turn; only position and normal count.
+    /// `points_per_sample` points per sample; only position and normal are used.
     pub points: Vec<ViewSample>,
     pub points_per_sample: usize,
-    /// Of each point, unit.
+    /// Unit geometric normal of each point.
     pub geometric_normals: Vec<Vec3>,
-    /// The same points as the shadow tracer wants them.
+    /// The same points in the layout of the shadow tracer.
     pub packets: Vec<SamplePacket>,
-    /// Length of the vector that the chain works on. It begins with λ0; every matrix but the last writes a part that the
-    /// next ones read.
+    /// Length of the vector that the chain operates on. It begins with λ0; every matrix except the last writes a part
+    /// that later ones read.
     pub vector_length: usize,
-    /// Whether λ0 is Haar transformed first, in place.
+    /// Whether λ0 is Haar-transformed first, in place.
     pub haar: bool,
-    /// The last one's results are view samples.
+    /// The outputs of the last matrix are view samples.
     pub chain: Vec<BlockMatrix>,
-    /// What stands for all of the chain but its last matrix while a picture is made in a hurry; empty: the chain itself. Not
-    /// kept in the cache.
+    /// Replaces all matrices of the chain except the last for fast previews; if empty, the chain itself is used. Not
+    /// stored in the cache.
     pub coarse: Vec<BlockMatrix>,
-    /// What takes λ0 to view samples where there is no chain.
+    /// Maps λ0 to view samples if there is no chain.
     pub sparse: Option<SellMatrix>,
     /// Indirect radiance of emitters at each view sample; empty without emitters.
     pub emission: Vec<Vec3>,
     pub report: TransferReport,
 }
 
-/// Figures of a transfer, for who wants to know how far to trust it.
+/// Figures that tell how accurate a transfer is.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct TransferReport {
     pub method: String,
     pub form: String,
     /// Largest absolute eigenvalue of G.
     pub spectral_radius: f64,
-    /// How well light after all bounces is in balance: see [`LightTransport::residual`]; absent for a given number of bounces.
+    /// Residual of the light after all bounces: see [`LightTransport::residual`]. `None` for a fixed number of bounces.
     pub residual: Option<f64>,
-    /// Share of all reflected light that was scaled away, lest a bounce gives more than it gets: see
+    /// Share of all reflected light that is removed so that no bounce amplifies light: see
     /// [`Certificate::capped`](super::Certificate::capped).
     pub capped: f64,
-    /// Share of all surfaces, by area, that no pixel sees, even over bounces.
+    /// Share of all surface area that no pixel sees, even after bounces.
     pub unseen: f64,
-    /// Indirect bounces counted at the pixel; without, all of them.
+    /// Number of indirect bounces, counted at the pixel; `None`: all.
     pub bounces: Option<u32>,
-    /// Of the compressed form.
+    /// Errors of the compressed form on held-out lights.
     pub held_out: Option<compression::Report>,
 }
 
 impl TransferReport {
-    /// Of our operator, stored as `form`.
+    /// For our operator, stored as `form`.
     pub(in crate::bake) fn robust(
         form: &str,
         transfer: &LightTransport,
@@ -102,14 +102,14 @@ impl TransferReport {
 }
 
 impl Transfer {
-    /// `chain` after the direct light of `level`.
+    /// Applies `chain` to the direct light of `level`.
     pub fn new(level: &Level, vector_length: usize, chain: Vec<BlockMatrix>) -> Self {
         let samples = level.lit.clone();
         let projection = Projection::get().tables();
         Self { samples, projection, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
     }
 
-    /// Points of gather samples alone.
+    /// Only the points of gather samples.
     pub(in crate::bake) fn lit_at(samples: &GatherSamples) -> Self {
         let point = |point: &crate::bake::gather_samples::GatherPoint| ViewSample {
             position: point.position,
@@ -125,18 +125,18 @@ impl Transfer {
         }
     }
 
-    /// The points once more for the shadow tracer.
+    /// Adds the points in the layout of the shadow tracer.
     pub(in crate::bake) fn with_packets(self) -> Self {
         let packets = pack(&self.points, &self.geometric_normals, &[], 0);
         Self { packets, ..self }
     }
 
-    /// Gather samples.
+    /// Number of gather samples.
     pub fn sample_count(&self) -> usize {
         self.samples.len() + self.factored.len()
     }
 
-    /// Whether every index that a kernel follows leads to something, for pictures of `view_samples`.
+    /// Whether every index that a kernel follows is valid, for images of `view_samples` samples.
     pub fn is_consistent(&self, view_samples: usize) -> bool {
         let within = |first: u32, count: u32, length: usize| first as usize + count as usize <= length;
         let ours = |s: &LightSample| {
@@ -175,7 +175,8 @@ impl Transfer {
             && (self.emission.is_empty() || self.emission.len() == view_samples)
     }
 
-    /// Indirect radiance of all view samples from direct light's coefficients, in double precision: what the device computes.
+    /// Indirect radiance of all view samples from the coefficients of direct light, in double precision: a twin of the
+    /// device's kernels.
     pub fn apply(&self, direct: &[DVec3]) -> Vec<DVec3> {
         let mut vector = if self.haar { Haar::new(&self.first()).terms(direct) } else { direct.to_vec() };
         vector.resize(self.vector_length, DVec3::ZERO);
@@ -190,15 +191,15 @@ impl Transfer {
         last.multiply(&vector)
     }
 
-    /// What the compressor found each pixel's tile to be off by under lights that it has not learned from: root mean
-    /// square in units of the image's own, row by row. `None` unless this is compressed; pixels without indirect
-    /// light have none.
+    /// Error of each pixel's tile under held-out lights, as measured by the compressor: root mean square in units of
+    /// the image's root mean square, row by row. `None` unless the transfer is compressed; pixels without indirect
+    /// light are `None`.
     pub fn errors(&self, framebuffer: &DeepFramebuffer) -> Option<Vec<Option<f32>>> {
         let report = self.report.held_out.as_ref()?;
         let clusters = Clusters::new(framebuffer);
         let tiles: Vec<_> = clusters.superclusters().flatten().collect();
         if tiles.len() != report.tiles.len() {
-            return None; // wavelets of rows have no tiles
+            return None; // row wavelets have no tiles
         }
         let mut errors = vec![None; framebuffer.samples.len()];
         for (tile, error) in tiles.into_iter().zip(&report.tiles) {
@@ -210,13 +211,13 @@ impl Transfer {
         Some((0..framebuffer.tiling.height).flat_map(pixels).map(|pixel| errors[pixel]).collect())
     }
 
-    /// Coefficients of our sample i: `first[i]..first[i + 1]`.
+    /// Coefficients of sample i of our method: `first[i]..first[i + 1]`.
     pub fn first(&self) -> Vec<u32> {
         let end = self.samples.last().map(|s| s.first + s.degrees * s.degrees);
         self.samples.iter().map(|s| s.first).chain(end).collect()
     }
 
-    /// Which elements of λ0, after its Haar transform if there is one, any product reads.
+    /// For each element of λ0, Haar-transformed if applicable: whether any product reads it.
     pub fn needed(&self) -> Vec<bool> {
         let mut needed = vec![false; self.vector_length];
         let of_chain = self.chain.iter().chain(&self.coarse).flat_map(|m| m.inputs.iter().copied());
@@ -225,7 +226,7 @@ impl Transfer {
         needed
     }
 
-    /// Bytes that all products read a light, and their multiply-adds.
+    /// Bytes read by all products per light, and their multiply-adds.
     pub fn cost(&self) -> (usize, u64) {
         let of_chain = self.chain.iter().map(|m| (m.bytes(), m.multiply_adds()));
         let all = of_chain.chain(self.sparse.iter().map(|m| (m.bytes(), m.multiply_adds())));

@@ -7,7 +7,7 @@ use crate::shared::PackedLight;
 use crate::storage::journal::Journal;
 
 impl Transfer {
-    /// Our operator, compressed; what `journal` has is not done again. `progress` counts view samples.
+    /// Our operator, compressed. Fits found in `journal` are reused. `progress` counts view samples.
     pub fn nested(
         transfer: &LightTransport,
         settings: &CompressionSettings,

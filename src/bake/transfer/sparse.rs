@@ -1,8 +1,8 @@
-//! Sparse matrices of which each row has columns of its own.
+//! Sparse matrices with separate columns for each row.
 //!
-//! Rows are sliced as in [Kreutzer 2014]: those of a window are sorted by length, so that the ones that neighbouring threads
-//! take are about equally long, and the shorter ones are filled up with zeros. A term is its factors for R, G and B in
-//! float16 and how far its column is from the one before, in 16 bits: eight bytes, read two at a time.
+//! Rows are sliced as in [Kreutzer 2014]: those of a window are sorted by length, so that neighbouring threads process
+//! rows of about equal length, and shorter rows are padded with zeros. A term has factors for R, G and B in float16 and
+//! a 16-bit increment from the previous column: eight bytes, read two terms at a time.
 
 use std::ops::Range;
 
@@ -14,44 +14,45 @@ use super::blocks::{pieces, scale};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::shared::{GROUP_SIZE, Slice};
 
-/// A sparse matrix for vectors of RGB.
+/// A sparse matrix for RGB vectors.
 #[derive(Clone, Debug, Default)]
 pub struct SellMatrix {
-    /// Elements of the vector that is multiplied.
+    /// Number of elements of the input vector.
     pub input_count: u32,
-    /// Elements of the vector that results.
+    /// Number of elements of the output vector.
     pub output_count: u32,
     pub slices: Vec<Slice>,
-    /// Output of each row; all slices are full but the last.
+    /// Output of each row; all slices except the last are full.
     pub outputs: Vec<u32>,
-    /// Of each slice: `[terms / 2][row]`, two terms each: red and green, blue and step, twice.
+    /// For each slice: `[terms / 2][row]`, two terms each: red and green, blue and increment, twice.
     pub values: Vec<UVec4>,
 }
 
-/// Some slices of a matrix, whose values count from the beginning of what is here.
+/// A range of slices of a matrix, with indices relative to the data stored here.
 pub struct Piece<'a> {
     pub slices: Vec<Slice>,
     pub outputs: &'a [u32],
     pub values: &'a [UVec4],
 }
 
-/// Bytes of a term.
+/// Size of a term.
 pub const TERM_BYTES: usize = size_of::<UVec4>() / 2;
-/// Rows of a slice.
+/// Rows per slice.
 const ROWS: usize = GROUP_SIZE as usize;
 
-/// One term before it is packed: its column and RGB.
+/// One term before packing: its column (or increment) and RGB.
 type Term = (u32, [f32; 3]);
 
 impl SellMatrix {
+    /// A matrix without slices.
     pub fn new(input_count: usize, output_count: usize) -> Self {
         let [input_count, output_count] =
             [input_count, output_count].map(|n| u32::try_from(n).expect("indices are u32"));
         Self { input_count, output_count, ..Default::default() }
     }
 
-    /// Adds a window of rows, of which row r results in `outputs[r]`; rows without terms are left out. All windows but the
-    /// last must leave full slices, or there will be more slices than need be.
+    /// Adds a window of rows, where row r gives `outputs[r]`; rows without terms are omitted. All windows except the
+    /// last should fill whole slices, otherwise there are more slices than necessary.
     pub fn push(&mut self, rows: &CsrMatrix, outputs: &[u32]) {
         let mut packed: Vec<(Vec<Term>, u32)> = (0..rows.len())
             .into_par_iter()
@@ -81,7 +82,7 @@ impl SellMatrix {
         }
     }
 
-    /// Whether every index that a kernel follows leads to something, and no output has two rows.
+    /// Whether every index that a kernel follows is valid, and no output has two rows.
     pub fn is_consistent(&self) -> bool {
         let mut seen = vec![false; self.output_count as usize];
         let end = |s: &Slice| s.first_value as usize + s.pair_count as usize * ROWS;
@@ -103,12 +104,12 @@ impl SellMatrix {
             && self.slices.par_iter().all(inputs_exist)
     }
 
-    /// Ranges of slices whose terms take at most `bytes`, or that are one slice.
+    /// Ranges of slices with at most `bytes` of terms, or of a single slice.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
         pieces(self.slices.iter().map(|slice| slice.pair_count as usize * ROWS * size_of::<UVec4>()), bytes)
     }
 
-    /// These slices alone.
+    /// The given slices as a separate matrix.
     pub fn piece(&self, slices: Range<usize>) -> Piece<'_> {
         let slices = &self.slices[slices];
         let [first, last] = [&slices[0], &slices[slices.len() - 1]];
@@ -122,7 +123,7 @@ impl SellMatrix {
         }
     }
 
-    /// Bytes that a multiplication reads: terms and indices.
+    /// Bytes read by a multiplication: terms and indices.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.values[..]) + size_of_val(&self.outputs[..]) + size_of_val(&self.slices[..])
     }
@@ -132,7 +133,7 @@ impl SellMatrix {
         self.slices.iter().map(|s| 6 * u64::from(s.row_count) * u64::from(s.pair_count)).sum()
     }
 
-    /// Each term's column.
+    /// The column of each term.
     pub fn inputs(&self) -> impl Iterator<Item = u32> {
         let rows = self.slices.iter().flat_map(|slice| (0..slice.row_count as usize).map(move |row| (slice, row)));
         rows.flat_map(|(slice, row)| self.columns(slice, row)).map(|(column, _)| column as u32)
@@ -143,7 +144,7 @@ impl SellMatrix {
         self.sum_rows(|factor, i| factor * vector[i])
     }
 
-    /// The same for magnitudes: what the rounding of sums is measured by.
+    /// The same with magnitudes of all terms, for bounds on rounding errors.
     pub fn multiply_magnitudes(&self, vector: &[DVec3]) -> Vec<DVec3> {
         self.sum_rows(|factor, i| (factor * vector[i]).abs())
     }
@@ -172,7 +173,7 @@ impl SellMatrix {
         })
     }
 
-    /// Column of each term of a row, and its words.
+    /// Column of each term of a row, and its packed words.
     fn columns(&self, slice: &Slice, row: usize) -> impl Iterator<Item = (u64, [u32; 2])> {
         let first = slice.first_value as usize + row;
         let halves = (0..slice.pair_count as usize).flat_map(move |pair| {
@@ -186,7 +187,7 @@ impl SellMatrix {
     }
 }
 
-/// Terms with steps instead of columns; where a step is too long for 16 bits, terms of nothing come between.
+/// Replaces columns by increments; zero terms are inserted where an increment exceeds 16 bits.
 fn stepwise(row: impl Iterator<Item = Term>) -> Vec<Term> {
     let mut terms = Vec::with_capacity(row.size_hint().0);
     let mut last = 0;
@@ -202,7 +203,7 @@ fn stepwise(row: impl Iterator<Item = Term>) -> Vec<Term> {
     terms
 }
 
-/// One term or two, factors over `scale`.
+/// Packs one or two terms, with factors divided by `scale`.
 fn pack(terms: &[Term], scale: f32) -> UVec4 {
     let mut words = [[0u32; 2]; 2];
     for (words, (step, factors)) in words.iter_mut().zip(terms) {

@@ -1,8 +1,8 @@
-//! Indirect light for anti-aliasing: the transfer to one sample a pixel serves the other samples too.
+//! Indirect light for anti-aliasing: the transfer to one sample per pixel is extended to further samples.
 //!
-//! More samples lie on edges, some of which are those of shadows and move with the lights, while indirect light is baked
-//! once. Where edges lie it is that of the surface on either side: each further sample takes the row of the sample that is
-//! likest among those of its own pixel and of the pixels around it.
+//! Further samples lie on edges. Some of these are shadow edges, which move with the lights, while indirect light is
+//! baked once. At an edge, indirect light is that of the surface on either side: each further sample uses the row of
+//! the most similar sample in its own and the adjacent pixels.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -12,13 +12,13 @@ use crate::bake::DeepFramebuffer;
 use crate::physics::octahedral;
 use crate::shared::NO_BRDF;
 
-/// Parts of the scene's radius that a normal opposite, and another material, are as far apart as.
+/// Distances that correspond to opposite normals and to different materials, as fractions of the scene's radius.
 const NORMAL: f32 = 0.02;
 const MATERIAL: f32 = 0.1;
 
 impl Transfer {
-    /// This transfer to `from`, which has one sample a pixel, for `to`, the same view of the same scene with more; `radius` is
-    /// the scene's. `None` for wavelets, whose rows have no blocks.
+    /// Extends this transfer from the view samples of `from`, one per pixel, to those of `to`, the same view with more
+    /// samples. `radius` is the scene's. `None` for row wavelets, which have no blocks.
     pub fn spread(&self, from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Option<Self> {
         let (last, inner) = self.chain.split_last()?;
         let sources = sources(from, to, radius);
@@ -32,7 +32,7 @@ impl Transfer {
     }
 }
 
-/// For each view sample of `to`, that of `from` whose indirect light it gets.
+/// For each view sample of `to`, the sample of `from` whose indirect light it uses.
 fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Option<u32>> {
     assert_eq!((from.tiling.width, from.tiling.height), (to.tiling.width, to.tiling.height));
     let pixels = from.pixel_stride();
@@ -52,7 +52,7 @@ fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Opt
             (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy))));
         let places = around.filter(|&at| to.tiling.contains(at)).map(|(x, y)| to.tiling.index(x, y));
         let of_layer = places.flat_map(|place| {
-            // Extra ones of layer 1 lie behind what blends.
+            // Extra samples of layer 1 are behind blending surfaces.
             let deeper = lists[place]
                 .iter()
                 .filter(|&&i| from.extra_samples[i as usize].layer == layer)
@@ -77,11 +77,11 @@ fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Opt
     sources
 }
 
-/// How unlike two samples are; a squared length.
+/// Dissimilarity of two samples; a squared length.
 fn apart(from: &DeepFramebuffer, i: u32, to: &DeepFramebuffer, j: u32, radius: f32) -> f32 {
     let (a, b) = (&from.samples[i as usize], &to.samples[j as usize]);
     let normals = octahedral::decode(a.normal) - octahedral::decode(b.normal);
-    // Products of materials are compared: textured samples have BRDFs of their own.
+    // Compares reflectances instead of indices, as textured samples have separate BRDFs.
     let (p, q) = (&from.brdfs[a.brdf as usize], &to.brdfs[b.brdf as usize]);
     let material =
         (p.diffuse - q.diffuse).length_squared() + (p.f0 - q.f0).length_squared() + (p.alpha - q.alpha).powi(2);

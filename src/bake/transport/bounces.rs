@@ -1,10 +1,11 @@
-//! G: what the coefficients of gather samples add to those of a level's samples in one bounce, by final gathering with
-//! the projection onto the basis in place of the BRDF.
+//! G: the contribution of the coefficients of gather samples to those of a level's samples in one bounce. It is
+//! computed by final gathering with the projection onto the basis in place of the BRDF.
 //!
-//! Gathered rows keep energy as seen by who receives it, not by who sends it: columns are off, and so is the light of a
-//! bright closed room. So the geometric factors F, the shares of a sample's rays that other samples get straight or
-//! through mirrors, are balanced: rows and columns are scaled until each sample receives the share of its rays that met
-//! a surface, and sends, by reciprocity, as much [Sinkhorn 1967], except where rays contradict the samples' areas.
+//! Gathered rows conserve energy from the view of the receiver, but not of the sender: column sums are inaccurate, and
+//! so is the light in a bright closed room. Therefore the geometric factors F are balanced. F is the share of a
+//! sample's rays that hit each other sample directly or through mirrors. Rows and columns are scaled until each sample
+//! receives the share of its rays that hit a surface and, by reciprocity, sends as much [Sinkhorn 1967]. Columns where
+//! rays contradict the samples' areas are exempt.
 
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
@@ -24,24 +25,24 @@ use crate::physics::brdf::cosine_direction;
 use crate::physics::sequence::Points;
 use crate::trace::point_tree::middle;
 
-/// Rounds of balancing at most.
+/// Maximum number of balancing iterations.
 const ROUNDS: usize = 200;
-/// Balanced when no column is off by more.
+/// Iterations stop when the relative error of all columns is below this.
 const BALANCED: f64 = 1e-9;
-/// Functions of a sending sample that count: what goes on to a further bounce is smoother by then, and the first function
-/// has all energy.
+/// Number of functions of a sending sample that are used: light is smoother after a further bounce, and the first
+/// function has all energy.
 const MOST_SENT: u32 = 16;
-/// Standard deviations beyond which a difference between column sums is no accident.
+/// Number of standard deviations above which a difference between column sums is significant.
 const SIGNIFICANT: f64 = 4.0;
-/// Relative standard deviation of a column sum that interpolation between samples makes. With 0.15 light in a closed ball is
-/// off by a thousandth.
+/// Relative standard deviation of a column sum due to interpolation between samples. With 0.15 light in a closed sphere
+/// has an error of a thousandth.
 const MOVED: f64 = 0.25;
-/// No row or column is scaled by more than this or less than its inverse: columns that hardly any ray found stay small.
+/// Maximum scale of a row or column, and inverse of the minimum: columns hit by hardly any ray stay small.
 const MOST_SCALE: f64 = 8.0;
 
-/// One bounce from a level's coefficients to those of the receiving level.
+/// One bounce from the coefficients of a level to those of the receiving level.
 pub struct Bounce {
-    /// A row for each coefficient that receives, a column for each that sends.
+    /// One row per receiving coefficient, one column per sending coefficient.
     pub rows: CsrMatrix,
     /// Largest relative error of a column of geometric factors after balancing.
     pub imbalance: f64,
@@ -51,22 +52,23 @@ pub struct Bounce {
 pub struct BounceGatherer<'a> {
     pub paths: Paths<'a>,
     pub receivers: &'a Level,
-    /// Rays a receiving sample.
+    /// Rays per receiving sample.
     pub rays: u32,
     pub seed: u64,
 }
 
-/// What the rays of one receiving sample found of one sending level.
+/// Contributions of one sending level to one receiving sample.
 #[derive(Default)]
 struct Found {
-    /// Rows of G, one a coefficient of the receiver.
+    /// Rows of G, one per coefficient of the receiver.
     rows: CsrMatrix,
-    /// Row of F: the share of rays that each sending sample got, also through mirrors.
+    /// Row of F: the share of rays that hit each sending sample, directly or through mirrors.
     factors: Vec<(u32, f32)>,
 }
 
 impl BounceGatherer<'_> {
-    /// G from each of `senders` and, for each receiving sample, the share of its rays that met nothing that keeps light.
+    /// G from each of `senders` and, for each receiving sample, the share of its rays that hit no reflecting or
+    /// emitting surface.
     pub fn gather(&self, senders: &[&Level], progress: &(dyn Fn(usize) + Sync)) -> (Vec<Bounce>, Vec<f64>) {
         let most = senders.iter().map(|level| level.samples.len()).max().unwrap_or(0);
         let singles: Vec<u32> = (0..=most as u32).collect();
@@ -90,8 +92,9 @@ impl BounceGatherer<'_> {
         (bounces.collect(), met.iter().map(|met| (1.0 - met).max(0.0)).collect())
     }
 
-    /// Comes with the rays that met a surface that keeps light, those through mirrors by what these reflect. Whole rays are
-    /// counted without rounding: what a closed room lacks of all of them must be nothing [Grassmann 1985].
+    /// Also returns the number of rays that hit a reflecting or emitting surface; rays through mirrors are weighted by
+    /// the reflectance. Unweighted rays are counted exactly: in a closed room the escaped share must be exactly 0
+    /// [Grassmann 1985].
     fn gather_sample(&self, sample: usize, senders: &[&Level], scratch: &mut Scratch) -> (Vec<Found>, f64) {
         let samples = &self.receivers.samples;
         let gather_sample = &samples.samples[sample];
@@ -114,7 +117,7 @@ impl BounceGatherer<'_> {
                 [u, v, w]
             };
             self.paths.follow(point.position, point.geometric_normal, direction, random, |arrival| {
-                // No channel gets more than this.
+                // Upper bound over the channels.
                 let reach = arrival.tint.max_element();
                 for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
                     level.read(&arrival.place, arrival.wo, |sender, weight, _, values| {
@@ -131,10 +134,10 @@ impl BounceGatherer<'_> {
         (scratch.take(count), met)
     }
 
-    /// Balances what all samples found of one level, and makes one matrix of it.
+    /// Balances the contributions of one sending level and joins them to one matrix.
     fn join(&self, found: Vec<Found>, sender: &Level, met: &[f64]) -> Bounce {
         let area = |level: &Level, sample: usize| f64::from(level.samples.samples[sample].area);
-        // By reciprocity a sample sends to others the share of its own rays that meets them.
+        // By reciprocity a sample sends to others the share of its own rays that hit them.
         let received: Vec<f64> = met.iter().enumerate().map(|(i, met)| area(self.receivers, i) * met).collect();
         let mut sent: Vec<f64> = if std::ptr::eq(sender, self.receivers) {
             received.clone()
@@ -187,13 +190,13 @@ impl BounceGatherer<'_> {
     }
 }
 
-/// Accumulators of one thread: for each sending level, rows of G and the row of F.
+/// Accumulators of one thread: for each sending level, rows of G and a row of F.
 struct Scratch<'a> {
     levels: Vec<(Vec<Row<'a>>, Row<'a>)>,
 }
 
 impl<'a> Scratch<'a> {
-    /// `singles` counts up: the one coefficient that each sample has in F.
+    /// `singles` has the values 0, 1, ...: in F each sample has one coefficient.
     fn new(senders: &[&'a Level], singles: &'a [u32]) -> Self {
         let of = |level: &&'a Level| {
             let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first, MOST_SENT)).collect();
@@ -202,7 +205,7 @@ impl<'a> Scratch<'a> {
         Self { levels: senders.iter().map(of).collect() }
     }
 
-    /// What was found, for a receiver of `count` coefficients.
+    /// Moves out the contributions to a receiver of `count` coefficients.
     fn take(&mut self, count: usize) -> Vec<Found> {
         let take = |(rows, factors): &mut (Vec<Row>, Row)| {
             let mut found = Found { rows: CsrMatrix::empty(0), ..Default::default() };
@@ -223,7 +226,7 @@ fn is_black(cells: &Cells, place: &crate::bake::gather_samples::Place) -> bool {
     cells.index(place).is_none_or(|cell| cells.get(cell).is_black())
 }
 
-/// Shares of the receiving level's rays, interpolated at the samples of another.
+/// Shares of the receiving level's rays, interpolated at the samples of another level.
 fn interpolated(receivers: &Level, shares: &[f64], level: &Level) -> Vec<f64> {
     let nearest = super::cells::Neighbours::new(&receivers.samples);
     let share = |s: &crate::bake::gather_samples::GatherSample| {
@@ -232,7 +235,7 @@ fn interpolated(receivers: &Level, shares: &[f64], level: &Level) -> Vec<f64> {
     level.samples.samples.par_iter().map(share).collect()
 }
 
-/// Samples by the surfaces that read them, each list in tree order.
+/// Samples by material group, each list in tree order.
 fn by_group(samples: &GatherSamples) -> Vec<Vec<usize>> {
     let mut lists = BTreeMap::<u32, Vec<usize>>::new();
     for (i, sample) in samples.samples.iter().enumerate() {
@@ -246,12 +249,13 @@ fn scale_to(values: &mut [f64], sum: f64) {
     values.iter_mut().for_each(|value| *value *= scale);
 }
 
-/// Corrects the column sums `expected` by reciprocity where samples stand for areas that others see little of, as in the folds
-/// of a sofa: there rays `found` another sum. A ray adds `ray` to it. Single sums are noisy, so nodes of the samples' tree are
-/// compared, from the whole down; a node takes the sum that was found if the difference is significant.
+/// Corrects the column sums `expected` by reciprocity where other samples see only part of a sample's area, as in the
+/// folds of a sofa: there the sum `found` by rays differs. Each ray contributes `ray` to a sum. As single sums are
+/// noisy, nodes of the samples' tree are compared, from the root down; a node takes the sum found if the difference is
+/// significant.
 fn correct(expected: &mut [f64], found: &[f64], ray: f64) {
     let [sum, found_sum] = [&*expected, found].map(|sums| sums.iter().sum::<f64>());
-    // Interpolation between samples moves light from one to the next.
+    // Interpolation between samples moves light from one to another.
     let variance = ray * sum + expected.iter().map(|e| (MOVED * e).powi(2)).sum::<f64>();
     if (found_sum - sum).powi(2) > SIGNIFICANT.powi(2) * variance {
         scale_to(expected, found_sum);
@@ -264,8 +268,8 @@ fn correct(expected: &mut [f64], found: &[f64], ray: f64) {
     }
 }
 
-/// Scales of the rows and columns of a matrix with which they add up to `row_sums` and `column_sums`, and what is left
-/// of the error of columns; rows are exact.
+/// Scales of the rows and columns of a matrix such that their sums are `row_sums` and `column_sums`, and the remaining
+/// relative error of columns; rows are exact.
 fn balance(rows: &[Vec<(u32, f64)>], row_sums: &[f64], column_sums: &[f64]) -> (Vec<f64>, Vec<f64>, f64) {
     let mut by_row = vec![1.0; rows.len()];
     let mut by_column = vec![1.0; column_sums.len()];
@@ -300,7 +304,7 @@ fn balance(rows: &[Vec<(u32, f64)>], row_sums: &[f64], column_sums: &[f64]) -> (
 mod tests {
     use super::*;
 
-    /// Half of the samples are seen a fifth less than their areas say, all with noise of a tenth.
+    /// Half of the samples are seen a fifth less than their areas predict, all with noise of a tenth.
     #[test]
     fn significant_differences_alone_correct_column_sums() {
         let seen = |i: usize| if i < 128 { 0.8 } else { 1.0 };

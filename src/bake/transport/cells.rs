@@ -1,5 +1,5 @@
-//! Which gather samples a point of a surface reads, looked up rather than searched for: every side of every triangle is
-//! cut into cells, narrow against the distance of samples, and each cell knows its samples and their weights.
+//! Lookup of the gather samples that a surface point reads. Every side of every triangle is divided into cells that are
+//! small compared with the distance of samples; each cell stores its samples and their weights.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -8,38 +8,40 @@ use crate::bake::gather_samples::{GatherSample, GatherSamples, Place, carries_li
 use crate::scene::Scene;
 use crate::trace::point_tree::{PointTree, point};
 
-/// Samples that a cell reads.
+/// Number of samples that a cell reads.
 pub const NEIGHBOURS: usize = 4;
-/// Samples among which those are chosen.
+/// Number of candidates for these samples.
 const LOOKED_AT: usize = 16;
-/// How much further away a sample counts across the surface's plane than along it.
+/// Weight of distances perpendicular to the surface's plane, relative to distances along it.
 const OFF_PLANE: f32 = 4.0;
-/// Cells along the width of a gather sample.
+/// Cells per width of a gather sample.
 const CELLS_A_SAMPLE: f32 = 4.0;
-/// Cells along an edge at most.
+/// Maximum number of cells along an edge.
 const MOST_ALONG: f32 = 4096.0;
-/// Samples whose normals differ more are not read: the cosine of 45 degrees.
+/// Minimum cosine between the normals of a point and of a sample that it reads: 45 degrees.
 const LEAST_COSINE: f32 = 0.7;
 
-/// What a piece of surface reads. Weights add up to 1; where nothing reflects light they are all 0.
+/// Gather samples that a piece of surface reads. Weights sum to 1, or are all 0 if the surface neither reflects nor
+/// emits light.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cell {
-    /// Indices of gather samples; some may be listed with weight 0.
+    /// Indices of gather samples; some can have weight 0.
     pub samples: [u32; NEIGHBOURS],
     pub weights: [f32; NEIGHBOURS],
 }
 
-/// The cells of one side of a triangle: a parallelogram of which the triangle covers one half.
+/// The cells of one side of a triangle: a parallelogram, half of which the triangle covers.
 #[derive(Clone, Copy, Debug, Default)]
 struct Grid {
     first: u32,
-    /// 0 where the side is black: the back of a single-sided face.
+    /// 0 if the side is black: the back of a single-sided face.
     columns: u16,
     rows: u16,
-    /// The corner that the parallelogram starts from: that opposite to the longest edge.
+    /// The vertex at the origin of the parallelogram: that opposite to the longest edge.
     corner: u8,
 }
 
+/// The cells of all triangles of a scene.
 pub struct Cells {
     /// Front and back of each triangle.
     grids: Vec<Grid>,
@@ -80,21 +82,22 @@ impl Cells {
         Self { grids, cells }
     }
 
-    /// Index of the cell at a place; `None` on the back of a single-sided face.
+    /// Index of the cell of a surface point; `None` on the back of a single-sided face.
     #[inline(always)]
     pub fn index(&self, place: &Place) -> Option<u32> {
         let grid = &self.grids[2 * place.triangle as usize + usize::from(place.back)];
         grid.cell(place.barycentric)
     }
 
+    /// The cell at an index from [`Self::index`].
     #[inline(always)]
     pub fn get(&self, index: u32) -> &Cell {
         &self.cells[index as usize]
     }
 }
 
-/// How wide cells of each triangle shall be, in mesh space: a share of the samples' width, of the narrowest one's unless the
-/// others are much wider.
+/// Width of the cells of each triangle, in mesh space: a fraction of the width of its smallest sample, but limited by
+/// [`MOST_UNEVEN`].
 fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Vec<f32> {
     let triangle_count = scene.mesh.triangles.len();
     if samples.is_empty() {
@@ -118,13 +121,13 @@ fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Ve
     (0..triangle_count).into_par_iter().map(width).collect()
 }
 
-/// Cells are so much smaller, at most, than even samples would need.
+/// Maximum reduction of the area that determines the cell width, relative to samples of equal area.
 const MOST_UNEVEN: f32 = 2.0;
 
-/// Finds the samples around a point.
+/// Finds the samples near a point.
 pub struct Neighbours<'a> {
     samples: &'a GatherSamples,
-    /// By position alone; normals are compared apart.
+    /// By position only; normals are compared separately.
     tree: PointTree,
 }
 
@@ -134,14 +137,14 @@ impl<'a> Neighbours<'a> {
         Self { samples, tree: PointTree::new(&positions) }
     }
 
-    /// The nearest sample, whatever its orientation. There must be one.
+    /// The nearest sample, regardless of its normal. There must be at least one.
     fn nearest(&self, position: Vec3) -> &GatherSample {
         let found = self.tree.nearest::<1>(&point(position, Vec3::ZERO, 0.0), |_| true);
         &self.samples.samples[found.items()[0].1 as usize]
     }
 
-    /// The nearest samples of the same material and of like orientation, falling to nothing at the next further one; where
-    /// the material has none, of any. There must be a sample.
+    /// The nearest samples of the same material group and with similar normals; weights decrease to 0 at the distance
+    /// of the next one. If the group has none, samples of any group are used. There must be at least one sample.
     pub fn cell(&self, position: Vec3, normal: Vec3, material: u32) -> Cell {
         let from = point(position, Vec3::ZERO, 0.0);
         let sample = |i: u32| &self.samples.samples[i as usize];
@@ -152,7 +155,7 @@ impl<'a> Neighbours<'a> {
         if found.items().is_empty() {
             found = self.tree.nearest::<LOOKED_AT>(&from, alike);
         }
-        // What lies above or below the surface's plane is further away than what lies in it.
+        // Distances perpendicular to the surface's plane count more than distances along it.
         let distance2 = |&(distance2, i): &(f32, u32)| {
             let above = (sample(i).position - position).dot(normal);
             (distance2 + (OFF_PLANE * OFF_PLANE - 1.0) * above * above, i)
@@ -167,7 +170,8 @@ impl<'a> Neighbours<'a> {
                 cell.weights[0] = 1.0;
             }
             found => {
-                // With as many as asked for the last one gets nothing, and the sum is continuous where others come near.
+                // With NEIGHBOURS + 1 samples found, the last one gets weight 0, so weights are continuous where
+                // neighbours change.
                 let reach = found[found.len() - 1].0.sqrt() * if found.len() > NEIGHBOURS { 1.0 } else { 2.0 };
                 for (i, &(distance2, sample)) in found.iter().take(NEIGHBOURS).enumerate() {
                     cell.samples[i] = sample;
@@ -177,7 +181,7 @@ impl<'a> Neighbours<'a> {
                 if sum > 0.0 {
                     cell.weights.iter_mut().for_each(|w| *w /= sum);
                 } else {
-                    cell.weights[0] = 1.0; // all equally far
+                    cell.weights[0] = 1.0; // all at equal distance
                 }
             }
         }
@@ -186,11 +190,12 @@ impl<'a> Neighbours<'a> {
 }
 
 impl Cell {
+    /// Whether the surface neither reflects nor emits light.
     pub fn is_black(&self) -> bool {
         self.weights[0] == 0.0
     }
 
-    /// One of the samples, by its weight, from a number in 0..1.
+    /// A sample drawn with a probability equal to its weight; `random` is in 0..1.
     #[inline(always)]
     pub fn pick(&self, random: f32) -> Option<usize> {
         if self.is_black() {
@@ -208,7 +213,7 @@ impl Cell {
         Some(self.samples[picked] as usize)
     }
 
-    /// Samples and weights.
+    /// Samples and weights that are not 0.
     #[inline(always)]
     pub fn read(&self) -> impl Iterator<Item = (usize, f32)> {
         self.samples.iter().map(|&s| s as usize).zip(self.weights).filter(|&(_, weight)| weight > 0.0)
@@ -226,7 +231,7 @@ impl Grid {
         Self { first: 0, columns, rows, corner: corner as u8 }
     }
 
-    /// Barycentric coordinates of the middle of a cell, moved onto the triangle; `None` if it lies wholly outside.
+    /// Barycentric coordinates of a cell's centre, moved onto the triangle; `None` if the cell lies completely outside.
     fn centre(&self, column: u16, row: u16) -> Option<Vec2> {
         let (columns, rows) = (f32::from(self.columns), f32::from(self.rows));
         if f32::from(column) / columns + f32::from(row) / rows >= 1.0 {
@@ -238,7 +243,7 @@ impl Grid {
             middle = (middle - 0.5 * outside).max(Vec2::ZERO);
             middle /= middle.element_sum().max(1.0);
         }
-        // From weights of the two corners that follow `corner` to those of the second and third.
+        // From weights of the two vertices after `corner` to weights of the second and third vertex.
         let mut weights = [0.0; 3];
         weights[self.corner as usize] = 1.0 - middle.element_sum();
         weights[(self.corner as usize + 1) % 3] = middle.x;
@@ -260,7 +265,7 @@ impl Grid {
         let (columns, rows) = (u32::from(self.columns), u32::from(self.rows));
         let column = ((u.max(0.0) * columns as f32) as u32).min(columns - 1);
         let mut row = ((v.max(0.0) * rows as f32) as u32).min(rows - 1);
-        // Rounding may lead a hit on the longest edge to a cell that lies wholly outside.
+        // Rounding can assign a hit on the longest edge to a cell that lies completely outside.
         if column * rows + row * columns >= columns * rows {
             row = row.saturating_sub(1);
         }

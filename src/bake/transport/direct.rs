@@ -1,4 +1,4 @@
-//! Direct light at gather samples: λ0 [Yang 2007, Section 4.3], with the cosine that is missing there.
+//! Direct light at gather samples: λ0 [Yang 2007, Section 4.3], with the cosine factor that is missing there.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -12,8 +12,8 @@ use crate::shared::PackedLight;
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, trace_all};
 
-/// Coefficients that a light at unit intensity leaves in a level's samples: the mean over each sample's points, and what rays
-/// from the light find between them.
+/// Coefficients of a level's samples under a light of unit intensity: the mean over each sample's points, plus the
+/// contribution of rays from the light between them.
 pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVec3> {
     let per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
     let project = |sample: usize, wi: Vec3, irradiance: f64, values: &mut [Vec3]| {
@@ -30,8 +30,8 @@ pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVe
     coefficients
 }
 
-/// `project` gives k of a sample for a direction in its frame and what the point adds to the sample's irradiance; its
-/// coefficients are `first[i]..first[i + 1]`.
+/// `project` computes k of a sample from a direction in its frame and the point's contribution to the sample's
+/// irradiance; the sample's coefficients are `first[i]..first[i + 1]`.
 pub(in crate::bake) fn shade_with(
     scene: &TracedScene,
     samples: &GatherSamples,

@@ -1,4 +1,5 @@
-//! Directions that a view sample gathers from, drawn from its BRDF many at a time: [`crate::physics::brdf::Lobes`] in single precision.
+//! Directions for gathering at a view sample, drawn from its BRDF in SIMD batches: [`crate::physics::brdf::Lobes`] in
+//! single precision.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -8,7 +9,7 @@ use pulp::{Simd, WithSimd};
 use crate::physics::sequence::{BLOCK, ShiftedPoints};
 use crate::shared::Brdf;
 
-/// Which of a view sample's lobes reflect.
+/// The lobes of a view sample that reflect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Lobe {
     All,
@@ -16,13 +17,13 @@ pub enum Lobe {
     Specular,
 }
 
-/// Directions in the frame of a view sample, in which the eye lies in the half plane of z and positive x.
+/// Directions in the frame of a view sample, where the eye has y = 0 and x >= 0.
 #[derive(Default)]
 pub struct Directions {
     blocks: Vec<Block>,
 }
 
-/// Some directions, by component.
+/// A block of directions, by component.
 #[derive(Clone, Copy, Default)]
 pub struct Block {
     wi: [[f32; BLOCK]; 3],
@@ -30,8 +31,8 @@ pub struct Block {
 }
 
 impl Directions {
-    /// Draws a direction for each of `points`, with the eye at this cosine above the horizon and
-    /// [`crate::physics::brdf::Lobes::specular_share`] of the directions from the specular lobe.
+    /// Draws one direction for each of `points`. `cosine` is n.wo, and `specular` the share of directions from the
+    /// specular lobe, [`crate::physics::brdf::Lobes::specular_share`].
     pub fn draw(
         &mut self,
         brdf: &Brdf,
@@ -50,15 +51,15 @@ impl Directions {
         }
     }
 
-    /// Blocks of directions; those of the last that nobody asked for weigh nothing.
+    /// Blocks of directions; unused entries of the last block have weight 0.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
     }
 }
 
 impl Block {
-    /// A direction, about unit length, and its weight: BRDF times cosine over the density of all directions together, RGB,
-    /// which add up to the albedo. What lies below the horizon weighs nothing.
+    /// A direction of about unit length, and its RGB weight: BRDF times cosine over the density and over the number of
+    /// directions. Weights sum to the albedo; they are 0 below the horizon.
     #[inline(always)]
     pub fn get(&self, i: usize) -> (Vec3, Vec3) {
         let at = |v: &[[f32; BLOCK]; 3]| Vec3::new(v[0][i], v[1][i], v[2][i]);
@@ -80,7 +81,7 @@ impl WithSimd for Draw<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let Self { eye, points, shifts, directions } = self;
         for (block, [u, v, w]) in directions.blocks.iter_mut().zip(points.blocks(shifts)) {
-            // So plain that the compiler puts neighbours into one register.
+            // Simple enough for the compiler to vectorize.
             for i in 0..BLOCK {
                 let wi = eye.sample([u[i], v[i], w[i]]);
                 let weight = eye.weight(wi);
@@ -91,21 +92,21 @@ impl WithSimd for Draw<'_> {
     }
 }
 
-/// A BRDF seen from one direction.
+/// A BRDF with a fixed direction to the eye.
 #[derive(Clone, Copy)]
 struct Eye {
     alpha: f32,
-    /// Sine and cosine of the eye.
+    /// Sine and cosine of the eye's direction.
     wo: [f32; 2],
-    /// The same where facets are stretched to a hemisphere.
+    /// The same after stretching to the hemisphere configuration (alpha = 1).
     stretched: [f32; 2],
     /// Share of directions drawn from the specular lobe.
     specular: f32,
-    /// Masking of the eye, lambda [Heitz 2014, Eq. 72].
+    /// Masking of the eye's direction, lambda [Heitz 2014, Eq. 72].
     masked: f32,
-    /// 1/(2 (n.wo + root)) of the density of visible normals.
+    /// Factor 1/(2 (n.wo + root)) of the density of visible normals.
     visible: f32,
-    /// Over pi.
+    /// Divided by pi and by the number of directions.
     diffuse: [f32; 3],
     dielectric_f0: f32,
     dielectric_rise: f32,
@@ -124,7 +125,7 @@ impl Eye {
         let diffuse = if lobe == Lobe::All { brdf.diffuse * (FRAC_1_PI * share) } else { Vec3::ZERO };
         let lobe = if brdf.has_lobe() { share } else { 0.0 };
         Self {
-            // Never 0: what has no lobe has no reflectances either.
+            // Never 0; a BRDF without a lobe has no specular reflectance here either.
             alpha: brdf.alpha.max(1e-12),
             wo: [sine, cosine],
             stretched: [brdf.alpha * sine / length, cosine / length],
@@ -145,7 +146,7 @@ impl Eye {
         let (sine, cosine) = sin_cos_of_turns(u);
         let z = (1.0 - v) * (1.0 + self.stretched[1]) - self.stretched[1];
         let specular = w < self.specular;
-        // A point of the spherical cap around the stretched eye, or of the disc under the hemisphere.
+        // A point of the spherical cap around the stretched eye direction, or of the disc below the hemisphere.
         let r = if specular { (1.0 - z * z).max(0.0) } else { v }.sqrt();
         let (x, y) = (r * cosine, r * sine);
         let up = if specular { (z + self.stretched[1]).max(0.0) } else { (1.0 - v).sqrt() };
@@ -169,7 +170,7 @@ impl Eye {
         let ni = z.max(MIN_COSINE);
         let slope = self.alpha / (self.alpha * self.alpha * nh2 + sine2);
         let facets = slope * slope * FRAC_1_PI;
-        // The cosine at `ni` has gone.
+        // The cosine at `ni` cancels.
         let masking = 0.25 / ((1.0 + lambda(self.alpha, ni) + self.masked) * self.wo[1].max(MIN_COSINE));
         let density = (1.0 - self.specular) * z * FRAC_1_PI + self.specular * (facets * self.visible);
         let inverse = if z > 0.0 && density > 0.0 { 1.0 / density } else { 0.0 };
@@ -184,7 +185,7 @@ fn lambda(alpha: f32, cosine: f32) -> f32 {
     0.5 * ((1.0 + alpha * alpha * (1.0 / (cosine * cosine) - 1.0)).max(0.0).sqrt() - 1.0)
 }
 
-/// Sine and cosine of `u` turns, 0 to 1, to 2e-7: the series at half the angle from the middle, then doubled.
+/// Sine and cosine of `u` turns, 0 to 1, accurate to 2e-7: a series at half the angle, then doubled.
 #[inline(always)]
 fn sin_cos_of_turns(u: f32) -> (f32, f32) {
     let a = (u - 0.5) * PI;
@@ -226,7 +227,7 @@ mod tests {
         }
     }
 
-    /// Directions and weights are those of double precision, but for lobes too narrow to aim at in single precision.
+    /// Directions and weights equal those of double precision, except for lobes too narrow for single precision.
     #[test]
     fn draws_what_double_precision_draws() {
         let points = ShiftedPoints::new(1, 4096);
@@ -252,11 +253,11 @@ mod tests {
                         assert!(weight.is_finite() && weight.max_element() <= 8.0 / points.len() as f64);
                         if brdf.alpha >= 0.001 || brdf.alpha == 0.0 {
                             let off = lobes.sample(u).map_or(0.0, |want| want.distance(wi));
-                            // Far out in the lobe's tail, where 1 - v has few digits.
+                            // Far in the lobe's tail 1 - v has few significant digits.
                             assert!(off < 1e-4, "{brdf:?}, n.wo {cosine}: {wi} is off by {off}");
                         }
                     }
-                    // Where directions are off by 1e-7, lobes of this width are by 1e-4.
+                    // Directions have errors of 1e-7, which become 1e-4 for lobes of this width.
                     let off = (got_sum - want_sum).abs().max_element();
                     assert!(off < 1e-3, "{brdf:?}, n.wo {cosine}, {lobe:?}: {got_sum}, want {want_sum}");
                 }

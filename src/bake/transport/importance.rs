@@ -1,4 +1,5 @@
-//! Where the picture's indirect light comes from: paths from the eye, the way back that light came [Christensen 2003].
+//! Importance of surfaces for the picture's indirect light, from eye paths in the direction opposite to light
+//! [Christensen 2003].
 
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -14,23 +15,23 @@ use crate::shared::Brdf;
 use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::surface::SurfacePoint;
 
-/// What paths from the eye tell of a scene's surfaces.
+/// Statistics of eye paths over a scene's surfaces.
 pub struct Importance {
-    /// Those that light can reach the eye from by way of others, as densely as gather samples shall lie there.
+    /// Surfaces from which light can reach the eye through other surfaces, with the density of gather samples.
     pub surfaces: Surfaces,
-    /// Share of the indirect light that each material sends on, of lights that reach everything alike.
+    /// Share of the indirect light that each material reflects, if all surfaces are lit equally.
     pub shares: Vec<f32>,
-    /// Share of all surfaces, by area, that no path has met.
+    /// Share of all surface area that no path has hit.
     pub unseen: f64,
 }
 
-/// Where a path met a surface.
+/// A hit of a path on a surface.
 struct Visit {
     side: u32,
     barycentric: Vec2,
     /// Share of the pixel's light that comes from there.
     light: f32,
-    /// How far the surface before it is.
+    /// Distance from the previous surface.
     distance: f32,
 }
 
@@ -40,7 +41,7 @@ impl Visit {
     }
 }
 
-/// A surface that a path goes on from.
+/// A surface from which a path continues.
 struct Corner {
     position: Vec3,
     geometric_normal: Vec3,
@@ -49,21 +50,22 @@ struct Corner {
     brdf: Brdf,
 }
 
-/// Bounces of a path at most.
+/// Maximum number of bounces of a path.
 const BOUNCES: u32 = 6;
-/// A path ends when it has a smaller share of the pixel's light.
+/// A path ends when its share of the pixel's light is below this.
 const LEAST_LIGHT: f32 = 0.01;
-/// Visits to a patch above which it is quartered, and to neighbouring patches above which these have densities of their own.
+/// Visits to a patch above which it is subdivided, and to neighbouring patches above which these get separate
+/// densities.
 const VISITS: usize = 64;
-/// Quarters of which one needs no more than so many times what another does are alike.
+/// Maximum ratio of the needs of four quarters that are merged.
 const ALIKE: f64 = 4.0;
-/// Standard deviations by which visits to patches of one density may differ from what their areas ask for.
+/// Maximum deviation of visits to patches of one density from the number expected by area, in standard deviations.
 const DEVIATIONS: f64 = 4.0;
-/// Patches near which nobody looks get as many samples as if this share of all need for them were spread evenly.
+/// Share of the total need that is added uniformly over the area, so that rarely visited patches get samples too.
 const EVENLY: f64 = 0.1;
 
 impl Importance {
-    /// Of what `framebuffer` sees, by so many paths that go on through at most `layers` mirrors.
+    /// Importance for the view of `framebuffer`, by `paths` paths through at most `layers` mirrors.
     pub fn new(scene: &TracedScene, framebuffer: &DeepFramebuffer, layers: u32, paths: usize, seed: u64) -> Self {
         let visits = Tracer { paths: Paths::new(scene, layers), framebuffer, seed }.trace(paths);
         let mut shares = vec![0.0; scene.materials.len()];
@@ -120,7 +122,7 @@ impl Tracer<'_> {
                 light: (light * arrival.tint).element_sum() / 3.0,
                 distance: arrival.distance,
             }));
-            // Mirrors pass on what lies behind them, and reflect by themselves.
+            // Mirrors reflect diffusely and continue the ray; one of these arrivals is chosen.
             let Some(arrival) = arrivals.get((which * arrivals.len() as f64) as usize) else { break };
             light *= arrival.tint * arrivals.len() as f32;
             corner = (light.max_element() > LEAST_LIGHT).then(|| self.goes_on(arrival));
@@ -153,14 +155,14 @@ impl Tracer<'_> {
     }
 }
 
-/// Patches of like density, and the share of all area that has none.
+/// Groups patches of similar density; also returns the share of all area without any.
 ///
-/// Light that comes from `distance` away is wrong by the angle under which a sample's width is seen: the squares of its
-/// share times width over distance add up to the error, which so many samples make least if their density is the root of
-/// the squares' sum without the width.
+/// The error of light from `distance` away is proportional to the angle that a sample's width subtends. The squared
+/// error is the sum of squares of share times width over distance. For a fixed number of samples it is minimal if the
+/// density is the square root of the sum of these squares without the width.
 fn spread(scene: &TracedScene, visits: Vec<Visit>) -> (Surfaces, f64) {
     let mut sides = sides(scene);
-    // Neighbours that face the same way stay together.
+    // Keeps neighbours that face the same way together.
     sides.sort_by_cached_key(|&(side, _)| facing(scene, side));
     let area: f64 = sides.iter().map(|(_, area)| area).sum();
     let least_distance = 0.25 * (area * VISITS as f64 / visits.len().max(1) as f64).sqrt() as f32;
@@ -193,8 +195,8 @@ fn spread(scene: &TracedScene, visits: Vec<Visit>) -> (Surfaces, f64) {
     (Surfaces::visited(pieces), unseen / area.max(f64::MIN_POSITIVE))
 }
 
-/// Sides that nobody sees though the other side of their triangle is seen: the inside of closed meshes whose materials are
-/// double-sided, which hardly a path gets into. `sides` lists neighbours that face the same way together.
+/// Sides that are not visible although the other side of their triangle is: the inside of closed meshes with
+/// double-sided materials, which hardly any path enters. In `sides` neighbours that face the same way are adjacent.
 fn hidden_sides(scene: &Scene, sides: &[(u32, f64)], visits: impl Fn(u32) -> u32) -> Vec<bool> {
     let mut hidden = vec![false; 2 * scene.mesh.triangles.len()];
     let is_double = |side: u32| {
@@ -219,12 +221,13 @@ fn hidden_sides(scene: &Scene, sides: &[(u32, f64)], visits: impl Fn(u32) -> u32
     hidden
 }
 
-/// Visits to one side of neighbouring triangles that tell whether the other is hidden.
+/// Visits to one side of neighbouring triangles that suffice to decide whether the other is hidden.
 const ENOUGH: u32 = 64;
-/// A side is hidden if the other has so many times its visits: paths start a little off surfaces, and slip through cracks.
+/// A side is hidden if the other has more than this many times its visits: paths start slightly off surfaces and can
+/// pass through cracks.
 const HARDLY_ANY: u32 = 20;
 
-/// A visit, where it went and what for.
+/// A visit with its patch and its need of samples.
 struct Counted {
     patch: Patch,
     place: Place,
@@ -232,7 +235,7 @@ struct Counted {
     need: f64,
 }
 
-/// A patch, part `part` of a side, `depth` cuts deep, with the visits that were counted there.
+/// A patch, part `part` of a side after `depth` subdivisions, and its visits.
 struct Visits<'a> {
     part: u32,
     depth: u32,
@@ -241,8 +244,8 @@ struct Visits<'a> {
     need: f64,
 }
 
-/// Cuts part `part` of a side, `depth` cuts deep, until few visits went to each, and leaves together what is alike: points lie
-/// more regularly on large patches. `visits` are in the order of parts.
+/// Subdivides part `part` of a side, at depth `depth`, until each patch has few visits. Merges similar quarters, as
+/// points are distributed more regularly on large patches. `visits` are in the order of parts.
 fn quarter<'a>(part: u32, area: f64, depth: u32, visits: &'a [Counted], patches: &mut Vec<Visits<'a>>) {
     let whole = || Visits { part, depth, area, visits, need: visits.iter().map(|visit| visit.need).sum() };
     if visits.len() <= VISITS || depth == Patch::DEEPEST {
@@ -261,7 +264,7 @@ fn quarter<'a>(part: u32, area: f64, depth: u32, visits: &'a [Counted], patches:
     }
 }
 
-/// The four quarters of a part, `depth` cuts deep, each with its visits.
+/// The four quarters of a part at depth `depth`, each with its visits.
 fn quarters(part: u32, depth: u32, visits: &[Counted]) -> [(u32, &[Counted]); 4] {
     let mut rest = visits;
     [0, 1, 2, 3].map(|quarter| {
@@ -273,8 +276,8 @@ fn quarters(part: u32, depth: u32, visits: &[Counted]) -> [(u32, &[Counted]); 4]
     })
 }
 
-/// Shares a part's area out among its visits, more to each where they are few: quarter by quarter until few are left, that of
-/// quarters without any going to the others.
+/// Divides a part's area among its visits, with larger shares where visits are sparse. The area is divided evenly among
+/// quarters with visits until few visits are left.
 fn share_out(part: u32, area: f64, depth: u32, visits: &[Counted], visited: &mut Vec<Visited>) {
     if visits.len() <= FEW || depth == Patch::DEEPEST {
         return share_evenly(area, visits.iter(), visited);
@@ -286,19 +289,19 @@ fn share_out(part: u32, area: f64, depth: u32, visits: &[Counted], visited: &mut
     }
 }
 
-/// Visits among which an area is shared out evenly.
+/// Maximum number of visits that share an area evenly.
 const FEW: usize = 16;
 
-/// Light is shared out, too: that of single visits differs by chance.
+/// The light is averaged too, as that of single visits is noisy.
 fn share_evenly<'a>(area: f64, visits: impl Iterator<Item = &'a Counted> + Clone, visited: &mut Vec<Visited>) {
     let (count, light) = visits.clone().fold((0.0, 0.0), |(n, sum), visit| (n + 1.0, sum + f64::from(visit.light)));
-    // Never 0: means are weighted by it.
+    // Never 0, as means are weighted by it.
     let light = (light / count).max(f64::MIN_POSITIVE);
     visited.extend(visits.map(|visit| Visited { place: visit.place, area: area / count, light }));
 }
 
-/// Makes pieces of neighbouring patches: one of those to which few visits went together, about as many as their areas ask
-/// for. Returns the area that none went to.
+/// Creates pieces from neighbouring patches: patches with few visits form one piece if the visits are consistent with
+/// their areas. Returns the area without visits.
 fn fill(patches: &[Visits], evenly: f64, pieces: &mut Vec<(f64, f32, Vec<Visited>)>) -> f64 {
     let count = |patches: &[Visits]| -> (f64, f64) {
         patches.iter().fold((0.0, 0.0), |(visits, area), p| (visits + p.visits.len() as f64, area + p.area))
@@ -327,7 +330,7 @@ fn fill(patches: &[Visits], evenly: f64, pieces: &mut Vec<(f64, f32, Vec<Visited
     fill(left, evenly, pieces) + fill(right, evenly, pieces)
 }
 
-/// Which of six ways a side faces mostly.
+/// The dominant axis and sign of a side's normal: one of six.
 fn facing(scene: &Scene, side: u32) -> u8 {
     let [a, b, c] = scene.mesh.triangles[side as usize / 2].map(|v| scene.mesh.positions[v as usize]);
     let normal = (b - a).cross(c - a);

@@ -1,4 +1,4 @@
-//! A level of detail: gather samples, what they keep of light, and who reads them.
+//! A level of detail: gather samples, their coefficients, and the lookup of the samples near a surface point.
 
 use glam::Vec3;
 
@@ -10,20 +10,21 @@ use crate::bake::gather_samples::{GatherSample, GatherSamples, Place};
 use crate::scene::Scene;
 use crate::shared::LightSample;
 
-/// Gather samples with their coefficients. Those of sample i are `first[i]..first[i + 1]` of a vector of coefficients.
+/// Gather samples and the layout of their coefficients: those of sample i are `first[i]..first[i + 1]` of a coefficient
+/// vector.
 pub struct Level {
     pub samples: GatherSamples,
     pub first: Vec<u32>,
     pub cells: Cells,
     /// Two tangents and the normal of each sample.
     pub frames: Vec<[Vec3; 3]>,
-    /// The samples as light finds them.
+    /// The samples as receivers of direct light.
     pub lit: Vec<LightSample>,
     pub light_rays: LightRays,
 }
 
 impl Level {
-    /// `functions` tells how many of the harmonics a sample keeps: a square number.
+    /// `functions` is the number of harmonics of each sample: a square number.
     pub fn new(scene: &Scene, samples: GatherSamples, functions: &[u8]) -> Self {
         let mut first = vec![0];
         first.extend(functions.iter().scan(0, |sum, &count| {
@@ -51,21 +52,23 @@ impl Level {
         }
     }
 
+    /// Number of coefficients of all samples.
     pub fn coefficient_count(&self) -> usize {
         self.first[self.samples.len()] as usize
     }
 
+    /// Range of a sample's coefficients.
     pub fn coefficients(&self, sample: usize) -> std::ops::Range<usize> {
         self.first[sample] as usize..self.first[sample + 1] as usize
     }
 
-    /// What radiance leaves `place` towards `wo`: calls `read` with each sample that tells of it, its weight, the first
-    /// of its coefficients and the values of its functions.
+    /// The radiance from `place` towards `wo`: calls `read` with each contributing sample, its weight, the index of its
+    /// first coefficient, and the values of its functions.
     #[inline(always)]
     pub fn read(&self, place: &Place, wo: Vec3, mut read: impl FnMut(usize, f32, u32, &[f32])) {
         let Some(cell) = self.cells.index(place) else { return };
         let mut values = [0.0; MAX_FUNCTIONS];
-        // On flat surfaces neighbours have one frame.
+        // On flat surfaces neighbours share one frame.
         let mut known: Option<(Vec3, usize)> = None;
         for (sample, weight) in self.cells.get(cell).read() {
             let range = self.coefficients(sample);
@@ -83,8 +86,8 @@ impl Level {
         }
     }
 
-    /// [`Self::read`], but where samples have many functions one of them stands for all, picked by its weight from a number in
-    /// 0..1: right on average, and a third of the entries.
+    /// Like [`Self::read`], but if samples have many functions, a single one is drawn by weight, with `random` in 0..1:
+    /// unbiased, with a third of the entries.
     #[inline(always)]
     pub fn read_few(&self, place: &Place, wo: Vec3, random: f32, mut read: impl FnMut(usize, f32, &[f32])) {
         let picked = self.cells.index(place).and_then(|cell| self.cells.get(cell).pick(random));
@@ -99,7 +102,7 @@ impl Level {
     }
 }
 
-/// Functions from which on rows take one sample for its neighbours.
+/// Number of functions from which on a row reads one sample instead of all neighbours.
 const MANY_FUNCTIONS: usize = 9;
 /// The first function: the square root of 1/pi.
 const CONSTANT: f32 = 0.564_189_6;

@@ -1,15 +1,16 @@
 //! Indirect light as a linear map of direct light at gather samples [Yang 2007, Chapter 4; Hasan 2006].
 //!
-//! λ0 are the coefficients that the gather samples have from a light directly. G is one bounce among them, Φ what view
-//! samples make of them:
+//! λ0 are the coefficients of gather samples under direct light. G is one bounce among gather samples, and Φ maps their
+//! coefficients to view samples:
 //!
 //! ```text
 //! indirect = Φ (I + G + G² + ...) λ0 = Φ_f λ0 + Φ_c S λ0,    S = (I - G_cc)⁻¹ G_cf
 //! ```
 //!
-//! with direct light at a fine level of samples (f) and further bounces among coarse ones (c). With one level they are
-//! the same samples, and Φ (I - G)⁻¹ λ0 is left. Rows of G and Φ are final gathers: nothing here divides by a squared
-//! distance, and no row sum exceeds the albedo. Samples lie where the picture [needs them](importance).
+//! Direct light is represented at a fine level of samples (f), further bounces at a coarse one (c). With a single level
+//! both are the same samples, and the map is Φ (I - G)⁻¹ λ0. Rows of G and Φ are final gathers: there is no division by
+//! a squared distance, and no row sum exceeds the albedo. Samples are placed where the picture [needs
+//! them](importance).
 
 pub mod bounces;
 pub mod cells;
@@ -37,66 +38,66 @@ use super::gather_samples::{GatherSample, GatherSamples, Placement};
 use crate::shared::Brdf;
 use crate::trace::bvh::TracedScene;
 
-/// How light leaves gather samples.
+/// Directional distribution of the light that leaves gather samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Outgoing {
     /// Equally in all directions, with the BRDF's hemispherical albedo [Yang 2007, Section 4.2].
     Diffuse,
-    /// In as many harmonics as a material needs, or a square number up to 49 for all [Yang 2007, Section 4.3].
+    /// In harmonics: as many as a material needs, or a fixed square number up to 49 [Yang 2007, Section 4.3].
     Glossy { functions: Option<u8> },
 }
 
-/// How transfer is computed.
+/// Settings of the transfer.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TransferSettings {
     pub outgoing: Outgoing,
-    /// Gather samples.
+    /// Number of gather samples.
     pub samples: usize,
-    /// Gather samples among which light bounces on; as many as `samples` or more: those themselves.
+    /// Number of gather samples for further bounces; if not smaller than `samples`, there is only one level.
     pub coarse_samples: usize,
-    /// Points of each sample at which direct light is looked at, 1 to 16.
+    /// Points per sample at which direct light is evaluated, 1 to 16.
     pub points: usize,
-    /// Rays a row, of Φ and of G.
+    /// Rays per row of Φ and of G.
     pub rays: u32,
-    /// Mirrors that a ray goes on through at most.
+    /// Maximum number of mirrors along a ray.
     pub layers: u32,
-    /// Indirect bounces counted at the pixel; without, all of them.
+    /// Number of indirect bounces, counted at the pixel; `None`: all.
     pub bounces: Option<u32>,
     pub seed: u64,
 }
 
-/// How far the solution can be trusted.
+/// Figures that tell how reliable the solution is.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Certificate {
-    /// Largest absolute eigenvalue of G, by power iteration.
+    /// Largest absolute eigenvalue of G, by power iteration; after scaling.
     pub spectral_radius: f64,
     /// Largest relative error of a column of geometric factors after balancing.
     pub imbalance: f64,
-    /// Share of all reflected light, under even light from everywhere, that was taken away lest a bounce reflects more than
+    /// Share of all reflected light, under uniform illumination, that is removed so that no bounce reflects more than
     /// [`ALBEDO_CAP`].
     pub capped: f64,
-    /// Mean share of a sample's rays that met nothing that reflects.
+    /// Mean share of a sample's rays that hit no reflecting or emitting surface.
     pub escaped: f64,
-    /// Share of all surfaces, by area, that no pixel sees, even over bounces: no sample lies there.
+    /// Share of all surface area that no pixel sees, even after bounces: it has no samples.
     pub unseen: f64,
 }
 
-/// Transfer of one scene and camera.
+/// The transfer of one scene and camera.
 pub struct LightTransport<'a> {
     scene: &'a TracedScene,
     framebuffer: &'a DeepFramebuffer,
     settings: TransferSettings,
     pub fine: Level,
-    /// Absent with one level.
+    /// `None` with a single level.
     pub coarse: Option<Level>,
-    /// G_cc; with one level G.
+    /// G_cc; with a single level, G.
     pub among: CsrMatrix,
-    /// G_cf; absent with one level.
+    /// G_cf; `None` with a single level.
     pub from_fine: Option<CsrMatrix>,
     pub certificate: Certificate,
 }
 
-/// Relative residual of the solution, in every channel.
+/// Maximum relative residual of the solution in each channel.
 const TOLERANCE: f64 = 1e-7;
 
 impl<'a> LightTransport<'a> {
@@ -125,7 +126,7 @@ impl<'a> LightTransport<'a> {
             if let Outgoing::Glossy { functions: Some(asked) } = settings.outgoing
                 && most < asked
             {
-                tracing::warn!("{asked} harmonics for each of {count} gather samples are too many, {most} are kept");
+                tracing::warn!("{asked} harmonics for each of {count} gather samples are too many, {most} are used");
             }
             Level::new(scene, samples, &functions)
         };
@@ -150,7 +151,7 @@ impl<'a> LightTransport<'a> {
         let mut bounces = bounces.into_iter().map(|Bounce { rows, .. }| rows);
         let mut among = bounces.next().expect("one a sender");
         let found = solve::spectral_radius(&among);
-        // Rows of few rays that mirrors pass on may give more than they get.
+        // Rows of few rays through mirrors can have a spectral radius above 1.
         let kept = (f64::from(ALBEDO_CAP) / found).min(1.0);
         if kept < 1.0 {
             among.scale(kept);
@@ -168,18 +169,19 @@ impl<'a> LightTransport<'a> {
         Self { scene, framebuffer, settings, fine, coarse, among, from_fine, certificate }
     }
 
-    /// Columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
+    /// Number of columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
     pub fn column_count(&self) -> usize {
         self.fine.coefficient_count() + self.coarse.as_ref().map_or(0, Level::coefficient_count)
     }
 
-    /// Indirect bounces counted at the pixel; without, all of them.
+    /// Number of indirect bounces, counted at the pixel; `None`: all. Omits bounces that have no effect.
     pub fn bounces(&self) -> Option<u32> {
         self.settings.bounces
     }
 
-    /// Rows of Φ for view samples, by index into [`DeepFramebuffer::samples`]: a row for each, [`Self::column_count`] columns, RGB
-    /// entries in 1/√sr, for coefficients in radiance times √sr. Gathered again in every call, always the same.
+    /// Rows of Φ for view samples, given by index into [`DeepFramebuffer::samples`]. One row per view sample,
+    /// [`Self::column_count`] columns, RGB entries in 1/√sr, for coefficients in radiance times √sr. Gathered in every
+    /// call; deterministic.
     pub fn rows(&self, view_samples: &[u32], lobe: Lobe) -> CsrMatrix {
         self.row_gatherer(lobe).gather(view_samples)
     }
@@ -188,12 +190,12 @@ impl<'a> LightTransport<'a> {
         self.scene
     }
 
-    /// The view samples that rows are gathered for.
+    /// The view samples of the rows.
     pub fn framebuffer(&self) -> &'a DeepFramebuffer {
         self.framebuffer
     }
 
-    /// What gathers [`Self::rows`]. With another seed its rows differ by their noise.
+    /// The gatherer for [`Self::rows`]. With another seed the rows differ by their noise.
     pub fn row_gatherer(&self, lobe: Lobe) -> RowGatherer<'_> {
         RowGatherer {
             paths: Paths::new(self.scene, self.settings.layers),
@@ -205,11 +207,12 @@ impl<'a> LightTransport<'a> {
         }
     }
 
-    /// What rows of Φ multiply, from direct light at the fine level: λ0 and, with two levels, S λ0; with one, the sum
-    /// of all bounces. Comes with the residual of the solution, 0 for a given number of bounces.
+    /// The operand of Φ for direct light at the fine level: λ0 and, with two levels, S λ0; with one, the sum of all
+    /// bounces. Also returns the residual of the solution, 0 for a fixed number of bounces.
     pub fn bounce(&self, direct: &[DVec3]) -> (Vec<DVec3>, f64) {
         let first = self.from_fine.as_ref().map_or_else(|| direct.to_vec(), |g| g.multiply(direct));
-        // With one level λ0 itself is the first term, with two G_cf λ0, which the pixel sees after a second bounce.
+        // With one level the first term is λ0 itself; with two it is G_cf λ0, which reaches the pixel after a second
+        // bounce.
         let terms = |bounces: u32| if self.coarse.is_some() { bounces.saturating_sub(1) } else { bounces };
         let (bounced, residual) = match self.settings.bounces.map(terms) {
             Some(terms) => (solve::sum_of_powers(&self.among, &first, terms), 0.0),
@@ -226,30 +229,29 @@ impl<'a> LightTransport<'a> {
         (all, residual)
     }
 
-    /// S, or with one level G (I - G)⁻¹, as dense matrices, one a channel: what all further bounces make of direct light,
-    /// or as many as are counted.
-    /// For few samples: coarse coefficients times fine ones are doubles in memory, three times over.
+    /// S, or with one level G (I - G)⁻¹, as one dense matrix per channel: all further bounces of direct light, or the
+    /// fixed number. Only for few samples: takes three matrices of coarse x fine coefficients in double precision.
     pub fn further_bounces(&self) -> [faer::Mat<f64>; 3] {
         let right = self.from_fine.as_ref().unwrap_or(&self.among);
         let terms = self.settings.bounces.map(|bounces| bounces.saturating_sub(1));
         solve::explicit(&self.among, right, self.fine.coefficient_count(), terms)
     }
 
-    /// How well `further`, what all further bounces are said to make of [even light](Self::even_light), balances it:
-    /// |b - (I - G) x| / |b|, the worst of the channels. Absent for a given number of bounces.
+    /// Relative residual of `further`, a solution for all further bounces of [uniform light](Self::even_light): |b - (I
+    /// - G) x| / |b|, maximum over the channels. `None` for a fixed number of bounces.
     pub fn residual(&self, further: &[DVec3]) -> Option<f64> {
         let even = self.even_light();
         let b = self.from_fine.as_ref().unwrap_or(&self.among).multiply(&even);
         self.settings.bounces.is_none().then(|| solve::relative_residual(&self.among, &b, further))
     }
 
-    /// λ0 of a light that makes all samples radiate evenly, with radiance 1.
+    /// λ0 with which all samples emit uniform radiance 1.
     pub fn even_light(&self) -> Vec<DVec3> {
         self.radiating(|_| DVec3::ONE)
     }
 
-    /// Indirect radiance of view samples under several lights, from the lights' direct light at the fine level; Φ is
-    /// gathered once, a few rows at a time that are multiplied and forgotten. `progress` counts view samples.
+    /// Indirect radiance of view samples under several lights, given their direct light at the fine level. Φ is
+    /// gathered once, a few rows at a time, without storing it. `progress` counts view samples.
     pub fn apply(
         &self,
         direct: &[Vec<DVec3>],
@@ -267,43 +269,43 @@ impl<'a> LightTransport<'a> {
         (0..direct.len()).map(image).collect()
     }
 
-    /// λ0 of everything that emits: one more light.
+    /// λ0 of all emitters, which act as one more light.
     pub fn emission(&self) -> Vec<DVec3> {
         self.radiating(|sample| sample.emission.as_dvec3())
     }
 
-    /// What rows of Φ multiply for the light of everything that emits, one light more; absent where nothing does.
+    /// The operand of Φ for all emitters, which act as one more light; `None` if there are none.
     pub fn emitted(&self) -> Option<Vec<DVec3>> {
         let emission = self.emission();
         emission.iter().any(|e| *e != DVec3::ZERO).then(|| self.bounce(&emission).0)
     }
 
-    /// Coefficients of samples that radiate so much, in all directions alike.
+    /// Coefficients of samples that emit the given radiance uniformly.
     fn radiating(&self, radiance: impl Fn(&GatherSample) -> DVec3) -> Vec<DVec3> {
         let mut coefficients = vec![DVec3::ZERO; self.fine.coefficient_count()];
         for (i, sample) in self.fine.samples.samples.iter().enumerate() {
-            // Even radiance L lies along the first function, 1/sqrt(pi).
+            // Uniform radiance L is a multiple of the first function, 1/sqrt(pi).
             coefficients[self.fine.coefficients(i).start] = radiance(sample) * std::f64::consts::PI.sqrt();
         }
         coefficients
     }
 }
 
-/// Paths from the eye that tell where samples are needed, for each of them.
+/// Eye paths per sample, which determine where samples are placed.
 const PATHS_A_SAMPLE: usize = 16;
-/// And as many at least: they also tell which sides are hidden.
+/// Minimum number of eye paths: they also detect hidden sides.
 const LEAST_PATHS: usize = 1 << 17;
-/// Points of a coarse sample that its rays start from.
+/// Points per coarse sample from which its rays start.
 const RAY_POINTS: usize = 16;
 
-/// The Lambertian BRDF that reflects as much of even light, beside the same mirror.
+/// The Lambertian BRDF with the same hemispherical albedo, and the same perfect mirror.
 fn lambert(brdf: &Brdf) -> Brdf {
     let diffuse = Projection::get().hemispherical_albedo(brdf, ALBEDO_CAP);
     let (f0, f90) = if brdf.has_lobe() { (Vec3::ZERO, 0.0) } else { (brdf.f0, brdf.f90) };
     Brdf { diffuse, alpha: 0.0, f0, f90, dielectric_f0: 0.0, dielectric_f90: 0.0 }
 }
 
-/// How many functions a material gets, of at most `most`; they may drop so much of its energy.
+/// Number of functions of a material, at most `most`; they may omit the share `dropped` of its energy.
 fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
     match *outgoing {
         Outgoing::Diffuse => 1,
@@ -323,18 +325,20 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
     }
 }
 
-/// Share of a material's energy beyond its functions, times its share of the picture's indirect light, at most.
+/// Maximum share of a material's energy in omitted functions, times its share of the picture's indirect light.
 const DROPPED: f32 = 0.004;
-/// Functions up to an even degree, of which a material gets as many as it needs: in a furnished room sums that end with an odd
-/// one are further off (docs/accuracy.md, "How many functions").
+/// Numbers of functions up to an even degree; a material gets the smallest sufficient one. In a furnished room
+/// expansions that end with an odd degree are less accurate (docs/accuracy.md, "How many functions").
 const EVEN_DEGREES: [u8; 4] = [1, 9, 25, MAX_FUNCTIONS as u8];
-/// Functions of a fine sample at most, for direct light, the first that fits: highlights that it casts.
+/// Limits of the functions per fine sample, which represent direct light and the highlights it casts; the first that
+/// fits is used.
 const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
-/// Coefficients of the fine level, or six a sample: hundreds of lights are learned from, each with as many.
+/// Maximum number of coefficients of the fine level, or six per sample if that is more: hundreds of training lights are
+/// stored, each with this many values.
 const MOST_FINE_COEFFICIENTS: usize = 150_000;
-/// The same of a coarse sample: light that has bounced is smoother.
+/// Limits of the functions per coarse sample: light is smoother after further bounces.
 const COARSE_FUNCTIONS: [u8; 2] = [9, 1];
-/// Coefficients of a coarse level: compression factors the matrix among them.
+/// Maximum number of coefficients of the coarse level: compression factorizes the matrix among them.
 pub const MOST_COARSE_COEFFICIENTS: usize = 6_000;
 
 fn capped(samples: &GatherSamples) -> f64 {

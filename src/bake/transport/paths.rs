@@ -1,4 +1,4 @@
-//! Where light that reaches a point comes from: rays, and what they meet on their way through mirrors.
+//! Rays from a receiving point to the surfaces that send light, also through mirrors.
 
 use glam::{DVec3, Vec3};
 
@@ -10,15 +10,15 @@ use crate::shared::Brdf;
 use crate::trace::bvh::{Hit, TracedScene, interpolate_attributes};
 use crate::trace::surface::SurfacePoint;
 
-/// A path through mirrors is not followed below this share of its light.
+/// A path through mirrors ends when its throughput is below this.
 const MIN_TINT: f32 = 1e-3;
 
-/// Casts rays that go on through mirrors and near-mirrors.
+/// Casts rays that continue at mirrors and near-mirrors.
 pub struct Paths<'a> {
     pub scene: &'a TracedScene,
-    /// Surfaces that a ray goes on to at most, the first not counted.
+    /// Maximum number of continuations of a ray.
     layers: u32,
-    /// By material.
+    /// Indexed by material.
     sides: Vec<Sides>,
 }
 
@@ -26,19 +26,19 @@ pub struct Paths<'a> {
 struct Sides {
     /// Whether the back reflects.
     double: bool,
-    /// Whether a ray may have to go on.
+    /// Whether a ray can continue at some point of the material.
     goes_on: bool,
 }
 
-/// A surface that a ray meets.
+/// A hit of a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrival {
     pub place: Place,
     /// Unit, from the surface back along the ray.
     pub wo: Vec3,
-    /// What the mirrors on the way leave of its light.
+    /// Product of the reflectances of the mirrors before it.
     pub tint: Vec3,
-    /// Length of the way.
+    /// Length of the path.
     pub distance: f32,
 }
 
@@ -51,8 +51,8 @@ impl<'a> Paths<'a> {
         Self { scene, layers, sides: scene.materials.iter().map(sides).collect() }
     }
 
-    /// Follows the ray from a surface point into a unit direction. `random` gives three numbers for each surface that
-    /// it goes on from; `arrive` is called at each surface that it meets from its front.
+    /// Follows the ray from a surface point into a unit direction. `random` returns three numbers for each surface
+    /// where the ray continues; `arrive` is called at each hit, except on backs of single-sided faces.
     pub fn follow(
         &self,
         position: Vec3,
@@ -66,12 +66,12 @@ impl<'a> Paths<'a> {
         }
     }
 
-    /// What the ray from a surface point into a unit direction meets first, and whether from behind.
+    /// The first hit of the ray from a surface point into a unit direction, and whether it is on the back.
     pub fn first_hit(&self, position: Vec3, geometric_normal: Vec3, direction: Vec3) -> Option<(Hit, bool)> {
         self.closest_hit(self.off(position, geometric_normal, direction, 0.0), direction)
     }
 
-    /// [`Self::follow`] for a ray whose first hit is known, and whether it is from behind.
+    /// [`Self::follow`] for a ray whose first hit is known, and whether that is on the back.
     #[inline(always)]
     pub fn go_on(
         &self,
@@ -107,7 +107,7 @@ impl<'a> Paths<'a> {
         }
     }
 
-    /// Whether the lobe at a hit is so narrow that rays go on through it.
+    /// Whether the lobe at a hit is so narrow that rays continue.
     fn is_narrow(&self, hit: &Hit) -> bool {
         let material = self.scene.mesh.triangle_materials[hit.triangle as usize];
         let (uvs, _) = interpolate_attributes(self.scene, hit.triangle, hit.barycentric);
@@ -119,14 +119,14 @@ impl<'a> Paths<'a> {
         Some((hit, is_from_behind(self.scene, hit.triangle, direction)))
     }
 
-    /// Where a ray starts: off the surface, on the side that it leaves to.
+    /// Origin of a ray: offset from the surface to the side of its direction.
     pub fn off(&self, position: Vec3, geometric_normal: Vec3, direction: Vec3, distance: f32) -> Vec3 {
         let side = 1f32.copysign(geometric_normal.dot(direction));
         position + geometric_normal * (side * self.scene.bvh.shadow_offset(distance))
     }
 }
 
-/// The direction in which a mirror or near-mirror shows what lies behind it, and what it leaves of that light.
+/// Samples the direction in which a ray continues at a mirror or near-mirror, and its weight.
 fn bounce(surface: &SurfacePoint, wo: Vec3, random: [f64; 3]) -> Option<(Vec3, Vec3)> {
     let cosine = surface.normal.dot(wo);
     if cosine <= 0.0 || surface.brdf.alpha >= NEAR_MIRROR_ALPHA {

@@ -1,4 +1,4 @@
-//! Rows of Φ: what each gather sample's coefficients add to a view sample, by final gathering.
+//! Rows of Φ: the contribution of each gather sample's coefficients to a view sample, by final gathering.
 
 use glam::Vec3;
 use pulp::{Simd, WithSimd};
@@ -20,46 +20,46 @@ use crate::trace::packet::common_origin::{CommonOriginPacket, trace_common_origi
 pub struct RowGatherer<'a> {
     pub paths: Paths<'a>,
     pub framebuffer: &'a DeepFramebuffer,
-    /// The columns of the first level come first, then those of the second.
+    /// The columns of the first level precede those of the second.
     pub levels: Vec<&'a Level>,
-    /// Rays a row.
+    /// Rays per row.
     pub rays: u32,
     pub lobe: Lobe,
     pub seed: u64,
 }
 
-/// One row under construction: sums for every coefficient of a level, and which samples were added to.
+/// Accumulator of one row: sums for every coefficient of a level, and a mask of the samples with nonzero sums.
 pub struct Row<'a> {
     /// Coefficients of sample i: `first[i]..first[i + 1]`.
     first: &'a [u32],
-    /// The first of these that are kept of each sample, at most.
+    /// Maximum number of coefficients used of each sample.
     most: u32,
-    /// Of each sample its sums of red, then green, then blue.
+    /// For each sample the sums of red, then green, then blue.
     sums: Vec<f32>,
-    /// A bit a sample.
+    /// One bit per sample.
     touched: Vec<u64>,
 }
 
-/// What a thread keeps between rows.
+/// Buffers that a thread reuses between rows.
 struct Scratch<'a> {
-    /// One a level.
+    /// One per level.
     rows: Vec<Row<'a>>,
     directions: Directions,
-    /// Which part of the hemisphere each direction lies in.
+    /// Part of the hemisphere that each direction belongs to.
     parts: Vec<u8>,
     packets: Vec<CommonOriginPacket>,
-    /// Of the rays in `packets`: index, and share of the light that it brings.
+    /// For each ray in `packets`: index, and weight of its radiance.
     rays: Vec<(u32, Vec3)>,
 }
 
 impl RowGatherer<'_> {
-    /// Rows of the view samples `samples`; empty where nothing is reflected. The same whatever the threads, and however
-    /// the rows are cut into calls.
+    /// Rows of the view samples `samples`; a row is empty if the sample reflects nothing. Results do not depend on the
+    /// number of threads or on how rows are distributed over calls.
     pub fn gather(&self, samples: &[u32]) -> CsrMatrix {
         CsrMatrix::concatenated(self.map(samples, CsrMatrix::clone))
     }
 
-    /// What `make` makes of the rows of some samples after the other, [`TASK`] at a time, in their order.
+    /// Applies `make` to the rows of [`TASK`] samples at a time; results are in order.
     pub fn map<T: Send>(&self, samples: &[u32], make: impl Fn(&CsrMatrix) -> T + Sync) -> Vec<T> {
         let points = ShiftedPoints::new(self.seed, self.rays);
         let task = |(scratch, rows): &mut (Scratch, CsrMatrix), samples: &[u32]| {
@@ -99,7 +99,7 @@ impl RowGatherer<'_> {
     }
 }
 
-/// Hands what the rays of a view sample bring to the gather samples that they met.
+/// Adds the contributions of a view sample's rays to the gather samples that they hit.
 struct Deposit<'a, 'b, 'c> {
     gatherer: &'a RowGatherer<'a>,
     sample: u32,
@@ -133,7 +133,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
                 }
             };
             let direction = packet.direction(lane);
-            // Above the horizon of an interpolated normal, but below the face: that side has another origin.
+            // Above the horizon of an interpolated normal, but below the face: such rays start on the other side.
             let hit = match direction.dot(geometric_normal) < 0.0 {
                 true => paths.first_hit(position, geometric_normal, direction),
                 false => packet.hit(lane),
@@ -145,13 +145,13 @@ impl WithSimd for Deposit<'_, '_, '_> {
     }
 }
 
-/// Multiples of this fill 0..1 evenly, however many there are: the inverse of the golden ratio.
+/// Fractional parts of multiples fill 0..1 evenly for any count: the inverse of the golden ratio.
 const GOLDEN: f64 = 0.618_033_988_749_895;
-/// Rows that are gathered at once: some milliseconds of work.
+/// Rows per parallel task: some milliseconds of work.
 pub const TASK: usize = 16;
-/// Parts of a hemisphere along each axis of the disc under it.
+/// Parts of the hemisphere along each axis of the disc that it projects to.
 const PARTS: usize = 8;
-/// The part of directions that bring no light.
+/// The part of directions with weight 0.
 const NO_LIGHT: u8 = (PARTS * PARTS) as u8;
 
 impl<'a> Scratch<'a> {
@@ -165,7 +165,8 @@ impl<'a> Scratch<'a> {
         }
     }
 
-    /// Sorts directions that bring light by where they go, and turns them by `frame` into rays.
+    /// Sorts directions of nonzero weight by their part of the hemisphere, and transforms them to mesh space by
+    /// `frame`.
     fn fill_packets(&mut self, frame: [Vec3; 3]) {
         let part = |x: f32| ((0.5 + 0.5 * x) * PARTS as f32).clamp(0.0, PARTS as f32 - 1.0) as usize;
         let mut next = [0; PARTS * PARTS + 1];
@@ -196,7 +197,7 @@ impl<'a> Scratch<'a> {
     }
 }
 
-/// Where each part comes along a Z-shaped curve, on which neighbours mostly stay together.
+/// Index of each part along a Z-order curve, which mostly preserves neighbourhoods.
 const ALONG_CURVE: [[u8; PARTS]; PARTS] = {
     let mut places = [[0; PARTS]; PARTS];
     let mut i = 0;
@@ -213,21 +214,21 @@ const ALONG_CURVE: [[u8; PARTS]; PARTS] = {
     places
 };
 
-/// Two tangents and the normal; `wo` lies in the half plane of the normal and the first tangent.
+/// Two tangents and the normal; `wo` is in the half plane of the normal and the first tangent.
 fn frame_towards(normal: Vec3, wo: Vec3) -> [Vec3; 3] {
     let tangent = (wo - normal * normal.dot(wo)).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
     [tangent, normal.cross(tangent), normal]
 }
 
 impl<'a> Row<'a> {
-    /// Coefficients of sample i are `first[i]..first[i + 1]`, of which the first `most` are kept.
+    /// Coefficients of sample i are `first[i]..first[i + 1]`; only the first `most` are used.
     pub fn new(first: &'a [u32], most: u32) -> Self {
         let coefficients = *first.last().expect("one more than samples") as usize;
         let touched = vec![0; first.len().div_ceil(64)];
         Self { first, most, sums: vec![0.0; 3 * coefficients], touched }
     }
 
-    /// Adds a sample's `values`, one a coefficient, times `light`.
+    /// Adds a sample's `values`, one per coefficient, times `light`.
     #[inline(always)]
     pub fn add(&mut self, sample: usize, values: &[f32], light: Vec3) {
         let sums = self.sums_of(sample, values.len());
@@ -238,7 +239,7 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// [`Self::add`] for values of RGB.
+    /// [`Self::add`] for RGB values.
     pub fn add_colored(&mut self, sample: usize, values: &[Vec3], light: Vec3) {
         for (channel, sums) in self.sums_of(sample, values.len()).into_iter().enumerate() {
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += light[channel] * value[channel]);
@@ -254,7 +255,7 @@ impl<'a> Row<'a> {
         [red, green, blue]
     }
 
-    /// Moves the row to the end of `rows`, as what comes after `offset` other columns.
+    /// Appends the row to `rows`, with column indices increased by `offset`, and clears it.
     pub fn take(&mut self, offset: u32, rows: &mut CsrMatrix) {
         for (word, touched) in self.touched.iter_mut().enumerate() {
             while *touched != 0 {

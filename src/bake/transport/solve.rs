@@ -1,4 +1,4 @@
-//! Light after all bounces: x = b + G x, the three channels side by side.
+//! Solvers for all bounces: x = b + G x, for the three channels in parallel.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -7,25 +7,25 @@ use rayon::prelude::*;
 
 use crate::bake::csr_matrix::CsrMatrix;
 
-/// Steps before GMRES starts anew.
+/// Steps between restarts of GMRES.
 const STEPS: usize = 40;
-/// Starts at most.
+/// Maximum number of runs of [`STEPS`] steps.
 const RESTARTS: usize = 25;
-/// Of the power iteration.
+/// Maximum number of steps of the power iteration.
 const ITERATIONS: usize = 100;
 
-/// A solution, and how far it is from one.
+/// A solution and its residual.
 pub struct Solution {
     pub coefficients: Vec<DVec3>,
-    /// |b - (I - G) x| / |b|, the worst of the channels.
+    /// |b - (I - G) x| / |b|, maximum over the channels.
     pub residual: f64,
-    /// Applications of G.
+    /// Number of applications of G.
     pub steps: usize,
 }
 
 /// GMRES with restarts [Saad 1986], to a relative residual of `tolerance` in every channel.
 ///
-/// Each channel is a system of its own; their vectors run side by side, so that G is read once for all three.
+/// Each channel is an independent system. They are solved in parallel, so that G is read once for all three.
 pub fn solve(g: &CsrMatrix, b: &[DVec3], tolerance: f64) -> Solution {
     let scale = norm(b);
     let inverse = reciprocal(scale);
@@ -44,7 +44,7 @@ pub fn solve(g: &CsrMatrix, b: &[DVec3], tolerance: f64) -> Solution {
     Solution { coefficients: x, residual, steps }
 }
 
-/// One run of up to [`STEPS`] steps: adds to `x` what minimizes the residual `r`, whose norm is `size`.
+/// One run of up to [`STEPS`] steps: adds to `x` the correction that minimizes the residual `r`, whose norm is `size`.
 fn correct(g: &CsrMatrix, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]) -> usize {
     let mut basis: Vec<Vec<DVec3>> = vec![r.iter().map(|r| *r * reciprocal(size)).collect()];
     let mut triangle: Vec<Vec<DVec3>> = Vec::new(); // columns of R
@@ -60,7 +60,7 @@ fn correct(g: &CsrMatrix, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]
             column.push(share);
         }
         let length = norm(&w);
-        // Turn the column by all rotations so far, then by the one that makes it end in zero.
+        // Apply all previous rotations to the column, then the one that makes its last entry zero.
         for (i, (c, s)) in rotations.iter().enumerate() {
             (column[i], column[i + 1]) = (c * column[i] + s * column[i + 1], c * column[i + 1] - s * column[i]);
         }
@@ -89,8 +89,8 @@ fn correct(g: &CsrMatrix, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]
     count
 }
 
-/// (I - G)⁻¹ `right`, or the first `terms` of (I + G + ...) `right`, as dense matrices, one a channel: for so few
-/// coefficients that they fit memory, n² doubles a channel twice over. `right` has `columns` columns.
+/// (I - G)⁻¹ `right`, or the first `terms` terms of (I + G + ...) `right`, as one dense matrix per channel. Only for
+/// few coefficients: takes two n² matrices in double precision per channel. `right` has `columns` columns.
 pub fn explicit(g: &CsrMatrix, right: &CsrMatrix, columns: usize, terms: Option<u32>) -> [Mat<f64>; 3] {
     let dense = |rows: &CsrMatrix, columns: usize, channel: usize| {
         let mut matrix = Mat::<f64>::zeros(rows.len(), columns);
@@ -119,7 +119,7 @@ pub fn sum_of_powers(g: &CsrMatrix, b: &[DVec3], terms: u32) -> Vec<DVec3> {
     x
 }
 
-/// The largest absolute eigenvalue of G, by power iteration from even light: the worst of the channels.
+/// The largest absolute eigenvalue of G over all channels, by power iteration from a uniform vector.
 pub fn spectral_radius(g: &CsrMatrix) -> f64 {
     let mut x = vec![DVec3::ONE; g.len()];
     let mut radius = 0.0;
@@ -135,15 +135,16 @@ pub fn spectral_radius(g: &CsrMatrix) -> f64 {
     radius
 }
 
-/// How many bounces tell from all of them, each as long in the making as the first; any number where they grow.
+/// Number of bounces after which the rest is negligible, each of which costs as much as the first; unlimited if light
+/// grows.
 pub fn bounces_that_matter(radius: f64) -> u32 {
     if radius < 1.0 { (FAINT.ln() / radius.ln()).ceil() as u32 + 2 } else { u32::MAX }
 }
 
-/// What is left of light after these.
+/// Share of light that remains after these bounces.
 const FAINT: f64 = 1e-12;
 
-/// |b - (I - G) x| / |b|, the worst of the channels.
+/// |b - (I - G) x| / |b|, maximum over the channels.
 pub fn relative_residual(g: &CsrMatrix, b: &[DVec3], x: &[DVec3]) -> f64 {
     (norm(&residual(g, b, x)) * reciprocal(norm(b))).max_element()
 }
@@ -152,7 +153,7 @@ fn residual(g: &CsrMatrix, b: &[DVec3], x: &[DVec3]) -> Vec<DVec3> {
     g.multiply(x).iter().zip(x).zip(b).map(|((gx, x), b)| b - x + gx).collect()
 }
 
-/// 1/v, and 0 for a channel that is black.
+/// 1/v, or 0 for a black channel.
 fn reciprocal(v: DVec3) -> DVec3 {
     DVec3::select(v.cmpgt(DVec3::ZERO), v.recip(), DVec3::ZERO)
 }
@@ -170,7 +171,7 @@ mod tests {
     use super::*;
     use crate::physics::sequence::Points;
 
-    /// Rows with random entries; those of channel c add up to `sums[c]`.
+    /// Rows with random entries; those of channel c sum to `sums[c]`.
     fn random(size: usize, sums: [f32; 3]) -> CsrMatrix {
         let points = Points::new(1, 0);
         let mut g = CsrMatrix::empty(0);
@@ -192,7 +193,7 @@ mod tests {
         assert!(solution.residual <= 1e-9, "residual {} after {} steps", solution.residual, solution.steps);
         assert!(residual(&g, &b, &solution.coefficients).iter().all(|r| r.abs().max_element() < 1e-6));
         let sum = sum_of_powers(&g, &b, 40);
-        // Of green 2^-40 is left; blue has no second term.
+        // The remainder is 2^-40 in green; blue has no second term.
         let errors = sum.iter().zip(&solution.coefficients).map(|(s, x)| (s - x).abs());
         errors.for_each(|e| assert!(e.y < 1e-7 && e.z < 1e-9, "{e}"));
         assert!(sum_of_powers(&g, &b, 0).iter().all(|x| *x == DVec3::ZERO));
