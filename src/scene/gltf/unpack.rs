@@ -1,4 +1,4 @@
-//! Compressed geometry, undone before anything else reads the file: what is unpacked is buffers behind the file's own.
+//! Decompresses geometry before anything else reads the file; the results are appended to the file's own buffers.
 
 use std::collections::HashMap;
 
@@ -13,19 +13,19 @@ use crate::scene::memory;
 
 pub const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-// As much as buffers may hold.
+// The same limit as for buffers.
 const MAX_UNPACKED_BYTES: usize = 1 << 32;
 
-/// What was unpacked.
+/// Decompressed data.
 #[derive(Default)]
 pub struct Unpacked {
-    /// Behind the file's own buffers.
+    /// Appended to the file's own buffers.
     pub buffers: Vec<Vec<u8>>,
-    /// Which of them holds a buffer view of the file.
+    /// Index into `buffers` of each decompressed buffer view.
     pub views: HashMap<usize, usize>,
 }
 
-/// Whether a buffer holds nothing but what other programs, which cannot unpack, would read.
+/// Whether a buffer holds only fallback data for programs that cannot decompress.
 pub fn is_fallback(buffer: &json::Buffer) -> bool {
     let others = buffer.extensions.as_ref().map(|e| &e.others);
     others.is_some_and(|others| MESHOPT.iter().any(|name| others.contains_key(*name)))
@@ -72,7 +72,7 @@ impl Document {
         Ok(Some((name, packed)))
     }
 
-    /// Adds a buffer and a view of it; returns the view.
+    /// Adds a buffer and a view of it; returns the view's index.
     pub fn add_unpacked(&mut self, bytes: Vec<u8>) -> usize {
         self.root.buffer_views.push(View {
             buffer: json::Index::new((self.buffers.len() + self.unpacked.buffers.len()) as u32),
@@ -88,7 +88,7 @@ impl Document {
         self.root.buffer_views.len() - 1
     }
 
-    /// Bytes of the file's own buffer or of one that was unpacked.
+    /// Bytes of one of the file's own buffers, or of a decompressed one.
     pub fn buffer(&self, index: usize, asked_by: &str) -> Result<&[u8]> {
         match index.checked_sub(self.buffers.len()).and_then(|index| self.unpacked.buffers.get(index)) {
             Some(unpacked) => Ok(unpacked),
