@@ -37,6 +37,7 @@ impl Unbuilt {
     }
 }
 
+/// Collects parts.
 #[derive(Default)]
 pub struct MeshBuilder {
     positions: Vec<DVec3>,
@@ -51,6 +52,7 @@ pub struct MeshBuilder {
 const WIDTHS: std::ops::RangeInclusive<f64> = 1e-15..=1e18;
 
 impl MeshBuilder {
+    /// Adds a part; completes its normals and tangents.
     pub fn add(&mut self, mut part: Part) {
         let given = part.triangles.len();
         part.triangles.retain(|t| !is_line(t.map(|i| part.positions[i as usize])));

@@ -216,10 +216,12 @@ impl Texture {
         Self { name, encoding, levels, least }
     }
 
+    /// Texels of the finest level.
     pub fn width(&self) -> usize {
         self.levels[0].width
     }
 
+    /// Texels of the finest level.
     pub fn height(&self) -> usize {
         self.levels[0].height
     }

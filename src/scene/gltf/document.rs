@@ -21,6 +21,7 @@ use super::unpack::{Unpacked, is_fallback};
 use crate::error::{Error, Result};
 use crate::scene::files;
 
+/// A glTF file, parsed, with its buffers.
 pub struct Document {
     pub path: PathBuf,
     pub root: json::Root,
@@ -186,8 +187,8 @@ const SUPPORTED: &[&str] = &[
     "KHR_texture_transform",
 ];
 
-/// Unsupported extensions that are accepted in `extensionsRequired`: the scene is still recognizable without them. They
-/// have their own warnings.
+/// Unsupported extensions that are accepted in `extensionsRequired`: the scene is still recognizable without them.
+/// Visible effects have warnings of their own.
 const LEFT_OUT: &[&str] = &[
     "KHR_animation_pointer",
     "KHR_materials_anisotropy",
@@ -202,6 +203,7 @@ const LEFT_OUT: &[&str] = &[
 ];
 
 impl Document {
+    /// Parses the JSON, reads the buffers and decompresses geometry.
     pub fn parse(path: &Path, container: &Container) -> Result<Self> {
         let Container { json, bin } = container;
         let (root, poses) = parsed(path, json).or_else(|first| match mended(json) {

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use super::document::Document;
 use crate::scene::Material;
 
-/// An unsupported extension, the factors of which any non-zero one has an effect, and that effect.
+/// An unsupported extension. It has an effect if any of `factors` is not zero; `effect` describes it in the warning.
 struct LeftOut {
     extension: &'static str,
     factors: &'static [&'static str],

@@ -32,6 +32,7 @@ pub fn is_fallback(buffer: &json::Buffer) -> bool {
 }
 
 impl Document {
+    /// Decompresses all buffer views and primitives.
     pub fn unpack(&mut self) -> Result<()> {
         self.unpack_views()?;
         self.unpack_draco()
@@ -46,7 +47,7 @@ impl Document {
             let size = packed.unpacked_bytes().map_err(|reason| wrong(self, reason))?;
             total = total.saturating_add(size);
             if total > MAX_UNPACKED_BYTES || memory::available_bytes().is_some_and(|free| size as u64 > free) {
-                return Err(wrong(self, format!("{size} bytes are more than there is room for")));
+                return Err(wrong(self, format!("{size} bytes exceed the limit or the available memory")));
             }
             let buffer = self.item(&self.buffers, packed.buffer, "buffer", &what)?;
             let range = usize::try_from(packed.byte_offset).ok().zip(usize::try_from(packed.byte_length).ok());

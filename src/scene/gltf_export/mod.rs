@@ -72,7 +72,7 @@ fn glb(json: &[u8], bin: &[u8], path: &Path) -> Result<Vec<u8>> {
     let bin_bytes = if bin.is_empty() { 0 } else { 8 + padded(bin.len()) };
     let total = 12 + 8 + padded(json.len()) + bin_bytes;
     let Ok(total) = u32::try_from(total) else {
-        let reason = format!("{total} bytes are more than a .glb holds");
+        let reason = format!("{total} bytes are more than a .glb can hold");
         return Err(Error::invalid(path.display().to_string(), reason));
     };
     let mut bytes = Vec::with_capacity(total as usize);

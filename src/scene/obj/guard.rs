@@ -16,6 +16,7 @@ const MAX_CORNERS: usize = 1_024;
 /// Replaces an empty material name, which tobj rejects and some exporters write.
 pub const UNNAMED: &str = "(no name)";
 
+/// A checked OBJ file.
 pub struct Obj {
     /// Without groups and materials, so that tobj makes one mesh of it, all faces in order.
     pub text: String,
@@ -38,6 +39,7 @@ pub struct Face {
     line_number: usize,
 }
 
+/// Checks and rewrites an OBJ file.
 pub fn obj(text: &str) -> Result<Obj, String> {
     let mut obj = Obj { text: String::new(), faces: Vec::new(), materials: vec![String::new()], libraries: Vec::new() };
     let mut material_indices = HashMap::from([(String::new(), 0)]);
@@ -130,6 +132,7 @@ fn face(rest: &str, counts: [i64; 3]) -> Result<([bool; 3], [i64; 3]), String> {
     }
 }
 
+/// Checks and rewrites an MTL file.
 pub fn mtl(text: &str) -> Result<String, String> {
     let mut checked = String::new();
     for (line_number, line) in logical_lines(text) {
@@ -184,6 +187,7 @@ pub fn split_word(text: &str) -> (&str, &str) {
     (word, rest.trim_start())
 }
 
+/// A number that is finite in single precision.
 pub fn number(word: &str) -> Result<f64, String> {
     let value: f64 = word.parse().map_err(|_| format!("\"{word}\" is not a number"))?;
     // Most numbers are converted to single precision.

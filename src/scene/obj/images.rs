@@ -14,6 +14,7 @@ use crate::scene::{Encoding, Texture, TextureRef, Wrap, files};
 /// What a texture is made from: the file of each group of channels, and the encoding.
 type Recipe = (Vec<Option<PathBuf>>, Encoding);
 
+/// Textures made so far, and the images that they are made from.
 #[derive(Default)]
 pub struct Images {
     textures: Vec<Texture>,

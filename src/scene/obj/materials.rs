@@ -65,7 +65,7 @@ impl Library {
         let have = |count: usize| if count == 1 { "1 material has".into() } else { format!("{count} materials have") };
         let path = obj.display();
         if self.holes > 0 {
-            tracing::warn!("{path}: {} d 0 or Tr 1, so nothing of them is visible", have(self.holes));
+            tracing::warn!("{path}: {} d 0 or Tr 1: invisible", have(self.holes));
         }
     }
 
@@ -304,6 +304,7 @@ impl Library {
 }
 
 impl Map {
+    /// Parses the arguments of a texture statement.
     pub fn parse(rest: &str) -> Result<Self, String> {
         let (offset, scale) = (Vec2::ZERO, Vec2::ONE);
         let mut map = Self { file: String::new(), offset, scale, clamp: false, strength: 1.0 };

@@ -44,7 +44,7 @@ pub fn light(
         group: check.group(entry.group, group_indices)?,
         enabled: entry.enabled,
         solo: entry.solo,
-        follows: None, // once all names are known
+        follows: None, // resolved once all names are known
         shadows: entry.shadows,
         node: entry.node,
         name: name.clone(),
