@@ -40,8 +40,8 @@ pub struct Light {
     pub enabled: bool,
     /// If any light or group is solo, all lights are off that are not solo themselves or by their group.
     pub solo: bool,
-    /// Index of the light in the same rig that this one follows: edits of the leader move this light too, at constant
-    /// offset.
+    /// Index of the light in the same rig that this one follows: edits of the leader are applied to this light too, and
+    /// their difference is preserved.
     pub follows: Option<usize>,
     /// Whether geometry blocks its light.
     pub shadows: bool,
