@@ -211,7 +211,7 @@ fn indices_out_of_range() {
         let at = g.view(&[200]);
         g.json["accessors"][0]["sparse"]["indices"]["bufferView"] = at.into();
     });
-    assert_change_refused("7 indices are no whole triangles", |g| {
+    assert_change_refused("7 indices are not a multiple of three", |g| {
         let indices = g.indices(&[0, 1, 2, 0, 2, 3, 0]);
         g.json["meshes"][0]["primitives"][0]["indices"] = indices.into();
     });
@@ -266,7 +266,7 @@ fn accessors_of_the_wrong_kind() {
     let set = |accessor: usize, key: &'static str, value: Value| {
         move |g: &mut Gltf| g.json["accessors"][accessor][key] = value
     };
-    assert_change_refused("POSITION: accessor 0: the type is none that glTF has", set(0, "type", json!("VEC9")));
+    assert_change_refused("POSITION: accessor 0: the type is not defined by glTF", set(0, "type", json!("VEC9")));
     assert_change_refused("is not of type Vec3", set(0, "type", json!("MAT4")));
     assert_change_refused("the component type is none", set(0, "componentType", json!(5124)));
     assert_change_refused("holds U32, which is not allowed", set(0, "componentType", json!(UNSIGNED_INT)));
@@ -275,7 +275,7 @@ fn accessors_of_the_wrong_kind() {
     assert_change_refused("holds F32, which is not allowed", set(2, "componentType", json!(FLOAT)));
     assert_change_refused("holds U8, which is not allowed", set(4, "normalized", json!(false)));
     assert_change_refused("3 of NORMAL for 4 of POSITION", set(1, "count", json!(3)));
-    assert_change_refused("the mode is none that glTF has", |g| {
+    assert_change_refused("the mode is not defined by glTF", |g| {
         g.json["meshes"][0]["primitives"][0]["mode"] = 7.into();
     });
 }
@@ -301,7 +301,7 @@ fn numbers_that_are_none() {
     assert_change_refused("node 0: the last row of its matrix", |g| {
         g.json["nodes"][0]["matrix"] = json!([1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
     });
-    assert_change_refused("node 0: its rotation is no quaternion", |g| {
+    assert_change_refused("node 0: its rotation is not a quaternion", |g| {
         g.json["nodes"][0]["rotation"] = json!([0, 0, 0, 0]);
     });
     assert_change_refused("out of range", |g| g.json["nodes"][0]["rotation"] = json!([1e300, 0, 0, 1e300]));
@@ -553,17 +553,17 @@ fn obj() {
     for (text, says) in [
         ("", "no triangles"),
         (square, "no triangles"),
-        ("v 0 0\n", "line 1: \"0 0\" is no vertex"),
+        ("v 0 0\n", "line 1: \"0 0\" is not a vertex"),
         ("v 0 0 nan\n", "line 1: nan is not finite"),
         ("v 0 0 1e99\n", "line 1"),
-        ("v 0 0 x\n", "line 1: \"x\" is no number"),
+        ("v 0 0 x\n", "line 1: \"x\" is not a number"),
         ("v 0 0 0 0\n", "line 1"),
         ("v 1e9 0 0 1e-308\n", "line 1: inf is not finite"),
         ("v 0 0 0 1 1\n", "line 1"),
         ("v 0 0 0 1 1 inf\n", "line 1: inf is not finite"),
         ("f 1 2 3\n", "line 1: vertex 3 is out of range, there are 0"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 4\n", "line 4: vertex 4 is out of range, there are 3"),
-        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 0\n", "line 4: \"0\" is no corner"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 0\n", "line 4: \"0\" is not a face corner"),
         ("v 0 0 0\nf 1 1 -2\n", "line 2: \"-2\" counts back past the first"),
         ("v 0 0 0\nf 1 1 -9223372036854775808\n", "line 2"),
         ("v 0 0 0\nf 1 1 99999999999999999999\n", "line 2"),
@@ -575,11 +575,11 @@ fn obj() {
         ("v 0 0 0\nvn 0 0 1\nf 1//-6148914691236517206 1 1\n", "counts back past the first"),
         ("v 0 0 0\nvn 0 0 1\nf 1//-2 1 1\n", "line 3: \"1//-2\" counts back past the first"),
         ("v 0 0 0\nf 1/1/1/1 1 1\n", "line 2"),
-        ("v 0 0 0\nf /1 1 1\n", "line 2: \"/1\" is no corner"),
-        ("v 0 0 0\nf 1 1 1.5\n", "line 2: \"1.5\" is no corner"),
+        ("v 0 0 0\nf /1 1 1\n", "line 2: \"/1\" is not a face corner"),
+        ("v 0 0 0\nf 1 1 1.5\n", "line 2: \"1.5\" is not a face corner"),
         ("v 0 0 0\nf\n", "line 2: a face of 0 corners"),
         ("v 0 0 0\nf 1 1\n", "line 2: a face of 2 corners"),
-        ("v 0 0 0\nf 1 1 1\n", "no triangles but 1 of zero area"),
+        ("v 0 0 0\nf 1 1 1\n", "no triangles except 1 of zero area"),
         ("vt\n", "line 1"),
         ("vn 1 2\n", "line 1"),
         ("\\", "no triangles"),
@@ -610,9 +610,9 @@ fn mtl() {
     assert!(Scene::load(&obj).is_ok());
     for (text, says) in [
         ("newmtl a\nKd\n", "line 2: Kd: numbers are missing"),
-        ("newmtl a\nKs x\n", "line 2: Ks: \"x\" is no number"),
+        ("newmtl a\nKs x\n", "line 2: Ks: \"x\" is not a number"),
         ("newmtl a\nNs nan\n", "line 2: Ns"),
-        ("newmtl a\nKd spectral a.rfl\n", "line 2: Kd: \"spectral\" is no number"),
+        ("newmtl a\nKd spectral a.rfl\n", "line 2: Kd: \"spectral\" is not a number"),
         ("newmtl a\nPr\n", "line 2: Pr"),
         ("newmtl a\nmap_Kd\n", "line 2: map_Kd: names no file"),
         ("newmtl a\nmap_Kd -s 1 2\n", "line 2: map_Kd: names no file"),
@@ -825,7 +825,7 @@ fn small_files_do_not_fill_memory() {
     // Five thousand texels square, all alike: 25 million of them in a few kilobytes.
     let image = png(5_000, 5_000, &vec![[0, 0, 0, 255]; 25_000_000]);
     let image = &image[..image.len().min(10_000)];
-    assert_change_refused("are no picture", |g| {
+    assert_change_refused("are implausible", |g| {
         let view = g.view(image);
         g.json["images"][0]["bufferView"] = view.into();
     });
@@ -843,8 +843,8 @@ fn packed_geometry_that_is_damaged() {
         with(extension)
     };
     assert_change_refused("buffer view 0: EXT_meshopt_compression", with(json!({})));
-    assert_change_refused("which no packed attributes do", with(good.clone()));
-    assert_change_refused("which no packed triangles do", {
+    assert_change_refused("which is not the header of packed attributes", with(good.clone()));
+    assert_change_refused("which is not the header of packed triangles", {
         let mut extension = good.clone();
         (extension["mode"], extension["byteStride"], extension["count"]) = (json!("TRIANGLES"), json!(2), json!(3));
         with(extension)
@@ -900,7 +900,7 @@ fn skins_and_copies_that_are_wrong() {
         }),
     );
     assert_change_refused(
-        "no quaternion",
+        "not a quaternion",
         copies(|g| {
             let zero = g.f32s(&[[0.0; 4]; 2]);
             g.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["ROTATION"] = zero.into();

@@ -275,7 +275,7 @@ fn killed_and_goes_on(form: &[&str]) {
     child.kill().unwrap();
     child.wait().unwrap();
     let again = Run::of(&mut bake(&stopped)).done();
-    assert!(again.stderr.contains("goes on where a bake was stopped"), "{form:?}: {}", again.stderr);
+    assert!(again.stderr.contains("resumes an interrupted bake"), "{form:?}: {}", again.stderr);
     assert!(in_cache(&stopped, ".journal").is_empty());
     let transfers = [&whole, &stopped].map(|cache| in_cache(cache, ".safetensors"));
     assert_eq!(transfers[0].len(), 2);

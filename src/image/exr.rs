@@ -1,7 +1,7 @@
-//! EXR files: float32 layers out, any flat RGB or grey layers in.
+//! EXR files: writes float32 layers, reads any flat RGB or grey layers.
 //!
-//! One part holds every channel, called `R` or `direct.R` as other programs show them; the `exr` crate's own
-//! layers would become parts.
+//! One part holds every channel, named `R` or `direct.R` as other programs show them; the `exr` crate's own layers
+//! would become parts.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -21,28 +21,29 @@ pub use super::exr_read::read;
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// What a file says of its pixels beside them.
+/// Metadata of a file.
 #[derive(Clone, Debug)]
 pub struct Label {
     /// The attribute `comments` of OpenEXR.
     pub comments: String,
-    /// An attribute of that name: samples a pixel.
+    /// Samples per pixel, the attribute `samplesPerPixel`.
     pub samples_per_pixel: u32,
 }
 
-/// Writes float32 layers, beside and renamed.
+/// Writes float32 layers atomically.
 pub fn write(path: &Path, image: &Image) -> Result<()> {
     write_labelled(path, image, None)
 }
 
-/// [`write`], with a label or without.
+/// [`write`], optionally with metadata.
 pub fn write_labelled(path: &Path, image: &Image, label: Option<&Label>) -> Result<()> {
     let bytes =
         encode(image, label).map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
     file::write_bytes(path, &bytes)
 }
 
-/// The bytes of an EXR file: one part of scan lines, ZIP-compressed by sixteen, the same whatever the threads.
+/// Encodes one part of scan lines, ZIP-compressed in blocks of sixteen; the bytes do not depend on the number of
+/// threads.
 fn encode(image: &Image, label: Option<&Label>) -> ExrResult<Vec<u8>> {
     let channels = sorted_channels(image)?;
     let headers = [header(image, &channels, label)?];
@@ -50,7 +51,7 @@ fn encode(image: &Image, label: Option<&Label>) -> ExrResult<Vec<u8>> {
     exr::block::write(Cursor::new(&mut bytes), headers.into_iter().collect(), true, |meta, file| {
         let header = &meta.headers[0];
         let blocks: Vec<_> = meta.enumerate_ordered_header_block_indices().collect();
-        // The crate's parallel writer starts a thread pool for every file; these are the threads there are.
+        // The crate's parallel writer starts a thread pool for every file; this uses the existing threads.
         let chunks: ExrResult<Vec<_>> = blocks
             .into_par_iter()
             .map(|(order, index)| {
@@ -66,8 +67,8 @@ fn encode(image: &Image, label: Option<&Label>) -> ExrResult<Vec<u8>> {
             .collect();
         chunks?.into_iter().try_for_each(|(order, chunk)| file.write_chunk(order, chunk))
     })?;
-    // exr 1.74.2 sets this flag for long attribute names only (its `ChannelDescription::validate` says so), and
-    // OpenEXR refuses long channel names without it. Can go when the crate counts channels too.
+    // exr 1.74.2 sets this flag only for long attribute names (see its `ChannelDescription::validate`), and OpenEXR
+    // rejects long channel names without it. Can be removed when the crate checks channels too.
     if channels.iter().any(|channel| channel.name.len() > 31) {
         bytes[LONG_NAMES.0] |= LONG_NAMES.1;
     }
@@ -83,7 +84,7 @@ struct Channel<'a> {
     pixels: &'a [[f32; 3]],
 }
 
-/// Every layer's channels in the order of their names' bytes, which the format asks for.
+/// Every layer's channels, sorted by the bytes of their names, as the format requires.
 fn sorted_channels(image: &Image) -> ExrResult<Vec<Channel<'_>>> {
     if image.width == 0 || image.height == 0 || image.layers.is_empty() {
         return Err(ExrError::Invalid("an image without pixels".into()));
@@ -91,7 +92,7 @@ fn sorted_channels(image: &Image) -> ExrResult<Vec<Channel<'_>>> {
     let mut channels = Vec::with_capacity(3 * image.layers.len());
     for layer in &image.layers {
         assert_eq!(layer.pixels.len(), image.width * image.height, "pixels of layer `{}`", layer.name);
-        // With the dot and the letter at most 255 bytes, which end at the first NUL.
+        // At most 255 bytes with the dot and the letter; names end at the first NUL.
         if layer.name.len() > 253 || layer.name.contains('\0') {
             return Err(ExrError::Invalid(format!("layer {:?}: its name is too long or holds NUL", layer.name).into()));
         }
@@ -106,7 +107,7 @@ fn sorted_channels(image: &Image) -> ExrResult<Vec<Channel<'_>>> {
 
 fn header(image: &Image, channels: &[Channel], label: Option<&Label>) -> ExrResult<Header> {
     let described = channels.iter().map(|channel| ChannelDescription {
-        // Names are UTF-8, as OpenEXR has it; the crate's own conversion knows Latin-1 only.
+        // Names are UTF-8, as in OpenEXR; the crate's own conversion supports only Latin-1.
         name: Text::from_slice_unchecked(channel.name.as_bytes()),
         sample_type: SampleType::F32,
         quantize_linearly: false,
@@ -121,14 +122,14 @@ fn header(image: &Image, channels: &[Channel], label: Option<&Label>) -> ExrResu
         BlockDescription::ScanLines,
         LineOrder::Increasing,
     );
-    // Part names belong to files of several parts.
+    // Only files of several parts have part names.
     header.own_attributes.layer_name = None;
     header.own_attributes.software_name = Some(Text::from(concat!("relume ", env!("CARGO_PKG_VERSION"))));
     header.shared_attributes.chromaticities = Some(REC_709);
     if let Some(label) = label {
         header.own_attributes.comments = Some(Text::new_or_panic(&label.comments));
         let samples = AttributeValue::I32(label.samples_per_pixel.try_into().unwrap_or(i32::MAX));
-        // One alone: the crate writes these in no particular order.
+        // Only one such attribute: the crate writes them in no particular order.
         header.own_attributes.other.insert(Text::from("samplesPerPixel"), samples);
     }
     Ok(header)

@@ -1,4 +1,4 @@
-//! Reads the RGB and grey layers of an EXR file, whatever parts, tiles, compression and sample types hold them.
+//! Reads the RGB and grey layers of an EXR file with any parts, tiles, compression and sample types.
 
 use std::collections::HashSet;
 use std::io::BufReader;
@@ -19,14 +19,14 @@ use super::{Image, Layer};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// More than this is no picture of ours: 8192 x 4096 pixels in twenty layers take as much.
+/// Size limit: 8192 x 4096 pixels in twenty layers.
 const MOST_BYTES: u64 = 8 << 30;
 
 /// Reads every RGB layer (half, float or uint; `NAME.R` channels, parts, or grey `Y`), in file order.
 ///
-/// Other channels (alpha, depth) are skipped. The image is the display window; a data window beyond it is cut, and
-/// what it leaves open is black. In a file of several parts, plain `R`, `G`, `B` are the layer called as the part,
-/// except that `beauty` and `rgba` are the unnamed one.
+/// Other channels (alpha, depth) are skipped. The image is the display window; a larger data window is cropped, and
+/// pixels without data are black. In a file of several parts, plain `R`, `G`, `B` are the layer named like the part,
+/// except that `beauty` and `rgba` are the unnamed layer.
 pub fn read(path: &Path) -> Result<Image> {
     let malformed = |cause: ExrError| match cause {
         ExrError::Io(cause) => Error::io("read", path)(cause),
@@ -44,8 +44,8 @@ pub fn read(path: &Path) -> Result<Image> {
     let mut chunks = reader.all_chunks(false).map_err(malformed)?;
     let meta = chunks.meta_data().clone();
     loop {
-        // 64: enough for every thread, little beside the image. The crate's parallel reader would start a thread
-        // pool for every file, and a panic in there could not be caught.
+        // 64: enough for every thread, small compared with the image. The crate's parallel reader would start a thread
+        // pool for every file, and a panic in it could not be handled.
         let batch: Vec<Chunk> = chunks.by_ref().take(64).collect::<ExrResult<_>>().map_err(malformed)?;
         if batch.is_empty() {
             break;
@@ -65,18 +65,18 @@ pub fn read(path: &Path) -> Result<Image> {
     canvas.finish(&meta.headers).map_err(|reason| Error::import(path, reason))
 }
 
-/// Refuses sizes that a file of so many bytes cannot hold, before anything is allocated for them.
+/// Refuses sizes that a file of `file_bytes` cannot hold, before anything is allocated for them.
 fn check_size(headers: &[Header], window: IntegerBounds, layers: usize, file_bytes: u64) -> Result<(), String> {
     let size = |size: Vec2<usize>| size.0 as u64 * size.1 as u64;
     let chunks = headers.iter().map(|header| header.chunk_count as u64).fold(0, u64::saturating_add);
-    // Each has an 8-byte offset, a 4-byte position and a 4-byte length.
+    // Each block has an 8-byte offset, a 4-byte position and a 4-byte length.
     if chunks.saturating_mul(16) > file_bytes {
         return Err(format!("claims {chunks} blocks, more than its bytes could hold: truncated?"));
     }
     for header in headers {
         let Vec2(width, height) = header.layer_size;
         let bytes = size(header.layer_size).saturating_mul(header.channels.bytes_per_pixel as u64);
-        // Deflate shrinks at most 1032:1, other coders less; DWA also turns 64 equal pixels into one.
+        // Deflate compresses at most 1032:1, other coders less; DWA also reduces 64 equal pixels to one.
         let ratio = match header.compression {
             Compression::DWAA(_) | Compression::DWAB(_) => 1032 * 64,
             _ => 1032,
@@ -84,7 +84,7 @@ fn check_size(headers: &[Header], window: IntegerBounds, layers: usize, file_byt
         if width == 0 || height == 0 || bytes > MOST_BYTES || bytes > file_bytes.saturating_mul(ratio) {
             return Err(format!("claims {width}x{height} pixels, which its {file_bytes} bytes cannot hold"));
         }
-        // Blocks are decompressed whole, and most of them at once.
+        // Blocks are decompressed whole, many of them in parallel.
         let block_bytes = bytes.min(header.max_block_byte_size() as u64);
         if block_bytes > 1 << 30 {
             return Err(format!("has blocks of {block_bytes} bytes"));
@@ -99,8 +99,8 @@ fn check_size(headers: &[Header], window: IntegerBounds, layers: usize, file_byt
 
 /// Refuses DWA blocks that claim sections larger than their pixels.
 ///
-/// exr 1.74.2 allocates whatever size a block claims, and a process that asks for too much aborts. Can go when the
-/// crate's `dwa/section_stream.rs` checks the counters itself.
+/// exr 1.74.2 allocates whatever size a block claims, and a process that allocates too much aborts. Can be removed when
+/// the crate's `dwa/section_stream.rs` checks the counters itself.
 fn check_dwa(header: &Header, chunk: &Chunk) -> ExrResult<()> {
     let bytes = match &chunk.compressed_block {
         CompressedBlock::ScanLine(block) => &block.compressed_pixels_le,
@@ -113,9 +113,9 @@ fn check_dwa(header: &Header, chunk: &Chunk) -> ExrResult<()> {
     if is_raw || !matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
         return Ok(());
     }
-    // Pixels are padded to 8x8, and run lengths at their worst double them.
+    // Pixels are padded to 8x8, and run-length coding at worst doubles them.
     let most = 2 * (size.0 + 7) * (size.1 + 7) * header.channels.bytes_per_pixel;
-    // Of the eleven counters that begin a block, all but the first (version) and last (coder) are sizes.
+    // A block begins with eleven counters; all but the first (version) and last (coder) are sizes.
     let claimed = bytes.as_chunks::<8>().0.iter().take(10).map(|bytes| u64::from_le_bytes(*bytes));
     if claimed.skip(1).any(|size| size > most as u64) {
         return Err(ExrError::Invalid("DWA block claims more than its pixels".into()));
@@ -129,10 +129,10 @@ enum Component {
     Grey,
 }
 
-/// Where each channel of each part goes.
+/// Destination of each channel of each part.
 struct Wanted {
     names: Vec<String>,
-    /// By part, by channel: layer and component, or nothing.
+    /// By part and channel: layer and component, or `None`.
     slots: Vec<Vec<Option<(usize, Component)>>>,
 }
 
@@ -163,7 +163,7 @@ impl Wanted {
                     Component::Grey => &mut found[index].2,
                 };
                 if std::mem::replace(seen, true) {
-                    return Err(format!("channel {name} of layer `{layer}` is there twice"));
+                    return Err(format!("channel {name} of layer `{layer}` occurs twice"));
                 }
                 of_part.push(Some((index, component)));
             }
@@ -172,7 +172,7 @@ impl Wanted {
         Self { names: Vec::new(), slots }.check(headers, &found)
     }
 
-    /// Refuses layers that lack a channel; where colour is there, grey is skipped.
+    /// Refuses layers that lack a channel; skips grey in layers that have colour.
     fn check(mut self, headers: &[Header], found: &[(String, [bool; 3], bool)]) -> Result<Self, String> {
         for (layer, rgb, grey) in found {
             let missing = ["R", "G", "B"].into_iter().zip(rgb).find(|(_, seen)| !**seen);
@@ -219,7 +219,7 @@ struct Canvas {
     window: IntegerBounds,
     wanted: Wanted,
     layers: Vec<Vec<[f32; 3]>>,
-    /// Part and corner of every block that came, and how many pixels of each part they covered.
+    /// Part and corner of every block read so far, and how many pixels of each part they cover.
     seen: HashSet<(usize, Vec2<usize>)>,
     covered: Vec<usize>,
 }
@@ -227,8 +227,8 @@ struct Canvas {
 impl Canvas {
     fn new(window: IntegerBounds, wanted: Wanted) -> Option<Self> {
         let (area, count) = (window.size.area(), wanted.names.len());
-        // Zeroed memory comes from the system when first touched, so that a short file that claims to be large costs
-        // little; but to ask for more than there is would abort.
+        // The system provides zeroed memory on first access, so a short file that claims to be large costs little; but
+        // a request beyond the available memory would abort.
         Vec::<[f32; 3]>::new().try_reserve_exact(area * count).ok()?;
         let layers = (0..count).map(|_| vec![[0.0; 3]; area]).collect();
         Some(Self { window, layers, seen: HashSet::new(), covered: vec![0; wanted.slots.len()], wanted })

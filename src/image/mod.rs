@@ -1,4 +1,4 @@
-//! Images in and out, and how they differ.
+//! Image files and image comparison.
 
 pub mod compare;
 pub mod exr;
@@ -10,10 +10,11 @@ pub mod png;
 pub struct Image {
     pub width: usize,
     pub height: usize,
-    /// In file order. The unnamed layer is `""`; others are called as in the file, `direct` or `light.key`.
+    /// In file order. The unnamed layer is `""`; others have their name in the file, `direct` or `light.key`.
     pub layers: Vec<Layer>,
 }
 
+/// One named layer of linear RGB.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Layer {
     pub name: String,
@@ -22,26 +23,26 @@ pub struct Layer {
 }
 
 impl Image {
-    /// An image of the unnamed layer alone; `pixels` are width * height, row by row.
+    /// An image with only the unnamed layer; `pixels` are width * height, row by row.
     pub fn single(width: usize, height: usize, pixels: Vec<[f32; 3]>) -> Self {
         Self { width, height, layers: Vec::new() }.with_layer("", pixels)
     }
 
-    /// The same image with one more layer, whose name must be new and whose pixels must fill the size.
+    /// Adds a layer and returns the image; the name must be new, and `pixels` must fill the image's size.
     pub fn with_layer(mut self, name: impl Into<String>, pixels: Vec<[f32; 3]>) -> Self {
         self.push_layer(name, pixels);
         self
     }
 
-    /// Adds a layer, whose name must be new and whose pixels must fill the image's size.
+    /// Adds a layer; the name must be new, and `pixels` must fill the image's size.
     pub fn push_layer(&mut self, name: impl Into<String>, pixels: Vec<[f32; 3]>) {
         let name = name.into();
         assert_eq!(pixels.len(), self.width * self.height, "layer `{name}` of {}x{}", self.width, self.height);
-        assert!(self.layers.iter().all(|layer| layer.name != name), "layer `{name}` is there already");
+        assert!(self.layers.iter().all(|layer| layer.name != name), "layer `{name}` exists already");
         self.layers.push(Layer { name, pixels });
     }
 
-    /// The layer of that name; `beauty` is the unnamed one unless a layer is really called so.
+    /// The layer called `name`; `beauty` is the unnamed layer unless a layer has this name.
     pub fn layer(&self, name: &str) -> Option<&Layer> {
         let exactly = |name: &str| self.layers.iter().find(|layer| layer.name == name);
         exactly(name).or_else(|| if name == "beauty" { exactly("") } else { None })

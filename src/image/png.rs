@@ -1,4 +1,4 @@
-//! PNG files: 8-bit sRGB out, anything as 8-bit RGBA in.
+//! PNG files: writes 8-bit sRGB, reads any PNG as 8-bit RGBA.
 
 use std::io::BufReader;
 use std::path::Path;
@@ -14,7 +14,7 @@ pub struct Pixels {
     pub rgba: Vec<[u8; 4]>,
 }
 
-/// Writes 8-bit sRGB pixels (RGB or RGBA by `CHANNELS`), beside and renamed.
+/// Writes 8-bit sRGB pixels (RGB or RGBA by `CHANNELS`) atomically.
 pub fn write<const CHANNELS: usize>(path: &Path, width: usize, height: usize, pixels: &[[u8; CHANNELS]]) -> Result<()> {
     assert_eq!(pixels.len(), width * height, "pixels of {width}x{height}");
     let bytes = encode(width, height, pixels)
@@ -22,14 +22,14 @@ pub fn write<const CHANNELS: usize>(path: &Path, width: usize, height: usize, pi
     file::write_bytes(path, &bytes)
 }
 
-/// A PNG file's bytes.
+/// Encodes a PNG file.
 pub(crate) fn encode<const CHANNELS: usize>(
     width: usize,
     height: usize,
     pixels: &[[u8; CHANNELS]],
 ) -> Result<Vec<u8>, png::EncodingError> {
     const { assert!(CHANNELS == 3 || CHANNELS == 4, "RGB or RGBA") };
-    // No PNG has a side of 2^31 or more, so a size cut to fit is refused like the size itself.
+    // PNG sides are less than 2^31, so a clamped size is refused like the size itself.
     let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, side(width), side(height));
@@ -42,7 +42,7 @@ pub(crate) fn encode<const CHANNELS: usize>(
     Ok(bytes)
 }
 
-/// Reads any PNG as 8-bit RGBA: grey is spread, palettes are looked up, 16 bits keep the upper 8.
+/// Reads any PNG as 8-bit RGBA: grey is replicated, palettes are expanded, 16 bits are reduced to the upper 8.
 pub fn read(path: &Path) -> Result<Pixels> {
     let malformed = |cause: png::DecodingError| match cause {
         png::DecodingError::IoError(cause) if cause.kind() != std::io::ErrorKind::UnexpectedEof => {
@@ -55,7 +55,7 @@ pub fn read(path: &Path) -> Result<Pixels> {
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let mut reader = decoder.read_info().map_err(malformed)?;
 
-    // Deflate shrinks at most 1032:1 and the densest PNG holds 8 pixels a byte, which become 4 bytes each.
+    // Deflate compresses at most 1032:1, and the densest PNG holds 8 pixels per byte, each of which becomes 4 bytes.
     let most = file_bytes.saturating_mul(1032 * 8 * 4);
     let size = reader.output_buffer_size().filter(|&bytes| bytes as u64 <= most);
     let size = size.ok_or_else(|| Error::import(path, "claims more pixels than its bytes could hold"))?;
@@ -74,7 +74,7 @@ pub fn read(path: &Path) -> Result<Pixels> {
     Ok(Pixels { width: frame.width as usize, height: frame.height as usize, rgba })
 }
 
-/// sRGB value of a linear one, clamped to what 8 bits hold; not a number becomes 0 [IEC 61966-2-1, 5.2].
+/// 8-bit sRGB value of a linear one, clamped to [0, 1]; NaN becomes 0 [IEC 61966-2-1, 5.2].
 pub fn srgb8_from_linear(linear: f32) -> u8 {
     let linear = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
     let encoded = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };

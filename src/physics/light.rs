@@ -4,16 +4,16 @@ use glam::DVec3;
 
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight};
 
-/// Light that arrives at a point.
+/// Light that is incident at a point.
 #[derive(Clone, Copy, Debug)]
 pub struct Incident {
     /// Unit, towards the light.
     pub wi: DVec3,
-    /// At normal incidence, for unit intensity: 1/m² for points and spots, 1 for directional lights.
+    /// At normal incidence, for unit intensity: 1/m² for point and spot lights, 1 for directional lights.
     pub irradiance: f64,
 }
 
-/// What arrives at `position` (mesh space) with nothing between; `None` at the light itself.
+/// Unoccluded light at `position` (mesh space); `None` at the light itself.
 pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
     if light.kind == LIGHT_DIRECTIONAL {
         return Some(Incident { wi: -light.direction.as_dvec3().normalize(), irradiance: 1.0 });
@@ -32,28 +32,28 @@ pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
     Some(Incident { wi, irradiance })
 }
 
-/// The fall to zero at the light's range, by a distance in mesh space: max(0, min(1, 1 - (d/range)⁴)).
+/// Falloff to zero at the light's range, for a distance in mesh space: max(0, min(1, 1 - (d/range)⁴)).
 pub fn window(light: &PackedLight, distance: f64) -> f64 {
     (1.0 - (distance * f64::from(light.inverse_range)).powi(4)).clamp(0.0, 1.0)
 }
 
-/// Chord between a spot's axis and the direction in which its light leaves: 2 sin of half the angle.
+/// Chord between a spot's axis and the direction of emission: 2 sin of half the angle.
 pub fn off_axis(light: &PackedLight, wi: DVec3) -> f64 {
     chord(light, wi).length()
 }
 
 fn chord(light: &PackedLight, wi: DVec3) -> DVec3 {
-    // Unit in float32, off by 1e-7; in double after a step of Newton's, off by 1e-14.
+    // Unit in float32, accurate to 1e-7; after a Newton step in double precision, to 1e-14.
     let axis = light.direction.as_dvec3();
     wi + axis * (1.5 - 0.5 * axis.length_squared())
 }
 
-/// A spot's smoothing between its inner and outer cone, by [`off_axis`].
+/// Smooth falloff of a spot between its inner and outer cone, from the chord [`off_axis`].
 pub fn cone(light: &PackedLight, chord: f64) -> f64 {
     smooth(light, 0.5 * chord * chord)
 }
 
-/// [`cone`] by the versine: 1 - cos of the angle, which is chord²/2.
+/// [`cone`] from the versine: 1 - cos of the angle, which is chord²/2.
 fn smooth(light: &PackedLight, versine: f64) -> f64 {
     let above_outer = f64::from(light.cone_versine) - versine;
     (above_outer * f64::from(light.cone_scale)).clamp(0.0, 1.0).powi(2)

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
-/// Octahedral map of `v`, which need not be unit length but not zero. Decodes to its direction within 4.5e-7.
+/// Octahedral map of `v`, which must not be zero but may have any length. Decodes to its direction within 4.5e-7.
 pub fn encode(v: Vec3) -> Vec2 {
     let v = v / (v.x.abs() + v.y.abs() + v.z.abs());
     let p = Vec2::new(v.x, v.y);
@@ -31,7 +31,7 @@ mod tests {
             prop_assume!(v.length() > 1e-3);
             let v = v.normalize();
             // Half an ulp each from division, 1 - |y|, the sum, the fold and its subtraction, in components below 1:
-            // 1.5e-7; sqrt(3) of that in all, and sqrt(3) times more where the map's length is 1 / sqrt(3).
+            // 1.5e-7; times sqrt(3) for three components, and sqrt(3) again where the map's length is 1 / sqrt(3).
             prop_assert!(decode(encode(v)).distance(v) < 4.5e-7);
         }
     }

@@ -1,73 +1,75 @@
-//! Low-discrepancy points for everything random: Sobol, scrambled as Owen has it [Burley 2020].
+//! Low-discrepancy points for all sampling: Sobol points with Owen scrambling [Burley 2020].
 //!
-//! A point follows from its stream, set and index alone, so whatever is drawn is the same on any number of threads.
-//! The first n points of a set are stratified for any n, best at powers of two; sets and streams are independent.
+//! A point depends only on its stream, set and index, so samples are the same for any number of threads. The first n
+//! points of a set are stratified for any n, best at powers of two; sets and streams are independent.
 
-/// Independent sets of points, each four numbers wide.
+/// Independent sets of four-dimensional points.
 #[derive(Clone, Copy, Debug)]
 pub struct Points {
     seed: u64,
 }
 
 impl Points {
-    /// `stream` tells apart what must not share points under one seed: pixels, rows, halves.
+    /// `stream` separates what must not share points under one seed: pixels, rows, halves.
     pub fn new(seed: u64, stream: u64) -> Self {
         Self { seed: mix(mix(seed) ^ stream) }
     }
 
-    /// Four numbers in [0, 1): point `index` of a set. Give each decision of up to four numbers (a bounce, a light) a
-    /// set of its own.
+    /// Point `index` of a set: four numbers in [0, 1). Each decision of up to four numbers (a bounce, a light) needs
+    /// its own set.
     pub fn at(&self, index: u32, set: u32) -> [f64; 4] {
-        // The generator knows 2^16 indices; after that another scramble starts anew. Always its first four dimensions,
-        // which are the best, under a seed a set [Burley 2020, Section 5].
+        // The generator supports 2^16 indices; further blocks use different scrambles. Only its first four dimensions
+        // are used, which are the best, with one seed per set [Burley 2020, Section 5].
         let block = u64::from(index >> 16);
         let seed = mix(self.seed ^ (block << 32 | u64::from(set))) as u32;
         sobol_burley::sample_4d(index & 0xffff, 0, seed).map(f64::from)
     }
 }
 
-/// Three numbers of each of the first points of one set, shifted digit by digit from stream to stream [Kollig 2002]: for
-/// those who draw so often that making points anew would take their time. Strips and squares that hold one point each
-/// still do after a shift.
+/// Three dimensions of the first points of one set, with a digital shift per stream [Kollig 2002]: for callers that
+/// draw so many points that generating each would be slow. Strips and squares that contain one point each still do
+/// after a shift.
 pub struct ShiftedPoints {
     seed: u64,
     count: usize,
-    /// By blocks of points, then by dimension.
+    /// Points in blocks, by dimension.
     digits: Vec<[[u32; BLOCK]; 3]>,
 }
 
-/// Points that are made together.
+/// Points per block.
 pub const BLOCK: usize = 16;
 
 impl ShiftedPoints {
+    /// The first `count` points of set 0 of stream 0.
     pub fn new(seed: u64, count: u32) -> Self {
         let points = Points::new(seed, 0);
-        // The generator's numbers are multiples of 2^-24: nothing is lost.
+        // The generator's numbers are multiples of 2^-24, so this is exact.
         let digits = |index: usize, dimension: usize| (points.at(index as u32, 0)[dimension] * f64::exp2(32.0)) as u32;
         let block = |b: usize| [0, 1, 2].map(|d| std::array::from_fn(|i| digits(BLOCK * b + i, d)));
         let count = count as usize;
         Self { seed, count, digits: (0..count.div_ceil(BLOCK)).map(block).collect() }
     }
 
-    /// Points of a stream.
+    /// Points per stream.
     pub fn len(&self) -> usize {
         self.count
     }
 
+    /// Whether a stream has no points.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// What tells the points of a stream from those of others.
+    /// The digital shift of a stream, per dimension.
     pub fn shifts(&self, stream: u64) -> [u32; 3] {
         let first = mix(mix(self.seed) ^ stream);
         [first as u32, (first >> 32) as u32, mix(first) as u32]
     }
 
-    /// Blocks of points by dimension, each number in [0, 1); the last block is filled up with points to spare.
+    /// Blocks of points by dimension, each number in [0, 1); the last block is filled up with surplus points.
     #[inline(always)]
     pub fn blocks(&self, shifts: [u32; 3]) -> impl Iterator<Item = [[f32; BLOCK]; 3]> {
-        // As signed numbers, which machines convert at once: 24 bits are left.
+        // As signed integers, which convert faster; 24 bits remain.
         let unit = |digits: u32, shift: u32| ((digits ^ shift) >> 8) as i32 as f32 * f32::exp2(-24.0);
         let dimension = move |block: &[[u32; BLOCK]; 3], d: usize| {
             let mut units = [0.0; BLOCK];
@@ -90,7 +92,7 @@ fn mix(seed: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// Of the first 2^k points one lies in each of 2^k strips, along every number, in every block and set.
+    /// Each of 2^k strips contains one of the first 2^k points, for every dimension, block and set.
     #[test]
     fn points_are_stratified() {
         for (start, set, stream) in [(0, 0, 0), (0, 7, 1), (1 << 16, 7, 1)] {
@@ -103,7 +105,7 @@ mod tests {
         }
     }
 
-    /// The correlation of two streams, sets or blocks over 4,096 points stays within four standard deviations.
+    /// The correlation of two streams, sets or blocks over 4,096 points is within four standard deviations.
     #[test]
     fn streams_sets_and_blocks_are_independent() {
         let all = |stream: u64, set: u32, start: u32| -> Vec<f64> {

@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::{Mesh, MeshSpace};
 
+/// A named camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     pub name: String,
@@ -12,10 +13,11 @@ pub struct Camera {
     /// Orthonormal columns right, up, back: the camera looks down its -Z.
     pub world_from_camera: DMat3,
     pub projection: Projection,
-    /// Width over height of the picture that the camera is meant for, if its file says so.
+    /// Width over height of the intended picture, if the file specifies it.
     pub aspect: Option<f64>,
 }
 
+/// How a camera maps view space to the image.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Projection {
     /// Vertical field of view in radians, in (0, pi).
@@ -24,12 +26,12 @@ pub enum Projection {
     Orthographic { ymag: f64 },
 }
 
-/// What is lost where a pose is written in other numbers: poses come from single precision.
+/// Relative tolerance of [`Camera::sees_as`]: files may store poses in single precision.
 const ROUNDED: f64 = 1e-6;
 
 impl Camera {
-    /// A camera at `position` that looks at `target`. `None` if the pose is degenerate (target at position, up along
-    /// the view, not finite).
+    /// A camera at `position` that looks at `target`. `None` if the pose is degenerate (target at position, up parallel
+    /// to the view direction, not finite).
     pub fn look_at(position: DVec3, target: DVec3, up: DVec3, projection: Projection) -> Option<Self> {
         let back = (position - target).try_normalize()?;
         let right = up.cross(back).try_normalize()?;
@@ -42,7 +44,7 @@ impl Camera {
     pub fn framing(mesh: &Mesh, space: MeshSpace) -> Self {
         let (lo, hi) = mesh.bounds();
         let center = space.to_world((lo + hi) / 2.0);
-        // Of nothing, a view of one metre.
+        // An empty mesh gets a radius of one metre.
         let radius = match space.unit * f64::from((hi - lo).length() / 2.0) {
             0.0 => 1.0,
             radius => radius,
@@ -54,7 +56,7 @@ impl Camera {
             .expect("the view is neither vertical nor of zero length")
     }
 
-    /// Whether both see the same, but for the digits that a file leaves out.
+    /// Whether both cameras have the same pose and projection, up to rounding in a file.
     pub fn sees_as(&self, other: &Self) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= ROUNDED * a.abs();
         let scale = 1.0 + self.position.length();
@@ -83,8 +85,8 @@ impl Camera {
         }
     }
 
-    /// The image point, x and y down in units of the image's size, at which a world-space point is seen; `None` behind
-    /// the camera. The inverse of [`Camera::ray`].
+    /// Projects a world-space point to image coordinates, in units of the image's size, y down; `None` behind a
+    /// perspective camera. The inverse of [`Camera::ray`].
     pub fn project(&self, point: DVec3, aspect: f64) -> Option<[f64; 2]> {
         let seen = self.world_from_camera.transpose() * (point - self.position);
         let half_height = match self.projection {

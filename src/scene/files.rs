@@ -1,4 +1,4 @@
-//! Files that scenes consist of, and what their URIs may reach.
+//! The files of a scene, and which paths its URIs may refer to.
 
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
@@ -11,7 +11,7 @@ use percent_encoding::percent_decode_str;
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// The whole of a regular file; anything else (a pipe might never end) is an error.
+/// Reads a whole regular file; any other kind of file (a pipe might never end) is an error.
 pub fn read(path: &Path) -> Result<Vec<u8>> {
     let (mut file, _) = file::open(path)?;
     let mut bytes = Vec::new();
@@ -19,9 +19,9 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// What `uri` in `scene` stands for: a `data:` URI or a file in the scene's own folder or below.
+/// Reads `uri` of `scene`: a `data:` URI, or a file in the scene's folder or below.
 ///
-/// `what` is the item that holds the URI, for messages.
+/// `what` names the item with the URI in error messages.
 pub fn read_uri(scene: &Path, uri: &str, what: &str) -> Result<Vec<u8>> {
     if let Some(data) = uri.strip_prefix("data:") {
         return decode_data(data).map_err(|reason| Error::import(scene, format!("{what}: {reason}")));
@@ -33,26 +33,26 @@ pub fn read_uri(scene: &Path, uri: &str, what: &str) -> Result<Vec<u8>> {
     bytes.map_err(|e| Error::import_from(scene, format!("{what}: cannot read \"{}\"", shortened(uri)), e))
 }
 
-/// `path`, unless symbolic links on the way lead out of `folder`: what a scene brings along must not show files of the
-/// machine that it is opened on.
+/// Returns `path`, or an error if symbolic links lead it out of `folder`: a scene must not expose other files of the
+/// machine.
 pub fn below(folder: &Path, path: &Path) -> Result<PathBuf> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     match (folder.canonicalize(), path.canonicalize()) {
         (Ok(folder), Ok(real)) if !real.starts_with(&folder) => {
             Err(Error::import(path, "is a link that leads out of the scene's folder"))
         }
-        // What is not there is said by whoever reads it.
+        // A missing file is reported by the function that reads it.
         _ => Ok(path.to_owned()),
     }
 }
 
-/// A percent-encoded URI as a path below the scene's folder. A scene may come from anywhere, so it doesn't get to name
-/// files outside it.
+/// A percent-encoded URI as a path below the scene's folder. Scenes are untrusted, so they may not refer to files
+/// outside it.
 pub fn relative_path(uri: &str) -> Result<PathBuf, &'static str> {
     inside(&percent_decode_str(uri).decode_utf8().map_err(|_| "is not UTF-8")?)
 }
 
-/// `decoded` as a path below the folder that it is relative to.
+/// `decoded` as a relative path that does not leave its folder.
 pub fn inside(decoded: &str) -> Result<PathBuf, &'static str> {
     if decoded.contains('\0') {
         return Err("holds a zero byte");
@@ -73,7 +73,7 @@ pub fn inside(decoded: &str) -> Result<PathBuf, &'static str> {
     if path.as_os_str().is_empty() { Err("is empty") } else { Ok(path) }
 }
 
-/// What follows `data:`: `[mediatype][;base64],data`.
+/// Decodes what follows `data:`: `[mediatype][;base64],data`.
 fn decode_data(data: &str) -> Result<Vec<u8>, String> {
     let (head, body) = data.split_once(',').ok_or("data URI without a comma")?;
     if !head.ends_with(";base64") {
@@ -84,7 +84,7 @@ fn decode_data(data: &str) -> Result<Vec<u8>, String> {
     engine.decode(body).map_err(|e| format!("base64: {e}"))
 }
 
-/// A URI as it may stand in a message.
+/// A URI, shortened for messages.
 pub fn shortened(uri: &str) -> String {
     let mut short: String = uri.chars().take(80).collect();
     if short.len() < uri.len() {

@@ -1,10 +1,11 @@
-//! Lights as artists set them: world space, double precision, colour and intensity apart from pose.
+//! Lights as artists edit them: world space, double precision, with colour and intensity separate from the pose.
 
 use glam::{DVec3, Vec3};
 
 use super::MeshSpace;
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, PackedLight};
 
+/// The light types of `KHR_lights_punctual`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LightKind {
@@ -13,15 +14,15 @@ pub enum LightKind {
     Directional,
 }
 
-/// One light. Its picture is linear in `color * intensity * 2^stops`; all else needs it shaded again.
+/// One light. Its image is linear in `color * intensity * 2^stops`; any other change requires shading it again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
-    /// Unique in its rig; holds no dot, since image layers are called `light.NAME`.
+    /// Unique in its rig; contains no dot, because image layers are called `light.NAME`.
     pub name: String,
     pub kind: LightKind,
     /// World space, metres; ignored for directional lights.
     pub position: DVec3,
-    /// Unit vector along which a spot or directional light shines; ignored for points.
+    /// Unit direction of emission of a spot or directional light; ignored for point lights.
     pub direction: DVec3,
     /// Linear Rec. 709.
     pub color: Vec3,
@@ -32,27 +33,28 @@ pub struct Light {
     /// Spot half-angles in radians, 0 <= inner <= outer <= pi/2.
     pub inner_angle: f64,
     pub outer_angle: f64,
-    /// Metres; nothing is lit beyond it.
+    /// Metres; the light has no effect beyond it.
     pub range: Option<f64>,
     /// Index into the rig's groups.
     pub group: Option<usize>,
     pub enabled: bool,
-    /// Where any light or group is solo, only those shine, and of those only what is enabled.
+    /// If any light or group is solo, all lights are off that are not solo themselves or by their group.
     pub solo: bool,
-    /// Index of the light in the same rig that this one follows: edited with it, as far off as before.
+    /// Index of the light in the same rig that this one follows: edits of the leader are applied to this light too, and
+    /// their difference is preserved.
     pub follows: Option<usize>,
-    /// Whether geometry blocks it.
+    /// Whether geometry blocks its light.
     pub shadows: bool,
-    /// The glTF node that it came from.
+    /// Source glTF node.
     pub node: Option<usize>,
 }
 
-/// A master over some lights: a factor on all of them.
+/// A group of lights with a common factor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightGroup {
     pub name: String,
     pub stops: f64,
-    /// Linear Rec. 709, multiplies the lights' own.
+    /// Linear Rec. 709; multiplies the lights' colours.
     pub color: Vec3,
     pub enabled: bool,
     pub solo: bool,
@@ -81,14 +83,14 @@ impl Light {
         }
     }
 
-    /// What the unit picture of this light is multiplied by, its group not counted; zero if it is off.
+    /// Factor on this light's unit image, without its group's factor; zero if the light is off.
     pub fn scale(&self) -> Vec3 {
         if self.enabled { self.color * (self.intensity * self.stops.exp2()) as f32 } else { Vec3::ZERO }
     }
 }
 
 impl Light {
-    /// This light at unit intensity and white, in mesh space.
+    /// This light in mesh space, white and at unit intensity.
     pub fn pack(&self, space: MeshSpace) -> PackedLight {
         let (inner, outer) = (self.inner_angle.cos(), self.outer_angle.cos());
         PackedLight {
@@ -109,12 +111,12 @@ impl Light {
 }
 
 impl LightGroup {
-    /// A group that changes nothing.
+    /// A group whose factor is one.
     pub fn new(name: &str) -> Self {
         Self { name: name.into(), stops: 0.0, color: Vec3::ONE, enabled: true, solo: false }
     }
 
-    /// What the sum of this group's lights is multiplied by; zero if it is off.
+    /// Factor on the sum of this group's lights; zero if the group is off.
     pub fn scale(&self) -> Vec3 {
         if self.enabled { self.color * self.stops.exp2() as f32 } else { Vec3::ZERO }
     }

@@ -1,4 +1,4 @@
-//! glTF 2.0 metallic-roughness materials, and what they say at one point of a surface.
+//! glTF 2.0 metallic-roughness materials, and their evaluation at a surface point.
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
 
@@ -17,7 +17,7 @@ pub struct Material {
     pub metallic_roughness_texture: Option<TextureRef>,
     pub normal_texture: Option<TextureRef>,
     pub normal_scale: f32,
-    /// Linear radiance, `KHR_materials_emissive_strength` multiplied in.
+    /// Linear radiance, including `KHR_materials_emissive_strength`.
     pub emissive: Vec3,
     pub emissive_texture: Option<TextureRef>,
     /// `KHR_materials_specular`.
@@ -29,23 +29,24 @@ pub struct Material {
     pub ior: f32,
     pub alpha_mode: AlphaMode,
     pub double_sided: bool,
-    /// Leaves the diffuse lobe out [Yang 2007, Figure 5.4].
+    /// Omits the diffuse lobe [Yang 2007, Figure 5.4].
     pub strip_diffuse: bool,
 }
 
+/// How alpha affects a surface.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum AlphaMode {
     Opaque,
-    /// Not there where alpha is below the cutoff.
+    /// Fully transparent where alpha is below the cutoff, else opaque.
     Mask {
         cutoff: f32,
     },
-    /// There to the extent that alpha tells: the rest of what comes passes straight through.
+    /// Blocks the share alpha of the light; the rest passes straight through.
     Blend,
 }
 
 impl AlphaMode {
-    /// Share of a surface that is there, in [0, 1]: of light that would pass it takes as much.
+    /// Coverage in [0, 1] at `alpha`: the share of light that the surface blocks.
     pub fn coverage(self, alpha: f32) -> f32 {
         match self {
             Self::Opaque => 1.0,
@@ -61,14 +62,14 @@ impl AlphaMode {
 pub struct TextureRef {
     /// Index into [`super::Scene::textures`].
     pub texture: usize,
-    /// Which TEXCOORD set, 0 or 1.
+    /// TEXCOORD set, 0 or 1.
     pub uv_set: usize,
     /// `KHR_texture_transform` as a matrix on (u, v, 1).
     pub uv_transform: Mat3,
     pub wrap: [Wrap; 2],
 }
 
-/// A material at one point: every factor with its texture multiplied in.
+/// A material at one point: every factor multiplied by its texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Linear, vertex colour included, in [0, 1].
@@ -81,9 +82,9 @@ pub struct Surface {
     pub specular_color: Vec3,
     pub ior: f32,
     pub emissive: Vec3,
-    /// 0 where the diffuse lobe is left out, else 1.
+    /// 0 if the diffuse lobe is omitted, else 1.
     pub diffuse_weight: f32,
-    /// Normal map value in tangent space, unit length; +Z without a map.
+    /// Tangent-space normal from the normal map, unit length; +Z without a map.
     pub normal_t: Vec3,
 }
 
@@ -113,7 +114,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// Every texture that this material looks at.
+    /// All textures of this material.
     pub fn textures(&self) -> impl Iterator<Item = &TextureRef> {
         [
             &self.base_color_texture,
@@ -127,25 +128,25 @@ impl Material {
         .flatten()
     }
 
-    /// Whether alpha is 1 all over it, vertex colours apart.
+    /// Whether alpha is 1 everywhere, not counting vertex colours.
     pub fn has_full_alpha(&self, textures: &[Texture]) -> bool {
         let is_full = |t: &TextureRef| textures[t.texture].least[3] == 255;
         self.base_color.w >= 1.0 && self.base_color_texture.as_ref().is_none_or(is_full)
     }
 
-    /// Least roughness anywhere.
+    /// Minimum roughness over all texels.
     pub fn least_roughness(&self, textures: &[Texture]) -> f32 {
         let least = |t: &TextureRef| f32::from(textures[t.texture].least[1]) / 255.0;
         (self.roughness * self.metallic_roughness_texture.as_ref().map_or(1.0, least)).clamp(0.0, 1.0)
     }
 
-    /// glTF roughness alone of [`Self::evaluate`], at the finest level.
+    /// Only the glTF roughness of [`Self::evaluate`], from the finest mip level.
     pub fn roughness_at(&self, textures: &[Texture], uvs: [Vec2; 2]) -> f32 {
         let read = |t: &TextureRef| t.sample(textures, uvs, [0.0; 2]).y;
         (self.roughness * self.metallic_roughness_texture.as_ref().map_or(1.0, read)).clamp(0.0, 1.0)
     }
 
-    /// The same, to be changed; `None` where there is none.
+    /// All texture slots, mutable; empty slots are `None`.
     pub fn textures_mut(&mut self) -> [&mut Option<TextureRef>; 6] {
         [
             &mut self.base_color_texture,
@@ -157,7 +158,7 @@ impl Material {
         ]
     }
 
-    /// Alpha alone of [`Self::evaluate`], at the finest level.
+    /// Only the alpha of [`Self::evaluate`], from the finest mip level.
     pub fn alpha_at(&self, textures: &[Texture], uvs: [Vec2; 2], color: Vec4) -> f32 {
         let read = |t: &TextureRef| t.sample(textures, uvs, [0.0; 2]).w;
         self.base_color.w * self.base_color_texture.as_ref().map_or(1.0, read) * color.w
@@ -165,7 +166,7 @@ impl Material {
 
     /// Evaluates all factors at texture coordinates `uvs` (sets 0 and 1) and vertex colour `color`.
     ///
-    /// `footprints` is the width of a pixel in each set's units, for choosing mip levels; 0 reads the finest.
+    /// `footprints` is the pixel width in units of each set, for choosing mip levels; 0 reads the finest.
     pub fn evaluate(&self, textures: &[Texture], uvs: [Vec2; 2], footprints: [f32; 2], color: Vec4) -> Surface {
         let read = |texture: &Option<TextureRef>| match texture {
             Some(t) => t.sample(textures, uvs, footprints),

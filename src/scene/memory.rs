@@ -1,6 +1,6 @@
-//! How much memory there is, so that files that mean more than that are refused before any of it is used.
+//! Available memory, so that files that need more are refused before any is allocated.
 
-/// Bytes that the system could still give; `None` where it does not tell.
+/// Bytes that the system can still provide; `None` if unknown.
 pub fn available_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;

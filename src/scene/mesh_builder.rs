@@ -1,4 +1,4 @@
-//! Collects triangles in world space, in double precision, and makes one [`Mesh`] of unit size of them.
+//! Collects triangles in world space, in double precision, and builds one [`Mesh`] of unit size from them.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
@@ -10,23 +10,23 @@ use super::{Mesh, MeshSpace};
 pub struct Part {
     /// Finite.
     pub positions: Vec<DVec3>,
-    /// Any length; empty: flat.
+    /// Any length; empty for flat shading.
     pub normals: Vec<Vec3>,
     pub uvs: [Vec<Vec2>; 2],
     pub colors: Vec<Vec4>,
     pub tangents: Vec<Vec4>,
-    /// Counter-clockwise from the front; in range.
+    /// Counter-clockwise from the front; indices in range.
     pub triangles: Vec<[u32; 3]>,
     pub material: u32,
-    /// The texture coordinates that the material's normal map uses, if it has one.
+    /// Texture coordinate set of the material's normal map, if it has one.
     pub tangents_from: Option<usize>,
 }
 
-/// Why there is no mesh.
+/// Why no mesh was built.
 pub enum Unbuilt {
     /// No triangles.
     Empty(String),
-    /// Triangles that we cannot show.
+    /// Triangles that cannot be represented.
     Wrong(String),
 }
 
@@ -37,19 +37,22 @@ impl Unbuilt {
     }
 }
 
+/// Collects parts.
 #[derive(Default)]
 pub struct MeshBuilder {
     positions: Vec<DVec3>,
-    /// `positions` is its own; the rest is already as it will be.
+    /// Its positions stay empty until `finish`; the other attributes are final.
     mesh: Mesh,
     dropped: usize,
     mended_normals: usize,
 }
 
-/// Widths of scenes in metres: of these a candela's irradiance, one over the square, is well within single precision.
+/// Supported scene widths in metres: within them, the irradiance of one candela (one over the squared distance) is well
+/// within single precision.
 const WIDTHS: std::ops::RangeInclusive<f64> = 1e-15..=1e18;
 
 impl MeshBuilder {
+    /// Adds a part; completes its normals and tangents.
     pub fn add(&mut self, mut part: Part) {
         let given = part.triangles.len();
         part.triangles.retain(|t| !is_line(t.map(|i| part.positions[i as usize])));
@@ -61,7 +64,7 @@ impl MeshBuilder {
         }
         match part.tangents_from {
             None => part.tangents.clear(),
-            // Tangents from the file, but for zeros.
+            // Tangents from the file; zero ones are replaced.
             Some(_) if !part.tangents.is_empty() => {
                 for (tangent, &normal) in part.tangents.iter_mut().zip(&part.normals) {
                     let sign = if tangent.w < 0.0 { -1.0 } else { 1.0 };
@@ -78,7 +81,7 @@ impl MeshBuilder {
         let first = self.positions.len();
         let count = part.positions.len();
         let mesh = &mut self.mesh;
-        // Parts without an attribute that others have hold its neutral value.
+        // Parts without an optional attribute that others have get its neutral value.
         append_optional(&mut mesh.uvs[0], &part.uvs[0], first, count, Vec2::ZERO);
         append_optional(&mut mesh.uvs[1], &part.uvs[1], first, count, Vec2::ZERO);
         append_optional(&mut mesh.colors, &part.colors, first, count, Vec4::ONE);
@@ -89,13 +92,13 @@ impl MeshBuilder {
         mesh.triangle_materials.resize(mesh.triangles.len(), part.material);
     }
 
-    /// The mesh and its space, or why there is none.
+    /// Returns the mesh and its space, or why there is none.
     pub fn finish(mut self) -> Result<(Mesh, MeshSpace), Unbuilt> {
         let mut used = self.mesh.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
         let Some(first) = used.next() else {
             return Err(Unbuilt::Empty(match self.dropped {
                 0 => "holds no triangles".into(),
-                n => format!("holds no triangles but {n} of zero area"),
+                n => format!("holds no triangles except {n} of zero area"),
             }));
         };
         let (lo, hi) = used.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
@@ -109,7 +112,7 @@ impl MeshBuilder {
         self.mesh.positions = positions;
         self.drop_degenerate();
         if self.mesh.triangles.is_empty() {
-            let reason = format!("holds no triangles but {} of zero area in single precision", self.dropped);
+            let reason = format!("holds no triangles except {} of zero area in single precision", self.dropped);
             return Err(Unbuilt::Empty(reason));
         }
         if self.mesh.colors.iter().all(|&c| c == Vec4::ONE) {
@@ -120,12 +123,12 @@ impl MeshBuilder {
             tracing::info!("dropped {} triangles of zero area", self.dropped);
         }
         if self.mended_normals > 0 {
-            tracing::warn!("{} normals of zero length were replaced by their faces'", self.mended_normals);
+            tracing::warn!("{} normals of zero length were replaced by their faces' normals", self.mended_normals);
         }
         Ok((self.mesh, space))
     }
 
-    /// Drops what has lost its area to single precision.
+    /// Removes triangles that have no area in single precision.
     fn drop_degenerate(&mut self) {
         let mesh = &mut self.mesh;
         let keep: Vec<bool> =
@@ -140,8 +143,8 @@ impl MeshBuilder {
 }
 
 impl Part {
-    /// Gives every triangle its own vertices, with the face's normal. Tangents need normals, so they go [glTF 2.0,
-    /// 3.7.2.1].
+    /// Gives every triangle its own vertices with the face normal. Discards tangents, because they require normals
+    /// [glTF 2.0, 3.7.2.1].
     fn make_flat(&mut self) {
         let corners: Vec<usize> = self.triangles.iter().flatten().map(|&i| i as usize).collect();
         self.positions = corners.iter().map(|&i| self.positions[i]).collect();
@@ -154,7 +157,7 @@ impl Part {
         self.normals = faces.flat_map(|n| [n; 3]).collect();
     }
 
-    /// Makes normals unit length; those that have no direction become the mean of their faces'. Returns how many.
+    /// Normalizes normals; those of zero length become the mean of their faces' normals. Returns the number replaced.
     fn mend_normals(&mut self) -> usize {
         let mut sums = std::collections::HashMap::new();
         for (i, normal) in self.normals.iter_mut().enumerate() {
@@ -182,30 +185,31 @@ impl Part {
 
     fn face_normal(&self, triangle: [u32; 3]) -> Vec3 {
         let [a, b, c] = triangle.map(|i| self.positions[i as usize]);
-        // Edges of unit length, so that tiny triangles don't underflow.
+        // Edges are normalized, so that tiny triangles do not underflow.
         let normal = (b - a).normalize().cross((c - a).normalize());
         normal.try_normalize().map_or(Vec3::Y, |n| n.as_vec3())
     }
 }
 
-/// Whether a triangle of mesh space has no area to speak of.
+/// Whether a triangle in mesh space has no area in single precision.
 fn is_degenerate(corners: [DVec3; 3]) -> bool {
-    // Below f32's smallest normal number its area would be zero to whoever computes it in single precision.
+    // Below f32's smallest normal number, the area would be zero when computed in single precision.
     let [a, b, c] = corners;
     is_line(corners) || (b - a).cross(c - a).length() <= f64::from(f32::MIN_POSITIVE)
 }
 
-/// Whether corners coincide or lie on a line.
+/// Whether corners coincide or are collinear.
 fn is_line([a, b, c]: [DVec3; 3]) -> bool {
     let (ab, ac, bc) = (b - a, c - a, c - b);
     let longest = ab.length_squared().max(ac.length_squared()).max(bc.length_squared());
-    // 1e-10: what rounding leaves of corners on a line is 1e-16 of the longest edge squared in double precision, and
-    // a sliver narrower than 1e-10 of its length is below single precision.
+    // 1e-10: rounding of collinear corners leaves 1e-16 of the longest edge squared in double precision, and a sliver
+    // narrower than 1e-10 of its length is below single precision.
     let doubled_area = ab.cross(ac).length();
     doubled_area.is_nan() || doubled_area <= 1e-10 * longest
 }
 
-/// A unit vector without components that rounding has left of nothing: what they are depends on a scene's size and place.
+/// Clears components of a unit vector that are only rounding errors: they would depend on the scene's size and
+/// position.
 fn without_rounding(unit: Vec3) -> Vec3 {
     Vec3::select(unit.abs().cmplt(Vec3::splat(1e-12)), Vec3::ZERO, unit)
 }

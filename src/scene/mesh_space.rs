@@ -1,34 +1,35 @@
-//! Where single precision is at home.
+//! Mesh space, the space of all single-precision geometry.
 
 use glam::{DVec3, Vec3};
 
-/// Mesh space in world space: recentred and of unit size, so that what is in single precision is the same wherever a scene
-/// lies and however large it is. Directions are those of world space.
+/// Transform between world space and mesh space. Mesh space is recentred and of unit size, so that single-precision
+/// results do not depend on the scene's position and size. Directions are the same in both.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct MeshSpace {
-    /// World position of mesh space's (0, 0, 0).
+    /// World position of mesh space's origin.
     pub origin: DVec3,
-    /// Metres of mesh space's unit.
+    /// Metres per unit of mesh space.
     pub unit: f64,
 }
 
 impl MeshSpace {
-    /// World space itself.
+    /// Mesh space that equals world space.
     pub const WORLD: Self = Self { origin: DVec3::ZERO, unit: 1.0 };
 
-    /// That of a box: its centre, and half its diagonal.
+    /// Mesh space of a box: the origin is its centre, the unit half its diagonal.
     pub fn around(low: DVec3, high: DVec3) -> Self {
         let size = high - low;
-        // Not squared as it is, so that it neither overflows nor vanishes.
+        // Divided before squaring, so that it neither overflows nor underflows.
         let longest = size.max_element();
         Self { origin: low + size / 2.0, unit: 0.5 * longest * (size / longest).length() }
     }
 
-    /// A point of world space, not rounded yet.
+    /// Maps a point to mesh space, still in double precision.
     pub fn from_world(&self, point: DVec3) -> DVec3 {
         (point - self.origin) / self.unit
     }
 
+    /// Maps a point to world space.
     pub fn to_world(&self, point: Vec3) -> DVec3 {
         self.origin + self.unit * point.as_dvec3()
     }

@@ -1,7 +1,7 @@
-//! Scene: what an importer hands to the bake. Plain data in mesh space, no handles.
+//! Scene: what an importer passes to the bake. Plain data in mesh space, no handles.
 //!
-//! World space is the file's, in double precision. [Mesh space](MeshSpace) is recentred and of unit size, in single precision.
-//! Lights and cameras stay in world space.
+//! World space is the file's space, in double precision. [Mesh space](MeshSpace) is recentred and of unit size, in
+//! single precision. Lights and cameras stay in world space.
 
 pub mod camera;
 pub mod light;
@@ -32,34 +32,34 @@ pub use texture::{Encoding, Texture, Wrap};
 
 use crate::error::{Error, Result};
 
-/// A picture wider or higher than this is a mistake in the file.
+/// Larger image sides are treated as a mistake in the file.
 const MAX_IMAGE_SIDE: f64 = 65_536.0;
 
-/// One file, ready to bake.
+/// An imported scene file, ready to bake.
 #[derive(Clone)]
 pub struct Scene {
     pub path: PathBuf,
     pub mesh: Mesh,
-    /// Around the bounds.
+    /// Mesh space of the mesh's bounds.
     pub space: MeshSpace,
-    /// Never empty: index 0 is glTF's default material if the file names none.
+    /// Never empty: index 0 is glTF's default material if the file has none.
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
     /// In file order; may be empty.
     pub cameras: Vec<Camera>,
-    /// The file's own lights.
+    /// The lights of the file.
     pub rig: Rig,
-    /// `scenes[0].extras.width/height`.
+    /// `extras.width/height` of the shown scene.
     pub image_size: Option<[u32; 2]>,
 }
 
-/// All triangles of a scene in mesh space, nodes flattened, attributes indexed together.
+/// All triangles of a scene in mesh space, nodes flattened; one index addresses all attributes.
 ///
-/// Optional attributes are empty when no material needs them.
+/// Optional attributes are empty if no material needs them.
 #[derive(Clone, Default)]
 pub struct Mesh {
     pub positions: Vec<Vec3>,
-    /// Unit length; flat-shaded faces own their vertices.
+    /// Unit length; flat-shaded faces do not share vertices.
     pub normals: Vec<Vec3>,
     /// TEXCOORD_0 and TEXCOORD_1.
     pub uvs: [Vec<Vec2>; 2],
@@ -67,7 +67,7 @@ pub struct Mesh {
     pub colors: Vec<Vec4>,
     /// xyz unit tangent, w the bitangent's sign (+1 or -1); only with normal maps.
     pub tangents: Vec<Vec4>,
-    /// Counter-clockwise from the front; zero-area triangles are dropped at import.
+    /// Counter-clockwise from the front; triangles of zero area are removed at import.
     pub triangles: Vec<[u32; 3]>,
     /// Per triangle, an index into [`Scene::materials`].
     pub triangle_materials: Vec<u32>,
@@ -84,22 +84,22 @@ impl Scene {
         }
     }
 
-    /// Size of a picture through `camera` if nobody asks for another: the scene's own, else 480 rows as wide as the
-    /// camera's aspect ratio says, else 720x480.
+    /// Default image size through `camera`: the scene's own, else 480 rows with the camera's aspect ratio, else
+    /// 720x480.
     pub fn default_size(&self, camera: Option<&Camera>) -> [u32; 2] {
         let of_aspect = |aspect: f64| [(480.0 * aspect).round().clamp(1.0, MAX_IMAGE_SIDE) as u32, 480];
         let of_camera = || camera.and_then(|camera| camera.aspect).map(of_aspect);
         self.image_size.or_else(of_camera).unwrap_or([720, 480])
     }
 
-    /// File stem: what `{scene}` stands for in messages and tables.
+    /// File stem, the value of `{scene}` in messages and tables.
     pub fn name(&self) -> String {
         self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
     }
 }
 
 impl Mesh {
-    /// Smallest box around all vertices that triangles use, (min, max); zeros if there are none.
+    /// Bounding box (min, max) of all vertices that triangles use; zeros if there are none.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         let mut used = self.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
         let Some(first) = used.next() else { return (Vec3::ZERO, Vec3::ZERO) };

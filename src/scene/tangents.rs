@@ -1,10 +1,10 @@
-//! Tangents for normal maps where a file holds none.
+//! Tangents for normal maps if a file has none.
 //!
-//! glTF asks for MikkTSpace [glTF 2.0, 3.7.2.1]. Of its two ports to Rust one is unsafe and no longer kept; the other
-//! recurses once per triangle around a vertex, so that a fan of a million triangles overflows the stack, which no
-//! `Result` catches. This is the same construction without its search for neighbours: per welded vertex (equal
-//! position, normal and texture coordinate) and handedness, the mean of the triangles' tangents in the vertex's plane,
-//! weighted by angle. It differs from MikkTSpace only where equal vertices belong to parts that share no edge.
+//! glTF requires MikkTSpace [glTF 2.0, 3.7.2.1]. One of its two Rust ports is unsafe and unmaintained. The other
+//! recurses once per triangle around a vertex, so a fan of a million triangles overflows the stack, which no `Result`
+//! can report. This is the same construction without its search for neighbours: per welded vertex (equal position,
+//! normal and texture coordinate) and handedness, the mean of the triangles' tangents in the vertex's plane, weighted
+//! by angle. It differs from MikkTSpace only if equal vertices belong to parts without a common edge.
 
 use std::collections::HashMap;
 
@@ -12,11 +12,11 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::mesh_builder::Part;
 
-/// Fills `part.tangents` from texture coordinates `uv_set`. A vertex shared by triangles that show the image
-/// mirrored and not is doubled.
+/// Fills `part.tangents` from texture coordinates `uv_set`. Duplicates vertices that are shared by triangles with
+/// mirrored and unmirrored texture mapping.
 pub fn generate(part: &mut Part, uv_set: usize) {
     let welded = weld(part, uv_set);
-    // What triangles add up to for each welded vertex: those that show the image unmirrored, mirrored ones.
+    // Sums of triangle tangents per welded vertex: unmirrored, mirrored.
     let mut sums = vec![[DVec3::ZERO; 2]; welded.iter().map(|&w| w as usize + 1).max().unwrap_or(0)];
     let frames: Vec<Option<Frame>> = part.triangles.iter().map(|&t| Frame::of(part, uv_set, t)).collect();
     for (&triangle, frame) in part.triangles.iter().zip(&frames) {
@@ -36,11 +36,11 @@ pub fn generate(part: &mut Part, uv_set: usize) {
     assign(part, &welded, &sums, &frames);
 }
 
-/// How texture space lies on one triangle.
+/// Orientation of texture space on one triangle.
 struct Frame {
-    /// Direction of growing u.
+    /// Direction of increasing u.
     tangent: DVec3,
-    /// Whether the image appears as in a mirror. v grows downwards, so it doesn't where (u, v) turns clockwise.
+    /// Whether the texture is mirrored. v points down, so it is unmirrored if (u, v) turns clockwise.
     mirrored: bool,
 }
 
@@ -59,7 +59,7 @@ impl Frame {
     }
 }
 
-/// For each vertex a number that vertices of equal position, normal and texture coordinate share.
+/// A number per vertex; vertices of equal position, normal and texture coordinate share it.
 fn weld(part: &Part, uv_set: usize) -> Vec<u32> {
     let mut numbers = HashMap::with_capacity(part.positions.len());
     (0..part.positions.len())
@@ -81,7 +81,8 @@ fn assign(part: &mut Part, welded: &[u32], sums: &[[DVec3; 2]], frames: &[Option
     };
     let given = part.positions.len();
     part.tangents = (0..given).map(|i| tangent(part.normals[i], sums[welded[i] as usize][0], false)).collect();
-    // Where each vertex has its twin of the other handedness; the first one to come keeps the vertex.
+    // Duplicate of each vertex with the other handedness; the handedness of its first triangle uses the original
+    // vertex.
     let mut taken = vec![None; given];
     let mut twin = vec![NONE; given];
     for (t, frame) in frames.iter().enumerate() {
@@ -116,7 +117,7 @@ fn assign(part: &mut Part, welded: &[u32], sums: &[[DVec3; 2]], frames: &[Option
     }
 }
 
-/// Some unit vector at right angles to `normal`.
+/// A unit vector perpendicular to `normal`.
 pub fn perpendicular(normal: Vec3) -> Vec3 {
     normal.any_orthonormal_vector()
 }

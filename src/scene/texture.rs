@@ -1,4 +1,4 @@
-//! Textures: decoded once, looked up while baking.
+//! Textures: decoded once, sampled during the bake.
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::memory;
 use crate::error::Error;
 
+/// How texture coordinates outside [0, 1] are mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Wrap {
     Repeat,
@@ -17,7 +18,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// What the stored RGB means; alpha is always linear.
+/// Encoding of the stored RGB; alpha is always linear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub enum Encoding {
     /// IEC 61966-2-1: base colour, emissive, specular colour.
@@ -25,14 +26,14 @@ pub enum Encoding {
     Linear,
 }
 
-/// An image as a mip pyramid of RGBA texels of 8 or 16 bits a channel, row 0 at v = 0.
+/// An image as a mip pyramid of RGBA texels with 8 or 16 bits per channel, row 0 at v = 0.
 #[derive(Clone)]
 pub struct Texture {
     pub name: String,
     pub encoding: Encoding,
-    /// Finest first; each half as wide and high as the one before, rounded down, the last 1x1. Never empty.
+    /// Finest first; each level has half the size of the previous one, rounded down; the last is 1x1. Never empty.
     pub levels: Vec<Level>,
-    /// Least value of each channel, as stored; of 16 bits the higher 8.
+    /// Minimum of each channel, as stored; the upper byte of 16-bit channels.
     pub least: [u8; 4],
 }
 
@@ -41,38 +42,38 @@ pub struct Texture {
 pub struct Level {
     pub width: usize,
     pub height: usize,
-    /// width * height, row by row; of 16 bits the higher 8.
+    /// width * height, row by row; the upper bytes of 16-bit channels.
     pub texels: Vec<[u8; 4]>,
-    /// Of 16 bits the lower 8, else empty.
+    /// The lower bytes of 16-bit channels, else empty.
     pub low: Vec<[u8; 4]>,
 }
 
-/// A decoded file.
+/// A decoded image file.
 #[derive(Clone)]
 pub struct Image {
     pub width: usize,
     pub height: usize,
-    /// width * height, row by row; of 16 bits the higher 8.
+    /// width * height, row by row; the upper bytes of 16-bit channels.
     pub texels: Vec<[u8; 4]>,
-    /// Of 16 bits the lower 8, else empty.
+    /// The lower bytes of 16-bit channels, else empty.
     pub low: Vec<[u8; 4]>,
 }
 
-/// All textures of a scene together: 2 GiB as stored with 8 bits a channel, besides their mip levels. Files may name one
-/// image any number of times, and compress an empty one to nothing.
+/// Limit for all textures of a scene together: 2 GiB at 8 bits per channel, without mip levels. A file may refer to one
+/// image any number of times, and an empty image compresses to almost nothing.
 pub const MAX_TEXELS: u64 = 1 << 29;
 
-// An image may not claim more than this while it is decoded: 16,384 x 16,384 RGBA is 1 GiB.
+// Memory limit for decoding one image: 16,384 x 16,384 RGBA is 1 GiB.
 const MAX_DECODED_BYTES: u64 = 1 << 30;
 const MAX_SIDE: u32 = 1 << 16;
 
-/// Images of so many texels are believed however small their files.
+/// Images of up to this many texels are accepted whatever their file size.
 const SMALL: u64 = 1 << 24;
-/// No more texels a byte of larger ones: compression makes 8-bit PNGs a thousandth of their size at best, so what holds more
-/// is empty, and made to fill memory.
+/// Maximum texels per file byte of larger images. PNG compresses 8-bit images to a thousandth at best, so a larger
+/// ratio means an empty image, made to exhaust memory.
 const MAX_TEXELS_PER_BYTE: u64 = 2_048;
 
-/// Counts texels by the headers of files, before any is decoded.
+/// Counts texels from file headers, before any image is decoded.
 #[derive(Default)]
 pub struct TexelCount {
     texels: u64,
@@ -80,14 +81,14 @@ pub struct TexelCount {
     largest: u64,
 }
 
-/// Why an image is not decoded.
+/// Why an image was refused.
 pub enum Refusal {
     Undecodable(image::ImageError),
     TooLarge(String),
 }
 
 impl Refusal {
-    /// The error of the image `what` in the scene or library at `path`.
+    /// The error for image `what` of the scene or library at `path`.
     pub fn at(self, path: &Path, what: &str) -> Error {
         match self {
             Self::Undecodable(cause) => Error::import_from(path, format!("{what} cannot be decoded"), cause),
@@ -97,22 +98,22 @@ impl Refusal {
 }
 
 impl TexelCount {
-    /// Adds a file, or says why it is too much.
+    /// Adds a file, or returns which limit it exceeds.
     pub fn add(&mut self, file: &[u8]) -> Result<(), Refusal> {
         let Header { width, height, texel_bytes } = Header::read(file).map_err(Refusal::Undecodable)?;
         let count = u64::from(width) * u64::from(height);
         let bytes = file.len() as u64;
         if count > SMALL && count / MAX_TEXELS_PER_BYTE > bytes {
-            return Err(Refusal::TooLarge(format!("{width} x {height} texels in {bytes} bytes are no picture")));
+            return Err(Refusal::TooLarge(format!("{width} x {height} texels in {bytes} bytes are implausible")));
         }
         self.texels += count;
         self.bytes += count * texel_bytes;
         self.largest = self.largest.max(count * texel_bytes);
         if self.texels > MAX_TEXELS {
-            return Err(Refusal::TooLarge(format!("the textures are more than {MAX_TEXELS} texels together")));
+            return Err(Refusal::TooLarge(format!("the textures have more than {MAX_TEXELS} texels together")));
         }
-        // All with their mip levels; the largest is there twice while it is decoded, and its second level in single
-        // precision.
+        // All textures with their mip levels; during decoding, the largest exists twice, with its second level in
+        // single precision.
         let needed = self.bytes * 4 / 3 + self.largest * 2;
         match memory::available_bytes() {
             Some(free) if needed > free => {
@@ -125,11 +126,11 @@ impl TexelCount {
     }
 }
 
-/// What a file's header tells.
+/// Size and depth from an image header.
 struct Header {
     width: u32,
     height: u32,
-    /// Of a texel as we store it.
+    /// Bytes of a stored texel.
     texel_bytes: u64,
 }
 
@@ -149,7 +150,7 @@ fn is_deep(color: image::ColorType) -> bool {
 }
 
 impl Image {
-    /// Decodes a PNG, JPEG or WebP file; channels of more than 8 bits are kept as 16.
+    /// Decodes a PNG, JPEG or WebP file; channels of more than 8 bits are stored as 16.
     pub fn decode(file: &[u8]) -> Result<Self, image::ImageError> {
         let mut reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
         let mut limits = image::Limits::default();
@@ -175,7 +176,7 @@ impl Image {
 }
 
 impl Texture {
-    /// A texture of 8-bit `texels`, width * height of them, with all its mip levels.
+    /// A texture of width * height 8-bit `texels`, with all its mip levels.
     ///
     /// # Panics
     /// If the number of texels is not width * height, or zero.
@@ -183,7 +184,7 @@ impl Texture {
         Self::of(name, Image { width, height, texels, low: Vec::new() }, encoding)
     }
 
-    /// A texture of a decoded file.
+    /// A texture of a decoded image.
     ///
     /// # Panics
     /// As [`Self::new`].
@@ -195,7 +196,7 @@ impl Texture {
         let least = texels.iter().fold([255; 4], |least, t| std::array::from_fn(|c| t[c].min(least[c])));
         let mut levels = vec![Level { width, height, texels, low }];
         let decode = Decode::of(encoding);
-        // Levels come from the one before as it was before rounding; the finest is exact as it is stored.
+        // Each level is computed from the previous one before rounding; the finest is exact as stored.
         let mut finer: Vec<Vec4> = Vec::new();
         while width > 1 || height > 1 {
             let half = [(width / 2).max(1), (height / 2).max(1)];
@@ -215,17 +216,19 @@ impl Texture {
         Self { name, encoding, levels, least }
     }
 
+    /// Texels of the finest level.
     pub fn width(&self) -> usize {
         self.levels[0].width
     }
 
+    /// Texels of the finest level.
     pub fn height(&self) -> usize {
         self.levels[0].height
     }
 
-    /// Linear RGBA at `uv`, trilinear: `footprint` is the width of a pixel in uv units, 0 reads the finest level.
+    /// Linear RGBA at `uv`, trilinear: `footprint` is the pixel width in uv units, 0 reads the finest level.
     ///
-    /// A coordinate that is not finite reads as 0.
+    /// A non-finite coordinate reads as 0.
     pub fn sample(&self, uv: Vec2, wrap: [Wrap; 2], footprint: f32) -> Vec4 {
         let finest = &self.levels[0];
         let last = (self.levels.len() - 1) as f32;
@@ -249,10 +252,10 @@ impl Texture {
     }
 }
 
-/// The two texels beside coordinate `t` along one side of `size` texels, and the weight of the second.
+/// The two texels next to coordinate `t` along a side of `size` texels, and the weight of the second.
 fn taps(t: f32, wrap: Wrap, size: usize) -> ([usize; 2], f32) {
     let t = if t.is_finite() { t } else { 0.0 };
-    // Reduced to one period first, so that huge coordinates stay in the range of integers.
+    // Reduced to one period first, so that huge coordinates fit integers.
     let t = match wrap {
         Wrap::Repeat => t.rem_euclid(1.0),
         Wrap::Mirror => t.rem_euclid(2.0),
@@ -272,7 +275,7 @@ fn taps(t: f32, wrap: Wrap, size: usize) -> ([usize; 2], f32) {
     ([index(left as i64), index(left as i64 + 1)], x - left)
 }
 
-/// Box filter: each new texel is the mean of the area that it covers, also where a side is odd.
+/// Box filter: each new texel is the mean of the area that it covers, also for odd sides.
 fn shrink(
     finer: impl Fn(usize) -> Vec4 + Sync,
     [width, height]: [usize; 2],
@@ -296,7 +299,8 @@ fn shrink(
     coarser
 }
 
-/// For each of `coarse` texels along a side of `fine`: the texels that it covers and their shares, which add up to 1.
+/// For each of `coarse` texels along a side of `fine`: the fine texels that it covers and their weights, which sum to
+/// 1.
 fn covers(fine: usize, coarse: usize) -> Vec<Vec<(usize, f32)>> {
     let step = fine as f64 / coarse as f64;
     let cover = |i: usize| {
@@ -307,7 +311,7 @@ fn covers(fine: usize, coarse: usize) -> Vec<Vec<(usize, f32)>> {
     (0..coarse).map(cover).collect()
 }
 
-/// Linear RGBA as stored in channels from 0 to `most`.
+/// Encodes linear RGBA to integer channels from 0 to `most`.
 fn stored(linear: Vec4, encoding: Encoding, most: f32) -> [u16; 4] {
     let encode = |c: f32| match encoding {
         Encoding::Srgb if c <= 0.003_130_8 => c * 12.92,
@@ -318,12 +322,12 @@ fn stored(linear: Vec4, encoding: Encoding, most: f32) -> [u16; 4] {
     [round(encode(linear.x)), round(encode(linear.y)), round(encode(linear.z)), round(linear.w)]
 }
 
-/// The higher and the lower 8 bits of a texel.
+/// The upper and the lower bytes of a texel.
 fn halves(texel: [u16; 4]) -> ([u8; 4], [u8; 4]) {
     (texel.map(|c| (c >> 8) as u8), texel.map(|c| c as u8))
 }
 
-/// What stored values are as linear light: IEC 61966-2-1, or the identity.
+/// Tables from stored to linear values: IEC 61966-2-1, or the identity.
 struct Decode {
     of_8_bits: Vec<f32>,
     of_16_bits: Vec<f32>,
@@ -345,7 +349,7 @@ impl Decode {
         }
     }
 
-    /// Texel number `i` as linear RGBA.
+    /// Texel `i` as linear RGBA.
     #[inline(always)]
     fn texel(&self, level: &Level, i: usize) -> Vec4 {
         let [r, g, b, a] = level.texels[i];

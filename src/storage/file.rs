@@ -1,4 +1,4 @@
-//! Files that are whole or not there.
+//! Atomic file writes.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -6,10 +6,10 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// Writes `path` through `encode` into a file beside it, then renames: a failure leaves what was there before.
+/// Writes `path` through `encode` to a temporary file next to it, then renames it: a failure leaves the previous file.
 ///
-/// A symbolic link stays and what it points to is replaced; a device or pipe is written to directly. When the disk
-/// fails, the error is `Error::Io` naming `path`, whatever `encode` made of it.
+/// A symbolic link is preserved and its target replaced; a device or pipe is written directly. If the disk fails, the
+/// error is `Error::Io` with `path`, whatever error `encode` returns.
 pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
     match fs::metadata(path) {
         Ok(kind) if kind.is_dir() => return Err(Error::io("write", path)(io::ErrorKind::IsADirectory.into())),
@@ -37,7 +37,8 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write_whole(path, |out| out.write_all(bytes).map_err(Error::io("write", path)))
 }
 
-/// Opens a regular file for reading, with its length in bytes; anything else (a pipe might never end) is an error.
+/// Opens a regular file for reading and returns its length in bytes; any other kind of file (a pipe might never end) is
+/// an error.
 pub fn open(path: &Path) -> Result<(File, u64)> {
     let kind = fs::metadata(path).map_err(Error::io("open", path))?;
     if !kind.is_file() {
@@ -47,7 +48,7 @@ pub fn open(path: &Path) -> Result<(File, u64)> {
     Ok((file, kind.len()))
 }
 
-/// Whether a file has the name of one that [`write_whole`] was stopped in, or is at.
+/// Whether a file name is that of a temporary file of [`write_whole`], in use or abandoned.
 pub fn is_temporary(name: &str) -> bool {
     name.starts_with(PREFIX) && name.ends_with(SUFFIX)
 }
@@ -58,13 +59,13 @@ const SUFFIX: &str = ".part";
 fn temporary() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX).suffix(SUFFIX);
-    // tempfile's own default is 0600; with this the kernel takes the umask off, as for any new file.
+    // tempfile's default is 0600; with this the kernel applies the umask, as for any new file.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder
 }
 
-/// The cause of an error in which tempfile names its own file, which nobody has asked for.
+/// The cause of a tempfile error, without the name of the temporary file.
 fn without_path(error: io::Error) -> io::Error {
     let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<io::Error>());
     inner.and_then(io::Error::raw_os_error).map_or(error, io::Error::from_raw_os_error)
@@ -82,7 +83,7 @@ fn encode_into(path: &Path, file: &File, encode: impl FnOnce(&mut dyn Write) -> 
     }
 }
 
-/// Keeps the first failure of the disk, which encoders wrap in errors of their own.
+/// Records the first failure of the disk, which encoders wrap in errors of their own.
 struct Watched<'a> {
     file: &'a File,
     failure: Option<io::Error>,
@@ -92,7 +93,7 @@ impl Watched<'_> {
     fn keep<T>(&mut self, outcome: io::Result<T>) -> io::Result<T> {
         outcome.map_err(|failure| {
             let kind = failure.kind();
-            // An interrupted write is tried again by the caller and has failed nothing.
+            // The caller retries an interrupted write, so it is not a failure.
             if kind != io::ErrorKind::Interrupted {
                 self.failure.get_or_insert(failure);
             }

@@ -1,4 +1,4 @@
-//! What a long bake has finished so far: one that was stopped goes on from there, with the same result.
+//! Progress of a long bake: an interrupted bake resumes from it, with the same result.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -7,27 +7,28 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Records in the order in which they are made, each under a checksum; the default one keeps nothing.
+/// Records in the order of their creation, each with a checksum; the default journal stores nothing.
 ///
-/// Whatever fails ends the journal, never the bake.
+/// A failure ends the journal, never the bake.
 #[derive(Default)]
 pub struct Journal {
     open: Option<(PathBuf, File)>,
-    /// Records read of an earlier bake, and whether these are all.
+    /// Number of records read from an earlier bake, and whether all have been read.
     replayed: usize,
     is_at_end: bool,
 }
 
 impl Journal {
-    /// Keeps records in `path`, which belongs to this bake alone; nothing is kept if another process bakes the same.
+    /// Opens the journal at `path`, which belongs to this bake alone; stores nothing if another process runs the same
+    /// bake.
     pub fn open(path: &Path) -> Self {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).ok();
         let file = file.filter(|file| file.try_lock().is_ok());
         Self { open: file.map(|file| (path.to_owned(), file)), replayed: 0, is_at_end: false }
     }
 
-    /// The next record of a bake that was stopped. After the last one, or one that is damaged or not `as_expected`, `None`:
-    /// what follows is forgotten.
+    /// The next record of an interrupted bake. `None` after the last record, or at one that is damaged or not
+    /// `as_expected`; everything from there on is discarded.
     pub fn replay<T: DeserializeOwned>(&mut self, as_expected: impl Fn(&T) -> bool) -> Option<T> {
         let (_, file) = self.open.as_mut()?;
         if self.is_at_end {
@@ -39,7 +40,7 @@ impl Journal {
         if record.is_none() {
             self.is_at_end = true;
             if self.replayed > 0 {
-                tracing::info!("goes on where a bake was stopped: {} parts of it are done", self.replayed);
+                tracing::info!("resumes an interrupted bake: {} parts are done", self.replayed);
             }
             if file.seek(SeekFrom::Start(start)).and_then(|_| file.set_len(start)).is_err() {
                 self.open = None;
@@ -48,7 +49,7 @@ impl Journal {
         record
     }
 
-    /// [`Self::replay`], or what `make` makes, which is added.
+    /// [`Self::replay`], or else the result of `make`, which is added.
     pub fn next<T: Serialize + DeserializeOwned>(
         &mut self,
         as_expected: impl Fn(&T) -> bool,
@@ -61,26 +62,26 @@ impl Journal {
         })
     }
 
-    /// Adds a record.
+    /// Appends a record.
     pub fn add<T: Serialize>(&mut self, record: &T) {
         let Some((path, file)) = &mut self.open else { return };
         let written = postcard::to_stdvec(record).map_err(io::Error::other).and_then(|bytes| write(file, &bytes));
         if let Err(error) = written {
-            tracing::info!("{} is not written on: {error}", path.display());
+            tracing::info!("{}: progress is no longer saved: {error}", path.display());
             self.remove();
         }
     }
 
-    /// Nothing is left to go on with.
+    /// Deletes the journal; the bake cannot be resumed any more.
     pub fn remove(&mut self) {
         if let Some((path, _)) = self.open.take() {
-            // What stays is overwritten by the next bake.
+            // A file that remains is overwritten by the next bake.
             let _ = std::fs::remove_file(path);
         }
     }
 }
 
-/// Length, checksum and bytes; `None` if they are not all there.
+/// Reads length, checksum and bytes; `None` if they are incomplete or damaged.
 fn read(file: &mut File) -> Option<Vec<u8>> {
     let left = file.metadata().ok()?.len() - file.stream_position().ok()?;
     let (mut length, mut checksum) = ([0; 8], [0; blake3::OUT_LEN]);
@@ -108,7 +109,7 @@ mod tests {
         journal.replay(|record: &String| record != "unexpected")
     }
 
-    /// What a second process finds in the first one's journal, cut or changed as `damage` says.
+    /// The records that a second process finds in the first one's journal after `damage`.
     fn found(damage: impl Fn(&mut Vec<u8>)) -> Vec<String> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("journal");
@@ -133,7 +134,7 @@ mod tests {
         found
     }
 
-    /// As a file would hold it that is not of this bake.
+    /// The bytes of a journal of another bake.
     fn other_record() -> Vec<u8> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("journal");
@@ -149,6 +150,6 @@ mod tests {
         assert_eq!(found(|bytes| *bytes.last_mut().unwrap() ^= 1), ["one", "two"]);
         assert_eq!(found(|bytes| bytes[0] ^= 1), [""; 0]);
         assert_eq!(found(|bytes| bytes.splice(44.., other_record()).for_each(drop)), ["one"]);
-        assert_eq!(found(|bytes| bytes[7] ^= 0x80), [""; 0]); // a length beyond all memory
+        assert_eq!(found(|bytes| bytes[7] ^= 0x80), [""; 0]); // a length larger than any memory
     }
 }

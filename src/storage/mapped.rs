@@ -1,4 +1,5 @@
-//! Files mapped into memory, whose factors go to the device without a copy in between, and arrays that may lie in one.
+//! Memory-mapped files, whose factors are uploaded to the device without a copy in between, and arrays that may be
+//! stored in one.
 
 use std::fs::File;
 use std::io;
@@ -8,18 +9,18 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use memmap2::Mmap;
 
-/// The bytes of a file that never changes; the system reads pages when they are first looked at and may forget them again.
+/// The bytes of a file that never changes; the system loads pages on first access and may evict them.
 #[derive(Clone, Debug)]
 pub struct Mapping(Arc<Mmap>);
 
 impl Mapping {
-    /// Maps a file of the cache.
+    /// Maps a cache file.
     pub fn new(file: &File) -> io::Result<Self> {
-        // SAFETY: no one may write to the file or truncate it while it is mapped. Nobody of ours does: files of the cache
-        // are written beside and renamed, replaced by renaming others over them, and removed by unlinking; all of which
-        // leave a mapped file as it is. Somebody else could, as he could with our libraries, which are mapped as well.
-        // What follows from that is kept small: of a mapping only factors are used once it has been checked, which are
-        // numbers whatever their bits. Indices that a kernel follows are copied before they are checked.
+        // SAFETY: no process may write to the file or truncate it while it is mapped. relume does not: cache files are
+        // written to a temporary file and renamed, replaced by renaming others over them, and removed by unlinking; all
+        // of these leave a mapped file unchanged. Another program could, as it could change our libraries, which are
+        // mapped too. The consequences are limited: once a mapping has been validated, only its factors are used, which
+        // are numbers whatever their bits. Indices that a kernel follows are copied before they are validated.
         unsafe { Mmap::map(file) }.map(|map| Self(Arc::new(map)))
     }
 }
@@ -32,11 +33,11 @@ impl Deref for Mapping {
     }
 }
 
-/// An array in memory of its own, or in a mapped file.
+/// An array in its own memory, or in a mapped file.
 #[derive(Clone, Debug)]
 pub enum Elements<T> {
     Owned(Vec<T>),
-    /// Bytes `place` of the file.
+    /// Byte range `place` of the file.
     Mapped {
         file: Mapping,
         place: Range<usize>,
@@ -44,13 +45,13 @@ pub enum Elements<T> {
 }
 
 impl<T: Pod> Elements<T> {
-    /// `None` unless that part of the file is whole elements, where elements may begin.
+    /// Maps a byte range; `None` unless it is inside the file, aligned, and a whole number of elements.
     pub fn mapped(file: &Mapping, place: Range<usize>) -> Option<Self> {
         bytemuck::try_cast_slice::<u8, T>(file.get(place.clone())?).ok()?;
         Some(Self::Mapped { file: file.clone(), place })
     }
 
-    /// To change them; copied first if they are mapped.
+    /// Mutable access; mapped elements are copied first.
     pub fn to_mut(&mut self) -> &mut Vec<T> {
         if let Self::Mapped { .. } = self {
             *self = Self::Owned(self.to_vec());

@@ -1,4 +1,4 @@
-//! Files: mapped into memory, written whole or not at all, and journals of long bakes.
+//! Files: memory mapping, atomic writes, and journals of long bakes.
 
 pub mod file;
 pub mod journal;

@@ -1,4 +1,5 @@
-//! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays in [`super::packet`].
+//! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays are in
+//! [`super::packet`].
 
 use std::cell::Cell;
 use std::ops::Deref;
@@ -19,13 +20,13 @@ use pulp::{Simd, WithSimd};
 use super::coincident::Heaps;
 use crate::scene::{AlphaMode, Scene};
 
-/// A scene whose triangles rays can be traced to.
+/// A scene and the hierarchy over its triangles.
 pub struct TracedScene {
     scene: Scene,
     pub bvh: Bvh,
 }
 
-/// What traces rays reads the scene as often as the hierarchy over it.
+/// Ray tracing reads the scene as often as the hierarchy over it.
 impl Deref for TracedScene {
     type Target = Scene;
 
@@ -34,32 +35,33 @@ impl Deref for TracedScene {
     }
 }
 
-/// All triangles of a scene, ready to be hit. Directions need not be unit length; distances are in their lengths.
+/// Hierarchy over all triangles of a scene. Ray directions need not be unit length; distances are in units of their
+/// length.
 pub struct Bvh {
     /// Wide nodes for single rays.
     wide: CwBvh,
     wide_corners: Vec<Lanes>,
-    /// Binary nodes for packets, whose rays agree so well that a wide node tests too much.
+    /// Binary nodes for packets: their rays are so coherent that wide nodes would test too many boxes.
     pub(super) binary: Bvh2,
     pub(super) binary_corners: Vec<Corners>,
-    /// Half the diagonal of the bounds: 1, but for scenes made in code.
+    /// Half the diagonal of the bounds: 1, except for scenes made in code.
     pub radius: f32,
     is_empty: bool,
-    /// Whether light passes any triangle, where its alpha is low or in part.
+    /// Whether any material is not opaque.
     pub has_masks: bool,
-    /// Whether any passes it in part.
+    /// Whether any material blends.
     pub has_blends: bool,
 }
 
-/// A triangle where traversal finds it: in leaf order.
+/// A triangle in leaf order, as traversal reads it.
 #[derive(Clone, Copy)]
 pub(super) struct Corners {
     pub v: [Vec3; 3],
-    /// Index into the mesh.
+    /// Index into the mesh's triangles.
     pub triangle: u32,
 }
 
-/// The same with a corner a lane, for single rays: the three edges are tested at once.
+/// The same with one corner per lane, for single rays: the three edges are tested in parallel.
 #[derive(Clone, Copy)]
 struct Lanes {
     /// x, y and z of the corners; the fourth lane repeats the first corner.
@@ -67,6 +69,7 @@ struct Lanes {
     triangle: u32,
 }
 
+/// Where a ray hits a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Index into the mesh's triangles.
@@ -77,38 +80,42 @@ pub struct Hit {
 }
 
 impl TracedScene {
+    /// Builds the hierarchy over `scene`.
     pub fn new(scene: Scene) -> Self {
         Self { bvh: Bvh::build(&scene), scene }
     }
 
-    /// First surface along the ray between its origin and `max_distance`. One that blends is met as often as its coverage
-    /// tells: what a mean over rays sees is what blending makes [Enderton 2010]. The same ray meets the same, always.
+    /// First surface along the ray between its origin and `max_distance`. A blending surface is hit with a probability
+    /// equal to its coverage, so that the mean over rays is the blended result [Enderton 2010]. Equal rays get equal
+    /// hits.
     pub fn closest_hit(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
         let passes = |hit: &Hit| passes_by_chance(self, hit.triangle, hit.barycentric, [origin, direction]);
-        // With the machine's own registers, a quarter faster; products and sums are rounded one by one all the same.
+        // Compiled for the machine's widest registers: a quarter faster. Products and sums are still rounded
+        // separately.
         pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
     }
 
-    /// First surface along the ray that it does not pass. `passes` is asked in any order, and never where all is opaque.
+    /// First surface along the ray that the ray does not pass. `passes` is called in any order, and never if all
+    /// materials are opaque.
     pub fn closest_hit_unless(&self, origin: Vec3, direction: Vec3, passes: impl Fn(&Hit) -> bool) -> Option<Hit> {
         let max_distance = f32::INFINITY;
         pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
     }
 
-    /// First surface along the ray of which at least half is there: what one sees at a glance.
+    /// First surface along the ray with a coverage of at least one half.
     pub fn closest_solid_hit(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
         self.closest_hit_unless(origin, direction, |hit| coverage(self, hit.triangle, hit.barycentric) < 0.5)
     }
 
-    /// Whether anything lies along the ray between its origin and `max_distance`; what blends, by chance as in
+    /// Whether anything blocks the ray between its origin and `max_distance`; blending surfaces do so by chance, as in
     /// [`Self::closest_hit`].
     pub fn occluded(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
         let passes = |hit: &Hit| passes_by_chance(self, hit.triangle, hit.barycentric, [origin, direction]);
         pulp::Arch::new().dispatch(Occluded(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
     }
 
-    /// Share of light that gets along the ray from its origin to `max_distance`, past all that blends: 0 or 1 where nothing
-    /// does.
+    /// Share of light that passes along the ray from its origin to `max_distance`, through all blending surfaces: 0 or
+    /// 1 if no surface blends.
     pub fn transmittance(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
         let left = Cell::new(1.0f32);
         let passes = |hit: &Hit| {
@@ -119,7 +126,7 @@ impl TracedScene {
         if pulp::Arch::new().dispatch(Occluded(ray)) { 0.0 } else { left.get() }
     }
 
-    /// Whether light may pass a triangle.
+    /// Whether the material of a triangle is not opaque.
     #[inline(always)]
     pub fn is_masked(&self, triangle: u32) -> bool {
         let material = || self.mesh.triangle_materials[triangle as usize] as usize;
@@ -136,7 +143,7 @@ impl Bvh {
             .enumerate()
             .map(|(i, t)| Corners { v: t.map(|v| mesh.positions[v as usize]), triangle: i as u32 })
             .collect();
-        // Of an empty scene a point that no ray meets, since traversal begins at a root.
+        // An empty scene gets a point that no ray hits, because traversal starts at a root.
         let is_empty = corners.is_empty();
         if is_empty {
             corners.push(Corners { v: [Vec3::ZERO; 3], triangle: 0 });
@@ -150,7 +157,7 @@ impl Bvh {
             .collect();
         let params = BvhBuildParams::medium_build();
         let boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
-        // Opaque triangles of one material at one place, facing alike.
+        // Key of opaque triangles of one material with equal corners and winding.
         let same = |i: u32| {
             let material = *mesh.triangle_materials.get(i as usize)?;
             let is_opaque = scene.materials[material as usize].alpha_mode == AlphaMode::Opaque;
@@ -182,7 +189,7 @@ impl Bvh {
             let again = params.post_collapse_reinsertion_batch_ratio_multiplier;
             reinsertion.run(&mut binary, params.reinsertion_batch_ratio * again, None);
         }
-        // Nodes and triangles in the order in which they are visited: half of a packet's time is waiting for them.
+        // Nodes and triangles in order of traversal: half of a packet's time is waiting for memory.
         binary.reorder_in_stack_traversal_order();
 
         let in_order = |indices: &[u32]| indices.iter().map(|&i| corners[i as usize]).collect::<Vec<_>>();
@@ -199,9 +206,10 @@ impl Bvh {
         }
     }
 
-    /// By the signs of three edge functions, all or none of them negative [Kensler 2006]. Each edge enters as its sum
-    /// and difference, of which a neighbour gets exactly the negative: a ray through a shared edge hits at least one.
-    #[inline(always)] // a call costs a fifth of it
+    /// Tests the signs of three edge functions: all or none are negative [Kensler 2006]. Each edge enters as its sum
+    /// and difference, for which a neighbour gets exactly the negative: a ray through a shared edge hits at least one
+    /// triangle.
+    #[inline(always)] // a call would cost a fifth of its time
     fn intersect(
         &self,
         corners: &Lanes,
@@ -225,20 +233,21 @@ impl Bvh {
         let normal = (v1 - v0).cross(v2 - v0);
         let distance = normal.dot(v0) / normal.dot(direction);
         let barycentric = Vec2::new(w.y, w.z) / (w.x + w.y + w.z);
-        // What is not a number, from a ray within the triangle's plane, is no hit.
+        // NaN, from a ray within the triangle's plane, is no hit.
         let within = distance > 0.0 && distance < max_distance && barycentric.is_finite();
         let hit = Hit { triangle: corners.triangle, barycentric, distance };
         (within && !(self.has_masks && passes(&hit))).then_some(hit)
     }
 
-    /// The mesh's triangles, neighbours near each other.
+    /// The mesh's triangles in leaf order, so that neighbours are close together.
     pub fn triangle_order(&self) -> impl Iterator<Item = u32> {
         self.binary_corners.iter().filter(|_| !self.is_empty).map(|corners| corners.triangle)
     }
 
-    /// How far off a surface a shadow ray ends, for a light `distance` away: above the rounding of both.
+    /// Distance from a surface at which a shadow ray ends, for a light `distance` away: above the rounding errors of
+    /// both.
     pub fn shadow_offset(&self, distance: f32) -> f32 {
-        // 2^-17: some 60 roundings of a coordinate as large as the scene. 2^-21: the same for the light's distance.
+        // 2^-17: about 60 roundings of a coordinate as large as the scene. 2^-21: likewise for the light's distance.
         self.radius * f32::exp2(-17.0) + distance * f32::exp2(-21.0)
     }
 }
@@ -256,7 +265,7 @@ struct SingleRay<'a, P> {
     origin: Vec3,
     direction: Vec3,
     max_distance: f32,
-    /// Whether the ray goes on through a surface that is not opaque.
+    /// Whether the ray passes a surface that is not opaque.
     passes: P,
 }
 
@@ -294,16 +303,16 @@ impl<P: Fn(&Hit) -> bool> WithSimd for Occluded<'_, P> {
     }
 }
 
-/// What `wide` counts distances in, a power of two. obvhs passes over boxes that end within 1e-4 of the origin; in
-/// these units that is nothing, however small the scene.
+/// Scale of distances in `wide`, a power of two. obvhs skips boxes that end within 1e-4 of the origin; at this scale
+/// that is negligible, however small the scene.
 const WIDE_UNIT: f32 = (1u64 << 40) as f32;
 
-/// A ray as `wide` tests its boxes.
+/// A ray in the form that `wide` traverses.
 #[inline(always)]
 fn wide_ray(origin: Vec3, direction: Vec3, max_distance: f32) -> Ray {
-    // -0 becomes 0: obvhs takes the side of a box from `direction < 0`, and that of its inverse from the sign bit.
+    // -0 becomes 0: obvhs selects the side of a box by `direction < 0`, but that of its inverse by the sign bit.
     let direction = direction + Vec3::ZERO;
-    // Parallel to a slab: a huge number, so that no 0 * inf arises.
+    // Parallel to a slab: a huge number instead of infinity, so that 0 * inf does not occur.
     let inverse = (direction.recip() * WIDE_UNIT).clamp(Vec3::splat(-1e30), Vec3::splat(1e30));
     Ray {
         origin: origin.into(),
@@ -314,8 +323,8 @@ fn wide_ray(origin: Vec3, direction: Vec3, max_distance: f32) -> Ray {
     }
 }
 
-/// The same boxes a little larger: obvhs tests them without slack, and rays from within the scene are rounded by some
-/// eight roundings of a coordinate as large as it [Ize 2013].
+/// The same boxes, slightly enlarged: obvhs tests them without tolerance, and rays from within the scene have an error
+/// of about eight roundings of a coordinate as large as the scene [Ize 2013].
 fn padded(bvh: &Bvh2, radius: f32) -> Bvh2 {
     let mut bvh = bvh.clone();
     let pad = Vec3A::splat(radius * f32::exp2(-20.0));
@@ -326,10 +335,10 @@ fn padded(bvh: &Bvh2, radius: f32) -> Bvh2 {
     bvh
 }
 
-/// Less light than this is none: half a step of the 8 bits that visibility has.
+/// Smaller shares of light count as zero: half a step of the 8-bit visibility.
 pub(super) const LEAST_SHARE: f32 = 0.5 / 255.0;
 
-/// Share of a surface that is there at a point, by its texture's finest level.
+/// Coverage of a surface at a point, from the finest level of its texture.
 pub fn coverage(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
     let material = &scene.materials[scene.mesh.triangle_materials[triangle as usize] as usize];
     if material.alpha_mode == AlphaMode::Opaque {
@@ -339,7 +348,7 @@ pub fn coverage(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
     material.alpha_mode.coverage(material.alpha_at(&scene.textures, uvs, color))
 }
 
-/// [`coverage`], but nothing on those edges that count as a neighbour's: what two triangles share is passed once.
+/// [`coverage`], but zero on edges that are assigned to the neighbour, so that a shared edge blocks light only once.
 pub(super) fn taken(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
     let coverage = coverage(scene, triangle, barycentric);
     let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];
@@ -347,12 +356,12 @@ pub(super) fn taken(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
         return coverage;
     }
     let corners = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize].to_array());
-    // The neighbour has the corners the other way round.
+    // The neighbour has the edge's corners in the other order.
     let is_neighbours = |i: usize| weights[i] <= f32::EPSILON && corners[(i + 1) % 3] > corners[(i + 2) % 3];
     if (0..3).any(is_neighbours) { 0.0 } else { coverage }
 }
 
-/// Whether a ray, by origin and direction, goes through a surface at this point: with a chance of what is not there.
+/// Whether a ray, given by origin and direction, passes a surface at this point; the probability is 1 - coverage.
 pub fn passes_by_chance(scene: &Scene, triangle: u32, barycentric: Vec2, ray: [Vec3; 2]) -> bool {
     match coverage(scene, triangle, barycentric) {
         0.0 => true,
@@ -361,7 +370,7 @@ pub fn passes_by_chance(scene: &Scene, triangle: u32, barycentric: Vec2, ray: [V
     }
 }
 
-/// A number in [0, 1) that follows from a ray and a triangle [MurmurHash3].
+/// A deterministic number in [0, 1) for a ray and a triangle [MurmurHash3].
 fn chance([origin, direction]: [Vec3; 2], triangle: u32) -> f32 {
     let [o, d] = [origin, direction].map(|v| v.to_array().map(f32::to_bits));
     let mut hash = 0u32;
@@ -374,7 +383,7 @@ fn chance([origin, direction]: [Vec3; 2], triangle: u32) -> f32 {
     ((hash ^ hash >> 16) >> 8) as f32 * f32::exp2(-24.0)
 }
 
-/// Texture coordinates and vertex colour at a point of a triangle; zeros and white where the mesh has none.
+/// Texture coordinates and vertex colour at a point of a triangle; zeros and white if the mesh has none.
 pub fn interpolate_attributes(scene: &Scene, triangle: u32, barycentric: Vec2) -> ([Vec2; 2], Vec4) {
     let mesh = &scene.mesh;
     let corners = mesh.triangles[triangle as usize].map(|v| v as usize);

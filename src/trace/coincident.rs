@@ -1,8 +1,8 @@
-//! Triangles that lie on each other, kept apart from the search for good trees.
+//! Coincident triangles, treated separately in the construction of the hierarchy.
 //!
-//! Where many boxes share their centre, every pair of them is as good as any other: obvhs then merges one pair a pass,
-//! and its reinsertion prunes nothing, so that n of them take n² steps and make a tree n deep. Here each such heap is one
-//! leaf while the tree is searched for, and becomes a balanced tree afterwards.
+//! If many boxes have the same centre, all pairs of them have the same cost. obvhs then merges one pair per pass, and
+//! its reinsertion prunes nothing, so n of them take n² steps and make a tree of depth n. Here each such set, a heap,
+//! is one leaf during construction, and becomes a balanced tree afterwards.
 
 use std::collections::HashSet;
 use std::hash::Hash;
@@ -12,20 +12,20 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
-/// Smaller heaps are no trouble, and are left as they are: 64 passes over a scene are nothing.
+/// Smaller heaps are left as they are: 64 passes over a scene are cheap.
 const MIN_HEAP: usize = 64;
 
-/// Triangles by leaf of the tree that is searched for.
+/// The triangles in each leaf of the tree under construction.
 pub struct Heaps {
     /// Box of each leaf.
     pub boxes: Vec<Aabb>,
-    /// Triangles of each leaf, and their boxes.
+    /// Triangles of each leaf, in order of box size.
     triangles: Vec<Vec<u32>>,
 }
 
 impl Heaps {
-    /// `None` if no heap is worth it. Of a heap's triangles that are `same` one is enough: no ray tells them apart, and each
-    /// would be tested.
+    /// Returns `None` if no heap is large enough. Of a heap's triangles with equal `same` only one is retained: no ray
+    /// distinguishes them, and each would be tested.
     pub fn find<K: Hash + Eq>(boxes: &[Aabb], same: impl Fn(u32) -> Option<K>) -> Option<Self> {
         // -0 becomes 0.
         let centre = |aabb: &Aabb| (aabb.min + aabb.max).to_array().map(|x| (x + 0.0).to_bits());
@@ -48,14 +48,14 @@ impl Heaps {
         }
         triangles.sort_unstable_by_key(|heap| heap[0]);
         for heap in &mut triangles {
-            // Boxes around one centre lie in each other: neighbours in size make the smallest unions.
+            // Boxes with one centre overlap: neighbours in size have the smallest unions.
             heap.sort_by(|&a, &b| boxes[a as usize].half_area().total_cmp(&boxes[b as usize].half_area()));
         }
         let boxes = triangles.iter().map(|heap| union(heap, boxes)).collect();
         Some(Self { boxes, triangles })
     }
 
-    /// `tree` over the heaps as a tree over triangles with one in each leaf.
+    /// Converts `tree` over the heaps to a tree over triangles, with one triangle per leaf.
     pub fn expand(self, tree: &mut Bvh2, boxes: &[Aabb]) {
         let mut indices = Vec::with_capacity(boxes.len());
         let mut deepest = 0;
@@ -65,7 +65,7 @@ impl Heaps {
             }
             let heap = &self.triangles[tree.primitive_indices[tree.nodes[leaf].first_index as usize] as usize];
             deepest = deepest.max(heap.len().next_power_of_two().ilog2() as usize);
-            // Nodes that are to hold a range of the heap.
+            // Nodes to create, each with its range of the heap.
             let mut open = vec![(leaf, 0..heap.len())];
             while let Some((node, range)) = open.pop() {
                 let aabb = union(&heap[range.clone()], boxes);

@@ -1,4 +1,5 @@
-//! Rays: bounding volume hierarchies, packets of shadow rays, the surface at a hit. Knows scenes, and nothing that is baked.
+//! Ray tracing: bounding volume hierarchies, packets of shadow rays, the surface at a hit. Depends on scenes, not on
+//! baked data.
 
 pub mod bvh;
 mod coincident;

@@ -1,7 +1,7 @@
-//! A balanced tree over points with normals: who is near, and an order in which neighbours stay together.
+//! A balanced tree over points with normals: nearest-neighbour search, and an order in which neighbours are close.
 //!
-//! Points have six coordinates: position, and normal times a length that says how far apart opposite faces count. The
-//! tree is implicit: a node is a range of the ordered points, its children are the two halves of the range, split at
+//! Points have six coordinates: position, and normal times a length that weights differences in orientation. The tree
+//! is implicit: a node is a range of the ordered points, and its children are the two halves of the range, split at
 //! [`middle`]. Haar wavelets over gather samples use the same tree.
 
 use glam::Vec3;
@@ -9,32 +9,34 @@ use glam::Vec3;
 /// Position, and normal times a length.
 pub type Point = [f32; 6];
 
+/// The point of a position and a unit normal.
 pub fn point(position: Vec3, normal: Vec3, normal_length: f32) -> Point {
     let normal = normal * normal_length;
     [position.x, position.y, position.z, normal.x, normal.y, normal.z]
 }
 
-/// Where the node that holds `first..end` is split; for at least two points.
+/// Index at which the node `first..end` is split; the node has at least two points.
 pub fn middle(first: usize, end: usize) -> usize {
     first + (end - first) / 2
 }
 
+/// The tree; see the module.
 pub struct PointTree {
     /// In tree order.
     points: Vec<Point>,
-    /// Index that each of `points` had before.
+    /// Original index of each of `points`.
     order: Vec<u32>,
-    /// Of the node split at an index: where, and along which axis. What lies left of it is no larger.
+    /// For the node that is split at an index: coordinate and axis. Points to the left have no larger coordinate.
     splits: Vec<(f32, u8)>,
 }
 
-/// A node with so many points is searched through.
+/// Nodes of up to this many points are searched linearly.
 const LEAF: usize = 8;
-/// A node with fewer points is split by one thread.
+/// Nodes of up to this many points are split by one thread.
 const TASK: usize = 4096;
 
 impl PointTree {
-    /// Splits along the longest side of each node's bounds. The same points give the same tree, whatever the threads.
+    /// Splits along the longest side of each node's bounds. The result does not depend on the number of threads.
     pub fn new(points: &[Point]) -> Self {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let mut splits = vec![(0.0, 0); points.len()];
@@ -42,12 +44,12 @@ impl PointTree {
         Self { points: order.iter().map(|&i| points[i as usize]).collect(), order, splits }
     }
 
-    /// Index that each point had, in tree order.
+    /// Original index of each point, in tree order.
     pub fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// The nearest `K` points whose indices before ordering `accept` takes, nearest first; fewer if there are not so many.
+    /// The nearest `K` points whose original indices satisfy `accept`, nearest first; fewer if there are not enough.
     pub fn nearest<const K: usize>(&self, from: &Point, accept: impl Fn(u32) -> bool) -> Nearest<K> {
         let found = Nearest { items: [(f32::INFINITY, u32::MAX); K], count: 0 };
         let mut search = Search { tree: self, from, accept, offset: [0.0; 6], found };
@@ -60,13 +62,13 @@ struct Search<'a, const K: usize, A> {
     tree: &'a PointTree,
     from: &'a Point,
     accept: A,
-    /// Distance along each axis between `from` and the node's side of the splits above.
+    /// Distance along each axis from `from` to the node, according to the splits above it.
     offset: Point,
     found: Nearest<K>,
 }
 
 impl<const K: usize, A: Fn(u32) -> bool> Search<'_, K, A> {
-    /// `least` is the square of `offset`'s length: no point of the node is nearer.
+    /// `least` is the squared length of `offset`, a lower bound of the squared distance to the node's points.
     fn visit(&mut self, first: usize, end: usize, least: f32) {
         if end - first <= LEAF {
             for (point, &index) in self.tree.points[first..end].iter().zip(&self.tree.order[first..end]) {
@@ -92,15 +94,15 @@ impl<const K: usize, A: Fn(u32) -> bool> Search<'_, K, A> {
     }
 }
 
-/// What [`PointTree::nearest`] found.
+/// The result of [`PointTree::nearest`].
 pub struct Nearest<const K: usize> {
     items: [(f32, u32); K],
     count: usize,
 }
 
 impl<const K: usize> Nearest<K> {
-    /// Squared distance, and the index that the point had before ordering; nearest first. Of equally near points the
-    /// one with the smaller index comes first, so that the answer does not depend on the shape of the tree.
+    /// Squared distance and original index, nearest first. Points at equal distances are ordered by index, so that the
+    /// result does not depend on the shape of the tree.
     pub fn items(&self) -> &[(f32, u32)] {
         &self.items[..self.count]
     }
@@ -133,7 +135,7 @@ fn split(points: &[Point], order: &mut [u32], splits: &mut [(f32, u8)]) {
     splits[mid] = (points[order[mid] as usize][axis], axis as u8);
     let parallel = order.len() > TASK;
     let (left, right) = order.split_at_mut(mid);
-    // The right half begins with the split that was just written: it has no split of its own at its first index.
+    // The right half does not overwrite the split that was just written, because no node splits at its first index.
     let (left_splits, right_splits) = splits.split_at_mut(mid);
     if parallel {
         rayon::join(|| split(points, left, left_splits), || split(points, right, right_splits));
@@ -149,7 +151,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Against trying every point; coordinates on a coarse grid, so that many distances and splits are equal.
+        /// Compared with brute force; coordinates are on a coarse grid, so that many distances and splits are equal.
         #[test]
         fn finds_what_a_search_through_all_finds(
             points in prop::collection::vec(prop::array::uniform6(-3i8..4), 0..200),

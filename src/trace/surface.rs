@@ -1,4 +1,4 @@
-//! What a ray sees where it hits: point, normals, BRDF, emission.
+//! The surface at a ray hit: position, normals, BRDF, emission.
 
 use glam::{Vec3, Vec4};
 
@@ -6,33 +6,33 @@ use super::bvh::{Hit, interpolate_attributes};
 use crate::scene::{AlphaMode, Scene, Surface};
 use crate::shared::Brdf;
 
-/// Narrowest lobe that is not a perfect mirror: glTF roughness 1e-6. Below, float32 directions cannot aim at it.
+/// Narrowest lobe that is not a perfect mirror: glTF roughness 1e-6. Float32 directions do not resolve narrower ones.
 const MIN_ALPHA: f32 = 1e-12;
 
 /// A surface point seen from one side; mesh space.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     pub position: Vec3,
-    /// How far above it, along `geometric_normal`, rays to lights start: about on the smooth surface that the normals of the
-    /// triangle's corners describe, so that a coarse mesh does not shadow itself along its terminator [Hanika 2021].
+    /// Height along `geometric_normal` at which rays to lights start. It is approximately on the smooth surface that
+    /// the vertex normals describe, so that a coarse mesh does not shadow itself along its terminator [Hanika 2021].
     pub lift: f32,
-    /// Unit shading normal, normal map included; of the side that is seen if the material is double-sided.
+    /// Unit shading normal, including the normal map; on the visible side if the material is double-sided.
     pub normal: Vec3,
-    /// Unit geometric normal, turned likewise.
+    /// Unit geometric normal, on the same side.
     pub geometric_normal: Vec3,
     pub brdf: Brdf,
     /// Radiance that the surface emits towards the viewer.
     pub emission: Vec3,
-    /// Share of the surface that is there where it blends, in [0, 1], averaged over the footprint; else 1.
+    /// Coverage of a blending surface in [0, 1], averaged over the footprint; else 1.
     pub coverage: f32,
     /// Index into the scene's materials.
     pub material: u32,
-    /// Whether the BRDF is the same all over the material.
+    /// Whether the BRDF is constant over the material.
     pub uniform: bool,
 }
 
 impl SurfacePoint {
-    /// Evaluates the surface at `hit` as seen along `direction`; a pixel is `footprint` of mesh space wide there.
+    /// Evaluates the surface at `hit`, seen along `direction`; `footprint` is the pixel width there, in mesh space.
     pub fn new(scene: &Scene, hit: &Hit, direction: Vec3, footprint: f32) -> Self {
         let mesh = &scene.mesh;
         let [a, b, c] = mesh.triangles[hit.triangle as usize];
@@ -74,42 +74,43 @@ impl SurfacePoint {
         Self { position, lift, normal, geometric_normal, brdf: brdf(&surface), emission, coverage, material, uniform }
     }
 
-    /// The same with the geometric normal where the shading normal, though on the same side of the surface, faces away from
-    /// the eye: silhouettes of coarse meshes and steep normal maps are not black. `wo` is unit, towards the eye.
+    /// Replaces the shading normal by the geometric normal if both are on the same side of the surface, but only the shading
+    /// normal faces away from the eye: silhouettes of coarse meshes and steep normal maps are then not black. `wo` is unit,
+    /// towards the eye.
     pub fn facing(self, wo: Vec3) -> Self {
         let faces_eye = self.normal.dot(wo) > 0.0 || self.geometric_normal.dot(wo) <= 0.0;
         let is_turned_away = !faces_eye && self.normal.dot(self.geometric_normal) > 0.0;
         Self { normal: if is_turned_away { self.geometric_normal } else { self.normal }, ..self }
     }
 
-    /// Where rays to lights start.
+    /// Origin of rays to lights.
     pub fn lifted(&self) -> Vec3 {
         self.position + self.lift * self.geometric_normal
     }
 
-    /// Unit direction in which a perfect mirror sends what is seen along `wo`. Where the interpolated normal bends it into the
-    /// surface it is lifted out [Keller 2017].
+    /// Unit direction of perfect mirror reflection for `wo`. If the interpolated normal reflects it into the surface,
+    /// it is bent out of the surface [Keller 2017].
     pub fn mirrored(&self, wo: Vec3) -> Vec3 {
         let direction = (2.0 * self.normal.dot(wo) * self.normal - wo).normalize();
         let height = self.geometric_normal.dot(direction);
         if height > 0.0 { direction } else { (direction + (GRAZING - height) * self.geometric_normal).normalize() }
     }
 
-    /// Where a ray in `direction` starts: off the surface, on that side of it.
+    /// Origin of a ray in `direction`: offset from the surface, towards that side.
     pub fn leave(&self, direction: Vec3, offset: f32) -> Vec3 {
         self.position + self.geometric_normal * offset.copysign(self.geometric_normal.dot(direction))
     }
 }
 
-/// Cosine between a normal and a direction that hardly leaves the surface.
+/// Cosine between a normal and a direction that barely leaves the surface.
 const GRAZING: f32 = 0.01;
 
-/// Cosine between a triangle and the normals of its corners, 26 degrees, below which no smooth surface is meant: of a box
-/// whose corners have one normal each, faces would be lifted by a part of its size.
+/// Minimum cosine between a triangle and its vertex normals, 26 degrees, for a smooth surface. On a box with one normal
+/// per corner, the faces would otherwise be lifted by a considerable part of its size.
 const SMOOTH: f32 = 0.9;
 
-/// Height above a triangle, on the side of `geometric_normal`, of the mean of the projections of `position` onto the tangent
-/// planes of those corners behind whose planes it lies [Hanika 2021].
+/// Height above a triangle, on the side of `geometric_normal`, of a smooth surface: the weighted mean of the
+/// projections of `position` onto the tangent planes of the corners; only planes above `position` count [Hanika 2021].
 fn lift(scene: &Scene, corners: [usize; 3], weights: [f32; 3], position: Vec3, geometric_normal: Vec3) -> f32 {
     let mesh = &scene.mesh;
     let normals = corners.map(|v| mesh.normals[v]);
@@ -125,7 +126,7 @@ fn lift(scene: &Scene, corners: [usize; 3], weights: [f32; 3], position: Vec3, g
     weights[0] * onto_plane(0) + weights[1] * onto_plane(1) + weights[2] * onto_plane(2)
 }
 
-/// Width of a pixel in texture coordinates: its width on the surface times the square root of the ratio of areas.
+/// Pixel width in texture coordinates: its width on the surface times the square root of the ratio of areas.
 fn uv_footprint(scene: &Scene, corners: [usize; 3], set: usize, double_area: f32, footprint: f32) -> f32 {
     let uvs = &scene.mesh.uvs[set];
     if uvs.is_empty() {
@@ -135,7 +136,7 @@ fn uv_footprint(scene: &Scene, corners: [usize; 3], set: usize, double_area: f32
     footprint * ((b - a).perp_dot(c - a).abs() / double_area).sqrt()
 }
 
-/// Multiplies the parameters of glTF's material model out [glTF 2.0, Appendix B; KHR_materials_specular].
+/// Converts the parameters of glTF's material model to a BRDF [glTF 2.0, Appendix B; KHR_materials_specular].
 pub fn brdf(s: &Surface) -> Brdf {
     let normal_incidence = ((s.ior - 1.0) / (s.ior + 1.0)).powi(2);
     let dielectric_f0 = (normal_incidence * s.specular_color).min(Vec3::ONE) * s.specular;

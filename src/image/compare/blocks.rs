@@ -1,10 +1,10 @@
-//! Pictures as means over blocks of pixels.
+//! Images as means over blocks of pixels.
 
 use rayon::prelude::*;
 
 use super::Pictures;
 
-/// A pixel or a block's mean; b = a if there is one reference.
+/// A pixel or a block's mean: image x, references a and b; b = a if there is only one reference.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Sample {
     pub x: [f64; 3],
@@ -13,22 +13,22 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// (x - a)(x - b) by channel.
+    /// (x - a)(x - b) per channel.
     pub fn errors(&self) -> [f64; 3] {
         std::array::from_fn(|c| (self.x[c] - self.a[c]) * (self.x[c] - self.b[c]))
     }
 
-    /// ab by channel.
+    /// ab per channel.
     pub fn squares(&self) -> [f64; 3] {
         std::array::from_fn(|c| self.a[c] * self.b[c])
     }
 
-    /// r by channel.
+    /// r = (a + b) / 2 per channel.
     pub fn reference(&self) -> [f64; 3] {
         std::array::from_fn(|c| 0.5 * (self.a[c] + self.b[c]))
     }
 
-    /// x - r by channel.
+    /// x - r per channel.
     pub fn differences(&self) -> [f64; 3] {
         let reference = self.reference();
         std::array::from_fn(|c| self.x[c] - reference[c])
@@ -47,14 +47,14 @@ impl Sample {
         Sample { x: divided(self.x), a: divided(self.a), b: divided(self.b) }
     }
 
-    /// The reference in place of the image and of both references.
+    /// The same with the image and both references replaced by r.
     fn without_error(&self) -> Sample {
         let reference = self.reference();
         Sample { x: reference, a: reference, b: reference }
     }
 }
 
-/// Why a pixel counts or doesn't.
+/// Whether a pixel counts, or why it is excluded.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Pixel {
     Counts,
@@ -63,19 +63,19 @@ pub(super) enum Pixel {
     ReferenceNonFinite,
 }
 
-/// The pictures in squares of pixels, row by row; those at the right and the lower edge are what remains.
+/// The images in square blocks, row by row; blocks at the right and lower edge may be smaller.
 pub(super) struct Blocks {
-    /// Pixels.
+    /// In pixels.
     side: usize,
     pub columns: usize,
-    /// Each with equal weight, however many of its pixels count.
+    /// All have equal weight, however many of their pixels count.
     blocks: Vec<Block>,
-    /// Pixels of this kind.
+    /// Number of pixels of this kind.
     pub non_finite: usize,
     pub reference_non_finite: usize,
 }
 
-/// Means over the pixels that count; where none does, of the references, from which the image is not to differ.
+/// Mean over the pixels that count. If none does, the mean of the references, also in place of the image.
 #[derive(Clone, Copy)]
 struct Block {
     sample: Sample,
@@ -98,29 +98,30 @@ impl Blocks {
         }
     }
 
-    /// What blocks hold where something counts, in rows.
+    /// Samples of the blocks that count, row by row.
     pub fn counting(&self) -> impl Iterator<Item = Sample> {
         self.blocks.iter().filter(|block| block.counts).map(|block| block.sample)
     }
 
-    /// Mean of r over what counts and RGB.
+    /// Mean of r over the blocks that count and over RGB.
     pub fn mean_reference(&self) -> Option<f64> {
         let values = self.counting().flat_map(|sample| sample.reference());
         let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
         (count > 0.0).then(|| sum / count)
     }
 
-    /// Whether something counts in each block.
+    /// For each block, whether it counts.
     pub fn counts(&self) -> impl Iterator<Item = bool> {
         self.blocks.iter().map(|block| block.counts)
     }
 
-    /// What all blocks hold; where nothing counts the reference thrice, or black if that is not finite either.
+    /// Samples of all blocks. A block that does not count has the reference three times, or black if that is not finite
+    /// either.
     pub fn all(&self) -> impl IndexedParallelIterator<Item = Sample> {
         self.blocks.par_iter().map(|block| block.sample)
     }
 
-    /// The block around a pixel.
+    /// Sample of the block that contains a pixel.
     pub fn around(&self, x: usize, y: usize) -> Sample {
         self.blocks[y / self.side * self.columns + x / self.side].sample
     }
@@ -148,7 +149,7 @@ fn block(pictures: &Pictures, left: usize, top: usize, side: usize) -> Block {
 }
 
 impl Pictures {
-    /// What a pixel holds, finite or not, and whether it counts.
+    /// Values of a pixel, finite or not, and whether it counts.
     pub(super) fn pixel(&self, index: usize) -> (Pixel, Sample) {
         let second = self.second.as_ref().unwrap_or(&self.reference);
         let [x, a, b] = [self.image[index], self.reference[index], second[index]].map(|pixel| pixel.map(f64::from));

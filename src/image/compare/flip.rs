@@ -1,18 +1,18 @@
-//! FLIP, the difference that a viewer sees when two pictures alternate, by NVIDIA's own code [Andersson 2020].
+//! FLIP, the perceived difference between two alternating images, with NVIDIA's implementation [Andersson 2020].
 
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, Sample};
 use crate::image::png::srgb8_from_linear;
 
-/// FLIP's own default: a 0.7 m wide screen of 3840 pixels from 0.7 m away.
+/// FLIP's default: a 0.7 m wide screen of 3840 pixels at a distance of 0.7 m.
 const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;
-/// Rows of a strip that one thread works on, and how far beyond them FLIP's filters look: the wider one, of contrast,
-/// to three deviations, 3 sqrt(0.04 / (2 pi²)) degrees.
+/// Rows per strip, which one thread processes, and rows beyond it that FLIP's filters read: the wider filter, for
+/// contrast, has a radius of three standard deviations, 3 sqrt(0.04 / (2 pi²)) degrees.
 const STRIP: usize = 128;
 const HALO: usize = 10;
 
-/// Mean error over the blocks that count, between what `reference` and `test` take of each.
+/// Mean error over the blocks that count, between the values that `reference` and `test` select.
 pub(super) fn mean(
     blocks: &Blocks,
     exposure: f64,
@@ -28,7 +28,7 @@ pub(super) fn mean(
     sum / count
 }
 
-/// Error of every pixel of 8-bit sRGB pictures, in [0, 1], row by row; the same whatever the number of threads.
+/// Error of every pixel of 8-bit sRGB images, in [0, 1], row by row; does not depend on the number of threads.
 pub fn error_map(width: usize, reference: &[[u8; 3]], test: &[[u8; 3]]) -> Vec<f32> {
     assert_eq!(reference.len(), test.len(), "pixels of the reference and of the picture");
     let height = reference.len() / width;
@@ -45,12 +45,12 @@ pub fn error_map(width: usize, reference: &[[u8; 3]], test: &[[u8; 3]]) -> Vec<f
     (0..height.div_ceil(STRIP)).into_par_iter().flat_map(strip).collect()
 }
 
-/// Pictures as FLIP sees them here: times `exposure`, through the ACES fit of [Narkowicz 2015], 8-bit sRGB.
+/// Images as displayed for FLIP: times `exposure`, through the ACES fit of [Narkowicz 2015], 8-bit sRGB.
 pub fn displayed(pixels: &[[f32; 3]], exposure: f64) -> Vec<[u8; 3]> {
     pixels.iter().map(|pixel| pixel.map(|value| display(exposure * f64::from(value)))).collect()
 }
 
-/// Through the ACES fit into 8-bit sRGB [Narkowicz 2015]; below black is black.
+/// Applies the ACES fit and encodes as 8-bit sRGB [Narkowicz 2015]; negative values become black.
 fn display(exposed: f64) -> u8 {
     let x = exposed.max(0.0);
     srgb8_from_linear(((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)) as f32)

@@ -1,4 +1,4 @@
-//! The legend of a map in false colours.
+//! The legend of a false-colour map.
 
 use std::convert::Infallible;
 
@@ -10,15 +10,15 @@ use embedded_graphics::prelude::*;
 use embedded_graphics::primitives::{PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
 
-/// Around the bar, and where the map shows nothing: a grey that is no colour of a map.
+/// Background of the legend and of pixels without a value: a grey that is not a colour of the map.
 pub const GROUND: [u8; 3] = [56; 3];
-/// That the colours span: from errors that are seen at once to what is lost in any noise.
+/// Decades that the colours span: from clearly visible errors to errors far below noise.
 pub const DECADES: i32 = 3;
 
-// In pixels of the legend, which is enlarged by whole numbers for wide pictures.
+// In pixels of the legend, which is enlarged by integer factors for wide images.
 const LEAST_WIDTH: usize = 388;
 const ENLARGED_EVERY: usize = 900;
-/// Left and right: half of the widest label.
+/// Left and right margin: half of the widest label.
 const MARGIN: usize = 32;
 const BAR_TOP: usize = 8;
 const BAR_HEIGHT: usize = 14;
@@ -31,8 +31,8 @@ pub struct Legend {
     pub pixels: Vec<[u8; 3]>,
 }
 
-/// A bar of `colors` with what its decades up to `most` mean, in radiance and in % of the reference's mean, if that is
-/// known, and a line for `note`; as wide as the picture, nearly, or as it must be to be read.
+/// A bar of `colors` with labels for its decades up to `most`, in radiance and, if the reference's mean is known, in %
+/// of it, and a line for `note`. About as wide as the image, but at least as wide as its text requires.
 pub fn draw(
     picture_width: usize,
     most: f64,
@@ -68,7 +68,7 @@ pub fn draw(
     canvas.enlarged(enlarged)
 }
 
-/// A positive number in three digits.
+/// A positive number with three significant digits.
 fn short(value: f64) -> String {
     let magnitude = value.log10().floor();
     if !(-5.0..5.0).contains(&magnitude) {
@@ -87,7 +87,7 @@ struct Canvas {
 }
 
 impl Canvas {
-    /// A line of one pixel downwards.
+    /// A vertical line, one pixel wide.
     fn fill(&mut self, x: usize, y: usize, height: usize, [r, g, b]: [u8; 3]) {
         let area = Rectangle::new(Point::new(x as i32, y as i32), Size::new(1, height as u32));
         let Ok(()) = area.into_styled(PrimitiveStyle::with_fill(Rgb888::new(r, g, b))).draw(self);
@@ -99,7 +99,7 @@ impl Canvas {
         let Ok(_) = Text::with_text_style(text, Point::new(x as i32, y as i32), font, style).draw(self);
     }
 
-    /// Every pixel as a square of `factor` x `factor`.
+    /// Enlarges every pixel to a square of `factor` x `factor`.
     fn enlarged(&self, factor: usize) -> Legend {
         let rows = self.pixels.chunks(self.width).flat_map(|row| std::iter::repeat_n(row, factor));
         let pixels = rows.flatten().flat_map(|&pixel| std::iter::repeat_n(pixel, factor));

@@ -1,16 +1,16 @@
-//! Where pictures differ: as absolute differences, and in false colours with a legend.
+//! Maps of differences: absolute differences, and false colours with a legend.
 
 use super::Pictures;
 use super::blocks::{Blocks, Pixel};
 use super::legend::{self, DECADES, GROUND};
 use crate::image::png::{self, srgb8_from_linear};
 
-/// What stands for a value that is not finite; magma holds neither.
+/// Colours of non-finite values, one for each kind of map; magma contains neither.
 const MAGENTA: [u8; 3] = [255, 0, 255];
 const CYAN: [u8; 3] = [0, 255, 255];
 
 impl Pictures {
-    /// |x - r| * scale by channel, clamped to [0, 1] and then sRGB-encoded: the maps of Figures 5.1 and 5.2, where
+    /// |x - r| * scale per channel, clamped to [0, 1] and then sRGB-encoded: the maps of Figures 5.1 and 5.2, where
     /// `scale` is 2 [Yang 2007].
     ///
     /// `scale` is in 1 / radiance; x and r are means of `block` x `block` pixels. Magenta where a value is not finite,
@@ -23,14 +23,14 @@ impl Pictures {
     /// Mean of |x - r| over RGB in the colours of magma, on a logarithmic scale of three decades up to 1 / `scale`,
     /// where [`Self::difference_map`] is white.
     ///
-    /// A legend below tells it, also in % of the mean of r; a narrow picture is widened for it. Cyan where a value is
-    /// not finite, grey outside the mask.
+    /// A legend below shows the scale, also in % of the mean of r; narrow images are widened for it. Cyan where a value
+    /// is not finite, grey outside the mask.
     pub fn false_color(&self, block: usize, scale: f32) -> png::Pixels {
         let blocks = Blocks::new(self, block);
         let magma = magma();
         let color = |difference: [f64; 3]| {
             let error = difference.iter().map(|d| d.abs()).sum::<f64>() / 3.0;
-            // Below 0 beneath the lowest decade, and -inf where there is no error.
+            // Negative below the lowest decade, and -inf where there is no error.
             let place = 1.0 + (error * f64::from(scale)).log10() / f64::from(DECADES);
             magma[(place.clamp(0.0, 1.0) * 255.0).round() as usize]
         };
@@ -45,7 +45,7 @@ impl Pictures {
         png::Pixels { width, height: rgba.len() / width, rgba }
     }
 
-    /// A colour for every pixel, by its block's x - r.
+    /// Colours every pixel by x - r of its block.
     fn map(
         &self,
         blocks: &Blocks,
@@ -62,7 +62,7 @@ impl Pictures {
     }
 }
 
-/// 256 colours from black through violet and orange to a pale yellow, each step alike to the eye.
+/// 256 colours from black through violet and orange to pale yellow, perceptually uniform.
 fn magma() -> Vec<[u8; 3]> {
     nv_flip::magma_lut().to_vec().as_chunks().0.to_vec()
 }

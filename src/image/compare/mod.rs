@@ -1,4 +1,4 @@
-//! Error figures between an image and a reference, free of the reference's noise when it comes in two halves.
+//! Error metrics between an image and a reference; unbiased by the reference's noise if it consists of two halves.
 
 mod blocks;
 mod flip;
@@ -14,7 +14,7 @@ pub use self::flip::{displayed, error_map as flip_map};
 use super::{Image, exr, png};
 use crate::error::{Error, Result};
 
-/// What is compared: pictures of one size, scene-linear, row by row.
+/// The images to compare: of one size, scene-linear, row by row.
 #[derive(Clone, Debug)]
 pub struct Pictures {
     pub width: usize,
@@ -23,16 +23,16 @@ pub struct Pictures {
     pub reference: Vec<[f32; 3]>,
     /// A second reference whose noise is independent of the first's.
     pub second: Option<Vec<[f32; 3]>>,
-    /// Which pixels count; all of them without.
+    /// Pixels that count; `None` means all.
     pub mask: Option<Vec<bool>>,
 }
 
-/// How pictures are compared.
+/// Settings of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// Figures are taken on means of `block` x `block` pixels; 1 = on pixels.
+    /// Metrics compare means of `block` x `block` pixels; 1 compares pixels.
     pub block: usize,
-    /// Share of the samples that `trimmed` leaves out, in [0, 1).
+    /// Share of the samples that `trimmed` excludes, in [0, 1).
     pub trim: f64,
 }
 
@@ -42,51 +42,51 @@ impl Default for Settings {
     }
 }
 
-/// Error figures over all samples (pixels or block means) and RGB; `None` where the reference gives no scale.
+/// Error metrics over all samples (pixels or block means) and RGB; `None` if the reference gives no scale.
 ///
-/// With x the image, a and b the references (b = a if there is one) and r = (a + b) / 2, every squared error (x - r)²
-/// is (x - a)(x - b) and every squared norm r² under it is ab: their means are free of the noise of two independent
-/// references. A negative mean becomes 0. Where nothing counts, all are `None`.
+/// With x the image, a and b the references (b = a if there is only one) and r = (a + b) / 2, every squared error (x -
+/// r)² is computed as (x - a)(x - b), and every squared norm r² in a denominator as ab: their means are not biased by
+/// the noise of two independent references. A negative mean becomes 0. If no sample counts, all are `None`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figures {
     /// sqrt(mean((x - a)(x - b)) / mean(ab)): relative to the reference's root mean square.
     pub rel_rmse: Option<f64>,
     /// sqrt(mean((x - a)(x - b))), in the image's unit.
     pub rmse: Option<f64>,
-    /// mean((x - a)(x - b) / (r² + 0.01 mean(r)²)). Here r² stays as it is: ab can be negative in one sample.
+    /// mean((x - a)(x - b) / (r² + 0.01 mean(r)²)). Here r² is not replaced, because ab can be negative in one sample.
     pub rel_mse: Option<f64>,
     /// mean(x - r) / mean(r).
     pub bias: Option<f64>,
     /// Mean of FLIP's error map between x and r as displayed [Andersson 2020]; 0 = no difference, 1 = the largest.
     ///
-    /// Displayed is 0.5 / mean(r) times the picture, through the ACES fit of [Narkowicz 2015] into 8-bit sRGB, at 67
-    /// pixels a degree. FLIP sees whole pictures: where nothing counts, both show the reference.
+    /// Displayed is 0.5 / mean(r) times the image, through the ACES fit of [Narkowicz 2015] to 8-bit sRGB, at 67 pixels
+    /// per degree. FLIP processes whole images: where no sample counts, both show the reference.
     pub flip_mean: Option<f64>,
-    /// The same between a and b at the same exposure: what the references' noise does to FLIP, which nothing frees of
-    /// it. Differences near it say nothing.
+    /// The same between a and b at the same exposure: the effect of the references' noise, which cannot be removed from
+    /// FLIP. Values of `flip_mean` near it are not significant.
     pub flip_floor: Option<f64>,
     /// Whether two references were given.
     pub noise_free: bool,
-    /// `rel_rmse` of what is left when the round(trim * count) worst samples are taken out of both its sums.
+    /// `rel_rmse` after the round(trim * count) worst samples are removed from both its sums.
     ///
-    /// The worst have the largest error (x - a)(x - b) summed over RGB; of equal ones the first in rows goes first.
-    /// Noise helps to choose them, so this one is a little too small where two references are noisy.
+    /// The worst samples have the largest error (x - a)(x - b) summed over RGB; of equal ones, the first in row order
+    /// is removed first. The choice depends on noise, so with two noisy references the value is slightly too small.
     pub trimmed: Option<f64>,
     /// max |x - r| over samples and RGB.
     pub max_abs: Option<f64>,
-    /// Pixels that the mask counts where a channel of the image is infinite or not a number; left out of all else.
+    /// Pixels inside the mask with an infinite or NaN channel in the image; excluded from everything else.
     pub non_finite: usize,
-    /// The same for pixels of the references whose image is finite.
+    /// Pixels inside the mask with a finite image and a non-finite reference; also excluded.
     pub reference_non_finite: usize,
-    /// In pixels, whatever the blocks.
+    /// In pixels, for any block size.
     pub width: usize,
     pub height: usize,
 }
 
 impl Pictures {
-    /// Reads one layer (`""` = unnamed) of EXR files and a mask, white where a pixel counts.
+    /// Reads one layer (`""` = unnamed) of EXR files, and a mask that is white where a pixel counts.
     ///
-    /// A reference that holds nothing but the unnamed layer is taken as the layer asked for.
+    /// If a reference has only the unnamed layer, that layer is used.
     pub fn read(
         image: &Path,
         reference: &Path,
@@ -124,7 +124,7 @@ impl Pictures {
         })
     }
 
-    /// The error figures.
+    /// Computes the error metrics.
     pub fn figures(&self, settings: Settings) -> Figures {
         assert!((0.0..1.0).contains(&settings.trim), "share {} to trim", settings.trim);
         let blocks = Blocks::new(self, settings.block);
@@ -137,7 +137,7 @@ impl Pictures {
         let has_mean = mean_reference != 0.0;
         let relative = |sample: &Sample| -> f64 {
             let (errors, reference) = (sample.errors(), sample.reference());
-            // 1e-2: keeps black pixels from counting without bound, as the contract has it.
+            // 1e-2: bounds the weight of black pixels; part of the definition of `rel_mse`.
             (0..3).map(|c| errors[c] / (reference[c] * reference[c] + 1e-2 * mean_reference * mean_reference)).sum()
         };
         let flip = |reference: fn(&Sample) -> [f64; 3], test: fn(&Sample) -> [f64; 3]| {
@@ -189,7 +189,7 @@ fn relative_rmse(samples: &[Sample]) -> Option<f64> {
 fn without_worst(mut samples: Vec<Sample>, share: f64) -> Vec<Sample> {
     let worst = (share * samples.len() as f64).round() as usize;
     if worst == 0 {
-        // Sums in the order of rows, so that trimming nothing gives `rel_rmse` to the last bit.
+        // Preserves row order, so that trimming nothing gives `rel_rmse` to the last bit.
         return samples;
     }
     let error = |sample: &Sample| sample.errors().iter().sum::<f64>();

@@ -1,4 +1,4 @@
-//! Directions drawn from the BRDF: visible normals for the specular lobe, the cosine for the diffuse one.
+//! Sampling the BRDF: visible normals for the specular lobe, cosine-weighted directions for the diffuse lobe.
 
 use std::f64::consts::{FRAC_1_PI, TAU};
 
@@ -7,27 +7,27 @@ use glam::{DMat3, DVec3};
 use super::{Angles, facets, fresnel, parts, schlick};
 use crate::shared::Brdf;
 
-/// A BRDF seen from one direction, ready to draw directions from a mixture of its two lobes.
+/// A BRDF for one `wo`, ready to sample directions from a mixture of its two lobes.
 ///
-/// What a perfect mirror reflects is not among them: see [`super::mirror`].
+/// Reflection by a perfect mirror is not included: see [`super::mirror`].
 #[derive(Clone, Copy, Debug)]
 pub struct Lobes<'a> {
     brdf: &'a Brdf,
     /// Columns: two tangents and the normal.
     world_from_local: DMat3,
     wo: DVec3,
-    /// Share of the specular lobe in the mixture.
+    /// Probability of the specular lobe in the mixture.
     specular: f64,
 }
 
-/// What [`Lobes`] tell of a direction.
+/// BRDF and sampling density of [`Lobes`] for a direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflected {
     /// Diffuse part of BRDF times cosine, 1/sr.
     pub diffuse: DVec3,
     /// Specular part of BRDF times cosine, 1/sr.
     pub specular: DVec3,
-    /// Density with which the direction is drawn, 1/sr.
+    /// Density of sampling the direction, 1/sr.
     pub density: f64,
 }
 
@@ -40,7 +40,7 @@ impl Reflected {
 }
 
 impl<'a> Lobes<'a> {
-    /// `normal` and `wo` are unit. `None` where nothing is reflected: seen from below, black, or a perfect mirror.
+    /// `normal` and `wo` are unit. `None` if nothing is reflected: seen from below, black, or a perfect mirror.
     #[inline]
     pub fn new(brdf: &'a Brdf, normal: DVec3, wo: DVec3) -> Option<Self> {
         let no = normal.dot(wo);
@@ -49,7 +49,8 @@ impl<'a> Lobes<'a> {
         }
         let diffuse = f64::from(brdf.diffuse.max_element());
         let specular = if brdf.has_lobe() {
-            // Facets seen at grazing angles lean towards the eye, the more the rougher: there Fresnel's term is smaller.
+            // Facets visible at grazing angles tilt towards the eye, more on rougher surfaces, and their Fresnel term
+            // is smaller.
             let oh = no + 0.6 * f64::from(brdf.alpha) * (1.0 - no);
             fresnel(brdf, schlick(oh.min(1.0))).max_element().max(f64::MIN_POSITIVE)
         } else {
@@ -59,13 +60,13 @@ impl<'a> Lobes<'a> {
         Some(Self { brdf, world_from_local: basis(normal), wo, specular })
     }
 
-    /// Share of directions that are drawn from the specular lobe.
+    /// Probability of sampling the specular lobe.
     pub fn specular_share(&self) -> f64 {
         self.specular
     }
 
-    /// Draws a unit direction from three numbers in [0, 1); `None` if it lies below the horizon, where the specular
-    /// lobe reaches: such a draw counts as one that found nothing.
+    /// Samples a unit direction from three numbers in [0, 1). `None` if it is below the horizon, which the specular
+    /// lobe can reach: such a sample contributes zero.
     #[inline]
     pub fn sample(&self, u: [f64; 3]) -> Option<DVec3> {
         let normal = self.world_from_local.z_axis;
@@ -79,7 +80,7 @@ impl<'a> Lobes<'a> {
         (normal.dot(wi) > 0.0).then_some(wi)
     }
 
-    /// BRDF times cosine, and the density of [`Self::sample`], at a unit direction; zeros below the horizon.
+    /// BRDF times cosine, and the density of [`Self::sample`], at a unit direction; zero below the horizon.
     #[inline]
     pub fn at(&self, wi: DVec3) -> Reflected {
         let a = Angles::new(self.world_from_local.z_axis, wi, self.wo);
@@ -96,7 +97,7 @@ impl<'a> Lobes<'a> {
     }
 }
 
-/// A frame whose third column is the unit vector `n` [Duff 2017, Listing 3].
+/// An orthonormal frame whose third column is the unit vector `n` [Duff 2017, Listing 3].
 #[inline]
 pub fn basis(n: DVec3) -> DMat3 {
     let sign = 1f64.copysign(n.z);
@@ -106,7 +107,7 @@ pub fn basis(n: DVec3) -> DMat3 {
     DMat3::from_cols(tangent, DVec3::new(b, sign + n.y * n.y * a, -n.y), n)
 }
 
-/// Direction in the local frame whose density is the cosine over pi.
+/// Cosine-weighted direction in the local frame; its density is the cosine over pi.
 #[inline]
 pub fn cosine_direction(u: f64, v: f64) -> DVec3 {
     let (sine, cosine) = (TAU * u).sin_cos();
@@ -114,8 +115,8 @@ pub fn cosine_direction(u: f64, v: f64) -> DVec3 {
     DVec3::new(r * cosine, r * sine, (1.0 - v).sqrt())
 }
 
-/// Facet normal in the local frame, with the density of those that `wo` sees [Heitz 2018], by reflecting a point of a
-/// spherical cap [Dupuy 2023, Listing 3].
+/// Facet normal in the local frame, distributed as the normals visible from `wo` [Heitz 2018], by reflection at a point
+/// of a spherical cap [Dupuy 2023, Listing 3].
 #[inline]
 fn visible_normal(wo: DVec3, alpha: f64, u: f64, v: f64) -> DVec3 {
     let stretched = DVec3::new(alpha * wo.x, alpha * wo.y, wo.z).normalize();
@@ -126,8 +127,8 @@ fn visible_normal(wo: DVec3, alpha: f64, u: f64, v: f64) -> DVec3 {
     DVec3::new(alpha * h.x, alpha * h.y, h.z.max(0.0)).normalize_or(DVec3::Z)
 }
 
-/// Density of directions mirrored at visible normals over that of all normals, G1 / (4 n.wo) [Heitz 2018, Eq. 17],
-/// multiplied out so that it stays finite at the horizon.
+/// Density of directions mirrored at visible normals, divided by the density of all normals: G1 / (4 n.wo) [Heitz 2018,
+/// Eq. 17], rearranged to stay finite at the horizon.
 #[inline]
 fn visibility(a: &Angles, alpha: f64) -> f64 {
     let root = (alpha * alpha + (1.0 - alpha * alpha) * a.no * a.no).sqrt();
@@ -158,8 +159,8 @@ mod tests {
         DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine)
     }
 
-    /// Weights stay small wherever they are drawn, down to lobes and angles that have no width in float32. The
-    /// largest, 4, is where Fresnel's term rises above what the mixture expects.
+    /// Sample weights are bounded, even for lobes and angles that have no width in float32. The largest, 4, occurs
+    /// where Fresnel's term exceeds the estimate in the mixture.
     #[test]
     fn weights_are_bounded() {
         let normal = DVec3::new(0.3, -0.8, 0.2).normalize();
@@ -179,7 +180,7 @@ mod tests {
         }
     }
 
-    /// Sampled albedos against a grid over the hemisphere, for lobes that a grid can resolve.
+    /// Sampled albedos compared with a grid over the hemisphere, for lobes that a grid can resolve.
     #[test]
     fn sampling_finds_the_albedo() {
         for brdf in brdfs().into_iter().filter(|b| !b.has_lobe() || b.alpha > 0.05) {
@@ -187,7 +188,7 @@ mod tests {
                 let Some(lobes) = Lobes::new(&brdf, DVec3::Z, towards(no)) else { continue };
                 let mut want = DVec3::ZERO;
                 const HEIGHTS: usize = 400;
-                const AZIMUTHS: usize = 2000; // a lobe seen at grazing angles is narrow across
+                const AZIMUTHS: usize = 2000; // a lobe at grazing angles is narrow in azimuth
                 for i in 0..HEIGHTS * AZIMUTHS {
                     let z = ((i / AZIMUTHS) as f64 + 0.5) / HEIGHTS as f64;
                     let (sine, cosine) = (TAU * ((i % AZIMUTHS) as f64 + 0.5) / AZIMUTHS as f64).sin_cos();

@@ -1,4 +1,5 @@
-//! glTF's BRDF [glTF 2.0, Appendix B], in double precision: the only one in Rust. Twin of glsl/lib/brdf.glsl.
+//! glTF's BRDF [glTF 2.0, Appendix B], in double precision: the only implementation in Rust. Twin of
+//! glsl/lib/brdf.glsl.
 
 mod lobes;
 
@@ -10,11 +11,11 @@ pub use self::lobes::{Lobes, Reflected, basis, cosine_direction};
 
 use crate::shared::Brdf;
 
-/// Below this cosine the masking term stays as it is there: the BRDF of a narrow lobe has no limit at the horizon.
+/// The masking term is constant below this cosine: the BRDF of a narrow lobe has no limit at the horizon.
 const MIN_COSINE: f64 = 1e-6;
 
-/// All that an isotropic BRDF looks at. The half vector's sine comes beside its cosine, which says nothing about
-/// narrow lobes.
+/// All angles that an isotropic BRDF depends on. The half vector's sine is included, because its cosine is too
+/// imprecise for narrow lobes.
 #[derive(Clone, Copy, Debug)]
 pub struct Angles {
     /// n . wi
@@ -57,7 +58,7 @@ pub fn f_of_angles(brdf: &Brdf, a: &Angles) -> DVec3 {
     diffuse + specular
 }
 
-/// Diffuse and specular part of [`f_of_angles`], for the density of half vectors that [`facets`] tells.
+/// Diffuse and specular part of [`f_of_angles`], given the density of half vectors from [`facets`].
 #[inline]
 fn parts(brdf: &Brdf, a: &Angles, facets: f64) -> [DVec3; 2] {
     if a.ni <= 0.0 || a.no <= 0.0 {
@@ -72,7 +73,7 @@ fn parts(brdf: &Brdf, a: &Angles, facets: f64) -> [DVec3; 2] {
     [diffuse, fresnel(brdf, s) * (facets * smith(a.ni, a.no, brdf.alpha.into()))]
 }
 
-/// [`ggx`] of a lobe; 0 without one.
+/// [`ggx`] of the specular lobe; 0 if there is none.
 #[inline]
 fn facets(brdf: &Brdf, a: &Angles) -> f64 {
     if brdf.has_lobe() { ggx(a.nh, a.sine_nh, brdf.alpha.into()) } else { 0.0 }
@@ -84,18 +85,18 @@ fn schlick(cosine: f64) -> f64 {
     (1.0 - cosine).powi(5)
 }
 
-/// Fresnel term of the specular part, dielectric and metal mixed, at [`schlick`]'s weight `s`.
+/// Fresnel term of the specular part, mixed from dielectric and metal, at weight `s` of [`schlick`].
 #[inline]
 fn fresnel(brdf: &Brdf, s: f64) -> DVec3 {
     brdf.f0.as_dvec3().lerp(DVec3::splat(brdf.f90.into()), s)
 }
 
-/// What a perfect mirror reflects at this cosine, dielectric and metal mixed.
+/// Reflectance of a perfect mirror at this cosine, mixed from dielectric and metal.
 pub fn mirror(brdf: &Brdf, cosine: f64) -> DVec3 {
     if brdf.has_lobe() { DVec3::ZERO } else { specular_reflectance(brdf, cosine) }
 }
 
-/// Fresnel term of the specular lobe or the perfect mirror, dielectric and metal mixed, at this cosine to the half
+/// Fresnel term of the specular lobe or the perfect mirror, mixed from dielectric and metal, at this cosine to the half
 /// vector.
 pub fn specular_reflectance(brdf: &Brdf, cosine: f64) -> DVec3 {
     fresnel(brdf, schlick(cosine.clamp(0.0, 1.0)))
@@ -108,24 +109,24 @@ pub fn ggx(nh: f64, sine_nh: f64, alpha: f64) -> f64 {
     x * x * FRAC_1_PI
 }
 
-/// Height-correlated masking over 4 n.wi n.wo [Heitz 2014, Eq. 99].
+/// Height-correlated masking divided by 4 n.wi n.wo [Heitz 2014, Eq. 99].
 #[inline]
 pub fn smith(ni: f64, no: f64, alpha: f64) -> f64 {
     let (ni, no) = (ni.max(MIN_COSINE), no.max(MIN_COSINE));
-    // 1 + 2 lambda is sqrt(1 + alpha² tan²) [Heitz 2014, Eq. 72]; times the cosine it needs no division.
+    // 1 + 2 lambda is sqrt(1 + alpha² tan²) [Heitz 2014, Eq. 72]; multiplied by the cosine, it needs no division.
     let a2 = alpha * alpha;
     let root = |cosine: f64| (a2 + (1.0 - a2) * cosine * cosine).sqrt();
     0.5 / (no * root(ni) + ni * root(no))
 }
 
 impl Brdf {
-    /// Whether light from a point or a direction is reflected at all.
+    /// Whether any light from a point or a direction is reflected.
     #[inline]
     pub fn reflects_directly(&self) -> bool {
         self.diffuse != Vec3::ZERO || (self.has_lobe() && (self.f0 != Vec3::ZERO || self.f90 != 0.0))
     }
 
-    /// Whether there is a specular lobe of some width.
+    /// Whether there is a specular lobe of non-zero width.
     #[inline]
     pub fn has_lobe(&self) -> bool {
         self.alpha > 0.0

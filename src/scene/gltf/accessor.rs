@@ -1,4 +1,4 @@
-//! Accessors: every offset, stride and count is checked against the bytes that are there before anything is allocated.
+//! Accessors: every offset, stride and count is checked against the available bytes before anything is allocated.
 
 use gltf::json;
 use json::accessor::{ComponentType, Type};
@@ -6,11 +6,11 @@ use json::accessor::{ComponentType, Type};
 use super::document::Document;
 use crate::error::Result;
 
-// An accessor without a buffer view is all zeros however large it says it is; more elements than this are no scene, nor are
-// more than twice as many in a file. Morph targets are made of such accessors, with a few values that are not zero.
+// An accessor without a buffer view is all zeros, whatever size it claims. This is the limit per accessor, and half the
+// limit per file. Morph targets use such accessors, with a few sparse values.
 const MAX_ZEROS: usize = 1 << 22;
 
-/// A component type and whether it is normalised, as the specification's tables list them.
+/// A component type and whether it is normalized, as in the specification's tables.
 pub type Form = (ComponentType, bool);
 
 pub const F32: Form = (ComponentType::F32, false);
@@ -24,7 +24,7 @@ pub const U16: Form = (ComponentType::U16, false);
 pub const U16_NORM: Form = (ComponentType::U16, true);
 pub const U32: Form = (ComponentType::U32, false);
 
-/// Elements somewhere in a buffer, in range.
+/// Elements in a buffer, checked to be in range.
 struct Elements<'a> {
     bytes: &'a [u8],
     stride: usize,
@@ -51,8 +51,8 @@ impl Document {
         self.valid(accessor.type_, &format!("{what}: the type of accessor {index}"))
     }
 
-    /// Reads vectors of `N` numbers. `core` are the forms that glTF allows, `quantized` those that
-    /// `KHR_mesh_quantization` adds.
+    /// Reads vectors of `N` numbers. glTF allows the forms in `core`, `KHR_mesh_quantization` also those in
+    /// `quantized`.
     pub fn vectors<const N: usize>(
         &self,
         index: usize,
@@ -141,7 +141,7 @@ impl Document {
         Ok(values)
     }
 
-    /// Counts an accessor without a buffer view, once.
+    /// Counts an accessor without a buffer view towards the file's limit, once.
     fn count_zeros(&self, index: usize, count: usize, what: &str) -> Result<()> {
         let mut zeros = self.zeros.lock().expect("nothing panics while it holds this");
         zeros.insert(index, count);
@@ -152,7 +152,7 @@ impl Document {
         Ok(())
     }
 
-    /// Whether accessor `index` says nothing but zeros.
+    /// Whether accessor `index` contains only zeros.
     pub fn is_all_zeros(&self, index: usize) -> bool {
         self.root.accessors.get(index).is_some_and(|a| a.buffer_view.is_none() && a.sparse.is_none())
     }
@@ -161,7 +161,7 @@ impl Document {
         let stride = self.item(&self.root.buffer_views, view, "buffer view", what)?.byte_stride.map(|s| s.0);
         let view = self.view(view, what)?;
         let stride = stride.filter(|&s| s != 0).unwrap_or(size);
-        // Overlapping elements would make a small file claim any number of them.
+        // Overlapping elements would let a small file claim any number of them.
         if stride < size {
             return Err(self.error(format!("{what}: stride {stride} is less than an element's {size} bytes")));
         }
@@ -205,7 +205,7 @@ fn unsigned(bytes: &[u8]) -> u32 {
     }
 }
 
-/// One component as a number [glTF 2.0, 3.11; KHR_mesh_quantization].
+/// Converts one component to a number [glTF 2.0, 3.11; KHR_mesh_quantization].
 fn reader(component: ComponentType, normalized: bool) -> impl Fn(&[u8]) -> f32 {
     let largest = match (normalized, component) {
         (true, ComponentType::I8) => 127.0,

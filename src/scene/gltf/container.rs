@@ -1,13 +1,13 @@
-//! `.gltf` and `.glb` files as JSON text and a binary chunk, and their buffers.
+//! Splits `.gltf` and `.glb` files into JSON and binary chunk, and reads their buffers.
 //!
-//! The gltf crate's own reader subtracts before it checks the header's length, so this one is ours.
+//! The gltf crate's own reader subtracts before it checks the header's length, so it is not used.
 
 use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::scene::files;
 
-/// One file, taken apart.
+/// The contents of one file.
 pub struct Container {
     pub json: Vec<u8>,
     /// The `BIN` chunk of a `.glb`.
@@ -25,9 +25,9 @@ impl Container {
         if bytes.starts_with(MAGIC) {
             Self::split(&bytes).map_err(|reason| Error::import(path, reason))
         } else if is_glb {
-            Err(Error::import(path, "does not begin with \"glTF\", so it is no .glb"))
+            Err(Error::import(path, "does not begin with \"glTF\", so it is not a .glb"))
         } else {
-            // Byte order marks are not allowed, and there all the same.
+            // Byte order marks are not allowed, but occur.
             let json = bytes.strip_prefix(b"\xef\xbb\xbf").map(<[u8]>::to_vec).unwrap_or(bytes);
             Ok(Self { json, bin: None })
         }
@@ -68,7 +68,7 @@ impl Container {
             }
             at = begin + size;
         }
-        // Padding should be spaces, and is zeros all the same.
+        // Padding should be spaces, but zeros occur.
         let text = container.json.iter().rposition(|&b| b != 0).map_or(0, |last| last + 1);
         container.json.truncate(text);
         if container.json.is_empty() {
@@ -78,7 +78,7 @@ impl Container {
     }
 }
 
-/// The bytes of buffer `index`: its own `uri`, or for the first the binary chunk.
+/// The bytes of buffer `index`: from its `uri`, or for the first buffer from the binary chunk.
 pub fn buffer_bytes(path: &Path, index: usize, uri: Option<&str>, length: u64, bin: Option<&[u8]>) -> Result<Vec<u8>> {
     let what = format!("buffer {index}");
     let mut bytes = match (uri, bin) {
@@ -89,7 +89,7 @@ pub fn buffer_bytes(path: &Path, index: usize, uri: Option<&str>, length: u64, b
     if (bytes.len() as u64) < length {
         return Err(Error::import(path, format!("{what} claims {length} bytes and holds {}", bytes.len())));
     }
-    // What lies behind is padding.
+    // The rest is padding.
     bytes.truncate(length as usize);
     bytes.shrink_to_fit();
     Ok(bytes)

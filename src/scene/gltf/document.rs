@@ -1,11 +1,11 @@
-//! The parsed file: every index checked where it is followed.
+//! The parsed file; every index is checked where it is used.
 //!
-//! The gltf crate supplies the JSON types. Its accessors panic on what its validation lets through, and its validation
-//! panics itself when POSITION names an accessor that isn't there and refuses `KHR_mesh_quantization`. So nothing
-//! here calls either: items are looked up with [`item`], which knows what to say when there is none.
+//! The gltf crate supplies the JSON types. Its accessors panic on input that its validation accepts; its validation
+//! panics if POSITION refers to a missing accessor, and rejects `KHR_mesh_quantization`. So neither is used: items are
+//! looked up with [`item`], which reports missing ones.
 //!
-//! Its types hold single precision, which is too coarse for poses and for what artists read back in a rig file, so
-//! nodes, cameras and lights are read a second time, into types of our own.
+//! Its types have single precision, which is too coarse for poses and for values that artists read back in a rig file.
+//! So nodes, cameras and lights are parsed a second time, into our own types.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -21,17 +21,18 @@ use super::unpack::{Unpacked, is_fallback};
 use crate::error::{Error, Result};
 use crate::scene::files;
 
+/// A glTF file, parsed, with its buffers.
 pub struct Document {
     pub path: PathBuf,
     pub root: json::Root,
     pub poses: Poses,
     pub buffers: Vec<Vec<u8>>,
-    /// Lengths of the accessors without a buffer view that were read.
+    /// Lengths of the accessors without a buffer view that have been read.
     pub zeros: Mutex<HashMap<usize, usize>>,
     pub unpacked: Unpacked,
 }
 
-/// The part of the file that is read in double precision.
+/// The part of the file that is parsed in double precision.
 #[derive(Deserialize)]
 pub struct Poses {
     pub scene: Option<usize>,
@@ -59,7 +60,7 @@ pub struct Node {
     pub name: Option<String>,
     #[serde(default)]
     pub children: Vec<usize>,
-    /// Column by column.
+    /// Column-major.
     pub matrix: Option<[f64; 16]>,
     pub translation: Option<[f64; 3]>,
     /// x, y, z, w.
@@ -68,7 +69,7 @@ pub struct Node {
     pub mesh: Option<usize>,
     pub camera: Option<usize>,
     pub skin: Option<usize>,
-    /// Of morph targets; instead of the mesh's.
+    /// Morph target weights; override the mesh's.
     pub weights: Option<Vec<f64>>,
     #[serde(default)]
     extensions: NodeExtensions,
@@ -77,10 +78,10 @@ pub struct Node {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct SkinEntry {
-    /// Nodes.
+    /// Node indices.
     #[serde(default)]
     pub joints: Vec<usize>,
-    /// An accessor of as many matrices; none: the identity.
+    /// Accessor with one matrix per joint; `None` is the identity.
     pub inverse_bind_matrices: Option<usize>,
 }
 
@@ -138,7 +139,7 @@ pub struct Instances {
     pub attributes: InstanceAttributes,
 }
 
-/// Accessors.
+/// Accessor indices.
 #[derive(Deserialize, Default)]
 #[serde(rename_all = "UPPERCASE")]
 pub struct InstanceAttributes {
@@ -167,10 +168,10 @@ pub struct Spot {
     pub outer_cone_angle: Option<f64>,
 }
 
-// What a .glb can hold. Buffers may name one file any number of times.
+// The maximum size of a .glb. Many buffers may refer to one file.
 const MAX_BUFFER_BYTES: usize = 1 << 32;
 
-/// What of `extensionsRequired` we have.
+/// Supported entries of `extensionsRequired`.
 const SUPPORTED: &[&str] = &[
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -186,7 +187,8 @@ const SUPPORTED: &[&str] = &[
     "KHR_texture_transform",
 ];
 
-/// What may be required although we leave it out: a picture without is still the scene's. Each has a message of its own.
+/// Unsupported extensions that are accepted in `extensionsRequired`: the scene is still recognizable without them.
+/// Visible effects have warnings of their own.
 const LEFT_OUT: &[&str] = &[
     "KHR_animation_pointer",
     "KHR_materials_anisotropy",
@@ -201,6 +203,7 @@ const LEFT_OUT: &[&str] = &[
 ];
 
 impl Document {
+    /// Parses the JSON, reads the buffers and decompresses geometry.
     pub fn parse(path: &Path, container: &Container) -> Result<Self> {
         let Container { json, bin } = container;
         let (root, poses) = parsed(path, json).or_else(|first| match mended(json) {
@@ -238,17 +241,17 @@ impl Document {
         Error::import(&self.path, reason)
     }
 
-    /// `items[index]`, or an error saying who asked for what.
+    /// `items[index]`, or an error that names the item and what refers to it.
     pub fn item<'a, T>(&self, items: &'a [T], index: usize, kind: &str, asked_by: &str) -> Result<&'a T> {
         let there = items.len();
         items.get(index).ok_or_else(|| self.error(format!("{asked_by} names {kind} {index}, there are {there}")))
     }
 
-    /// An enumeration's value, or an error naming the item.
+    /// The value of an enumeration, or an error that names the item.
     pub fn valid<T: Copy>(&self, value: Checked<T>, what: &str) -> Result<T> {
         match value {
             Checked::Valid(value) => Ok(value),
-            Checked::Invalid => Err(self.error(format!("{what} is none that glTF has"))),
+            Checked::Invalid => Err(self.error(format!("{what} is not defined by glTF"))),
         }
     }
 
@@ -256,7 +259,7 @@ impl Document {
         self.poses.extensions.lights.as_ref().map_or(&[], |l| &l.lights)
     }
 
-    /// Whether `extension` is declared.
+    /// Whether the file declares `extension`.
     pub fn uses(&self, extension: &str) -> bool {
         self.root.extensions_used.iter().chain(&self.root.extensions_required).any(|e| e == extension)
     }

@@ -1,4 +1,4 @@
-//! `KHR_draco_mesh_compression`: primitives packed by Draco, as the accessors that they stand for.
+//! `KHR_draco_mesh_compression`: replaces Draco-compressed primitives by plain accessors.
 
 use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder};
 use gltf::json;
@@ -13,20 +13,20 @@ use crate::error::{Error, Result};
 
 pub const EXTENSION: &str = "KHR_draco_mesh_compression";
 
-/// What the extension says of a primitive.
+/// The extension's object in a primitive.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Packed {
     buffer_view: usize,
-    /// Attributes by their numbers in the packed mesh.
+    /// Draco attribute ids by glTF attribute name.
     attributes: std::collections::BTreeMap<String, u32>,
 }
 
-/// 45 million triangles with a gigabyte of attributes; see `MAX_CORNERS` of primitives.
+/// Points, faces and bytes: 45 million triangles with 1 GiB of attributes; see `MAX_CORNERS` of primitives.
 const LIMITS: [u64; 3] = [1 << 27, 45_000_000, 1 << 30];
 
 impl Document {
-    /// Gives every packed primitive accessors of its own, over buffers of what was packed.
+    /// Gives every compressed primitive its own accessors, over decompressed buffers.
     pub fn unpack_draco(&mut self) -> Result<()> {
         let mut corners = 0;
         for mesh in 0..self.root.meshes.len() {
@@ -45,15 +45,14 @@ impl Document {
         Ok(())
     }
 
-    /// Returns how many vertices and corners there are.
+    /// Returns the number of vertices and corners.
     fn unpack_primitive(&mut self, mesh: usize, primitive: usize, packed: &Packed, what: &str) -> Result<usize> {
         let decoded = self.decode_draco(packed, what)?;
         let count = decoded.num_points();
         for (name, &id) in &packed.attributes {
             let Checked::Valid(semantic) = semantic(name) else { continue };
             let attribute = decoded.attribute_by_unique_id(id);
-            let attribute = attribute
-                .ok_or_else(|| self.error(format!("{what}: holds no attribute {id}, which is to be {name}")))?;
+            let attribute = attribute.ok_or_else(|| self.error(format!("{what}: has no attribute {id} for {name}")))?;
             let attributes = &self.root.meshes[mesh].primitives[primitive].attributes;
             let Some(index) = attributes.get(&Checked::Valid(semantic.clone())).map(|index| index.value()) else {
                 continue;
@@ -107,7 +106,7 @@ impl Document {
         Ok(mesh)
     }
 
-    /// `accessor` over `bytes`, which are added to the file.
+    /// Adds `bytes` to the file, and a copy of `accessor` over them; returns its index.
     fn unpacked_accessor(&mut self, accessor: Accessor, count: usize, bytes: Vec<u8>) -> usize {
         let view = self.add_unpacked(bytes);
         let accessor = Accessor {
@@ -126,7 +125,7 @@ fn semantic(name: &str) -> Checked<Semantic> {
     serde_json::from_value(name.into()).unwrap_or(Checked::Invalid)
 }
 
-/// Draco keeps integers as they are; all that a mesh has here fit single precision.
+/// Draco stores integers exactly; all values of a mesh here fit in single precision.
 fn component_bytes(component: ComponentType, value: f32) -> Vec<u8> {
     match component {
         ComponentType::I8 => vec![value as i8 as u8],

@@ -6,12 +6,12 @@ use super::accessor::{F32, Form, I8, I8_NORM, I16, I16_NORM, U8, U8_NORM, U16, U
 use super::document::{Document, InstanceAttributes};
 use crate::error::Result;
 
-/// The extension asks for single precision, rotations may be normalised integers. The others are what compressors write.
+/// The extension specifies single precision, or normalized integers for rotations. Compressors also write the others.
 const VECTORS: &[Form] = &[F32, I8, I8_NORM, U8, U8_NORM, I16, I16_NORM, U16, U16_NORM];
 const ROTATIONS: &[Form] = &[F32, I8_NORM, I16_NORM];
 
 impl Document {
-    /// How many copies of its mesh `node` shows.
+    /// Number of copies of its mesh that `node` shows.
     pub fn instance_count(&self, node: usize) -> Result<usize> {
         let Some(attributes) = self.poses.nodes[node].instances() else { return Ok(1) };
         let what = format!("the instances of {}", self.node_name(node));
@@ -27,7 +27,7 @@ impl Document {
         Ok(first)
     }
 
-    /// Where the copies stand in the node's space.
+    /// Transforms of the copies in the node's space.
     pub fn instances(&self, node: usize, attributes: &InstanceAttributes) -> Result<Vec<DAffine3>> {
         let count = self.instance_count(node)?;
         let what = |attribute: &str| format!("{attribute} of the instances of {}", self.node_name(node));
@@ -47,7 +47,7 @@ impl Document {
             .map(|(i, ((translation, rotation), scale))| {
                 let rotation = DQuat::from_array(rotation.map(f64::from));
                 if !rotation.length_squared().is_normal() {
-                    return Err(self.error(format!("{}: copy {i}: no quaternion", what("ROTATION"))));
+                    return Err(self.error(format!("{}: copy {i}: not a quaternion", what("ROTATION"))));
                 }
                 Ok(DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation))
             })

@@ -1,18 +1,18 @@
-//! The rig that an export of ours keeps beside the lights it became: groups, links, switches and what else glTF has no
-//! words for, to the last bit. It counts only while the file's lights still are what it says.
+//! The exact rig that export stores next to the glTF lights: groups, links, switches and everything else that glTF
+//! cannot represent. It is used only while the file's lights agree with it.
 
 use std::collections::HashMap;
 
 use super::document::Document;
 use crate::scene::{Light, LightKind, Rig};
 
-/// In the extras of the scene that is shown, as the text of a rig file.
+/// Key in the extras of the shown scene; the value is the text of a rig file.
 pub const KEY: &str = "relume_rig";
 
-/// Relative; what single precision on the way through another program leaves.
+/// Relative tolerance: rounding to single precision by another program.
 const NEAR: f64 = 1e-5;
 
-/// The rig of a file whose nodes hold `lights`.
+/// The rig of a file whose nodes contain `lights`.
 pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
     let extras = document.poses.scenes.get(document.shown_scene()).and_then(|scene| scene.extras.as_ref());
     let loaded = Rig { lights, ..Rig::default() };
@@ -20,12 +20,12 @@ pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
     let kept = Rig::from_toml(text).ok().and_then(|kept| at_home(kept, &loaded));
     kept.unwrap_or_else(|| {
         let path = document.path.display();
-        tracing::info!("{path}: its lights were edited since relume wrote them; groups and links are gone");
+        tracing::info!("{path}: its lights were edited since relume wrote them; groups and links are discarded");
         loaded
     })
 }
 
-/// `kept` with the nodes that its lights have in the file, if they are the same lights.
+/// `kept` with the file's node indices, if its lights agree with the file's.
 fn at_home(mut kept: Rig, loaded: &Rig) -> Option<Rig> {
     let by_name: HashMap<&str, &Light> = loaded.lights.iter().map(|light| (light.name.as_str(), light)).collect();
     if kept.lights.len() != loaded.lights.len() {
@@ -39,7 +39,7 @@ fn at_home(mut kept: Rig, loaded: &Rig) -> Option<Rig> {
     Some(kept)
 }
 
-/// Whether light `index` of `rig` is what glTF says of it.
+/// Whether light `index` of `rig` agrees with the glTF light `found`.
 fn is_same(rig: &Rig, index: usize, found: &Light) -> bool {
     let light = &rig.lights[index];
     let near = |a: f64, b: f64| (a - b).abs() <= NEAR * a.abs().max(b.abs()).max(NEAR);

@@ -1,4 +1,4 @@
-//! `KHR_lights_punctual` and cameras: from nodes to world space.
+//! `KHR_lights_punctual` and cameras, converted from nodes to world space.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -29,13 +29,13 @@ impl Document {
         if without_direction > 0 {
             let path = self.path.display();
             tracing::warn!(
-                "{path}: {without_direction} lights at nodes of zero scale have no direction and are not there"
+                "{path}: {without_direction} lights at nodes of zero scale have no direction and are ignored"
             );
         }
         Ok(lights)
     }
 
-    /// `None` if a light that has a direction stands where there are none.
+    /// `None` if a spot or directional light is at a node of zero scale, which has no direction.
     fn light(&self, name: String, index: usize, node: usize, world_from_node: &DAffine3) -> Result<Option<Light>> {
         let entry = &self.lights()[index];
         let wrong = |reason: &str| self.error(format!("light {index} of {}: {reason}", self.node_name(node)));
@@ -43,7 +43,7 @@ impl Document {
             "point" => LightKind::Point,
             "spot" => LightKind::Spot,
             "directional" => LightKind::Directional,
-            kind => return Err(wrong(&format!("type \"{kind}\" is none that KHR_lights_punctual has"))),
+            kind => return Err(wrong(&format!("type \"{kind}\" is not defined by KHR_lights_punctual"))),
         };
         let color = Vec3::from_array(entry.color.unwrap_or([1.0; 3]));
         if !(color.is_finite() && color.min_element() >= 0.0) {
@@ -55,7 +55,7 @@ impl Document {
         }
         if intensity < 0.0 {
             let (path, node) = (self.path.display(), self.node_name(node));
-            tracing::warn!("{path}: light {index} of {node} takes light away ({intensity}); it is dark instead");
+            tracing::warn!("{path}: light {index} of {node} has a negative intensity ({intensity}), replaced by 0");
             intensity = 0.0;
         }
         if entry.range.is_some_and(|range| range <= 0.0) {
@@ -69,7 +69,7 @@ impl Document {
             node: Some(node),
             ..Light::point(&name, DVec3::ZERO)
         };
-        // What a kind ignores stays at its default.
+        // Values that a kind ignores stay at their defaults.
         if kind != LightKind::Directional {
             light.position = world_from_node.translation;
             if !light.position.is_finite() {
@@ -77,7 +77,7 @@ impl Document {
             }
         }
         if kind != LightKind::Point {
-            // A tiny scale must not underflow.
+            // Divided by the largest component first: a tiny scale must not underflow.
             let axis = world_from_node.matrix3.z_axis;
             let direction = -(axis / axis.abs().max_element());
             let Some(direction) = direction.try_normalize() else {
@@ -89,7 +89,7 @@ impl Document {
         if kind == LightKind::Spot {
             let inner = entry.spot.inner_cone_angle.unwrap_or(0.0);
             let outer = entry.spot.outer_cone_angle.unwrap_or(FRAC_PI_4);
-            // pi/2 in single precision is a little more than pi/2.
+            // pi/2 rounded to single precision is slightly more than pi/2.
             if !(0.0 <= inner && inner <= outer && outer <= FRAC_PI_2 + 1e-6) {
                 return Err(wrong(&format!("cone angles {inner} and {outer} are not 0 <= inner <= outer <= pi/2")));
             }
@@ -128,10 +128,10 @@ impl Document {
             }
             let Some(world_from_camera) = unscaled(world_from_node.matrix3) else {
                 let (path, node) = (self.path.display(), self.node_name(*node));
-                tracing::warn!("{path}: camera {index} of {node} looks nowhere, its scale is zero: it is not there");
+                tracing::warn!("{path}: camera {index} of {node} has zero scale and no direction; it is ignored");
                 continue;
             };
-            // Past these no picture is meant.
+            // Other aspect ratios are assumed to be mistakes.
             let aspect = aspect.filter(|aspect| (1.0 / 16.0..=16.0).contains(aspect));
             cameras.push(Camera { name, position, world_from_camera, projection, aspect });
         }
@@ -139,7 +139,8 @@ impl Document {
     }
 }
 
-/// The axes right, up and back without scale, shear or mirroring: back is kept, then up as far as it can be.
+/// The axes right, up and back without scale, shear or mirroring: back is unchanged, up is changed as little as
+/// possible.
 fn unscaled(matrix: DMat3) -> Option<DMat3> {
     if super::nodes::is_singular(matrix) {
         return None;

@@ -1,5 +1,5 @@
-//! Extensions of materials that [`Material`] has no words for: what can be said exactly is, the rest is counted and named
-//! once a file, with what will look different.
+//! Material extensions that [`Material`] cannot represent. Exact conversions are made; the others are counted and
+//! reported once per file, with their visible effect.
 
 use glam::Vec3;
 use serde_json::{Map, Value};
@@ -7,14 +7,14 @@ use serde_json::{Map, Value};
 use super::document::Document;
 use crate::scene::Material;
 
-/// An extension that is left out, the factors any of which makes a difference, and what is missing then.
+/// An unsupported extension. It has an effect if any of `factors` is not zero; `effect` describes it in the warning.
 struct LeftOut {
     extension: &'static str,
     factors: &'static [&'static str],
     effect: &'static str,
 }
 
-/// Volumes and dispersion show only behind a surface that transmits, so they go without a word of their own.
+/// Volume and dispersion are visible only through a transmissive surface, so they have no warning of their own.
 const LEFT_OUT: [LeftOut; 6] = [
     LeftOut {
         extension: "KHR_materials_clearcoat",
@@ -44,7 +44,7 @@ const LEFT_OUT: [LeftOut; 6] = [
     },
 ];
 
-/// How many materials lack what.
+/// Number of materials per unsupported extension.
 #[derive(Default)]
 pub struct Missing {
     counts: [usize; LEFT_OUT.len()],
@@ -53,11 +53,11 @@ pub struct Missing {
 }
 
 impl Missing {
-    /// Counts what the extensions of one material would change.
+    /// Counts the unsupported extensions of one material.
     pub fn count(&mut self, extensions: &Map<String, Value>) {
         for (count, left_out) in self.counts.iter_mut().zip(&LEFT_OUT) {
             let Some(extension) = extensions.get(left_out.extension) else { continue };
-            // All these factors are zero where the file does not name them.
+            // All these factors default to zero.
             let is_zero = |value: &Value| match value {
                 Value::Array(items) => items.iter().all(|item| item.as_f64() == Some(0.0)),
                 value => value.as_f64() == Some(0.0),
@@ -81,7 +81,7 @@ impl Missing {
         if self.short_of_uv_sets > 0 {
             let count = have(self.short_of_uv_sets);
             tracing::warn!(
-                "{path}: {count} textures on more than two sets of texture coordinates; the rest is left out"
+                "{path}: {count} textures on more than two sets of texture coordinates; the others are ignored"
             );
         }
         if let Some(names) = variants(document).filter(|names| !names.is_empty()) {
@@ -90,15 +90,16 @@ impl Missing {
     }
 }
 
-/// Names of `KHR_materials_variants`; the materials that primitives name themselves are the default.
+/// Names of `KHR_materials_variants`; the materials that primitives refer to directly are the default.
 fn variants(document: &Document) -> Option<Vec<String>> {
     let extensions = document.root.extensions.as_ref()?;
     let variants = extensions.others.get("KHR_materials_variants")?.get("variants")?.as_array()?;
-    // As many as a line holds.
+    // As many as fit on a line.
     Some(variants.iter().filter_map(|v| v.get("name")?.as_str().map(crate::scene::files::shortened)).take(8).collect())
 }
 
-/// `KHR_materials_unlit`: the base colour is what is seen. Nothing is reflected, so it is emitted; alpha stays.
+/// `KHR_materials_unlit`: the base colour is visible as it is. Nothing is reflected, so it is emitted; alpha is
+/// unchanged.
 pub fn make_unlit(material: &mut Material) {
     material.emissive = material.base_color.truncate();
     material.emissive_texture = material.base_color_texture;

@@ -1,4 +1,4 @@
-//! Materials and the textures that they look at.
+//! Materials and their textures.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -16,31 +16,31 @@ use crate::error::{Error, Result};
 use crate::scene::texture::{Image, TexelCount};
 use crate::scene::{AlphaMode, Encoding, Material, Texture, TextureRef, Wrap, files};
 
-/// The materials in use so far, in the order of their first use.
+/// Materials in use so far, in order of first use.
 pub struct Materials<'a> {
     document: &'a Document,
     materials: Vec<Material>,
-    /// For each of them, the file's sets of texture coordinates that become ours.
+    /// For each material, the file's texture coordinate sets that become sets 0 and 1.
     uv_sets: Vec<[Option<u32>; 2]>,
-    /// By index in the file; `None` is glTF's default material.
+    /// Index in `materials` by index in the file; `None` is glTF's default material.
     indices: HashMap<Option<usize>, usize>,
-    /// What each texture is decoded from: an image of the file, and how to read it.
+    /// Source of each texture: an image of the file, and its encoding.
     textures: Vec<(usize, Encoding)>,
     texture_indices: HashMap<(usize, Encoding), usize>,
     missing: Missing,
 }
 
-/// What a primitive needs to know of its material.
+/// What a primitive needs from its material.
 pub struct InUse {
-    /// Among the materials in use.
+    /// Index among the materials in use.
     pub index: usize,
-    /// The file's sets of texture coordinates that are read into ours.
+    /// The file's texture coordinate sets that become sets 0 and 1.
     pub uv_sets: [Option<u32>; 2],
-    /// Which of ours the normal map uses.
+    /// Which of these two the normal map uses.
     pub tangents_from: Option<usize>,
 }
 
-/// How KTX2 files begin.
+/// Magic bytes of KTX2 files.
 const KTX2: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 
 const NO_KTX2: &str = "is KTX2 (KHR_texture_basisu), which is not supported; PNG, JPEG and WebP are";
@@ -68,7 +68,7 @@ impl<'a> Materials<'a> {
         Self { document, materials, uv_sets, indices, textures, texture_indices, missing }
     }
 
-    /// Material `index` of the file.
+    /// Material `index` of the file, imported on its first use.
     pub fn get(&mut self, index: Option<usize>, asked_by: &str) -> Result<InUse> {
         let known = match self.indices.get(&index) {
             Some(&known) => known,
@@ -90,7 +90,7 @@ impl<'a> Materials<'a> {
         Ok(InUse { index: known, uv_sets: self.uv_sets[known], tangents_from })
     }
 
-    /// All materials in use, and their textures, decoded.
+    /// All materials in use, and their decoded textures.
     pub fn finish(self) -> Result<(Vec<Material>, Vec<Texture>)> {
         let mut texels = TexelCount::default();
         for &(image, _) in &self.textures {
@@ -167,7 +167,7 @@ impl<'a> Materials<'a> {
         let source = document.item(&document.root.textures, info.index, "texture", what)?;
         let what = format!("{what}: texture {}", info.index);
         let extension = |name| source.extensions.as_ref().and_then(|e| e.others.get(name)?.get("source")?.as_u64());
-        // 2^32 - 1 is what the crate makes of a missing source.
+        // The gltf crate represents a missing source by 2^32 - 1.
         let plain = Some(source.source.value()).filter(|&image| image != u32::MAX as usize);
         let Some(image) = extension("EXT_texture_webp").map(|image| image as usize).or(plain) else {
             let reason = match extension("KHR_texture_basisu") {
@@ -219,7 +219,7 @@ impl Document {
         }
         if let Some(mime) = &image.mime_type
             && !MIME_TYPES.contains(&mime.0.as_str())
-            // Exporters write jpg.
+            // Some exporters write jpg.
             && mime.0 != "image/jpg"
         {
             return Err(
@@ -246,8 +246,8 @@ impl Document {
     }
 }
 
-/// Makes the file's numbers of texture coordinate sets ours, of which a mesh has two. Returns the file's number for each
-/// of ours, and whether textures were dropped because the material reads more sets than that.
+/// Renumbers the texture coordinate sets that a material uses to 0 and 1, because a mesh has only two. Returns the
+/// file's number for each, and whether textures were dropped because the material uses more than two sets.
 fn two_uv_sets(material: &mut Material) -> ([Option<u32>; 2], bool) {
     let mut used: Vec<usize> = Vec::new();
     for texture in material.textures() {
@@ -258,7 +258,7 @@ fn two_uv_sets(material: &mut Material) -> ([Option<u32>; 2], bool) {
     let is_short = used.len() > 2;
     used.truncate(2);
     used.sort_unstable();
-    // Sets 0 and 1 stay where they are.
+    // Sets 0 and 1 do not change.
     let slots = match used[..] {
         [] => [None, None],
         [1] => [None, Some(1)],
@@ -276,25 +276,25 @@ fn two_uv_sets(material: &mut Material) -> ([Option<u32>; 2], bool) {
     (slots.map(|set| set.map(|set| set as u32)), is_short)
 }
 
-/// The gltf crate knows no extensions of normal textures, but keeps them.
+/// The gltf crate does not parse extensions of normal textures, but retains them.
 fn normal_info(normal: &json::material::NormalTexture) -> Result<Info, serde_json::Error> {
     let transform = normal.extensions.as_ref().and_then(|e| e.others.get("KHR_texture_transform"));
-    // Through text: the type borrows its extras from it.
+    // Through text, because the type borrows its extras from it.
     let transform = transform.map(|t| serde_json::from_str(&t.to_string())).transpose()?;
     Ok(Info { index: normal.index.value(), tex_coord: normal.tex_coord, transform })
 }
 
 /// `KHR_texture_transform` as a matrix on (u, v, 1).
 ///
-/// The extension's text turns counter-clockwise where v points down, and so do its example and everybody's code; the
-/// GLSL in it turns the other way.
+/// The extension's text rotates counter-clockwise with v pointing down, as do its example and all implementations; the
+/// GLSL in it rotates the other way.
 fn uv_transform(transform: &TextureTransform) -> Mat3 {
     let offset = Vec2::from_array(transform.offset.0);
     let scale = Vec2::from_array(transform.scale.0);
     Mat3::from_translation(offset) * Mat3::from_angle(-transform.rotation.0) * Mat3::from_scale(scale)
 }
 
-/// Factors in the ranges that shading counts on: finite and not negative, those that are shares clamped to 1.
+/// Validates factors for shading: finite and not negative, shares clamped to 1.
 fn checked(mut material: Material, path: &Path, what: &str) -> Result<Material, &'static str> {
     let shares = [&mut material.metallic, &mut material.roughness, &mut material.specular];
     for share in shares {
@@ -311,7 +311,7 @@ fn checked(mut material: Material, path: &Path, what: &str) -> Result<Material, 
     if !material.normal_scale.is_finite() {
         return Err("its normal scale is not finite");
     }
-    // Below 1 is what lies in something denser; n and 1 / n reflect alike at normal incidence.
+    // Below 1, the surrounding medium is denser; n and 1 / n have equal reflectance at normal incidence.
     if 0.0 < material.ior && material.ior < 1.0 && material.ior.recip().is_finite() {
         tracing::warn!(
             "{}: {what}: its index of refraction {} is taken as {}",
@@ -321,7 +321,7 @@ fn checked(mut material: Material, path: &Path, what: &str) -> Result<Material, 
         );
         material.ior = material.ior.recip();
     }
-    // 0 stands for infinity [KHR_materials_ior].
+    // 0 means infinity [KHR_materials_ior].
     if !(material.ior.is_finite() && (material.ior >= 1.0 || material.ior == 0.0)) {
         return Err("its index of refraction is neither 0 nor at least 1");
     }

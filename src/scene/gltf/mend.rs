@@ -1,11 +1,11 @@
-//! JSON that strict readers refuse although it says clearly what it means, put into the form that they want.
+//! Repairs JSON that strict readers reject although its meaning is clear.
 //!
-//! Only what could not be read as it is comes here, so files in order are read as they are.
+//! Only files that could not be parsed come here, so valid files are read unchanged.
 
 use serde_json::{Map, Number, Value};
 
-/// The text with integers written without a fraction, scenes with a list of nodes, and without animations, which are
-/// never read; `None` if there was nothing to mend.
+/// The text with integers without a fraction, with required lists, and without animations, which are never read; `None`
+/// if nothing had to be repaired.
 pub fn mended(json: &[u8]) -> Option<Vec<u8>> {
     let mut root: Value = serde_json::from_slice(json).ok()?;
     let mut is_changed = integers(&mut root);
@@ -15,12 +15,12 @@ pub fn mended(json: &[u8]) -> Option<Vec<u8>> {
     is_changed.then(|| serde_json::to_vec(&root).ok()).flatten()
 }
 
-/// `1.0` becomes `1`, which readers of floating-point numbers take as well. -0.0 stays.
+/// `1.0` becomes `1`, which is also a valid floating-point number. -0.0 is unchanged.
 fn integers(value: &mut Value) -> bool {
     match value {
         Value::Number(number) => {
             let whole = number.as_f64().filter(|x| number.is_f64() && x.fract() == 0.0 && x.is_sign_positive());
-            // 2^53: up to there every integer is a number of double precision.
+            // 2^53: up to there, double precision represents every integer.
             let Some(whole) = whole.filter(|&x| x <= 9_007_199_254_740_992.0) else { return false };
             *number = Number::from(whole as u64);
             true
@@ -31,7 +31,7 @@ fn integers(value: &mut Value) -> bool {
     }
 }
 
-/// Lists that the specification lets a file leave out, and the gltf crate does not.
+/// Adds lists that are optional in the specification but required by the gltf crate.
 fn lists(root: &mut Map<String, Value>) -> bool {
     let mut is_changed = false;
     for (of, key) in [("scenes", "nodes"), ("meshes", "primitives")] {

@@ -1,9 +1,9 @@
-//! `EXT_meshopt_compression` and `KHR_meshopt_compression`: buffer views packed by meshoptimizer, decoded as the
-//! extensions' text says. The text is short, its own library is C++, and its one port to Rust reads only the older codec.
+//! `EXT_meshopt_compression` and `KHR_meshopt_compression`: decodes buffer views compressed by meshoptimizer, as the
+//! extensions specify. The reference library is C++, and its only Rust port supports only the older codec.
 
 use serde::Deserialize;
 
-/// What the extension says of a buffer view.
+/// The extension's object in a buffer view.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Packed {
@@ -17,7 +17,7 @@ pub struct Packed {
     pub filter: Option<String>,
 }
 
-/// Reads bytes one after the other, and knows when there are no more.
+/// Reads bytes in order, with bounds checks.
 struct Reader<'a> {
     bytes: &'a [u8],
 }
@@ -35,7 +35,7 @@ impl<'a> Reader<'a> {
         Ok(self.take(1)?[0])
     }
 
-    /// Seven bits a byte, the lowest first, five bytes at most.
+    /// Seven bits per byte, lowest first, at most five bytes.
     fn varint(&mut self) -> Result<u32, String> {
         let mut value = 0;
         for i in 0..5 {
@@ -50,19 +50,19 @@ impl<'a> Reader<'a> {
 }
 
 impl Packed {
-    /// Bytes of the view when it is unpacked, or why it cannot be.
+    /// Size of the decompressed view in bytes, or why it is invalid.
     pub fn unpacked_bytes(&self) -> Result<usize, String> {
         let (stride, count) = (self.byte_stride, self.count);
         let fits = match self.mode.as_str() {
             "ATTRIBUTES" => stride > 0 && stride <= 256 && stride.is_multiple_of(4),
             "TRIANGLES" => (stride == 2 || stride == 4) && count.is_multiple_of(3),
             "INDICES" => stride == 2 || stride == 4,
-            mode => return Err(format!("mode {mode} is none that the extension has")),
+            mode => return Err(format!("mode {mode} is not defined by the extension")),
         };
         if !fits {
             return Err(format!("{count} elements of {stride} bytes cannot be packed as {}", self.mode));
         }
-        // Attributes take two bits for every 256 bytes at least, indices a byte, triangles a byte each.
+        // Minimum sizes: two bits per 256 bytes of attributes, one byte per index, one byte per triangle.
         let least = if self.mode == "ATTRIBUTES" { count.saturating_mul(stride) / 1_024 } else { count / 3 };
         if least as u64 > self.byte_length {
             return Err(format!("{count} elements cannot be packed in {} bytes", self.byte_length));
@@ -70,7 +70,7 @@ impl Packed {
         count.checked_mul(stride).ok_or_else(|| format!("{count} elements are too many"))
     }
 
-    /// The elements that `packed` holds.
+    /// Decompresses the elements of `packed`.
     pub fn unpack(&self, packed: &[u8]) -> Result<Vec<u8>, String> {
         let size = self.unpacked_bytes()?;
         let mut bytes = match self.mode.as_str() {
@@ -100,15 +100,15 @@ impl Packed {
     }
 }
 
-/// Elements in blocks, byte by byte the differences to the element before.
+/// Attribute codec: blocks of elements, stored per byte as differences to the previous element.
 fn attributes(packed: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, String> {
     let mut reader = Reader { bytes: packed };
     let version = match reader.byte()? {
         0xa0 => 0,
         0xa1 => 1,
-        header => return Err(format!("begins with {header:#x}, which no packed attributes do")),
+        header => return Err(format!("begins with {header:#x}, which is not the header of packed attributes")),
     };
-    // Behind the blocks: the element before the first, and with the newer codec how each four bytes are told.
+    // After the blocks: the element before the first and, in the newer codec, one channel mode per four bytes.
     let tail = if version == 0 { stride } else { stride + stride / 4 };
     let padded = tail.max(if version == 0 { 32 } else { 24 });
     let blocks = reader.bytes.len().checked_sub(padded).ok_or(CUT_OFF)?;
@@ -116,7 +116,7 @@ fn attributes(packed: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, Str
     let (last, channels) = behind[padded - tail..].split_at(stride);
     let mut last = last.to_vec();
     let mut reader = Reader { bytes: blocks };
-    // 8192 bytes a block, whole groups of sixteen, 256 elements at most.
+    // 8192 bytes per block, a multiple of sixteen elements, at most 256.
     let block = ((8_192 / stride) & !15).min(256);
     let mut elements = Vec::new();
     while elements.len() < count * stride {
@@ -147,12 +147,12 @@ fn attributes(packed: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, Str
         last.copy_from_slice(&elements[elements.len() - stride..]);
     }
     if !reader.bytes.is_empty() {
-        return Err(format!("holds {} bytes behind its last element", reader.bytes.len()));
+        return Err(format!("has {} bytes after its last element", reader.bytes.len()));
     }
     Ok(elements)
 }
 
-/// `before` and what differs from it.
+/// Adds `delta` to `before` in the mode of `channel`.
 fn add(before: [u8; 4], delta: [u8; 4], channel: u8) -> Result<[u8; 4], String> {
     Ok(match channel & 3 {
         0 => std::array::from_fn(|k| {
@@ -172,11 +172,11 @@ fn add(before: [u8; 4], delta: [u8; 4], channel: u8) -> Result<[u8; 4], String> 
             let turned = u32::from_le_bytes(delta).rotate_right(u32::from(channel >> 4));
             (u32::from_le_bytes(before) ^ turned).to_le_bytes()
         }
-        _ => return Err(format!("channel {channel} is none that the extension has")),
+        _ => return Err(format!("channel {channel} is not defined by the extension")),
     })
 }
 
-/// Groups of sixteen bytes, each of 0 to 8 bits, of which `widths` has four to choose from.
+/// Groups of sixteen bytes of 0 to 8 bits each; every group selects one of four `widths`.
 fn groups(reader: &mut Reader, count: usize, widths: [u32; 4]) -> Result<Vec<u8>, String> {
     let group_count = count.div_ceil(16);
     let header = reader.take(group_count.div_ceil(4))?;
@@ -192,10 +192,10 @@ fn groups(reader: &mut Reader, count: usize, widths: [u32; 4]) -> Result<Vec<u8>
                 let in_byte = 8 / width;
                 for i in 0..16 {
                     let (byte, at) = (packed[(i / in_byte) as usize], i % in_byte);
-                    // Single bits begin at the lowest, others at the highest.
+                    // Single bits start at the lowest, wider values at the highest.
                     let shift = if width == 1 { at } else { 8 - width * (at + 1) };
                     let value = byte >> shift & most;
-                    // The greatest stands for a byte behind the group.
+                    // The largest value stands for a full byte after the group.
                     bytes.push(if value == most { reader.byte()? } else { value });
                 }
             }
@@ -205,7 +205,7 @@ fn groups(reader: &mut Reader, count: usize, widths: [u32; 4]) -> Result<Vec<u8>
     Ok(bytes)
 }
 
-/// Last sixteen edges and vertices, by which triangles are told.
+/// The last sixteen edges and vertices, to which triangle codes refer.
 struct Recent {
     edges: [[u32; 2]; 16],
     edge_end: usize,
@@ -237,12 +237,12 @@ fn zigzag(value: u32) -> u32 {
     (value >> 1) ^ (value & 1).wrapping_neg()
 }
 
-/// A code a triangle, then what codes leave open, then a table of common codes.
+/// Triangle codec: one code per triangle, then data that the codes require, then a table of common codes.
 fn triangles(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
     let mut reader = Reader { bytes: packed };
     let header = reader.byte()?;
     if header != 0xe0 && header != 0xe1 {
-        return Err(format!("begins with {header:#x}, which no packed triangles do"));
+        return Err(format!("begins with {header:#x}, which is not the header of packed triangles"));
     }
     let near_end = if header == 0xe1 { 13 } else { 15 };
     let codes = reader.take(count / 3)?;
@@ -261,7 +261,7 @@ fn triangles(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
             } else if near < near_end {
                 recent.vertex(near + 1)
             } else {
-                // 13 and 14 are the one before and behind the last.
+                // 13 and 14 mean the index before and after the last one.
                 let step = if near == 15 { zigzag(reader.varint()?) } else { (u32::from(near) * 2).wrapping_sub(27) };
                 last = last.wrapping_add(step);
                 last
@@ -313,17 +313,17 @@ fn triangles(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
         indices.extend([a, b, c]);
     }
     if !reader.bytes.is_empty() {
-        return Err(format!("holds {} bytes behind its last triangle", reader.bytes.len()));
+        return Err(format!("has {} bytes after its last triangle", reader.bytes.len()));
     }
     Ok(indices)
 }
 
-/// Differences to one of two indices before.
+/// Index codec: differences to one of two previous indices.
 fn sequence(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
     let mut reader = Reader { bytes: packed };
     let header = reader.byte()?;
     if header != 0xd0 && header != 0xd1 {
-        return Err(format!("begins with {header:#x}, which no packed indices do"));
+        return Err(format!("begins with {header:#x}, which is not the header of packed indices"));
     }
     let mut last = [0u32; 2];
     let mut indices = Vec::new();
@@ -334,7 +334,7 @@ fn sequence(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
         indices.push(last[which]);
     }
     // A tail of four bytes.
-    if reader.bytes.len() == 4 { Ok(indices) } else { Err("is not as long as its indices".into()) }
+    if reader.bytes.len() == 4 { Ok(indices) } else { Err("has a length that differs from its indices".into()) }
 }
 
 fn each_i16(bytes: &mut [u8], decode: impl Fn(&mut [i16; 4])) {
@@ -347,14 +347,14 @@ fn each_i16(bytes: &mut [u8], decode: impl Fn(&mut [i16; 4])) {
     }
 }
 
-/// Unit vectors by two coordinates on an octahedron; the third number is what 1 is.
+/// Unit vectors, octahedral: two coordinates and the value that represents 1.
 fn octahedral([x, y, one]: [f32; 3], largest: f32) -> [f32; 3] {
     let z = one - x.abs() - y.abs();
     let fold = z.min(0.0);
     let unfold = |t: f32| t + if t >= 0.0 { fold } else { -fold };
     let (x, y) = (unfold(x), unfold(y));
     let scale = largest / (x * x + y * y + z * z).sqrt();
-    // Half away from zero, as the extension rounds.
+    // Rounds half away from zero, as the extension does.
     [x, y, z].map(|t| (t * scale).round())
 }
 
@@ -370,7 +370,7 @@ fn octahedral_16(element: &mut [i16; 4]) {
     (0..3).for_each(|k| element[k] = unit[k] as i16);
 }
 
-/// Unit quaternions without their largest component, whose number and the scale are in the fourth.
+/// Unit quaternions without their largest component; the fourth value holds its index and the scale.
 fn quaternion(element: &mut [i16; 4]) {
     let [x, y, z, _] = element.map(f32::from);
     let (scale, largest) = (f32::from(element[3] | 3), (element[3] & 3) as usize);
@@ -381,7 +381,7 @@ fn quaternion(element: &mut [i16; 4]) {
     }
 }
 
-/// A mantissa of 24 bits and an exponent of 8, as single precision.
+/// 24-bit mantissa and 8-bit exponent, converted to single precision.
 fn exponential(element: &mut [u8; 4]) {
     let value = u32::from_le_bytes(*element) as i32;
     let (mantissa, exponent) = (value << 8 >> 8, value >> 24);
@@ -389,7 +389,7 @@ fn exponential(element: &mut [u8; 4]) {
     *element = (scale * mantissa as f32).to_le_bytes();
 }
 
-/// Luma and two differences; the highest bit of the fourth number tells the scale.
+/// YCoCg; the highest set bit of alpha determines the scale.
 fn color([y, co, cg]: [i32; 3], alpha: i32, bits: u32) -> [f32; 4] {
     let mut whole = alpha;
     for shift in [1, 2, 4, 8] {

@@ -54,7 +54,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     Ok(Scene { path: path.to_owned(), mesh, space, materials, textures, cameras, rig, image_size })
 }
 
-/// Materials that blend and let nothing through, as many exporters write them, are opaque: they cost nothing then.
+/// Blending materials with full alpha, as many exporters write them, become opaque, which is cheaper.
 fn mark_opaque(materials: &mut [Material], textures: &[Texture], mesh: &Mesh) {
     if mesh.colors.iter().any(|color| color.w < 1.0) {
         return;
@@ -81,11 +81,11 @@ fn warn_of(document: &Document, left_out: &primitives::LeftOut) {
         tracing::warn!("{path}: {count} primitives lack texture coordinates that their material uses");
     }
     if !document.root.animations.is_empty() {
-        tracing::warn!("{path}: animations are not played: everything stands as its nodes say");
+        tracing::warn!("{path}: animations are not supported: nodes have their static transforms");
     }
 }
 
-/// `extras.width/height` of the scene that is shown; a size that is none is a warning.
+/// `extras.width/height` of the shown scene; warns about an invalid size.
 fn image_size(document: &Document) -> Option<[u32; 2]> {
     let scene = document.poses.scenes.get(document.shown_scene())?;
     let extras = scene.extras.as_ref()?;
@@ -96,7 +96,7 @@ fn image_size(document: &Document) -> Option<[u32; 2]> {
     };
     let size = side(width).zip(side(height)).map(|(w, h)| [w, h]);
     if size.is_none() {
-        tracing::warn!("{}: an image of {width} x {height} is ignored", document.path.display());
+        tracing::warn!("{}: the image size {width} x {height} is invalid and ignored", document.path.display());
     }
     size
 }

@@ -1,4 +1,4 @@
-//! Morph targets: differences to positions, normals and tangents, weighted and added [glTF 2.0, 3.7.2.2].
+//! Morph targets: weighted differences, added to positions, normals and tangents [glTF 2.0, 3.7.2.2].
 
 use glam::DVec3;
 use gltf::json::mesh::MorphTarget;
@@ -33,7 +33,7 @@ impl Morphed {
         index.map(|index| index.value())
     }
 
-    /// What `KHR_mesh_quantization` adds.
+    /// The forms that `KHR_mesh_quantization` adds.
     fn quantized(self) -> &'static [Form] {
         match self {
             Self::Position => &[I8, I8_NORM, U8, U8_NORM, I16, I16_NORM, U16, U16_NORM],
@@ -43,18 +43,18 @@ impl Morphed {
 }
 
 impl Source<'_> {
-    /// The targets that count, with their weights.
+    /// Targets of non-zero weight: index, target and weight.
     fn active_targets(&self) -> impl Iterator<Item = (usize, &MorphTarget, f64)> {
         let targets = self.primitive.targets.iter().flatten().enumerate();
         targets.zip(self.weights).map(|((i, target), &weight)| (i, target, weight)).filter(|t| t.2 != 0.0)
     }
 
-    /// How many targets change the primitive.
+    /// Number of targets of non-zero weight.
     pub fn active_target_count(&self) -> usize {
         self.active_targets().count()
     }
 
-    /// Adds all targets to what the primitive has of an attribute.
+    /// Adds the weighted differences of all targets to `values`.
     pub fn morph(&self, attribute: Morphed, values: &mut [DVec3]) -> Result<()> {
         for (i, target, weight) in self.active_targets() {
             let Some(index) = attribute.accessor(target) else { continue };

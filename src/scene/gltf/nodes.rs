@@ -1,20 +1,20 @@
-//! The node tree, flattened.
+//! The node hierarchy, flattened.
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 
 use super::document::{Document, Node};
 use crate::error::Result;
 
-/// A node of the scene and where it stands.
+/// A node of the scene and its world transform.
 pub struct Placed {
     pub node: usize,
     pub world_from_node: DAffine3,
 }
 
 impl Document {
-    /// All nodes of the scene that is shown, by index.
+    /// All nodes of the shown scene, sorted by index.
     ///
-    /// Walks with a stack of its own: files may nest nodes deeper than threads nest calls.
+    /// Uses an explicit stack, because files may nest nodes deeper than the call stack allows.
     pub fn placed_nodes(&self) -> Result<Vec<Placed>> {
         let nodes = &self.poses.nodes;
         let mut seen = vec![false; nodes.len()];
@@ -24,7 +24,7 @@ impl Document {
         while let Some((index, world_from_parent, parent)) = open.pop() {
             let asked_by = parent.map_or("the scene".into(), |parent| self.node_name(parent));
             let node = self.item(nodes, index, "node", &asked_by)?;
-            // Also what keeps a small file from meaning exponentially many nodes.
+            // Also prevents a small file from describing exponentially many nodes.
             if std::mem::replace(&mut seen[index], true) {
                 let name = self.node_name(index);
                 return Err(self.error(format!("{name} is its own ancestor or has two parents")));
@@ -37,12 +37,12 @@ impl Document {
         Ok(placed)
     }
 
-    /// The scene that is shown: the default one, else the first.
+    /// Index of the shown scene: the default one, else the first.
     pub fn shown_scene(&self) -> usize {
         self.poses.scene.unwrap_or(0)
     }
 
-    /// Without scenes: every node that is nobody's child.
+    /// The scene's root nodes; without scenes, every node that has no parent.
     fn roots(&self) -> Result<Vec<usize>> {
         if self.poses.scene.is_none() && self.poses.scenes.is_empty() {
             let mut is_child = vec![false; self.poses.nodes.len()];
@@ -70,7 +70,7 @@ impl Document {
     }
 }
 
-/// A node's transform from either form that glTF has [glTF 2.0, 3.5.3].
+/// A node's transform, from a matrix or from translation, rotation and scale [glTF 2.0, 3.5.3].
 pub fn local_pose(
     matrix: Option<[f64; 16]>,
     translation: Option<[f64; 3]>,
@@ -80,7 +80,7 @@ pub fn local_pose(
     if let Some(matrix) = matrix {
         let matrix = DMat4::from_cols_array(&matrix);
         let bottom = matrix.row(3);
-        // Exporters write the last row with rounding in it.
+        // Exporters write the last row with rounding errors.
         if (bottom - glam::DVec4::W).abs().max_element() > 1e-6 {
             return Err("the last row of its matrix is not 0 0 0 1");
         }
@@ -88,7 +88,7 @@ pub fn local_pose(
     }
     let rotation = DQuat::from_array(rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
     if !(rotation.length_squared().is_normal()) {
-        return Err("its rotation is no quaternion");
+        return Err("its rotation is not a quaternion");
     }
     Ok(DAffine3::from_scale_rotation_translation(
         DVec3::from_array(scale.unwrap_or([1.0; 3])),
@@ -97,10 +97,10 @@ pub fn local_pose(
     ))
 }
 
-/// Whether `matrix` flattens space, or blows it up past all numbers.
+/// Whether `matrix` is singular, or has columns that cannot be normalized.
 pub fn is_singular(matrix: DMat3) -> bool {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::try_normalize);
     let [Some(x), Some(y), Some(z)] = columns else { return true };
-    // 1e-12: four digits above what rounding leaves of the determinant of three columns in one plane.
+    // 1e-12: four digits above the rounding error of the determinant of three coplanar columns.
     x.cross(y).dot(z).abs() <= 1e-12
 }

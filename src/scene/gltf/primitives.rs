@@ -1,4 +1,4 @@
-//! Triangles: what each node shows, as parts of the mesh.
+//! Imports the triangles of each node as parts of the mesh.
 
 use glam::{DAffine3, DMat3, DVec3};
 use gltf::json;
@@ -12,17 +12,17 @@ use super::vertices::{Pose, Source};
 use crate::error::Result;
 use crate::scene::mesh_builder::MeshBuilder;
 
-// Nodes may show one mesh any number of times, so a small file can mean more than memory holds. 2^27 corners are
-// 45 million triangles: 150 times the largest scene that we have, and 6 GB.
+// Many nodes may show one mesh, so a small file can require more memory than there is. 2^27 corners are 45 million
+// triangles: 150 times our largest scene, and 6 GB.
 pub const MAX_CORNERS: usize = 1 << 27;
 
-/// What was left out, to be said once.
+/// Counts of ignored items, each reported once.
 #[derive(Default)]
 pub struct LeftOut {
     pub points_and_lines: usize,
     pub missing_uvs: usize,
     pub without_positions: usize,
-    /// Nodes and copies that have no size.
+    /// Nodes and copies of zero scale.
     pub vanished: usize,
 }
 
@@ -56,7 +56,7 @@ pub fn import_meshes(
     Ok(left_out)
 }
 
-/// Refuses more corners than memory holds before any of them is read.
+/// Refuses more corners than fit in memory, before any is read.
 fn check_size(document: &Document, placed: &[Placed]) -> Result<()> {
     let mut corners = 0usize;
     for Placed { node, .. } in placed {
@@ -84,7 +84,7 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    /// Visits the primitives that are made of triangles; counts the others.
+    /// Visits the triangle primitives; counts the others.
     fn for_triangles(&self, others: &mut usize, mut visit: impl FnMut(&Source, Mode) -> Result<()>) -> Result<()> {
         let document = self.document;
         let node = &document.poses.nodes[self.node];
@@ -115,7 +115,7 @@ impl Shown<'_> {
         let mut others = 0;
         let mut has_vanished = false;
         self.for_triangles(&mut others, |source, mode| {
-            // Zeros are one point, of which no triangle is made.
+            // All-zero positions are a single point, so there are no triangles.
             let positions = source.attribute(Semantic::Positions).filter(|&p| !self.document.is_all_zeros(p));
             let Some(positions) = positions else {
                 left_out.without_positions += 1;
@@ -145,7 +145,7 @@ impl Shown<'_> {
         Ok(())
     }
 
-    /// `None` if nothing is left of whatever stands there.
+    /// `None` if the transform leaves no area.
     fn rigid(&self, world_from_mesh: DAffine3) -> Result<Option<Pose>> {
         if !world_from_mesh.is_finite() {
             let name = self.document.node_name(self.node);
@@ -159,8 +159,8 @@ impl Shown<'_> {
     }
 }
 
-/// The axis along which `matrix` makes everything flat, and the matrix that leaves meshes which are flat already as they
-/// are: a scale of zero across a plane changes nothing of it. `None` if more is lost than one axis.
+/// The axis that `matrix` scales to zero, and a regular matrix for directions: a zero scale across the plane of a flat
+/// mesh does not change it. `None` if more than one axis is lost.
 fn unflattened(matrix: DMat3) -> Option<(usize, DMat3)> {
     let mut columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let axis = columns.iter().position(|&c| c == DVec3::ZERO)?;

@@ -1,4 +1,4 @@
-//! Skins: vertices that joints carry. The node that shows a skinned mesh has no say in where it is [glTF 2.0, 3.7.3.3].
+//! Skins: vertices transformed by joints. The transform of the skinned mesh's own node is ignored [glTF 2.0, 3.7.3.3].
 
 use std::collections::HashMap;
 
@@ -11,7 +11,7 @@ use super::nodes::Placed;
 use super::vertices::Source;
 use crate::error::Result;
 
-/// For each joint, where it takes a vertex from the mesh's space to the world.
+/// For each joint, the transform from the mesh's local space to world space.
 pub type Joints = Vec<DAffine3>;
 
 impl Document {
@@ -48,13 +48,14 @@ impl Document {
     }
 }
 
-/// All nodes of the scene by index.
+/// World transforms of all nodes of the scene, by index.
 pub fn by_node(placed: &[Placed]) -> HashMap<usize, DAffine3> {
     placed.iter().map(|p| (p.node, p.world_from_node)).collect()
 }
 
 impl Source<'_> {
-    /// For each of `count` vertices the weighted mean of its joints' transforms; `None` if the primitive names no joints.
+    /// For each of `count` vertices, the weighted mean of its joints' transforms; `None` if the primitive has no
+    /// joints.
     pub fn skinned(&self, joints: &Joints, count: usize) -> Result<Option<Vec<DAffine3>>> {
         let zero = DAffine3 { matrix3: DMat3::ZERO, translation: DVec3::ZERO };
         let mut sums = vec![(zero, 0.0); count];
@@ -73,10 +74,10 @@ impl Source<'_> {
             let weights = self.document.vectors::<4>(weights, &what(&weights_name), &[F32, U8_NORM, U16_NORM], &[])?;
             for (i, (indices, weights)) in indices.iter().zip(&weights).enumerate() {
                 for (&joint, &weight) in indices.iter().zip(weights) {
-                    // Integers up to 65,535, so exact.
+                    // Integers up to 65,535, so the conversion is exact.
                     let joint = joint as usize;
                     let there = joints.len();
-                    // What weighs nothing may name anything.
+                    // An entry of zero weight may have any index.
                     if weight == 0.0 && joint >= there {
                         continue;
                     }
@@ -103,7 +104,7 @@ impl Source<'_> {
         if firsts.is_empty() {
             return Ok(None);
         }
-        // Weights should add up to one, and do so but for rounding. Where all are zero the first joint has the vertex.
+        // Weights should sum to one, and do up to rounding. If all are zero, the vertex belongs to the first joint.
         let transforms = sums.into_iter().zip(firsts).map(|((mut sum, total), first)| {
             if total > 0.0 {
                 sum.matrix3 *= 1.0 / total;

@@ -1,4 +1,4 @@
-//! Compressed geometry, undone before anything else reads the file: what is unpacked is buffers behind the file's own.
+//! Decompresses geometry before anything else reads the file; the results are appended to the file's own buffers.
 
 use std::collections::HashMap;
 
@@ -13,25 +13,26 @@ use crate::scene::memory;
 
 pub const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-// As much as buffers may hold.
+// The same limit as for buffers.
 const MAX_UNPACKED_BYTES: usize = 1 << 32;
 
-/// What was unpacked.
+/// Decompressed data.
 #[derive(Default)]
 pub struct Unpacked {
-    /// Behind the file's own buffers.
+    /// Appended to the file's own buffers.
     pub buffers: Vec<Vec<u8>>,
-    /// Which of them holds a buffer view of the file.
+    /// Index into `buffers` of each decompressed buffer view.
     pub views: HashMap<usize, usize>,
 }
 
-/// Whether a buffer holds nothing but what other programs, which cannot unpack, would read.
+/// Whether a buffer holds only fallback data for programs that cannot decompress.
 pub fn is_fallback(buffer: &json::Buffer) -> bool {
     let others = buffer.extensions.as_ref().map(|e| &e.others);
     others.is_some_and(|others| MESHOPT.iter().any(|name| others.contains_key(*name)))
 }
 
 impl Document {
+    /// Decompresses all buffer views and primitives.
     pub fn unpack(&mut self) -> Result<()> {
         self.unpack_views()?;
         self.unpack_draco()
@@ -46,7 +47,7 @@ impl Document {
             let size = packed.unpacked_bytes().map_err(|reason| wrong(self, reason))?;
             total = total.saturating_add(size);
             if total > MAX_UNPACKED_BYTES || memory::available_bytes().is_some_and(|free| size as u64 > free) {
-                return Err(wrong(self, format!("{size} bytes are more than there is room for")));
+                return Err(wrong(self, format!("{size} bytes exceed the limit or the available memory")));
             }
             let buffer = self.item(&self.buffers, packed.buffer, "buffer", &what)?;
             let range = usize::try_from(packed.byte_offset).ok().zip(usize::try_from(packed.byte_length).ok());
@@ -72,7 +73,7 @@ impl Document {
         Ok(Some((name, packed)))
     }
 
-    /// Adds a buffer and a view of it; returns the view.
+    /// Adds a buffer and a view of it; returns the view's index.
     pub fn add_unpacked(&mut self, bytes: Vec<u8>) -> usize {
         self.root.buffer_views.push(View {
             buffer: json::Index::new((self.buffers.len() + self.unpacked.buffers.len()) as u32),
@@ -88,7 +89,7 @@ impl Document {
         self.root.buffer_views.len() - 1
     }
 
-    /// Bytes of the file's own buffer or of one that was unpacked.
+    /// Bytes of one of the file's own buffers, or of a decompressed one.
     pub fn buffer(&self, index: usize, asked_by: &str) -> Result<&[u8]> {
         match index.checked_sub(self.buffers.len()).and_then(|index| self.unpacked.buffers.get(index)) {
             Some(unpacked) => Ok(unpacked),

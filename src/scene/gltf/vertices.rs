@@ -14,22 +14,23 @@ use super::primitives::LeftOut;
 use crate::error::Result;
 use crate::scene::mesh_builder::Part;
 
-/// A primitive of a mesh as one node shows it.
+/// A primitive of a mesh, as one node shows it.
 pub struct Source<'a> {
     pub document: &'a Document,
     pub primitive: &'a Primitive,
     pub what: String,
-    /// Of morph targets; may be fewer or more than there are.
+    /// Morph target weights; there may be fewer or more than targets.
     pub weights: &'a [f64],
 }
 
-/// How vertices come from the mesh's space to the world.
+/// Transform of vertices from the mesh's local space to world space.
 pub enum Pose {
-    /// All alike.
+    /// One transform for all vertices.
     Rigid(DAffine3),
-    /// Squeezed flat along one axis of the mesh, along which only flat meshes keep their area; the matrix turns directions.
+    /// Scaled to zero along one local axis. Only meshes that are flat along this axis retain their area; `directions`
+    /// transforms their directions.
     Flat { world_from_mesh: DAffine3, axis: usize, directions: DMat3 },
-    /// Each vertex with its own.
+    /// One transform per vertex.
     Skinned(Vec<DAffine3>),
 }
 
@@ -48,13 +49,13 @@ impl Pose {
         }
     }
 
-    /// For each vertex what turns normals; once for all where they are alike.
+    /// Normal matrix of each vertex; computed once if all are equal.
     fn normal_matrices(&self) -> impl Fn(usize) -> DMat3 {
         let shared = (!matches!(self, Self::Skinned(_))).then(|| normal_matrix(*self.of_directions(0)));
         move |vertex| shared.unwrap_or_else(|| normal_matrix(*self.of_directions(vertex)))
     }
 
-    /// Whether the corners of a triangle go round it the other way in the world.
+    /// Whether the transform reverses the winding of a triangle.
     fn turns(&self, triangle: [u32; 3]) -> bool {
         match self {
             Self::Skinned(_) => triangle.iter().filter(|&&v| mirrors(*self.of_directions(v as usize))).count() > 1,
@@ -68,8 +69,8 @@ impl Source<'_> {
         self.primitive.attributes.get(&Checked::Valid(semantic)).map(|index| index.value())
     }
 
-    /// An upper bound of the vertices that the primitive becomes and of those that are read for it, before anything is
-    /// read; 0 without positions.
+    /// Upper bound of the vertices that are read for the primitive and that it produces, before anything is read; 0
+    /// without positions.
     pub fn corner_count(&self, mode: Mode) -> Result<usize> {
         let Some(positions) = self.attribute(Semantic::Positions) else { return Ok(0) };
         let vertices = self.document.accessor_count(positions, &self.what)?;
@@ -82,7 +83,7 @@ impl Source<'_> {
         Ok(read.saturating_add(indices.saturating_mul(corners_per_index)))
     }
 
-    /// The primitive in world space; `None` if a flat pose leaves nothing of it.
+    /// The primitive in world space; `None` if a flat pose leaves no area.
     pub fn part(
         &self,
         mode: Mode,
@@ -127,7 +128,7 @@ impl Source<'_> {
         Ok(Some(part))
     }
 
-    /// In the mesh's space, morph targets added.
+    /// In the mesh's local space, including morph targets.
     fn positions(&self, index: usize) -> Result<Vec<DVec3>> {
         let what = format!("{}: POSITION", self.what);
         let quantized = [I8, I8_NORM, U8, U8_NORM, I16, I16_NORM, U16, U16_NORM];
@@ -164,7 +165,7 @@ impl Source<'_> {
         let quantized = [I8, I8_NORM, U8, I16, I16_NORM, U16];
         self.same_length(index, count, &name)?;
         let uvs = self.document.vectors::<2>(index, &what, &[F32, U8_NORM, U16_NORM], &quantized)?;
-        // Texture lookups read what is not finite as 0; tangents could not.
+        // Texture lookups read non-finite values as 0; tangent generation does not.
         Ok(uvs.into_iter().map(|uv| Vec2::from_array(uv.map(|t| if t.is_finite() { t } else { 0.0 }))).collect())
     }
 
@@ -194,7 +195,7 @@ impl Source<'_> {
         self.morph(Morphed::Tangent, &mut axes)?;
         let world = |(i, (axis, t)): (usize, (DVec3, [f32; 4]))| {
             let matrix = *pose.of_directions(i);
-            // A mirrored node mirrors the bitangent too, which cross(normal, tangent) doesn't show.
+            // A mirrored node mirrors the bitangent too, which cross(normal, tangent) does not account for.
             direction(matrix, axis).extend(t[3] * if mirrors(matrix) { -1.0 } else { 1.0 })
         };
         Ok(axes.into_iter().zip(read).enumerate().map(world).collect())
@@ -213,9 +214,9 @@ impl Source<'_> {
         let (i, n) = (&indices, indices.len());
         Ok(match mode {
             Mode::Triangles if !n.is_multiple_of(3) => {
-                return Err(document.error(format!("{}: {n} indices are no whole triangles", self.what)));
+                return Err(document.error(format!("{}: {n} indices are not a multiple of three", self.what)));
             }
-            // Every second triangle of a strip is turned, so that all face alike [glTF 2.0, 3.7.2.1].
+            // Every second triangle of a strip is reversed, so that all have the same winding [glTF 2.0, 3.7.2.1].
             Mode::TriangleStrip => {
                 (0..n.saturating_sub(2)).map(|k| [i[k], i[k + 1 + k % 2], i[k + 2 - k % 2]]).collect()
             }
@@ -224,7 +225,7 @@ impl Source<'_> {
         })
     }
 
-    /// Before accessor `index` is read: whether it is as long as the positions are.
+    /// Checks that accessor `index` has as many elements as the positions, before it is read.
     pub fn same_length(&self, index: usize, count: usize, attribute: &str) -> Result<()> {
         let length = self.document.accessor_count(index, &format!("{}: {attribute}", self.what))?;
         if length == count {
@@ -235,15 +236,15 @@ impl Source<'_> {
     }
 }
 
-/// `matrix` times a direction, unit length; zero if there is none, for the builder to mend.
+/// `matrix` times a direction, normalized; zero if it vanishes, for the builder to replace.
 fn direction(matrix: DMat3, v: DVec3) -> Vec3 {
     let turned = matrix * v;
-    // Two steps, so that tiny and huge scales don't leave the range of squares.
+    // Scaled before squaring, so that tiny and huge scales neither underflow nor overflow.
     let scaled = turned / turned.abs().max_element();
     scaled.try_normalize().map_or(Vec3::ZERO, |n| n.as_vec3())
 }
 
-/// The inverse transpose but for a positive factor: cofactors, which exist whatever the scale.
+/// The inverse transpose up to a positive factor, from cofactors, which exist for every scale.
 fn normal_matrix(matrix: DMat3) -> DMat3 {
     let largest = matrix.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
     let (x, y, z) = (matrix.x_axis / largest, matrix.y_axis / largest, matrix.z_axis / largest);
@@ -251,7 +252,7 @@ fn normal_matrix(matrix: DMat3) -> DMat3 {
     DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign
 }
 
-/// Whether a matrix turns left hands into right ones; its columns' lengths play no part, so nothing underflows.
+/// Whether a matrix changes handedness. Columns are scaled first, so that nothing underflows.
 fn mirrors(matrix: DMat3) -> bool {
     let [x, y, z] = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|c| c / c.abs().max_element());
     x.cross(y).dot(z) < 0.0

@@ -1,4 +1,4 @@
-//! `KHR_lights_punctual` made anew from a rig.
+//! Writes a rig's lights as `KHR_lights_punctual`.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ use crate::scene::{Light, LightKind, Rig};
 
 const EXTENSION: &str = "KHR_lights_punctual";
 
-/// Replaces the lights of the scene that is shown; nodes that only other scenes show keep theirs.
+/// Replaces the lights of the shown scene; nodes that only other scenes contain retain theirs.
 pub fn replace(root: &mut Object, document: &Document, rig: &Rig) -> Result<()> {
     let entries = source_entries(root);
     let mut writer = Writer::new(document)?;
@@ -43,14 +43,14 @@ pub fn replace(root: &mut Object, document: &Document, rig: &Rig) -> Result<()> 
 
 struct Writer<'a> {
     document: &'a Document,
-    /// Of the nodes of the scene that is shown.
+    /// Of the nodes of the shown scene.
     world_from_node: HashMap<usize, DAffine3>,
     parents: HashMap<usize, usize>,
-    /// The new list.
+    /// The new `lights` array.
     lights: Vec<Value>,
-    /// Where old lights that stay went.
+    /// New index of each retained light.
     kept: HashMap<usize, usize>,
-    /// Nodes that have their light already.
+    /// Nodes that already have their light.
     claimed: std::collections::HashSet<usize>,
 }
 
@@ -82,7 +82,7 @@ impl<'a> Writer<'a> {
             had_light && self.world_from_node.contains_key(node) && self.claimed.insert(*node)
         });
         if light.node.is_some() && home.is_none() {
-            tracing::warn!("light \"{}\" gets a new node: its own has no light, or another one", light.name);
+            tracing::warn!("light \"{}\" gets a new node: its old node has no light, or a different one", light.name);
         }
         let old_light = home.and_then(|node| self.document.poses.nodes[node].light());
         let old_entry = old_light.and_then(|old| entries.get(old)).and_then(Value::as_object);
@@ -98,7 +98,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// The name that a light at `node` is given before it is made unique.
+    /// The name that import gives a light at `node`, before it is made unique.
     fn loaded_name(&self, node: usize) -> Option<String> {
         let node = &self.document.poses.nodes[node];
         let light = node.light().and_then(|light| self.document.lights().get(light));
@@ -122,7 +122,7 @@ impl<'a> Writer<'a> {
             None => DAffine3::IDENTITY,
         };
         if !is_free {
-            // What else the node holds stays where it is, so the light hangs from it on a node of its own.
+            // The node's other contents must not move, so the light gets a child node.
             return self.add_node(root, light, Some(index), new_index);
         }
         if !is_invertible(&world_from_parent) {
@@ -149,7 +149,7 @@ impl<'a> Writer<'a> {
                 let parent = element(root, "nodes", parent).expect("the document has this node");
                 array(parent, "children").push(index.into());
             }
-            // Without scenes every node without a parent is shown.
+            // Without scenes, every node without a parent is shown.
             None => {
                 if let Some(scene) = element(root, "scenes", self.document.shown_scene()) {
                     array(scene, "nodes").push(index.into());
@@ -170,7 +170,7 @@ fn refer(root: &mut Object, node: usize, light: usize) {
     object(object(node, "extensions"), EXTENSION).insert("light".into(), light.into());
 }
 
-/// `extensionsUsed` names the extension just if it is used.
+/// Lists the extension in `extensionsUsed` if and only if it is used.
 fn declare(root: &mut Object, is_used: bool) {
     let is_ours = |name: &Value| name.as_str() == Some(EXTENSION);
     for key in ["extensionsUsed", "extensionsRequired"] {
@@ -186,14 +186,14 @@ fn declare(root: &mut Object, is_used: bool) {
     }
 }
 
-/// The light as glTF has it, over what the file said of it.
+/// The light's glTF entry, based on the file's old `entry`.
 fn entry(rig: &Rig, index: usize, mut entry: Object) -> Object {
     let light = &rig.lights[index];
     let group = light.group.map(|group| &rig.groups[group]);
     let is_on = light.enabled && group.is_none_or(|g| g.enabled);
     let mut color = light.color * group.map_or(Vec3::ONE, |g| g.color);
     let mut intensity = light.intensity * (light.stops + group.map_or(0.0, |g| g.stops)).exp2();
-    // glTF's colours end at 1.
+    // glTF colours are at most 1.
     let brightest = color.max_element();
     if brightest > 1.0 {
         color /= brightest;
@@ -213,7 +213,7 @@ fn entry(rig: &Rig, index: usize, mut entry: Object) -> Object {
         None => _ = entry.remove("range"),
     }
     if light.kind == LightKind::Spot {
-        // The inner angle must be less than the outer one; by less than what a reader in single precision sees.
+        // The inner angle must be less than the outer one; the difference is below single precision.
         let inner = light.inner_angle.min(light.outer_angle * (1.0 - 1e-7));
         let spot = object(&mut entry, "spot");
         spot.insert("innerConeAngle".into(), inner.into());
@@ -224,21 +224,21 @@ fn entry(rig: &Rig, index: usize, mut entry: Object) -> Object {
     entry
 }
 
-/// Whether a light already stands as its node says, but for rounding.
+/// Whether the node already has the light's pose, up to rounding.
 fn stands(world_from_node: &DAffine3, light: &Light) -> bool {
     let position = world_from_node.translation;
     let direction = (-world_from_node.matrix3.z_axis).normalize_or_zero();
-    // 1e-9: far below what anybody places, far above rounding.
+    // 1e-9: far below any intended change, far above rounding.
     let near = light.position.distance(position) <= 1e-9 * (1.0 + position.length());
     let along = light.direction.distance(direction) <= 1e-9;
     (near || light.kind == LightKind::Directional) && (along || light.kind == LightKind::Point)
 }
 
-/// Makes `node`'s transform such that the light stands where it should.
+/// Sets `node`'s transform to the light's pose.
 fn pose(node: &mut Object, world_from_parent: &DAffine3, light: &Light) {
     let parent_from_world = world_from_parent.inverse();
     let translation = match light.kind {
-        // It has no position; the node keeps its own.
+        // It has no position; the node's translation is retained.
         LightKind::Directional => node.get("matrix").and_then(|m| m.as_array()).and_then(|m| {
             let column: Vec<f64> = m.iter().skip(12).take(3).filter_map(Value::as_f64).collect();
             column.try_into().ok().map(DVec3::from_array)
@@ -253,7 +253,7 @@ fn pose(node: &mut Object, world_from_parent: &DAffine3, light: &Light) {
         let direction = parent_from_world.transform_vector3(light.direction).normalize();
         let rotation = DQuat::from_rotation_arc(DVec3::NEG_Z, direction);
         node.insert("rotation".into(), json!(rotation.to_array()));
-        // A mirroring scale would turn the direction round; a light has no other use for one.
+        // A mirroring scale would reverse the direction; it has no other effect on a light.
         node.remove("scale");
     }
 }

@@ -1,6 +1,6 @@
-//! A rig's lights back into the glTF file that they came from.
+//! Writes a rig's lights back to the glTF file of the scene.
 //!
-//! Works on the JSON as it is, so that whatever we know nothing of is still there afterwards.
+//! Edits the JSON in place, so that unknown content is preserved.
 
 mod json;
 mod lights;
@@ -15,17 +15,17 @@ use super::{Rig, Scene};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// Writes the file that `scene` came from with `rig`'s lights in place of its own, as one `.glb` or `.gltf` that holds
-/// its buffers and images.
+/// Writes the source file of `scene` with `rig`'s lights in place of its own, as one `.glb` or `.gltf` with embedded
+/// buffers and images.
 ///
-/// A light with a node returns to it, parents' transforms undone; others get nodes of their own. Groups, stops and
-/// switches are folded into intensity and colour, what is solo too; `shadows` has no counterpart in glTF. Beside them
-/// the rig is kept as it is: opened again by us the file has it to the last bit, unless its lights were edited since.
+/// A light with a source node returns to it, in the space of the node's parent; others get new nodes. Groups, stops,
+/// switches and solo are folded into intensity and colour; `shadows` has no counterpart in glTF. The exact rig is
+/// stored too: relume restores it unless the file's lights have been edited since.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
     if !has_extension(&scene.path, "glb") && !has_extension(&scene.path, "gltf") {
-        return Err(Error::import(&scene.path, "export needs a scene that is glTF"));
+        return Err(Error::import(&scene.path, "only glTF scenes can be exported"));
     }
     let is_glb = has_extension(path, "glb");
     if !is_glb && !has_extension(path, "gltf") {
@@ -41,7 +41,7 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     lights::replace(&mut root, &document, &rig.shining())?;
     keep(&mut root, &document, rig);
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
-        tracing::warn!("{}: glTF cannot say that \"{}\" casts no shadows", path.display(), light.name);
+        tracing::warn!("{}: glTF cannot store that \"{}\" casts no shadows", path.display(), light.name);
     }
     let bytes = if is_glb {
         let bin = pack::into_one_buffer(&mut root, &document)?;
@@ -57,7 +57,7 @@ fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
     serde_json::to_vec(root).map_err(|e| Error::Export { path: path.to_owned(), source: e.into() })
 }
 
-/// The rig as it is, for [`kept_rig`] to find.
+/// Stores the exact rig, for [`kept_rig`] to find.
 fn keep(root: &mut json::Object, document: &Document, rig: &Rig) {
     let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
     if scene.get("extras").is_none_or(serde_json::Value::is_object) {
@@ -66,13 +66,13 @@ fn keep(root: &mut json::Object, document: &Document, rig: &Rig) {
     }
 }
 
-/// Header, JSON chunk, binary chunk if there is anything in it [glTF 2.0, 4.4].
+/// Header, JSON chunk, and binary chunk if it is not empty [glTF 2.0, 4.4].
 fn glb(json: &[u8], bin: &[u8], path: &Path) -> Result<Vec<u8>> {
     let padded = |length: usize| length.next_multiple_of(4);
     let bin_bytes = if bin.is_empty() { 0 } else { 8 + padded(bin.len()) };
     let total = 12 + 8 + padded(json.len()) + bin_bytes;
     let Ok(total) = u32::try_from(total) else {
-        let reason = format!("{total} bytes are more than a .glb holds");
+        let reason = format!("{total} bytes are more than a .glb can hold");
         return Err(Error::invalid(path.display().to_string(), reason));
     };
     let mut bytes = Vec::with_capacity(total as usize);
@@ -81,7 +81,7 @@ fn glb(json: &[u8], bin: &[u8], path: &Path) -> Result<Vec<u8>> {
     bytes.extend(total.to_le_bytes());
     let mut chunk = |kind: &[u8; 4], content: &[u8], padding: u8| {
         let end = bytes.len() + 8 + padded(content.len());
-        // The total fits 32 bits, so its parts do.
+        // The total fits in 32 bits, so its parts do.
         bytes.extend((padded(content.len()) as u32).to_le_bytes());
         bytes.extend(kind);
         bytes.extend(content);

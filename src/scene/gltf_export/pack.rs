@@ -1,4 +1,4 @@
-//! Buffers and images moved into the file itself.
+//! Embeds buffers and images in the file.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -10,7 +10,7 @@ use crate::scene::files;
 use crate::scene::gltf::document::Document;
 use crate::scene::gltf::unpack::MESHOPT;
 
-/// All buffers and all images that are files or URIs as one buffer, which is returned.
+/// Merges all buffers and all images that have URIs into one buffer, which is returned.
 pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>> {
     let mut bin = Vec::new();
     let mut begins = Vec::new();
@@ -69,7 +69,7 @@ pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>
     Ok(bin)
 }
 
-/// Makes a packed view one of bytes in the first buffer, as they are.
+/// Makes a compressed view refer to decompressed bytes in the first buffer.
 fn plain(view: &mut Object, begin: usize, length: usize) {
     for (key, value) in [("buffer", 0), ("byteOffset", begin), ("byteLength", length)] {
         view.insert(key.into(), value.into());
@@ -79,11 +79,11 @@ fn plain(view: &mut Object, begin: usize, length: usize) {
     }
 }
 
-/// All buffers and images as `data:` URIs.
+/// Replaces all buffers and images by `data:` URIs.
 pub fn into_data_uris(root: &mut Object, document: &Document) -> Result<()> {
     for (index, bytes) in document.buffers.iter().enumerate() {
         let Some(buffer) = element(root, "buffers", index) else { continue };
-        // What others would read in place of packed views, and is not there.
+        // A fallback for programs that cannot decompress views, without data.
         if bytes.is_empty() && !buffer.contains_key("uri") {
             continue;
         }
@@ -111,7 +111,7 @@ fn image_uris(root: &Object) -> Vec<(usize, String)> {
     images.filter_map(uri).collect()
 }
 
-/// Fills up to where any accessor may begin.
+/// Pads to the alignment of accessors; returns the new length.
 fn pad(bin: &mut Vec<u8>) -> usize {
     bin.resize(bin.len().next_multiple_of(4), 0);
     bin.len()

@@ -1,43 +1,45 @@
-//! OBJ and MTL text that tobj reads right.
+//! Rewrites OBJ and MTL text so that tobj parses it correctly.
 //!
-//! tobj 4.0.5 takes polylines for faces, gives a corner without a texture coordinate or a normal the one before, shifts
-//! vertex colours where only some vertices have them, panics on short colours and on normal indices that overflow when
-//! tripled, and refuses comments behind statements, continued lines and `d -halo`. So it gets only the statements that
-//! we use, each checked and complete. Errors begin with the line's number, which it would not tell.
+//! tobj 4.0.5 reads polylines as faces, gives a corner without a texture coordinate or a normal the previous one,
+//! shifts vertex colours if only some vertices have them, panics on incomplete colours and on normal indices that
+//! overflow when tripled, and rejects comments after statements, continued lines and `d -halo`. So it receives only the
+//! statements in use, each checked and complete. Errors begin with the line number, which tobj does not report.
 
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 
 use super::materials::Map;
 
-// A polygon is triangulated in quadratic time at worst; none that means anything has more corners.
+// Triangulation takes quadratic time at worst; no meaningful polygon has more corners.
 const MAX_CORNERS: usize = 1_024;
 
-/// Stands for a material without a name, which tobj refuses and some exporters write.
+/// Replaces an empty material name, which tobj rejects and some exporters write.
 pub const UNNAMED: &str = "(no name)";
 
+/// A checked OBJ file.
 pub struct Obj {
     /// Without groups and materials, so that tobj makes one mesh of it, all faces in order.
     pub text: String,
     pub faces: Vec<Face>,
-    /// Names; the first is empty and stands for none.
+    /// Material names; the first is empty and means no material.
     pub materials: Vec<String>,
-    /// What stands behind each `mtllib`.
+    /// The argument of each `mtllib`.
     pub libraries: Vec<String>,
 }
 
-/// What tobj does not tell of a face. Threes are position, texture coordinate, normal.
+/// Face data that tobj does not report. Arrays of three are position, texture coordinate, normal.
 pub struct Face {
     pub material: usize,
     /// At every corner.
     pub has_uvs: bool,
     /// At every corner.
     pub has_normals: bool,
-    /// Indices from 1; 0: none.
+    /// Largest index of each kind, from 1; 0 if there is none.
     greatest: [i64; 3],
     line_number: usize,
 }
 
+/// Checks and rewrites an OBJ file.
 pub fn obj(text: &str) -> Result<Obj, String> {
     let mut obj = Obj { text: String::new(), faces: Vec::new(), materials: vec![String::new()], libraries: Vec::new() };
     let mut material_indices = HashMap::from([(String::new(), 0)]);
@@ -53,7 +55,7 @@ pub fn obj(text: &str) -> Result<Obj, String> {
             }
             "vt" => {
                 numbers(rest, 1..=2).map_err(wrong)?;
-                // A lone u gets its v; what follows two is ignored.
+                // A single u gets v = 0; values after the second are ignored.
                 obj.text.extend(["vt ", rest, " 0\n"]);
                 counts[1] += 1;
             }
@@ -74,11 +76,11 @@ pub fn obj(text: &str) -> Result<Obj, String> {
                 });
             }
             "mtllib" => obj.libraries.push(rest.to_owned()),
-            // Groups, smoothing, points, lines, curves: not needed.
+            // Groups, smoothing, points, lines and curves are ignored.
             _ => {}
         }
     }
-    // Indices may point forward, so their range is checked at the end.
+    // Indices may refer to later elements, so their range is checked at the end.
     for face in &obj.faces {
         for (k, what) in ["vertex", "texture coordinate", "normal"].into_iter().enumerate() {
             let (index, there) = (face.greatest[k], counts[k]);
@@ -90,23 +92,23 @@ pub fn obj(text: &str) -> Result<Obj, String> {
     Ok(obj)
 }
 
-/// `x y z`, `x y z w` or `x y z r g b` as `x y z r g b`: where there is no colour, white.
+/// `x y z`, `x y z w` or `x y z r g b` as `x y z r g b`; white if there is no colour.
 fn vertex(rest: &str) -> Result<String, String> {
     match numbers(rest, 0..=8)?[..] {
         [_, _, _] => Ok(format!("{rest} 1 1 1")),
         [x, y, z, w] if w != 0.0 => vertex(&format!("{:e} {:e} {:e}", x / w, y / w, z / w)),
         [x, y, z, r, g, b] | [x, y, z, r, g, b, _] => Ok(format!("{x:e} {y:e} {z:e} {r:e} {g:e} {b:e}")),
-        _ => Err(format!("\"{rest}\" is no vertex")),
+        _ => Err(format!("\"{rest}\" is not a vertex")),
     }
 }
 
-/// Corners `v`, `v/vt`, `v//vn` or `v/vt/vn`; negative indices count back from the last one so far. Returns what all
-/// corners have and the greatest index of each kind.
+/// Corners `v`, `v/vt`, `v//vn` or `v/vt/vn`; negative indices count back from the last element so far. Returns which
+/// kinds all corners have, and the largest index of each kind.
 fn face(rest: &str, counts: [i64; 3]) -> Result<([bool; 3], [i64; 3]), String> {
     let (mut has, mut greatest) = ([true; 3], [0; 3]);
     let mut corner_count = 0;
     for word in rest.split_whitespace() {
-        let wrong = || format!("\"{word}\" is no corner of a face");
+        let wrong = || format!("\"{word}\" is not a face corner");
         let mut indices = [0; 3];
         for (k, part) in word.split('/').enumerate().filter(|(_, part)| !part.is_empty()) {
             let index = part.parse().ok().filter(|&index| index != 0).ok_or_else(wrong)?;
@@ -130,6 +132,7 @@ fn face(rest: &str, counts: [i64; 3]) -> Result<([bool; 3], [i64; 3]), String> {
     }
 }
 
+/// Checks and rewrites an MTL file.
 pub fn mtl(text: &str) -> Result<String, String> {
     let mut checked = String::new();
     for (line_number, line) in logical_lines(text) {
@@ -137,7 +140,7 @@ pub fn mtl(text: &str) -> Result<String, String> {
         let value = match key {
             "newmtl" if rest.is_empty() => Ok(UNNAMED.to_owned()),
             "newmtl" => Ok(rest.to_owned()),
-            // One number stands for three.
+            // Missing channels repeat the first.
             "Kd" | "Ks" | "Ke" => numbers(rest, 1..=3).map(|c| {
                 let [green, blue] = [1, 2].map(|i| c.get(i).unwrap_or(&c[0]));
                 format!("{:e} {green:e} {blue:e}", c[0])
@@ -156,14 +159,14 @@ pub fn mtl(text: &str) -> Result<String, String> {
     Ok(checked)
 }
 
-/// Lines without comments, with what a backslash continues, and the number of their first line.
+/// Logical lines: comments removed, backslash continuations joined; with the number of their first physical line.
 fn logical_lines(text: &str) -> impl Iterator<Item = (usize, String)> {
     let mut lines = text.lines().enumerate();
     std::iter::from_fn(move || {
         loop {
             let (index, mut part) = lines.next()?;
             let mut line = String::new();
-            // Looks at each physical line once, however many are joined.
+            // Visits each physical line once, however many are joined.
             while let Some(begin) = part.trim_end().strip_suffix('\\') {
                 line.push_str(begin);
                 line.push(' ');
@@ -184,13 +187,14 @@ pub fn split_word(text: &str) -> (&str, &str) {
     (word, rest.trim_start())
 }
 
+/// A number that is finite in single precision.
 pub fn number(word: &str) -> Result<f64, String> {
-    let value: f64 = word.parse().map_err(|_| format!("\"{word}\" is no number"))?;
-    // Single precision is what most of them become.
+    let value: f64 = word.parse().map_err(|_| format!("\"{word}\" is not a number"))?;
+    // Most numbers are converted to single precision.
     if (value as f32).is_finite() { Ok(value) } else { Err(format!("{word} is not finite")) }
 }
 
-/// As many numbers as there are, up to the greatest count; what follows is ignored.
+/// Parses numbers up to the largest count; further words are ignored.
 fn numbers(rest: &str, count: RangeInclusive<usize>) -> Result<Vec<f64>, String> {
     let values = rest.split_whitespace().take(*count.end()).map(number).collect::<Result<Vec<f64>, _>>()?;
     if values.len() >= *count.start() { Ok(values) } else { Err("numbers are missing".into()) }

@@ -1,4 +1,4 @@
-//! Texture files of MTL: found, decoded once, and put together where our materials want several in one.
+//! Texture files of MTL: found, decoded once, and combined if one of our textures needs several.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -11,16 +11,17 @@ use crate::error::{Error, Result};
 use crate::scene::texture::{Image, TexelCount};
 use crate::scene::{Encoding, Texture, TextureRef, Wrap, files};
 
-/// What textures are made of: files, each for the channels that it fills.
+/// What a texture is made from: the file of each group of channels, and the encoding.
 type Recipe = (Vec<Option<PathBuf>>, Encoding);
 
+/// Textures made so far, and the images that they are made from.
 #[derive(Default)]
 pub struct Images {
     textures: Vec<Texture>,
     made: HashMap<Recipe, usize>,
     images: HashMap<PathBuf, Rc<Image>>,
     texels: TexelCount,
-    /// Files that are not there, to be said once.
+    /// Missing files, each reported once.
     missing: Vec<String>,
 }
 
@@ -29,8 +30,8 @@ impl Images {
         self.textures
     }
 
-    /// Where the file of `map` is: where the MTL says, else under its name beside the MTL, since many name folders of the
-    /// machine that they come from. `None`, with a warning, if it is nowhere.
+    /// Finds the file of `map`: at the path in the MTL, else by its file name next to the MTL, because many MTL files
+    /// contain paths of the machine that wrote them. `None`, with a warning, if it does not exist.
     pub fn find(&mut self, mtl: &Path, map: &Map) -> Result<Option<PathBuf>> {
         let folder = mtl.parent().unwrap_or(Path::new(""));
         let name = map.file.rsplit('/').next().unwrap_or_default();
@@ -44,8 +45,8 @@ impl Images {
         }
         let name = files::shortened(&map.file);
         if !self.missing.contains(&name) {
-            tracing::warn!("{}: there is no texture \"{name}\"; what it colours is grey", mtl.display());
-            // Enough to be silent about those that all materials share.
+            tracing::warn!("{}: texture \"{name}\" does not exist and is ignored", mtl.display());
+            // Enough to avoid repeated warnings about textures that all materials share.
             if self.missing.len() < 64 {
                 self.missing.push(name);
             }
@@ -53,7 +54,7 @@ impl Images {
         Ok(None)
     }
 
-    /// The file as it is.
+    /// The decoded file.
     pub fn image(&mut self, mtl: &Path, path: &Path) -> Result<Rc<Image>> {
         if let Some(image) = self.images.get(path) {
             return Ok(image.clone());
@@ -67,13 +68,13 @@ impl Images {
         Ok(image)
     }
 
-    /// A texture of the file at `path`.
+    /// The texture index of the file at `path`.
     pub fn texture(&mut self, mtl: &Path, path: &Path, encoding: Encoding) -> Result<usize> {
         let recipe = (vec![Some(path.to_owned())], encoding);
         self.made(recipe, |images| Ok(Image::clone(&*images.image(mtl, path)?)))
     }
 
-    /// The texture of a recipe that is made the first time.
+    /// The texture index of a recipe, which is made on its first use.
     pub fn made(&mut self, recipe: Recipe, make: impl FnOnce(&mut Self) -> Result<Image>) -> Result<usize> {
         if let Some(&known) = self.made.get(&recipe) {
             return Ok(known);
@@ -87,23 +88,24 @@ impl Images {
 }
 
 impl Map {
-    /// How the map looks up `texture`.
+    /// Reference to `texture` with the map's transform and wrap mode.
     pub fn reference(&self, texture: usize) -> TextureRef {
         let wrap = if self.clamp { Wrap::Clamp } else { Wrap::Repeat };
-        // Our v is OBJ's turned over, before the transform and after it.
+        // OBJ's v points the other way, so v is flipped before and after the transform.
         let turned = Mat3::from_cols(Vec3::X, -Vec3::Y, Vec3::new(0.0, 1.0, 1.0));
         let uv_transform = turned * Mat3::from_translation(self.offset) * Mat3::from_scale(self.scale) * turned;
         TextureRef { texture, uv_set: 0, uv_transform, wrap: [wrap; 2] }
     }
 
-    /// Whether two maps read their files at the same places.
+    /// Whether two maps have the same offset, scale and wrap mode.
     pub fn is_aligned(&self, other: &Self) -> bool {
         let places = |map: &Self| -> (Vec2, Vec2, bool) { (map.offset, map.scale, map.clamp) };
         places(self) == places(other)
     }
 }
 
-/// An image of 8 bits as large as the larger of its sources, each texel made of the sources' nearest ones.
+/// An 8-bit image with the largest width and height of its sources; each texel is computed from the sources' nearest
+/// texels.
 pub fn combined(sources: [Option<&Image>; 2], texel: impl Fn([Option<[u8; 4]>; 2]) -> [u8; 4]) -> Image {
     let largest = |side: fn(&Image) -> usize| sources.iter().flatten().map(|image| side(image)).max().unwrap_or(1);
     let (width, height) = (largest(|image| image.width), largest(|image| image.height));

@@ -1,15 +1,15 @@
-//! MTL: materials made for Phong shading, as metallic-roughness.
+//! MTL materials, made for Phong shading, converted to metallic-roughness.
 //!
 //! [Karis 2013]: B. Karis, Real shading in Unreal Engine 4, SIGGRAPH course notes.
 //!
 //! - Kd is the base colour, Ke emission, Pr and Pm roughness and metalness, Ni the index of refraction.
 //! - Ns, the Blinn-Phong exponent: alpha² = 2 / (Ns + 2) [Karis 2013]; roughness is the square root of alpha.
-//! - Ks scales the reflection at normal incidence, 0.5 being glTF's 0.04, as common exporters have it; 0 is Lambert.
-//! - illum 0 and 1 have no highlight; illum 3 is a mirror of colour Ks, or Kd.
-//! - map_Kd, map_Ke, map_Ks, norm, bump. A grey bump map is a height map, which is left out.
-//! - map_Pr, map_Pm and map_Ns take the place of their numbers; map_Ns scales Ns.
-//! - d, or Tr = 1 - d: 0 is a hole, 1 opaque, between them it blends. map_d is a hole where it is below a half: its alpha if it has any, else its
-//!   red channel.
+//! - Ks scales the reflectance at normal incidence; 0.5 is glTF's 0.04, as in common exporters; 0 is Lambertian.
+//! - illum 0 and 1 have no highlight; illum 3 is a mirror of colour Ks, else Kd.
+//! - map_Kd, map_Ke, map_Ks, norm, bump. A grey bump map is a height map and is ignored.
+//! - map_Pr, map_Pm and map_Ns replace their numbers; map_Ns is scaled by Ns.
+//! - d, or Tr = 1 - d, is opacity: 0 is a hole, 1 opaque, between them it blends. map_d below one half is a hole; it is
+//!   read from the alpha channel if there is one, else from red.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -23,10 +23,10 @@ use crate::error::{Error, Result};
 use crate::scene::texture::Image;
 use crate::scene::{AlphaMode, Encoding, Material, Texture, TextureRef, files};
 
-/// Linear; 0.5 in sRGB.
+/// Linear value of 0.5 in sRGB.
 const GREY: f32 = 0.214;
 
-/// What a face without a material gets.
+/// Material of faces without one.
 pub fn default(name: &str) -> Material {
     let name = if name.is_empty() { "default" } else { name };
     Material { name: name.into(), metallic: 0.0, roughness: 1.0, ..Material::default() }
@@ -37,7 +37,7 @@ pub fn default(name: &str) -> Material {
 pub struct Library {
     materials: HashMap<String, Material>,
     images: Images,
-    /// Materials that are not there at all.
+    /// Number of materials with zero opacity.
     holes: usize,
 }
 
@@ -47,7 +47,7 @@ pub struct Map {
     pub offset: Vec2,
     pub scale: Vec2,
     pub clamp: bool,
-    /// -bm
+    /// `-bm`, the strength of a normal map.
     pub strength: f32,
 }
 
@@ -60,17 +60,17 @@ impl Library {
         self.images.into_textures()
     }
 
-    /// Says what was left out.
+    /// Warns about materials with zero opacity.
     pub fn warn(&self, obj: &Path) {
         let have = |count: usize| if count == 1 { "1 material has".into() } else { format!("{count} materials have") };
         let path = obj.display();
         if self.holes > 0 {
-            tracing::warn!("{path}: {} d 0 or Tr 1: they are not there", have(self.holes));
+            tracing::warn!("{path}: {} d 0 or Tr 1: invisible", have(self.holes));
         }
     }
 
-    /// Reads what a `mtllib` statement names: one file whose name may hold spaces, else several. A missing file is a
-    /// warning: many OBJ files travel without theirs.
+    /// Reads the files of a `mtllib` statement: one file whose name may contain spaces, else several. A missing file is
+    /// only a warning, because many OBJ files are distributed without theirs.
     pub fn read(&mut self, obj: &Path, statement: &str) -> Result<()> {
         let folder = obj.parent().unwrap_or(Path::new(""));
         let there = |name: &str| files::inside(&name.replace('\\', "/")).map(|p| folder.join(p)).ok();
@@ -84,7 +84,7 @@ impl Library {
                 Some(path) => self.read_file(&path)?,
                 None => {
                     let name = files::shortened(name);
-                    tracing::warn!("{}: there is no \"{name}\"; its materials are grey", obj.display());
+                    tracing::warn!("{}: \"{name}\" does not exist; its materials are grey", obj.display());
                 }
             }
         }
@@ -120,7 +120,7 @@ impl Library {
         if is_mirror {
             (material.metallic, material.roughness) = (1.0, 0.0);
         } else {
-            // Ns is not negative, so this lies in [0, 1].
+            // Ns >= 0, so this is in [0, 1].
             let from_exponent = entry.shininess.map(|ns| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt() as f32);
             material.roughness = scalar("Pr").or(from_exponent).unwrap_or(1.0).clamp(0.0, 1.0);
             material.metallic = scalar("Pm").unwrap_or(0.0).clamp(0.0, 1.0);
@@ -134,11 +134,11 @@ impl Library {
         let color_map = map(entry.diffuse_texture.as_ref())?;
         if let Some(map) = &color_map {
             material.base_color_texture = self.texture(path, map, Encoding::Srgb)?;
-            // Many exporters write black where a texture replaces the colour.
+            // Many exporters write black if a texture replaces the colour.
             if base == Some(Vec3::ZERO) {
                 material.base_color = glam::Vec4::ONE;
             }
-            // A texture that is not there leaves the colour beside it, or a grey that is half of white to the eye.
+            // If the texture file is missing, the colour remains, or a perceptual mid-grey if that is white.
             if material.base_color_texture.is_none() && material.base_color == glam::Vec4::ONE {
                 material.base_color = Vec3::splat(GREY).extend(1.0);
             }
@@ -172,7 +172,7 @@ impl Library {
             let image = self.images.image(path, &file)?;
             if is_bump && image.texels.iter().all(|t| t[0] == t[1] && t[1] == t[2]) {
                 let file = files::shortened(&map.file);
-                tracing::warn!("{}: \"{file}\" is a height map, which is left out", path.display());
+                tracing::warn!("{}: \"{file}\" is a height map, which is not supported", path.display());
             } else {
                 let texture = self.images.texture(path, &file, Encoding::Linear)?;
                 material.normal_texture = Some(map.reference(texture));
@@ -181,13 +181,13 @@ impl Library {
         }
         Ok(material)
     }
-    /// `None` if there is no such file.
+    /// `None` if the file does not exist.
     fn texture(&mut self, mtl: &Path, map: &Map, encoding: Encoding) -> Result<Option<TextureRef>> {
         let Some(file) = self.images.find(mtl, map)? else { return Ok(None) };
         Ok(Some(map.reference(self.images.texture(mtl, &file, encoding)?)))
     }
 
-    /// The file of a map, if it says so and is there.
+    /// The file of a map and its image, if both exist.
     fn image(&mut self, mtl: &Path, map: Option<&Map>) -> Result<Option<(PathBuf, Rc<Image>)>> {
         let Some(map) = map else { return Ok(None) };
         let Some(file) = self.images.find(mtl, map)? else { return Ok(None) };
@@ -195,7 +195,7 @@ impl Library {
         Ok(Some((file, image)))
     }
 
-    /// map_Pr or map_Ns, and map_Pm, as green and blue of one texture.
+    /// Combines map_Pr or map_Ns (green) and map_Pm (blue) in one texture.
     fn rough_and_metallic(
         &mut self,
         mtl: &Path,
@@ -213,7 +213,7 @@ impl Library {
         let metal_map = metalness.filter(|_| aligned);
         if !aligned {
             tracing::warn!(
-                "{}: \"{}\" has a map_Pm placed unlike its map_Pr; it is left out",
+                "{}: \"{}\" has a map_Pm whose transform differs from map_Pr; it is ignored",
                 mtl.display(),
                 material.name
             );
@@ -229,7 +229,7 @@ impl Library {
             false => value,
         };
         let file = |found: &Option<(PathBuf, Rc<Image>)>| found.as_ref().map(|(file, _)| file.clone());
-        // The exponent is part of what is made of a file.
+        // The texture depends on the exponent, so the recipe includes it.
         let kind = is_gloss.then(|| PathBuf::from(format!("Ns {exponent}")));
         let recipe = (vec![file(&rough), file(&metal), kind], Encoding::Linear);
         let texture = self.images.made(recipe, |_| {
@@ -249,7 +249,7 @@ impl Library {
         Ok(())
     }
 
-    /// d, Tr and map_d: what is not there. The mask becomes the alpha of the colour's texture.
+    /// d, Tr and map_d: opacity. The mask becomes the alpha channel of the base colour texture.
     fn holes(
         &mut self,
         mtl: &Path,
@@ -276,13 +276,13 @@ impl Library {
         let map = map.expect("its image was found");
         let has_alpha = mask.texels.iter().any(|t| t[3] < 255);
         let color = self.image(mtl, color_map)?;
-        // The colour's own file without alpha: exporters name it where they mean all of it.
+        // map_d names the file of map_Kd, which has no alpha: exporters mean an opaque material.
         if !has_alpha && color.as_ref().is_some_and(|(file, _)| *file == mask_file) {
             return Ok(());
         }
         if color.is_some() && !color_map.is_some_and(|color| color.is_aligned(&map)) {
             tracing::warn!(
-                "{}: \"{}\" has a map_d placed unlike its map_Kd; it is left out",
+                "{}: \"{}\" has a map_d whose transform differs from map_Kd; it is ignored",
                 mtl.display(),
                 material.name
             );
@@ -304,6 +304,7 @@ impl Library {
 }
 
 impl Map {
+    /// Parses the arguments of a texture statement.
     pub fn parse(rest: &str) -> Result<Self, String> {
         let (offset, scale) = (Vec2::ZERO, Vec2::ONE);
         let mut map = Self { file: String::new(), offset, scale, clamp: false, strength: 1.0 };

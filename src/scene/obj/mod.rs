@@ -28,8 +28,8 @@ pub fn load(path: &Path) -> Result<Scene> {
     for statement in &obj.libraries {
         library.read(path, statement)?;
     }
-    // The options leave polygons whole and every attribute its own indices. Materials are assigned here, because tobj
-    // forgets names that it cannot find and wants libraries before their use.
+    // The options preserve polygons and separate indices for every attribute. Materials are assigned here, because tobj
+    // discards names that it cannot find and requires libraries before their use.
     let no_materials = |_: &Path| Ok(Default::default());
     let (models, _) = tobj::load_obj_buf(&mut obj.text.as_bytes(), &LoadOptions::default(), no_materials)
         .map_err(|e| Error::import_from(path, "not an OBJ file", e))?;
@@ -39,7 +39,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     }
 
     let mut polygons_of = vec![Vec::new(); obj.materials.len()];
-    // No arities: all are triangles.
+    // Without arities, all faces are triangles.
     let mut arities = mesh.face_arities.iter().copied().chain(iter::repeat(3));
     let mut first = 0;
     let mut all_corners = Vec::with_capacity(obj.faces.len());
@@ -48,11 +48,11 @@ pub fn load(path: &Path) -> Result<Scene> {
         first = corners.end;
         all_corners.push(corners);
     }
-    assert_eq!(first, mesh.indices.len(), "a face of tobj's is none of ours");
+    assert_eq!(first, mesh.indices.len(), "tobj's faces differ from ours");
     let turned = winding::turned(&mesh, &all_corners);
     if turned.surface_count > 0 {
         let (path, count) = (path.display(), turned.surface_count);
-        tracing::warn!("{path}: {count} closed surfaces faced inwards and were turned");
+        tracing::warn!("{path}: {count} closed surfaces faced inwards and were flipped");
     }
     for (i, (face, corners)) in obj.faces.iter().zip(all_corners).enumerate() {
         let polygon = Polygon { face, corners, turns: turned.winding[i], turns_normals: turned.normals[i] };
@@ -64,11 +64,11 @@ pub fn load(path: &Path) -> Result<Scene> {
     for (name, polygons) in obj.materials.iter().zip(polygons_of).filter(|(_, polygons)| !polygons.is_empty()) {
         let material = library.get(name).unwrap_or_else(|| {
             if !name.is_empty() {
-                tracing::warn!("{}: there is no material \"{name}\"", path.display());
+                tracing::warn!("{}: material \"{name}\" does not exist", path.display());
             }
             materials::default(name)
         });
-        // Faces without normals are flat, those with normals aren't: two kinds of parts.
+        // Faces without normals are flat, those with normals are not: they form separate parts.
         for has_normals in [true, false] {
             let polygons = polygons.iter().filter(|polygon| polygon.face.has_normals == has_normals);
             builder.add(part(&mesh, polygons, &material, materials.len() as u32));
@@ -93,13 +93,13 @@ pub fn load(path: &Path) -> Result<Scene> {
 #[derive(Clone)]
 struct Polygon<'a> {
     face: &'a Face,
-    /// Among the mesh's.
+    /// Range in the mesh's corners.
     corners: Range<usize>,
     turns: bool,
     turns_normals: bool,
 }
 
-/// Either all or none of the polygons have normals.
+/// Builds a part; either all or none of the polygons have normals.
 fn part<'a>(
     mesh: &Mesh,
     polygons: impl Iterator<Item = &'a Polygon<'a>>,
@@ -122,7 +122,7 @@ fn part<'a>(
                 part.positions.push(three(&mesh.positions, position));
                 part.normals.extend(normal.map(|i| sign * three(&mesh.normals, i).as_vec3()));
                 if textured {
-                    // OBJ's v grows upwards, glTF's and ours downwards.
+                    // OBJ's v points up, glTF's and ours down.
                     let turned = |i| Vec2::new(mesh.texcoords[2 * i] as f32, 1.0 - mesh.texcoords[2 * i + 1] as f32);
                     part.uvs[0].push(uv.map_or(Vec2::Y, |i| turned(i as usize)));
                 }
@@ -142,13 +142,13 @@ fn part<'a>(
     part
 }
 
-/// Triangles of a flat polygon as indices of its corners, wound as it is. Outlines that cross themselves lose some, those
-/// without area all.
+/// Triangulates a planar polygon, as indices of its corners with the same winding. Self-intersecting outlines lose some
+/// triangles, those without area all.
 fn triangulated(outline: &[DVec3]) -> Vec<[usize; 3]> {
     if outline.len() == 3 {
         return vec![[0, 1, 2]];
     }
-    // Relative to the first: far from the origin the normal would be lost to rounding.
+    // Relative to the first corner: far from the origin the normal would be lost to rounding.
     let corners: Vec<[f64; 3]> = outline.iter().map(|&p| (p - outline[0]).to_array()).collect();
     let (mut flat, mut triangles) = (Vec::new(), Vec::new());
     if project3d_to_2d(&corners, corners.len(), &mut flat) {
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn concave_polygons_keep_their_area() {
-        // An L, started at its inner corner's neighbour too, where a fan would leave it.
+        // An L, also started next to its inner corner, where a fan would leave the polygon.
         let l = [(0., 0.), (2., 0.), (2., 1.), (1., 1.), (1., 2.), (0., 2.)].map(|(x, y)| DVec3::new(x, 0.5, -y));
         let far = DVec3::new(4e5, 0.0, 5e6);
         for first in 0..6 {

@@ -1,8 +1,8 @@
-//! Closed surfaces that face inwards, as some exporters leave them: they would be black from everywhere.
+//! Closed surfaces that face inwards, as some exporters write them; they would be black from every direction.
 //!
-//! A surface is what hangs together by its positions. It faces inwards if it is closed and the volume that its faces
-//! enclose is negative. Two kinds of such surfaces are meant that way and stay: those around other surfaces (the walls of a
-//! room), and those within a closed surface not much larger (the inside of a vessel).
+//! A surface is a set of faces connected by their positions. It faces inwards if it is closed and its signed volume is
+//! negative. Two kinds of such surfaces are intended and stay unchanged: those around other surfaces (the walls of a
+//! room), and those inside a closed surface that is not much larger (the inside of a vessel).
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use std::ops::Range;
 use glam::DVec3;
 use tobj::Mesh;
 
-/// What to turn, for each polygon.
+/// What to flip, for each polygon.
 pub struct Turned {
     pub winding: Vec<bool>,
     /// Whether its normals point inwards too.
@@ -18,29 +18,29 @@ pub struct Turned {
     pub surface_count: usize,
 }
 
-/// One surface.
+/// One connected surface.
 #[derive(Clone)]
 struct Surface {
-    /// Six times what its faces enclose, seen from `origin`.
+    /// Six times the signed volume, relative to `origin`.
     volume: f64,
-    /// Twice the sum of its faces' areas, as vectors and as numbers: closed surfaces have no sum of vectors.
+    /// Twice the face areas, summed as vectors and as scalars; the vector sum of a closed surface is zero.
     area: DVec3,
     total_area: f64,
     origin: DVec3,
     low: DVec3,
     high: DVec3,
-    /// How far its normals agree with its faces; 0 without any.
+    /// Sum of n . face area: positive if the normals agree with the faces; 0 without normals.
     agreement: f64,
 }
 
-/// A closed surface may miss this share of its area and of its box's volume to rounding in the file.
+/// Tolerance for a closed surface, relative to its area and its box's volume: rounding in the file.
 const ROUNDING: f64 = 1e-4;
-/// A vessel's inside is at least this share of its outside.
+/// Minimum volume of a vessel's inside, relative to its outside.
 const VESSEL: f64 = 0.125;
-/// Pairs of surfaces that are compared at most; scattered triangles are surfaces too.
+/// Maximum number of pairs of surfaces to compare; scattered triangles are surfaces too.
 const MAX_PAIRS: usize = 1 << 24;
 
-/// `polygons` are ranges of the mesh's corners.
+/// Finds the polygons to flip; `polygons` are ranges of the mesh's corners.
 pub fn turned(mesh: &Mesh, polygons: &[Range<usize>]) -> Turned {
     let surface_of = surfaces(mesh, polygons);
     let count = surface_of.iter().map(|&s| s as usize + 1).max().unwrap_or(0);
@@ -66,13 +66,13 @@ pub fn turned(mesh: &Mesh, polygons: &[Range<usize>]) -> Turned {
 }
 
 impl Surface {
-    /// Clearly, if it is closed.
+    /// Whether its volume is clearly negative, and its area is that of a closed surface.
     fn faces_inwards(&self) -> bool {
         let size = self.high - self.low;
         self.is_closed() && self.volume < -ROUNDING * size.element_product().abs() && self.volume < 0.0
     }
 
-    /// As far as its area tells.
+    /// A necessary condition: the vector areas cancel.
     fn is_closed(&self) -> bool {
         self.area.length() <= ROUNDING * self.total_area
     }
@@ -82,7 +82,7 @@ impl Surface {
     }
 }
 
-/// Whether a surface that faces inwards is around others, or the inside of one.
+/// Whether an inward-facing surface is intended: it encloses others, or is the inside of one.
 fn is_meant(surfaces: &[Surface], inwards: usize) -> bool {
     let this = &surfaces[inwards];
     surfaces.iter().enumerate().filter(|(other, _)| *other != inwards).any(|(_, other)| {
@@ -91,7 +91,7 @@ fn is_meant(surfaces: &[Surface], inwards: usize) -> bool {
     })
 }
 
-/// For each polygon the number of its surface.
+/// The surface index of each polygon.
 fn surfaces(mesh: &Mesh, polygons: &[Range<usize>]) -> Vec<u32> {
     let welded = weld(mesh);
     let mut parents: Vec<u32> = (0..welded.len() as u32).collect();
@@ -118,7 +118,7 @@ fn surfaces(mesh: &Mesh, polygons: &[Range<usize>]) -> Vec<u32> {
     polygons.iter().map(number).collect()
 }
 
-/// For each position the first one at its place.
+/// For each position, the index of the first equal one.
 fn weld(mesh: &Mesh) -> Vec<u32> {
     let mut firsts = HashMap::with_capacity(mesh.positions.len() / 3);
     let place = |p: &[f64]| [p[0], p[1], p[2]].map(|x| (x + 0.0).to_bits());
@@ -159,7 +159,7 @@ fn measure(mesh: &Mesh, polygons: &[Range<usize>], surface_of: &[u32], count: us
     surfaces
 }
 
-/// Which of the surfaces in question are closed: each of their edges is passed as often one way as the other.
+/// Which of the candidate surfaces are closed: each edge is traversed equally often in both directions.
 fn closed(mesh: &Mesh, polygons: &[Range<usize>], surface_of: &[u32], in_question: &[bool]) -> Vec<bool> {
     let welded = weld(mesh);
     let mut edges: HashMap<(u32, u32), i32> = HashMap::new();

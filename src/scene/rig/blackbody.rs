@@ -5,17 +5,17 @@
 
 use glam::{DVec2, DVec3, Vec3};
 
-/// The temperatures for which [Krystek 1985] holds, in kelvin.
+/// Temperatures in kelvin for which [Krystek 1985] is valid.
 pub const KELVIN: std::ops::RangeInclusive<f64> = 1_000.0..=15_000.0;
 
-/// Chromaticity of a black body at `kelvin` as linear Rec. 709 of luminance 1; what lies outside the gamut is clipped.
+/// Chromaticity of a black body at `kelvin` as linear Rec. 709 of luminance 1, clipped to the gamut.
 ///
-/// `tint` in [-1, 1] moves it off the Planckian locus, along the locus's normal in CIE 1960 (u, v), by up to 0.02:
-/// positive is greener, negative more magenta. Correlated colour temperature means something up to 0.05.
+/// `tint` in [-1, 1] shifts it off the Planckian locus, along the locus's normal in CIE 1960 (u, v), by up to 0.02:
+/// positive is greener, negative more magenta. Correlated colour temperature is meaningful up to 0.05.
 pub fn kelvin_to_rgb(kelvin: f64, tint: f64) -> Vec3 {
     let on_locus = planckian_locus(kelvin);
     let tangent = (planckian_locus(kelvin * 1.001) - planckian_locus(kelvin * 0.999)).normalize();
-    // The locus runs to smaller u as it gets hotter; above it is green.
+    // u decreases along the locus with temperature; green is above the locus.
     let uv = on_locus + DVec2::new(tangent.y, -tangent.x) * 0.02 * tint;
     let denominator = 2.0 * uv.x - 8.0 * uv.y + 4.0;
     let (x, y) = (3.0 * uv.x / denominator, 2.0 * uv.y / denominator);
@@ -30,8 +30,8 @@ pub fn kelvin_to_rgb(kelvin: f64, tint: f64) -> Vec3 {
     (rgb / DVec3::new(0.2126729, 0.7151522, 0.0721750).dot(rgb)).as_vec3()
 }
 
-/// The temperature within [`KELVIN`] whose chromaticity is nearest to that of `color`: its correlated colour
-/// temperature. What `kelvin_to_rgb` made without tint comes back to 0.1 %; black counts as white.
+/// Correlated colour temperature of `color`: the temperature within [`KELVIN`] of nearest chromaticity. Inverts
+/// `kelvin_to_rgb` without tint to 0.1 %; black is treated as white.
 pub fn kelvin_of(color: Vec3) -> f64 {
     let rgb = if color.max_element() > 0.0 { color.as_dvec3() } else { DVec3::ONE };
     let xyz = DVec3::new(
@@ -41,7 +41,8 @@ pub fn kelvin_of(color: Vec3) -> f64 {
     );
     let uv = DVec2::new(4.0 * xyz.x, 6.0 * xyz.y) / (xyz.x + 15.0 * xyz.y + 3.0 * xyz.z);
     let distance = |mired: f64| (planckian_locus(1e6 / mired) - uv).length_squared();
-    // Near the gamut's edge the distance may have several valleys: the lowest of a grid, then its surroundings.
+    // Near the gamut's edge the distance may have several local minima: a grid finds the lowest, then the search
+    // refines it.
     let (lo, hi) = (1e6 / KELVIN.end(), 1e6 / KELVIN.start());
     let step = (hi - lo) / 64.0;
     let best = (0..=64).map(|i| lo + f64::from(i) * step).min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
@@ -53,7 +54,7 @@ pub fn kelvin_of(color: Vec3) -> f64 {
     2e6 / (a + b)
 }
 
-/// (u, v) of CIE 1960 on the Planckian locus, good to 9e-5 [Krystek 1985].
+/// Planckian locus in CIE 1960 (u, v), accurate to 9e-5 [Krystek 1985].
 fn planckian_locus(t: f64) -> DVec2 {
     let u =
         (0.860117757 + 1.54118254e-4 * t + 1.28641212e-7 * t * t) / (1.0 + 8.42420235e-4 * t + 7.08145163e-7 * t * t);
@@ -73,7 +74,8 @@ mod tests {
 
     #[test]
     fn illuminant_a_and_6500_k() {
-        // CIE standard illuminant A; the tolerance is Krystek's 9e-5 in (u, v), which is up to three times that here.
+        // CIE standard illuminant A; the tolerance is Krystek's 9e-5 in (u, v), which is up to three times as much in
+        // (x, y).
         assert!((xy(2855.5) - DVec2::new(0.44757, 0.40745)).length() < 5e-4, "{}", xy(2855.5));
         assert!((xy(6500.0) - DVec2::new(0.3135, 0.3237)).length() < 5e-4, "{}", xy(6500.0));
     }

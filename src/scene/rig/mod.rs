@@ -1,7 +1,7 @@
 //! Rig files: lights, groups and a camera as TOML.
 //!
-//! Angles are radians in memory and degrees in the file; the file gets the shortest degrees that read back as the same
-//! radians, or, where none do, the nearest (1e-15 relative).
+//! Angles are radians in memory and degrees in the file. The file gets the shortest degrees that read back as the same
+//! radians or, if there are none, the nearest (1e-15 relative).
 
 mod blackbody;
 mod read;
@@ -18,7 +18,7 @@ use super::{Camera, Light, LightGroup};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// Everything about a scene that an artist edits.
+/// Everything in a scene that an artist edits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rig {
     pub camera: Option<Camera>,
@@ -27,31 +27,32 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Reads a rig file; what it says wrong is an error that names the line.
+    /// Reads a rig file; errors name the line.
     pub fn load(path: &Path) -> Result<Self> {
         let text = super::files::read(path)?;
         let text = String::from_utf8(text).map_err(|e| Error::import_from(path, "is not UTF-8 text", e))?;
         Self::from_toml(&text).map_err(|reason| Error::import(path, reason))
     }
 
-    /// The rig that a TOML document describes; an error begins with its line.
+    /// Parses a TOML document; an error begins with its line.
     pub fn from_toml(text: &str) -> std::result::Result<Self, String> {
         read::parse(text)
     }
 
-    /// The rig as a TOML document that [`Rig::load`] reads back equal.
+    /// The rig as a TOML document that [`Rig::load`] reads back as equal.
     ///
-    /// Exactly equal but for angles (1e-15 relative) and the camera's axes (1e-12).
+    /// Exactly equal except for angles (1e-15 relative) and the camera's axes (1e-12).
     pub fn to_toml(&self) -> String {
         write::to_toml(self)
     }
 
-    /// Writes [`Rig::to_toml`] to `path`, whole or not at all.
+    /// Writes [`Rig::to_toml`] to `path` atomically.
     pub fn save(&self, path: &Path) -> Result<()> {
         file::write_whole(path, |out| out.write_all(self.to_toml().as_bytes()).map_err(Error::io("write", path)))
     }
 
-    /// The rig as it shines: where lights or groups are solo, all others are off. What is off stays off.
+    /// The rig with solo applied: if any light or group is solo, all other lights are off. Disabled lights stay
+    /// disabled.
     pub fn shining(&self) -> Cow<'_, Self> {
         let is_solo = |light: &Light| light.solo || light.group.is_some_and(|group| self.groups[group].solo);
         if !self.lights.iter().any(is_solo) {
@@ -62,7 +63,7 @@ impl Rig {
         Cow::Owned(rig)
     }
 
-    /// All lights, each after the one that it follows; `Err` names one of a ring of followers.
+    /// Indices of all lights, leaders before their followers; `Err` is a light whose chain of leaders is cyclic.
     pub fn leaders_first(&self) -> std::result::Result<Vec<usize>, usize> {
         let mut order = Vec::with_capacity(self.lights.len());
         let mut is_in = vec![false; self.lights.len()];
@@ -82,23 +83,24 @@ impl Rig {
         Ok(order)
     }
 
-    /// What the unit picture of light `index` is multiplied by, its group counted, but not what is solo.
+    /// Factor on the unit image of light `index`, including its group's; ignores solo.
     pub fn scale(&self, index: usize) -> glam::Vec3 {
         let light = &self.lights[index];
         light.scale() * light.group.map_or(glam::Vec3::ONE, |group| self.groups[group].scale())
     }
 }
 
-/// Makes names of lights, groups and cameras: no dots, since image layers are called `light.NAME`, and no two alike.
+/// Makes names of lights, groups and cameras unique and removes their dots, because image layers are called
+/// `light.NAME`.
 #[derive(Default)]
 pub struct UniqueNames {
     taken: HashSet<String>,
-    /// By name: the number to try next, so that many alike don't try all of them.
+    /// By name: the number to try next, so that many equal names do not try all of them.
     next: HashMap<String, u64>,
 }
 
 impl UniqueNames {
-    /// `name` without dots, and with `_2`, `_3`, ... behind it if it is taken.
+    /// `name` without dots, with suffix `_2`, `_3`, ... if it is taken.
     pub fn claim(&mut self, name: &str) -> String {
         let name = without_dots(name);
         if self.taken.insert(name.clone()) {
@@ -115,7 +117,7 @@ impl UniqueNames {
     }
 }
 
-/// A light's or group's name as it stands in memory.
+/// A light's or group's name as it is in memory: dots become underscores.
 pub fn without_dots(name: &str) -> String {
     name.replace('.', "_")
 }

@@ -1,4 +1,4 @@
-//! TOML to [`Rig`], everything checked.
+//! Parses and validates TOML to a [`Rig`].
 
 use std::collections::HashMap;
 
@@ -70,7 +70,7 @@ pub struct LightEntry {
     pub follows: Option<Spanned<String>>,
     #[serde(default = "yes")]
     pub shadows: bool,
-    /// The glTF node that the light came from.
+    /// Source glTF node of the light.
     pub node: Option<usize>,
     /// Reserved.
     pub radius: Option<Spanned<toml::Value>>,
@@ -88,7 +88,7 @@ fn yes() -> bool {
     true
 }
 
-/// Errors begin with the line's number.
+/// Errors begin with the line number.
 pub fn parse(text: &str) -> Result<Rig, String> {
     let reader = Reader { text };
     let file: File = toml::from_str(text).map_err(|e| {
@@ -103,7 +103,7 @@ pub fn parse(text: &str) -> Result<Rig, String> {
         let at = entry.name.span();
         let group = reader.group(entry)?;
         if group_indices.insert(group.name.clone(), rig.groups.len()).is_some() {
-            return Err(reader.line(at, format!("group \"{}\" is there twice", group.name)));
+            return Err(reader.line(at, format!("group \"{}\" is defined twice", group.name)));
         }
         rig.groups.push(group);
     }
@@ -114,7 +114,7 @@ pub fn parse(text: &str) -> Result<Rig, String> {
         links.push(entry.follows.take());
         let light = read_light::light(&reader, entry, &group_indices, &rig.groups)?;
         if light_indices.insert(light.name.clone(), rig.lights.len()).is_some() {
-            return Err(reader.line(at, format!("light \"{}\" is there twice", light.name)));
+            return Err(reader.line(at, format!("light \"{}\" is defined twice", light.name)));
         }
         rig.lights.push(light);
     }
@@ -129,7 +129,7 @@ pub struct Reader<'a> {
 pub type Span = std::ops::Range<usize>;
 
 impl Reader<'_> {
-    /// `reason`, with the line of `at` before it.
+    /// Prefixes `reason` with the line number of `at`.
     pub fn line(&self, at: Span, reason: impl std::fmt::Display) -> String {
         let before = &self.text.as_bytes()[..at.start.min(self.text.len())];
         let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
@@ -149,14 +149,14 @@ impl Reader<'_> {
         };
         let [position, target, up] = [entry.position, entry.target, entry.up].map(DVec3::from_array);
         let mut camera = Camera::look_at(position, target, up, projection)
-            .ok_or_else(|| wrong("position, target and up don't make a view"))?;
+            .ok_or_else(|| wrong("position, target and up do not define a view"))?;
         if let Some(name) = entry.name {
             camera.name = name;
         }
         Ok(camera)
     }
 
-    /// Who follows whom; a light may follow one that comes later.
+    /// Resolves `follows` by name; a light may follow a later one.
     fn links(
         &self,
         rig: &mut Rig,
@@ -176,7 +176,7 @@ impl Reader<'_> {
             rig.lights[index].follows = leader.copied();
         }
         match rig.leaders_first() {
-            Err(index) => wrong(index, rig, "lights follow each other in a ring".into()),
+            Err(index) => wrong(index, rig, "lights follow each other in a cycle".into()),
             Ok(_) => Ok(()),
         }
     }

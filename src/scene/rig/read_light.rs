@@ -22,7 +22,7 @@ pub fn light(
         return Err(check.wrong(entry.name.span(), "the name is empty"));
     }
     if let Some(radius) = entry.radius {
-        return Err(check.wrong(radius.span(), "`radius` is reserved for area lights, which are not there yet"));
+        return Err(check.wrong(radius.span(), "`radius` is reserved for area lights, which are not supported yet"));
     }
     let kind = check.kind()?;
     let strength_at = [&entry.intensity, &entry.stops].into_iter().flatten().map(|v| v.span()).next();
@@ -44,22 +44,22 @@ pub fn light(
         group: check.group(entry.group, group_indices)?,
         enabled: entry.enabled,
         solo: entry.solo,
-        follows: None, // once all names are known
+        follows: None, // resolved once all names are known
         shadows: entry.shadows,
         node: entry.node,
         name: name.clone(),
     };
-    // Off or on: switching it on must not be what breaks the picture.
+    // Checked even if the light or group is off, so that enabling it later cannot break the picture.
     let own = Light { enabled: true, ..light.clone() }.scale();
     let group = light.group.map_or(Vec3::ONE, |g| LightGroup { enabled: true, ..groups[g].clone() }.scale());
     if !(own * group).is_finite() {
-        let reason = "color * intensity * 2^stops, its group's included, must be finite";
+        let reason = "color * intensity * 2^stops, including its group's, must be finite";
         return Err(check.wrong(strength_at.unwrap_or(entry.kind.span()), reason));
     }
     Ok(light)
 }
 
-/// Checks the values of one light, and says whose they are.
+/// Validates the values of one light; its errors name the light.
 struct Check<'a> {
     reader: &'a Reader<'a>,
     name: &'a str,
@@ -77,7 +77,7 @@ impl Check<'_> {
             "point" => Ok(LightKind::Point),
             "spot" => Ok(LightKind::Spot),
             "directional" => Ok(LightKind::Directional),
-            kind @ ("rect" | "sphere" | "dome") => wrong(format!("kind `{kind}` is reserved and not there yet")),
+            kind @ ("rect" | "sphere" | "dome") => wrong(format!("kind `{kind}` is reserved and not supported yet")),
             kind => wrong(format!("kind `{kind}` is unknown, expected `point`, `spot` or `directional`")),
         }
     }
@@ -111,7 +111,7 @@ impl Check<'_> {
         let at = value.as_ref().map(|v| v.span()).unwrap_or_default();
         match self.vector(value, "direction", needed)? {
             None => Ok(DVec3::NEG_Z),
-            // Unit length already, but for rounding: left as it is, so that what was written reads back equal.
+            // Already unit length, up to rounding: unchanged, so that it reads back as it was written.
             Some(d) if (d.length_squared() - 1.0).abs() < 1e-14 => Ok(d),
             Some(d) => d.try_normalize().ok_or_else(|| self.wrong(at, "direction must not be of zero length")),
         }

@@ -1,4 +1,4 @@
-//! [`Rig`] to TOML that people edit: no noise digits, no keys that say nothing.
+//! Writes a [`Rig`] as TOML for people to edit: shortest digits, no redundant keys.
 
 use std::f64::consts::FRAC_PI_4;
 use std::fmt::{Display, Write};
@@ -30,18 +30,18 @@ struct Document {
 impl Document {
     fn header(&mut self, header: &str) {
         let gap = if self.text.is_empty() { "" } else { "\n" };
-        writeln!(self.text, "{gap}{header}").expect("strings take everything");
+        writeln!(self.text, "{gap}{header}").expect("writing to a string cannot fail");
     }
 
     fn key(&mut self, key: &str, value: impl Display) {
-        writeln!(self.text, "{key} = {value}").expect("strings take everything");
+        writeln!(self.text, "{key} = {value}").expect("writing to a string cannot fail");
     }
 
     fn camera(&mut self, camera: &Camera) {
         self.header("[camera]");
         self.key("name", string(&camera.name));
         self.key("position", vector(camera.position));
-        // As far off as the position is from the origin, so that their difference keeps its digits.
+        // As far away as the position is from the origin, so that their difference retains its digits.
         let distance = camera.position.abs().max_element().max(1.0).log2().ceil().exp2();
         self.key("target", vector(camera.position - camera.world_from_camera.z_axis * distance));
         self.key("up", vector(camera.world_from_camera.y_axis));
@@ -71,7 +71,8 @@ impl Document {
         self.header("[[light]]");
         self.key("name", string(&light.name));
         self.key("kind", string(kind));
-        // What a kind ignores is written only where it says something: it comes back when the kind changes again.
+        // Values that a kind ignores are written only if they are not the defaults: they apply again if the kind
+        // changes.
         if light.kind != LightKind::Directional || light.position != DVec3::ZERO {
             self.key("position", vector(light.position));
         }
@@ -105,7 +106,7 @@ impl Document {
     }
 }
 
-/// The shortest decimal that reads back as `x`, as TOML wants it: with a point or an exponent.
+/// The shortest decimal that reads back as `x`, with a point or an exponent as TOML requires.
 fn number(x: impl Into<f64>) -> String {
     format!("{:?}", x.into())
 }
@@ -114,7 +115,7 @@ fn vector(v: DVec3) -> String {
     format!("[{}, {}, {}]", number(v.x), number(v.y), number(v.z))
 }
 
-/// f32's own shortest digits: 0.95, not 0.949999988079071.
+/// f32's shortest digits: 0.95, not 0.949999988079071.
 fn color(c: Vec3) -> String {
     format!("[{:?}, {:?}, {:?}]", c.x, c.y, c.z)
 }
@@ -123,7 +124,7 @@ fn string(s: &str) -> String {
     toml::Value::String(s.into()).to_string()
 }
 
-/// The shortest degrees that are `radians` again; where rounding leaves none, the nearest.
+/// The shortest degrees that convert back to `radians`; if there are none, the nearest.
 fn degrees(radians: f64) -> f64 {
     let exact = radians.to_degrees();
     (0..=15)

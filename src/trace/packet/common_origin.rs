@@ -1,8 +1,7 @@
-//! Closest hits of rays that leave one point: final gathering, 64 directions at a time.
+//! Closest hits of rays with a common origin: final gathering, 64 directions at a time.
 //!
-//! What a packet of shadow rays gains from the light, these gain from the point that gathers: a triangle's edge functions
-//! and the side of it that is seen are the same for all. The better the directions of a packet agree, the faster; who
-//! fills them sorts them.
+//! Packets of shadow rays share the light; these share the gathering point: a triangle's edge functions and its visible
+//! side are the same for all rays. Coherent packets are faster, so callers sort the directions.
 
 use glam::{Vec2, Vec3};
 use pulp::{Simd, WithSimd};
@@ -12,16 +11,16 @@ use super::triangle::Edges;
 use super::{Entry, Lanes, PACKET_SIZE};
 use crate::trace::bvh::{Hit, TracedScene, passes_by_chance};
 
-/// 64 rays from one point, and what they met.
+/// 64 rays from one point, and their hits.
 pub struct CommonOriginPacket {
-    /// Directions are `q`; `end` is the distance to what was hit, infinite before, negative in lanes without a ray.
+    /// `q` are the directions; `end` is the hit distance, infinite before a hit, negative in lanes without a ray.
     rays: Rays,
-    /// Index into the mesh's triangles, and whether it is met from behind.
+    /// Index into the mesh's triangles, with bit `BEHIND` for hits from behind.
     triangles: [u32; PACKET_SIZE],
     barycentric: [Lanes; 2],
 }
 
-/// Of a triangle's index: it is met from behind, along its geometric normal.
+/// Flag in a triangle's index: the hit is from behind, along the triangle's geometric normal.
 const BEHIND: u32 = 1 << 31;
 
 impl Default for CommonOriginPacket {
@@ -33,24 +32,25 @@ impl Default for CommonOriginPacket {
 }
 
 impl CommonOriginPacket {
-    /// Puts a ray into a lane; its direction needs not be unit length.
+    /// Sets the ray of a lane; its direction need not be unit length.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, direction: Vec3) {
         (0..3).for_each(|axis| self.rays.q[axis][lane] = direction[axis]);
         self.rays.end[lane] = f32::INFINITY;
     }
 
-    /// Takes the ray out of a lane.
+    /// Removes the ray of a lane.
     pub fn clear(&mut self, lane: usize) {
         self.rays.end[lane] = -1.0;
     }
 
+    /// The direction of a lane's ray.
     #[inline(always)]
     pub fn direction(&self, lane: usize) -> Vec3 {
         Vec3::from([0, 1, 2].map(|axis| self.rays.q[axis][lane]))
     }
 
-    /// What the ray of a lane met, and whether from behind.
+    /// The hit of a lane's ray, and whether it is from behind.
     #[inline(always)]
     pub fn hit(&self, lane: usize) -> Option<(Hit, bool)> {
         let distance = self.rays.end[lane];
@@ -61,7 +61,7 @@ impl CommonOriginPacket {
     }
 }
 
-/// Follows the rays of `packets` from `origin` to the first surface that each meets.
+/// Traces the rays of `packets` from `origin` to their closest hits.
 pub fn trace_common_origin(scene: &TracedScene, origin: Vec3, packets: &mut [CommonOriginPacket]) {
     pulp::Arch::new().dispatch(TraceFans { scene, origin, packets });
 }
@@ -99,7 +99,7 @@ fn traverse<S: Simd>(
     let towards: Vec3 = [0, PACKET_SIZE / 2].iter().map(|&lane| packet.direction(lane)).sum();
     while let Some((index, concerned)) = stack.pop() {
         let node = &nodes[index as usize];
-        // Tested when it is its turn, not when its parent is met: by then rays may have ended before it.
+        // Tested when it is visited, not with its parent: rays may have ended before it in the meantime.
         let (lo, hi) = (node.min - origin, node.max - origin);
         let (mut met, mut left) = (0, concerned);
         while left != 0 {
@@ -138,7 +138,7 @@ fn traverse<S: Simd>(
     }
 }
 
-/// Ends the rays of a register where they meet the triangle.
+/// Ends the rays of a register where they hit the triangle.
 #[inline(always)]
 fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, packet: &mut CommonOriginPacket, register: usize) {
     let (w, plane) = edges.functions(simd, &packet.rays, register);
@@ -146,7 +146,7 @@ fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, packet: &mut CommonOriginPacke
     let low = simd.min_f32s(simd.min_f32s(w[0], w[1]), w[2]);
     let high = simd.max_f32s(simd.max_f32s(w[0], w[1]), w[2]);
     let inside = simd.or_m32s(simd.less_than_or_equal_f32s(zero, low), simd.less_than_or_equal_f32s(high, zero));
-    // offset / plane < end without the division, for both have one sign.
+    // offset / plane < end without a division, because both have the same sign.
     let offset = simd.splat_f32s(edges.plane_offset);
     let ahead = simd.less_than_f32s(zero, simd.mul_f32s(offset, plane));
     let nearer = simd.less_than_f32s(simd.abs_f32s(offset), simd.mul_f32s(simd.abs_f32s(plane), end));
@@ -167,7 +167,7 @@ fn meet<S: Simd>(simd: S, edges: &Edges, id: u32, packet: &mut CommonOriginPacke
     *triangles = simd.select_u32s(within, simd.splat_u32s(id), *triangles);
 }
 
-/// The same for triangles that are not opaque: `passes` tells by barycentric coordinates and direction.
+/// The same for triangles that are not opaque: `passes` decides by barycentric coordinates and direction.
 #[inline(never)]
 fn meet_unless(
     edges: &Edges,

@@ -1,4 +1,4 @@
-//! Visibility at half the resolution: one sample in four is traced, for its neighbours too.
+//! Visibility at half resolution: one sample in four is traced, and its neighbours share the result.
 
 use glam::Vec3;
 
@@ -6,15 +6,15 @@ use super::{PACKET_SIZE, SamplePacket, trace_all};
 use crate::shared::{PackedLight, TILE_SIZE};
 use crate::trace::bvh::TracedScene;
 
-/// One sample of each block of 2x2 pixels of a tile, or of four in a list, as packets of their own.
+/// One sample of each block of 2x2 pixels in a tile, or of each four in a list, as separate packets.
 #[derive(Default)]
 pub struct HalfPackets {
     packets: Vec<SamplePacket>,
-    /// Visibility of those.
+    /// Visibility of the samples in `packets`.
     seen: Vec<u8>,
 }
 
-/// Blocks of a packet; so many packets give one.
+/// Blocks per packet.
 const BLOCKS: usize = PACKET_SIZE / 4;
 
 /// Lanes of a block.
@@ -25,12 +25,13 @@ fn lanes(block: usize) -> [usize; 4] {
 }
 
 impl HalfPackets {
+    /// Selects one sample per block of `packets`.
     pub fn new(packets: &[SamplePacket]) -> Self {
         let gather = |four: &[SamplePacket]| {
             let mut half = SamplePacket::default();
             for (i, packet) in four.iter().enumerate() {
                 for block in 0..BLOCKS {
-                    // The first sample that reflects light speaks for its block.
+                    // The first sample that reflects light represents its block.
                     let normal = |lane: usize| Vec3::from_array([0, 1, 2].map(|axis| packet.normal[axis][lane]));
                     let lanes = lanes(block);
                     let lane = lanes.into_iter().find(|&lane| normal(lane) != Vec3::ZERO).unwrap_or(lanes[0]);
@@ -48,8 +49,7 @@ impl HalfPackets {
         Self { seen: vec![0; packets.len() * PACKET_SIZE], packets }
     }
 
-    /// Traces them towards `light`, on all cores; `visibility` gets 64 values for each of the packets that these were made
-    /// of.
+    /// Traces them towards `light`, on all cores; `visibility` receives 64 values for each of the original packets.
     pub fn trace(&mut self, scene: &TracedScene, light: &PackedLight, visibility: &mut [u8]) {
         trace_all(scene, light, &self.packets, &mut self.seen);
         for (packet, seen) in visibility.chunks_mut(PACKET_SIZE).zip(self.seen.chunks(BLOCKS)) {

@@ -1,10 +1,10 @@
 //! Shadow rays in packets of 64 that share the light: exact visibility, several times faster than single rays.
 //!
-//! A packet is 64 view samples that lie close together. All its rays start at the light (or run along it, if it is
-//! directional), so that a triangle's three edge functions are made once for 64 rays, and testing a ray is four dot
-//! products; two triangles that share an edge compute it from the same numbers, so no ray slips between them. Rays are
-//! tested a register at a time, and a bit for each register tells whether any of its rays is still concerned. `pulp`
-//! finds the widest registers of the machine; products and sums are rounded one by one, so that all give the same.
+//! A packet is 64 view samples that are close together. All its rays start at the light (or are parallel to it, if it
+//! is directional), so a triangle's three edge functions are set up once for 64 rays, and a ray test is four dot
+//! products. Two triangles that share an edge compute it from the same numbers, so no ray passes between them. Rays are
+//! tested one register at a time, and a bit mask marks the registers that still have active rays. `pulp` selects the
+//! widest registers of the machine; products and sums are rounded separately, so all machines give the same result.
 
 pub mod common_origin;
 pub mod half;
@@ -23,21 +23,21 @@ use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight, TILE_SIZE};
 
 /// Rays in a packet: one tile of pixels.
 pub const PACKET_SIZE: usize = (TILE_SIZE * TILE_SIZE) as usize;
-/// Packets that a thread takes at once: some 50 microseconds of work.
+/// Packets per task: about 50 microseconds of work.
 const PACKETS_A_TASK: usize = 16;
 type Lanes = [f32; PACKET_SIZE];
-/// Lights further away than so many radii of the scene are traced ray by ray from the samples: what packets compute
-/// relative to the light is rounded relative to its distance.
+/// Lights further away than this many radii of the scene are traced with single rays from the samples: packets compute
+/// relative to the light, so their rounding errors grow with its distance.
 const FAR_RADII: f32 = 32.0;
-/// A node to visit, and a bit for each register of rays that met its parent.
+/// A node to visit, and a bit mask of the registers whose rays may hit it.
 type Entry = (u32, u64);
 
-/// 64 view samples as the tracer wants them, mesh space. Lanes without a sample have zero normals.
+/// 64 view samples in the layout of the tracer, mesh space. Lanes without a sample have zero normals.
 #[derive(Clone)]
 pub struct SamplePacket {
-    /// Where rays start, above the surface by [`super::surface::SurfacePoint::lift`].
+    /// Origins of rays, above the surface by [`super::surface::SurfacePoint::lift`].
     pub position: [Lanes; 3],
-    /// Shading normal; zero where nothing is reflected.
+    /// Shading normal; zero if nothing is reflected.
     pub normal: [Lanes; 3],
     /// Geometric normal.
     pub geometric_normal: [Lanes; 3],
@@ -50,8 +50,8 @@ impl Default for SamplePacket {
     }
 }
 
-/// Traces `packets` towards `light`. `visibility` gets 255 a sample that sees it and faces it, else 0, and what surfaces that
-/// blend let through in between; 64 a packet.
+/// Traces `packets` towards `light`. `visibility` receives 64 values per packet: 255 for samples that face the light
+/// and see it, 0 for those that do not, and values in between behind blending surfaces.
 pub fn trace_packets(scene: &TracedScene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
     pulp::Arch::new().dispatch(TracePackets { scene, light, packets, visibility });
 }
@@ -139,12 +139,12 @@ fn in_8_bits(share: f32) -> u8 {
 pub struct ShadowRay {
     pub origin: Vec3,
     pub direction: Vec3,
-    /// In lengths of `direction`.
+    /// In units of the length of `direction`.
     pub length: f32,
 }
 
-/// The ray that tells whether a surface point sees `light`; `None` if it faces away or lies outside of the light's cone
-/// or range. Normals are unit; all in mesh space.
+/// The ray that decides whether a surface point sees `light`; `None` if the point faces away or is outside the light's
+/// cone or range. Unit normals, mesh space.
 pub fn shadow_ray(
     bvh: &Bvh,
     light: &PackedLight,
@@ -167,7 +167,7 @@ pub fn shadow_ray(
 }
 
 impl SamplePacket {
-    /// The ray that [`trace_packets`] traces for one lane; `None` if it faces away from the light or lies outside of
+    /// The ray that [`trace_packets`] traces for one lane; `None` if the sample faces away from the light or is outside
     /// its cone or range.
     pub fn shadow_ray(&self, bvh: &Bvh, light: &PackedLight, lane: usize) -> Option<ShadowRay> {
         let [position, normal, geometric_normal] = [&self.position, &self.normal, &self.geometric_normal]
@@ -198,7 +198,7 @@ fn target<const DIRECTIONAL: bool>(
     let distance2 = tx * tx + ty * ty + tz * tz;
     let distance = distance2.sqrt();
     let facing = nx * tx + ny * ty + nz * tz > 0.0;
-    // A little wider than the cone, whose edge is black.
+    // Slightly wider than the cone, whose edge is black.
     let cone = if light.kind == LIGHT_SPOT { 1.0 - light.cone_versine - 1e-5 } else { -2.0 };
     let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
     let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
@@ -207,7 +207,7 @@ fn target<const DIRECTIONAL: bool>(
     (facing & inside & in_range, [px + gx * offset, py + gy * offset, pz + gz * offset])
 }
 
-/// Ends the rays that are blocked, and dims others: `left` is what is left of their light.
+/// Ends the rays that are blocked and attenuates others: `left_of_light` is the remaining share of their light.
 #[inline(always)]
 fn traverse<S: Simd, const DIRECTIONAL: bool>(
     simd: S,

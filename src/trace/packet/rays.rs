@@ -1,4 +1,4 @@
-//! The rays of a packet in registers, and boxes against them.
+//! The rays of a packet in registers, and their box tests.
 
 use glam::Vec3;
 use pulp::Simd;
@@ -9,18 +9,18 @@ use crate::trace::bvh::Bvh;
 
 /// The rays of one packet.
 ///
-/// From a point: origin shared (the light), `q` the vectors to the samples, hits count between parameters 0 and 1.
-/// Directional: direction shared (towards the light), `q` the samples, hits count from parameter 0 on.
-/// In a [`super::common_origin::CommonOriginPacket`]: origin shared, `q` the directions, hits count between 0 and `end`.
+/// - Point or spot light: common origin (the light), `q` the vectors to the samples, hits between parameters 0 and 1.
+/// - Directional light: common direction (towards the light), `q` the samples, hits from parameter 0.
+/// - In a [`super::common_origin::CommonOriginPacket`]: common origin, `q` the directions, hits between 0 and `end`.
 pub(super) struct Rays {
     pub q: [Lanes; 3],
-    /// 1/q; only for points.
+    /// 1/q; only with a common origin.
     pub inverse_q: [Lanes; 3],
-    /// End of the ray: 1 while it has hit nothing, else negative, so that it meets no box.
+    /// End of the ray. 1 for an active shadow ray; negative once a ray has ended, so that it hits no box.
     pub end: Lanes,
 }
 
-/// Sets up rays to samples that face the light and lie in its cone and range; the others stay dead.
+/// Sets up rays to samples that face the light and are in its cone and range; the others stay inactive.
 #[inline(always)]
 pub(super) fn start_rays<S: Simd, const DIRECTIONAL: bool>(
     simd: S,
@@ -44,7 +44,7 @@ pub(super) fn start_rays<S: Simd, const DIRECTIONAL: bool>(
 pub(super) fn inverse<S: Simd>(simd: S, rays: &mut Rays) {
     for (q, inverse) in rays.q.iter().zip(&mut rays.inverse_q) {
         for (q, inverse) in S::as_simd_f32s(q).0.iter().zip(S::as_mut_simd_f32s(inverse).0) {
-            // Parallel to a slab: a huge number instead of infinity, so that no 0 * inf arises.
+            // Parallel to a slab: a huge number instead of infinity, so that 0 * inf does not occur.
             let parallel = simd.less_than_f32s(simd.abs_f32s(*q), simd.splat_f32s(1e-30));
             let divisor = simd.select_f32s(parallel, simd.splat_f32s(1e-30), *q);
             *inverse = simd.div_f32s(simd.splat_f32s(1.0), divisor);
@@ -70,7 +70,7 @@ pub(super) fn load<S: Simd>(lanes: &Lanes, register: usize) -> S::f32s {
 /// Enlarges the far end of a box by four roundings [Ize 2013].
 const SLACK: f32 = 1.0 + 4.0 * f32::EPSILON;
 
-/// Whether any live ray of a register, from a shared origin, meets the box given relative to it.
+/// Whether any active ray of a register, from a common origin, hits the box; `lo` and `hi` are relative to the origin.
 #[inline(always)]
 pub(super) fn meets_box<S: Simd>(simd: S, rays: &Rays, register: usize, lo: Vec3, hi: Vec3) -> bool {
     let mut near = simd.splat_f32s(0.0);
@@ -85,7 +85,7 @@ pub(super) fn meets_box<S: Simd>(simd: S, rays: &Rays, register: usize, lo: Vec3
     any(simd, simd.less_than_or_equal_f32s(near, simd.mul_f32s(far, simd.splat_f32s(SLACK))))
 }
 
-/// Whether any live ray of a register, in a shared direction from `q`, meets the box.
+/// Whether any active ray of a register, in a common direction from `q`, hits the box.
 #[inline(always)]
 pub(super) fn meets_box_along<S: Simd>(
     simd: S,
@@ -96,7 +96,7 @@ pub(super) fn meets_box_along<S: Simd>(
     inverse: Vec3,
 ) -> bool {
     let mut near = simd.splat_f32s(0.0);
-    // Without an end while it lives.
+    // Active rays have no end.
     let mut far = simd.mul_f32s(load::<S>(&rays.end, register), simd.splat_f32s(f32::MAX));
     for axis in 0..3 {
         let q = load::<S>(&rays.q[axis], register);

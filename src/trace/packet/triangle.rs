@@ -1,4 +1,4 @@
-//! A triangle against the rays of a packet.
+//! A triangle tested against the rays of a packet.
 
 use glam::{Vec2, Vec3};
 use pulp::Simd;
@@ -7,19 +7,20 @@ use super::Lanes;
 use super::rays::{Rays, any, any_positive, load};
 use crate::trace::bvh::LEAST_SHARE;
 
-/// A triangle as seen by all rays of a packet: edge function i of a ray is `normals[i] . q + offsets[i]`; it belongs to
-/// the edge opposite to corner i. All three have one sign where the ray's line meets the triangle [Kensler 2006].
+/// A triangle in the form that all rays of a packet test: edge function i of a ray is `normals[i] . q + offsets[i]`; it
+/// belongs to the edge opposite corner i. All three have the same sign if the ray's line hits the triangle [Kensler
+/// 2006].
 ///
 /// Each edge enters as its sum and difference: rounding is relative to the edge's length, and a neighbour, which has
 /// the corners in the other order, gets exactly the negative.
 pub(super) struct Edges {
     normals: [Vec3; 3],
-    /// Zero from a point.
+    /// Zero with a common origin.
     offsets: [f32; 3],
-    /// The plane: normal . x = plane_offset, x relative to a shared origin.
+    /// The plane: normal . x = plane_offset, x relative to a common origin.
     normal: Vec3,
     pub plane_offset: f32,
-    /// normal . shared direction; only for directional.
+    /// normal . common direction; only for directional lights.
     along: f32,
 }
 
@@ -37,13 +38,13 @@ impl Edges {
         Self { normals, offsets, normal, plane_offset: normal.dot(v[0]), along: normal.dot(shared) }
     }
 
-    /// Whether rays from a shared origin meet the triangle from behind, along its geometric normal.
+    /// Whether rays from a common origin hit the triangle from behind, along its geometric normal.
     #[inline(always)]
     pub fn is_behind(&self) -> bool {
         self.plane_offset > 0.0
     }
 
-    /// Weights of the second and third corner, and the distance, where a ray from a shared origin meets the triangle.
+    /// Weights of the second and third corner, and the distance, where a ray from a common origin hits the triangle.
     pub fn meet(&self, q: Vec3) -> Option<(Vec2, f32)> {
         let (w, inside) = self.edge_functions(q);
         let distance = self.plane_offset / self.normal.dot(q);
@@ -51,7 +52,7 @@ impl Edges {
         (inside && distance > 0.0 && barycentric.is_finite()).then_some((barycentric, distance))
     }
 
-    /// Edge functions and plane of a register of rays from a shared origin.
+    /// Edge functions and normal . q for a register of rays from a common origin.
     #[inline(always)]
     pub fn functions<S: Simd>(&self, simd: S, rays: &Rays, register: usize) -> ([S::f32s; 3], S::f32s) {
         let q = [0, 1, 2].map(|axis| load::<S>(&rays.q[axis], register));
@@ -59,13 +60,13 @@ impl Edges {
         ([dot(self.normals[0]), dot(self.normals[1]), dot(self.normals[2])], dot(self.normal))
     }
 
-    /// The three edge functions of a ray, and whether it passes within all three.
+    /// The three edge functions of a ray, and whether its line hits the triangle.
     fn edge_functions(&self, q: Vec3) -> ([f32; 3], bool) {
         let w = [0, 1, 2].map(|k| self.normals[k].dot(q) + self.offsets[k]);
         (w, w.iter().all(|w| *w >= 0.0) || w.iter().all(|w| *w <= 0.0))
     }
 
-    /// The three edge functions of a ray, and whether it meets the triangle within its ends.
+    /// The three edge functions of a ray, and whether it hits the triangle between its ends.
     fn test<const DIRECTIONAL: bool>(&self, q: Vec3) -> ([f32; 3], bool) {
         let (w, inside) = self.edge_functions(q);
         let plane = self.normal.dot(q);
@@ -86,7 +87,8 @@ fn dot<S: Simd>(simd: S, n: Vec3, q: [S::f32s; 3]) -> S::f32s {
     simd.add_f32s(simd.add_f32s(x, y), z)
 }
 
-/// Ends the rays of a register that meet the triangle. Returns whether any is left. [`Edges::test`], many at once.
+/// Ends the rays of a register that hit the triangle: [`Edges::test`] for a register. Returns whether any ray is still
+/// active.
 #[inline(always)]
 pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
     simd: S,
@@ -107,7 +109,7 @@ pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
     let inside = simd.or_m32s(simd.less_than_or_equal_f32s(zero, low), simd.less_than_or_equal_f32s(high, zero));
     let end = load::<S>(&rays.end, register);
     if !any(simd, simd.and_m32s(inside, simd.less_than_f32s(zero, end))) {
-        return true; // most registers miss; it is left as it was, and some of it was alive
+        return true; // most registers miss; unchanged, with an active ray
     }
     let plane = dot(edges.normal);
     let offset = simd.splat_f32s(edges.plane_offset);
@@ -115,7 +117,7 @@ pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
         let ahead = simd.mul_f32s(simd.sub_f32s(offset, plane), simd.splat_f32s(edges.along));
         simd.less_than_f32s(zero, ahead)
     } else {
-        // 0 < plane_offset / plane < 1, without the division.
+        // 0 < plane_offset / plane < 1, without a division.
         let ahead = simd.less_than_f32s(zero, simd.mul_f32s(offset, plane));
         simd.and_m32s(ahead, simd.less_than_f32s(simd.abs_f32s(offset), simd.abs_f32s(plane)))
     };
@@ -124,8 +126,8 @@ pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
     any_positive(simd, end)
 }
 
-/// The same for triangles that light may pass: `taken` tells by barycentric coordinates what share of it they take. Rays of which
-/// nothing is `left` end.
+/// The same for triangles that transmit light: `taken` is the blocked share at barycentric coordinates. A ray ends if
+/// nothing of its share in `left` remains.
 #[inline(never)]
 pub(super) fn dim<const DIRECTIONAL: bool>(
     edges: &Edges,
