@@ -97,7 +97,7 @@ fn snapshots_are_recalled_and_compared() {
     let window = open(&desktop, &rig);
     let a = picture(&window);
     window.key("c", "keep a snapshot first");
-    window.key("ctrl+alt+1", "kept in slot 1");
+    window.key("ctrl+alt+1", "stored in slot 1");
     window.key("ctrl+a", "and 15 more");
     window.key("comma", "colour");
     window.key("d", "moved");
@@ -105,7 +105,7 @@ fn snapshots_are_recalled_and_compared() {
     saved_is_rendered(&window, &rig);
     let b = picture(&window);
     assert!(difference(&a, &b) > 5.0);
-    window.key("ctrl+alt+2", "kept in slot 2");
+    window.key("ctrl+alt+2", "stored in slot 2");
 
     window.key("alt+1", "recalled 1");
     assert!(difference(&picture(&window), &a) < 1e-3);
