@@ -98,14 +98,14 @@ fn sentences_follow_the_numbers() {
     assert!(said.contains("to the power -0.50"), "{said}");
     // 0.02 is 0.4 / sqrt(400), beyond the 64 that were run.
     assert!(said.contains("takes 400 CPU seconds (extrapolated as 1/√n"), "{said}");
-    assert!(said.contains("Ours, more gather samples: still better at the end"), "{said}");
+    assert!(said.contains("Ours, more gather samples: still improving at the last setting"), "{said}");
     assert!(!said.contains("thesis") && !said.contains("Haar"), "{said}");
 
     let mut worse = measured();
     worse.last_mut().unwrap().errors.indirect = 0.095;
     let said = of_scene(&scene(worse)).join("\n");
     assert!(said.contains("Ours, more gather samples: stops improving at `--gather 576` (10.0 %)"), "{said}");
-    assert!(said.contains("it is noise, pixel by pixel"), "{said}");
+    assert!(said.contains("it is per-pixel noise"), "{said}");
     // 0.4 / sqrt(17.7) = 0.095: between pictures that were made.
     assert!(said.contains("takes 17.7 CPU seconds for the same error"), "{said}");
 
@@ -115,14 +115,15 @@ fn sentences_follow_the_numbers() {
         diverging.push(Point { spectral_radius: Some(radius), ..theirs });
     }
     let said = of_scene(&scene(diverging.clone())).join("\n");
-    let no_sum = "stops improving at `--gather 144` (50.0 %), since with `--gather 576` its series has no sum: G's spectral \
-                  radius is 1.50 there, 1.10 here";
+    let no_sum = "stops improving at `--gather 144` (50.0 %), since with `--gather 576` its series diverges: the \
+                  spectral radius of G is 1.50 there, 1.10 here";
     assert!(said.contains(no_sum), "{said}");
-    let beside = "is off by 50.0 %, 25.0 times as much as ours at its best (`--gather 2304`), whose bake takes 7.68 times as long";
+    let beside =
+        "has an error of 50.0 %, 25.0 times that of our best (`--gather 2304`), whose bake takes 7.68 times as long";
     assert!(said.contains(beside), "{said}");
     diverging.last_mut().unwrap().spectral_radius = Some(1.1);
     let said = of_scene(&scene(diverging)).join("\n");
-    assert!(!said.contains("has no sum"), "it had none before: {said}");
+    assert!(!said.contains("diverges"), "it diverged before: {said}");
     assert_eq!(of_scene(&scene(Vec::new())), Vec::<String>::new());
 }
 
@@ -138,31 +139,34 @@ fn reasons_follow_the_numbers() {
     let none = Floors::default();
 
     let floors = Floors { indirect: 0.06, ..none };
-    assert!(said(curve([0.1, 0.1]), floors).contains("below 12.0 % the truth's own noise hides what is left"));
-    assert!(said(curve([0.1, 0.0]), none).contains("still better at the end of what was run (`--gather 2`, 0 %)"));
-    assert!(said(curve([0.0, 0.0]), none).contains("nothing is left that the truth can tell"));
+    assert!(said(curve([0.1, 0.1]), floors).contains("below 12.0 % the noise of the ground truth hides the error"));
+    assert!(said(curve([0.1, 0.0]), none).contains("still improving at the last setting (`--gather 2`, 0 %)"));
+    assert!(said(curve([0.0, 0.0]), none).contains("the ground truth measures no remaining error"));
 
     let biased = |bias: f64, mean: f64| {
         let mut points = curve([0.1, 0.1]);
         points[0].errors.indirect_bias = bias;
         said(points, Floors { mean, ..none })
     };
-    assert!(biased(0.09, 0.9).contains("the picture as a whole is off by 9.00 %"));
-    assert!(!biased(0.09, 0.5).contains("as a whole"), "in units of the error it is less than half of it");
+    assert!(biased(0.09, 0.9).contains("the mean of the indirect light is off by 9.00 %"));
+    assert!(
+        !biased(0.09, 0.5).contains("the mean of the indirect light"),
+        "in units of the error it is less than half of it"
+    );
 
     let with = |method, error| said([curve([0.1, 0.1]), vec![ours(method, "--rays 9", error)]].concat(), none);
-    let other = "what is left is another thing's: more rays comes to 5.00 % (`--rays 9`)";
+    let other = "the remaining error has another cause: with more rays it is 5.00 % (`--rays 9`)";
     assert!(with(Method::Rays, 0.05).contains(other));
-    assert!(with(Method::Compressed, 0.05).contains("compressed less comes to 5.00 %"));
-    assert!(!with(Method::Rays, 0.095).contains("another thing's"), "that is as good as the same");
+    assert!(with(Method::Compressed, 0.05).contains("with less compression it is 5.00 %"));
+    assert!(!with(Method::Rays, 0.095).contains("another cause"), "that is as good as the same");
 
     let spread = |share: f64| {
         let mut points = curve([0.1, 0.1]);
         points[0].errors.indirect_4x4 = share * 0.1;
         said(points, none)
     };
-    assert!(spread(0.8).contains("it lies in patches"));
-    assert!(spread(0.5).contains("it is noise in part"));
+    assert!(spread(0.8).contains("it lies in larger patches"));
+    assert!(spread(0.5).contains("it is partly noise"));
 
     let mut broken = curve([0.1, 0.05]);
     broken[1].errors.non_finite = 7;
@@ -178,7 +182,10 @@ fn no_sentence_divides_by_nothing() {
     assert!(!without_floor.contains("inf") && !without_floor.contains("NaN"), "{without_floor}");
     let floors = Floors { indirect: 0.02, ..Floors::default() };
     let said = of_scene(&SceneReport { floors, ..scene(points.clone()) }).join("\n");
-    assert!(said.contains("comes as near as 2.00 %, below which the truth's noise hides errors, to"), "{said}");
+    assert!(
+        said.contains("has an error of 2.00 % (below this the noise of the ground truth hides errors) in"),
+        "{said}"
+    );
     assert!(said.contains("takes 400 CPU seconds"), "{said}");
     points.iter_mut().for_each(|p| p.frame.cpu = 0.0);
     let said = of_scene(&SceneReport { floors, ..scene(points) }).join("\n");
@@ -208,11 +215,12 @@ fn edits_wavelets_and_what_is_left_out_are_told_by_their_numbers() {
         Some(Ablation { difference: 0.0, edit_ms: [4.0, 9.0], shading_ms: [1.0, 3.0], bytes: [5_000_000, 20_000_000] });
     let said = of_scene(&scene).join("\n");
     for sentence in [
-        "Haar wavelets take 4.00 times the memory of nested blocks and 5.00 times the CPU time a picture, and come as near as 20.0 % \
-         where those come as near as 10.0 %",
-        "`move_direct` of a point (4.00 ms, traced shadows) the slowest, of which the pass \"trace\" takes 3.00 ms.",
-        "the picture is the same to the last bit; a moved light takes 9.00 ms instead of 4.00, of it shading 3.00 instead of 1.00; \
-         the device holds 20.0 MB instead of 5.00.",
+        "Haar wavelets take 4.00 times the memory of nested blocks and 5.00 times the CPU time per picture; their \
+         error is 20.0 %, that of nested blocks 10.0 %",
+        "the slowest is `move_direct` of a point light (4.00 ms, traced shadows), where the pass \"trace\" takes 3.00 \
+         ms.",
+        "the picture is the same, bit for bit; moving a light takes 9.00 ms instead of 4.00, of which shading 3.00 \
+         instead of 1.00; device memory is 20.0 MB instead of 5.00.",
     ] {
         assert!(said.contains(sentence), "{sentence}\nis not in\n{said}");
     }
@@ -221,9 +229,9 @@ fn edits_wavelets_and_what_is_left_out_are_told_by_their_numbers() {
     scene.ablation.as_mut().unwrap().difference = 0.01;
     let said = of_scene(&scene).join("\n");
     for sentence in [
-        "(8.00 ms, map shadows) the slowest.",
-        "a moved point is 2.00 times as fast with traced shadows as with a map",
-        "the same to 1.00 % of its mean",
+        "the slowest is `move_direct` of a point light (8.00 ms, map shadows).",
+        "moving a point light is 2.00 times as fast with traced shadows as with a map",
+        "the same within 1.00 % of its mean",
     ] {
         assert!(said.contains(sentence), "{sentence}\nis not in\n{said}");
     }
@@ -317,12 +325,13 @@ fn growth_and_stability_are_told_by_their_numbers() {
     write(dir.path(), &report).unwrap();
     let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
     for said in [
-        "even: grows with the gather samples to the power 1.00 (by design at most 1), from 3.00 ms with 1 to 300 ms with 100.",
-        "steep: grows with the gather samples to the power 1.40 (by design at most 1: more than that)",
-        "stays at or below the albedo in all of them, up to 0.8",
-        "no sum from an albedo of 0.8 on, where its spectral radius is 1.25",
-        "after 1 bounces at albedo 0.1 and after 8 at 0.8; five bounces leave out 40.0 % there",
-        "in single precision are off by 1e-7 at most, with factors in half precision, as the device has them, by 8e-5",
+        "even: grows with the number of gather samples to the power 1.00 (expected at most 1), from 3.00 ms at 1 to \
+         300 ms at 100.",
+        "steep: grows with the number of gather samples to the power 1.40 (expected at most 1; exceeded)",
+        "never exceeds the albedo, up to 0.8",
+        "diverges from an albedo of 0.8 on, where its spectral radius is 1.25",
+        "after 1 bounces at albedo 0.1 and after 8 at 0.8; five bounces omit 40.0 % there",
+        "have an error of at most 1e-7; with factors in half precision, as on the device, at most 8e-5",
     ] {
         assert!(page.contains(said), "{said}\nis not in\n{page}");
     }
@@ -351,8 +360,8 @@ fn the_thesis_stands_beside_what_was_measured() {
     write(dir.path(), &report).unwrap();
     let page = std::fs::read_to_string(dir.path().join("index.html")).unwrap();
     for said in [
-        "balls-2: after an edit the picture is there in 4.00 ms; a final one takes 1.00 s on the same machine, 250 times",
-        "balls: among 16 lights a preview takes 1.25 times as long as among 2, a final picture 3.00 times",
+        "balls-2: the preview after an edit takes 4.00 ms; a final picture takes 1.00 s on the same machine, 250 times",
+        "balls: with 16 lights a preview takes 1.25 times as long as with 2, a final picture 3.00 times",
     ] {
         assert!(page.contains(said), "{said}\nis not in\n{page}");
     }
@@ -382,7 +391,8 @@ fn a_quick_report_holds_what_was_measured_and_goes_on_where_it_was() {
         assert_eq!(count(method) > 1, method != Method::ThesisGlossy, "{}", method.id());
     }
     let drawn = points.iter().filter(|row| row["flip"] != "0.0").count();
-    let chart = page.split("What a viewer sees, after the bake</text>").nth(1).unwrap().split("</svg>").next().unwrap();
+    let chart =
+        page.split("Perceptual difference, after the bake</text>").nth(1).unwrap().split("</svg>").next().unwrap();
     assert_eq!(chart.matches("</title></path>").count(), drawn);
 
     // Pictures are those whose errors are told.

@@ -1,12 +1,12 @@
-//! What the numbers say, in sentences that change when they do.
+//! Sentences for the report page, computed from the measured numbers.
 
 use super::table::significant;
 use super::{Ablation, EditTime, Method, Point, SceneReport};
 
-/// More work that leaves this share of the error has not helped.
+/// More work helps if it reduces the error below this share of it.
 const HELPED: f64 = 0.9;
 
-/// Sentences on one scene.
+/// Returns the sentences about one scene.
 pub fn of_scene(scene: &SceneReport) -> Vec<String> {
     let mut said = Vec::new();
     said.extend(best_of_ours(scene));
@@ -23,7 +23,7 @@ pub fn of_scene(scene: &SceneReport) -> Vec<String> {
     said
 }
 
-/// Points of a method, the least work first.
+/// Returns the points of a method, in order of increasing work.
 pub(super) fn curve(scene: &SceneReport, method: Method) -> Vec<&Point> {
     scene.points.iter().filter(|p| p.method == method).collect()
 }
@@ -32,7 +32,8 @@ fn least<'a>(points: impl IntoIterator<Item = &'a Point>) -> Option<&'a Point> {
     points.into_iter().min_by(|p, q| p.errors.indirect.total_cmp(&q.errors.indirect))
 }
 
-/// Slope of a straight line through logarithms.
+/// Returns the exponent of a power law: the least-squares slope of the points' logarithms. Points with a coordinate of
+/// zero or less are ignored. `None` if fewer than two distinct x remain.
 pub fn exponent(points: impl IntoIterator<Item = [f64; 2]>) -> Option<f64> {
     let logs: Vec<[f64; 2]> = points.into_iter().filter(|p| p[0] > 0.0 && p[1] > 0.0).map(|p| p.map(f64::ln)).collect();
     let count = logs.len() as f64;
@@ -43,7 +44,8 @@ pub fn exponent(points: impl IntoIterator<Item = [f64; 2]>) -> Option<f64> {
     (logs.len() > 1 && spread > 0.0).then(|| together / spread)
 }
 
-/// Path tracing's time to an error: between the pictures that were made, else by 1/sqrt(n) beyond them, which is told.
+/// Returns the CPU seconds that path tracing takes to reach `error`, and whether they are extrapolated. They are
+/// interpolated between the measured pictures, or else extrapolated as 1/sqrt(n).
 pub fn path_tracing_seconds(scene: &SceneReport, error: f64) -> Option<(f64, bool)> {
     let points = curve(scene, Method::PathTracing);
     let [x, y] = [|p: &Point| p.frame.cpu.max(1e-3).ln(), |p: &Point| p.errors.indirect.ln()];
@@ -60,20 +62,21 @@ pub fn path_tracing_seconds(scene: &SceneReport, error: f64) -> Option<(f64, boo
 
 fn best_of_ours(scene: &SceneReport) -> Option<String> {
     let ours = least(scene.points.iter().filter(|p| p.method.is_ours()))?;
-    // Below the floor the truth cannot tell how near it is.
+    // Errors below the noise floor of the ground truth cannot be measured.
     let error = ours.errors.indirect.max(scene.floors.indirect);
-    let below = if error > ours.errors.indirect { ", below which the truth's noise hides errors," } else { "" };
+    let below =
+        if error > ours.errors.indirect { " (below this the noise of the ground truth hides errors)" } else { "" };
     let (seconds, extrapolated) = path_tracing_seconds(scene, error).filter(|_| error > 0.0)?;
-    let how = if extrapolated { " (extrapolated as 1/√n from what was run)" } else { "" };
+    let how = if extrapolated { " (extrapolated as 1/√n from the samples that were run)" } else { "" };
     let first = ratio(seconds, ours.total_cpu())?;
     let bake = match first >= 1.0 {
         true => format!("{} times as long as bake and picture together", significant(first)),
         false => format!("{} of the time that bake and picture take together", percent(first)),
     };
     Some(format!(
-        "Ours (`{}`) comes as near as {}{below} to the truth's indirect light, in {} CPU seconds of bake and {} for each picture \
-         after an edit. Path tracing takes {} CPU seconds{how} for the same error: {bake}, and {} times as long as a picture after \
-         an edit.",
+        "Our best setting (`{}`) has an error of {}{below} in indirect light, with {} CPU seconds of bake and {} for \
+         each picture after an edit. Path tracing takes {} CPU seconds{how} for the same error: {bake}, and {} times \
+         as long as a picture after an edit.",
         ours.setting,
         percent(error),
         significant(ours.precompute.cpu),
@@ -83,7 +86,7 @@ fn best_of_ours(scene: &SceneReport) -> Option<String> {
     ))
 }
 
-/// None where it is no number.
+/// Returns `a / b`, or `None` if it is not finite.
 fn ratio(a: f64, b: f64) -> Option<f64> {
     Some(a / b).filter(|ratio| ratio.is_finite())
 }
@@ -97,8 +100,8 @@ fn path_tracing(scene: &SceneReport) -> Option<String> {
         ));
     }
     Some(format!(
-        "Path tracing's error falls as time to the power {slope:.2}, where independent samples give -0.5: half the error takes \
-         {} times as long.",
+        "Path tracing's error falls with time to the power {slope:.2} (independent samples give -0.5): half the error \
+         takes {} times as long.",
         significant(0.5f64.powf(1.0 / slope))
     ))
 }
@@ -109,8 +112,8 @@ fn beside_the_thesis(scene: &SceneReport) -> Option<String> {
     let ours = least(scene.points.iter().filter(|p| p.method.is_ours()))?;
     let [far, near] = [theirs, ours].map(|p| p.errors.indirect.max(scene.floors.indirect));
     Some(format!(
-        "The thesis's method at its best here ({}, `{}`) is off by {}, {} times as much as ours at its best (`{}`), whose bake takes \
-         {} times as long.",
+        "The thesis's best setting here ({}, `{}`) has an error of {}, {} times that of our best (`{}`), whose bake \
+         takes {} times as long.",
         theirs.method.name().split(", more").next().unwrap_or_default(),
         theirs.setting,
         percent(far),
@@ -120,7 +123,7 @@ fn beside_the_thesis(scene: &SceneReport) -> Option<String> {
     ))
 }
 
-/// Nested blocks and wavelets compressed to the same error of their rows.
+/// Compares nested blocks with Haar wavelets at the same error tolerance of their rows.
 fn beside_wavelets(scene: &SceneReport) -> Option<String> {
     let [nested, haar] = [Method::Compressed, Method::Haar].map(|method| curve(scene, method));
     let pairs = haar.iter().filter_map(|h| {
@@ -130,8 +133,8 @@ fn beside_wavelets(scene: &SceneReport) -> Option<String> {
     let (nested, haar) = pairs.min_by(|p, q| p.1.errors.indirect.total_cmp(&q.1.errors.indirect))?;
     let times = |ratio: f64| format!("{} times", significant(ratio));
     Some(format!(
-        "Asked for the same error (`{}`), Haar wavelets take {} the memory of nested blocks and {} the CPU time a picture, and come \
-         as near as {} where those come as near as {}.",
+        "With the same error tolerance (`{}`), Haar wavelets take {} the memory of nested blocks and {} the CPU time \
+         per picture; their error is {}, that of nested blocks {}.",
         nested.setting,
         times(ratio(haar.bytes as f64, nested.bytes as f64)?),
         times(ratio(haar.frame.cpu, nested.frame.cpu)?),
@@ -140,7 +143,7 @@ fn beside_wavelets(scene: &SceneReport) -> Option<String> {
     ))
 }
 
-/// The first point after which nothing is better by a tenth.
+/// Returns the first point that no later point improves on by more than 10 %.
 pub fn last_that_helped<'a>(points: &[&'a Point]) -> Option<&'a Point> {
     let helped = |i: usize| points[i + 1..].iter().any(|p| p.errors.indirect < HELPED * points[i].errors.indirect);
     (0..points.len()).find(|&i| !helped(i)).map(|i| points[i])
@@ -155,7 +158,7 @@ fn where_it_ends(scene: &SceneReport, method: Method) -> Option<String> {
     let name = capitalized(method.name());
     if std::ptr::eq(stop, last) {
         return Some(format!(
-            "{name}: still better at the end of what was run (`{}`, {}).",
+            "{name}: still improving at the last setting (`{}`, {}).",
             last.setting,
             percent(last.errors.indirect)
         ));
@@ -168,14 +171,14 @@ fn where_it_ends(scene: &SceneReport, method: Method) -> Option<String> {
     ))
 }
 
-/// Why more of the same does not help.
+/// Returns the reason why more work along the curve does not reduce the error.
 fn reason(scene: &SceneReport, method: Method, stop: &Point) -> String {
     let errors = stop.errors;
     if errors.indirect <= 0.0 {
-        return "nothing is left that the truth can tell".into();
+        return "the ground truth measures no remaining error".into();
     }
     if errors.indirect < 2.0 * scene.floors.indirect {
-        return format!("below {} the truth's own noise hides what is left", percent(2.0 * scene.floors.indirect));
+        return format!("below {} the noise of the ground truth hides the error", percent(2.0 * scene.floors.indirect));
     }
     let radius = |p: &Point| p.spectral_radius.unwrap_or(0.0);
     let mut beyond = curve(scene, method).into_iter().skip_while(|p| p.setting != stop.setting);
@@ -183,21 +186,21 @@ fn reason(scene: &SceneReport, method: Method, stop: &Point) -> String {
     if let Some(point) = beyond.find(diverges) {
         let [there, here] = [point, stop].map(|p| significant(radius(p)));
         return format!(
-            "with `{}` its series has no sum: G's spectral radius is {there} there, {here} here",
+            "with `{}` its series diverges: the spectral radius of G is {there} there, {here} here",
             point.setting
         );
     }
     if errors.indirect_bias.abs() * scene.floors.mean > 0.5 * errors.indirect {
-        return format!("the picture as a whole is off by {}", percent(errors.indirect_bias));
+        return format!("the mean of the indirect light is off by {}", percent(errors.indirect_bias));
     }
-    // Whatever else was made finer.
+    // Curves that refine something else.
     let others = [Method::GatherSamples, Method::Rays, Method::Compressed].into_iter().filter(|other| *other != method);
     let best =
         least(others.filter(|_| method.is_ours() || method == Method::Haar).flat_map(|other| curve(scene, other)));
     if let Some(best) = best.filter(|best| best.errors.indirect < HELPED * errors.indirect) {
         let name = best.method.name().trim_start_matches("ours, ");
         return format!(
-            "what is left is another thing's: {name} comes to {} (`{}`)",
+            "the remaining error has another cause: with {name} it is {} (`{}`)",
             percent(best.errors.indirect),
             best.setting
         );
@@ -205,21 +208,21 @@ fn reason(scene: &SceneReport, method: Method, stop: &Point) -> String {
     patches(stop)
 }
 
-/// Of what kind an error is: means of 4x4 pixels keep what is smooth, and a quarter of what is noise.
+/// Classifies an error: averaging 4x4 pixels preserves a smooth error and reduces per-pixel noise to a quarter.
 fn patches(point: &Point) -> String {
     let share = point.errors.indirect_4x4 / point.errors.indirect;
     let kind = match share {
-        s if s > 0.7 => "it lies in patches, wider than that",
-        s if s > 0.4 => "it is noise in part",
-        _ => "it is noise, pixel by pixel",
+        s if s > 0.7 => "it lies in larger patches",
+        s if s > 0.4 => "it is partly noise",
+        _ => "it is per-pixel noise",
     };
-    format!("of its error {} are left on means of 4x4 pixels: {kind}", percent(share))
+    format!("{} of its error remains in means of 4x4 pixels: {kind}", percent(share))
 }
 
 fn not_finite(scene: &SceneReport) -> Option<String> {
     let point = scene.points.iter().max_by_key(|p| p.errors.non_finite).filter(|p| p.errors.non_finite > 0)?;
     Some(format!(
-        "{} pixels of `{}` are infinite or not a number; its errors are those of the others.",
+        "{} pixels of `{}` are infinite or not a number; its errors exclude them.",
         point.errors.non_finite, point.setting
     ))
 }
@@ -230,21 +233,22 @@ fn slowest_and_fastest_edit(scene: &SceneReport) -> Option<String> {
     let (fast, slow) = (changed.iter().min_by(by)?, changed.iter().max_by(by)?);
     let pass = slow.passes.iter().max_by(|p, q| p.median_ms.total_cmp(&q.median_ms));
     let pass = pass.map_or_else(String::new, |pass| {
-        format!(", of which the pass \"{}\" takes {} ms", pass.name, significant(pass.median_ms))
+        format!(", where the pass \"{}\" takes {} ms", pass.name, significant(pass.median_ms))
     });
     let describe = |e: &EditTime| {
-        format!("`{}` of a {} ({} ms, {} shadows)", e.edit, e.light, significant(e.median_ms), e.shadows)
+        format!("`{}` of a {} light ({} ms, {} shadows)", e.edit, e.light, significant(e.median_ms), e.shadows)
     };
-    Some(format!("Of the edits {} is the fastest and {} the slowest{pass}.", describe(fast), describe(slow)))
+    Some(format!("The fastest edit is {}; the slowest is {}{pass}.", describe(fast), describe(slow)))
 }
 
 fn maps_and_rays(scene: &SceneReport) -> Option<String> {
     let find = |shadows: &str| scene.edits.iter().find(|e| e.edit == "move_direct" && e.shadows == shadows);
     let (traced, map) = (find("traced")?, find("map")?);
     let ratio = map.median_ms / traced.median_ms;
-    let (faster, slower, ratio) = if ratio >= 1.0 { ("traced", "a map", ratio) } else { ("maps", "rays", 1.0 / ratio) };
+    let (faster, slower, ratio) =
+        if ratio >= 1.0 { ("traced shadows", "a map", ratio) } else { ("a map", "traced shadows", 1.0 / ratio) };
     Some(format!(
-        "Without indirect light a moved {} is {} times as fast with {faster} shadows as with {slower}.",
+        "Without indirect light, moving a {} light is {} times as fast with {faster} as with {slower}.",
         traced.light,
         significant(ratio)
     ))
@@ -254,12 +258,12 @@ fn ablation(ablation: &Ablation) -> String {
     let [edit, shading] = [ablation.edit_ms, ablation.shading_ms].map(|ms| ms.map(significant));
     let [bytes, all_bytes] = ablation.bytes.map(|bytes| significant(1e-6 * bytes as f64));
     let same = match ablation.difference {
-        0.0 => "to the last bit".to_owned(),
-        difference => format!("to {} of its mean", percent(difference)),
+        0.0 => "the same, bit for bit".to_owned(),
+        difference => format!("the same within {} of its mean", percent(difference)),
     };
     format!(
-        "With nothing of the deep framebuffer left out (`--force-all`) the picture is the same {same}; a moved light takes {} ms \
-         instead of {}, of it shading {} instead of {}; the device holds {all_bytes} MB instead of {bytes}.",
+        "With the complete deep framebuffer (`--force-all`) the picture is {same}; moving a light takes {} ms instead \
+         of {}, of which shading {} instead of {}; device memory is {all_bytes} MB instead of {bytes}.",
         edit[1], edit[0], shading[1], shading[0]
     )
 }

@@ -1,11 +1,11 @@
-//! Extreme cases: what `tests/extreme` has written of them into its page.
+//! Extreme cases, read from the tables that `tests/extreme` writes into `docs/extreme.md`.
 
 use super::table::{Table, escaped};
 
-/// A row of that page's tables.
+/// One row of these tables.
 #[derive(Clone, Debug, PartialEq)]
 struct Case {
-    /// Heading that it stands under.
+    /// Heading of its section.
     part: String,
     case: String,
     asked: String,
@@ -23,16 +23,16 @@ impl Case {
     }
 
     fn thesis_falls_short(&self) -> bool {
-        // What is not a number is beyond every bound.
+        // NaN exceeds every bound.
         let within = |thesis: f64| self.bound.parse().is_ok_and(|bound: f64| thesis <= bound);
         self.thesis.parse().is_ok_and(|thesis| !within(thesis))
     }
 }
 
-/// Columns that make a table one of these.
+/// Header line that identifies a table of extreme cases.
 const COLUMNS: &str = "| case | asked for | bound | ours | thesis | |";
 
-/// Rows of all tables with these [`COLUMNS`], in order.
+/// Returns the rows of all tables with [`COLUMNS`], in document order.
 fn cases(markdown: &str) -> Vec<Case> {
     let (mut cases, mut undated) = (Vec::<Case>::new(), 0);
     let (mut part, mut inside) = (String::new(), false);
@@ -55,7 +55,7 @@ fn cases(markdown: &str) -> Vec<Case> {
     cases
 }
 
-/// All numbers.
+/// Returns all cases as one table.
 pub(super) fn table(markdown: &str) -> Table {
     let columns = ["part", "case", "asked_for", "bound", "ours", "thesis", "verdict", "measured"];
     let mut table = Table::new("extreme.csv", &columns);
@@ -72,16 +72,17 @@ fn sentences(cases: &[Case]) -> Vec<String> {
     let ours = tried.iter().filter(|case| case.falls_short()).count();
     let all = format!("{} of {} cases are within their bounds.", cases.len() - short.len(), cases.len());
     let beside = format!(
-        "The thesis's method was tried in {} of them and is beyond the bound in {theirs}, ours in {ours} of these.",
+        "The thesis's method was run in {} of them and exceeds the bound in {theirs}; ours exceeds it in {ours} of \
+         these.",
         tried.len()
     );
     let each = short
         .iter()
-        .map(|c| format!("{}, {}: {} where {} was asked for; {}.", c.case, c.asked, c.ours, c.bound, c.verdict));
+        .map(|c| format!("{}, {}: {} with a bound of {}; {}.", c.case, c.asked, c.ours, c.bound, c.verdict));
     [all, beside].into_iter().chain(each).collect()
 }
 
-/// A part of the page; empty without cases.
+/// Returns the HTML section; empty without cases.
 pub(super) fn html(markdown: &str) -> String {
     let cases = cases(markdown);
     if cases.is_empty() {
@@ -89,10 +90,11 @@ pub(super) fn html(markdown: &str) -> String {
     }
     let items: String = sentences(&cases).iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
     format!(
-        "<h2 id=extreme>Extreme cases</h2>\n<p>Scenes made by the tests, whose answer is known, or a bound on it; relative errors, \
-         root mean square over pixels, unless a row says otherwise. Measured when the table says, not with this page: \
-         <code>RELUME_FULL=1 cargo test --release --test extreme</code>.</p>\n<ul>{items}</ul>\n\
-         <details><summary>All its numbers</summary>{}</details>\n",
+        "<h2 id=extreme>Extreme cases</h2>\n<p>Test scenes with a known answer, or a known bound on it. Errors are \
+         relative root mean square over pixels, unless a row says otherwise. They were measured separately from this \
+         page, at the dates in the table, by <code>RELUME_FULL=1 cargo test --release --test \
+         extreme</code>.</p>\n<ul>{items}</ul>\n\
+         <details><summary>All numbers</summary>{}</details>\n",
         table(markdown).html()
     )
 }
@@ -115,11 +117,11 @@ mod tests {
         assert_eq!(said[0], "1 of 2 cases are within their bounds.");
         assert_eq!(
             said[1],
-            "The thesis's method was tried in 1 of them and is beyond the bound in 1, ours in 0 of these."
+            "The thesis's method was run in 1 of them and exceeds the bound in 1; ours exceeds it in 0 of these."
         );
-        assert_eq!(said[2], "c, all of it: 2.0e-2 where 1.0e-3 was asked for; falls short: too few.");
+        assert_eq!(said[2], "c, all of it: 2.0e-2 with a bound of 1.0e-3; falls short: too few.");
         assert!(html(&page).contains("a &lt; b") && html("").is_empty());
-        // The page that ships.
+        // The page in the repository.
         assert!(cases(include_str!("../../docs/extreme.md")).len() > 150);
     }
 }

@@ -1,4 +1,4 @@
-//! How costs grow with what there is of something, beside how they should.
+//! Growth of costs with problem size, compared with the expected growth.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,37 +6,38 @@ use super::conclusions::exponent;
 use super::plot::{Chart, Series};
 use super::table::{Table, escaped, grouped, number, significant};
 
-/// Costs against one thing.
+/// Costs as functions of one quantity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Growth {
-    /// What grows, in the plural.
+    /// The quantity: a plural noun such as "pixels".
     pub of: String,
-    /// Scene that it was measured in, and how.
+    /// The measured scene, and the settings.
     pub scene: String,
     pub curves: Vec<Cost>,
 }
 
-/// One cost.
+/// One measured cost.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cost {
     pub name: String,
-    /// Exponent of growth by the design, at most.
+    /// Largest exponent expected by design.
     pub expected: f64,
-    /// How much of it there is, and milliseconds.
+    /// Pairs of quantity and milliseconds.
     pub points: Vec<[f64; 2]>,
 }
 
-/// Exponents so much above the expected one are told as such: timings are noisy.
+/// Tolerance for exponents above the expected one, since timings are noisy.
 const NEAR: f64 = 0.15;
 
 impl Growth {
     fn sentence(&self, cost: &Cost) -> Option<String> {
         let found = exponent(cost.points.iter().copied())?;
-        let verdict = if found <= cost.expected + NEAR { "" } else { ": more than that" };
+        let verdict = if found <= cost.expected + NEAR { "" } else { "; exceeded" };
         let [first, last] = [cost.points.first()?, cost.points.last()?];
         let count = |point: &[f64; 2]| grouped(&format!("{:.0}", point[0]));
         Some(format!(
-            "{}: grows with the {} to the power {found:.2} (by design at most {}{verdict}), from {} ms with {} to {} ms with {}.",
+            "{}: grows with the number of {} to the power {found:.2} (expected at most {}{verdict}), from {} ms at {} \
+             to {} ms at {}.",
             cost.name,
             self.of,
             cost.expected,
@@ -54,7 +55,7 @@ impl Growth {
             Series { name: cost.name.clone(), style, points, tips }
         };
         Chart {
-            title: format!("Against {}", self.of),
+            title: format!("Time against {}", self.of),
             x_label: format!("number of {}", self.of),
             y_label: "milliseconds",
             series: self.curves.iter().enumerate().map(series).collect(),
@@ -63,7 +64,7 @@ impl Growth {
     }
 }
 
-/// All numbers.
+/// Returns all costs as one table.
 pub(super) fn table(growths: &[Growth]) -> Table {
     let mut table =
         Table::new("scaling.csv", &["against", "scene", "cost", "count", "ms", "exponent", "expected_at_most"]);
@@ -79,14 +80,14 @@ pub(super) fn table(growths: &[Growth]) -> Table {
     table
 }
 
-/// A part of the page; empty without measurements.
+/// Returns the HTML section; empty without measurements.
 pub(super) fn html(growths: &[Growth]) -> String {
     if growths.is_empty() {
         return String::new();
     }
     let sentences = growths.iter().flat_map(|g| g.curves.iter().filter_map(|cost| g.sentence(cost)));
     let items: String = sentences.map(|s| format!("<li>{}</li>\n", escaped(&s))).collect();
-    // Names of scenes may have any length: below a chart they take as many lines as they need.
+    // Scene names can be long, so they are captions below the charts, where they wrap.
     let figure = |g: &Growth| {
         Some(format!("<figure>{}<figcaption>{}</figcaption></figure>\n", g.chart().svg()?, escaped(&g.scene)))
     };
@@ -94,6 +95,6 @@ pub(super) fn html(growths: &[Growth]) -> String {
     let rows = table(growths).html();
     format!(
         "<h2 id=scaling>Scaling</h2>\n<ul>{items}</ul>\n<div class=charts>{charts}</div>\n\
-         <details><summary>All its numbers</summary>{rows}</details>\n"
+         <details><summary>All numbers</summary>{rows}</details>\n"
     )
 }

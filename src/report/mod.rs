@@ -1,5 +1,5 @@
-//! A page of what was measured, for a reader who believes nothing: charts, tables and pictures inline, every number beside
-//! it as CSV, every sentence of conclusion computed from them. Who measures fills in [`Report`]; nothing here runs anything.
+//! The report page: charts, tables and inline pictures, with all numbers also in CSV files and all conclusions computed
+//! from them. The caller measures and fills in [`Report`]; this module runs nothing.
 
 pub mod conclusions;
 mod extreme;
@@ -24,57 +24,57 @@ use self::thesis::{GlossyAlone, Thesis};
 use crate::error::{Error, Result};
 use crate::storage::file::write_bytes;
 
-/// Everything that the page tells.
+/// The content of the page.
 pub struct Report {
-    /// When it was measured, UTC: from, to.
+    /// Start and end of the measurement, UTC.
     pub when: String,
-    /// How to measure it again.
+    /// Command that repeats the measurement.
     pub command: String,
     pub quick: bool,
-    /// Name and value, in order.
+    /// Names and values that describe the machine, in order of display.
     pub machine: Vec<[String; 2]>,
     pub scenes: Vec<SceneReport>,
     pub thesis: Thesis,
     pub glossy_alone: Option<GlossyAlone>,
     pub growth: Vec<Growth>,
-    /// Of a scene, by its name.
+    /// Name of the measured scene, and its rows.
     pub stability: (String, Vec<Stability>),
-    /// Tables of extreme cases, in Markdown as their tests write it.
+    /// Tables of extreme cases, Markdown as written by their tests.
     pub extreme: String,
-    /// What holds whatever was measured, in Markdown: the list of known limits.
+    /// List of known limits, Markdown; independent of the measurement.
     pub known_limits: String,
 }
 
-/// One scene.
+/// Results for one scene.
 pub struct SceneReport {
     pub name: String,
     pub triangles: usize,
     pub lights: usize,
-    /// Of the pictures whose errors are told.
+    /// Size of the pictures whose errors are measured, pixels.
     pub size: [u32; 2],
-    /// Samples a pixel of the truth, both halves together.
+    /// Samples per pixel of the ground truth, both halves together.
     pub truth_samples: u32,
     pub floors: Floors,
     pub points: Vec<Point>,
-    /// What was to be measured and was not.
+    /// Measurements that were planned but not made.
     pub skipped: Vec<Skipped>,
     pub pictures: Vec<Picture>,
-    /// Of the pictures in which edits were timed.
+    /// Size of the pictures in which edits are timed, pixels.
     pub edit_size: [u32; 2],
     pub edits: Vec<EditTime>,
     pub left_out: Vec<LeftOut>,
-    /// The picture with nothing left out against the one that is shown.
+    /// Comparison with the complete deep framebuffer.
     pub ablation: Option<Ablation>,
 }
 
 impl SceneReport {
-    /// Its curves.
+    /// Returns the table of its curves.
     fn table(&self) -> Table {
         table::points(format!("{}.errors.csv", self.name), &self.points)
     }
 }
 
-/// A way to a picture, and what grows along its curve.
+/// A method to compute the picture, and the parameter that varies along its curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -98,7 +98,7 @@ impl Method {
         Self::Haar,
     ];
 
-    /// For people.
+    /// Returns the name shown on the page.
     pub fn name(self) -> &'static str {
         match self {
             Self::PathTracing => "path tracing, more samples",
@@ -106,12 +106,12 @@ impl Method {
             Self::ThesisGlossy => "thesis, glossy, more gather samples",
             Self::GatherSamples => "ours, more gather samples",
             Self::Rays => "ours, more rays",
-            Self::Compressed => "ours, compressed less",
-            Self::Haar => "ours in Haar wavelets, more of them",
+            Self::Compressed => "ours, less compression",
+            Self::Haar => "ours in Haar wavelets, more coefficients",
         }
     }
 
-    /// For programs.
+    /// Returns the identifier used in CSV files.
     pub fn id(self) -> &'static str {
         match self {
             Self::PathTracing => "path_tracing",
@@ -129,7 +129,7 @@ impl Method {
     }
 }
 
-/// Processor time of all threads, user and system, and time on the wall.
+/// CPU time of all threads (user and system) and wall-clock time, seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
     pub cpu: f64,
@@ -140,65 +140,68 @@ pub struct Seconds {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     pub method: Method,
-    /// In the options of the command line, `--spp 16`.
+    /// Command-line options, such as `--spp 16`.
     pub setting: String,
-    /// Everything before the first picture, BVH and deep framebuffer included.
+    /// Time of everything before the first picture, including BVH and deep framebuffer.
     pub precompute: Seconds,
-    /// A picture after a light has moved.
+    /// Time of a picture after a light has moved.
     pub frame: Seconds,
-    /// What the device reads for indirect light.
+    /// Bytes that the device reads for indirect light.
     pub bytes: u64,
-    /// Multiply-adds for indirect light, of all pixels.
+    /// Multiply-adds for the indirect light of all pixels.
     pub multiply_adds: u64,
-    /// Relative error of a compressed operator against its own rows, under points that it has not learned from: mostly noise of
-    /// these rows that it leaves out.
+    /// Relative error of a compressed operator against its own rows, under held-out point lights; mostly noise of these
+    /// rows that compression removes.
     pub held_out: Option<f64>,
     pub spectral_radius: Option<f64>,
     pub load: f64,
     pub errors: Errors,
-    /// The picture itself, under the report's folder.
+    /// Path of the picture, relative to the report's folder.
     pub file: String,
 }
 
 impl Point {
-    /// CPU seconds to the first picture.
+    /// Returns the CPU seconds to the first picture.
     pub fn total_cpu(&self) -> f64 {
         self.precompute.cpu + self.frame.cpu
     }
 }
 
-/// How far a picture is from the truth, free of the truth's noise but for FLIP.
+/// Errors of a picture against the ground truth. The noise of the ground truth cancels in all of them except FLIP.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Errors {
-    /// Of indirect light, relative root mean square.
+    /// Relative root mean square error of indirect light.
     pub indirect: f64,
-    /// The same on means of 4x4 pixels.
+    /// The same, on means of 4x4 pixels.
     pub indirect_4x4: f64,
-    /// The same as `indirect` without the worst 0.1 % of the pixels.
+    /// The same as `indirect`, without the worst 0.1 % of the pixels.
     pub indirect_trimmed: f64,
-    /// Mean error over mean, of indirect light.
+    /// Mean error of indirect light, divided by its mean.
     pub indirect_bias: f64,
-    /// Of the whole picture.
+    /// Relative root mean square error of the whole picture.
     pub whole: f64,
     /// Mean FLIP of the whole picture.
     pub flip: f64,
-    /// Pixels that are infinite or not a number; no other figure counts them.
+    /// Number of pixels that are infinite or NaN; the other errors exclude them.
     pub non_finite: usize,
 }
 
-/// Below these the truth tells nothing.
+/// Noise floors of the ground truth: smaller errors cannot be measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Floors {
-    /// Standard deviation of a vanishing [`Errors::indirect`]: what is left of the truth's noise once it cancels.
+    /// Standard deviation of [`Errors::indirect`] for a picture without error: the noise that remains after
+    /// cancellation.
     pub indirect: f64,
-    /// Noise of the truth's mean itself, relative, were it not cancelled.
+    /// Relative noise of the mean of both halves, without cancellation.
     pub noise: f64,
-    /// What the noise of the truth's mean does to FLIP: half of what its halves have against each other.
+    /// FLIP due to the noise of the mean: half of the FLIP between the two halves.
     pub flip: f64,
-    /// Mean of the truth's indirect light over its root mean square: a bias times it is in units of [`Errors::indirect`].
+    /// Mean of the ground truth's indirect light, divided by its root mean square; converts a bias to units of
+    /// [`Errors::indirect`].
     pub mean: f64,
 }
 
+/// A measurement that was planned but not made, and the reason.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Skipped {
     pub what: String,
@@ -213,33 +216,34 @@ pub struct Picture {
     pub pixels: Vec<[u8; 3]>,
 }
 
-/// What an edit takes until the picture is in host memory.
+/// Time from an edit until the picture is in host memory.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EditTime {
     pub edit: String,
-    /// Point, spot or directional.
+    /// Kind of the light: point, spot or directional.
     pub light: String,
     pub lights: usize,
-    /// Traced, or as a map.
+    /// Shadow method: traced, or a map.
     pub shadows: String,
     pub median_ms: f64,
     pub p95_ms: f64,
     pub best_ms: f64,
-    /// Empty where the driver's times of passes are wrong.
+    /// Empty if the driver's pass times are wrong.
     pub passes: Vec<PassMs>,
 }
 
+/// Time of one pass of an edit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PassMs {
     pub name: String,
     pub on: String,
     pub median_ms: f64,
-    /// What a kernel of known work takes: for shading the yardstick over as many samples, for the transfer its bytes at the rate
-    /// at which a copy reads and writes.
+    /// Time of a kernel with known work: for shading, the yardstick kernel over as many samples; for the transfer, its
+    /// bytes at the bandwidth of a copy.
     pub yardstick_ms: Option<f64>,
 }
 
-/// Something that a scene does not need.
+/// Data or work that is omitted because the scene does not need it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeftOut {
     pub what: String,
@@ -247,24 +251,25 @@ pub struct LeftOut {
     pub saves: String,
 }
 
+/// The picture with nothing omitted, compared with the usual picture. Pairs hold the usual value first.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ablation {
-    /// Largest difference of a channel between the two pictures, over the picture's mean.
+    /// Largest difference of a channel between the two pictures, divided by the picture's mean.
     pub difference: f64,
-    /// Milliseconds of moving a light, direct light alone, best: as it is, and with nothing left out.
+    /// Best time of moving a light with direct light alone, milliseconds.
     pub edit_ms: [f64; 2],
-    /// Of these, shading.
+    /// Shading part of these times, milliseconds.
     pub shading_ms: [f64; 2],
-    /// Device memory.
+    /// Device memory, bytes.
     pub bytes: [u64; 2],
 }
 
-/// The larger of two; what is not a number is larger than any.
+/// Returns the larger number; NaN counts as larger than any.
 pub fn larger(a: f64, b: f64) -> f64 {
     if b.is_nan() || b > a { b } else { a }
 }
 
-/// Writes `index.html` and the CSV files into `dir`, which exists.
+/// Writes `index.html` and the CSV files into `dir`, which must exist.
 pub fn write(dir: &Path, report: &Report) -> Result<()> {
     for table in tables(report) {
         write_bytes(&dir.join(&table.file), table.csv().as_bytes())?;
@@ -274,7 +279,7 @@ pub fn write(dir: &Path, report: &Report) -> Result<()> {
     write_bytes(&path, html.as_bytes())
 }
 
-/// Every number of the page.
+/// Returns all tables of the page.
 pub fn tables(report: &Report) -> Vec<Table> {
     let mut machine = Table::new("machine.csv", &["what", "value"]);
     let how = [("measured", &report.when), ("command", &report.command)];

@@ -1,4 +1,4 @@
-//! The page: one HTML file that needs nothing else, scripts neither.
+//! The report page: one self-contained HTML file without scripts.
 
 use std::fmt::Write;
 
@@ -10,7 +10,7 @@ use super::table::{escaped, significant};
 use super::{Method, Picture, Point, Report, SceneReport, extreme, growth, profile, stability, table, tables, thesis};
 use crate::image::png;
 
-/// The page as text.
+/// Returns the page as HTML.
 pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
     let scenes = report.scenes.iter().map(scene).collect::<Result<String, _>>()?;
     let glossy_alone = report.glossy_alone.iter().flat_map(|alone| &alone.pictures);
@@ -38,10 +38,11 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
          <meta name=color-scheme content=\"light dark\"><title>relume: error against run time</title>\n\
          <style>\n{style}</style></head>\n<body><main>\n\
          <h1>relume: error against run time</h1>\n\
-         <p>Measured {when} by <code>{command}</code>.{quick} All numbers stand in the CSV files beside this page, pictures \
-         whose errors are told as EXR; every sentence under “What it says” is computed from them. Seconds are processor time, user and \
-         system, of all threads, and a GPU's own; wall clock is in the files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> \
-         <a href=\"#limits\">Known limits</a></p>\n\
+         <p>Measured {when} by <code>{command}</code>.{quick} All numbers are in the CSV files next to this page; the \
+         pictures whose errors are measured are EXR files. Every sentence under “Conclusions” is computed from these \
+         numbers. Seconds are CPU time of all threads, user and system, plus GPU time; wall-clock times are in the CSV \
+         files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> <a href=\"#limits\">Known \
+         limits</a></p>\n\
          <h2>Machine</h2>\n{machine}{scenes}{beside_the_thesis}{figures}{growth}{stability}{extreme}{method}\
          <h2 id=limits>Known limits</h2>\n{limits}</main></body></html>\n",
         style = include_str!("style.css"),
@@ -56,19 +57,21 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
 }
 
 const METHOD: &str = "<h2 id=method>How it was measured</h2>\n\
-    <p>The truth is our own path tracer, in two halves of independent noise, through the centres of the pixels as in the deep \
-    framebuffer. Every squared error is taken as (x - a)(x - b) of both halves, so that their noise cancels but for the floor \
-    that is drawn; FLIP is against their mean, whose noise nothing cancels: the line is half of the FLIP of one half against \
-    the other. Relative errors are those of indirect light alone, since direct light and reflections are the same for all \
-    methods; FLIP sees the whole picture. Shadows are traced. To the first picture: BVH, deep framebuffer, all of the bake, \
-    upload, one frame; not the tables of BRDFs that all scenes share, which are made before. A picture after an edit: a light \
-    has moved. For path tracing that is the whole picture again.</p>\n";
+    <p>The ground truth is rendered by our own path tracer in two halves a and b with independent noise, through the \
+    pixel centres as in the deep framebuffer. Every squared error of a picture x is computed as (x - a)(x - b), so \
+    that their noise cancels except for the floor that the charts show. FLIP is computed against the mean of the \
+    halves, whose noise does not cancel: its line is half of the FLIP between the halves. Relative errors are those of \
+    indirect light alone, since direct light and reflections are the same for all methods; FLIP is computed on the \
+    whole picture. Shadows are traced. The time to the first picture includes BVH, deep framebuffer, the complete \
+    bake, upload and one frame. It excludes the BRDF tables that all scenes share, which are computed before. The time \
+    after an edit is that of a picture after a light has moved. For path tracing that is the whole picture \
+    again.</p>\n";
 
 fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
     let [width, height] = scene.size;
     let mut html = format!(
-        "<h2 id=\"{name}\">{name}</h2>\n<p>{triangles} triangles, {lights} light{s}; errors at {width}×{height} against a truth of \
-         {samples} samples a pixel.</p>\n",
+        "<h2 id=\"{name}\">{name}</h2>\n<p>{triangles} triangles, {lights} light{s}; errors at {width}×{height} \
+         against a ground truth with {samples} samples per pixel.</p>\n",
         name = escaped(&scene.name),
         triangles = table::grouped(&scene.triangles.to_string()),
         lights = scene.lights,
@@ -78,7 +81,7 @@ fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
     let sentences = conclusions::of_scene(scene);
     if !sentences.is_empty() {
         let items: String = sentences.iter().map(|s| format!("<li>{}</li>\n", inline(s))).collect();
-        let _ = write!(html, "<h3>What it says</h3>\n<ul>{items}</ul>\n");
+        let _ = write!(html, "<h3>Conclusions</h3>\n<ul>{items}</ul>\n");
     }
     if !scene.pictures.is_empty() {
         html += "<h3>Pictures, as in the thesis’s Figures 5.3 and 5.5</h3>\n";
@@ -91,7 +94,7 @@ fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
         let rows = scene.table().html();
         let _ = write!(
             html,
-            "<h3>Error against run time</h3>\n<div class=charts>\n{charts}</div>\n<details><summary>All its \
+            "<h3>Error against run time</h3>\n<div class=charts>\n{charts}</div>\n<details><summary>All \
              numbers</summary>{rows}</details>\n"
         );
     }
@@ -100,16 +103,16 @@ fn scene(scene: &SceneReport) -> Result<String, ::png::EncodingError> {
         let _ = writeln!(html, "<p>Not measured:</p><ul>{}</ul>", scene.skipped.iter().map(item).collect::<String>());
     }
     let [width, height] = scene.edit_size;
-    let title = format!("Milliseconds of an edit, median, {width}×{height} pixels");
+    let title = format!("Milliseconds per edit, median, {width}×{height} pixels");
     if let Some(svg) = profile::svg(&title, &scene.edits) {
         let rows = table::edits(scene).html();
         let _ = write!(
             html,
-            "<h3>Where the time of an edit goes</h3>\n{svg}<details><summary>All its numbers</summary>{rows}</details>\n"
+            "<h3>Time of an edit by pass</h3>\n{svg}<details><summary>All numbers</summary>{rows}</details>\n"
         );
     }
     if !scene.left_out.is_empty() {
-        let _ = write!(html, "<h3>What is left out</h3>\n{}", table::left_out(scene).html());
+        let _ = write!(html, "<h3>Omitted for this scene</h3>\n{}", table::left_out(scene).html());
     }
     Ok(html)
 }
@@ -123,8 +126,8 @@ fn charts(scene: &SceneReport) -> Vec<Chart> {
     let percent: Of = |p| 100.0 * p.errors.indirect;
     let flip: Of = |p| p.errors.flip;
     let (total, frame): (Of, Of) = (Point::total_cpu, |p| p.frame.cpu);
-    let noise = (100.0 * scene.floors.indirect, "the truth’s noise");
-    let flip_noise = (scene.floors.flip, "the truth’s noise");
+    let noise = (100.0 * scene.floors.indirect, "noise of the ground truth");
+    let flip_noise = (scene.floors.flip, "noise of the ground truth");
     let chart = |title: &str, x_label: &str, x: Of, y_label, y: Of, floor| Chart {
         title: title.to_owned(),
         x_label: String::from(x_label),
@@ -135,12 +138,12 @@ fn charts(scene: &SceneReport) -> Vec<Chart> {
     vec![
         chart("Error, bake included", first, total, error, percent, noise),
         chart("Error, after the bake", again, frame, error, percent, noise),
-        chart("What a viewer sees, bake included", first, total, "mean FLIP", flip, flip_noise),
-        chart("What a viewer sees, after the bake", again, frame, "mean FLIP", flip, flip_noise),
+        chart("Perceptual difference, bake included", first, total, "mean FLIP", flip, flip_noise),
+        chart("Perceptual difference, after the bake", again, frame, "mean FLIP", flip, flip_noise),
     ]
 }
 
-/// Points without error or time have no place on logarithmic axes; the table has them.
+/// Returns the points with nonzero error and time. The others do not fit logarithmic axes; the table has them.
 fn series(scene: &SceneReport, method: Method, style: usize, x: Of, y: Of) -> Series {
     let points: Vec<(&Point, [f64; 2])> = curve(scene, method).into_iter().map(|p| (p, [x(p), y(p)])).collect();
     let drawn: Vec<_> = points.into_iter().filter(|(_, at)| at.iter().all(|v| *v > 0.0 && v.is_finite())).collect();
@@ -161,18 +164,19 @@ fn figure(picture: &Picture) -> Result<String, ::png::EncodingError> {
     let caption = inline(&picture.caption);
     let alt = escaped(&picture.caption);
     Ok(format!(
-        "<figure><img width={} height={} alt=\"{alt}\" src=\"data:image/png;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n",
+        "<figure><img width={} height={} alt=\"{alt}\" \
+         src=\"data:image/png;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n",
         picture.width, picture.height
     ))
 }
 
-/// Text with `code` in it.
+/// Escapes text for HTML; text in backquotes becomes `<code>`.
 fn inline(text: &str) -> String {
     let parts = text.split('`').enumerate();
     parts.map(|(i, part)| if i % 2 == 1 { format!("<code>{}</code>", escaped(part)) } else { escaped(part) }).collect()
 }
 
-/// A list in Markdown, items from `- `, other lines going on.
+/// Converts a Markdown list to HTML. Items begin with `- `; other lines continue an item.
 fn list(markdown: &str) -> String {
     let lines: Vec<&str> = markdown.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     let text = lines.join("\n");

@@ -1,25 +1,25 @@
-//! Curves as SVG whose colours follow the page's: classes `s0`, `s1`, ... stand for series.
+//! Charts as SVG. The style sheet sets the colours of series through the classes `s0`, `s1`, ...
 
 use std::fmt::Write;
 
 use super::table::{escaped, grouped};
 
-/// Curves over two logarithmic axes.
+/// A chart with two logarithmic axes.
 pub(super) struct Chart {
     pub title: String,
     pub x_label: String,
     pub y_label: &'static str,
     pub series: Vec<Series>,
-    /// A line across, and what it says.
+    /// Value and label of a horizontal line.
     pub floor: Option<(f64, &'static str)>,
 }
 
 pub(super) struct Series {
     pub name: String,
-    /// Colour and mark.
+    /// Index of colour and marker.
     pub style: usize,
     pub points: Vec<[f64; 2]>,
-    /// Of each point, shown under the mouse.
+    /// Tooltip of each point.
     pub tips: Vec<String>,
 }
 
@@ -29,8 +29,9 @@ const LEGEND_LINE: f64 = 19.0;
 
 /// One logarithmic axis.
 struct Axis {
-    /// Decimal logarithms of its ends, and where these are, in pixels.
+    /// Decimal logarithms of the end values.
     ends: [f64; 2],
+    /// Positions of the ends, pixels.
     at: [f64; 2],
 }
 
@@ -38,7 +39,7 @@ impl Axis {
     fn new(values: impl Iterator<Item = f64> + Clone, at: [f64; 2]) -> Self {
         let least = values.clone().fold(f64::INFINITY, f64::min).log10() - 0.08;
         let most = values.fold(f64::NEG_INFINITY, f64::max).log10() + 0.08;
-        // Less than a decade makes noise look like a trend.
+        // The axis spans at least one decade; on a shorter axis noise looks like a trend.
         let pad = (1.0 - (most - least)).max(0.0) / 2.0;
         Self { ends: [least - pad, most + pad], at }
     }
@@ -48,7 +49,7 @@ impl Axis {
         self.at[0] + share * (self.at[1] - self.at[0])
     }
 
-    /// Values with a line, those with a label first.
+    /// Returns the values with a label, and the values with a grid line.
     fn ticks(&self) -> (Vec<f64>, Vec<f64>) {
         let decades = self.ends[0].floor() as i32..=self.ends[1].ceil() as i32;
         let within = |value: &f64| (self.ends[0]..=self.ends[1]).contains(&value.log10());
@@ -64,7 +65,7 @@ impl Axis {
 }
 
 impl Chart {
-    /// None where there is nothing to draw.
+    /// Returns the SVG; `None` without points.
     pub fn svg(&self) -> Option<String> {
         let points = || self.series.iter().flat_map(|s| &s.points).copied();
         points().next()?;
@@ -76,15 +77,17 @@ impl Chart {
         let height = bottom + 50.0 + LEGEND_LINE * series().count() as f64;
         let title = escaped(&self.title);
         let mut svg = format!(
-            "<svg viewBox=\"0 0 {WIDTH} {height}\" role=img aria-label=\"{title}\">\n<text class=title x={left} y=20>{title}</text>\n"
+            "<svg viewBox=\"0 0 {WIDTH} {height}\" role=img aria-label=\"{title}\">\n<text class=title x={left} \
+             y=20>{title}</text>\n"
         );
         self.draw_axes(&mut svg, &x, &y);
         if let Some((value, text)) = self.floor.filter(|f| f.0 > 0.0) {
             let at = y.place(value);
-            // Above its line where there is room, else below.
+            // The label is above the line if there is room, else below.
             let text_at = if at < top + 18.0 { at + 15.0 } else { at - 5.0 };
             svg += &format!(
-                "<path class=floor d=\"M{left} {at:.1}H{right}\"/><text class=small x={} y={text_at:.1}>{text}</text>\n",
+                "<path class=floor d=\"M{left} {at:.1}H{right}\"/><text class=small x={} \
+                 y={text_at:.1}>{text}</text>\n",
                 left + 5.0
             );
         }
@@ -108,7 +111,7 @@ impl Chart {
         for value in y_lines {
             let _ = write!(svg, "<path class=grid d=\"M{left} {:.1}H{right}\"/>", y.place(value));
         }
-        // Labels that would touch the one before are left out.
+        // Labels that would overlap the previous one are omitted.
         let mut free_from = 0.0;
         for value in x_labels {
             let (at, text) = (x.place(value), short(value));
@@ -145,7 +148,7 @@ fn draw_series(svg: &mut String, series: &Series, x: &Axis, y: &Axis) {
     svg.push('\n');
 }
 
-/// Marks differ in shape too, for who tells colours apart badly.
+/// Returns a marker. Markers differ in shape as well as colour, for colour-blind readers.
 fn mark(style: usize, [x, y]: [f64; 2], tip: &str) -> String {
     let path = match style % 7 {
         0 => "M-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0z",
@@ -160,7 +163,7 @@ fn mark(style: usize, [x, y]: [f64; 2], tip: &str) -> String {
     format!("<path class=\"mark s{style}\" transform=\"translate({x:.1} {y:.1})\" d=\"{path}\">{tip}</path>")
 }
 
-/// A round number as an axis tells it, in seven letters at most: what the plot leaves room for.
+/// Formats a tick label in at most seven characters, which fit the margin.
 fn short(value: f64) -> String {
     let exponent = (value.log10() + 1e-9).floor() as i32;
     match exponent {

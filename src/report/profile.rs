@@ -1,4 +1,4 @@
-//! Where the milliseconds of an edit go: a bar for each edit, a colour for each pass.
+//! Chart of edit times: one bar per edit, one colour per pass.
 
 use std::fmt::Write;
 
@@ -7,13 +7,13 @@ use super::table::{escaped, significant};
 
 const WIDTH: f64 = 480.0;
 const BARS: [f64; 2] = [8.0, 396.0];
-/// What it is of, and the bar under that.
+/// Height of a row: a label, and the bar below it.
 const ROW: f64 = 42.0;
 const LEGEND_COLUMN: f64 = 236.0;
-/// Classes that the style sheet has colours for.
+/// Number of colours in the style sheet.
 const COLORS: usize = 12;
 
-/// None without edits.
+/// Returns the chart; `None` without edits.
 pub(super) fn svg(title: &str, edits: &[EditTime]) -> Option<String> {
     let longest = edits.iter().map(|e| e.median_ms).fold(0.0, f64::max);
     if longest <= 0.0 {
@@ -42,7 +42,7 @@ pub(super) fn svg(title: &str, edits: &[EditTime]) -> Option<String> {
         let mut left = BARS[0];
         for pass in &edit.passes {
             let index = names.iter().position(|n| *n == pass.name).expect("collected above");
-            // Medians of passes may add up to more than the median of their sum.
+            // The pass medians can add up to more than the median of their sum.
             let width = (pass.median_ms * scale).min(BARS[0] + edit.median_ms * scale - left).max(0.0);
             let tip = format!("{} on the {}: {} ms", pass.name, pass.on, significant(pass.median_ms));
             let _ = write!(

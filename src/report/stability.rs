@@ -1,4 +1,4 @@
-//! How the sum over bounces behaves as surfaces get brighter, and how much of it precision costs.
+//! Convergence of the sum over bounces as albedo increases, and the error of reduced precision.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,28 +6,29 @@ use super::conclusions::percent;
 use super::larger;
 use super::table::{Table, escaped, number, significant};
 
-/// A scene painted evenly.
+/// Results for a scene whose surfaces are all diffuse with one albedo.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stability {
-    /// Of all its surfaces, which are matt.
+    /// Albedo of all surfaces.
     pub albedo: f64,
-    /// Of our G.
+    /// Spectral radius of our G.
     pub radius: f64,
-    /// Of the thesis's, with as many gather samples.
+    /// Spectral radius of the thesis's G, with as many gather samples.
     pub thesis_radius: f64,
-    /// Of the solution over all bounces.
+    /// Residual of the solution over all bounces.
     pub residual: f64,
-    /// Bounces after which a thousandth is left of all their light, root mean square; absent beyond [`MOST_BOUNCES`].
+    /// Number of bounces after which at most a thousandth of the light remains, root mean square; `None` if more than
+    /// [`MOST_BOUNCES`].
     pub bounces: Option<u32>,
-    /// What the thesis's five leave out.
+    /// Share of the light that is missing after the thesis's five bounces.
     pub left_after_five: f64,
-    /// Error of pictures made in single precision, against double precision; relative, root mean square.
+    /// Relative root mean square error of pictures in single precision, against double precision.
     pub single: f64,
-    /// Of factors in half precision.
+    /// The same, with factors in half precision.
     pub half: f64,
 }
 
-/// As many were looked at.
+/// Largest number of bounces that is tested.
 pub const MOST_BOUNCES: u32 = 2000;
 
 pub(super) fn table(rows: &[Stability]) -> Table {
@@ -56,7 +57,7 @@ fn sentences(rows: &[Stability]) -> Vec<String> {
     let over: Vec<&Stability> = rows.iter().filter(|s| s.radius > s.albedo * (1.0 + 1e-6)).collect();
     said.extend(rows.last().map(|last| match over.first() {
         None => format!(
-            "Our spectral radius stays at or below the albedo in all of them, up to {}: the sum over all bounces exists.",
+            "Our spectral radius never exceeds the albedo, up to {}: the sum over all bounces converges.",
             last.albedo
         ),
         Some(first) => format!("Our spectral radius exceeds the albedo, first at {}: {}.", first.albedo, first.radius),
@@ -65,7 +66,7 @@ fn sentences(rows: &[Stability]) -> Vec<String> {
     said.extend(rows.get(last_sum.map_or(0, |last| last + 1)).map(|first| {
         let radius = significant(first.thesis_radius);
         format!(
-            "The thesis's series has no sum from an albedo of {} on, where its spectral radius is {radius}.",
+            "The thesis's series diverges from an albedo of {} on, where its spectral radius is {radius}.",
             first.albedo
         )
     }));
@@ -73,35 +74,37 @@ fn sentences(rows: &[Stability]) -> Vec<String> {
     if let Some((least, first)) = within.next() {
         let (most, last) = within.next_back().unwrap_or((least, first));
         said.push(format!(
-            "A thousandth of the light is left after {first} bounces at albedo {} and after {last} at {}; five bounces leave out {} there.",
+            "A thousandth of the light remains after {first} bounces at albedo {} and after {last} at {}; five bounces \
+             omit {} there.",
             least.albedo,
             most.albedo,
             percent(most.left_after_five)
         ));
     }
     said.extend(rows.iter().find(|s| s.bounces.is_none()).map(|first| {
-        format!("At an albedo of {} more than a thousandth is left after {MOST_BOUNCES} bounces.", first.albedo)
+        format!("At an albedo of {} more than a thousandth remains after {MOST_BOUNCES} bounces.", first.albedo)
     }));
     let most = |of: fn(&Stability) -> f64| rows.iter().map(of).fold(0.0, larger);
     let (residual, single, half) = (most(|s| s.residual), most(|s| s.single), most(|s| s.half));
     said.extend(rows.first().map(|_| {
         format!(
-            "The solution's residual is {residual:.0e} at most. Against double precision pictures in single precision are off by \
-             {single:.0e} at most, with factors in half precision, as the device has them, by {half:.0e}."
+            "The residual of the solution is at most {residual:.0e}. Compared with double precision, pictures in \
+             single precision have an error of at most {single:.0e}; with factors in half precision, as on the device, \
+             at most {half:.0e}."
         )
     }));
     said
 }
 
-/// A part of the page; empty without measurements.
+/// Returns the HTML section; empty without measurements.
 pub(super) fn html(scene: &str, rows: &[Stability]) -> String {
     if rows.is_empty() {
         return String::new();
     }
     let items: String = sentences(rows).iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
     format!(
-        "<h2 id=stability>Stability</h2>\n<p>All surfaces of {} matt and of one albedo, 576 gather samples of either method, under \
-         the first of its lights.</p>\n<ul>{items}</ul>\n{}",
+        "<h2 id=stability>Stability</h2>\n<p>All surfaces of {} are diffuse with one albedo. Both methods use 576 \
+         gather samples and the first light of the scene.</p>\n<ul>{items}</ul>\n{}",
         escaped(scene),
         table(rows).html()
     )

@@ -1,8 +1,8 @@
-//! Numbers in rows: the same ones for the page and for CSV files.
+//! Tables of numbers, shared by the page and the CSV files.
 
 use super::{Point, Report, SceneReport};
 
-/// A CSV file, and a table of the page.
+/// A table of the page, also written as a CSV file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     pub file: String,
@@ -15,7 +15,7 @@ impl Table {
         Self { file: file.into(), columns: columns.iter().map(|&c| c.into()).collect(), rows: Vec::new() }
     }
 
-    /// A row, a value for each column.
+    /// Adds a row. Panics unless it has one value per column.
     pub fn push(&mut self, row: impl IntoIterator<Item = String>) {
         let row: Vec<String> = row.into_iter().collect();
         assert_eq!(row.len(), self.columns.len(), "values of a row of {}", self.file);
@@ -26,14 +26,14 @@ impl Table {
         self.rows.is_empty()
     }
 
-    /// Comma-separated, as in RFC 4180 but for its line ends.
+    /// Formats the table as CSV: RFC 4180, except that lines end in `\n`.
     pub fn csv(&self) -> String {
         let line = |cells: &Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\n";
         std::iter::once(&self.columns).chain(&self.rows).map(line).collect()
     }
 
     pub fn html(&self) -> String {
-        // A list of names and values is not a column of numbers.
+        // A table of two columns is a list of names and values; its numbers are not aligned.
         let cell = |tag: &str, text: &str| {
             let number = self.columns.len() > 2 && text.parse::<f64>().is_ok();
             let class = match text.starts_with("--") {
@@ -61,7 +61,7 @@ fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.into() }
 }
 
-/// Text that HTML takes literally.
+/// Escapes text for HTML.
 pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -73,7 +73,7 @@ fn rounded(text: &str) -> String {
     }
 }
 
-/// 1,234,567.89 of the same without commas.
+/// Inserts thousands separators: "1234567.89" becomes "1,234,567.89".
 pub(super) fn grouped(digits: &str) -> String {
     let (sign, digits) = digits.split_at(usize::from(digits.starts_with('-')));
     let whole = digits.find('.').unwrap_or(digits.len());
@@ -82,7 +82,7 @@ pub(super) fn grouped(digits: &str) -> String {
     format!("{sign}{}", grouped.flatten().collect::<String>())
 }
 
-/// Three significant digits.
+/// Formats a number with three significant digits.
 pub fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
@@ -124,7 +124,7 @@ pub(super) fn scenes(report: &Report) -> Table {
     table
 }
 
-/// What was measured of pictures, by the name of a file.
+/// Returns the measurements of pictures, as a table for `file`.
 pub(super) fn points(file: String, points: &[Point]) -> Table {
     let columns = [
         "method",
@@ -190,7 +190,7 @@ pub(super) fn edits(scene: &SceneReport) -> Table {
     table
 }
 
-/// What leaving things out saves.
+/// Returns the savings from omitted data, by scene.
 pub(super) fn ablations(scenes: &[SceneReport]) -> Table {
     let columns = [
         "scene",

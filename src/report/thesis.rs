@@ -1,4 +1,4 @@
-//! The thesis's Tables 5.1 and 5.2 with today's columns [Yang 2007, Chapter 5].
+//! The thesis's Tables 5.1 and 5.2 [Yang 2007, Chapter 5], with columns for our measurements.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,29 +6,29 @@ use super::conclusions::curve;
 use super::table::{self, Table, escaped, number, optional, significant};
 use super::{Method, Picture, Point, SceneReport, Seconds};
 
-/// A row of Table 5.1: a preview beside a final picture, direct light and reflections.
+/// A row of Table 5.1: a preview and a final picture, with direct light and reflections.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Preview {
     pub scene: String,
     pub triangles: usize,
     pub lights: usize,
     pub size: [u32; 2],
-    /// The picture after a light has moved, median.
+    /// Median time of the picture after a light has moved.
     pub preview_ms: f64,
-    /// Our path tracer, 8 samples a pixel all over it, as the thesis had them in Blender.
+    /// Time of our path tracer with 8 samples spread over each pixel, as in the thesis's Blender pictures.
     pub final_picture: Seconds,
 }
 
-/// What others take for a scene with so many lights.
+/// Times of the thesis and of Blender for a scene with `lights` lights.
 struct Printed {
     scene: &'static str,
     lights: usize,
     /// The thesis's preview, milliseconds (Pentium 4 at 3.4 GHz, GeForce 8800 GTX).
     preview_ms: &'static str,
-    /// Its final picture, seconds (Blender on the same machine, 8 samples a pixel).
+    /// The thesis's final picture, seconds (Blender on the same machine, 8 samples per pixel).
     final_s: f64,
-    /// Blender 5.0.1's Cycles, half of the CPU seconds on two of today's cores: at most 128 samples a pixel, adaptive to 0.01,
-    /// denoised.
+    /// Cycles (Blender 5.0.1), half of the CPU seconds on two current cores: at most 128 samples per pixel, adaptive
+    /// threshold 0.01, denoised.
     cycles_s: f64,
 }
 
@@ -39,8 +39,8 @@ const PRINTED: [Printed; 4] = [
     Printed { scene: "bunny-dragon", lights: 16, preview_ms: "2 to 4", final_s: 340.16, cycles_s: 94.0 },
 ];
 
-/// Table 5.2, seconds for a picture of 512x512 on an Athlon 64 X2: path tracing with 1,024 samples a pixel, diffuse and
-/// glossy transfer from 2,304 gather samples.
+/// Table 5.2: seconds for a 512x512 picture on an Athlon 64 X2 by path tracing with 1,024 samples per pixel, diffuse
+/// transfer and glossy transfer from 2,304 gather samples.
 const PRINTED_TRANSFERS: [(&str, [f64; 3]); 2] =
     [("cornell", [5321.0, 1001.0, 2494.0]), ("buddha", [4700.0, 913.0, 2308.0])];
 const PRINTED_PIXELS: f64 = 512.0 * 512.0;
@@ -102,7 +102,7 @@ pub(super) fn previews(rows: &[Preview]) -> Table {
     table
 }
 
-/// Whatever of Table 5.2 the scenes' curves hold.
+/// Returns the rows of Table 5.2 that the scenes' curves contain.
 pub(super) fn transfers(scenes: &[SceneReport]) -> Table {
     let columns = [
         "scene",
@@ -130,7 +130,7 @@ pub(super) fn transfers(scenes: &[SceneReport]) -> Table {
         for (method, printed) in rows {
             let Some(point) = curve(scene, method).pop() else { continue };
             let samples = point.setting.strip_prefix("--spp ").and_then(|n| n.parse::<f64>().ok());
-            // Pictures take time in proportion; bakes do not.
+            // Picture time is proportional to pixels and samples; bake time is not.
             let scaled =
                 samples.map(|n| point.precompute.cpu + point.frame.cpu * PRINTED_PIXELS / pixels * PRINTED_SAMPLES / n);
             let cpu = number(point.total_cpu());
@@ -146,7 +146,8 @@ fn sentences(rows: &[Preview]) -> Vec<String> {
     let of_row = |row: &Preview| {
         let ratio = row.final_picture.wall * 1e3 / row.preview_ms;
         format!(
-            "{}: after an edit the picture is there in {} ms; a final one takes {} s on the same machine, {} times as long.",
+            "{}: the preview after an edit takes {} ms; a final picture takes {} s on the same machine, {} times as \
+             long.",
             row.scene,
             significant(row.preview_ms),
             significant(row.final_picture.wall),
@@ -159,7 +160,7 @@ fn sentences(rows: &[Preview]) -> Vec<String> {
     });
     let more_lights = pairs.map(|(name, two, sixteen)| {
         format!(
-            "{name}: among 16 lights a preview takes {} times as long as among 2, a final picture {} times (CPU time).",
+            "{name}: with 16 lights a preview takes {} times as long as with 2, a final picture {} times (CPU time).",
             significant(sixteen.preview_ms / two.preview_ms),
             significant(sixteen.final_picture.cpu / two.final_picture.cpu)
         )
@@ -167,33 +168,36 @@ fn sentences(rows: &[Preview]) -> Vec<String> {
     rows.iter().map(of_row).chain(more_lights).collect()
 }
 
-/// A part of the page without its pictures; empty without measurements.
+/// Returns the HTML section without its pictures; empty without measurements.
 pub(super) fn html(thesis: &Thesis, scenes: &[SceneReport], glossy_alone: Option<&GlossyAlone>) -> String {
     let mut html = String::new();
     if !thesis.previews.is_empty() {
         let items: String = sentences(&thesis.previews).iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
         html += &format!(
             "<h3>Table 5.1: direct light and reflections</h3>\n<ul>{items}</ul>\n<p>A preview is the picture after a \
-             light has moved; a final picture is our path tracer's, direct light and mirrors, 8 samples all over a pixel. The \
-             thesis's final pictures are Blender's on a Pentium 4, both at 720×480; the last column is half of the CPU seconds that Blender \
-             5.0.1's Cycles took for the scene on two of today's cores, at most 128 samples a pixel, adaptive to 0.01, denoised.</p>\n{}",
+             light has moved. A final picture is rendered by our path tracer with direct light and mirrors, 8 samples \
+             spread over each pixel. The thesis's final pictures were rendered by Blender on a Pentium 4; both are \
+             720×480. The last column is half of the CPU seconds of Cycles (Blender 5.0.1) for the scene on two \
+             current cores, at most 128 samples per pixel, adaptive threshold 0.01, denoised.</p>\n{}",
             previews(&thesis.previews).html()
         );
     }
     let transfers = transfers(scenes);
     if !transfers.is_empty() {
         html += &format!(
-            "<h3>Table 5.2: indirect light</h3>\n<p>The last picture of each curve above: CPU seconds with bake; for path tracing, whose time grows in \
-             proportion, also those of 512×512 pixels with 1,024 samples each. The thesis's seconds are those of an Athlon 64 X2 at \
-             2.2 GHz for 512×512 pixels, with 2,304 gather samples.</p>\n{}",
+            "<h3>Table 5.2: indirect light</h3>\n<p>The last picture of each curve above, in CPU seconds including the \
+             bake. The time of path tracing is proportional to pixels and samples, so it is also scaled to 512×512 \
+             pixels with 1,024 samples each. The thesis's seconds are those of an Athlon 64 X2 at 2.2 GHz for 512×512 \
+             pixels, with 2,304 gather samples.</p>\n{}",
             transfers.html()
         );
     }
     if let Some(alone) = glossy_alone {
         html += &format!(
-            "<h3>Figure 5.4: indirect light by glossy lobes alone</h3>\n<p>The truth and its pictures are below.</p>\n{}",
+            "<h3>Figure 5.4: indirect light by glossy lobes alone</h3>\n<p>The ground truth and the pictures are \
+             below.</p>\n{}",
             alone.table().html()
         );
     }
-    if html.is_empty() { html } else { format!("<h2 id=thesis>Beside the thesis</h2>\n{html}") }
+    if html.is_empty() { html } else { format!("<h2 id=thesis>Comparison with the thesis</h2>\n{html}") }
 }

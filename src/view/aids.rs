@@ -1,4 +1,4 @@
-//! What lies over the lower left of the picture: legend, values under the mouse, histogram.
+//! Overlays at the lower left of the picture: legend, values under the mouse, histogram.
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, Vec2};
 use glam::Vec3;
@@ -11,16 +11,16 @@ use crate::relight::exposure::{stop_color, stops};
 use crate::relight::sheet::Grid;
 use crate::shared::{BINS_A_STOP, HISTOGRAM_BINS, MIDDLE_STOP, STOP_COUNT};
 
-/// What is to be told of the picture that was drawn last.
+/// Data about the picture that was drawn last.
 #[derive(Clone, Default, PartialEq)]
 pub struct OverlayInfo {
-    /// Lines on the pixel under the mouse.
+    /// Text lines about the pixel under the mouse.
     pub probe: Vec<String>,
-    /// Of [`crate::relight::Relighter::histogram`].
+    /// Counts from [`crate::relight::Relighter::histogram`].
     pub histogram: Option<Vec<u32>>,
-    /// It was made in a hurry.
+    /// Whether the picture is coarse.
     pub is_coarse: bool,
-    /// How far it is on its way to more samples where edges lie.
+    /// Progress towards extra samples on edges.
     pub progress: Progress,
 }
 
@@ -30,18 +30,18 @@ const HISTOGRAM_HEIGHT: f32 = 70.0;
 const TEXT: Color32 = Color32::from_gray(220);
 
 impl OverlayInfo {
-    /// What becomes of the picture, unless it rests as it is.
+    /// Returns a text for a coarse picture or a running refinement; `None` otherwise.
     pub fn state(&self) -> Option<String> {
         match self.progress {
             _ if self.is_coarse => Some("coarse".into()),
-            Progress::Bakes(share) => Some(format!("edges {:.0} %", 100.0 * share)),
-            Progress::Shades(done, of) => Some(format!("edges, light {} of {of}", done + 1)),
+            Progress::Bakes(share) => Some(format!("refining edges {:.0} %", 100.0 * share)),
+            Progress::Shades(done, of) => Some(format!("refining edges, light {} of {of}", done + 1)),
             Progress::Waits | Progress::Done => None,
         }
     }
 }
 
-/// Draws what `views` asks for, its lower left corner at `corner`.
+/// Draws the overlays that `views` enables, with their lower left corner at `corner`, points.
 pub fn draw(ui: &Ui, views: &Views, overlay: &OverlayInfo, corner: Pos2) {
     let errors = views.view == View::TransferError;
     let legend = errors || (views.has(Aid::FalseColor) && views.view.picture(None).is_some());
@@ -69,7 +69,7 @@ pub fn draw(ui: &Ui, views: &Views, overlay: &OverlayInfo, corner: Pos2) {
     });
 }
 
-/// A box for each stop, or each doubling of an error, with what some of them stand for.
+/// Draws one colour box per stop, or per doubling of an error, with labels.
 fn stop_legend(ui: &mut Ui, errors: bool) {
     let (place, _) = ui.allocate_exact_size(Vec2::new(WIDTH, 34.0), Sense::hover());
     let width = WIDTH / STOP_COUNT as f32;
@@ -89,7 +89,7 @@ fn stop_legend(ui: &mut Ui, errors: bool) {
             ui.painter().text(under, Align2::CENTER_TOP, text, FontId::proportional(9.0), TEXT);
         }
     }
-    let what = if errors { "error of indirect light, of the image's RMS" } else { "stops from middle grey" };
+    let what = if errors { "error of indirect light, relative to the image's RMS" } else { "stops from middle grey" };
     ui.painter().text(place.center_bottom(), Align2::CENTER_BOTTOM, what, FontId::proportional(9.0), TEXT);
 }
 
@@ -102,12 +102,12 @@ fn percent(share: f32) -> String {
     }
 }
 
-/// A bar a bin, high as the root of its count, over a line a stop.
+/// Draws one bar per bin, its height proportional to the square root of the count, and a line every two stops.
 fn bars(ui: &mut Ui, counts: &[u32]) {
     let (place, _) = ui.allocate_exact_size(Vec2::new(WIDTH, HISTOGRAM_HEIGHT + 12.0), Sense::hover());
     let bins = HISTOGRAM_BINS as usize;
     let width = WIDTH / (bins - 2) as f32;
-    // What no bar shows, black above all, is told in numbers.
+    // The first and last bin, which hold all darker and brighter pixels, are shown as numbers.
     let most = counts[1..bins - 1].iter().copied().max().unwrap_or(0).max(1);
     let bottom = place.top() + HISTOGRAM_HEIGHT;
     let x = |bin: usize| place.left() + (bin - 1) as f32 * width;
@@ -134,7 +134,7 @@ fn bars(ui: &mut Ui, counts: &[u32]) {
     ui.painter().text(place.right_top(), Align2::RIGHT_TOP, brighter, font, TEXT);
 }
 
-/// What is known of a pixel's radiance.
+/// Formats a pixel's radiance, luminance and stops as text lines.
 pub fn radiance_lines(pixel: [u32; 2], radiance: Vec3, exposure: f32) -> Vec<String> {
     let [x, y] = pixel;
     let luminance = luminance(radiance);
@@ -144,11 +144,11 @@ pub fn radiance_lines(pixel: [u32; 2], radiance: Vec3, exposure: f32) -> Vec<Str
         format!("pixel {x}, {y}"),
         format!("R {}  G {}  B {}", short(radiance.x), short(radiance.y), short(radiance.z)),
         format!("luminance {}", short(luminance)),
-        format!("stops {} exposed, {} as it is", text(exposed), text(stops(luminance))),
+        format!("stops {} with exposure, {} without", text(exposed), text(stops(luminance))),
     ]
 }
 
-/// Four digits, whatever the magnitude.
+/// Formats a number with four significant digits.
 pub fn short(value: f32) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 {
@@ -160,9 +160,9 @@ pub fn short(value: f32) -> String {
     }
 }
 
-/// The view's name, over the upper middle of the picture.
+/// Draws the view's name at the top centre of the picture.
 pub fn title(ui: &Ui, text: &str, at: Pos2) {
-    // Over all windows: it tells of the picture that they hide.
+    // Drawn over all windows, since it describes the picture that they may cover.
     let layer = egui::LayerId::new(egui::Order::Foreground, egui::Id::new("title"));
     let painter = ui.ctx().layer_painter(layer);
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), TEXT);
@@ -171,8 +171,8 @@ pub fn title(ui: &Ui, text: &str, at: Pos2) {
     painter.galley(place.min, galley, TEXT);
 }
 
-/// The lights' names in their cells of the contact sheet; the selected one has a frame. `at` takes pixels of the picture
-/// to points of the window.
+/// Draws the lights' names in their contact-sheet cells, and a frame around the selected light. `at` converts pixels of
+/// the picture to points of the window.
 pub fn sheet_names(ui: &Ui, desk: &Desk, grid: Grid, at: impl Fn([u32; 2]) -> Pos2) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     for (index, light) in desk.rig().lights.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Every edit is in a file beside the rig a moment later, written by a thread of its own. The file goes when there is
-//! nothing to lose; what is found at the start is what a crash left.
+//! Autosave: a separate thread writes every edit to a file beside the rig. The file is removed when no edits are
+//! unsaved, so a file that exists at the start was left by a crash.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -10,13 +10,14 @@ use super::desk::Desk;
 use crate::error::{Error, Result};
 use crate::scene::Rig;
 
+/// Writer of the autosave file.
 pub struct Autosave {
     path: PathBuf,
-    /// The version of the desk that was handed to the writer, and whether it was unsaved.
+    /// Version of the desk last sent to the writer, and whether it was unsaved.
     written: (u64, bool),
-    /// The writer has not answered yet.
+    /// Whether the writer has not answered yet.
     busy: bool,
-    /// Somebody was told that writing fails.
+    /// Whether a failure of the writer has been reported.
     told: bool,
     jobs: Option<Sender<Job>>,
     outcomes: Receiver<Result<()>>,
@@ -29,11 +30,12 @@ enum Job {
 }
 
 impl Autosave {
-    /// Beside the rig, or else beside the scene.
+    /// Returns the path of the autosave file: beside the rig, or else beside the scene.
     pub fn path(rig: Option<&Path>, scene: &Path) -> PathBuf {
         rig.unwrap_or(scene).with_extension("autosave.toml")
     }
 
+    /// Starts the writer thread for the file at `path`.
     pub fn new(path: PathBuf) -> Self {
         let (jobs, taken) = channel();
         let (answer, outcomes) = channel();
@@ -52,7 +54,7 @@ impl Autosave {
         Self { path, written: (0, false), busy: false, told: false, jobs: Some(jobs), outcomes, writer: Some(writer) }
     }
 
-    /// What a crash left, if it differs from `rig`.
+    /// Loads the file that a crash left, if it exists and differs from `rig`.
     pub fn found(&self, rig: &Rig) -> Option<Result<Rig>> {
         if !self.path.exists() {
             return None;
@@ -62,7 +64,7 @@ impl Autosave {
         Some(found).filter(|found| found.as_ref().map_or(true, differs))
     }
 
-    /// Hands the lights to the writer if they changed and it is free; nothing waits. Returns, once, what went wrong.
+    /// Sends changed lights to the writer if it is free; never blocks. Returns only the first failure of the writer.
     pub fn note(&mut self, desk: &Desk) -> Result<()> {
         let outcome = match self.outcomes.try_recv() {
             Ok(outcome) => {
@@ -82,18 +84,18 @@ impl Autosave {
         if is_news { outcome } else { Ok(()) }
     }
 
-    /// What was found is not wanted.
+    /// Discards the file that was found: the next [`Self::note`] overwrites or removes it.
     pub fn forget(&mut self) {
         self.written = (u64::MAX, true);
     }
 
-    /// There is nothing to lose any more.
+    /// Stops the writer and removes the file.
     pub fn remove(mut self) -> Result<()> {
         self.end();
         remove(&self.path)
     }
 
-    /// Lets the writer finish.
+    /// Waits for the writer to finish.
     fn end(&mut self) {
         self.jobs = None;
         self.writer.take().into_iter().for_each(|writer| writer.join().expect("the writer does not panic"));

@@ -1,4 +1,4 @@
-//! The picture beside that of a snapshot, or what differs between them.
+//! Comparison of the picture with that of a snapshot: a wipe, or the difference.
 
 use std::sync::Arc;
 
@@ -7,27 +7,28 @@ use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Over, Pixels};
 use crate::relight::{Picture, Relighter, Request, ToneMap};
 
-/// What the window shows of a snapshot.
+/// An active comparison with a snapshot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparing {
     pub slot: usize,
     pub kind: Comparison,
 }
 
+/// A way to compare two pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Comparison {
-    /// The snapshot up to this share of the picture's width, the lights as they are from there on.
+    /// The snapshot left of this share of the picture's width, the current lights right of it.
     Wipe { at: f32 },
-    /// How far apart the two are, channel by channel, exposed but with no tone curve.
+    /// Absolute difference of each channel, with exposure but without tone curve.
     Difference,
 }
 
-/// Pixels over the picture, and what they were made for.
+/// Pixels drawn over the picture, and the inputs they were computed from.
 pub struct Overlaid {
     buffer: Buffer<u32>,
     size: [u32; 2],
     made_for: Option<MadeFor>,
-    /// Scene-linear pixels of a snapshot, by its id.
+    /// Scene-linear pixels of a snapshot, with its id.
     linear: Option<(u64, Vec<[f32; 3]>)>,
 }
 
@@ -36,9 +37,9 @@ struct MadeFor {
     snapshot: u64,
     exposure: f32,
     blue_first: bool,
-    /// Of a wipe.
+    /// Set for a wipe.
     tone_map: Option<ToneMap>,
-    /// Of a difference.
+    /// Version of the desk; set for a difference.
     version: Option<u64>,
 }
 
@@ -49,14 +50,13 @@ impl Overlaid {
         Ok(Self { buffer, size, made_for: None, linear: None })
     }
 
-    /// The light images changed for another reason than edits.
+    /// Discards the pixels, because the light images have changed without an edit.
     pub fn forget(&mut self) {
         self.made_for = None;
         self.linear = None;
     }
 
-    /// Makes the pixels if they are out of date. The relighter may be left with the snapshot's lights: then it returns
-    /// true.
+    /// Computes the pixels if they are out of date. Returns whether the relighter is left with the snapshot's lights.
     pub fn make(
         &mut self,
         comparing: Comparing,
@@ -86,7 +86,7 @@ impl Overlaid {
             write(&mut self.buffer, pixels.iter().copied(), blue_first);
             relit = true;
         } else {
-            // First of the lights as they are, which the relighter has.
+            // The current lights come first, since the relighter has them.
             let now = relighter.linear(Picture::Whole)?.to_vec();
             if self.linear.as_ref().is_none_or(|(id, _)| *id != snapshot.id) {
                 relighter.set_rig(&rig)?;
@@ -106,7 +106,7 @@ impl Overlaid {
         Ok(relit)
     }
 
-    /// What the window draws over the picture.
+    /// Returns the pixels to draw over the picture, and the share of its width that they cover.
     pub fn over(&self, comparison: Comparison) -> Over<'_> {
         let share = match comparison {
             Comparison::Wipe { at } => at,
@@ -122,7 +122,7 @@ fn write(buffer: &mut Buffer<u32>, pixels: impl Iterator<Item = [u8; 4]>, blue_f
     }
 }
 
-/// sRGB of a linear value.
+/// Encodes a linear value as 8-bit sRGB.
 fn encoded(x: f32) -> u8 {
     let x = x.clamp(0.0, 1.0);
     let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };

@@ -1,4 +1,4 @@
-//! The panel beside the picture and the dialogs over it: the same edits as the keys make, by mouse.
+//! The panel beside the picture and the dialogs over it. Every edit by a key is also possible here with the mouse.
 
 use std::path::{Path, PathBuf};
 
@@ -16,12 +16,12 @@ use super::views::{self, Aid, Views};
 use crate::relight::ToneMap;
 use crate::scene::{LightKind, Rig};
 
-/// Points.
+/// Width of the panel, points.
 pub const PANEL_WIDTH: f32 = 290.0;
 
-/// What the window shows besides the lights.
+/// The settings of the window that are independent of the lights.
 pub struct ViewState {
-    /// Stops.
+    /// Exposure, stops.
     pub exposure: f32,
     pub tone_map: ToneMap,
     pub one_to_one: bool,
@@ -30,53 +30,55 @@ pub struct ViewState {
     pub views: Views,
     pub help: bool,
     pub dialog: Option<Dialog>,
-    /// What the list of lights is searched for.
+    /// Search text for the list of lights.
     pub search: String,
-    /// What the picture is compared with.
+    /// Active comparison with a snapshot.
     pub comparing: Option<Comparing>,
-    /// Whether a light is looked through.
+    /// Whether the view through the selected light is shown.
     pub look: bool,
 }
 
+/// An open dialog.
 pub enum Dialog {
     /// The path as typed so far.
     SaveAs(String),
-    /// Unsaved edits would be lost.
+    /// Asks whether to save before quitting.
     Quit,
-    /// These are the lights that a crash left.
+    /// Asks whether to recover these lights, which a crash left.
     Recover(Box<Rig>),
 }
 
-/// What a hand asked of the window.
+/// An action requested by the user.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     Do(Command),
     SaveTo(PathBuf),
     SaveAndQuit,
     QuitUnsaved,
-    /// Takes over what a crash left, or lets it go.
+    /// Recovers the lights that a crash left.
     Recover(Box<Rig>),
+    /// Discards the lights that a crash left.
     Forget,
-    /// Follows the mouse with a handle.
+    /// Moves a handle to the mouse.
     Drag(Grab),
-    /// Something else is to be seen.
+    /// Only redraws.
     Show,
 }
 
 impl ViewState {
-    /// Whether anything lies beside or over the picture.
+    /// Whether anything is drawn beside or over the picture.
     pub fn has_ui(&self) -> bool {
         let over = self.look || self.comparing.is_some() || self.views.has_ui();
         self.panel || self.overlay || self.help || over || self.dialog.is_some()
     }
 
-    /// From scene-linear to the display.
+    /// Returns the tone curve from scene-linear to the display.
     pub fn curve(&self) -> ToneMap {
         if self.views.has(Aid::FalseColor) { ToneMap::FalseColor } else { self.tone_map }
     }
 }
 
-/// What is baked behind the picture, and how far it is.
+/// Draws the progress of a bake in the background; `share` is from 0 to 1.
 pub fn baking(ui: &mut Ui, what: &str, share: f32) {
     egui::Panel::bottom("baking").show(ui, |ui| {
         ui.label(RichText::new(format!("indirect light: {what}")).small());
@@ -84,7 +86,7 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
     });
 }
 
-/// The panel: lights, the selected ones' values, picture, history.
+/// Draws the panel: lights, values of the selected lights, snapshots, history, picture.
 pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
     let Stage { desk, shares, thumbnails, .. } = stage;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
@@ -97,8 +99,8 @@ pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, 
         let star = if desk.history().is_unsaved() { " *" } else { "" };
         ui.label(RichText::new(format!("{scene}{star}")).strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            button(ui, "?", Command::Help, "every key");
-            button(ui, "Save", Command::Save, "the lights as a rig file");
+            button(ui, "?", Command::Help, "show all keys");
+            button(ui, "Save", Command::Save, "save the lights as a rig file");
         });
     });
     ui.separator();
@@ -110,12 +112,12 @@ pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, 
     });
     ui.horizontal(|ui| {
         ui.add_enabled_ui(desk.selected().is_some(), |ui| {
-            button(ui, "Duplicate", Command::Duplicate, "the selected lights once more");
-            button(ui, "Delete", Command::Delete, "the selected lights");
-            button(ui, "Group", Command::Group, "a new group of the selected lights");
+            button(ui, "Duplicate", Command::Duplicate, "duplicate the selected lights");
+            button(ui, "Delete", Command::Delete, "delete the selected lights");
+            button(ui, "Group", Command::Group, "group the selected lights");
         });
         ui.add_enabled_ui(desk.is_solo(), |ui| {
-            button(ui, "End solo", Command::EndSolo, "all lights that are on shine again");
+            button(ui, "End solo", Command::EndSolo, "switch solo off for all lights and groups");
         });
     });
     ui.separator();
@@ -141,7 +143,7 @@ pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, 
     });
 }
 
-/// Every state that the lights were in; a click goes there.
+/// Draws the list of past states of the lights; a click restores one.
 fn history_list(ui: &mut Ui, desk: &mut Desk) {
     egui::CollapsingHeader::new("History").default_open(false).show(ui, |ui| {
         let row_height = ui.spacing().interact_size.y;
@@ -165,7 +167,7 @@ fn picture_values(ui: &mut Ui, view: &mut ViewState, actions: &mut Vec<Action>) 
     ui.horizontal(|ui| {
         ui.label("exposure");
         ui.add(DragValue::new(&mut view.exposure).speed(0.02).range(-100.0..=100.0).fixed_decimals(2).suffix(" stops"));
-        if ui.button("auto").on_hover_text("from the picture").clicked() {
+        if ui.button("auto").on_hover_text("choose the exposure from the picture").clicked() {
             actions.push(Action::Do(Command::AutoExposure));
         }
     });
@@ -175,12 +177,12 @@ fn picture_values(ui: &mut Ui, view: &mut ViewState, actions: &mut Vec<Action>) 
             ui.selectable_value(&mut view.tone_map, tone_map, text);
         }
         ui.separator();
-        ui.toggle_value(&mut view.one_to_one, "1:1").on_hover_text("one pixel of the picture is one of the screen");
+        ui.toggle_value(&mut view.one_to_one, "1:1").on_hover_text("one picture pixel per screen pixel");
         ui.toggle_value(&mut view.overlay, "times");
     });
 }
 
-/// Every key, from the table that binds them.
+/// Draws the list of all keys, from the table that binds them.
 pub fn help(ui: &mut Ui, view: &mut ViewState) {
     let mut open = true;
     let room = ui.ctx().content_rect().size() - egui::vec2(48.0, 80.0);
@@ -189,7 +191,7 @@ pub fn help(ui: &mut Ui, view: &mut ViewState) {
         ScrollArea::both().auto_shrink([true, true]).show(ui, |ui| {
             ui.spacing_mut().interact_size.y = 14.0;
             ui.horizontal_top(|ui| {
-                // As many columns as fit, as many sections in each as look even.
+                // Two or three columns, as the width allows, of similar height.
                 let ends: &[usize] = if room.x < 1200.0 { &[4, SECTIONS.len()] } else { &[3, 5, SECTIONS.len()] };
                 let mut first = 0;
                 for &end in ends {
@@ -216,7 +218,7 @@ fn help_section(ui: &mut Ui, section: &Section) {
     ui.add_space(6.0);
 }
 
-/// Asks for a path, or whether edits may be lost.
+/// Draws the open dialog, if any.
 pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, actions: &mut Vec<Action>) {
     let Some(dialog) = &mut view.dialog else { return };
     let mut close = false;
@@ -238,14 +240,14 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
             });
         }
         Dialog::Recover(rig) => {
-            ui.label("Edits were found that nobody saved: a window ended without closing, or is still open.");
-            ui.label(format!("They leave {} lights.", rig.lights.len()));
+            ui.label("Unsaved edits were found. Another window has crashed or is still open.");
+            ui.label(format!("The recovered rig has {} lights.", rig.lights.len()));
             ui.horizontal(|ui| {
                 let pressed = |ui: &Ui, key| ui.input(|input| input.key_pressed(key));
-                if ui.button("Recover them (R)").clicked() || pressed(ui, Key::R) {
+                if ui.button("Recover (R)").clicked() || pressed(ui, Key::R) {
                     actions.push(Action::Recover(rig.clone()));
                     close = true;
-                } else if ui.button("Let them go (D)").clicked() || pressed(ui, Key::D) {
+                } else if ui.button("Discard (D)").clicked() || pressed(ui, Key::D) {
                     actions.push(Action::Forget);
                     close = true;
                 }
@@ -266,7 +268,7 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
                     actions.push(Action::QuitUnsaved);
                     close = true;
                 }
-                close |= ui.button("Stay (Esc)").clicked();
+                close |= ui.button("Cancel (Esc)").clicked();
             });
         }
     });
@@ -275,12 +277,12 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
     }
 }
 
-/// What a key may do while a dialog or a text field takes the others.
+/// Whether a command works while a dialog or a text field receives the keys.
 pub fn works_always(command: Command) -> bool {
     matches!(command, Command::Close | Command::Quit)
 }
 
-/// Whether a key may open or close a dialog, or leave a text field: those after it are for somebody else.
+/// Whether a key may open or close a dialog, or leave a text field, so that later keys have another receiver.
 pub fn hands_over(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modifiers, key: Key) -> bool {
     let leaves = ui_wants_keys && matches!(key, Key::Enter | Key::Tab);
     let answers = is_answered_by_keys(dialog);
@@ -288,6 +290,7 @@ pub fn hands_over(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modif
     leaves || answers || keys::command(modifiers, key).is_some_and(|command| commands.contains(&command))
 }
 
+/// Whether single keys answer the dialog.
 pub fn is_answered_by_keys(dialog: Option<&Dialog>) -> bool {
     matches!(dialog, Some(Dialog::Quit | Dialog::Recover(_)))
 }

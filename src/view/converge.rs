@@ -1,8 +1,8 @@
-//! What becomes of a picture at rest: more view samples where edges lie, until it is as good as `relume render` makes it.
+//! Refinement of the picture at rest: extra view samples on edges, up to the quality of `relume render`.
 //!
-//! Where shadow edges lie depends on the lights, so once these rest, another thread bakes the deep framebuffer anew with
-//! more samples, at low priority. A second relighter takes it over and shades one light after the other, so that no hand
-//! has to wait longer than for one. As soon as a light moves that casts shadows, the first relighter goes on.
+//! The positions of shadow edges depend on the lights. Once the lights rest, a low-priority thread therefore bakes the
+//! deep framebuffer again with more samples. A second relighter uses it and shades one light at a time, so that an edit
+//! waits for one light at most. When a light that casts shadows moves, the first relighter continues.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -19,10 +19,10 @@ use crate::gpu::Context;
 use crate::relight::{Layers, RelightSettings, Relighter};
 use crate::scene::{Rig, Scene};
 
-/// A deep framebuffer with more samples, baked in the background.
+/// A deep framebuffer with extra samples on edges, baked in the background.
 pub struct Sharper {
     edges: Edges,
-    /// The transfer that its own was made from.
+    /// The transfer that `transfer` was derived from.
     of: Option<Arc<Transfer>>,
     framebuffer: Arc<DeepFramebuffer>,
     transfer: Option<Arc<Transfer>>,
@@ -33,7 +33,7 @@ fn is_same(a: &Option<Arc<Transfer>>, b: &Option<Arc<Transfer>>) -> bool {
     a.as_ref().map(Arc::as_ptr) == b.as_ref().map(Arc::as_ptr)
 }
 
-/// What shadow edges depend on: every light that casts shadows, as kernels know it.
+/// All lights that cast shadows, packed as for kernels; shadow edges depend on them.
 type Edges = Vec<u8>;
 
 fn edges(scene: &Scene, rig: &Rig) -> Edges {
@@ -41,46 +41,47 @@ fn edges(scene: &Scene, rig: &Rig) -> Edges {
     casts.flat_map(|light| bytemuck::bytes_of(&light.pack(scene.space)).to_vec()).collect()
 }
 
+/// Refinement of the picture at rest.
 pub struct Converge {
-    /// View samples of a pixel on an edge; 1 leaves pictures as they are.
+    /// View samples per pixel on edges; 1 disables refinement.
     samples: u32,
     settings: RelightSettings,
     context: Arc<Context>,
     proxy: EventLoopProxy<LoadEvent>,
     relighter: Option<Relighter>,
-    /// Edges and source of the transfer that the relighter has.
+    /// Edges and source transfer of the relighter's bake.
     has: Option<(Edges, Option<Arc<Transfer>>)>,
-    /// Those that were asked for last.
+    /// Layers that were requested last.
     layers: Layers,
     baking: Option<Baking>,
-    /// When something was last edited.
+    /// Time of the last edit.
     edited: Instant,
-    /// When somebody last looked at how far it is.
+    /// Time at which progress was last shown.
     looked: Instant,
 }
 
-/// A bake under way.
+/// A running bake; counts are tiles.
 struct Baking {
     done: Arc<AtomicUsize>,
     total: usize,
 }
 
-/// How far a picture is.
+/// Progress of the refinement.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Progress {
-    /// Edits follow each other, or nothing more is to come.
+    /// Waiting for the lights to rest, or disabled.
     #[default]
     Waits,
-    /// Share of the samples.
+    /// Baking; share from 0 to 1.
     Bakes(f32),
-    /// Lights shaded, of all.
+    /// Shading; lights done, and all lights.
     Shades(usize, usize),
     Done,
 }
 
-/// Nothing is begun before lights rest for so long.
+/// Refinement starts this long after the last edit.
 const REST: Duration = Duration::from_millis(400);
-/// How often progress is shown.
+/// Interval at which progress is shown.
 const LOOK: Duration = Duration::from_millis(200);
 
 impl Converge {
@@ -104,12 +105,12 @@ impl Converge {
         }
     }
 
-    /// Something was edited: whatever is to come waits for rest.
+    /// Records an edit: refinement waits again.
     pub fn restart(&mut self, now: Instant) {
         self.edited = now;
     }
 
-    /// The relighter with more samples, if there is one.
+    /// Returns the relighter with extra samples, if there is one.
     pub fn relighter(&self) -> Option<&Relighter> {
         self.relighter.as_ref()
     }
@@ -120,7 +121,7 @@ impl Converge {
             .is_some_and(|(edges_of, of)| is_same(of, &opened.transfer) && *edges_of == edges(&opened.scene, rig))
     }
 
-    /// The relighter with more samples, if all that it needs for `rig` is there.
+    /// Returns the relighter with extra samples, if it is complete for `rig`.
     pub fn ready(&mut self, opened: &Opened, rig: &Rig, layers: Layers) -> Result<Option<&mut Relighter>> {
         if !self.is_current(opened, rig) {
             return Ok(None);
@@ -131,15 +132,16 @@ impl Converge {
         Ok(Some(relighter).filter(|relighter| relighter.pending(layers) == 0))
     }
 
-    /// Whether there can be more samples.
+    /// Whether extra samples are enabled and possible.
     fn is_wanted(&self, opened: &Opened) -> bool {
-        // Rows of wavelets serve one sample a pixel; images that take each other's place are never all there.
+        // Wavelet rows support one sample per pixel only. If light images share memory, they are never complete.
         self.samples > 1
             && self.relighter.as_ref().is_none_or(Relighter::keeps_all)
             && opened.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
     }
 
-    /// When there is something to do, or to show to one who looks at it, if nothing happens until then.
+    /// Returns when the next step is due, or the next display of progress if `is_looked_at`, unless an event comes
+    /// before.
     pub fn goes_on_at(&self, opened: &Opened, rig: &Rig, is_looked_at: bool) -> Option<Instant> {
         let pending = self.relighter.as_ref().map_or(0, |relighter| relighter.pending(self.layers));
         match &self.baking {
@@ -150,7 +152,7 @@ impl Converge {
         }
     }
 
-    /// Does one thing that does not take long, if lights rest.
+    /// Does one short step of refinement, if the lights rest.
     pub fn go_on(&mut self, opened: &Opened, rig: &Rig) -> Result<()> {
         self.looked = Instant::now();
         if !self.is_wanted(opened) || self.baking.is_some() || self.edited.elapsed() < REST {
@@ -164,7 +166,7 @@ impl Converge {
         Ok(())
     }
 
-    /// Begins a bake on threads of its own.
+    /// Starts a bake on separate threads.
     fn begin(&mut self, opened: &Opened, rig: &Rig) {
         let (scene, plain, of, rig) =
             (opened.scene.clone(), opened.framebuffer.clone(), opened.transfer.clone(), rig.clone());
@@ -177,7 +179,7 @@ impl Converge {
         let done = Arc::new(AtomicUsize::new(0));
         self.baking = Some(Baking { done: done.clone(), total: 2 * settings.tile_count() });
         let proxy = self.proxy.clone();
-        // Not joined: who closes the window does not wait for it.
+        // Not joined, so that closing the window does not wait for it.
         std::thread::spawn(move || {
             let advance = |tiles| {
                 done.fetch_add(tiles, Ordering::Relaxed);
@@ -189,12 +191,12 @@ impl Converge {
                 (Arc::new(framebuffer), transfer.map(Arc::new))
             });
             let sharper = Sharper { edges: edges(&scene, &rig), of, framebuffer, transfer };
-            // Fails only when the window has gone.
+            // Fails only after the window is closed.
             let _ = proxy.send_event(LoadEvent::Sharper(Box::new(sharper)));
         });
     }
 
-    /// Takes over what another thread has baked, unless lights have moved since.
+    /// Accepts a finished bake, unless lights that cast shadows have moved since.
     pub fn take(&mut self, sharper: Sharper, opened: &Opened, rig: &Rig) {
         self.baking = None;
         if !is_same(&sharper.of, &opened.transfer) || sharper.edges != edges(&opened.scene, rig) {
@@ -209,15 +211,16 @@ impl Converge {
             }
         };
         match taken {
-            // The picture that there is does without.
+            // Not fatal: the picture remains without extra samples.
             Err(error) => {
-                tracing::warn!("edges stay as they are, with one sample a pixel: {error}");
+                tracing::warn!("edges are not refined and have one sample per pixel: {error}");
                 (self.relighter, self.samples) = (None, 1);
             }
             Ok(()) => self.has = Some((sharper.edges, sharper.of)),
         }
     }
 
+    /// Returns the progress of the refinement for `rig`.
     pub fn progress(&self, opened: &Opened, rig: &Rig) -> Progress {
         match (&self.baking, &self.relighter) {
             (Some(Baking { done, total }), _) => {

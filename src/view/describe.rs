@@ -1,11 +1,11 @@
-//! What became of lights, in a few words: names for the history, and for people.
+//! Short descriptions of changes to lights, for the history and messages.
 
 use std::sync::Arc;
 
 use super::history::State;
 use crate::scene::{Light, LightGroup, LightKind};
 
-/// "key: +0.5 stop", "key and 2 more: moved 0.1 m", "group rim: off".
+/// Describes a change: "key: +0.5 stop", "key and 2 more: moved 0.1 m", "group rim: off".
 pub fn change(before: &State, after: &State) -> String {
     let listed = |was: usize, is: usize| was.abs_diff(is);
     match listed(before.lights.len(), after.lights.len()) {
@@ -42,7 +42,7 @@ fn and_more(first: &str, count: usize) -> String {
 fn group_difference(before: &LightGroup, after: &LightGroup) -> String {
     let mut parts = Vec::new();
     if before.name != after.name {
-        parts.push(format!("renamed {}", after.name));
+        parts.push(format!("renamed to {}", after.name));
     }
     switches(&mut parts, [before.enabled, after.enabled], [before.solo, after.solo]);
     stops(&mut parts, before.stops, after.stops);
@@ -55,10 +55,10 @@ fn group_difference(before: &LightGroup, after: &LightGroup) -> String {
 fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
     let mut parts = Vec::new();
     if before.name != after.name {
-        parts.push(format!("renamed {}", after.name));
+        parts.push(format!("renamed to {}", after.name));
     }
     if before.kind != after.kind {
-        parts.push(format!("made a {} light", kind_name(after.kind)));
+        parts.push(format!("changed to a {} light", kind_name(after.kind)));
     }
     switches(&mut parts, [before.enabled, after.enabled], [before.solo, after.solo]);
     if before.shadows != after.shadows {
@@ -90,7 +90,7 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
         parts.push("group".into());
     }
     if before.follows != after.follows {
-        parts.push(if after.follows.is_some() { "follows" } else { "follows no more" }.into());
+        parts.push(if after.follows.is_some() { "follows another light" } else { "follows no light" }.into());
     }
     parts.join(", ")
 }
@@ -124,7 +124,7 @@ pub fn intensity_unit(kind: LightKind) -> &'static str {
     if kind == LightKind::Directional { "lx" } else { "cd" }
 }
 
-/// Three significant digits, as people write them.
+/// Formats a number with three significant digits, without trailing zeros.
 pub fn rounded(x: f64) -> String {
     let digits = (2 - x.abs().max(1e-9).log10().floor() as i32).clamp(0, 9) as usize;
     let text = format!("{x:.digits$}");

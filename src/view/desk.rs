@@ -1,4 +1,4 @@
-//! The lighting desk without its window: lights, which of them are selected, and every edit that a hand can make.
+//! The lighting desk without its window: lights, selection, and all edits.
 
 mod alike;
 mod check;
@@ -18,24 +18,25 @@ use super::describe::{kind_name, rounded};
 use super::history::History;
 use crate::scene::{Camera, Light, Rig};
 
+/// The lighting desk: rig, selection, history and snapshots.
 pub struct Desk {
     rig: Rig,
     selection: Selection,
     history: History,
     snapshots: Snapshots,
-    /// Counts the states that the rig went through.
+    /// Number of changes of the rig.
     version: u64,
     camera: Camera,
-    /// Metres that a plain step moves: a nice number near a hundredth of the scene's radius.
+    /// Length of a move step, metres: a round number near a hundredth of the scene's radius.
     step: f64,
-    /// How far off a surface a light is put, metres.
+    /// Distance from a surface at which a light is placed, metres.
     lift: f64,
-    /// What happened last, for people.
+    /// Message to the user about the last action.
     pub message: String,
 }
 
 impl Desk {
-    /// `radius` is that of the scene, metres.
+    /// Selects the first light. `radius` is the radius of the scene, metres.
     pub fn new(rig: Rig, camera: Camera, radius: f64) -> Self {
         let mut desk = Self {
             selection: Selection::of((!rig.lights.is_empty()).then_some(0)),
@@ -49,7 +50,7 @@ impl Desk {
             message: String::new(),
         };
         desk.message = match desk.selection.is_empty() {
-            true => "no lights yet: Ctrl+1, 2 or 3 adds one".into(),
+            true => "no lights yet: press Ctrl+1, 2 or 3 to add one".into(),
             false => desk.summary(),
         };
         desk
@@ -72,11 +73,12 @@ impl Desk {
         &self.selection
     }
 
-    /// The light that was selected last.
+    /// Returns the index of the primary light, which was selected last.
     pub fn selected(&self) -> Option<usize> {
         self.selection.primary()
     }
 
+    /// Returns the primary light.
     pub fn selected_light(&self) -> Option<&Light> {
         self.selected().map(|index| &self.rig.lights[index])
     }
@@ -96,14 +98,14 @@ impl Desk {
         self.message = self.summary();
     }
 
-    /// Selects the next light, or the one before: `by` is 1 or -1.
+    /// Selects the next light (`by` is 1) or the previous light (-1).
     pub fn select_next(&mut self, by: isize) {
         if let Some(index) = self.next(by) {
             self.select(Selection::only(index));
         }
     }
 
-    /// Selects the next light, or the one before, with those that are.
+    /// Adds the next light (`by` is 1) or the previous light (-1) to the selection.
     pub fn select_next_too(&mut self, by: isize) {
         if let Some(index) = self.next(by) {
             let mut selection = self.selection.clone();
@@ -127,7 +129,7 @@ impl Desk {
         Some(self.selected().map_or(0, |i| (i as isize + by).rem_euclid(count as isize) as usize))
     }
 
-    /// One line on what is selected.
+    /// Describes the selection in one line.
     pub fn summary(&self) -> String {
         let Some(index) = self.selected() else { return "no light".into() };
         let light = &self.rig.lights[index];
@@ -141,23 +143,24 @@ impl Desk {
         format!("{}{more} ({kind}{off}), {} of {count}, {stops} stops", light.name, index + 1)
     }
 
-    /// What comes next can be undone apart from what was.
+    /// Ends a gesture: the next edit is undone separately.
     pub fn end_gesture(&mut self) {
         self.history.end_gesture();
     }
 
-    /// The lights become those of `rig`, and what follows them changes alike; refused if no rig file could hold it.
+    /// Replaces the lights by those of `rig` and updates followers. Refused with a message if a rig file cannot store
+    /// them.
     fn commit(&mut self, rig: Rig) {
         self.commit_as(rig, self.selection.clone(), None);
     }
 
-    /// [`Self::commit`], with another selection, and under a name of its own.
+    /// [`Self::commit`] with a new selection, and an optional name for the history.
     fn commit_as(&mut self, mut rig: Rig, selection: Selection, name: Option<String>) {
         alike::carry_to_followers(&self.rig, &mut rig);
         self.become_rig(rig, selection, name);
     }
 
-    /// [`Self::commit_as`], with nobody following.
+    /// [`Self::commit_as`] without updating followers.
     fn become_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
         if rig == self.rig {
             return;
@@ -189,20 +192,20 @@ impl Desk {
         }
     }
 
-    /// Goes back, or forth, to the state of an entry of the history.
+    /// Restores the state of a history entry.
     pub fn go_to(&mut self, entry: usize) {
         self.selection = self.history.go_to(entry, &mut self.rig).within(self.rig.lights.len());
         self.version += 1;
         self.message = self.history.entries()[entry].name.clone();
     }
 
-    /// The rig is in a file as it is now.
+    /// Marks the current state as saved.
     pub fn mark_saved(&mut self) {
         self.history.mark_saved();
     }
 }
 
-/// The nearest of 1, 2, 5, 10, ... times a power of ten.
+/// Returns the nearest of 1, 2, 5 and 10 times a power of ten.
 fn nice(x: f64) -> f64 {
     let power = 10f64.powf(x.max(1e-30).log10().floor());
     let times =

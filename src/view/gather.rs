@@ -1,4 +1,4 @@
-//! Gather samples where the camera sees them, drawn over the picture.
+//! Gather samples that the camera sees, drawn over the picture.
 
 use std::sync::Arc;
 
@@ -9,21 +9,21 @@ use rayon::prelude::*;
 use super::Opened;
 use crate::bake::transfer::Transfer;
 
-/// Those that the camera sees, and their marks.
+/// The visible gather samples and their marks.
 pub struct GatherMarks {
     transfer: Option<Arc<Transfer>>,
-    /// World space.
+    /// Positions of the visible samples, world space.
     seen: Vec<DVec3>,
-    /// Where the first and the last of them were when the marks were made.
+    /// Window positions of the first and last sample for which `mesh` was built.
     drawn_at: Option<[Pos2; 2]>,
     mesh: Arc<Mesh>,
 }
 
-/// Half the side of a mark, and of its dark edge, points.
+/// Half the side (points) and colour of a mark's dark edge, and of its centre.
 const SIZES: [(f32, Color32); 2] = [(1.75, Color32::from_black_alpha(170)), (1.0, Color32::from_rgb(120, 230, 255))];
 
 impl GatherMarks {
-    /// Of what is open; those there are, if they are of that.
+    /// Returns `marks` if they belong to the current transfer, else new marks.
     pub fn get(marks: Option<Self>, opened: &Opened) -> Self {
         let same = |marks: &Self| marks.transfer.as_ref().map(Arc::as_ptr) == opened.transfer.as_ref().map(Arc::as_ptr);
         marks.filter(same).unwrap_or_else(|| Self {
@@ -34,7 +34,7 @@ impl GatherMarks {
         })
     }
 
-    /// `at` places a point of the scene, in points of the window.
+    /// Draws the marks. `at` projects a world-space point to points of the window.
     pub fn draw(&mut self, ui: &Ui, at: impl Fn(DVec3) -> Option<Pos2>) {
         let ends = self.seen.first().zip(self.seen.last());
         let now = ends.and_then(|(first, last)| Some([at(*first)?, at(*last)?]));
@@ -51,7 +51,7 @@ impl GatherMarks {
     }
 }
 
-/// Samples whose first point nothing hides from the camera.
+/// Returns the samples whose first point is visible from the camera.
 fn seen(opened: &Opened) -> Vec<DVec3> {
     let Some(transfer) = &opened.transfer else { return Vec::new() };
     let (scene, camera) = (&opened.scene, &opened.framebuffer.camera);
@@ -70,5 +70,5 @@ fn seen(opened: &Opened) -> Vec<DVec3> {
     points.filter_map(|points| visible(&points[0].position)).collect()
 }
 
-/// What a surface may lie in front of its own sample by, as a share of the distance: samples are rounded.
+/// Relative tolerance of the visibility test: sample positions are rounded, so their own surface may lie before them.
 const NEAR: f64 = 1e-3;

@@ -1,4 +1,4 @@
-//! Handles in the picture: a light's place, what it aims at, how wide its cone is.
+//! Handles in the picture: position, aim and cone of a light.
 
 use egui::{Color32, Painter, Pos2, Rect, Stroke};
 use glam::DVec3;
@@ -9,7 +9,7 @@ use super::lights_list::chip;
 use crate::gpu::Placement;
 use crate::scene::{Light, LightKind};
 
-/// What a hand takes hold of.
+/// A part of a light that the mouse can drag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handle {
     Position,
@@ -17,7 +17,7 @@ pub enum Handle {
     Cone,
 }
 
-/// A handle in the hand.
+/// A handle that is being dragged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grab {
     pub light: usize,
@@ -26,13 +26,13 @@ pub struct Grab {
     offset: [f32; 2],
 }
 
-/// How near the mouse must be, physical pixels.
+/// Largest distance at which the mouse grabs a handle, physical pixels.
 const REACH: f32 = 9.0;
-/// Corners of a drawn circle.
+/// Number of vertices of a drawn circle.
 const CORNERS: usize = 48;
 const GOLD: Color32 = Color32::from_rgb(255, 190, 60);
 
-/// The lights in the picture.
+/// The handles of the lights in the picture.
 pub struct Gizmos<'a> {
     pub opened: &'a Opened,
     pub desk: &'a Desk,
@@ -40,7 +40,7 @@ pub struct Gizmos<'a> {
 }
 
 impl Gizmos<'_> {
-    /// The handle under the mouse: of the light selected last, or else the place of any light.
+    /// Returns the handle under the mouse: any handle of the primary light, or the position handle of any light.
     pub fn grab(&self, at: [f32; 2]) -> Option<Grab> {
         let mut handles = Vec::new();
         if let (Some(index), Some(light)) = (self.desk.selected(), self.desk.selected_light()) {
@@ -56,12 +56,12 @@ impl Gizmos<'_> {
             let offset = [there.x - at[0], there.y - at[1]];
             Some((offset[0].hypot(offset[1]), Grab { light, handle, offset }))
         });
-        // Of those as near as each other the first: the selected light's.
+        // At equal distances the first one, which is the primary light's.
         let nearest = grabs.filter(|(distance, _)| *distance <= REACH).min_by(|a, b| a.0.total_cmp(&b.0));
         nearest.map(|(_, grab)| grab)
     }
 
-    /// What the grabbed light becomes with the mouse at `at`.
+    /// Returns the grabbed light as changed by the mouse at `at`, physical pixels.
     pub fn dragged(&self, grab: Grab, at: [f32; 2]) -> Option<Light> {
         let light = self.desk.rig().lights.get(grab.light)?;
         let at = [at[0] + grab.offset[0], at[1] + grab.offset[1]];
@@ -69,7 +69,7 @@ impl Gizmos<'_> {
         match grab.handle {
             Handle::Position => light.position = self.opened.beside(self.placement, at, light.position)?,
             Handle::Aim if light.kind == LightKind::Directional => {
-                // Its handle is the arrow's tail; the tip stays.
+                // The handle is the tail of the arrow; its tip is fixed.
                 let tip = self.opened.pivot();
                 let tail = self.opened.beside(self.placement, at, self.tail(&light))?;
                 light.direction = (tip - tail).try_normalize()?;
@@ -103,17 +103,18 @@ impl Gizmos<'_> {
         }
     }
 
-    /// What a spot's axis meets first.
+    /// Returns the first surface point on a spot light's axis.
     fn aim(&self, light: &Light) -> DVec3 {
         light.position + light.direction * self.opened.free_along(light.position, light.direction)
     }
 
-    /// Where the arrow of a directional light begins.
+    /// Returns the tail of a directional light's arrow.
     fn tail(&self, light: &Light) -> DVec3 {
         self.opened.pivot() - light.direction * 0.5 * self.opened.scene.space.unit
     }
 
-    /// The circle that the cone cuts out around what it aims at, from the camera's right on; none where it is too wide.
+    /// Returns the circle of the cone around its aim point, starting at the camera's right; empty if the cone is too
+    /// wide.
     fn ring(&self, light: &Light, angle: f64) -> impl Iterator<Item = DVec3> {
         let center = self.aim(light);
         let radius = (center - light.position).length() * angle.tan();
@@ -128,7 +129,7 @@ impl Gizmos<'_> {
         })
     }
 
-    /// Draws marks for all lights, handles for the selected ones; `scale` physical pixels are a point.
+    /// Draws marks of all lights and handles of the selected ones; `scale` is physical pixels per point.
     pub fn draw(&self, painter: &Painter, scale: f32) {
         let Placement { left, top, width, height } = self.placement;
         let rect = Rect::from_min_size(

@@ -12,7 +12,7 @@ use super::controls::PANEL_WIDTH;
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{Context, Frames, Surface, UiRenderer};
 
-/// Points; less, and the panel is all scroll bars.
+/// Smallest height at which the panel is usable, points.
 const MIN_HEIGHT: f64 = 700.0;
 
 /// The window and what draws into it.
@@ -27,7 +27,7 @@ pub struct Graphics {
 }
 
 impl Graphics {
-    /// A window with room for the panel beside a picture of the usual size, until the scene is known.
+    /// Opens a window with room for the panel and a picture of default size, since the scene is not known yet.
     pub fn new(event_loop: &ActiveEventLoop, settings: &ViewSettings) -> Result<Self> {
         let size = LogicalSize::new(720.0 + f64::from(PANEL_WIDTH), MIN_HEIGHT);
         let no_window = |source: Cause| Error::NoWindow { source };
@@ -62,13 +62,13 @@ impl Graphics {
         }
     }
 
-    /// Asks for room for the picture at 1:1 and the panel, as far as the monitor has it.
+    /// Requests room for the picture at 1:1 and the panel, within the size of the monitor.
     pub fn make_room(&self, picture: [u32; 2]) {
         let scale = self.window.scale_factor();
         let [width, height] = picture.map(f64::from);
         let wanted = PhysicalSize::new(width + f64::from(PANEL_WIDTH) * scale, height.max(MIN_HEIGHT * scale));
         let room = self.window.current_monitor().map_or(wanted, |monitor| monitor.size().cast());
-        // The system may refuse: then the picture is fitted.
+        // If the system refuses, the picture is fitted.
         let _ = self.window.request_inner_size(PhysicalSize::new(
             wanted.width.min(0.95 * room.width),
             wanted.height.min(0.9 * room.height),

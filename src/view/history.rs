@@ -1,4 +1,4 @@
-//! Undo and redo without end: every state of the lights, with what did not change shared between states.
+//! Unlimited undo and redo: all states of the lights, which share their unchanged parts.
 
 use std::sync::Arc;
 
@@ -6,36 +6,38 @@ use super::describe;
 use super::desk::selection::Selection;
 use crate::scene::{Light, LightGroup, Rig};
 
-/// The lights at one time. A thousand states of a hundred lights are a thousand lists of pointers.
+/// One state of the lights. States share lights, so each state costs little more than a list of pointers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     pub lights: Vec<Arc<Light>>,
     pub groups: Vec<Arc<LightGroup>>,
 }
 
-/// A state and how it came about.
+/// A state, and the edit that led to it.
 pub struct Entry {
-    /// "key: +0.5 stop"
+    /// Description of the edit: "key: +0.5 stop".
     pub name: String,
     state: State,
-    /// What undoing and redoing select.
+    /// Selection after undoing the edit.
     selected_before: Selection,
+    /// Selection after redoing the edit.
     selected_after: Selection,
-    /// The lights that became others.
+    /// Indices of the lights that the edit changed.
     edited: Vec<usize>,
-    /// Edits of one gesture, a held key or a drag, are one entry.
+    /// Number of the gesture; edits of one gesture (a held key or a drag) are one entry.
     gesture: u64,
-    /// Tells entries apart that stand at the same place.
+    /// Unique number; distinguishes entries that have stood at the same index.
     id: u64,
 }
 
+/// The history of the lights.
 pub struct History {
-    /// The first one is what was opened.
+    /// The first entry is the opened rig.
     entries: Vec<Entry>,
     current: usize,
     gesture: u64,
     next_id: u64,
-    /// The id of the state that is in the file.
+    /// Id of the saved entry.
     saved: u64,
 }
 
@@ -47,7 +49,7 @@ impl State {
         }
     }
 
-    /// The state of `rig`, sharing with this one what is the same.
+    /// Returns the state of `rig`, which shares unchanged lights and groups with this one.
     fn then(&self, rig: &Rig) -> Self {
         Self {
             lights: shared(&self.lights, &rig.lights, |light| &light.name),
@@ -55,7 +57,7 @@ impl State {
         }
     }
 
-    /// Makes `rig`'s lights these.
+    /// Replaces the lights and groups of `rig` by those of this state.
     pub fn put_into(&self, rig: &mut Rig) {
         rig.lights = self.lights.iter().map(|light| Light::clone(light)).collect();
         rig.groups = self.groups.iter().map(|group| LightGroup::clone(group)).collect();
@@ -65,7 +67,7 @@ impl State {
         (self.lights.len(), self.groups.len()) == (other.lights.len(), other.groups.len())
     }
 
-    /// The lights that were others in `before`, or not there; all that are in a group that was another.
+    /// Returns the indices of lights that are new or changed since `before`, or whose group changed.
     fn edited_since(&self, before: &Self) -> Vec<usize> {
         let same_list = self.lights.len() == before.lights.len();
         let is_known = |light: &Light| before.lights.iter().any(|other| other.name == light.name);
@@ -79,7 +81,8 @@ impl State {
     }
 }
 
-/// `new` as shared values, taken from `old` where they are equal; what stays keeps its order.
+/// Returns `new` as shared values; those equal to a value of the same name in `old` are shared with it. Common values
+/// must have the same order in both lists.
 fn shared<T: Clone + PartialEq>(old: &[Arc<T>], new: &[T], name: impl Fn(&T) -> &str) -> Vec<Arc<T>> {
     let mut rest = old;
     let mut share = |value: &T| {
@@ -105,8 +108,8 @@ impl History {
         Self { entries: vec![entry], current: 0, gesture: 1, next_id: 1, saved: 0 }
     }
 
-    /// Takes in what became of the lights, and returns what that is called: `name`, or what the change is. It joins the
-    /// last entry if both belong to one gesture.
+    /// Records a change and returns its description: `name`, or else one derived from the change. Merged with the last
+    /// entry if both belong to one gesture. `selected` is the selection before and after the change.
     pub fn push(&mut self, rig: &Rig, selected: [&Selection; 2], name: Option<String>) -> &str {
         let state = self.state().then(rig);
         self.entries.truncate(self.current + 1);
@@ -120,7 +123,7 @@ impl History {
         }
         let before = self.state();
         if joins && *before == state {
-            return "as before";
+            return "no change";
         }
         let entry = Entry {
             name: name.unwrap_or_else(|| describe::change(before, &state)),
@@ -137,7 +140,7 @@ impl History {
         &self.entries[self.current].name
     }
 
-    /// What comes next is an edit of its own.
+    /// Ends a gesture: the next edit is an entry of its own.
     pub fn end_gesture(&mut self) {
         self.gesture += 1;
     }
@@ -146,7 +149,7 @@ impl History {
         &self.entries
     }
 
-    /// Index of the entry whose state the lights are in.
+    /// Returns the index of the current entry.
     pub fn current(&self) -> usize {
         self.current
     }
@@ -155,7 +158,7 @@ impl History {
         &self.entries[self.current].state
     }
 
-    /// Goes to the state of entry `index`; returns what was selected then.
+    /// Restores the state of entry `index` in `rig`; returns the selection of that state.
     pub fn go_to(&mut self, index: usize, rig: &mut Rig) -> Selection {
         self.end_gesture();
         let back = index < self.current;
@@ -168,12 +171,13 @@ impl History {
         }
     }
 
-    /// What undo would take back, and redo do again.
+    /// Returns the descriptions of the edits that undo and redo would apply to.
     pub fn names(&self) -> [Option<&str>; 2] {
         let undo = (self.current > 0).then(|| self.entries[self.current].name.as_str());
         [undo, self.entries.get(self.current + 1).map(|entry| entry.name.as_str())]
     }
 
+    /// Marks the current entry as saved.
     pub fn mark_saved(&mut self) {
         self.end_gesture();
         self.saved = self.entries[self.current].id;
@@ -184,10 +188,10 @@ impl History {
         self.entries[self.current].id != self.saved
     }
 
-    /// The lights that were edited last, since the rig was loaded or saved.
+    /// Returns the indices of the lights of the last edit; empty if the rig is saved.
     ///
-    /// They are kept out of the sum of all others, which gives a picture its last bits: so those depend on the state of
-    /// the rig alone, and come back with it.
+    /// The relighter adds these lights separately to the sum of all others. The order of summation, and so the
+    /// rounding, depends only on the history entry. A restored entry thus gives the same picture, bit for bit.
     pub fn focus(&self) -> &[usize] {
         if self.is_unsaved() { &self.entries[self.current].edited } else { &[] }
     }

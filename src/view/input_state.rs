@@ -1,4 +1,4 @@
-//! The hand on mouse and keys: what its events mean.
+//! State of mouse and keyboard, and the conversion of their events to actions.
 
 use egui::{Event, Key, PointerButton, Pos2};
 
@@ -8,49 +8,50 @@ use super::keys::{self, Command};
 use super::stage::{Pointer, Stage};
 use super::views::View;
 
+/// State of mouse and keyboard.
 #[derive(Default)]
 pub struct InputState {
-    /// Where the mouse is.
+    /// Mouse position, points.
     pub at: Option<Pos2>,
-    /// How far the picture was pulled, pixels.
+    /// Offset of the panned picture, physical pixels.
     pub pan: [f32; 2],
     panning: bool,
-    /// A key that is held and follows the mouse.
+    /// A held key whose command follows the mouse.
     dragging: Option<(Key, Command)>,
-    /// What the mouse took hold of in the picture.
+    /// The handle that the mouse drags.
     grabbed: Option<Grab>,
-    /// Typed before it was known whom it is for.
+    /// Events postponed until their receiver is known.
     ahead: Vec<Event>,
     /// Whether the last frame showed a dialog.
     pub dialog_is_shown: bool,
 }
 
-/// What events come upon.
+/// The context in which events are interpreted.
 pub struct Around<'a> {
     pub stage: Option<&'a mut Stage>,
     pub view: &'a ViewState,
-    /// Where the mouse was before them.
+    /// Mouse position before the events.
     pub pointer: Pointer,
     pub pixels_per_point: f32,
     pub ui_wants_keys: bool,
     pub ui_wants_pointer: bool,
 }
 
-/// What events ask for.
+/// The result of the events.
 #[derive(Default)]
 pub struct Taken {
     pub actions: Vec<Action>,
-    /// Whether there is something new to be seen, whatever the actions do.
+    /// Whether a redraw is needed regardless of the actions.
     pub stale: bool,
 }
 
 impl InputState {
-    /// Leaves the events up to the one that changes whom later ones are for, and keeps these for the next frame: who types ahead of a
-    /// dialog types into it.
+    /// Truncates `events` after the first one that may change the receiver of later ones, and postpones the rest to the
+    /// next frame. Keys that are typed before a dialog appears thus reach the dialog.
     pub fn in_turn(&mut self, events: &mut Vec<Event>, dialog: Option<&Dialog>, ui_wants_keys: bool) {
         events.splice(0..0, self.ahead.drain(..));
         if dialog.is_some() && !self.dialog_is_shown {
-            // It takes no key before it is there.
+            // The dialog receives no keys before it is shown.
             self.ahead = events.extract_if(.., |event| matches!(event, Event::Key { .. } | Event::Text(_))).collect();
             return;
         }
@@ -63,19 +64,19 @@ impl InputState {
         };
         if let Some(last) = events.iter().position(hands_over) {
             self.ahead = events.split_off(last + 1);
-            // The letter of a key that was an answer is none of the next one's.
+            // A key that answered a dialog is not also typed into the next field.
             if controls::is_answered_by_keys(dialog) && matches!(self.ahead.first(), Some(Event::Text(_))) {
                 self.ahead.remove(0);
             }
         }
     }
 
-    /// Whether something was typed ahead.
+    /// Whether there are postponed events.
     pub fn has_more(&self) -> bool {
         !self.ahead.is_empty()
     }
 
-    /// What the events mean; those that mean something to us are taken out.
+    /// Returns the actions of the events and removes the events that they consume.
     pub fn take(&mut self, events: &mut Vec<Event>, mut around: Around) -> Taken {
         let mut taken = Taken::default();
         events.retain(|event| match event {
@@ -138,7 +139,7 @@ impl InputState {
             self.pan = [self.pan[0] + moved.x, self.pan[1] + moved.y];
             taken.stale = true;
         }
-        // One edit for all moves of a frame: the last one counts.
+        // All moves in a frame make one edit; the last one counts.
         let held = self.dragging.map(|(_, command)| Action::Do(command));
         for action in held.into_iter().chain(self.grabbed.map(Action::Drag)) {
             taken.actions.retain(|other| *other != action);
@@ -166,7 +167,7 @@ mod tests {
         let mut events = vec![move_right.clone(), save.clone(), move_right.clone(), enter.clone()];
         hand.in_turn(&mut events, None, false);
         assert_eq!(events, [move_right.clone(), save.clone()]);
-        // The dialog is open, but no frame has shown it yet.
+        // The dialog is open, but not shown yet.
         let dialog = Some(Dialog::SaveAs(String::new()));
         let mut events = vec![Event::PointerGone];
         hand.in_turn(&mut events, dialog.as_ref(), true);
@@ -178,7 +179,7 @@ mod tests {
         let mut events = vec![];
         hand.in_turn(&mut events, None, false);
         assert!(events == [save] && !hand.has_more());
-        // What answers a question is no letter for the next dialog.
+        // A key that answers a dialog is not typed into the next one.
         let mut events = vec![press(Key::S, Modifiers::NONE), Event::Text("s".into()), Event::Text("a".into())];
         hand.in_turn(&mut events, Some(&Dialog::Quit), true);
         assert!(events.len() == 1 && hand.ahead == [Event::Text("a".into())]);

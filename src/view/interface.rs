@@ -1,4 +1,4 @@
-//! What is drawn over and beside the picture: one state of the interface.
+//! One frame of the user interface: everything over and beside the picture.
 
 use egui::Ui;
 
@@ -10,25 +10,25 @@ use super::views::{Aid, View};
 use super::{overlay, profile, wipe};
 use crate::gpu::Placement;
 
-/// What the interface shows and changes.
+/// The state that the interface shows and changes.
 pub struct Interface<'a> {
     pub stage: &'a mut Stage,
     pub view: &'a mut ViewState,
     pub timings: &'a Timings,
-    /// Of the scene.
+    /// Name of the scene.
     pub name: &'a str,
-    /// What the loading thread does, and how far it is.
+    /// Current step of the loading thread, and its progress from 0 to 1.
     pub loading: Option<(&'static str, f32)>,
-    /// Milliseconds that a frame may take.
+    /// Time budget of a frame, milliseconds.
     pub budget_ms: f64,
-    /// Where the picture lies.
+    /// Position of the picture in the window.
     pub placement: Placement,
-    /// Pixels of the screen for each point of the interface.
+    /// Physical pixels per point.
     pub scale: f32,
 }
 
 impl Interface<'_> {
-    /// `actions` are added that hands ask for.
+    /// Draws the interface and appends the requested actions to `actions`.
     pub fn draw(self, ui: &mut Ui, actions: &mut Vec<Action>) {
         let Self { stage, view, timings, name, loading, budget_ms, placement, scale } = self;
         let rig_path = stage.rig_path().map(ToOwned::to_owned);
@@ -73,7 +73,7 @@ impl Interface<'_> {
     }
 }
 
-/// Before there is a picture.
+/// Draws the progress bar that precedes the first picture.
 pub fn loading_bar(ui: &mut Ui, name: &str, (what, share): (&str, f32)) {
     ui.vertical_centered(|ui| {
         ui.add_space(ui.available_height() * 0.4);

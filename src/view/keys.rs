@@ -1,4 +1,4 @@
-//! The one table of keys: what binds them, what `?` shows, and what docs/desk.md lists.
+//! The table of key bindings, which `?` shows and docs/desk.md lists.
 
 use egui::{Key, Modifiers};
 use glam::DVec3;
@@ -8,25 +8,26 @@ use super::desk::{Frame, GroupEdit, LightEdit};
 use super::views::{Aid, View};
 use crate::scene::LightKind;
 
-/// What a key does.
+/// A command that a key is bound to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     NextLight,
     PreviousLight,
-    /// With those that are selected.
+    /// Adds the next light to the selection.
     NextLightToo,
     AllLights,
     Edit(LightEdit),
     EditGroup(GroupEdit),
-    /// At the point under the mouse, and along with it while the key is held.
+    /// Places the light at the point under the mouse. Follows the mouse while the key is held, as do the next two.
     Place,
     Aim,
     Highlight,
-    /// Of the point under the mouse, to where the mouse goes while the key is held.
+    /// Drags the shadow of the point under the mouse while the key is held.
     Shadow,
     LookThrough,
-    /// A snapshot, by its slot.
+    /// Stores a snapshot in a slot.
     Keep(usize),
+    /// Recalls the snapshot of a slot.
     Recall(usize),
     Wipe,
     Difference,
@@ -47,10 +48,10 @@ pub enum Command {
     SaveAs,
     Export,
     Quit,
-    /// One pixel of the picture is one of the screen; else it is fitted.
+    /// Toggles between one picture pixel per screen pixel and a fitted picture.
     OneToOne,
     View(View),
-    /// Of the deep framebuffer.
+    /// Shows the next channel of the deep framebuffer.
     NextChannel,
     NextLayer,
     Aid(Aid),
@@ -61,15 +62,17 @@ pub enum Command {
     Close,
 }
 
+/// A command and its keys.
 pub struct Binding {
-    /// Any of them.
+    /// Alternative keys.
     pub keys: &'static [(Modifiers, Key)],
     pub command: Command,
     pub text: &'static str,
-    /// What the command's number is multiplied by with Alt held, without, and with Shift held.
+    /// Factors of the command's number with Alt, without a modifier, and with Shift.
     pub steps: Option<[f64; 3]>,
 }
 
+/// A group of bindings in the list of keys.
 pub struct Section {
     pub title: &'static str,
     pub bindings: &'static [Binding],
@@ -95,7 +98,7 @@ const fn master(keys: &'static [(Modifiers, Key)], sign: f64, text: &'static str
     Binding { keys, command: Command::EditGroup(GroupEdit::Stops(sign)), text, steps: Some(STOPS) }
 }
 
-/// Digits 1 to 9 with `modifiers` held.
+/// Returns the digits 1 to 9 with `modifiers`.
 const fn digits(modifiers: Modifiers) -> [(Modifiers, Key); SLOTS] {
     let digits = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
     let mut keys = [(modifiers, Key::Num1); SLOTS];
@@ -116,19 +119,19 @@ const MIRED: [f64; 3] = [2.0, 10.0, 50.0];
 const CHANNEL: [f64; 3] = [0.01, 0.05, 0.2];
 const CONE: [f64; 3] = [0.1, 1.0, 5.0];
 
-/// Every key there is.
+/// All key bindings.
 pub const SECTIONS: &[Section] = &[
     Section {
         title: "Lights",
         bindings: &[
             once(&[(NONE, Key::Tab)], Command::NextLight, "next light"),
             once(&[(Modifiers::SHIFT, Key::Tab)], Command::PreviousLight, "previous light"),
-            once(&[(CTRL, Key::Tab)], Command::NextLightToo, "next light too: several are edited together"),
-            once(&[(CTRL, Key::A)], Command::AllLights, "all lights"),
-            once(&[(NONE, Key::M)], Command::Edit(LightEdit::Toggle), "on, off"),
-            once(&[(NONE, Key::N)], Command::Edit(LightEdit::Solo), "solo: what is solo shines alone; off stays off"),
-            once(&[(Modifiers::SHIFT, Key::N)], Command::EndSolo, "nothing solo"),
-            once(&[(NONE, Key::X)], Command::Edit(LightEdit::Shadows), "with shadows, without"),
+            once(&[(CTRL, Key::Tab)], Command::NextLightToo, "add the next light to the selection"),
+            once(&[(CTRL, Key::A)], Command::AllLights, "select all lights"),
+            once(&[(NONE, Key::M)], Command::Edit(LightEdit::Toggle), "light on, off"),
+            once(&[(NONE, Key::N)], Command::Edit(LightEdit::Solo), "solo: only solo lights shine; off stays off"),
+            once(&[(Modifiers::SHIFT, Key::N)], Command::EndSolo, "end solo"),
+            once(&[(NONE, Key::X)], Command::Edit(LightEdit::Shadows), "shadows on, off"),
             once(&[(CTRL, Key::Num1)], Command::New(LightKind::Point), "new point light"),
             once(&[(CTRL, Key::Num2)], Command::New(LightKind::Spot), "new spot light"),
             once(&[(CTRL, Key::Num3)], Command::New(LightKind::Directional), "new directional light"),
@@ -139,14 +142,14 @@ pub const SECTIONS: &[Section] = &[
     Section {
         title: "Groups and links",
         bindings: &[
-            once(&[(CTRL, Key::G)], Command::Group, "a new group of the selected lights"),
-            once(&[(CTRL_SHIFT, Key::G)], Command::Ungroup, "out of their groups"),
-            master(&[(CTRL, Key::Equals), (CTRL, Key::Plus)], 1.0, "group's master up half a stop"),
-            master(&[(CTRL, Key::Minus)], -1.0, "group's master down half a stop"),
+            once(&[(CTRL, Key::G)], Command::Group, "group the selected lights"),
+            once(&[(CTRL_SHIFT, Key::G)], Command::Ungroup, "remove them from their groups"),
+            master(&[(CTRL, Key::Equals), (CTRL, Key::Plus)], 1.0, "group master up half a stop"),
+            master(&[(CTRL, Key::Minus)], -1.0, "group master down half a stop"),
             once(&[(CTRL, Key::M)], Command::EditGroup(GroupEdit::Toggle), "group on, off"),
             once(&[(CTRL, Key::N)], Command::EditGroup(GroupEdit::Solo), "group solo"),
             once(&[(CTRL, Key::L)], Command::Link, "the others follow the light selected last"),
-            once(&[(CTRL_SHIFT, Key::L)], Command::Unlink, "they follow nobody"),
+            once(&[(CTRL_SHIFT, Key::L)], Command::Unlink, "they follow no light"),
         ],
     },
     Section {
@@ -154,7 +157,7 @@ pub const SECTIONS: &[Section] = &[
         bindings: &[
             once(&[(NONE, Key::Num9)], Command::Exposure(0.5), "exposure up half a stop"),
             once(&[(NONE, Key::Num8)], Command::Exposure(-0.5), "exposure down half a stop"),
-            once(&[(NONE, Key::Num0)], Command::AutoExposure, "exposure from the picture"),
+            once(&[(NONE, Key::Num0)], Command::AutoExposure, "automatic exposure"),
             once(&[(NONE, Key::Num7)], Command::ToneMap, "next tone curve: AgX, PBR Neutral, none"),
             once(&[(NONE, Key::Num1)], Command::OneToOne, "picture 1:1, or fitted to the window"),
         ],
@@ -166,12 +169,12 @@ pub const SECTIONS: &[Section] = &[
             once(&[(NONE, Key::F6)], Command::View(View::Direct), "direct light"),
             once(&[(NONE, Key::F7)], Command::View(View::Reflection), "reflections"),
             once(&[(NONE, Key::F8)], Command::View(View::Indirect), "indirect light"),
-            once(&[(NONE, Key::F9)], Command::View(View::Light), "the selected light's share"),
-            once(&[(NONE, Key::F10)], Command::View(View::Lights), "each light's share; a click selects"),
+            once(&[(NONE, Key::F9)], Command::View(View::Light), "the selected light alone"),
+            once(&[(NONE, Key::F10)], Command::View(View::Lights), "each light alone; click to select"),
             once(&[(NONE, Key::F12)], Command::NextChannel, "deep framebuffer: next channel"),
-            once(&[(Modifiers::SHIFT, Key::F12)], Command::NextLayer, "next layer: in mirrors"),
+            once(&[(Modifiers::SHIFT, Key::F12)], Command::NextLayer, "next layer: seen in mirrors"),
             once(&[(Modifiers::SHIFT, Key::F8)], Command::View(View::TransferError), "error of indirect light"),
-            once(&[(NONE, Key::F4)], Command::Aid(Aid::FalseColor), "false colours, one a stop"),
+            once(&[(NONE, Key::F4)], Command::Aid(Aid::FalseColor), "false colours, one per stop"),
             once(&[(Modifiers::SHIFT, Key::F4)], Command::Aid(Aid::Histogram), "histogram"),
             once(&[(Modifiers::SHIFT, Key::F5)], Command::Aid(Aid::Probe), "values under the mouse"),
             once(&[(Modifiers::SHIFT, Key::F6)], Command::Aid(Aid::GatherSamples), "gather samples"),
@@ -192,10 +195,10 @@ pub const SECTIONS: &[Section] = &[
             moves(&[(NONE, Key::PageDown)], Frame::World, DVec3::NEG_Y, "move along -y"),
             moves(&[(NONE, Key::ArrowUp)], Frame::World, DVec3::NEG_Z, "move along -z"),
             moves(&[(NONE, Key::ArrowDown)], Frame::World, DVec3::Z, "move along +z"),
-            once(&[(NONE, Key::P)], Command::Place, "to the point under the mouse; hold to drag"),
+            once(&[(NONE, Key::P)], Command::Place, "move to the point under the mouse; hold to drag"),
             once(&[(NONE, Key::O)], Command::Aim, "aim at the point under the mouse; hold to drag"),
-            once(&[(NONE, Key::U)], Command::Highlight, "its highlight to the point under the mouse; hold to drag"),
-            once(&[(NONE, Key::B)], Command::Shadow, "hold on what casts a shadow, drag to where it falls"),
+            once(&[(NONE, Key::U)], Command::Highlight, "highlight at the point under the mouse; hold to drag"),
+            once(&[(NONE, Key::B)], Command::Shadow, "hold over an object, drag its shadow to a new place"),
             once(&[(NONE, Key::V)], Command::LookThrough, "look through the light"),
             steps(&[(NONE, Key::J)], LightEdit::Turn { right: -1.0, up: 0.0 }, "turn left", TURN),
             steps(&[(NONE, Key::L)], LightEdit::Turn { right: 1.0, up: 0.0 }, "turn right", TURN),
@@ -225,10 +228,10 @@ pub const SECTIONS: &[Section] = &[
     Section {
         title: "Snapshots",
         bindings: &[
-            once(&KEEP, Command::Keep(0), "keep the lights as they are"),
+            once(&KEEP, Command::Keep(0), "store the lights"),
             once(&RECALL, Command::Recall(0), "recall them"),
-            once(&[(NONE, Key::C)], Command::Wipe, "the last one beside the lights as they are"),
-            once(&[(Modifiers::SHIFT, Key::C)], Command::Difference, "what differs between them"),
+            once(&[(NONE, Key::C)], Command::Wipe, "last snapshot beside the current lights"),
+            once(&[(Modifiers::SHIFT, Key::C)], Command::Difference, "difference between the two"),
         ],
     },
     Section {
@@ -241,8 +244,8 @@ pub const SECTIONS: &[Section] = &[
             once(&[(CTRL, Key::E)], Command::Export, "export the scene with these lights, as glTF"),
             once(&[(CTRL, Key::Q)], Command::Quit, "quit"),
             once(&[(NONE, Key::F2)], Command::Panel, "panel"),
-            once(&[(NONE, Key::F3)], Command::Overlay, "times"),
-            once(&[(Modifiers::SHIFT, Key::F3)], Command::Aid(Aid::Profile), "times as a graph, and memory"),
+            once(&[(NONE, Key::F3)], Command::Overlay, "render times"),
+            once(&[(Modifiers::SHIFT, Key::F3)], Command::Aid(Aid::Profile), "render times as a graph, and memory"),
             once(&[(NONE, Key::F11)], Command::FullScreen, "full screen"),
             once(&[(NONE, Key::F1), (NONE, Key::Questionmark)], Command::Help, "these keys"),
             once(&[(NONE, Key::Escape)], Command::Close, "close; back to the picture"),
@@ -250,14 +253,14 @@ pub const SECTIONS: &[Section] = &[
     },
 ];
 
-/// What holds for all keys with steps.
-pub const STEPS_TEXT: &str = "With Alt held steps are fine, with Shift held coarse.";
+/// Note on all keys with steps.
+pub const STEPS_TEXT: &str = "With Alt held the steps are fine, with Shift held they are coarse.";
 
-/// The command of a key; with steps its number is final.
+/// Returns the command of a key, its number multiplied by the step.
 pub fn command(modifiers: Modifiers, key: Key) -> Option<Command> {
     let all = || SECTIONS.iter().flat_map(|section| section.bindings);
     let is = |binding: &&Binding, held: Modifiers| {
-        // The key that `?`, `+` and the like come from may need Shift.
+        // Some keyboard layouts need Shift for `?` and `+`.
         let symbol = matches!(key, Key::Questionmark | Key::Plus);
         let held = if symbol { Modifiers { shift: false, ..held } } else { held };
         binding.keys.iter().any(|&(wanted, k)| k == key && held.matches_exact(wanted))
@@ -274,7 +277,7 @@ pub fn command(modifiers: Modifiers, key: Key) -> Option<Command> {
 }
 
 impl Binding {
-    /// The command with the slot that the key stands for, where keys stand for slots.
+    /// Returns the command with the slot of the key, if its keys stand for slots.
     fn numbered(&self, key: Key) -> Option<Command> {
         let slot = self.keys.iter().position(|&(_, k)| k == key)?;
         match self.command {
@@ -302,7 +305,7 @@ impl Binding {
         }
     }
 
-    /// "Ctrl+Shift+Z, Ctrl+Y"
+    /// Formats the keys: "Ctrl+Shift+Z, Ctrl+Y".
     pub fn keys_text(&self) -> String {
         if let (SLOTS, Some(&(modifiers, first)), Some((_, last))) =
             (self.keys.len(), self.keys.first(), self.keys.last())
@@ -314,20 +317,20 @@ impl Binding {
     }
 }
 
-/// What a command does and which key does it, for who points at its button.
+/// Returns the tooltip of a command: its text and keys.
 pub fn hint(command: Command) -> Option<String> {
     let binding = SECTIONS.iter().flat_map(|section| section.bindings).find(|binding| binding.command == command)?;
     Some(format!("{} ({})", binding.text, binding.keys_text()))
 }
 
-/// "Ctrl+Shift+Z", as scripts write it too.
+/// Formats a key with its modifiers as scripts do: "Ctrl+Shift+Z".
 pub fn chord_text(modifiers: Modifiers, key: Key) -> String {
     let held = [(modifiers.command || modifiers.ctrl, "Ctrl+"), (modifiers.alt, "Alt+"), (modifiers.shift, "Shift+")];
     let held: String = held.iter().filter(|(on, _)| *on).map(|(_, text)| *text).collect();
     held + key_text(key)
 }
 
-/// What keyboards have on it; arrows by name, which not all fonts have.
+/// Returns the symbol of a key; names for arrows, since not all fonts have their symbols.
 fn key_text(key: Key) -> &'static str {
     match key {
         Key::Minus => "-",
@@ -337,7 +340,7 @@ fn key_text(key: Key) -> &'static str {
     }
 }
 
-/// The reverse of [`chord_text`].
+/// Parses the format of [`chord_text`]; `None` for an unknown key.
 pub fn parse_chord(text: &str) -> Option<(Modifiers, Key)> {
     let mut modifiers = Modifiers::NONE;
     let mut rest = text;
@@ -351,7 +354,7 @@ pub fn parse_chord(text: &str) -> Option<(Modifiers, Key)> {
     Some((modifiers, key))
 }
 
-/// The table as docs/desk.md shows it: a row for each section, keys in bold.
+/// Returns the table for docs/desk.md: one row per section, keys in bold.
 pub fn as_markdown() -> String {
     let mut text = String::from("| | |\n|---|---|\n");
     for section in SECTIONS {

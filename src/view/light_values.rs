@@ -1,5 +1,5 @@
-//! The selected lights' values: those of the one selected last, and what differs among the others says so. What a hand
-//! does to them it does to all of them alike.
+//! Values of the selected lights: those of the primary light, or "mixed" if the lights differ. An edit changes all
+//! selected lights in the same way.
 
 use egui::{DragValue, Grid, Ui};
 use glam::{DVec3, Vec3};
@@ -19,7 +19,7 @@ impl Selected<'_> {
         self.lights.windows(2).any(|pair| value(pair[0]) != value(pair[1]))
     }
 
-    /// A field for a number, or for a number that stands for several.
+    /// Returns a number field, which shows "mixed" if the lights differ.
     fn number<'v>(&self, value: &'v mut f64, of: impl Fn(&Light) -> f64) -> DragValue<'v> {
         let field = DragValue::new(value);
         match self.differ(&of) {
@@ -54,7 +54,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
     let mut light = primary.clone();
     let selected = Selected { lights: desk.selection().iter().map(|index| &desk.rig().lights[index]).collect() };
     if selected.lights.len() > 1 {
-        ui.label(format!("{} lights; what one gets, all get alike", selected.lights.len()));
+        ui.label(format!("{} lights; an edit changes all of them", selected.lights.len()));
     }
     Grid::new("light").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
         ui.label("name");
@@ -80,7 +80,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
     link_values(ui, desk);
 }
 
-/// Taken over when the field is left, so that half a name is no edit.
+/// Draws a name field. The name is applied only when the field loses focus, so that typing is one edit.
 fn name(ui: &mut Ui, name: &mut String) {
     let id = ui.id().with(("name", &*name));
     let mut typed = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_else(|| name.clone());
@@ -132,7 +132,7 @@ fn color(ui: &mut Ui, selected: &Selected, light: &mut Light) {
     ui.end_row();
 }
 
-/// A button with a colour, and what somebody makes of it; on its own it would round what nobody touched.
+/// Draws a colour button. Returns `color` exactly unless it was edited, since egui rounds colours.
 fn color_button(ui: &mut Ui, color: Vec3) -> [f32; 3] {
     let mut edited = color.to_array();
     let is_edited = ui.color_edit_button_rgb(&mut edited).changed();
@@ -192,7 +192,7 @@ fn range(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
     ui.end_row();
 }
 
-/// Which group the selected lights are in, and its master.
+/// Draws the group of the selected lights, and the values of the primary light's group.
 fn group_values(ui: &mut Ui, desk: &mut Desk) {
     ui.separator();
     let primary_group = desk.group();
@@ -244,12 +244,12 @@ fn group_values(ui: &mut Ui, desk: &mut Desk) {
     desk.replace_group(index, group);
 }
 
-/// Whom the light selected last follows.
+/// Draws which light the primary light follows.
 fn link_values(ui: &mut Ui, desk: &mut Desk) {
     let Some(leader) = desk.selected_light().and_then(|light| light.follows) else { return };
     ui.horizontal(|ui| {
         ui.label(format!("follows {}", desk.rig().lights[leader].name));
-        if ui.button("end").clicked() {
+        if ui.button("unlink").clicked() {
             desk.unlink();
         }
     });

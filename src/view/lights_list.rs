@@ -1,4 +1,4 @@
-//! The list of lights: groups, switches, colours; a click selects, with Ctrl or Shift several.
+//! The list of lights: groups, switches, colours. A click selects one light; with Ctrl or Shift, several.
 
 use egui::{Color32, RichText, ScrollArea, Ui};
 use glam::Vec3;
@@ -34,7 +34,7 @@ pub fn lights_list(ui: &mut Ui, desk: &mut Desk, shares: &Shares, search: &mut S
     });
 }
 
-/// Groups with their lights, then the lights that are in none; only what is searched for.
+/// Returns groups with their lights, then the lights without a group. `search`, in lower case, filters them.
 fn rows(rig: &Rig, search: &str) -> Vec<Row> {
     let has = |text: &str| text.to_lowercase().contains(search);
     let is_found = |light: &Light| has(&light.name) || has(kind_name(light.kind));
@@ -99,24 +99,24 @@ fn group_row(ui: &mut Ui, desk: &mut Desk, shares: &Shares, index: usize) {
     let members = desk.members(index);
     let all = !members.is_empty() && members.iter().all(|light| desk.selection().contains(light));
     let share = members.iter().map(|light| shares.share(light)).sum();
-    if ui.selectable_label(all, RichText::new(name).strong()).on_hover_text("selects its lights").clicked() {
+    if ui.selectable_label(all, RichText::new(name).strong()).on_hover_text("select its lights").clicked() {
         desk.select(members);
     }
     percent(ui, share);
 }
 
-/// Of the picture's light.
+/// Draws a share of the light in the picture.
 fn percent(ui: &mut Ui, share: Option<f64>) {
     let Some(percent) = share.map(|share| 100.0 * share) else { return };
     let text = if percent == 0.0 || percent >= 9.95 { format!("{percent:.0} %") } else { format!("{percent:.1} %") };
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-        ui.label(RichText::new(text).small()).on_hover_text("of the light in the picture");
+        ui.label(RichText::new(text).small()).on_hover_text("share of the light in the picture");
     });
 }
 
-/// On and solo; whether one of them was clicked.
+/// Draws the on and solo switches. Returns whether one of them was clicked.
 fn switches(ui: &mut Ui, enabled: &mut bool, solo: &mut bool) -> bool {
-    let clicked = ui.checkbox(enabled, "").on_hover_text("on; off beats solo").changed();
+    let clicked = ui.checkbox(enabled, "").on_hover_text("on, off; off overrides solo").changed();
     let text = RichText::new("S").small();
     let solo_clicked = ui.selectable_label(*solo, text).on_hover_text("solo").clicked();
     *solo ^= solo_clicked;
@@ -128,7 +128,7 @@ fn dot(ui: &mut Ui, color: Color32) {
     ui.painter().circle_filled(at.center(), 5.0, color);
 }
 
-/// A light's colour at full brightness, as the display shows it.
+/// Returns a light's colour at full brightness, encoded for the display.
 pub fn chip(color: Vec3) -> Color32 {
     let brightest = color.max_element().max(f32::MIN_POSITIVE);
     let encode = |x: f32| (x.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0).round() as u8;

@@ -1,4 +1,4 @@
-//! Scenes and their indirect light, handed to the window by the thread that loads and bakes.
+//! Messages from the loading thread to the window: scenes, indirect light and progress.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -12,7 +12,7 @@ use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::session::Progress;
 
-/// What reaches the event loop from the loading thread.
+/// A message to the event loop from a loading or baking thread.
 pub enum LoadEvent {
     Progress {
         what: &'static str,
@@ -20,13 +20,13 @@ pub enum LoadEvent {
     },
     Opened(Box<Opened>),
     Refined(Arc<Transfer>),
-    /// More samples where edges lie, as lights rest.
+    /// A bake with extra samples on edges, made while lights rest.
     Sharper(Box<Sharper>),
-    /// The thread has ended, with all done or with an error.
+    /// The loading thread has ended, with success or with an error.
     Ended(Result<()>),
 }
 
-/// The loading thread's way to the window; any thread may tell how far it is.
+/// Sends messages from the loading thread to the window; any thread may report progress.
 pub struct Loader {
     proxy: EventLoopProxy<LoadEvent>,
     state: Mutex<State>,
@@ -40,7 +40,7 @@ struct State {
     told: Option<Instant>,
 }
 
-/// The window need not follow faster.
+/// Shortest interval between progress messages.
 const INTERVAL: Duration = Duration::from_millis(100);
 
 impl Loader {
@@ -52,12 +52,12 @@ impl Loader {
         }
     }
 
-    /// The window shows the scene from now on.
+    /// Sends the scene to the window, which shows it.
     pub fn show(&self, opened: Opened) {
         self.send(LoadEvent::Opened(Box::new(opened)));
     }
 
-    /// Indirect light takes the place of what there was.
+    /// Sends indirect light to the window; it replaces the previous one.
     pub fn refine(&self, transfer: Transfer) {
         self.send(LoadEvent::Refined(Arc::new(transfer)));
     }
@@ -79,7 +79,7 @@ impl Loader {
     }
 }
 
-/// The window's bar, which goes with the loading.
+/// The progress bar of the window.
 impl Progress for Loader {
     fn begin(&self, what: &'static str, total: usize) {
         let mut state = self.state.lock().expect("no thread panics while it holds this lock");

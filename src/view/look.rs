@@ -1,4 +1,4 @@
-//! What a light sees: the surfaces that it lights, cast from where it is, coarse while it moves and finer at rest.
+//! The view through a light: surfaces ray cast from its position, coarse while it moves and finer at rest.
 
 use egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
 use glam::{DVec2, DVec3, Vec3};
@@ -8,23 +8,24 @@ use super::desk::Desk;
 use crate::scene::{Camera, Light, LightKind, MeshSpace, Projection};
 use crate::trace::surface::SurfacePoint;
 
-/// Pixels: while something moves, and at rest.
+/// Image size while something moves, pixels.
 const COARSE: [usize; 2] = [60, 40];
+/// Image size at rest, pixels.
 const FINE: [usize; 2] = [240, 160];
-/// Points.
+/// Displayed size, points.
 const SHOWN: [f32; 2] = [240.0, 160.0];
 
-/// The picture as the light sees it.
+/// The view through a light.
 #[derive(Default)]
 pub struct Look {
     texture: Option<TextureHandle>,
     image: Option<ColorImage>,
-    /// The light that it was made for, and how fine.
+    /// The light and the image size of the current image.
     made_for: Option<(Light, [usize; 2])>,
 }
 
 impl Look {
-    /// Makes the picture anew if the light has changed; finer than it is if the hand `rests`. Returns whether it did.
+    /// Updates the image if the light has changed, or if it `rests` and the image is coarse. Returns whether it did.
     pub fn make(&mut self, opened: &Opened, light: &Light, rests: bool) -> bool {
         let is_same = self.made_for.as_ref().is_some_and(|(made_for, _)| made_for == light);
         let is_fine = self.made_for.as_ref().is_some_and(|(_, size)| *size == FINE);
@@ -37,7 +38,7 @@ impl Look {
         true
     }
 
-    /// The window with it; a drag in it turns the light.
+    /// Draws the window with the image; a drag in it turns the light.
     pub fn show(&mut self, ui: &mut Ui, opened: &Opened, desk: &mut Desk) {
         let Some(light) = desk.selected_light().cloned() else { return };
         if light.kind == LightKind::Point {
@@ -51,11 +52,11 @@ impl Look {
             }
         }
         let Some(texture) = &self.texture else { return };
-        let title = format!("Through {}", light.name);
+        let title = format!("View through {}", light.name);
         let window = egui::Window::new(title).id("look".into()).collapsible(false).resizable(false);
         window.default_pos([8.0, 8.0]).show(ui.ctx(), |ui| {
             let image = egui::Image::new(texture).fit_to_exact_size(SHOWN.into()).sense(egui::Sense::drag());
-            let response = ui.add(image).on_hover_text("drag: turns the light");
+            let response = ui.add(image).on_hover_text("drag to turn the light");
             if light.kind == LightKind::Spot {
                 let view = view(opened, &light);
                 let Projection::Perspective { yfov } = view.projection else { return };
@@ -66,7 +67,7 @@ impl Look {
             let by = response.drag_delta();
             if by != egui::Vec2::ZERO && light.kind != LightKind::Point {
                 let center = DVec2::splat(0.5) - DVec2::new((by.x / SHOWN[0]).into(), (by.y / SHOWN[1]).into());
-                // What was under the hand goes with it.
+                // The point under the mouse follows the mouse.
                 let view = view(opened, &light);
                 let direction = match light.kind {
                     LightKind::Directional => {
@@ -86,8 +87,8 @@ fn aspect() -> f64 {
     f64::from(SHOWN[0]) / f64::from(SHOWN[1])
 }
 
-/// Where the light is, looking along it: a spot's whole cone, the whole scene from a directional light, a wide view towards
-/// the middle of the scene from a point.
+/// Returns a camera at the light. It shows the whole cone of a spot light, the whole scene for a directional light, and
+/// a wide view towards the middle of the scene for a point light.
 fn view(opened: &Opened, light: &Light) -> Camera {
     let MeshSpace { origin: middle, unit: radius } = opened.scene.space;
     let (position, direction, projection) = match light.kind {

@@ -1,8 +1,8 @@
-//! The window: lights follow keyboard and mouse, and the picture follows the lights.
+//! The interactive window: keyboard and mouse edit the lights, and the picture is relit.
 //!
-//! One thread waits at one place, winit's event loop. Whatever happened by then is taken in as one edit, one frame is
-//! made of it, and at rest nothing is drawn. Scenes load and bake on another thread, behind a progress bar; indirect light is
-//! baked while direct light can be edited already.
+//! One thread waits in winit's event loop. All pending events become one edit and one frame; at rest nothing is drawn.
+//! Scenes load and bake on another thread, behind a progress bar. Direct light can be edited while indirect light
+//! bakes.
 
 mod aids;
 mod autosave;
@@ -49,13 +49,13 @@ use crate::relight::{RelightSettings, ToneMap};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
 
-/// What a window needs to know before its scene is loaded.
+/// Settings of a window that are known before its scene is loaded.
 pub struct ViewSettings {
-    /// Of the scene, for the title.
+    /// Name of the scene, for the title.
     pub name: String,
-    /// Where `save` writes; without it, it asks.
+    /// File that `save` writes; `None` asks for a path.
     pub rig_path: Option<PathBuf>,
-    /// Stops; `None` takes them from the first picture.
+    /// Exposure in stops; `None` derives it from the first picture.
     pub exposure: Option<f32>,
     pub device: Option<String>,
     pub validation: Validation,
@@ -63,14 +63,15 @@ pub struct ViewSettings {
     pub relight: RelightSettings,
     pub tone_map: ToneMap,
     pub vsync: Vsync,
-    /// Events to play, and where to write those that happen.
+    /// Events to play.
     pub script: Option<script::Script>,
+    /// File to which events are recorded.
     pub record: Option<PathBuf>,
-    /// What a frame may take while a hand drags; a picture that takes longer is made coarser, and finished at rest.
+    /// Time budget of a frame during a drag. A picture that exceeds it is drawn coarsely, and exactly at rest.
     pub frame_budget: Duration,
-    /// View samples of a pixel on an edge once lights rest; 1: no more than while they move.
+    /// View samples per pixel on edges once the lights rest; 1 adds none.
     pub rest_samples: u32,
-    /// Whether [`ViewReport::trace`] is wanted: it grows with every frame.
+    /// Whether [`ViewReport::trace`] is recorded; it grows with every frame.
     pub trace: bool,
 }
 
@@ -78,33 +79,36 @@ pub struct ViewSettings {
 pub struct Opened {
     pub scene: Arc<TracedScene>,
     pub framebuffer: Arc<DeepFramebuffer>,
-    /// Absent until it is baked, or where none is wanted.
+    /// `None` until it is baked, or without indirect light.
     pub transfer: Option<Arc<Transfer>>,
     pub rig: Rig,
 }
 
-/// What a window did, for `--stats`.
+/// Statistics of a window, for `--stats`.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ViewReport {
     pub device: String,
     pub driver: String,
-    /// From the start to the first picture, and the part of it that device and pipelines took.
+    /// Time from the start to the first picture.
     pub first_picture_ms: Option<f64>,
+    /// Part of it for the device and its pipelines.
     pub device_ms: f64,
-    /// Frames drawn, and those among them that relit the picture.
+    /// Number of frames drawn.
     pub frames: usize,
+    /// Number of frames that relit the picture.
     pub relit_frames: usize,
-    /// Of these, those that were made coarsely to keep up with a hand.
+    /// Number of relit frames that were coarse, to keep up with a drag.
     pub coarse_frames: usize,
-    /// From a frame's first event to the return of its presentation, of frames that relit the picture.
+    /// Latency of relit frames: from a frame's first event to the return of its presentation.
     pub latency_ms: Option<Latency>,
-    /// Median milliseconds of each pass of those frames.
+    /// Median times of the passes of relit frames.
     pub passes: Vec<PassReport>,
-    /// When each frame began, in milliseconds since the start, and its passes; for `--trace`.
+    /// Start of each frame, in milliseconds since the window's start, and its passes; for `--trace`.
     #[serde(skip)]
     pub trace: Vec<(f64, Vec<PassTime>)>,
 }
 
+/// Median time of one pass.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PassReport {
     pub name: &'static str,
@@ -112,6 +116,7 @@ pub struct PassReport {
     pub median_ms: f64,
 }
 
+/// Statistics of latency, milliseconds.
 #[derive(Clone, Copy, Debug, serde::Serialize)]
 pub struct Latency {
     pub best: f64,

@@ -1,4 +1,4 @@
-//! Figures over the picture.
+//! Overlay with render times.
 
 use egui::{Color32, Pos2, RichText, Ui};
 
@@ -6,7 +6,7 @@ use super::desk::Desk;
 use super::timings::Timings;
 use crate::gpu::Site;
 
-/// What passes took, latency, and what is selected.
+/// Draws pass times, latency and the selection, with the upper left corner near `corner`, points.
 pub fn times(ui: &Ui, timings: &Timings, desk: &Desk, corner: Pos2) {
     let frame = egui::Frame::NONE.fill(Color32::from_black_alpha(190)).inner_margin(8).corner_radius(4);
     let area = egui::Area::new("times".into()).fixed_pos(corner + egui::vec2(8.0, 8.0)).interactable(false);

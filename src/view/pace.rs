@@ -1,36 +1,36 @@
-//! How closely pictures are made while a hand drags, and what becomes of them when it rests.
+//! Level of detail of pictures during a drag and at rest.
 
 use std::time::{Duration, Instant};
 
 use crate::relight::Detail;
 
-/// Keeps frames within their budget: a light whose exact picture takes longer is shaded coarsely while it is dragged, and
-/// exactly once nothing has happened for a while.
+/// Keeps frames within a time budget: if an exact frame exceeds it, lights are shaded coarsely during a drag and
+/// exactly at rest.
 pub struct Pace {
     budget: Duration,
-    /// How long the last exact frame took that shaded lights.
+    /// Duration of the last exact frame that shaded lights.
     exact: Option<Duration>,
-    /// When the last edit was shown.
+    /// Time at which the last edit was shown.
     edited: Option<Instant>,
 }
 
-/// Edits that follow each other no later than this are one drag: keys repeat within a tenth of a second.
+/// Edits at shorter intervals are one drag; keys repeat within 0.1 s.
 const REST: Duration = Duration::from_millis(180);
 
 impl Pace {
-    /// A budget of zero never makes anything coarse.
+    /// A budget of zero disables coarse pictures.
     pub fn new(budget: Duration) -> Self {
         Self { budget, exact: None, edited: None }
     }
 
-    /// How closely an edit at `now` is to be shown.
+    /// Returns the level of detail for an edit at `now`.
     pub fn detail(&self, now: Instant) -> Detail {
         let dragging = self.edited.is_some_and(|edited| now - edited < REST);
         let slow = self.exact.is_some_and(|exact| exact > self.budget);
         if dragging && slow && !self.budget.is_zero() { Detail::Coarse } else { Detail::Exact }
     }
 
-    /// A frame that shaded lights was shown, after an edit or to finish one; it took so long.
+    /// Records a frame that shaded lights, after an edit or to complete a coarse picture, and its duration `took`.
     pub fn shown(&mut self, now: Instant, edited: bool, detail: Detail, took: Duration) {
         if edited {
             self.edited = Some(now);
@@ -40,7 +40,7 @@ impl Pace {
         }
     }
 
-    /// When a coarse picture is to be finished.
+    /// Returns when a coarse picture is to be completed.
     pub fn rests_at(&self) -> Option<Instant> {
         Some(self.edited? + REST)
     }
@@ -58,15 +58,15 @@ mod tests {
     fn slow_drags_are_coarse_from_their_second_frame_and_rest_finishes_them() {
         let mut pace = Pace::new(ms(33));
         let start = Instant::now();
-        assert_eq!(pace.detail(start), Detail::Exact, "nobody knows yet how long it takes");
+        assert_eq!(pace.detail(start), Detail::Exact, "its duration is not known yet");
         pace.shown(start + ms(80), true, Detail::Exact, ms(80));
         assert_eq!(pace.detail(start + ms(90)), Detail::Coarse);
         pace.shown(start + ms(120), true, Detail::Coarse, ms(25));
-        assert_eq!(pace.detail(start + ms(125)), Detail::Coarse, "the exact picture is no faster for that");
+        assert_eq!(pace.detail(start + ms(125)), Detail::Coarse, "the exact picture is still slow");
         assert_eq!(pace.rests_at(), Some(start + ms(300)));
         assert_eq!(pace.detail(start + ms(300)), Detail::Exact);
         pace.shown(start + ms(390), false, Detail::Exact, ms(85));
-        assert_eq!(pace.detail(start + ms(400)), Detail::Exact, "to finish a picture is no edit");
+        assert_eq!(pace.detail(start + ms(400)), Detail::Exact, "completing a picture is not an edit");
     }
 
     #[test]

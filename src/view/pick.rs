@@ -1,4 +1,4 @@
-//! Where the picture lies in the window, and which surface point lies under the mouse.
+//! Position of the picture in the window, and the surface point under the mouse.
 
 use egui::Pos2;
 use glam::{DVec3, Vec3};
@@ -8,9 +8,9 @@ use super::desk::Pick;
 use crate::gpu::Placement;
 use crate::trace::surface::SurfacePoint;
 
-/// The picture in the window: `area` physical pixels from the top left are free for it.
+/// Returns the placement of the picture in `area`, the physical pixels available from the window's top left.
 ///
-/// Fitted it is as large as fits; 1:1 it is centred and moved by `pan`, and never leaves the area altogether.
+/// A fitted picture is as large as possible. A 1:1 picture is centred and moved by `pan`, clamped to its edges.
 pub fn placement(picture: [u32; 2], area: [u32; 2], one_to_one: bool, pan: [i32; 2]) -> Placement {
     if area[0] == 0 || area[1] == 0 {
         return Placement::default();
@@ -30,23 +30,23 @@ pub fn placement(picture: [u32; 2], area: [u32; 2], one_to_one: bool, pan: [i32;
     Placement { left: start(0), top: start(1), width: size[0], height: size[1] }
 }
 
-/// A window's point in physical pixels as shares of the picture's width and height.
+/// Converts a point of the window (physical pixels) to fractions of the picture's width and height.
 fn shares(placement: Placement, at: [f32; 2]) -> [f64; 2] {
     let x = (f64::from(at[0]) - f64::from(placement.left)) / f64::from(placement.width);
     let y = (f64::from(at[1]) - f64::from(placement.top)) / f64::from(placement.height);
     [x, y]
 }
 
-/// The same if it lies on the picture.
+/// The same; `None` outside the picture.
 fn share(placement: Placement, at: [f32; 2]) -> Option<[f64; 2]> {
     let [x, y] = shares(placement, at);
     ((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y)).then_some([x, y])
 }
 
-/// What lies nearer to a point than this is the surface that the point lies on; mesh space.
+/// Offset of ray origins, mesh space; nearer surfaces are those that contain the origin.
 const OFF: f64 = 1e-4;
 
-/// The pixel of a picture that lies at `at`, physical pixels of the window.
+/// Returns the pixel of the picture at `at`, physical pixels of the window; `None` outside the picture.
 pub fn pixel(placement: Placement, size: [u32; 2], at: [f32; 2]) -> Option<[u32; 2]> {
     let shares = share(placement, at)?;
     Some([0, 1].map(|axis| (shares[axis] * f64::from(size[axis])) as u32))
@@ -57,13 +57,13 @@ impl Opened {
         f64::from(self.framebuffer.tiling.width) / f64::from(self.framebuffer.tiling.height)
     }
 
-    /// The surface point that the picture shows at `at`, physical pixels.
+    /// Returns the surface point that the picture shows at `at`, physical pixels of the window.
     pub fn pick(&self, placement: Placement, at: [f32; 2]) -> Option<Pick> {
         let [x, y] = share(placement, at)?;
         self.pick_share(x, y)
     }
 
-    /// The surface point at a share of the picture, y down.
+    /// Returns the surface point at fractions of the picture's width and height, y down.
     pub fn pick_share(&self, x: f64, y: f64) -> Option<Pick> {
         let (origin, direction) = self.framebuffer.camera.ray(x, y, self.aspect());
         let space = self.scene.space;
@@ -82,8 +82,8 @@ impl Opened {
         })
     }
 
-    /// How far it is from a point to the next surface along a unit direction; to the far side of the scene where there is
-    /// none. A surface at the point itself does not count.
+    /// Returns the distance (metres) from a world-space point to the next surface along a unit direction, or to the far
+    /// side of the scene if there is none. A surface at the point itself is ignored.
     pub fn free_along(&self, from: DVec3, direction: DVec3) -> f64 {
         let space = self.scene.space;
         let from = space.from_world(from);
@@ -92,7 +92,7 @@ impl Opened {
         space.unit * hit.map_or(from.length() + 1.0, |hit| f64::from(hit.distance) + OFF)
     }
 
-    /// The point under `at`, physical pixels, on the plane through `point` that faces the camera.
+    /// Returns the point under `at` (physical pixels) on the plane through `point` that is parallel to the image plane.
     pub fn beside(&self, placement: Placement, at: [f32; 2], point: DVec3) -> Option<DVec3> {
         let [x, y] = shares(placement, at);
         let (origin, direction) = self.framebuffer.camera.ray(x, y, self.aspect());
@@ -101,17 +101,18 @@ impl Opened {
         (distance.is_finite() && distance > 0.0).then(|| origin + direction * distance)
     }
 
-    /// What directional lights turn around: the surface in the middle of the picture, else the middle of the scene.
+    /// Returns the centre of rotation of directional lights: the surface in the middle of the picture, else the middle
+    /// of the scene.
     pub fn pivot(&self) -> DVec3 {
         self.pick_share(0.5, 0.5).map_or(self.scene.space.origin, |pick| pick.position)
     }
 
-    /// Where the picture has a world-space point, in physical pixels of the window.
+    /// Projects a world-space point to physical pixels of the window; `None` outside the picture.
     pub fn project(&self, placement: Placement, point: DVec3) -> Option<Pos2> {
         self.project_beyond(placement, point).filter(|at| share(placement, [at.x, at.y]).is_some())
     }
 
-    /// Where it would be in a picture that had no edges; `None` behind the camera.
+    /// Projects without clipping to the picture; `None` behind the camera.
     pub fn project_beyond(&self, placement: Placement, point: DVec3) -> Option<Pos2> {
         let [x, y] = self.framebuffer.camera.project(point, self.aspect())?;
         Some(Pos2::new(

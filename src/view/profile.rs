@@ -1,13 +1,13 @@
-//! What frames took, as a graph over the last of them and as figures, and who holds device memory.
+//! Profile window: graph and statistics of frame times, and device memory by owner.
 
 use egui::{Color32, FontId, Grid, Pos2, Rect, RichText, Sense, Stroke, Ui, Vec2};
 
 use super::timings::{Spread, Timings};
 use crate::gpu::Site;
 
-/// Points.
+/// Size of the graph, points.
 const GRAPH: Vec2 = Vec2::new(330.0, 110.0);
-/// Of passes, in the order of their first appearance; more than these take turns.
+/// Colours of passes in order of first appearance; further passes reuse them.
 const COLORS: [[u8; 3]; 12] = [
     [86, 180, 233],
     [230, 159, 0],
@@ -28,7 +28,7 @@ fn color(pass: usize) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// A window over the picture, its upper right corner at `corner` at first. `memory` lists owners and bytes.
+/// Draws a window over the picture, initially with its upper right corner at `corner`. `memory` lists owners and bytes.
 pub fn draw(ui: &Ui, timings: &Timings, memory: &[(String, u64)], budget_ms: f64, corner: Pos2) {
     let window = egui::Window::new("Profile").collapsible(true).resizable(false).title_bar(true);
     let place = corner + Vec2::new(-GRAPH.x - 36.0, 8.0);
@@ -52,7 +52,7 @@ fn text(ui: &mut Ui, text: String, color: Color32) {
     ui.label(RichText::new(text).monospace().size(10.0).color(color));
 }
 
-/// A bar a frame, its passes on top of each other, under a dot at its latency.
+/// Draws one bar of stacked passes per frame, and a dot at the frame's latency.
 fn graph(ui: &mut Ui, timings: &Timings, budget_ms: f64) {
     let (place, _) = ui.allocate_exact_size(GRAPH, Sense::hover());
     let painter = ui.painter().with_clip_rect(place);
@@ -80,7 +80,7 @@ fn graph(ui: &mut Ui, timings: &Timings, budget_ms: f64) {
     }
 }
 
-/// Median, 95th percentile and maximum of each pass and of the latency, over the frames of the graph.
+/// Draws median, 95th percentile and maximum of each pass and of the latency, over the frames of the graph.
 fn figures(ui: &mut Ui, timings: &Timings) {
     let columns = |ui: &mut Ui, name: &str, chip: Color32, site: &str, spread: Spread| {
         text(ui, name.into(), chip);
@@ -91,7 +91,7 @@ fn figures(ui: &mut Ui, timings: &Timings) {
         ui.end_row();
     };
     Grid::new("profile").num_columns(5).spacing([10.0, 1.0]).show(ui, |ui| {
-        for head in ["ms a frame", "", "    p50", "    p95", "    max"] {
+        for head in ["ms per frame", "", "    p50", "    p95", "    max"] {
             text(ui, head.into(), Color32::from_gray(150));
         }
         ui.end_row();

@@ -1,14 +1,14 @@
-//! Key and mouse events with times, as text: recorded from a window, or written by hand and played into one.
+//! Scripts: timed key and mouse events as text, recorded from a window or written by hand, and played back in one.
 //!
-//! A line is `SECONDS EVENT`, counted from the first picture; `#` begins a comment. Events:
+//! Each line is `SECONDS EVENT`, with the time since the first picture; `#` begins a comment. Events:
 //!
 //! ```text
-//! key Ctrl+Z          press and release; keys as `?` in the window and docs/desk.md call them
-//! press A, release A  a held key; `repeat A` for what it repeats
-//! mouse 320.5 240     the pointer moves; points from the window's top left
+//! key Ctrl+Z          press and release; key names as in docs/desk.md
+//! press A, release A  a held key; `repeat A` for its repeats
+//! mouse 320.5 240     pointer position; points from the window's top left
 //! down left, up left  a mouse button: left, right, middle
-//! wheel 0 -1          in lines
-//! text "rim light"    characters into a text field
+//! wheel 0 -1          mouse wheel, in lines
+//! text "rim light"    characters for a text field
 //! ```
 
 use std::path::Path;
@@ -20,7 +20,7 @@ use super::keys::{chord_text, parse_chord};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// Events in the order of their times.
+/// Events with times, in order of time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Script {
     pub events: Vec<(Duration, Event)>,
@@ -30,7 +30,7 @@ const BUTTONS: [(&str, PointerButton); 3] =
     [("left", PointerButton::Primary), ("right", PointerButton::Secondary), ("middle", PointerButton::Middle)];
 
 impl Script {
-    /// Reads a script; what it says wrong is an error that names the line.
+    /// Reads a script. The error for a malformed script names the line.
     pub fn load(path: &Path) -> Result<Self> {
         let text = String::from_utf8(crate::scene::files::read(path)?)
             .map_err(|e| Error::import_from(path, "is not UTF-8 text", e))?;
@@ -58,7 +58,7 @@ impl Script {
         Ok(Self { events })
     }
 
-    /// Adds an event, if it is one that scripts have.
+    /// Appends an event, if scripts can represent it.
     pub fn record(&mut self, time: Duration, event: &Event) {
         if event_text(event).is_some() {
             self.events.push((time, event.clone()));
@@ -77,7 +77,7 @@ impl Script {
 fn parse_event(text: &str, pointer: &mut Pos2) -> Result<Vec<Event>, String> {
     let (word, rest) = text.split_once(' ').unwrap_or((text, ""));
     let rest = rest.trim();
-    let chord = || parse_chord(rest).ok_or(format!("no key is called {rest:?}"));
+    let chord = || parse_chord(rest).ok_or(format!("there is no key {rest:?}"));
     let pair = || {
         let (x, y) = rest.split_once(' ')?;
         let pair: (f32, f32) = (x.parse().ok()?, y.trim().parse().ok()?);
@@ -164,7 +164,7 @@ mod tests {
             ("x", "line 1: expected SECONDS EVENT"),
             ("-1 key A", "line 1: expected a time"),
             ("2 key A\n1 key A", "line 2: is earlier"),
-            ("1 key Ctrl+Nope", "no key is called"),
+            ("1 key Ctrl+Nope", "there is no key"),
             ("1 mouse 3", "expected two numbers"),
             ("1 mouse NaN 3", "expected two numbers"),
             ("1 down wheel", "expected left"),

@@ -1,5 +1,5 @@
-//! What share of the picture's light each light gives. It is measured on the lights' images, one light at a time while
-//! the hand rests, and again only for what changed.
+//! Each light's share of the light in the picture. It is measured from the light images, one light at a time at rest,
+//! and measured again only for lights that changed.
 
 use std::sync::Arc;
 
@@ -9,9 +9,10 @@ use crate::error::Result;
 use crate::relight::{Picture, Relighter};
 use crate::scene::{Light, LightGroup};
 
+/// Measured shares of the lights.
 #[derive(Default)]
 pub struct Shares {
-    /// By light; those that are gone stay until others take their place.
+    /// By light; `None` if not measured yet.
     measured: Vec<Option<Measured>>,
     emission: Option<f64>,
 }
@@ -20,12 +21,12 @@ struct Measured {
     light: Arc<Light>,
     group: Option<Arc<LightGroup>>,
     shines: bool,
-    /// Mean over the picture.
+    /// Mean luminance of the light's image.
     luminance: f64,
 }
 
 impl Shares {
-    /// Measures one light, or the emitters, if something is out of date; returns whether it was.
+    /// Measures the emitters or one light, if out of date. Returns whether anything was measured.
     pub fn measure(&mut self, state: &State, relighter: &mut Relighter) -> Result<bool> {
         if self.emission.is_none() {
             self.emission = Some(mean_luminance(relighter.linear(Picture::Emission)?));
@@ -54,12 +55,12 @@ impl Shares {
         Ok(true)
     }
 
-    /// All of them are out of date.
+    /// Discards all measurements.
     pub fn forget(&mut self) {
         *self = Self::default();
     }
 
-    /// Of the light in the picture, as last measured; `None` where that is not known yet.
+    /// Returns the share of a light, as last measured; `None` until all lights are measured.
     pub fn share(&self, light: usize) -> Option<f64> {
         let lights: Option<f64> = self.measured.iter().map(|one| Some(one.as_ref()?.luminance)).sum();
         let one = self.measured.get(light)?.as_ref()?.luminance;

@@ -1,4 +1,4 @@
-//! Snapshots in the panel: what each looked like, what is written on it, and comparing with it.
+//! Snapshots in the panel: thumbnails, notes and comparison.
 
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui};
 
@@ -8,17 +8,17 @@ use super::desk::Desk;
 use super::desk::snapshots::SLOTS;
 use super::keys::Command;
 
-/// Pixels.
+/// Width of a thumbnail, pixels.
 const WIDTH: usize = 84;
 
-/// What a snapshot looked like when it was kept.
+/// Small picture of a snapshot from when it was stored.
 pub enum Thumbnail {
     Fresh(ColorImage),
     Loaded(TextureHandle),
 }
 
 impl Thumbnail {
-    /// The mean of the pixels that each of its own stands for.
+    /// Reduces a picture: each pixel of the thumbnail is the mean of the pixels that it covers.
     pub fn of(pixels: &[[u8; 4]], size: [u32; 2]) -> Self {
         let [width, height] = size.map(|side| side as usize);
         let small = [WIDTH.min(width), (height * WIDTH.min(width) / width).max(1)];
@@ -59,7 +59,7 @@ pub fn snapshots(
             for (slot, thumbnail) in thumbnails.iter_mut().enumerate() {
                 match thumbnail {
                     None => {
-                        if ui.button(format!("{}", slot + 1)).on_hover_text("keeps the lights as they are").clicked() {
+                        if ui.button(format!("{}", slot + 1)).on_hover_text("store the current lights").clicked() {
                             actions.push(Action::Do(Command::Keep(slot)));
                         }
                     }
@@ -72,7 +72,7 @@ pub fn snapshots(
         let Some(slot) = desk.snapshots().last() else { return };
         let Some(mut note) = desk.snapshots().get(slot).map(|snapshot| snapshot.note.clone()) else { return };
         ui.horizontal(|ui| {
-            ui.label(format!("note on {}", slot + 1));
+            ui.label(format!("note for {}", slot + 1));
             if ui.add(egui::TextEdit::singleline(&mut note).desired_width(f32::INFINITY)).changed() {
                 desk.annotate(slot, note);
             }
@@ -90,14 +90,14 @@ fn kept(
 ) {
     let Some(snapshot) = desk.snapshots().get(slot) else { return };
     let image = egui::Image::new(thumbnail.texture(ui)).max_width(WIDTH as f32);
-    let label = format!("{}: a click recalls it", snapshot.label(slot));
+    let label = format!("{}: click to recall", snapshot.label(slot));
     if ui.add(egui::Button::image(image)).on_hover_text(label).clicked() {
         actions.push(Action::Do(Command::Recall(slot)));
     }
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 2.0;
         ui.label(RichText::new(format!("{}", slot + 1)).small());
-        if ui.small_button("keep").on_hover_text("keeps the lights as they are instead").clicked() {
+        if ui.small_button("store").on_hover_text("replace it by the current lights").clicked() {
             actions.push(Action::Do(Command::Keep(slot)));
         }
         let comparing = view.comparing.filter(|comparing| comparing.slot == slot).map(|comparing| comparing.kind);
@@ -106,13 +106,13 @@ fn kept(
                 "A|B",
                 Comparison::Wipe { at: 0.5 },
                 matches!(comparing, Some(Comparison::Wipe { .. })),
-                "beside the lights as they are",
+                "show it beside the current lights",
             ),
             (
                 "±",
                 Comparison::Difference,
                 comparing == Some(Comparison::Difference),
-                "what differs from the lights as they are",
+                "show the difference from the current lights",
             ),
         ];
         for (text, kind, is_on, hint) in choices {

@@ -1,4 +1,4 @@
-//! A scene in its window: desk, relighter, and what commands do to them.
+//! An open scene: its desk and relighter, and the commands that act on them.
 
 mod compare;
 mod hand;
@@ -38,48 +38,49 @@ use crate::relight::sheet::Grid;
 use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
 use crate::scene::{Rig, export_gltf};
 
+/// An open scene with its desk and relighter.
 pub struct Stage {
     pub desk: Desk,
     pub opened: Opened,
     pub shares: Shares,
     relighter: Relighter,
     shows_look: bool,
-    /// The version of the desk's lights that the relighter has, and whether it was unsaved.
+    /// Version of the desk's lights in the relighter, and whether it was unsaved.
     taken: Option<(u64, bool)>,
-    /// What the relighter shows.
+    /// Layers that the relighter shows.
     layers: Layers,
     pace: Pace,
     converge: Converge,
-    /// Whether the picture has more samples on edges.
+    /// Whether the picture has extra samples on edges.
     is_sharp: bool,
-    /// The version of the desk's lights that the picture shows.
+    /// Version of the desk's lights in the picture.
     drawn: Option<u64>,
     still: Option<Still>,
-    /// What the picture's aids tell.
+    /// Data for the aids over the picture.
     pub overlay: OverlayInfo,
     pub gather_marks: Option<GatherMarks>,
     pub thumbnails: [Option<Thumbnail>; SLOTS],
     overlaid: Option<Overlaid>,
     pub look: Look,
-    /// What casts the shadow that is being dragged.
+    /// The point whose shadow is being dragged, world space.
     caster: Option<DVec3>,
     autosave: Autosave,
     rig_path: Option<PathBuf>,
     suggested_path: String,
 }
 
-/// Whether the window goes on after a command.
+/// Whether the window stays open after a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Then {
     Continue,
     Quit,
 }
 
-/// What a command may depend on besides the lights.
+/// Positions of the picture and the mouse, which commands may use.
 #[derive(Clone, Copy)]
 pub struct Pointer {
     pub placement: Placement,
-    /// Physical pixels; `None` outside of the window.
+    /// Mouse position, physical pixels; `None` outside the window.
     pub at: Option<[f32; 2]>,
 }
 
@@ -120,7 +121,7 @@ impl Stage {
         })
     }
 
-    /// Pixels.
+    /// Returns width and height of the picture, pixels.
     pub fn picture_size(&self) -> [u32; 2] {
         [self.opened.framebuffer.tiling.width, self.opened.framebuffer.tiling.height]
     }
@@ -129,27 +130,27 @@ impl Stage {
         self.rig_path.as_deref()
     }
 
-    /// What the passes of the last picture took.
+    /// Returns the pass times of the last picture.
     pub fn times(&self) -> &[PassTime] {
         self.sharp().map_or(&self.relighter, |sharp| sharp).times()
     }
 
-    /// The relighter with more samples, if it made the picture.
+    /// Returns the relighter with extra edge samples, if it made the picture.
     fn sharp(&self) -> Option<&Relighter> {
         self.converge.relighter().filter(|_| self.is_sharp)
     }
 
-    /// Takes over more samples where edges lie.
+    /// Accepts a bake with extra samples on edges.
     pub fn sharpen(&mut self, sharper: Sharper) {
         self.converge.take(sharper, &self.opened, self.desk.rig());
     }
 
-    /// Device memory by owner, bytes.
+    /// Returns device memory by owner, bytes.
     pub fn memory(&self) -> Vec<(String, u64)> {
         self.relighter.context().memory_by_owner()
     }
 
-    /// Hands the lights to the relighter.
+    /// Updates the relighter if the lights have changed.
     fn take_lights(&mut self) -> Result<()> {
         let version = Some((self.desk.version(), self.desk.history().is_unsaved()));
         if self.taken != version {
@@ -160,7 +161,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Indirect light takes the place of what there was.
+    /// Replaces the indirect light.
     pub fn refine(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.shares.forget();
         self.overlaid.iter_mut().for_each(Overlaid::forget);
@@ -170,7 +171,8 @@ impl Stage {
         Ok(())
     }
 
-    /// What is worth a look only while the hand rests: a little of it. Returns whether there was anything to do.
+    /// Does one short step of idle work: refines the view through the light, or measures shares. Returns whether there
+    /// was work.
     pub fn rest(&mut self) -> Result<bool> {
         self.note_edits();
         if self.shows_look
@@ -180,13 +182,13 @@ impl Stage {
             return Ok(true);
         }
         if self.relighter.is_coarse() || self.layers != Layers::All {
-            return Ok(false); // images are not those of the whole picture
+            return Ok(false); // the light images are coarse or lack layers
         }
         self.take_lights()?;
         self.shares.measure(self.desk.history().state(), &mut self.relighter)
     }
 
-    /// Draws what is to be looked at. Afterwards [`Self::overlay`] is about it.
+    /// Draws the chosen view and updates [`Self::overlay`] for it.
     pub fn draw(&mut self, view: &ViewState, pointer: Pointer, screen: Screen) -> Result<()> {
         self.shows_look = view.look;
         self.note_edits();
@@ -200,7 +202,7 @@ impl Stage {
             let still = Still::get(self.still.take(), context, &self.opened, &view.views, blue_first)?;
             self.relighter.show_still(still.pixels(), screen)?;
             if let Some([x, y]) = probe {
-                let value = still.value([x, y]).map_or("nothing".into(), |v| match v.x == v.y && v.y == v.z {
+                let value = still.value([x, y]).map_or("no value".into(), |v| match v.x == v.y && v.y == v.z {
                     true => aids::short(v.x),
                     false => v.to_array().map(aids::short).join("  "),
                 });
@@ -218,7 +220,7 @@ impl Stage {
             self.converge.go_on(&self.opened, self.desk.rig())?;
         }
         let comparing = self.compare(view, screen.surface.wants_blue_first())?;
-        // Both sides of a comparison are made alike.
+        // Both sides of a comparison use the same samples.
         let sharp = match comparing {
             Some(_) => None,
             None => self.converge.ready(&self.opened, self.desk.rig(), layers)?,
@@ -252,7 +254,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Draws what lies over the picture to explain it; `scale` physical pixels are a point.
+    /// Draws the aids over the picture; `scale` is physical pixels per point.
     pub fn draw_aids(&self, ui: &egui::Ui, view: &ViewState, placement: Placement, scale: f32) {
         let size = self.picture_size();
         let point = |x: f32, y: f32| {
@@ -277,12 +279,12 @@ impl Stage {
         }
     }
 
-    /// Whether the picture was made in a hurry, and is not finished yet.
+    /// Whether the picture is coarse and not completed yet.
     pub fn is_coarse(&self) -> bool {
         !self.is_sharp && self.relighter.is_coarse()
     }
 
-    /// When the picture goes on to become better, if nothing happens until then.
+    /// Returns when refinement of the picture continues, if no event comes before; `None` if it is complete.
     pub fn goes_on_at(&self, view: &ViewState) -> Option<Instant> {
         view.views.view.picture(None)?;
         match self.is_coarse() {
@@ -291,7 +293,7 @@ impl Stage {
         }
     }
 
-    /// Selects the light whose cell of the contact sheet lies under the mouse.
+    /// Selects the light whose contact-sheet cell is under the mouse. Returns whether there is one.
     pub fn select_from_sheet(&mut self, pointer: Pointer) -> bool {
         let size = self.picture_size();
         let grid = Grid::new(self.desk.rig().lights.len(), size);
@@ -300,14 +302,14 @@ impl Stage {
         light.inspect(|&light| self.desk.select(Selection::only(light))).is_some()
     }
 
-    /// Hands edits to the file that a crash leaves.
+    /// Writes edits to the autosave file.
     pub(super) fn note_edits(&mut self) {
         if let Err(error) = self.autosave.note(&self.desk) {
-            self.desk.message = format!("edits are NOT kept for a crash: {error}");
+            self.desk.message = format!("AUTOSAVE FAILED: {error}");
         }
     }
 
-    /// Asks whether to take over what a crash left.
+    /// If a crash left an autosave file, asks whether to recover it.
     pub fn ask_to_recover(&mut self, view: &mut ViewState) {
         match self.autosave.found(self.desk.rig()) {
             None => {}
@@ -315,16 +317,16 @@ impl Stage {
                 self.desk.message = "unsaved edits were found".into();
                 view.dialog = Some(Dialog::Recover(Box::new(rig)));
             }
-            Some(Err(error)) => self.desk.message = format!("unsaved edits were found, but {error}"),
+            Some(Err(error)) => self.desk.message = format!("unsaved edits were found but cannot be read: {error}"),
         }
     }
 
-    /// The window closes as it should: nothing needs to be recovered.
+    /// Removes the autosave file, since the window closes normally.
     pub fn close(self) -> Result<()> {
         self.autosave.remove()
     }
 
-    /// Stops that suit the lights as they are.
+    /// Returns the automatic exposure for the current lights, stops.
     pub fn automatic_exposure(&mut self) -> Result<f32> {
         self.take_lights()?;
         Ok(exposure::automatic(self.relighter.linear(Picture::Whole)?))
@@ -441,13 +443,13 @@ impl Stage {
             Command::Panel => view.panel = !view.panel,
             Command::Overlay => view.overlay = !view.overlay,
             Command::Help => view.help = !view.help,
-            Command::Close if matches!(view.dialog, Some(Dialog::Recover(_))) => {} // it waits for an answer
+            Command::Close if matches!(view.dialog, Some(Dialog::Recover(_))) => {} // this dialog requires an answer
             Command::Close => {
                 if view.dialog.take().is_none() && !std::mem::take(&mut view.help) {
                     view.views.view = View::Beauty;
                 }
             }
-            Command::FullScreen => {} // the window's own
+            Command::FullScreen => {} // handled by the window
         }
         Ok(Then::Continue)
     }
@@ -459,20 +461,22 @@ impl Stage {
         }
     }
 
-    /// What a new light shines at: what the mouse points at, else the middle of the picture, else of the scene.
+    /// Returns the target of a new light: the surface under the mouse, else in the middle of the picture, else the
+    /// middle of the scene.
     fn target(&self, pointer: Pointer) -> DVec3 {
         let under_mouse = pointer.at.and_then(|at| self.opened.pick(pointer.placement, at));
         let pick = under_mouse.or_else(|| self.opened.pick_share(0.5, 0.5));
         pick.map_or(self.opened.scene.space.origin, |pick| pick.position)
     }
 
-    /// Writes the rig, or exports the scene with it, by the path's extension; a failure is told, and nothing is lost.
+    /// Saves the rig, or exports the scene if the path ends in `.glb` or `.gltf`. Puts the outcome into the message and
+    /// returns whether it succeeded.
     fn save(&mut self, path: PathBuf) -> bool {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         if matches!(extension.as_str(), "glb" | "gltf") {
             let exported = export_gltf(&self.opened.scene, self.desk.rig(), &path);
             self.desk.message = match &exported {
-                Ok(()) => format!("exported {}; Blender's cones fade in a way of their own", path.display()),
+                Ok(()) => format!("exported {}; Blender draws the edges of cones differently", path.display()),
                 Err(error) => format!("NOT EXPORTED: {error}"),
             };
             return exported.is_ok();

@@ -1,4 +1,4 @@
-//! Pictures that no light changes: channels of the deep framebuffer, errors of indirect light.
+//! Pictures that do not depend on the lights: channels of the deep framebuffer, errors of indirect light.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::gpu::{Buffer, Context, Pixels};
 use crate::image::png::srgb8_from_linear;
 use crate::relight::exposure::stop_color;
 
-/// A picture, and the values behind its colours.
+/// A picture, and the values that its colours show.
 pub struct Still {
     view: View,
     layer: u32,
@@ -21,13 +21,13 @@ pub struct Still {
     size: [u32; 2],
 }
 
-/// Of pixels that have no value: a grey that is no channel's usual one.
+/// Colour of pixels without a value: a grey that is rare in channels.
 const NOTHING: [u8; 3] = [28, 28, 34];
-/// The error that legends and colours have in the middle.
+/// Relative error in the middle of the colour scale.
 pub const MIDDLE_ERROR: f32 = 0.01;
 
 impl Still {
-    /// The still that `views` asks for; the one there is, if it is that.
+    /// Returns the still for `views`; reuses `still` if it matches.
     pub fn get(
         still: Option<Self>,
         context: &Arc<Context>,
@@ -80,7 +80,7 @@ fn channel_colors(channel: Channel, values: &[Option<Vec3>]) -> Vec<[u8; 3]> {
     let plain = |v: Vec3| v.clamp(Vec3::ZERO, Vec3::ONE).to_array().map(|x| (255.0 * x).round() as u8);
     let color = |v: Vec3| match channel {
         Channel::Normal | Channel::GeometricNormal => plain(0.5 + 0.5 * v),
-        // Near is bright.
+        // Near surfaces are bright.
         Channel::Distance => plain((high - v) / size),
         Channel::Position => plain((v - low) / size),
         Channel::BaseColor | Channel::Weight => v.to_array().map(srgb8_from_linear),

@@ -1,4 +1,4 @@
-//! What frames took: for the overlay over the last seconds, for reports from the first on.
+//! Frame times: of the last seconds for the overlay, of all frames for reports.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -6,18 +6,19 @@ use std::time::{Duration, Instant};
 use super::PassReport;
 use crate::gpu::{PassTime, Site};
 
-/// Frames that the graph shows.
+/// Number of frames in the graph.
 const GRAPH_FRAMES: usize = 240;
-/// How far back the overlay looks.
+/// Time span of the overlay's statistics.
 const WINDOW: Duration = Duration::from_secs(5);
 
+/// Times of frames and their passes.
 #[derive(Default)]
 pub struct Timings {
-    /// When each frame was shown, and its latency: from its first event to the return of its presentation.
+    /// When each frame was shown, and its latency: milliseconds from its first event to the return of its presentation.
     recent: VecDeque<(Instant, f64)>,
     /// Latencies of all frames that relit the picture, milliseconds.
     relit: Vec<f64>,
-    /// Passes of frames that relit the picture: milliseconds of all of them, the last frame last.
+    /// Passes of frames that relit the picture.
     passes: Vec<Pass>,
     coarse_frames: usize,
     /// The last frames that relit the picture.
@@ -28,13 +29,13 @@ pub struct Timings {
 #[derive(Default)]
 pub struct GraphFrame {
     pub latency_ms: f64,
-    /// Index among [`Timings::names`], milliseconds; several of one name added.
+    /// Index in [`Timings::names`], and milliseconds; passes of one name are summed.
     pub passes: Vec<(usize, f64)>,
-    /// Whether the picture was made in a hurry.
+    /// Whether the picture is coarse.
     pub coarse: bool,
 }
 
-/// How something varied, milliseconds.
+/// Statistics of a time, milliseconds.
 #[derive(Clone, Copy)]
 pub struct Spread {
     pub median: f64,
@@ -46,22 +47,24 @@ pub struct Spread {
 struct Pass {
     name: &'static str,
     site: Site,
-    /// Of the frame it was last in.
+    /// Number of the last relit frame that has the pass.
     frame: usize,
-    /// When it began there.
+    /// Start of the pass in that frame.
     start_ms: f64,
+    /// Milliseconds in each frame that has the pass.
     ms: Vec<f64>,
 }
 
 impl Timings {
-    /// A frame whose first event came at `event` was shown; `passes` if it relit the picture.
+    /// Records a frame that was shown, and whose first event came at `event`; `passes` is given if it relit the
+    /// picture.
     pub fn frame(&mut self, event: Instant, passes: Option<&[PassTime]>, coarse: bool) {
         let now = Instant::now();
         let latency = (now - event).as_secs_f64() * 1e3;
         if let Some(passes) = passes {
             self.relit.push(latency);
             self.coarse_frames += usize::from(coarse);
-            // The oldest frame's list serves again.
+            // The list of the oldest frame is reused.
             let oldest = if self.graph.len() == GRAPH_FRAMES { self.graph.pop_front() } else { None };
             let mut of_graph = GraphFrame { latency_ms: latency, coarse, ..oldest.unwrap_or_default() };
             of_graph.passes.clear();
@@ -80,7 +83,7 @@ impl Timings {
         }
     }
 
-    /// Returns the pass's index.
+    /// Records a pass; returns its index.
     fn pass(&mut self, time: &PassTime) -> usize {
         let frame = self.relit.len();
         let found = self.passes.iter().position(|pass| (pass.name, pass.site) == (time.name, time.site));
@@ -99,12 +102,12 @@ impl Timings {
         index
     }
 
-    /// Relit frames that were made coarsely.
+    /// Returns the number of relit frames that were coarse.
     pub fn coarse_frames(&self) -> usize {
         self.coarse_frames
     }
 
-    /// The frames of the graph, the oldest first; at most [`Self::capacity`].
+    /// Returns the frames of the graph, oldest first; at most [`Self::capacity`].
     pub fn frames(&self) -> impl Iterator<Item = &GraphFrame> {
         self.graph.iter()
     }
@@ -113,30 +116,30 @@ impl Timings {
         GRAPH_FRAMES
     }
 
-    /// Every pass that there was.
+    /// Returns name and site of all passes so far.
     pub fn names(&self) -> impl Iterator<Item = (&'static str, Site)> {
         self.passes.iter().map(|pass| (pass.name, pass.site))
     }
 
-    /// Of one pass, in those frames of the graph that had it.
+    /// Returns statistics of one pass over the frames of the graph that have it.
     pub fn pass_spread(&self, index: usize) -> Option<Spread> {
         let of_pass = |frame: &GraphFrame| frame.passes.iter().find(|(i, _)| *i == index).map(|(_, ms)| *ms);
         Spread::new(self.graph.iter().filter_map(of_pass).collect())
     }
 
-    /// From event to presentation, in the frames of the graph.
+    /// Returns statistics of the latency over the frames of the graph.
     pub fn latency_spread(&self) -> Option<Spread> {
         Spread::new(self.graph.iter().map(|frame| frame.latency_ms).collect())
     }
 
-    /// Passes of the last relit frame in their order, several of one name added.
+    /// Returns the passes of the last relit frame in order of execution; passes of one name are summed.
     pub fn passes(&self) -> impl Iterator<Item = (&'static str, Site, f64)> {
         let mut last: Vec<&Pass> = self.passes.iter().filter(|pass| pass.frame == self.relit.len()).collect();
         last.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
         last.into_iter().map(|pass| (pass.name, pass.site, *pass.ms.last().expect("none is empty")))
     }
 
-    /// What passes took in the frames that had them.
+    /// Returns the median time of each pass over the frames that have it.
     pub fn median_passes(&self) -> Vec<PassReport> {
         let report = |pass: &Pass| {
             let [median_ms] = quantiles(&mut pass.ms.clone(), [0.5]).expect("none is empty");
@@ -145,31 +148,31 @@ impl Timings {
         self.passes.iter().map(report).collect()
     }
 
-    /// Median and 95th percentile of latency over the last seconds, milliseconds.
+    /// Returns median and 95th percentile of the latency over the last seconds, milliseconds.
     pub fn recent(&self) -> Option<[f64; 2]> {
         let mut latencies: Vec<f64> = self.recent.iter().map(|(_, ms)| *ms).collect();
         quantiles(&mut latencies, [0.5, 0.95])
     }
 
-    /// Latency of the last frame, milliseconds.
+    /// Returns the latency of the last frame, milliseconds.
     pub fn last(&self) -> Option<f64> {
         self.recent.back().map(|(_, ms)| *ms)
     }
 
-    /// Of all frames that relit the picture: their number; best, median and 95th percentile of latency.
+    /// Returns the number of relit frames, and best, median and 95th percentile of their latency, milliseconds.
     pub fn relit(&self) -> (usize, Option<[f64; 3]>) {
         (self.relit.len(), quantiles(&mut self.relit.clone(), [0.0, 0.5, 0.95]))
     }
 }
 
 impl Spread {
-    /// `None` of nothing.
+    /// Returns `None` without values.
     fn new(mut values: Vec<f64>) -> Option<Self> {
         quantiles(&mut values, [0.5, 0.95, 1.0]).map(|[median, p95, max]| Self { median, p95, max })
     }
 }
 
-/// Nearest ranks; `None` of nothing.
+/// Returns quantiles by nearest rank, `None` without values. Sorts `values`.
 fn quantiles<const N: usize>(values: &mut [f64], shares: [f64; N]) -> Option<[f64; N]> {
     values.sort_by(f64::total_cmp);
     let last = values.len().checked_sub(1)?;

@@ -1,4 +1,4 @@
-//! What the window shows in place of the picture, and what it lays over it.
+//! Views, which replace the picture, and aids, which are drawn over it.
 
 use egui::{ComboBox, Ui};
 
@@ -7,7 +7,7 @@ use super::keys::{self, Command};
 use crate::bake::channels::Channel;
 use crate::relight::{Layers, Picture, ToneMap};
 
-/// Something to look at.
+/// What the window shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum View {
     Beauty,
@@ -15,35 +15,35 @@ pub enum View {
     Reflection,
     Indirect,
     Emission,
-    /// What the selected light does.
+    /// The contribution of the selected light.
     Light,
-    /// What each light does, side by side.
+    /// The contributions of all lights, side by side.
     Lights,
-    /// How far off each tile's indirect light is.
+    /// Error of each tile's indirect light.
     TransferError,
-    /// Of the deep framebuffer.
+    /// A channel of the deep framebuffer.
     Channel(Channel),
 }
 
-/// Something to lay over what is shown, or to show it by.
+/// An overlay, or another way to show the view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Aid {
-    /// A colour a stop of luminance.
+    /// One colour per stop of luminance.
     FalseColor,
     Histogram,
     /// The values of the pixel under the mouse.
     Probe,
-    /// Gather samples where the camera sees them.
+    /// Gather samples that the camera sees.
     GatherSamples,
-    /// What frames took, as a graph.
+    /// Frame times as a graph.
     Profile,
 }
 
-/// What is looked at, and how.
+/// The current view and the active aids.
 #[derive(Clone, Copy, Debug)]
 pub struct Views {
     pub view: View,
-    /// Of the deep framebuffer, from 0.
+    /// Layer of the deep framebuffer, from 0.
     pub layer: u32,
     aids: [bool; 5],
 }
@@ -79,7 +79,7 @@ impl View {
         }
     }
 
-    /// What the relighter makes of it; `None` of what no light changes.
+    /// Returns the relighter's layers and picture for this view; `None` if the view does not depend on the lights.
     pub fn picture(self, selected: Option<usize>) -> Option<(Layers, Picture)> {
         Some(match self {
             Self::Beauty => (Layers::All, Picture::Whole),
@@ -93,7 +93,7 @@ impl View {
         })
     }
 
-    /// The next channel of the deep framebuffer.
+    /// Returns the next channel of the deep framebuffer.
     pub fn next_channel(self) -> Self {
         let at = Channel::ALL.iter().position(|&channel| self == Self::Channel(channel));
         Self::Channel(Channel::ALL[at.map_or(0, |at| (at + 1) % Channel::ALL.len())])
@@ -101,7 +101,7 @@ impl View {
 }
 
 impl Aid {
-    /// What their buttons say.
+    /// All aids, and the labels of their buttons.
     const ALL: [(Self, &'static str); 5] = [
         (Self::FalseColor, "stops"),
         (Self::Histogram, "histogram"),
@@ -136,12 +136,12 @@ impl Views {
         self.aids[aid as usize] ^= true;
     }
 
-    /// Whether anything lies over the picture whatever else does.
+    /// Whether any aid requires the interface to be drawn.
     pub fn has_ui(&self) -> bool {
         [Aid::Histogram, Aid::Probe, Aid::GatherSamples, Aid::Profile].iter().any(|&aid| self.has(aid))
     }
 
-    /// What is shown, with its layer.
+    /// Returns the name of the view, with the layer if it has layers.
     pub fn title(&self) -> String {
         match self.view {
             View::Channel(channel) if channel.has_layers() => format!("{}, layer {}", channel.name(), self.layer + 1),
@@ -150,7 +150,7 @@ impl Views {
     }
 }
 
-/// Chooses view and aids.
+/// Draws the menu of views and the buttons of aids.
 pub fn menu(ui: &mut Ui, view: &ViewState, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.label("view");
@@ -168,7 +168,7 @@ pub fn menu(ui: &mut Ui, view: &ViewState, actions: &mut Vec<Action>) {
             }
         });
         if matches!(view.views.view, View::Channel(channel) if channel.has_layers())
-            && ui.button("layer").on_hover_text("the next layer of the deep framebuffer").clicked()
+            && ui.button("layer").on_hover_text("show the next layer of the deep framebuffer").clicked()
         {
             actions.push(Action::Do(Command::NextLayer));
         }

@@ -1,4 +1,4 @@
-//! The event loop: what happened becomes one edit, one edit one frame.
+//! The event loop: pending events become one edit, and one edit becomes one frame.
 
 use std::time::{Duration, Instant};
 
@@ -25,13 +25,14 @@ use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 use crate::relight::ToneMap;
 
-/// Opens a window and runs it until it is closed. `load` runs on a thread of its own and shows what it has loaded.
+/// Opens a window and runs it until it is closed. `load` runs on its own thread and sends its results to the window.
+/// Fails if no window can be opened or the scene cannot be loaded.
 pub fn run(settings: ViewSettings, load: impl FnOnce(&Loader) -> Result<()> + Send + 'static) -> Result<ViewReport> {
     let no_window = |source: Cause| Error::NoWindow { source };
     let event_loop = EventLoop::<LoadEvent>::with_user_event().build().map_err(|e| no_window(e.into()))?;
     let loader = Loader::new(event_loop.create_proxy());
     let mut app = App::new(settings, event_loop.create_proxy());
-    // Not joined: who closes the window during a long bake does not wait for it.
+    // Not joined, so that closing the window does not wait for a long bake.
     std::thread::spawn(move || loader.end(load(&loader)));
     event_loop.run_app(&mut app).map_err(|e| no_window(e.into()))?;
     app.finish()
@@ -43,43 +44,44 @@ struct App {
     began: Instant,
     device_time: Duration,
     view: ViewState,
-    /// Dropped before the window's graphics.
+    /// Dropped before `graphics`, whose device it uses.
     stage: Option<Stage>,
     graphics: Option<Graphics>,
-    /// What the loading thread does, and how far it is.
+    /// Current step of the loading thread, and its progress from 0 to 1.
     loading: Option<(&'static str, f32)>,
     hand: InputState,
-    /// When the first event came that no frame has shown yet.
+    /// Time of the first event that no frame has shown yet.
     pending: Option<Instant>,
-    /// Something changed that a frame has to show.
+    /// Whether something changed that no frame has shown yet.
     stale: bool,
-    /// We asked for the next redraw; else the system did, because it lost the picture.
+    /// Whether we requested the next redraw. Otherwise the system requests it because it lost the window's contents.
     asked: bool,
-    /// When the interface wants to be drawn again.
+    /// Time at which egui wants to draw the interface again.
     wake: Option<Instant>,
-    /// Frames of the interface since the last event.
+    /// Number of interface frames since the last event.
     looks: u32,
-    /// When the hand will have rested for long enough, if there may be work for that time.
+    /// Time at which idle work starts, if there may be any.
     rest: Option<Instant>,
-    /// Something was done since then that a frame has to show.
+    /// Whether idle work has a result that no frame has shown yet.
     rested: bool,
     first_picture: Option<Instant>,
     played: usize,
     recorded: Script,
     timings: Timings,
     frames: usize,
-    /// When frames began, milliseconds, and their passes; empty unless it is wanted.
+    /// Start times of frames, milliseconds, and their passes; empty unless requested.
     trace: Vec<(f64, Vec<PassTime>)>,
     outcome: Result<()>,
 }
 
-/// How often the interface may be drawn again without an event: what comes newly over the picture is first measured, then
-/// seen, and what it tells may come with the picture.
+/// Largest number of interface frames without an event. A new overlay needs one frame for its layout and one to appear;
+/// its content may depend on the picture of the frame before.
 const LOOKS: u32 = 2;
-/// The interface wants a second look after most events; while they keep coming, the next one is that look.
+/// Shortest delay before an interface frame without an event. egui requests one after most events; if another event
+/// comes first, its frame serves.
 const SECOND_LOOK: Duration = Duration::from_millis(40);
 
-/// After so long without an event the hand rests.
+/// Time after a frame at which idle work starts.
 const REST: Duration = Duration::from_millis(150);
 
 impl App {
@@ -130,9 +132,9 @@ impl App {
     fn finish(mut self) -> Result<ViewReport> {
         let (relit_frames, latency) = self.timings.relit();
         let info = self.graphics.as_ref().map(|graphics| graphics.context.info.clone());
-        // Before the graphics, whose device it uses.
+        // Dropped before the graphics, whose device it uses.
         let stage = self.stage.take();
-        self.outcome?; // what a crash leaves stays
+        self.outcome?; // after an error the autosave file remains
         let is_answered = !matches!(self.view.dialog, Some(Dialog::Recover(_)));
         stage.filter(|_| is_answered).map_or(Ok(()), Stage::close)?;
         if let Some(path) = &self.settings.record {
@@ -160,7 +162,7 @@ impl App {
         }
     }
 
-    /// Something happened now that the next frame shows.
+    /// Records an event that the next frame must show.
     fn note_event(&mut self, at: Instant) {
         self.pending.get_or_insert(at);
         self.ask_for_frame();
@@ -181,7 +183,7 @@ impl App {
         Ok(())
     }
 
-    /// Where the picture lies now.
+    /// Returns the current position of the picture in the window.
     fn placement(&self) -> Placement {
         let (Some(graphics), Some(stage)) = (&self.graphics, &self.stage) else { return Placement::default() };
         let PhysicalSize { width, height } = graphics.window.inner_size();
@@ -195,7 +197,7 @@ impl App {
         Pointer { placement: self.placement(), at: self.hand.at.map(|at| [at.x * scale, at.y * scale]) }
     }
 
-    /// Events that the script has for now.
+    /// Adds the script's events that are due.
     fn play(&mut self, events: &mut Vec<Event>) {
         let (Some(script), Some(start)) = (&self.settings.script, self.first_picture) else { return };
         while let Some((time, event)) = script.events.get(self.played)
@@ -212,7 +214,7 @@ impl App {
         Some(self.first_picture? + script.events.get(self.played)?.0)
     }
 
-    /// Takes in what happened: edits, one frame.
+    /// Handles the pending events and draws one frame.
     fn frame(&mut self) -> Result<Then> {
         let Some(graphics) = &mut self.graphics else { return Ok(Then::Continue) };
         let mut input = graphics.egui.take_egui_input(&graphics.window);
@@ -229,13 +231,13 @@ impl App {
             self.hand.dialog_is_shown = self.view.dialog.is_some();
             self.looks = if had_events { 0 } else { self.looks + 1 };
             if self.looks > LOOKS {
-                self.wake = None; // it would ask for ever
+                self.wake = None; // egui would request frames forever
             }
             if !actions.is_empty() {
                 if self.act(&actions)? == Then::Quit {
                     then = Then::Quit;
                 }
-                self.ask_for_frame(); // the interface shows what became of them
+                self.ask_for_frame(); // to show their result in the interface
             }
             Some(ui)
         } else {
@@ -249,7 +251,7 @@ impl App {
         Ok(then)
     }
 
-    /// What the events mean; those that mean something to us are taken out.
+    /// Returns the actions of the events and removes the events that they consume.
     fn take_events(&mut self, events: &mut Vec<Event>) -> Vec<Action> {
         let pointer = self.pointer();
         let graphics = self.graphics.as_ref().expect("frames begin with graphics");
@@ -290,7 +292,7 @@ impl App {
         Ok(Then::Continue)
     }
 
-    /// One state of the interface, and what hands asked of it.
+    /// Runs the interface once. Returns its frame and the requested actions.
     fn run_ui(&mut self, input: egui::RawInput) -> Result<(UiFrame, Vec<Action>)> {
         let placement = self.placement();
         let graphics = self.graphics.as_mut().expect("frames begin with graphics");
@@ -315,7 +317,7 @@ impl App {
         Ok((UiFrame { primitives, pixels_per_point: output.pixels_per_point }, actions))
     }
 
-    /// A little of what is done while the hand rests; events come in between.
+    /// Does one short step of idle work; events are handled between steps.
     fn rest(&mut self) -> Result<Then> {
         let Some(stage) = &mut self.stage else { return Ok(Then::Continue) };
         match stage.rest()? {
@@ -334,7 +336,7 @@ impl App {
         let graphics = self.graphics.as_mut().expect("frames begin with graphics");
         let PhysicalSize { width, height } = graphics.window.inner_size();
         if width == 0 || height == 0 {
-            return Ok(()); // minimised: `stale` stays
+            return Ok(()); // minimised: `stale` remains set
         }
         graphics.surface.resize([width, height]);
         let mut screen = Screen {
@@ -361,7 +363,7 @@ impl App {
                 graphics.set_title(format!("{}{star} - {message} - relume", self.settings.name));
                 if self.first_picture.is_none() {
                     self.first_picture = Some(Instant::now());
-                    self.pending = None; // nobody has edited anything yet
+                    self.pending = None; // the first picture is no edit
                 }
             }
             None => {
@@ -382,7 +384,7 @@ impl App {
         Ok(())
     }
 
-    /// Ends the loop after an error.
+    /// Ends the loop on quit or on an error.
     fn check(&mut self, outcome: Result<Then>, event_loop: &ActiveEventLoop) {
         match outcome {
             Ok(Then::Continue) => {}
@@ -448,7 +450,7 @@ impl ApplicationHandler<LoadEvent> for App {
                 let since = self.pending;
                 let outcome = self.frame();
                 if self.hand.has_more() {
-                    self.pending = since; // a part of that is yet to be shown
+                    self.pending = since; // postponed events are not shown yet
                     self.ask_for_frame();
                 }
                 return self.check(outcome, event_loop);
@@ -464,8 +466,8 @@ impl ApplicationHandler<LoadEvent> for App {
             | WindowEvent::MouseWheel { .. }
             | WindowEvent::KeyboardInput { .. }
             | WindowEvent::ModifiersChanged(_)
-            | WindowEvent::Ime(_) => {} // what they do to the picture is known when they are taken in
-            // Sizes, focus, visibility: the system may have lost the picture.
+            | WindowEvent::Ime(_) => {} // `take_events` decides whether they change the picture
+            // Size, focus, visibility: the system may have lost the window's contents.
             _ => self.stale = true,
         }
         let Some(graphics) = &mut self.graphics else { return };

@@ -1,4 +1,4 @@
-//! The line between a snapshot and the lights as they are, for the mouse to drag.
+//! The draggable line between a snapshot and the current lights.
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui};
 
@@ -7,10 +7,10 @@ use super::controls::ViewState;
 use super::desk::Desk;
 use crate::gpu::Placement;
 
-/// Points on either side of the line.
+/// Half the width in which the mouse grabs the line, points.
 const REACH: f32 = 5.0;
 
-/// Draws what the picture is compared with; a drag moves the line. `scale` physical pixels are a point.
+/// Draws the labels and the line of a comparison; a drag moves the line. `scale` is physical pixels per point.
 pub fn draw(ui: &Ui, view: &mut ViewState, desk: &Desk, placement: Placement, scale: f32) {
     let Some(Comparing { slot, kind }) = &mut view.comparing else { return };
     let Some(snapshot) = desk.snapshots().get(*slot) else { return };

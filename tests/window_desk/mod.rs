@@ -96,8 +96,8 @@ fn snapshots_are_recalled_and_compared() {
     let rig = folder.path().join("rig.toml");
     let window = open(&desktop, &rig);
     let a = picture(&window);
-    window.key("c", "keep a snapshot first");
-    window.key("ctrl+alt+1", "kept in slot 1");
+    window.key("c", "store a snapshot first");
+    window.key("ctrl+alt+1", "stored in slot 1");
     window.key("ctrl+a", "and 15 more");
     window.key("comma", "colour");
     window.key("d", "moved");
@@ -105,11 +105,11 @@ fn snapshots_are_recalled_and_compared() {
     saved_is_rendered(&window, &rig);
     let b = picture(&window);
     assert!(difference(&a, &b) > 5.0);
-    window.key("ctrl+alt+2", "kept in slot 2");
+    window.key("ctrl+alt+2", "stored in slot 2");
 
     window.key("alt+1", "recalled 1");
     assert!(difference(&picture(&window), &a) < 1e-3);
-    window.key("c", "beside snapshot 1");
+    window.key("c", "comparison with snapshot 1");
     window.key("alt+2", "recalled 2");
     window.key("ctrl+z", "undone: recalled 2");
     window.key("ctrl+z", "undone: recalled 1"); // the saved state
@@ -129,7 +129,7 @@ fn snapshots_are_recalled_and_compared() {
     window.key("alt+1", "recalled 1");
     let nothing = columns_differ(&picture(&window), &vec![[0; 3]; a.len()], 0..SIZE[0]);
     assert!(nothing < 0.1, "the same lights differ by nothing but rounding: {nothing}");
-    window.key("shift+c", "comparing no more");
+    window.key("shift+c", "comparison off");
     assert!(difference(&picture(&window), &a) < 1e-3);
 }
 

@@ -1,11 +1,12 @@
-//! Edits carried over from one light to others: to those selected with it, and to those that follow it.
+//! Application of a light's edit to other lights: those selected with it, and its followers.
 
 use glam::{DQuat, Vec3};
 
 use crate::scene::{Light, LightKind, Rig};
 
-/// What becomes of `light` when another one goes from `before` to `after`: offsets, ratios and turns stay as they were,
-/// switches become the other's. Name, kind, group and links are a light's own.
+/// Applies to `light` the change of another light from `before` to `after`: position, stops and angles by the same
+/// offset, direction by the same rotation, colour, intensity and range by the same ratio. A changed switch takes the
+/// other light's value. Name, kind, group and links do not change.
 pub fn alike(light: &Light, before: &Light, after: &Light) -> Light {
     let mut light = light.clone();
     if light.kind != LightKind::Directional {
@@ -45,7 +46,7 @@ pub fn alike(light: &Light, before: &Light, after: &Light) -> Light {
     light
 }
 
-/// `x` in the ratio of `after` to `before`; from nothing on, as much more.
+/// Returns `x * after / before`, or `x + after` if `before` is zero.
 fn scaled(x: f64, before: f64, after: f64) -> f64 {
     match before {
         _ if before == after => x,
@@ -54,12 +55,12 @@ fn scaled(x: f64, before: f64, after: f64) -> f64 {
     }
 }
 
-/// Carries what was edited in `rig` since `before` over to lights that follow, and were not edited themselves.
+/// Applies the edits in `rig` since `before` to the followers of edited lights, unless they were edited themselves.
 pub fn carry_to_followers(before: &Rig, rig: &mut Rig) {
     if before.lights.len() != rig.lights.len() || rig.lights.iter().all(|light| light.follows.is_none()) {
         return;
     }
-    let order = rig.leaders_first().expect("links are checked before they are made");
+    let order = rig.leaders_first().expect("links are checked when they are created");
     for follower in order {
         let Some(leader) = rig.lights[follower].follows else { continue };
         let was = &before.lights[follower];

@@ -1,4 +1,4 @@
-//! Whether a rig file could hold what an edit made of the lights.
+//! Checks whether a rig file can store the result of an edit.
 
 use std::collections::HashSet;
 
@@ -24,11 +24,11 @@ pub fn check(before: &Rig, rig: &Rig) -> Result<(), String> {
     let mut names = HashSet::new();
     let twice = rig.lights.iter().find(|light| !names.insert(&light.name));
     if let Some(light) = twice {
-        return Err(format!("{}: another light is called that", light.name));
+        return Err(format!("{}: another light has this name", light.name));
     }
     let mut names = HashSet::new();
     match rig.groups.iter().find(|group| !names.insert(&group.name)) {
-        Some(group) => Err(format!("group {}: another group is called that", group.name)),
+        Some(group) => Err(format!("group {}: another group has this name", group.name)),
         None => Ok(()),
     }
 }
@@ -36,15 +36,15 @@ pub fn check(before: &Rig, rig: &Rig) -> Result<(), String> {
 fn check_light(light: &Light, group: Option<&LightGroup>) -> Result<(), &'static str> {
     check_name(&light.name)?;
     if !light.position.is_finite() || !light.direction.is_normalized() {
-        return Err("it would be nowhere");
+        return Err("its position or direction would not be valid");
     }
     let group = group.map_or(Vec3::ONE, |group| LightGroup { enabled: true, ..group.clone() }.scale());
     let on = Light { enabled: true, ..light.clone() };
     if !(on.scale() * group).is_finite() || !light.stops.is_finite() || !light.intensity.is_finite() {
-        return Err("it would be brighter than numbers go");
+        return Err("its brightness would be out of range");
     }
     if light.range.is_some_and(|range| !range.is_finite() || range <= 0.0) {
-        return Err("it would reach nowhere");
+        return Err("its range must be greater than zero");
     }
     Ok(())
 }
@@ -53,14 +53,14 @@ fn check_group(group: &LightGroup) -> Result<(), &'static str> {
     check_name(&group.name)?;
     let on = LightGroup { enabled: true, ..group.clone() };
     if !group.stops.is_finite() || !on.scale().is_finite() || group.color.min_element() < 0.0 {
-        return Err("it would be brighter than numbers go");
+        return Err("its brightness would be out of range");
     }
     Ok(())
 }
 
 fn check_name(name: &str) -> Result<(), &'static str> {
     match name.is_empty() || name.contains('.') {
-        true => Err("a name is not empty and has no dots"),
+        true => Err("a name must not be empty or contain dots"),
         false => Ok(()),
     }
 }

@@ -1,4 +1,4 @@
-//! What keys do to the selected lights: each by the same step.
+//! Edits of the selected lights by keys: each light changes by the same step.
 
 use glam::{DQuat, DVec3, Vec3};
 
@@ -7,7 +7,7 @@ use super::alike::alike;
 use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
 use crate::scene::{Light, LightKind};
 
-/// Whose axes a light moves along.
+/// The axes along which a light moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Frame {
     /// Right, up, back.
@@ -18,7 +18,7 @@ pub enum Frame {
 /// An edit of the selected lights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightEdit {
-    /// In steps along an axis.
+    /// Steps along an axis.
     Move {
         frame: Frame,
         axis: DVec3,
@@ -29,26 +29,27 @@ pub enum LightEdit {
         up: f64,
     },
     Stops(f64),
-    /// Towards blue, in micro reciprocal kelvin: equal steps look alike at any temperature.
+    /// Towards blue, in micro reciprocal kelvin: equal steps look equal at any temperature.
     Mired(f64),
-    /// Of red, green and blue.
+    /// Index of the channel (red, green, blue), and the change.
     Channel(usize, f64),
-    /// Degrees of the spot's half-angles.
+    /// Outer half-angle of a spot light, degrees.
     Outer(f64),
+    /// Inner half-angle of a spot light, degrees.
     Inner(f64),
-    /// Switches: what the light that was selected last is not, all become.
+    /// Switches: all selected lights take the opposite of the primary light's value.
     Toggle,
     Solo,
     Shadows,
 }
 
 impl Desk {
-    /// Edits the selected lights; those that it makes no sense for stay.
+    /// Edits the selected lights; lights to which the edit does not apply are unchanged.
     pub fn edit(&mut self, edit: LightEdit) {
         self.edit_each(|desk, light| desk.change(light, edit));
     }
 
-    /// Puts what `change` makes of each selected light in its place; what it refuses stays.
+    /// Replaces each selected light by the result of `change`; on an error the light is unchanged.
     pub(super) fn edit_each(&mut self, change: impl Fn(&Self, &Light) -> Result<Light, &'static str>) {
         let mut rig = self.rig.clone();
         let mut refused = None;
@@ -65,7 +66,7 @@ impl Desk {
         }
     }
 
-    /// The light that was selected last becomes `light`, and the others change alike.
+    /// Replaces the primary light by `light`; the other selected lights change in the same way.
     pub fn edit_alike(&mut self, light: Light) {
         let Some(primary) = self.selected() else { return };
         let before = &self.rig.lights[primary];
@@ -80,19 +81,19 @@ impl Desk {
         self.commit(rig);
     }
 
-    /// What `edit` makes of a light, or why nothing.
+    /// Returns the edited light, or the reason why the edit does not apply.
     fn change(&self, light: &Light, edit: LightEdit) -> Result<Light, &'static str> {
         let axes = self.camera.world_from_camera;
         let like = self.selected_light().unwrap_or(light);
         let mut light = light.clone();
         match edit {
             LightEdit::Move { .. } if light.kind == LightKind::Directional => {
-                return Err("a directional light has no place; turn it");
+                return Err("a directional light has no position; turn it");
             }
             LightEdit::Move { frame: Frame::Camera, axis } => light.position += axes * (axis * self.step),
             LightEdit::Move { frame: Frame::World, axis } => light.position += axis * self.step,
             LightEdit::Turn { .. } if light.kind == LightKind::Point => {
-                return Err("a point light shines everywhere; nothing to turn");
+                return Err("a point light shines in all directions and cannot turn");
             }
             LightEdit::Turn { right, up } => {
                 let sideways = DQuat::from_axis_angle(axes.y_axis, -right.to_radians());
@@ -103,7 +104,7 @@ impl Desk {
             LightEdit::Mired(by) => light.color = shifted(light.color, by),
             LightEdit::Channel(channel, by) => light.color[channel] = (light.color[channel] + by as f32).max(0.0),
             LightEdit::Outer(_) | LightEdit::Inner(_) if light.kind != LightKind::Spot => {
-                return Err("only a spot has a cone");
+                return Err("only a spot light has a cone");
             }
             LightEdit::Outer(by) => {
                 light.outer_angle = (light.outer_angle + by.to_radians()).clamp(0.0, std::f64::consts::FRAC_PI_2);
@@ -120,12 +121,13 @@ impl Desk {
     }
 }
 
-/// `color` with its temperature shifted, at the same luminance; an off-white tint goes.
+/// Shifts the temperature of `color` at the same luminance; a tint off the black-body locus is lost.
 fn shifted(color: Vec3, mired: f64) -> Vec3 {
     let mired = (1e6 / kelvin_of(color) - mired).clamp(1e6 / KELVIN.end(), 1e6 / KELVIN.start());
     kelvin_to_rgb(1e6 / mired, 0.0) * luminance(color)
 }
 
+/// Returns the luminance of linear Rec. 709 RGB.
 pub fn luminance(color: Vec3) -> f32 {
     color.dot(Vec3::new(0.2126729, 0.7151522, 0.0721750))
 }

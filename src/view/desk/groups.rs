@@ -1,11 +1,11 @@
-//! Groups with a master, and lights that follow another.
+//! Groups with a master, and links between lights.
 
 use super::Desk;
 use super::selection::Selection;
 use crate::scene::rig::UniqueNames;
 use crate::scene::{LightGroup, Rig};
 
-/// An edit of the group of the light that was selected last.
+/// An edit of the primary light's group.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum GroupEdit {
     Stops(f64),
@@ -14,17 +14,17 @@ pub enum GroupEdit {
 }
 
 impl Desk {
-    /// The group of the light that was selected last.
+    /// Returns the primary light's group.
     pub fn group(&self) -> Option<usize> {
         self.selected_light()?.group
     }
 
-    /// The lights of a group.
+    /// Returns the lights of a group.
     pub fn members(&self, group: usize) -> Selection {
         Selection::of((0..self.rig.lights.len()).filter(|&light| self.rig.lights[light].group == Some(group)))
     }
 
-    /// A new group of the selected lights.
+    /// Creates a group of the selected lights.
     pub fn group_selected(&mut self) {
         if self.selection.is_empty() {
             self.message = "no light is selected".into();
@@ -38,7 +38,7 @@ impl Desk {
         self.join(rig, Some(new));
     }
 
-    /// Puts the selected lights into a group, or into none.
+    /// Moves the selected lights into a group, or out of their groups.
     pub fn set_group(&mut self, group: Option<usize>) {
         self.join(self.rig.clone(), group);
     }
@@ -51,7 +51,7 @@ impl Desk {
         self.history.end_gesture();
     }
 
-    /// Edits the group of the light that was selected last.
+    /// Edits the primary light's group.
     pub fn edit_group(&mut self, edit: GroupEdit) {
         let Some(index) = self.group() else {
             self.message = "the selected light is in no group".into();
@@ -66,6 +66,7 @@ impl Desk {
         self.replace_group(index, group);
     }
 
+    /// Replaces a group, if it differs.
     pub fn replace_group(&mut self, index: usize, group: LightGroup) {
         if self.rig.groups[index] != group {
             let mut rig = self.rig.clone();
@@ -74,14 +75,14 @@ impl Desk {
         }
     }
 
-    /// Switches one light, selected or not.
+    /// Sets the switches of one light, selected or not.
     pub fn switch(&mut self, light: usize, enabled: bool, solo: bool) {
         let mut rig = self.rig.clone();
         (rig.lights[light].enabled, rig.lights[light].solo) = (enabled, solo);
         self.commit(rig);
     }
 
-    /// Nothing is solo any more.
+    /// Switches solo off for all lights and groups.
     pub fn end_solo(&mut self) {
         let mut rig = self.rig.clone();
         rig.lights.iter_mut().for_each(|light| light.solo = false);
@@ -89,10 +90,10 @@ impl Desk {
         self.commit(rig);
     }
 
-    /// The light that was selected last leads; the others follow it.
+    /// Makes the other selected lights follow the primary light.
     pub fn link(&mut self) {
         let Some(leader) = self.selected().filter(|_| self.selection.len() > 1) else {
-            self.message = "select the lights that are to follow, then the one that leads".into();
+            self.message = "select the followers first, then the light that they are to follow".into();
             return;
         };
         self.history.end_gesture();
@@ -101,11 +102,11 @@ impl Desk {
         followers.for_each(|light| rig.lights[light].follows = Some(leader));
         match rig.leaders_first() {
             Ok(_) => self.commit(rig),
-            Err(_) => self.message = format!("{} follows one of them already", rig.lights[leader].name),
+            Err(_) => self.message = format!("{} already follows one of them", rig.lights[leader].name),
         }
     }
 
-    /// The selected lights follow none.
+    /// Ends the links of the selected lights to the lights that they follow.
     pub fn unlink(&mut self) {
         self.history.end_gesture();
         let mut rig = self.rig.clone();
@@ -114,7 +115,7 @@ impl Desk {
     }
 }
 
-/// Groups that lost their last light go.
+/// Removes the groups that have lost their last light since `before`.
 fn drop_empty_groups(rig: &mut Rig, before: &Rig) {
     let has_lights = |rig: &Rig, group: usize| rig.lights.iter().any(|light| light.group == Some(group));
     for group in (0..before.groups.len()).rev() {

@@ -1,4 +1,4 @@
-//! Lights that come and go.
+//! Adding, duplicating and deleting lights.
 
 use glam::DVec3;
 
@@ -9,7 +9,8 @@ use crate::scene::{Light, LightKind};
 use crate::view::describe::kind_name;
 
 impl Desk {
-    /// A new light that shines over the viewer's shoulder at `target`, as bright there as middle grey at `exposure`.
+    /// Adds a light above and right of the camera, aimed at `target`. A white surface there gets a radiance of 0.5
+    /// after `exposure` (stops).
     pub fn add(&mut self, kind: LightKind, target: DVec3, exposure: f32) {
         let axes = self.camera.world_from_camera;
         let distance = (target - self.camera.position).length().max(self.step);
@@ -17,7 +18,7 @@ impl Desk {
         let mut light = Light::point(&self.light_names().claim(kind_name(kind)), position);
         light.kind = kind;
         light.direction = (target - position).normalize();
-        // White of radiance 0.5: E = pi/2 lux at the target.
+        // White diffuse radiance 0.5: E = pi/2 lux at the target.
         let lux = std::f64::consts::FRAC_PI_2 * f64::from(-exposure).exp2();
         let at_target = if kind == LightKind::Directional { 1.0 } else { (target - position).length_squared() };
         light.intensity = two_digits(lux * at_target);
@@ -31,14 +32,14 @@ impl Desk {
         self.insert(vec![light]);
     }
 
-    /// The selected lights once more; the copies are selected then.
+    /// Duplicates the selected lights and selects the copies.
     pub fn duplicate(&mut self) {
         let mut names = self.light_names();
         let mut copy = |index: usize| {
             let light = &self.rig.lights[index];
             let stem = light.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_');
             let name = names.claim(if stem.is_empty() { &light.name } else { stem });
-            // It came from no node of the scene.
+            // A copy belongs to no node of the scene.
             Light { name, node: None, ..light.clone() }
         };
         let lights: Vec<Light> = self.selection.iter().map(&mut copy).collect();
@@ -59,7 +60,7 @@ impl Desk {
         self.history.end_gesture();
     }
 
-    /// Deletes the selected lights; what followed them follows nobody.
+    /// Deletes the selected lights; the links of their followers end.
     pub fn delete(&mut self) {
         let Some(first) = self.selection.iter().min() else {
             self.message = "no light is selected".into();
@@ -88,7 +89,7 @@ impl Desk {
         self.commit_as(rig, selection, None);
     }
 
-    /// The names that lights have.
+    /// Returns the names of all lights.
     fn light_names(&self) -> UniqueNames {
         let mut names = UniqueNames::default();
         for light in &self.rig.lights {

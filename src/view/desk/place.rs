@@ -1,72 +1,72 @@
-//! Lights put where somebody points.
+//! Placement of lights by pointing at surfaces.
 
 use glam::DVec3;
 
 use super::Desk;
 use crate::scene::{Light, LightKind};
 
-/// Of the way to what is in the way, so much is left free.
+/// Share of the distance to an obstacle that a placed light leaves free.
 const MARGIN: f64 = 0.1;
 
-/// A surface point that somebody points at, world space.
+/// The surface point under the mouse, world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pick {
     pub position: DVec3,
-    /// Unit; towards the eye.
+    /// Unit geometric normal, towards the eye.
     pub normal: DVec3,
-    /// Unit, of the surface as it is shaded.
+    /// Unit shading normal, towards the eye.
     pub shading_normal: DVec3,
-    /// Unit; where it is seen from.
+    /// Unit direction to the eye.
     pub to_eye: DVec3,
 }
 
 impl Desk {
-    /// Puts the light that was selected last at a surface point, a little off it; the others keep their distance to it.
+    /// Places the primary light a little off a surface point; the other selected lights move by the same offset.
     pub fn place(&mut self, at: Pick) {
         self.edit_primary(|desk, light| match light.kind {
-            LightKind::Directional => Err("a directional light has no place; aim it"),
+            LightKind::Directional => Err("a directional light has no position; aim it"),
             _ => Ok(Light { position: at.position + at.normal * desk.lift, ..light.clone() }),
         });
     }
 
-    /// Aims the selected lights at a surface point; a directional light then meets it head-on.
+    /// Aims the selected lights at a surface point; directional lights then shine along its normal.
     pub fn aim(&mut self, at: Pick) {
         self.edit_each(|_, light| {
             let direction = match light.kind {
-                LightKind::Point => return Err("a point light shines everywhere; nothing to aim"),
+                LightKind::Point => return Err("a point light shines in all directions and cannot aim"),
                 LightKind::Directional => -at.normal,
-                LightKind::Spot => (at.position - light.position).try_normalize().ok_or("it is there already")?,
+                LightKind::Spot => (at.position - light.position).try_normalize().ok_or("it is at that point")?,
             };
             Ok(Light { direction, ..light.clone() })
         });
     }
 
-    /// Along which way from `at` a light has to stand for its highlight to fall there [Poulin 1992].
+    /// Returns the direction from `at` in which a light has its highlight there: the mirror direction [Poulin 1992].
     pub fn highlight_way(at: Pick) -> DVec3 {
         (2.0 * at.to_eye.dot(at.shading_normal) * at.shading_normal - at.to_eye).normalize()
     }
 
-    /// Puts the light that was selected last where its highlight falls at a surface point, as far from it as it was, or
-    /// as is `free` along [`Self::highlight_way`].
+    /// Moves the primary light so that its highlight falls at a surface point. Its distance to the point is unchanged,
+    /// or limited by the distance `free` along [`Self::highlight_way`].
     pub fn place_highlight(&mut self, at: Pick, free: f64) {
         let way = Self::highlight_way(at);
         self.edit_primary(|_, light| match way.dot(at.normal) > 1e-6 {
-            false => Err("no highlight falls there: the surface mirrors what is behind it"),
+            false => Err("no highlight is possible there: the mirror direction points into the surface"),
             true => Ok(moved_to(light, at.position, way, free)),
         });
     }
 
-    /// Puts the light that was selected last where it casts the shadow of `caster` to a surface point [Poulin 1992], as
-    /// far from the caster as it was, or as is `free` beyond it.
+    /// Moves the primary light so that the shadow of `caster` falls at a surface point [Poulin 1992]. Its distance to
+    /// the caster is unchanged, or limited by the distance `free` beyond the caster.
     pub fn place_shadow(&mut self, caster: DVec3, at: Pick, free: f64) {
         let way = (caster - at.position).try_normalize();
         self.edit_primary(|_, light| match way.filter(|way| way.dot(at.normal) > 1e-6) {
-            None => Err("no shadow of that point falls there: the surface turns away from it"),
+            None => Err("no shadow of that point is possible there: the surface faces away from it"),
             Some(way) => Ok(moved_to(light, caster, way, free)),
         });
     }
 
-    /// Edits the light that was selected last, and the others alike.
+    /// Edits the primary light; the other selected lights change in the same way.
     fn edit_primary(&mut self, edit: impl FnOnce(&Self, &Light) -> Result<Light, &'static str>) {
         match self.selected_light().map(|light| (edit(self, light), &light.name)) {
             None => self.message = "no light is selected".into(),
@@ -76,7 +76,7 @@ impl Desk {
     }
 }
 
-/// `light` at its distance from `point` along `way`, or nearer if less is `free`, and shining at the point.
+/// Moves `light` to its distance from `point` along `way`, or nearer if less is `free`, and aims it at the point.
 fn moved_to(light: &Light, point: DVec3, way: DVec3, free: f64) -> Light {
     let mut light = light.clone();
     if light.kind != LightKind::Directional {

@@ -1,6 +1,7 @@
-//! Which lights are edited together.
+//! The selection: lights that are edited together.
 
-/// Indices of lights, each once. The last one is the primary: whose values the panel shows, and which the others follow.
+/// Distinct indices of lights. The last one is the primary light: the panel shows its values, and edits of it apply to
+/// the others.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Selection {
     lights: Vec<usize>,
@@ -33,7 +34,7 @@ impl Selection {
         self.lights.is_empty()
     }
 
-    /// The primary last.
+    /// Iterates over the indices, the primary last.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = usize> + '_ {
         self.lights.iter().copied()
     }
@@ -44,7 +45,7 @@ impl Selection {
         self.lights.push(light);
     }
 
-    /// Adds `light` as the primary, or takes it out.
+    /// Adds `light` as the primary, or removes it.
     pub fn toggle(&mut self, light: usize) {
         match self.contains(light) {
             true => self.lights.retain(|&other| other != light),
@@ -52,7 +53,7 @@ impl Selection {
         }
     }
 
-    /// Adds all from the primary to `light`, which becomes the primary.
+    /// Adds the range from the primary to `light`, which becomes the primary.
     pub fn extend_to(&mut self, light: usize) {
         let from = self.primary().unwrap_or(light);
         let range = from.min(light)..=from.max(light);
@@ -62,7 +63,7 @@ impl Selection {
         }
     }
 
-    /// Without lights that are not there.
+    /// Removes indices of `light_count` and above.
     pub fn within(mut self, light_count: usize) -> Self {
         self.lights.retain(|&light| light < light_count);
         self

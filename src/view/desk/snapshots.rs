@@ -1,25 +1,27 @@
-//! States of the lights kept to come back to, and to compare with.
+//! Snapshots: states of the lights, stored to be recalled or compared.
 
 use super::Desk;
 use super::selection::Selection;
 use crate::scene::Rig;
 use crate::view::history::State;
 
-/// How many there are room for.
+/// Number of snapshots that can be stored.
 pub const SLOTS: usize = 9;
 
+/// A stored state of the lights.
 pub struct Snapshot {
-    /// What somebody wrote on it.
+    /// Note of the user.
     pub note: String,
     state: State,
-    /// Tells it from what was in its slot before.
+    /// Unique number; distinguishes it from earlier snapshots in its slot.
     pub id: u64,
 }
 
+/// All snapshots, by slot.
 #[derive(Default)]
 pub struct Snapshots {
     slots: [Option<Snapshot>; SLOTS],
-    /// Which was kept or recalled last.
+    /// Slot that was stored or recalled last.
     last: Option<usize>,
     kept: u64,
 }
@@ -29,14 +31,14 @@ impl Snapshots {
         self.slots[slot].as_ref()
     }
 
-    /// The slot that was kept or recalled last.
+    /// Returns the slot that was stored or recalled last.
     pub fn last(&self) -> Option<usize> {
         self.last
     }
 }
 
 impl Snapshot {
-    /// "3" or "3: warmer key"
+    /// Formats the slot and the note: "3" or "3: warmer key".
     pub fn label(&self, slot: usize) -> String {
         if self.note.is_empty() { format!("{}", slot + 1) } else { format!("{}: {}", slot + 1, self.note) }
     }
@@ -47,7 +49,7 @@ impl Desk {
         &self.snapshots
     }
 
-    /// Keeps the lights as they are, in the place of what the slot had; its note stays.
+    /// Stores the current lights in a slot, in place of its snapshot. The note of the slot is retained.
     pub fn keep(&mut self, slot: usize) {
         self.history.end_gesture();
         let Snapshots { slots, last, kept } = &mut self.snapshots;
@@ -55,10 +57,10 @@ impl Desk {
         let note = slots[slot].take().map(|old| old.note).unwrap_or_default();
         slots[slot] = Some(Snapshot { note, state: self.history.state().clone(), id: *kept });
         *last = Some(slot);
-        self.message = format!("kept in slot {}", slot + 1);
+        self.message = format!("stored in slot {}", slot + 1);
     }
 
-    /// The lights become those of a snapshot, which can be undone like any edit.
+    /// Replaces the lights by those of a snapshot, as an edit that can be undone.
     pub fn recall(&mut self, slot: usize) {
         self.history.end_gesture();
         let Some(snapshot) = &self.snapshots.slots[slot] else {
@@ -73,13 +75,14 @@ impl Desk {
         self.history.end_gesture();
     }
 
+    /// Sets the note of a snapshot.
     pub fn annotate(&mut self, slot: usize, note: String) {
         if let Some(snapshot) = &mut self.snapshots.slots[slot] {
             snapshot.note = note;
         }
     }
 
-    /// A snapshot's lights.
+    /// Returns the lights of a snapshot.
     pub fn kept_rig(&self, slot: usize) -> Option<Rig> {
         let snapshot = self.snapshots.get(slot)?;
         let mut rig = Rig { camera: self.rig.camera.clone(), ..Rig::default() };
@@ -87,7 +90,7 @@ impl Desk {
         Some(rig)
     }
 
-    /// The lights become those that a crash left.
+    /// Replaces the lights by those that a crash left.
     pub fn recover(&mut self, rig: Rig) {
         let count = rig.lights.len();
         let selection = match count {

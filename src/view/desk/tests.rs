@@ -79,7 +79,7 @@ fn a_held_key_is_one_edit_with_one_name() {
     desk.undo();
     desk.undo();
     assert_eq!(desk.rig().lights[0].stops, 0.0);
-    // There and back in one gesture is nothing at all.
+    // A move forth and back in one gesture is no edit.
     desk.end_gesture();
     desk.edit(RIGHT);
     desk.edit(LightEdit::Move { frame: Frame::Camera, axis: DVec3::NEG_X });
@@ -94,7 +94,7 @@ fn what_is_saved_is_known_through_undo_and_other_paths() {
     assert!(!desk.history().is_unsaved() && desk.history().focus().is_empty());
     desk.undo();
     assert!(desk.history().is_unsaved());
-    desk.edit(LightEdit::Stops(1.0)); // as deep as the saved state, and another
+    desk.edit(LightEdit::Stops(1.0)); // another state at the same depth of the history as the saved one
     assert!(desk.history().is_unsaved() && desk.history().focus() == [0]);
 }
 
@@ -103,10 +103,10 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
     let mut desk = desk(1);
     let first = desk.rig().clone();
     desk.edit(LightEdit::Turn { right: 1.0, up: 0.0 });
-    assert_eq!(desk.message, "key_0: a point light shines everywhere; nothing to turn");
+    assert_eq!(desk.message, "key_0: a point light shines in all directions and cannot turn");
     desk.edit(LightEdit::Outer(1.0));
     desk.edit(LightEdit::Stops(1e9));
-    assert_eq!(desk.message, "key_0: it would be brighter than numbers go");
+    assert_eq!(desk.message, "key_0: its brightness would be out of range");
     let up = DVec3::Y;
     desk.aim(Pick { position: DVec3::ZERO, normal: up, shading_normal: up, to_eye: up });
     desk.edit_alike(Light { name: String::new(), ..first.lights[0].clone() });
@@ -122,7 +122,7 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
     desk.add(LightKind::Directional, DVec3::ZERO, 0.0);
     assert_eq!((desk.rig().lights.len(), desk.selected()), (1, Some(0)));
     desk.edit(RIGHT);
-    assert!(desk.message.contains("no place"), "{}", desk.message);
+    assert!(desk.message.contains("no position"), "{}", desk.message);
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn a_new_light_is_as_bright_at_its_target_whatever_the_scale() {
     }
 }
 
-/// Three lights that differ in everything, all selected, the first one last.
+/// Three different lights, all selected, the first one as the primary.
 fn several() -> Desk {
     let mut desk = desk(3);
     for (index, light) in desk.rig.lights.iter_mut().enumerate() {
@@ -191,7 +191,7 @@ fn several_lights_change_alike_and_keep_what_they_differ_in() {
     // A switch makes them all the same.
     desk.edit(LightEdit::Toggle);
     assert!(desk.rig().lights.iter().all(|light| !light.enabled));
-    // Whom an edit makes no sense for stays; the others take it.
+    // Lights to which an edit does not apply are unchanged; the others are edited.
     let mut point = desk.rig().lights[2].clone();
     point.kind = LightKind::Point;
     desk.select(Selection::only(2));
@@ -229,9 +229,9 @@ fn groups_have_a_master_and_go_with_their_last_light() {
         desk.edit_group(GroupEdit::Stops(0.5));
     }
     assert_eq!(desk.message, "group group: +1.5 stops");
-    assert_eq!(desk.history().focus(), [0, 1, 2], "who shine through the master are kept out of the sum of the others");
+    assert_eq!(desk.history().focus(), [0, 1, 2], "the lights of the edited group are summed separately");
     desk.replace_group(0, LightGroup { color: Vec3::new(-1.0, 0.0, 0.0), ..desk.rig().groups[0].clone() });
-    assert!(desk.message.contains("brighter than numbers go"), "{}", desk.message);
+    assert!(desk.message.contains("out of range"), "{}", desk.message);
     desk.select(Selection::of([0, 1]));
     desk.group_selected();
     assert_eq!(desk.rig().groups[1].name, "group_2");
@@ -267,7 +267,7 @@ fn followers_go_where_their_leader_goes() {
     desk.link(); // 1 follows 0
     desk.select(Selection::of([0, 2]));
     desk.link();
-    assert_eq!(desk.message, "key_2 follows one of them already");
+    assert_eq!(desk.message, "key_2 already follows one of them");
     let before = desk.rig().lights.clone();
     desk.select(Selection::only(0));
     desk.edit(RIGHT);
@@ -303,7 +303,7 @@ fn states_of_the_past_are_a_click_away_and_share_what_is_the_same() {
     assert_eq!((shared, desk.history().entries().len()), (vec![true, true, false], 3));
 }
 
-/// A floor seen from above at 45 degrees.
+/// A point on a floor that is seen from above at 45 degrees.
 fn floor(position: DVec3) -> Pick {
     Pick { position, normal: DVec3::Y, shading_normal: DVec3::Y, to_eye: DVec3::new(0.0, 1.0, 1.0).normalize() }
 }
@@ -321,10 +321,10 @@ fn highlights_and_shadows_fall_where_somebody_points() {
         (light.position - at - distance * mirrored).length() < 1e-12 && (light.direction + mirrored).length() < 1e-12
     );
     desk.place_highlight(floor(at), 0.5);
-    assert!(((desk.rig().lights[0].position - at).length() - 0.45).abs() < 1e-12, "it stays before what is in the way");
+    assert!(((desk.rig().lights[0].position - at).length() - 0.45).abs() < 1e-12, "it stays in front of the obstacle");
     let from_below = Pick { to_eye: DVec3::new(0.0, -0.1, 1.0).normalize(), ..floor(at) };
     desk.place_highlight(from_below, 1.0);
-    assert!(desk.message.contains("no highlight falls there"), "{}", desk.message);
+    assert!(desk.message.contains("no highlight is possible there"), "{}", desk.message);
 
     desk.place_shadow(caster, floor(at), 100.0);
     let light = desk.rig().lights[0].clone();

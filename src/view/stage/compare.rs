@@ -1,4 +1,4 @@
-//! Snapshots with what they look like, and the picture beside them.
+//! Snapshots with thumbnails, and comparison of the picture with them.
 
 use super::Stage;
 use crate::error::Result;
@@ -9,7 +9,7 @@ use crate::view::snapshots::Thumbnail;
 use crate::view::views::View;
 
 impl Stage {
-    /// What the whole picture is compared with, if that is there; makes the picture that lies over it.
+    /// Returns the active comparison if its snapshot exists, and updates the overlaid picture.
     pub(super) fn compare(&mut self, view: &ViewState, blue_first: bool) -> Result<Option<Comparing>> {
         let is_there = |comparing: &Comparing| self.desk.snapshots().get(comparing.slot).is_some();
         let comparing = view.comparing.filter(|_| view.views.view == View::Beauty).filter(is_there);
@@ -26,7 +26,7 @@ impl Stage {
         Ok(Some(comparing))
     }
 
-    /// Keeps the lights in a slot, with what they look like.
+    /// Stores the lights in a slot, with a thumbnail.
     pub(super) fn keep(&mut self, slot: usize, view: &ViewState) -> Result<()> {
         self.desk.keep(slot);
         self.take_lights()?;
@@ -37,7 +37,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Compares with the snapshot that was kept or recalled last, or ends that.
+    /// Starts a comparison with the snapshot that was stored or recalled last, or ends it.
     pub(super) fn toggle_comparison(&mut self, view: &mut ViewState, kind: Comparison) {
         let is_on = view.comparing.is_some_and(|on| std::mem::discriminant(&on.kind) == std::mem::discriminant(&kind));
         let slot = view.comparing.map(|on| on.slot).or_else(|| self.desk.snapshots().last());
@@ -45,11 +45,11 @@ impl Stage {
         self.desk.message = match (&wanted, is_on) {
             (Some(on), _) => {
                 let label = self.desk.snapshots().get(on.slot).map(|snapshot| snapshot.label(on.slot));
-                let what = if kind == Comparison::Difference { "difference from" } else { "beside" };
+                let what = if kind == Comparison::Difference { "difference from" } else { "comparison with" };
                 format!("{what} snapshot {}", label.unwrap_or_default())
             }
-            (None, true) => "comparing no more".into(),
-            (None, false) => "keep a snapshot first: Ctrl+Alt+1".into(),
+            (None, true) => "comparison off".into(),
+            (None, false) => "store a snapshot first: Ctrl+Alt+1".into(),
         };
         view.comparing = wanted;
     }

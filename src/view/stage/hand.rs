@@ -1,4 +1,4 @@
-//! What the mouse does to lights in the picture.
+//! Edits of lights with the mouse in the picture.
 
 use glam::DVec3;
 
@@ -10,13 +10,13 @@ use crate::view::desk::selection::Selection;
 use crate::view::gizmo::{Gizmos, Grab, Handle};
 
 impl Stage {
-    /// The lights in the picture, to take hold of.
+    /// Returns the handles of the lights in the picture.
     pub fn gizmos(&self, placement: Placement) -> Gizmos<'_> {
         Gizmos { opened: &self.opened, desk: &self.desk, placement }
     }
 
-    /// Takes hold of what is under the mouse; a light that is not selected is selected first, with Ctrl or Shift held
-    /// beside those that are.
+    /// Grabs the handle under the mouse and selects its light. With Ctrl or Shift held, the other lights stay selected,
+    /// and a position handle toggles the selection of its light.
     pub fn grab(&mut self, pointer: Pointer, held: egui::Modifiers) -> Option<Grab> {
         let grab = self.gizmos(pointer.placement).grab(pointer.at?)?;
         let mut selection = self.desk.selection().clone();
@@ -31,23 +31,23 @@ impl Stage {
         stays.then_some(grab)
     }
 
-    /// Follows the mouse with what it took hold of.
+    /// Moves the grabbed handle to the mouse.
     pub(super) fn drag(&mut self, grab: Grab, pointer: Pointer) {
         let dragged = pointer.at.and_then(|at| self.gizmos(pointer.placement).dragged(grab, at));
         dragged.into_iter().for_each(|light| self.desk.edit_alike(light));
     }
 
-    /// The held key, or the mouse's button, was let go.
+    /// Ends a drag, when the held key or mouse button is released.
     pub fn let_go(&mut self) {
         self.caster = None;
         self.desk.end_gesture();
     }
 
-    /// The first time takes the point under the mouse as what casts the shadow, then drags the shadow there.
+    /// The first call takes the point under the mouse as the shadow caster; later calls drag its shadow to the mouse.
     pub(super) fn drag_shadow(&mut self, pointer: Pointer) {
         let Some(caster) = self.caster else {
             self.with_pick(pointer, |desk, pick| {
-                desk.message = format!("shadow of {}: drag it", point_text(pick.position))
+                desk.message = format!("shadow of {}: drag it to its new place", point_text(pick.position))
             });
             self.caster = self.pick(pointer).map(|pick| pick.position);
             return;
@@ -64,7 +64,7 @@ impl Stage {
     }
 }
 
-/// "(0.1, 2, 3.14)"
+/// Formats a point: "(0.1, 2, 3.14)".
 fn point_text(point: DVec3) -> String {
     format!("({}, {}, {})", rounded(point.x), rounded(point.y), rounded(point.z))
 }
