@@ -1,5 +1,5 @@
-// Leaves out what is not there: by alpha, as `Texture::sample` reads it at its finest level, and where a material blends by
-// chance [Enderton 2010].
+// Discards transparent fragments. Masks compare alpha with the cutoff; blended materials discard at random
+// [Enderton 2010]. Alpha is filtered as `Texture::sample` does at the finest level.
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
@@ -15,7 +15,7 @@ float wrapped(float t, uint wrap) {
     return wrap == WRAP_CLAMP ? clamp(t, 0.0, 1.0) : mod(t, wrap == WRAP_MIRROR ? 2.0 : 1.0);
 }
 
-// `i` is at least -1 and at most twice the size.
+// Texel index with wrapping; -1 <= i <= 2 size.
 uint index(int i, int size, uint wrap) {
     if (wrap == WRAP_CLAMP) {
         return uint(clamp(i, 0, size - 1));
@@ -44,7 +44,7 @@ float texture_alpha(Cutout c) {
     return mix(top, bottom, along.y);
 }
 
-// A number in [0, 1) for each texel of the map and triangle [MurmurHash3].
+// Pseudorandom number in [0, 1) per texel of the shadow map and triangle [MurmurHash3].
 float chance() {
     uint hash = cutout_and_triangle.y * 0x9e3779b9u ^ (uint(gl_FragCoord.y) << 16 | uint(gl_FragCoord.x));
     hash = (hash ^ hash >> 16) * 0x85ebca6bu;

@@ -1,4 +1,4 @@
-// Threads of a dispatch, which is folded into rows of MAX_COLUMNS workgroups.
+// Linear indices of workgroup and thread. A dispatch is a grid with rows of MAX_COLUMNS workgroups.
 
 uint group_index() {
     return gl_WorkGroupID.y * MAX_COLUMNS + gl_WorkGroupID.x;
