@@ -1,4 +1,4 @@
-//! Ways out of the relighter: the last kernel and the pixels that it writes.
+//! Outputs of the relighter: the last kernel and the pixels that it writes.
 
 use std::sync::Arc;
 
@@ -7,19 +7,20 @@ use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Kernel};
 use crate::shared::*;
 
+/// Format and destination of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
     /// Scene-linear, for the host.
     Linear,
     /// 8-bit sRGB, for the host.
     Display { exposure: f32, tone_map: ToneMap },
-    /// 8-bit sRGB, for a window and in its order.
+    /// 8-bit sRGB, for a window, in its channel order.
     Screen { exposure: f32, tone_map: ToneMap, blue_first: bool },
 }
 
-/// Kernels and buffers, each made when it is first asked for.
+/// Kernels and buffers of all outputs, each created on first use.
 pub struct Outputs {
-    /// By `OUTPUT_` constant: of whole pictures, and of cells of the contact sheet.
+    /// By `OUTPUT_` constant, for whole pictures; `sheet_kernels` for cells of the contact sheet.
     kernels: [Option<Kernel>; OUTPUT_COUNT as usize],
     sheet_kernels: [Option<Kernel>; OUTPUT_COUNT as usize],
     linear: Option<Buffer<u32>>,
@@ -30,6 +31,7 @@ pub struct Outputs {
 }
 
 impl Output {
+    /// Stops.
     pub fn exposure(self) -> f32 {
         match self {
             Self::Linear => 0.0,
@@ -41,7 +43,7 @@ impl Output {
         matches!(self, Self::Screen { blue_first: true, .. })
     }
 
-    /// Its `OUTPUT_` constant.
+    /// The `OUTPUT_` constant.
     fn kind(self) -> u32 {
         match self {
             Self::Linear => OUTPUT_LINEAR,
@@ -68,7 +70,7 @@ impl Outputs {
         }
     }
 
-    /// Makes what `output` needs, of a contact sheet or else of a whole picture.
+    /// Creates kernel and buffer of `output`, for a contact sheet or a whole picture.
     pub fn prepare(&mut self, output: Output, sheet: bool) -> Result<()> {
         let kind = output.kind();
         let (kernels, name) = if sheet { (&mut self.sheet_kernels, "sheet") } else { (&mut self.kernels, "composite") };
