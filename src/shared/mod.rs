@@ -12,8 +12,8 @@ gpu_shared! {
         pub const GROUP_SIZE: u32 = 64;
         /// Workgroups in the first dimension of a dispatch: Vulkan guarantees 65,535.
         pub const MAX_COLUMNS: u32 = 1 << 15;
-        /// Side of a tile of pixels. Images and layer 1 are stored tile by tile, so that the 64 samples of a ray packet or
-        /// of a workgroup, and the samples of a cache line, are neighbours in the picture.
+        /// Side of a tile of pixels. Images and layer 1 are stored tile by tile, so that the 64 samples of a ray packet
+        /// or of a workgroup, and the samples of a cache line, are neighbours in the picture.
         pub const TILE_SIZE: u32 = 8;
         /// [`ViewSample::brdf`] of a sample that reflects no light directly: background, perfect mirror.
         pub const NO_BRDF: u32 = 0xffff_ffff;
@@ -84,8 +84,8 @@ gpu_shared! {
         pub const ALBEDO_CAP: f32 = 0.9999;
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
-        /// Share of a light's power at which a point of a gather sample and light rays have equal weight. Below half of it
-        /// only the point counts, above 1.5 times it only the rays (docs/method.md, "Light rays").
+        /// Share of a light's power at which a point of a gather sample and light rays have equal weight. Below half of
+        /// it only the point counts, above 1.5 times it only the rays (docs/method.md, "Light rays").
         pub const EVEN_SHARE: f32 = 0.00390625;
     }
 
@@ -445,7 +445,8 @@ gpu_shared! {
             pub values: Read<UVec4>,
             /// Indices into `vector`, by column.
             pub inputs: Read<u32>,
-            /// Multiply inputs of columns whose factors are shared by R, G and B; only read by kernels of three channels.
+            /// Multiply inputs of columns whose factors are shared by R, G and B; only read by kernels of three
+            /// channels.
             pub tints: Read<Vec3>,
             /// Indices into `vector`, or of view samples, by row.
             pub outputs: Read<u32>,
