@@ -1,4 +1,4 @@
-//! Depth from a light: an array of depth images, and the graphics pipelines that draw into it.
+//! Shadow maps: an array of depth images, and the graphics pipelines that draw into it.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -16,9 +16,9 @@ use crate::error::Result;
 
 const FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 
-static NEXT_ID: AtomicU64 = AtomicU64::new(1 << 63); // apart from the buffers' ids
+static NEXT_ID: AtomicU64 = AtomicU64::new(1 << 63); // disjoint from the buffers' ids
 
-/// Square depth images, one a layer, sampled with comparison. Reversed depth: 1 is near, 0 infinitely far.
+/// Array of square depth images, sampled with comparison. Depth is reversed: 1 is near, 0 is at infinity.
 pub struct DepthArray {
     pub(super) name: String,
     pub(super) id: u64,
@@ -33,13 +33,13 @@ pub struct DepthArray {
     context: Arc<Context>,
 }
 
-/// Pipeline that writes depth only.
+/// Graphics pipeline that writes only depth.
 pub struct DepthKernel {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
 }
 
-/// What is drawn into one layer: push constants and ranges of indices, or of vertices.
+/// Draw calls for one layer: push constants, and ranges of indices or of vertices.
 pub struct DepthDraw<'a, P> {
     pub push: P,
     pub ranges: &'a [Range<u32>],
@@ -81,8 +81,8 @@ impl DepthArray {
             allocation: None,
             context: context.clone(),
         };
-        // SAFETY: the infos are valid and their pointers outlive the calls; `array` frees what was made if a step
-        // fails, and null handles are ignored.
+        // SAFETY: the infos are valid and their pointers outlive the calls; if a step fails, `array` destroys the
+        // objects created so far and ignores null handles.
         unsafe {
             array.image = device.create_image(&image_info, None).map_err(vulkan(action()))?;
             let requirements = device.get_image_memory_requirements(array.image);
@@ -137,7 +137,7 @@ impl DepthArray {
         Ok(view)
     }
 
-    /// Moves layers between layouts.
+    /// Transitions layers from one layout to another.
     fn transition(
         &self,
         commands: vk::CommandBuffer,
@@ -187,7 +187,8 @@ fn depth_layers(first: u32, count: u32) -> vk::ImageSubresourceRange {
 }
 
 impl DepthKernel {
-    /// Makes the pipeline of `glsl/{name}.vert` and, if there is one, `glsl/{name}.frag`. Both sides of a triangle block light.
+    /// Creates the pipeline of `glsl/{name}.vert` and, if it exists, `glsl/{name}.frag`. No face culling: both sides of
+    /// a triangle block light.
     pub fn new(context: &Arc<Context>, name: &str) -> Result<Self> {
         let spirv = embedded_spirv(&format!("{name}.vert")).expect("the name is one of ours");
         let module = ShaderModule::new(context, name, spirv)?;
@@ -206,10 +207,10 @@ impl DepthKernel {
         let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
         let rasterization = vk::PipelineRasterizationStateCreateInfo::default()
             .cull_mode(vk::CullModeFlags::NONE)
-            .depth_clamp_enable(true) // casters in front of the near plane still cast
+            .depth_clamp_enable(true) // geometry in front of the near plane still casts shadows
             .depth_bias_enable(true)
-            // Reversed depth: away from the light is negative. The filter reaches two texels along either axis, 2 sqrt(2) across;
-            // with 2 floors aslant to both came out 2 % too dark.
+            // Reversed depth: negative is away from the light. The filter has a radius of two texels along each axis,
+            // so 2 sqrt(2) diagonally. With a slope factor of -2, floors diagonal to both axes were 2 % too dark.
             .depth_bias_constant_factor(-2.0)
             .depth_bias_slope_factor(-3.0)
             .line_width(1.0);
@@ -249,8 +250,8 @@ impl Drop for DepthKernel {
 }
 
 impl Pass<'_> {
-    /// Draws indexed triangles into layer 0, 1, ... of `target`, one [`DepthDraw`] a layer, and triangles without indices by
-    /// another kernel; each layer is cleared.
+    /// Clears layers 0, 1, ... of `target` and draws one [`DepthDraw`] of indexed triangles into each, and then one of
+    /// `unindexed` triangles with another kernel.
     pub fn draw_depth<P: Pod, Q: Pod>(
         mut self,
         target: &DepthArray,
@@ -271,7 +272,7 @@ impl Pass<'_> {
             let sampled = (Layout::DEPTH_READ_ONLY_OPTIMAL, Stage::COMPUTE_SHADER, Rights::SHADER_SAMPLED_READ);
             let undefined = (Layout::UNDEFINED, sampled.1, sampled.2);
             target.transition(commands, 0..count, undefined, attachment);
-            // All are bound, also those that are not drawn.
+            // The descriptor covers all layers, so those not drawn need the sampled layout too.
             if (count as usize) < target.layer_views.len() {
                 target.transition(commands, count..target.layer_views.len() as u32, undefined, sampled);
             }
@@ -281,7 +282,7 @@ impl Pass<'_> {
                 if let Some((kernel, draws)) = unindexed {
                     draw_unindexed(context, commands, kernel, &draws[layer]);
                 }
-                // SAFETY: it was begun above.
+                // SAFETY: rendering was begun above.
                 unsafe { context.device.cmd_end_rendering(commands) };
             }
             target.transition(commands, 0..count, attachment, sampled);
@@ -324,8 +325,8 @@ fn draw_indexed<P: Pod>(
     draw: &DepthDraw<P>,
 ) {
     let device = &context.device;
-    // SAFETY: rendering was begun; indices were checked against the vertices when the mesh was imported, and the ranges
-    // against the indices by whoever made the clusters.
+    // SAFETY: rendering was begun; indices were checked against the vertices when the mesh was imported, and ranges
+    // are checked below.
     unsafe {
         device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, kernel.pipeline);
         device.cmd_push_constants(commands, context.pipeline_layout, STAGES, 0, bytemuck::bytes_of(&draw.push));
@@ -339,7 +340,7 @@ fn draw_indexed<P: Pod>(
 
 fn draw_unindexed<P: Pod>(context: &Context, commands: vk::CommandBuffer, kernel: &DepthKernel, draw: &DepthDraw<P>) {
     let device = &context.device;
-    // SAFETY: rendering was begun; whoever made the clusters made as many vertices.
+    // SAFETY: rendering was begun; clusters only have ranges of existing vertices.
     unsafe {
         device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, kernel.pipeline);
         device.cmd_push_constants(commands, context.pipeline_layout, STAGES, 0, bytemuck::bytes_of(&draw.push));
