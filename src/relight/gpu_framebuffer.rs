@@ -35,6 +35,7 @@ impl GpuFramebuffer {
     }
 }
 
+/// Uploads the emission; `None` if nothing emits.
 pub fn upload_emission(
     context: &Arc<Context>,
     framebuffer: &DeepFramebuffer,

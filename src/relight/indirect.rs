@@ -22,6 +22,7 @@ use crate::shared::*;
 
 /// The transfer on the device.
 pub struct Indirect {
+    /// Points of gather samples.
     pub points: Buffer<ViewSample>,
     samples: LitSamples,
     /// `None` for gather samples of the thesis's method.
@@ -121,7 +122,9 @@ pub struct Lit<'a> {
 /// One light's vector in an interleaved buffer.
 pub struct Strided<'a> {
     pub buffer: &'a Buffer<Vec4>,
+    /// Distance between elements of one light.
     pub stride: u32,
+    /// Index of the light's first element.
     pub offset: u32,
 }
 

@@ -76,6 +76,7 @@ impl LightCache {
         (most.min(2 * depth as usize + MAX_FOCUS + BATCH + 4), most)
     }
 
+    /// A cache without images. `slot_count` must be at least the minimum of [`Self::slot_range`].
     pub fn new(rig: &Rig, slot_count: usize, has_emission: bool) -> Self {
         let mut cache = Self {
             rig: rig.shining().into_owned(),

@@ -43,6 +43,7 @@ use crate::scene::Rig;
 use crate::shared::LIGHTS_A_PASS;
 use crate::trace::bvh::TracedScene;
 
+/// Settings of a [`Relighter`].
 #[derive(Clone, Debug)]
 pub struct RelightSettings {
     pub visibility: VisibilityMethod,
@@ -98,6 +99,7 @@ struct Kernels {
 }
 
 impl Relighter {
+    /// Uploads the bake and allocates light images. `transfer`: `None` for direct light only.
     pub fn new(
         context: &Arc<Context>,
         scene: &Arc<TracedScene>,

@@ -89,14 +89,17 @@ impl Outputs {
         Ok(())
     }
 
+    /// The composite kernel of `output`, which must be prepared.
     pub fn kernel(&self, output: Output) -> &Kernel {
         self.kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
+    /// The contact sheet kernel of `output`, which must be prepared.
     pub fn sheet_kernel(&self, output: Output) -> &Kernel {
         self.sheet_kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
+    /// Pixels of `output`, which must be prepared.
     pub fn pixels(&self, output: Output) -> &Buffer<u32> {
         let buffer = match output {
             Output::Linear => &self.linear,

@@ -27,6 +27,7 @@ const MANY_MULTIPLY_ADDS: u32 = 4096;
 const COPY_PLANE: usize = 2 << 20;
 
 impl Roofline {
+    /// `sample_count`: samples that the yardstick kernel processes.
     pub fn new(context: &Arc<Context>, sample_count: usize) -> Result<Self> {
         let samples: Vec<Vec4> = (0..2 * sample_count).map(|i| Vec4::splat(1.0 / (1 + i % 7) as f32)).collect();
         Ok(Self {

@@ -63,6 +63,7 @@ pub(super) struct Face {
 }
 
 impl ShadowMaps {
+    /// `size`: side of a map in texels.
     pub fn new(context: &Arc<Context>, scene: &TracedScene, size: u32) -> Result<Self> {
         let mesh = &scene.mesh;
         // The BVH's order is spatially coherent: clusters are compact and vertices are reused soon.

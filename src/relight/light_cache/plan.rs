@@ -11,6 +11,7 @@ pub struct Term {
     pub scale: Vec3,
 }
 
+/// Where an image is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     Slot(usize),

@@ -44,6 +44,7 @@ impl Slots {
         self.change(slot, |s| s.pins -= 1);
     }
 
+    /// Sets the time of last use.
     pub fn use_at(&mut self, slot: usize, clock: u64) {
         self.change(slot, |s| s.last_used = clock);
     }
@@ -57,6 +58,7 @@ impl Slots {
         self.change(slot, |s| *s = Slot { node: Some(node), last_used: clock, pins: 0 });
     }
 
+    /// Makes a slot empty and removes its pins.
     pub fn clear(&mut self, slot: usize) {
         self.change(slot, |s| *s = Slot::default());
     }
