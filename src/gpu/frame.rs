@@ -169,6 +169,7 @@ impl Frames {
         self.barrier_count
     }
 
+    /// Begins to record a frame.
     pub fn begin(&mut self) -> Result<Frame<'_>> {
         self.began = Instant::now();
         self.upload_used = 0;

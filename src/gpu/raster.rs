@@ -120,6 +120,7 @@ impl DepthArray {
         Ok(array)
     }
 
+    /// Side of an image in pixels.
     pub fn size(&self) -> u32 {
         self.size
     }
