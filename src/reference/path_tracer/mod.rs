@@ -74,6 +74,7 @@ pub struct PathTracer<'a> {
 }
 
 impl<'a> PathTracer<'a> {
+    /// Prepares lights, emitters and aims.
     pub fn new(scene: &'a TracedScene, camera: &'a Camera, rig: &Rig, settings: &Settings) -> Self {
         let tiling = Tiling { width: settings.width, height: settings.height };
         let lamps = Lamps::new(scene, rig);
