@@ -3,7 +3,7 @@
 #include "lib/color.glsl"
 #include "lib/display.glsl"
 
-// One workgroup a tile: reads run on in memory, and no pixel divides by the width.
+// One workgroup per tile: its reads are contiguous, and no pixel needs a division by the width.
 void main() {
     uint tiles_x = (push.width + TILE_SIZE - 1) / TILE_SIZE;
     uvec2 tile = uvec2(group_index() % tiles_x, group_index() / tiles_x);

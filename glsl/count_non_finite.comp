@@ -7,7 +7,7 @@ void main() {
     }
     uint count = 0;
     [[unroll]] for (uint plane = 0; plane < 3; ++plane) {
-        // By the exponent: no compiler takes that for always false.
+        // Tests the exponent bits: a compiler may assume that isinf and isnan are always false.
         count += uint((push.values.at[plane * push.plane_stride + index] & 0x7f800000) == 0x7f800000);
     }
     if (count > 0) {

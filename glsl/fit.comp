@@ -35,7 +35,7 @@ void main() {
         return;
     }
     vec2 ratio = vec2(push.source_size) / vec2(push.target_size);
-    // In units of source pixels, whose centres lie at whole numbers.
+    // In source pixels, whose centres lie at integers.
     vec2 center = (vec2(index % push.target_size.x, index / push.target_size.x) + 0.5) * ratio - 0.5;
     vec4 pixel = SHRINKS ? tent(center, max(ratio, 1.0)) : bilinear(center);
     push.target.at[index] = packUnorm4x8(pixel);

@@ -20,7 +20,7 @@ void main() {
                 push.vector.at[term].rgb = r.sine * left - r.cosine * right;
             }
         }
-        // What one height wrote, other threads of the workgroup read at the next.
+        // At the next height, other threads of the workgroup read what this height wrote.
         memoryBarrierBuffer();
         barrier();
     }

@@ -16,7 +16,7 @@ vec3 radiance(uint at) {
     return c;
 }
 
-// Tiles that a workgroup counts before it adds to the common counts.
+// Tiles that a workgroup counts in shared memory before it adds to the counts in `result`.
 const uint TILES = 16;
 
 void main() {
@@ -39,7 +39,7 @@ void main() {
         uint tile = group_index() * TILES + i;
         uvec2 pixel = uvec2(tile % tiles_x, tile / tiles_x) * TILE_SIZE + uvec2(lane % TILE_SIZE, lane / TILE_SIZE);
         if (pixel.x < push.pixels.x && pixel.y < push.pixels.y) {
-            // Without the first and the last bin, as many on either side of middle grey.
+            // All bins but the first and last cover as many stops below middle grey as above it.
             float above = stops(push.exposure * radiance(tile * GROUP_SIZE + lane));
             float bin = floor(above * float(BINS_A_STOP)) + float(HISTOGRAM_BINS / 2);
             atomicAdd(bins[uint(clamp(bin, 0.0, float(HISTOGRAM_BINS - 1)))], 1);

@@ -2,8 +2,8 @@
 
 #include "lib/add_radiance.glsl"
 
-// Threads that share a strip. Without a GPU each read of 16 bytes becomes four gathers: the first ones together touch every cache
-// line of a column group that the rest need.
+// Threads that share a strip. lavapipe splits each read of 16 bytes into four gathers of 4 bytes. The first gathers of
+// a column group touch all of its cache lines, so the others hit the cache.
 const uint LANES = PANEL_COLUMNS;
 const uint ROWS = STRIP_ROWS / LANES;
 
@@ -15,14 +15,14 @@ void store(uint output_index, uint light, vec3 sum) {
     }
 }
 
-// Octets of a batch: memory is asked for what all of them read first before any is waited for.
+// Column groups per batch. The first reads of all of them are issued before any result is used, which hides latency.
 const uint BATCH = 4;
 
 struct Batch {
-    // Of each column group the first word of this lane's rows in each channel, and the input of this lane's column.
+    // Per column group: the first word of this lane's first row in each channel, and the input of this lane's column.
     uvec3 words[BATCH];
     vec3 inputs[BATCH][LIGHTS];
-    // Bits of column groups that light falls on. Others are passed over, with their factors: what a light does not reach.
+    // Bit i: column group i has a non-zero input. The others are skipped, and their factors are not read.
     uint lit;
 };
 
@@ -69,7 +69,7 @@ Batch read_batch(Panel panel, uint column_group, uint end, uint place, uint chan
     if (batch.lit == 0) {
         return batch;
     }
-    // In place of one in the dark, one that is read anyway.
+    // A dark column group is replaced by a lit one, whose words are read anyway.
     uint lit = column_group + findLSB(batch.lit);
     [[unroll]] for (uint i = 0; i < BATCH; ++i) {
         lit = (batch.lit >> i & 1) != 0 ? column_group + i : lit;
@@ -110,7 +110,7 @@ void main() {
         return;
     }
     Panel panel = push.panels.at[group];
-    // Not by gl_SubgroupSize: subgroups may be narrower than the device says.
+    // Does not use gl_SubgroupSize: subgroups may be narrower than the device reports.
     uint lane = gl_LocalInvocationIndex % LANES;
     uint strip = gl_LocalInvocationIndex / LANES * STRIP_ROWS;
     if (strip >= panel.row_count) {
@@ -126,7 +126,7 @@ void main() {
         }
     }
     vec3 x[LIGHTS][PANEL_COLUMNS];
-    // Lanes beyond the last row read that.
+    // Lanes beyond the last row read the last row.
     uint first_row = min(lane * ROWS, stride - 1);
     for (uint column_group = 0; column_group < own_count; column_group += BATCH) {
         Batch batch = read_batch(panel, column_group, own_count, first + first_row, 3, stride, lane);

@@ -14,7 +14,7 @@ void main() {
     vec3 wi;
     float irradiance = incident(push.light, push.points.at[index].position, wi) * float(byte) / 255.0;
     float light = irradiance * max(dot(s.normal, wi), 0.0);
-    // Between the four nearest texels, those beyond the disc left out.
+    // Bilinear interpolation. Texels outside the disc have w = 0; dividing by the interpolated w leaves them out.
     vec2 on_disc = vec2(dot(s.tangent, wi), dot(cross(s.normal, s.tangent), wi));
     vec2 place = clamp((on_disc + 1.0) * 0.5 * float(DISC_SIDE) - 0.5, 0.0, float(DISC_SIDE - 1));
     uvec2 low = min(uvec2(place), uvec2(DISC_SIDE - 2));

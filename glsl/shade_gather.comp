@@ -7,7 +7,7 @@
 const uint RADIALS = HARMONIC_DEGREES * (HARMONIC_DEGREES + 1) / 2;
 const uint SCHLICK = TABLE_ROUGHNESSES * TABLE_COSINES * RADIALS * 2;
 
-// Which two of `count` entries x in [0, 1] lies between, and how far along.
+// Lower of the two neighbouring entries of x in [0, 1] in a table of `count`; `along` is the fraction to the upper one.
 uint place(float x, uint count, out float along) {
     x *= float(count - 1);
     uint index = min(uint(x), count - 2);
@@ -15,7 +15,7 @@ uint place(float x, uint count, out float along) {
     return index;
 }
 
-// Where in the tables k of a sample is looked up.
+// Position in the tables of k: lower row and column, and the fractions to the next ones.
 struct Lookup {
     uint row;
     float across;
@@ -46,19 +46,19 @@ vec3 radial(Brdf brdf, Lookup at, uint i) {
     return value;
 }
 
-// What a perfect mirror reflects: `brdf::mirror`.
+// Reflectance of a perfect mirror. Twin: `brdf::mirror`.
 vec3 mirror(Brdf brdf, float cosine) {
     float x = 1.0 - clamp(cosine, 0.0, 1.0);
     float x2 = x * x;
     return brdf.alpha > 0.0 ? vec3(0.0) : mix(brdf.f0, vec3(brdf.f90), x2 * x2 * x);
 }
 
-// Turned half round the unit axis.
+// Rotates v by 180 degrees around the unit axis.
 vec3 half_turn(vec3 axis, vec3 v) {
     return 2.0 * dot(axis, v) * axis - v;
 }
 
-// Where a coefficient of this light lies.
+// Index of a coefficient of this light.
 uint element(uint index) {
     return index * push.stride + push.offset;
 }
@@ -94,10 +94,10 @@ void main() {
         }
         irradiance *= cosine / float(push.points_per_sample);
         if (push.per_solid_angle > 0.0) {
-            // Where the point answers for much of the light's power, rays tell: `weight_of_rays` in light_rays.rs.
+            // If the point stands for much of the light's power, rays replace it: `weight_of_rays` in light_rays.rs.
             float share = irradiance / push.light.strength * s.area * push.per_solid_angle;
             float rays = smoothstep(0.5 * EVEN_SHARE, 1.5 * EVEN_SHARE, share);
-            if (rays == 1.0) { // so near that irradiance may have no bounds
+            if (rays == 1.0) { // so near that irradiance may be unbounded
                 continue;
             }
             irradiance *= 1.0 - rays;
@@ -111,7 +111,7 @@ void main() {
         if (DEGREES < 2 || s.degrees < 2) {
             continue;
         }
-        // Two half-turns take the point's normal to the sample's the short way round.
+        // Two rotations by 180 degrees are the shortest rotation from the point's normal to the sample's.
         vec3 between = normal + s.normal;
         between /= sqrt(max(dot(between, between), 1e-20));
         vec3 turned = half_turn(s.normal, half_turn(between, wi));

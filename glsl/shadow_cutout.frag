@@ -9,7 +9,7 @@ float wrapped(float t, uint wrap) {
     return wrap == WRAP_CLAMP ? clamp(t, 0.0, 1.0) : mod(t, wrap == WRAP_MIRROR ? 2.0 : 1.0);
 }
 
-// `i` is at least -1 and at most twice the size.
+// Texel index with wrapping; -1 <= i <= 2 size.
 uint index(int i, int size, uint wrap) {
     if (wrap == WRAP_CLAMP) {
         return uint(clamp(i, 0, size - 1));
@@ -38,7 +38,7 @@ float texture_alpha(Cutout c) {
     return mix(top, bottom, along.y);
 }
 
-// A number in [0, 1) for each texel of the map and triangle [MurmurHash3].
+// Pseudorandom number in [0, 1) per texel of the shadow map and triangle [MurmurHash3].
 float chance() {
     uint hash = cutout_and_triangle.y * 0x9e3779b9u ^ (uint(gl_FragCoord.y) << 16 | uint(gl_FragCoord.x));
     hash = (hash ^ hash >> 16) * 0x85ebca6bu;

@@ -3,7 +3,7 @@
 
 layout(set = 0, binding = 0) uniform sampler2DArrayShadow shadow_map;
 
-// The cube face that holds direction v: +X, -X, +Y, -Y, +Z, -Z.
+// Index of the cube face of direction v, in the order +X, -X, +Y, -Y, +Z, -Z.
 uint cube_face(vec3 v) {
     vec3 a = abs(v);
     if (a.x >= a.y && a.x >= a.z) {
@@ -19,7 +19,7 @@ float lookup(vec3 position) {
     uint face = push.face_count == 1 ? 0 : cube_face(position - push.light_position);
     vec4 clip = push.faces.at[face].clip_from_mesh * vec4(position, 1.0);
     vec3 ndc = clip.xyz / clip.w;
-    // Outside of a spot's map nothing is lit anyway.
+    // Outside a spot's map its light is zero anyway.
     if (clip.w <= 0.0 || max(abs(ndc.x), abs(ndc.y)) > 1.0) {
         return 1.0;
     }

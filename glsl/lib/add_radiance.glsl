@@ -1,5 +1,5 @@
-// Radiance of a view sample under one of the lights, added to its image or to its extra samples; for kernels whose `push` has
-// both.
+// Adds the radiance of a view sample under one light to the light's image or to its extra samples. The kernel's
+// `push` has both.
 
 void add_radiance(uint view_sample, uint light, vec3 radiance) {
     if (light >= push.light_count) {

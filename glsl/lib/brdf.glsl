@@ -11,15 +11,15 @@ vec3 octahedral(vec2 e) {
     return v / sqrt(dot(v, v));
 }
 
-// GGX, normalized over projected area [Walter 2007, Eq. 33]. With 1 - (n.h)^2 as |n x h|^2, it is exact for lobes
-// far narrower than the rounding of n.h.
+// GGX, normalized over projected area [Walter 2007, Eq. 33]. 1 - (n.h)^2 is computed as |n x h|^2, which is
+// accurate also for lobes far narrower than the rounding error of n.h.
 float ggx(vec3 n, vec3 h, float nh, float alpha) {
     vec3 sine = cross(n, h);
     float x = alpha / (alpha * alpha * nh * nh + dot(sine, sine));
     return x * x / PI;
 }
 
-// Height-correlated Smith masking over 4 n.wi n.wo [Heitz 2014, Eq. 99]. Below a cosine of 1e-6 it stays as it is there.
+// Height-correlated Smith masking over 4 n.wi n.wo [Heitz 2014, Eq. 99]. Cosines are clamped to at least 1e-6.
 float smith(float ni, float no, float alpha) {
     float a2 = alpha * alpha;
     ni = max(ni, 1e-6);

@@ -4,7 +4,7 @@ float luminance(vec3 c) {
     return dot(c, vec3(0.2126729, 0.7151522, 0.0721750));
 }
 
-// Stops of luminance above middle grey; below every number where nothing shines.
+// Luminance in stops above middle grey. Black gives about -97, below every bin and band.
 float stops(vec3 c) {
     return log2(max(luminance(c), 1e-30) / MIDDLE_GREY);
 }
@@ -15,7 +15,7 @@ vec3 srgb_from_linear(vec3 c) {
     return mix(high, low, lessThan(c, vec3(0.0031308)));
 }
 
-// AgX [Sobotka 2022] with its sigmoid as a sixth-degree polynomial [Wrensch 2023]; gives sRGB.
+// AgX [Sobotka 2022], its sigmoid approximated by a sixth-degree polynomial [Wrensch 2023]. Returns sRGB.
 vec3 agx(vec3 c) {
     const mat3 inset = mat3(0.842479062253094, 0.0423282422610123, 0.0423756549057051, 0.0784335999999992,
                             0.878468636469772, 0.0784336, 0.0792237451477643, 0.0791661274605434, 0.879142973793104);
@@ -32,11 +32,11 @@ vec3 agx(vec3 c) {
     return clamp(outset * x, 0.0, 1.0);
 }
 
-// Khronos PBR Neutral [Khronos 2024]; gives linear Rec. 709.
+// Khronos PBR Neutral [Khronos 2024]. Returns linear Rec. 709.
 vec3 pbr_neutral(vec3 c) {
     const float start = 0.8 - 0.04;
     const float desaturation = 0.15;
-    // Its curve brightens what is below black.
+    // The curve would brighten negative values.
     c = max(c, 0.0);
     float low = min(c.r, min(c.g, c.b));
     c -= low < 0.08 ? low - 6.25 * low * low : 0.04;

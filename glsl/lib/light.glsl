@@ -8,7 +8,7 @@ float incident(PackedLight light, vec3 position, out vec3 wi) {
     }
     vec3 to_light = light.position - position;
     float d2 = dot(to_light, to_light);
-    if (d2 == 0.0) { // at the light itself no direction is defined
+    if (d2 == 0.0) { // at the light itself the direction is undefined
         wi = vec3(0.0);
         return 0.0;
     }

@@ -1,4 +1,4 @@
-// Threads of a dispatch, which is folded into rows of MAX_COLUMNS workgroups.
+// Linear indices of workgroup and thread. A dispatch is a grid with rows of MAX_COLUMNS workgroups.
 
 layout(local_size_x = GROUP_SIZE) in;
 

@@ -1,4 +1,4 @@
-// Where a pixel lies in tile order.
+// Index of a pixel in tile order.
 
 uint tiled(uvec2 pixel, uint width) {
     uint tiles_x = (width + TILE_SIZE - 1) / TILE_SIZE;

@@ -1,4 +1,4 @@
-//! GLSL to SPIR-V, at build time and, with the `hot-reload` feature, while running.
+//! Compiles GLSL to SPIR-V, at build time and, with the `hot-reload` feature, at run time.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Instance, device, queue and allocator: one owner for each, released in the right order.
+//! Vulkan instance, device, queue and allocator, each with one owner and destroyed in the right order.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -16,27 +16,27 @@ use super::device::{self, DeviceInfo};
 use super::faults;
 use crate::error::{Cause, Error, Result};
 
-/// Whether the Khronos validation layer watches, synchronization included.
+/// Whether the Khronos validation layer is enabled, with synchronization validation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Validation {
     Off,
     On,
 }
 
-/// A Vulkan device, ready to use. Everything made from it holds an `Arc` of it.
+/// A Vulkan device with its queue and allocator. Every object created from it holds an `Arc` of it.
 pub struct Context {
     pub info: DeviceInfo,
-    /// Nanoseconds a timestamp tick.
+    /// Nanoseconds per timestamp tick.
     pub(super) timestamp_period: f64,
     pub(super) device: ash::Device,
     pub(super) queue: vk::Queue,
     pub(super) queue_family: u32,
     pub(super) debug_utils: Option<ext::debug_utils::Device>,
     pub(super) pipeline_cache: vk::PipelineCache,
-    /// All pipelines share it: 128 bytes of push constants and one sampled image.
+    /// Shared by all pipelines: 128 bytes of push constants and one sampled image.
     pub(super) pipeline_layout: vk::PipelineLayout,
     pub(super) set_layout: vk::DescriptorSetLayout,
-    /// `None` only while dropping.
+    /// `None` only during drop.
     pub(super) allocator: Mutex<Option<Allocator>>,
     /// Device memory in use, by the first word of the owner's name.
     memory: Mutex<BTreeMap<String, u64>>,
@@ -44,7 +44,7 @@ pub struct Context {
     pub(super) instance: Instance,
 }
 
-/// Vulkan itself, and the validation layer's messages.
+/// The Vulkan instance, and the validation layer's messages.
 pub(super) struct Instance {
     messages: Box<Messages>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -52,14 +52,14 @@ pub(super) struct Instance {
     pub entry: ash::Entry,
 }
 
-/// Why a lock cannot fail: no holder of one of our locks panics.
+/// Reason why a lock is never poisoned: no thread panics while it holds one of our locks.
 pub(super) const UNPOISONED: &str = "no thread panics while it holds this lock";
 
-/// What the validation layer said.
+/// Messages of the validation layer.
 #[derive(Default)]
 struct Messages(Mutex<Vec<String>>);
 
-/// Turns a Vulkan result code into an `Error` that says what was tried.
+/// Converts a Vulkan error to an `Error` that names the failed `action`.
 pub(super) fn vulkan<E>(action: impl Into<String>) -> impl FnOnce(E) -> Error
 where
     E: std::error::Error + Send + Sync + 'static,
@@ -74,7 +74,7 @@ where
     }
 }
 
-/// A cause, and before it what to do about it.
+/// An error with a remedy, which is reported before it.
 #[derive(Debug, thiserror::Error)]
 #[error("{remedy}")]
 struct Remedied {
@@ -82,7 +82,7 @@ struct Remedied {
     source: Cause,
 }
 
-/// What to do about it, where a person can do something.
+/// A remedy that the user can apply, if there is one.
 fn remedy(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
     let result = match error.downcast_ref() {
         Some(AllocationError::OutOfMemory) => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
@@ -90,16 +90,16 @@ fn remedy(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
     };
     match result {
         vk::Result::ERROR_DEVICE_LOST => {
-            Some("the device was lost: its driver gave up; `relume devices` lists others for --device")
+            Some("the device was lost: its driver failed; `relume devices` lists others for --device")
         }
         vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => Some(OUT_OF_MEMORY),
         _ => None,
     }
 }
 
-const OUT_OF_MEMORY: &str = "the device is out of memory; a smaller picture (--size) or --budget, or fewer gather samples (--gather), take less";
+const OUT_OF_MEMORY: &str = "the device is out of memory; reduce the picture size (--size), the memory budget (--budget) or the gather samples (--gather)";
 
-/// Where windows are to be opened, if any.
+/// Display on which windows will be opened, if any.
 type Display<'a> = Option<&'a dyn HasDisplayHandle>;
 
 impl Instance {
@@ -116,7 +116,7 @@ impl Instance {
 
 impl Drop for Instance {
     fn drop(&mut self) {
-        // SAFETY: whoever makes something of an instance drops that before.
+        // SAFETY: everything created from the instance is dropped before it.
         unsafe {
             if let Some((loader, messenger)) = self.messenger.take() {
                 loader.destroy_debug_utils_messenger(messenger, None);
@@ -133,13 +133,13 @@ fn create_instance(validation: Validation, display: Display) -> Result<(ash::Ent
     };
     // SAFETY: loads the system's Vulkan loader, which is trusted to behave.
     let entry = unsafe { ash::Entry::load() }
-        .map_err(|e| no_device("there is no Vulkan loader; tools/setup installs one")(e.into()))?;
+        .map_err(|e| no_device("no Vulkan loader was found; tools/setup installs one")(e.into()))?;
     // SAFETY: the entry is loaded.
     let layers = unsafe { entry.enumerate_instance_layer_properties() }.map_err(vulkan("list layers"))?;
     let layer = c"VK_LAYER_KHRONOS_validation";
     let validate = validation == Validation::On && layers.iter().any(|l| l.layer_name_as_c_str() == Ok(layer));
     if validation == Validation::On && !validate {
-        tracing::warn!("the Vulkan validation layer is not installed: nothing is validated");
+        tracing::warn!("the Vulkan validation layer is not installed: validation is off");
     }
     let application = vk::ApplicationInfo::default().application_name(c"relume").api_version(vk::API_VERSION_1_3);
     let layer_names = [layer.as_ptr()];
@@ -156,19 +156,19 @@ fn create_instance(validation: Validation, display: Display) -> Result<(ash::Ent
     }
     // SAFETY: all pointers outlive the call.
     let instance = unsafe { entry.create_instance(&create, None) }
-        .map_err(|e| no_device("Vulkan does not start; tools/setup installs a driver")(e.into()))?;
+        .map_err(|e| no_device("the Vulkan instance cannot be created; tools/setup installs a driver")(e.into()))?;
     Ok((entry, instance, validate))
 }
 
 impl Context {
-    /// Opens the device that `wanted` names (index or part of its name), else the best one.
+    /// Opens the device that `wanted` names by index or by part of its name; `None`: the best one.
     ///
-    /// Compiled pipelines are kept in `cache_dir` from run to run.
+    /// Compiled pipelines are cached in `cache_dir`.
     pub fn new(wanted: Option<&str>, validation: Validation, cache_dir: Option<&Path>) -> Result<Arc<Self>> {
         Self::create(wanted, validation, cache_dir, None)
     }
 
-    /// The same as [`Context::new`], and able to draw into windows on `display`.
+    /// Like [`Context::new`], for a device that can draw into windows on `display`.
     pub fn for_display(
         wanted: Option<&str>,
         validation: Validation,
@@ -219,7 +219,7 @@ impl Context {
         let device = unsafe { instance.handle.create_device(info.handle, &create, None) }
             .map_err(vulkan("create the device"))?;
         let is_validated = instance.messenger.is_some();
-        // What is not made yet is null; dropping that does nothing.
+        // Objects that do not exist yet are null handles, which drop ignores.
         let mut context = Self {
             timestamp_period: f64::from(limits.timestamp_period),
             // SAFETY: the queue was asked for above.
@@ -240,7 +240,7 @@ impl Context {
         Ok(Arc::new(context))
     }
 
-    /// Makes what every kernel and buffer needs.
+    /// Creates the allocator, layouts and pipeline cache.
     fn fill(&mut self) -> Result<()> {
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: self.instance.handle.clone(),
@@ -274,7 +274,7 @@ impl Context {
         Ok(())
     }
 
-    /// Whether kernels run on this machine's CPU, which then is better at tracing rays than at rasterising.
+    /// Whether kernels run on the CPU. There, tracing shadow rays is faster than rasterising shadow maps.
     pub fn is_cpu(&self) -> bool {
         self.info.kind == "cpu"
     }
@@ -289,12 +289,12 @@ impl Context {
         self.instance.messenger.is_some()
     }
 
-    /// Everything that the validation layer said so far. Tests assert that it is empty.
+    /// All messages of the validation layer so far. Tests assert that there are none.
     pub fn validation_messages(&self) -> Vec<String> {
         self.instance.messages.0.lock().expect(UNPOISONED).clone()
     }
 
-    /// Device memory in use as (owner, bytes).
+    /// Device memory in use, as (owner, bytes).
     pub fn memory_by_owner(&self) -> Vec<(String, u64)> {
         self.memory.lock().expect(UNPOISONED).iter().map(|(owner, bytes)| (owner.clone(), *bytes)).collect()
     }
@@ -317,7 +317,7 @@ impl Context {
         let Some(debug_utils) = &self.debug_utils else { return };
         let name = std::ffi::CString::new(name).expect("names hold no zero byte");
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: the object belongs to this device. A name that cannot be set is no reason to fail.
+        // SAFETY: the object belongs to this device. Failing to set a name is ignored.
         let _ = unsafe { debug_utils.set_debug_utils_object_name(&info) };
     }
 
@@ -336,13 +336,13 @@ impl Context {
 impl Drop for Context {
     fn drop(&mut self) {
         if let Err(error) = self.save_pipeline_cache() {
-            tracing::debug!("pipelines are not kept: {error}"); // a read-only cache works
+            tracing::debug!("pipelines are not cached: {error}"); // the cache folder may be read-only
         }
         for (owner, bytes) in self.memory.lock().expect(UNPOISONED).iter() {
             tracing::error!("leaked: {bytes} bytes of {owner}");
         }
-        // SAFETY: all that was made from the device holds an Arc of this context, so it is gone; every frame was
-        // waited for before it was dropped.
+        // SAFETY: every object created from the device holds an Arc of this context, so all are destroyed; every frame
+        // was waited for before it was dropped.
         unsafe {
             self.device.destroy_pipeline_cache(self.pipeline_cache, None);
             self.device.destroy_pipeline_layout(self.pipeline_layout, None);
@@ -353,11 +353,11 @@ impl Drop for Context {
     }
 }
 
-/// The instance's extensions for windows on `display`.
+/// Instance extensions for windows on `display`.
 fn surface_extensions(display: Display) -> Result<Vec<*const c_char>> {
     let Some(display) = display else { return Ok(Vec::new()) };
     let no_window = |source: crate::error::Cause| Error::NoDevice {
-        reason: "this display has no windows for Vulkan".into(),
+        reason: "this display does not support Vulkan windows".into(),
         source: Some(source),
     };
     let handle = display.display_handle().map_err(|e| no_window(e.into()))?;
@@ -384,7 +384,7 @@ fn pipeline_cache_name(info: &DeviceInfo) -> String {
 fn create_pipeline_cache(device: &ash::Device, file: Option<&Path>) -> Result<vk::PipelineCache> {
     let data = file.and_then(|file| std::fs::read(file).ok()).unwrap_or_default();
     let create = vk::PipelineCacheCreateInfo::default().initial_data(&data);
-    // SAFETY: the data outlives the call; drivers check its header and ignore what isn't theirs.
+    // SAFETY: the data outlives the call; drivers check its header and ignore data of other drivers.
     unsafe { device.create_pipeline_cache(&create, None) }.map_err(vulkan("create the pipeline cache"))
 }
 
@@ -412,7 +412,7 @@ unsafe extern "system" fn on_message(
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
     messages: *mut c_void,
 ) -> vk::Bool32 {
-    // SAFETY: the layer passes a valid struct; `messages` is what `create_messenger` gave it.
+    // SAFETY: the layer passes a valid struct; `messages` is the pointer that `create_messenger` passed.
     let (text, messages) = unsafe {
         let pointer: *const c_char = (*data).p_message;
         let text = if pointer.is_null() { Cow::Borrowed("") } else { CStr::from_ptr(pointer).to_string_lossy() };

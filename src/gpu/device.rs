@@ -1,4 +1,4 @@
-//! Which Vulkan devices there are, what each lacks, and which one to take.
+//! Lists Vulkan devices and the required features that each lacks, and chooses one.
 
 use std::ffi::CStr;
 
@@ -12,15 +12,17 @@ use crate::shared::PANEL_COLUMNS;
 /// One line of `relume devices`.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DeviceInfo {
+    /// Position in Vulkan's order.
     pub index: usize,
     pub name: String,
     pub driver: String,
     /// discrete, integrated, virtual, cpu or other.
     pub kind: &'static str,
+    /// Vulkan version.
     pub api: String,
-    /// Largest device-local heap.
+    /// Size of the largest device-local heap.
     pub memory_bytes: u64,
-    /// What relume needs and the device does not have; empty if it can be used.
+    /// Required features that the device lacks; empty if it can be used.
     pub lacks: Vec<String>,
     /// Whether a subgroup never has fewer than 8 threads, and any of them can tell all others a value.
     #[serde(skip)]
@@ -34,7 +36,8 @@ pub fn list_devices() -> Result<Vec<DeviceInfo>> {
     enumerate(&Instance::new(Validation::Off, None)?.handle)
 }
 
-/// Finds the device that `wanted` names by index or by part of its name; without a wish the best real GPU, else a CPU.
+/// Finds the device that `wanted` names by index or by part of its name; `None`: the best GPU, or a CPU if there is no
+/// GPU.
 pub(super) fn choose(instance: &ash::Instance, wanted: Option<&str>) -> Result<DeviceInfo> {
     let devices = enumerate(instance)?;
     let no_device = |reason: String| Error::NoDevice { reason, source: None };
@@ -56,7 +59,7 @@ pub(super) fn choose(instance: &ash::Instance, wanted: Option<&str>) -> Result<D
         |d: &&DeviceInfo| ["discrete", "integrated", "virtual", "cpu", "other"].iter().position(|k| *k == d.kind);
     devices.iter().filter(|d| d.lacks.is_empty()).min_by_key(rank).cloned().ok_or_else(|| {
         no_device(match devices.is_empty() {
-            true => "the driver list is empty; install Mesa's lavapipe (tools/setup) or a GPU driver".into(),
+            true => "no Vulkan driver is installed; install Mesa's lavapipe (tools/setup) or a GPU driver".into(),
             false => {
                 let each: Vec<_> = devices.iter().map(|d| format!("{} lacks {}", d.name, d.lacks.join(", "))).collect();
                 each.join("; ")
@@ -77,7 +80,7 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
     let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver).push_next(&mut subgroups);
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
     let mut features13 = vk::PhysicalDeviceVulkan13Features::default();
-    // SAFETY: the handle comes from this instance, and the structs chain what the calls fill.
+    // SAFETY: the handle comes from this instance, and the calls fill the chained structs.
     unsafe { instance.get_physical_device_properties2(handle, &mut properties) };
     let properties = properties.properties;
     let api = properties.api_version;
@@ -92,7 +95,7 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
     if has_13 {
         features = features.push_next(&mut features12).push_next(&mut features13);
     }
-    // SAFETY: as above; 1.3 structs are only chained where 1.3 is.
+    // SAFETY: as above; 1.3 structs are only chained if the device supports 1.3.
     let memory = unsafe {
         instance.get_physical_device_features2(handle, &mut features);
         instance.get_physical_device_memory_properties(handle)

@@ -1,5 +1,6 @@
-//! Faults on demand: `RELUME_FAULT=vkQueueSubmit2:3:device-lost` makes such calls fail from the third on, as drivers rarely do
-//! while somebody looks. Our functions stand in the device's table where the driver's would; tests/faults.rs sets the variable.
+//! Fault injection for tests: `RELUME_FAULT=vkQueueSubmit2:3:device-lost` makes the third and all later calls of
+//! vkQueueSubmit2 fail. Our functions replace the driver's in the device's function table. tests/faults.rs sets the
+//! variable.
 #![allow(non_upper_case_globals, non_snake_case)]
 
 use std::ffi::{CStr, c_char, c_void};
@@ -13,8 +14,9 @@ use crate::error::{Error, Result};
 
 struct Fault {
     call: String,
-    /// The first that fails, from 1.
+    /// Number of the first call that fails, from 1.
     first: u32,
+    /// Number of calls so far.
     made: AtomicU32,
     result: vk::Result,
 }
@@ -28,8 +30,8 @@ const RESULTS: [(&str, vk::Result); 3] = [
     ("out-of-host-memory", vk::Result::ERROR_OUT_OF_HOST_MEMORY),
 ];
 
-/// If the environment asks for a fault, devices made from `instance` get our functions. One device a process: functions of the
-/// first driver are called.
+/// If RELUME_FAULT is set, devices created from `instance` use our functions. All devices of the process then call the
+/// functions of the first device's driver, so there may be only one.
 pub(super) fn install(instance: &mut ash::Instance) -> Result<()> {
     let Some(wanted) = std::env::var_os("RELUME_FAULT") else { return Ok(()) };
     let wanted = wanted.to_string_lossy();
@@ -54,7 +56,7 @@ fn parse(wanted: &str) -> Option<Fault> {
     CALLS.contains(&call).then(|| Fault { call: call.into(), first, made: AtomicU32::new(0), result })
 }
 
-/// What this call is to return instead of being made.
+/// Result that this call must return without calling the driver, if any.
 fn due(call: &str) -> Option<vk::Result> {
     let fault = FAULT.get().filter(|fault| fault.call == call)?;
     (fault.made.fetch_add(1, Ordering::Relaxed) + 1 >= fault.first).then_some(fault.result)
@@ -62,10 +64,10 @@ fn due(call: &str) -> Option<vk::Result> {
 
 type Function = unsafe extern "system" fn();
 
-/// Declares a function for each Vulkan call that can fail, and the table of them.
+/// Declares a replacement for each listed Vulkan function, and the function that looks them up.
 macro_rules! calls {
     ($($call:ident($($argument:ident: $type:ty),*);)*) => {
-        /// Every call that can be made to fail.
+        /// Functions that can be made to fail.
         const CALLS: &[&str] = &[$(stringify!($call)),*];
 
         mod driver {
@@ -76,22 +78,22 @@ macro_rules! calls {
         $(
             unsafe extern "system" fn $call($($argument: $type),*) -> vk::Result {
                 let driver = driver::$call.get().expect("routed before it is called");
-                // SAFETY: the caller's promises are those that the driver asks for.
+                // SAFETY: the caller fulfils the driver's requirements.
                 due(stringify!($call)).unwrap_or_else(|| unsafe { driver($($argument),*) })
             }
         )*
 
-        /// Stands in for vkGetDeviceProcAddr.
+        /// Replaces vkGetDeviceProcAddr.
         unsafe extern "system" fn route(device: Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
             let find = DRIVER.get().expect("set before the table is");
-            // SAFETY: the caller's promises are those that the driver asks for.
+            // SAFETY: the caller fulfils the driver's requirements.
             let (found, name) = unsafe { (find(device, name)?, CStr::from_ptr(name)) };
             match name.to_str() {
                 $(Ok(stringify!($call)) => {
                     type Call = unsafe extern "system" fn($($type),*) -> vk::Result;
-                    // SAFETY: Vulkan gives functions of this name this signature.
+                    // SAFETY: the Vulkan function of this name has this signature.
                     driver::$call.get_or_init(|| unsafe { std::mem::transmute::<Function, Call>(found) });
-                    // SAFETY: whoever asks for this name casts it back to this signature.
+                    // SAFETY: the caller casts it back to the signature of this name.
                     Some(unsafe { std::mem::transmute::<Call, Function>($call) })
                 })*
                 _ => Some(found),

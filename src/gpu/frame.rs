@@ -1,9 +1,9 @@
-//! A frame: passes in order, each with its barrier, debug label and timestamps.
+//! A frame: a sequence of passes, each with barrier, debug label and timestamps.
 //!
-//! A pass reaches a buffer only through an address that [`Pass::read`] or [`Pass::write`] handed out, so every access
-//! is declared, and the barriers follow from the declarations. The frame checks them: reading what nothing wrote, or
-//! reading and writing one buffer by two names, is our mistake and stops the program. (Synchronization validation
-//! cannot see buffer addresses, and lavapipe forgives a missing barrier.)
+//! A pass gets the address of a buffer only from [`Pass::read`] or [`Pass::write`], so every access is declared, and
+//! barriers are derived from the declarations. Two mistakes panic: reading a buffer that was never written, and
+//! declaring a buffer twice in a pass unless both only read. (Synchronization validation cannot see buffer addresses,
+//! and on lavapipe missing barriers have no visible effect.)
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -29,19 +29,19 @@ pub enum Site {
     Cpu,
 }
 
-/// When one pass of a finished frame ran.
+/// Time of one pass or CPU stage of a finished frame.
 #[derive(Clone, Copy, Debug)]
 pub struct PassTime {
     pub name: &'static str,
     pub site: Site,
-    /// From the start of the frame.
+    /// Since the start of the frame.
     pub start_ms: f64,
     pub ms: f64,
 }
 
-/// Passes that a frame holds at most; who has more work asks [`Frame::passes_left`] and takes several frames.
+/// Maximum passes per frame. Callers with more work check [`Frame::passes_left`] and use several frames.
 pub const MAX_PASSES: usize = 1024;
-/// Bytes of small per-frame data: light lists, shadow faces.
+/// Size of the buffer for small per-frame data, such as shadow faces.
 const UPLOAD_BYTES: usize = 1 << 20;
 
 const STAGES: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
@@ -50,7 +50,7 @@ const STAGES: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
         | vk::PipelineStageFlags2::ALL_TRANSFER.as_raw(),
 );
 
-/// Everything that frames need, made once.
+/// Resources of frames, created once. Frames run one at a time.
 pub struct Frames {
     context: Arc<Context>,
     pool: vk::CommandPool,
@@ -61,7 +61,7 @@ pub struct Frames {
     upload_used: usize,
     uses: HashMap<u64, Use>,
     accesses: Vec<(u64, Touch)>,
-    /// Passes before this one are covered by a barrier.
+    /// Number of the pass before which the last barrier was recorded.
     synced: usize,
     pass_count: usize,
     barrier_count: usize,
@@ -95,7 +95,7 @@ enum Touch {
     Write,
 }
 
-/// Commands being recorded. Dropped without [`Frame::finish`], nothing of it happens.
+/// A frame being recorded. If it is dropped without [`Frame::finish`], nothing is executed.
 pub struct Frame<'a> {
     frames: &'a mut Frames,
 }
@@ -158,16 +158,17 @@ impl Frames {
         Ok(frames)
     }
 
-    /// What each pass of the last finished frame took, CPU stages first.
+    /// Times of the last finished frame: CPU stages first, then passes.
     pub fn times(&self) -> &[PassTime] {
         &self.times
     }
 
-    /// How many barriers between passes the last frame needed.
+    /// Number of barriers between passes in the last frame.
     pub fn barrier_count(&self) -> usize {
         self.barrier_count
     }
 
+    /// Begins to record a frame.
     pub fn begin(&mut self) -> Result<Frame<'_>> {
         self.began = Instant::now();
         self.upload_used = 0;
@@ -185,13 +186,13 @@ impl Frames {
             device.reset_query_pool(self.queries, 0, 2 * MAX_PASSES as u32);
             device.begin_command_buffer(self.commands, &begin).map_err(vulkan("begin a frame"))?;
         }
-        // What earlier frames wrote was waited for, but only a barrier makes it visible to kernels.
+        // Earlier frames are finished, but only a barrier makes their writes visible to kernels.
         let access = vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE;
         self.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, STAGES, access);
         Ok(Frame { frames: self })
     }
 
-    /// Declares an access of the pass under way.
+    /// Declares an access of the current pass.
     fn touch(&mut self, name: &str, raw: &RawBuffer, touch: Touch) -> u64 {
         match touch {
             Touch::Read => {
@@ -211,7 +212,7 @@ impl Frames {
         self.accesses.push((id, touch));
     }
 
-    /// Begins a pass on the device: label, barrier if its declared accesses need one, timestamp.
+    /// Begins a pass on the device: barrier if its declared accesses need one, label, timestamp.
     fn begin_pass(&mut self, name: &'static str) {
         assert!(self.pass_count < MAX_PASSES, "pass {name:?} is one more than the {MAX_PASSES} of a frame");
         let this = self.pass_count;
@@ -293,7 +294,7 @@ impl Frames {
         Read::from(self.upload.raw().address + start as u64)
     }
 
-    /// Device ticks of the finished frame to [`PassTime`]s, `submitted_ms` after its beginning.
+    /// Converts the timestamps of the finished frame to [`PassTime`]s. It was submitted `submitted_ms` after its start.
     fn collect_times(&mut self, submitted_ms: f64) -> Result<()> {
         let ticks = &mut self.ticks[..2 * self.pass_count];
         if ticks.is_empty() {
@@ -329,13 +330,13 @@ impl Drop for Frames {
 }
 
 impl Frame<'_> {
-    /// Starts to declare a pass.
+    /// Begins the declaration of a pass.
     pub fn pass(&mut self, name: &'static str) -> Pass<'_> {
         self.frames.accesses.clear();
         Pass { frames: self.frames, name, sampled: None }
     }
 
-    /// Runs a stage on the CPU, timed like a pass.
+    /// Runs a CPU stage and records its time like that of a pass.
     pub fn cpu<R>(&mut self, name: &'static str, stage: impl FnOnce() -> R) -> R {
         let start = Instant::now();
         let result = stage();
@@ -348,22 +349,22 @@ impl Frame<'_> {
         result
     }
 
-    /// Hands a few elements to kernels of this frame.
+    /// Uploads a few elements for kernels of this frame.
     pub fn upload<T: Glsl>(&mut self, data: &[T]) -> Read<T> {
         self.frames.upload(data)
     }
 
-    /// How many more passes fit into this frame.
+    /// Number of further passes that fit into this frame.
     pub fn passes_left(&self) -> usize {
         MAX_PASSES - self.frames.pass_count
     }
 
-    /// Submits the frame and waits for it, the only wait there is.
+    /// Submits the frame and waits until it is finished. There is no other wait in a frame.
     pub fn finish(self) -> Result<()> {
         self.submit(None)
     }
 
-    /// The same as [`Frame::finish`]; what [`Frame::draw`] made is shown by `surface` as soon as it is done.
+    /// Like [`Frame::finish`], and presents on `surface` what [`Frame::draw`] drew.
     pub fn finish_on(self, surface: &mut Surface) -> Result<()> {
         self.submit(Some(surface))
     }
@@ -393,10 +394,11 @@ impl Frame<'_> {
             (Some(surface), Some(presenting)) => surface.present(&presenting),
             _ => Ok(()),
         };
-        // SAFETY: as above; the fence was handed to the submission.
+        // SAFETY: as above; the submission signals the fence.
         unsafe {
             device.wait_for_fences(&[frames.fence], true, u64::MAX).map_err(|error| {
-                // What the frame uses may be dropped now: nothing runs on a lost device, else this waits for it.
+                // After an error the frame's resources may be dropped, so wait until it no longer runs. A lost device
+                // runs nothing.
                 let _ = device.device_wait_idle();
                 vulkan("wait for a frame")(error)
             })?;
@@ -409,7 +411,7 @@ impl Frame<'_> {
         &self.frames.context
     }
 
-    /// The frame draws into a window's image.
+    /// Records that the frame draws into a window's image.
     pub(super) fn will_present(&mut self, presenting: Presenting) {
         self.frames.presenting = Some(presenting);
     }
@@ -426,17 +428,17 @@ impl Pass<'_> {
         Write::from(self.frames.touch(self.name, buffer.raw(), Touch::Write))
     }
 
-    /// The same as [`Pass::read`], where a kernel sees the elements as another type of the same bytes.
+    /// Like [`Pass::read`], for a kernel that reinterprets the elements as another type.
     pub fn read_as<T: Glsl, U: Glsl>(&mut self, buffer: &Buffer<T>) -> Read<U> {
         Read::from(self.frames.touch(self.name, buffer.raw(), Touch::Read))
     }
 
-    /// The same as [`Pass::write`], where a kernel sees the elements as another type of the same bytes.
+    /// Like [`Pass::write`], for a kernel that reinterprets the elements as another type.
     pub fn write_as<T: Glsl, U: Glsl>(&mut self, buffer: &Buffer<T>) -> Write<U> {
         Write::from(self.frames.touch(self.name, buffer.raw(), Touch::Write))
     }
 
-    /// Declares that the kernel samples `depth`, its set 0.
+    /// Declares that the kernel samples `depth`, which is bound to set 0.
     pub fn sample(&mut self, depth: &DepthArray) {
         self.frames.touch_id(self.name, depth.id, &depth.name, Touch::Read);
         self.sampled = Some(depth.set);
@@ -451,8 +453,8 @@ impl Pass<'_> {
         let device = &frames.context.device;
         let layout = frames.context.pipeline_layout;
         let stages = vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT;
-        // SAFETY: the command buffer is being recorded. Addresses in `push` come from buffers that were declared; who
-        // declares them keeps them until `finish`, as the relighter does, which owns both.
+        // SAFETY: the command buffer is being recorded. Addresses in `push` come from declared buffers; their owners,
+        // such as the relighter, drop them only after `finish`.
         unsafe {
             device.cmd_bind_pipeline(frames.commands, vk::PipelineBindPoint::COMPUTE, kernel.pipeline());
             device.cmd_push_constants(frames.commands, layout, stages, 0, bytemuck::bytes_of(push));
@@ -470,7 +472,7 @@ impl Pass<'_> {
         self.frames.touch_id(self.name, depth.id, &depth.name, Touch::Write);
     }
 
-    /// Records what is no dispatch; see [`super::raster`] and [`super::present`].
+    /// Records commands other than a dispatch; see [`super::raster`] and [`super::present`].
     pub(super) fn record(self, record: impl FnOnce(&Context, vk::CommandBuffer)) {
         let Self { frames, name, .. } = self;
         frames.begin_pass(name);
@@ -479,7 +481,7 @@ impl Pass<'_> {
     }
 }
 
-/// Copies once, outside of frames, and waits.
+/// Copies a buffer in a separate frame and waits.
 pub(super) fn copy_once(context: &Arc<Context>, from: &RawBuffer, to: &RawBuffer, bytes: u64) -> Result<()> {
     let mut frames = Frames::new(context)?;
     let frame = frames.begin()?;

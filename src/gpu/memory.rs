@@ -1,4 +1,4 @@
-//! Buffers: owned, named, typed, dropped.
+//! Typed, named buffers that own their memory.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -13,34 +13,34 @@ use super::context::{Context, UNPOISONED, vulkan};
 use crate::error::Result;
 use crate::shared::gpu_struct::Glsl;
 
-/// Who touches a buffer besides kernels.
+/// How the host accesses a buffer; determines its memory type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Nobody.
+    /// The host does not access it.
     Device,
     /// The host writes it, kernels read it.
     HostWrites,
     /// Kernels write it, the host reads it.
     HostReads,
-    /// The host writes it once; kernels read it where it is, in host memory.
+    /// The host writes it once; kernels read it from host memory.
     Streamed,
 }
 
-/// `[T]` in device memory, addressed by pointer.
+/// `[T]` in memory that kernels access by device address.
 pub struct Buffer<T> {
     raw: RawBuffer,
     len: usize,
     element: PhantomData<T>,
 }
 
-/// What [`super::Frame`] needs to know of a buffer.
+/// The untyped part of a buffer.
 pub(super) struct RawBuffer {
     pub name: String,
-    /// Unique in this process: addresses are used again, this is not.
+    /// Unique in this process, unlike addresses, which are reused.
     pub id: u64,
     pub address: u64,
     pub handle: vk::Buffer,
-    /// Whether anything was ever written to it.
+    /// Whether the buffer was ever written.
     pub written: AtomicBool,
     allocation: Option<Allocation>,
     context: Arc<Context>,
@@ -49,19 +49,19 @@ pub(super) struct RawBuffer {
 static NEXT_ID: AtomicU64 = AtomicU64::new(0);
 
 impl<T: Glsl> Buffer<T> {
-    /// Room for `len` elements. The first word of `name` is the owner in the memory report.
+    /// An uninitialised buffer of `len` elements. The first word of `name` is the owner in the memory report.
     pub fn new(context: &Arc<Context>, name: &str, access: Access, len: usize) -> Result<Self> {
         let raw = RawBuffer::new(context, name, access, (len * size_of::<T>()) as u64)?;
         Ok(Self { raw, len, element: PhantomData })
     }
 
-    /// A buffer that holds `data` and is only read from now on.
+    /// A buffer that contains `data` and is only read from now on.
     pub fn from_slice(context: &Arc<Context>, name: &str, data: &[T]) -> Result<Self> {
         let access = if context.is_cpu() { Access::HostWrites } else { Access::Device };
         Self::holding(context, name, access, data)
     }
 
-    /// [`Self::from_slice`] with another access.
+    /// Like [`Self::from_slice`], with a given access.
     pub fn holding(context: &Arc<Context>, name: &str, access: Access, data: &[T]) -> Result<Self> {
         let mut buffer = Self::new(context, name, access, data.len())?;
         if access != Access::Device {
@@ -83,13 +83,13 @@ impl<T: Glsl> Buffer<T> {
         self.len == 0
     }
 
-    /// What kernels wrote; not with [`Access::Device`].
+    /// The contents, which kernels wrote. Panics for [`Access::Device`].
     pub fn host(&self) -> &[T] {
         let bytes = self.raw.mapped().unwrap_or_else(|| panic!("{} is not host memory", self.raw.name));
         bytemuck::cast_slice(&bytes[..self.len * size_of::<T>()])
     }
 
-    /// For the host to write before the frame that reads it is recorded; not with [`Access::Device`].
+    /// The contents, for the host to write before the frame that reads them is recorded. Panics for [`Access::Device`].
     pub fn host_mut(&mut self) -> &mut [T] {
         self.raw.written.store(true, Ordering::Relaxed);
         let bytes = self.len * size_of::<T>();
@@ -104,21 +104,21 @@ impl<T: Glsl> Buffer<T> {
     }
 }
 
-/// On all cores: more of a large copy's time goes into pages that are touched first than into bytes.
+/// Copies on all cores: most of the time of a large copy is spent on page faults, not on moving bytes.
 fn copy<T: Glsl>(to: &mut [T], from: &[T]) {
     let (to, from): (&mut [u8], &[u8]) = (bytemuck::cast_slice_mut(to), bytemuck::cast_slice(from));
     let chunks = to.par_chunks_mut(COPY_BYTES).zip(from.par_chunks(COPY_BYTES));
     chunks.for_each(|(to, from)| to.copy_from_slice(from));
 }
 
-/// What one task copies: a fraction of a millisecond of work.
+/// Bytes that one task copies, a fraction of a millisecond of work.
 const COPY_BYTES: usize = 1 << 20;
 
 impl RawBuffer {
     fn new(context: &Arc<Context>, name: &str, access: Access, bytes: u64) -> Result<Self> {
         let action = || format!("allocate {bytes} bytes for {name}");
         let create = vk::BufferCreateInfo::default()
-            // Empty buffers don't exist in Vulkan, but scenes without lights do. 16: vec4 reads of a ragged end.
+            // Vulkan forbids empty buffers, but a scene can lack lights. 16: vec4 reads may pass a ragged end.
             .size(bytes.next_multiple_of(16).max(16))
             .usage(
                 vk::BufferUsageFlags::STORAGE_BUFFER
@@ -138,7 +138,7 @@ impl RawBuffer {
             allocation: None,
             context: context.clone(),
         };
-        // SAFETY: the buffer was just made, so it has no memory yet; `raw` frees both if a step fails.
+        // SAFETY: the new buffer has no memory yet; `raw` frees both if a step fails.
         unsafe {
             let requirements = context.device.get_buffer_memory_requirements(handle);
             let allocation = allocate(context, name, access, requirements, true)?;
@@ -167,6 +167,7 @@ impl Drop for RawBuffer {
     }
 }
 
+/// Owner in the memory report: the first word of an object's name.
 pub(super) fn owner(name: &str) -> &str {
     name.split(' ').next().unwrap_or(name)
 }
@@ -181,7 +182,7 @@ pub(super) fn allocate(
     let location = match access {
         Access::Device => MemoryLocation::GpuOnly,
         Access::HostWrites => MemoryLocation::CpuToGpu,
-        // No part of what little memory belongs to both.
+        // Not CpuToGpu, which would take a part of the small heap that is both device-local and host-visible.
         Access::HostReads | Access::Streamed => MemoryLocation::GpuToCpu,
     };
     let mut allocator = context.allocator.lock().expect(UNPOISONED);

@@ -1,4 +1,5 @@
-//! All Vulkan, and all `unsafe` but that of mapped files. Knows buffers, kernels and passes; knows no lights.
+//! All Vulkan code, and all `unsafe` code except that for mapped files. Provides buffers, kernels and passes;
+//! independent of lights.
 #![allow(unsafe_code)]
 
 #[cfg(feature = "hot-reload")]

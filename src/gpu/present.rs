@@ -1,4 +1,4 @@
-//! The last pass of a frame in a window: picture, user interface, presentation.
+//! The last passes of a frame in a window: picture, user interface, presentation.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use super::ui::{UiFrame, UiRenderer};
 use crate::error::Result;
 use crate::shared::{FitConstants, FitPush};
 
-/// Where the picture lies in the window, physical pixels; it may reach over the edges.
+/// Position and size of the picture in the window, physical pixels; may extend beyond the window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Placement {
     pub left: i32,
@@ -23,11 +23,11 @@ pub struct Placement {
     pub height: u32,
 }
 
-/// A window to draw into: its surface, where the picture goes, and what lies over it.
+/// A window to draw into: surface, placement of the picture, and overlays.
 pub struct Screen<'a> {
     pub surface: &'a mut Surface,
     pub placement: Placement,
-    /// Covers the picture from its left edge on.
+    /// Second picture that covers the left part of the first.
     pub over: Option<Over<'a>>,
     pub ui: Option<(&'a mut UiRenderer, &'a UiFrame)>,
 }
@@ -40,19 +40,20 @@ pub struct Pixels<'a> {
     pub height: u32,
 }
 
-/// Another picture over the left of the picture, as large as it.
+/// A second picture over the left part of the first, with the same placement.
 #[derive(Clone, Copy)]
 pub struct Over<'a> {
     pub pixels: Pixels<'a>,
-    /// Of the picture's width, 0 to 1.
+    /// Fraction of the picture's width that it covers, 0 to 1.
     pub share: f32,
 }
 
-/// Of the window around the picture: dark and neutral, so that eyes judge the picture alone.
+/// Colour of the window around the picture: dark and neutral, to not affect the perception of the picture.
 const BACKGROUND: [f32; 4] = [0.055, 0.055, 0.055, 1.0];
 
 impl Surface {
-    /// Makes the kernel that scales and where to, if they are not there: of the picture, or of the one over it.
+    /// Creates the resampling kernel and its target of `pixels` pixels unless they exist. `is_over`: for the second
+    /// picture.
     fn prepare_fit(&mut self, context: &Arc<Context>, shrinks: bool, pixels: usize, is_over: bool) -> Result<()> {
         let kernel = &mut self.fit[usize::from(shrinks)];
         if kernel.is_none() {
@@ -67,8 +68,8 @@ impl Surface {
 }
 
 impl Frame<'_> {
-    /// Draws picture and interface into the window's next image; [`Frame::finish_on`] shows it. While the window has no
-    /// pixels nothing is drawn.
+    /// Draws picture and user interface into the window's next image; [`Frame::finish_on`] presents it. Draws nothing
+    /// while the window has zero size.
     pub fn draw(&mut self, screen: &mut Screen, pixels: Option<Pixels>) -> Result<()> {
         let Screen { surface, placement, over, ui } = screen;
         let placement = *placement;
@@ -146,10 +147,10 @@ impl Frame<'_> {
     }
 }
 
-/// How an image is used at one point of the frame.
+/// Layout, stage and access of an image at one point of the frame.
 type Usage = (vk::ImageLayout, vk::PipelineStageFlags2, vk::AccessFlags2);
 
-/// Its contents are of no interest. The stage is the one at which the submission waits for the acquisition.
+/// The contents are undefined. The stage is that at which the submission waits for the acquisition.
 const ACQUIRED: Usage = (vk::ImageLayout::UNDEFINED, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::NONE);
 const COPIED: Usage =
     (vk::ImageLayout::TRANSFER_DST_OPTIMAL, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE);
@@ -196,7 +197,7 @@ impl Recorder<'_> {
         unsafe { self.device.cmd_clear_color_image(self.commands, image, COPIED.0, &color, &[COLOR]) };
     }
 
-    /// Copies the visible part of the picture, whose size is the placement's.
+    /// Copies a visible part of the picture, which has the size of `placement`.
     fn copy(&self, pixels: &Buffer<u32>, placement: Placement, part: vk::Rect2D, image: vk::Image) {
         let inside = [part.offset.x - placement.left, part.offset.y - placement.top].map(|x| x as u64);
         let region = vk::BufferImageCopy::default()
@@ -206,7 +207,7 @@ impl Recorder<'_> {
             .image_offset(vk::Offset3D { x: part.offset.x, y: part.offset.y, z: 0 })
             .image_extent(vk::Extent3D { width: part.extent.width, height: part.extent.height, depth: 1 });
         let buffer = pixels.raw().handle;
-        // SAFETY: the part lies within the image, and within the placement, for which the buffer has pixels.
+        // SAFETY: the part lies within the image and within the placement, whose pixels the buffer contains.
         unsafe { self.device.cmd_copy_buffer_to_image(self.commands, buffer, image, COPIED.0, &[region]) };
     }
 
@@ -228,7 +229,7 @@ impl Recorder<'_> {
     }
 }
 
-/// A visible part of the picture, left and right of a share of the picture's width.
+/// Splits a visible part of the picture at a fraction `share` of the picture's width.
 fn split(placement: Placement, part: vk::Rect2D, share: f32) -> [Option<vk::Rect2D>; 2] {
     let line = placement.left + (share.clamp(0.0, 1.0) * placement.width as f32).round() as i32;
     let (start, end) = (part.offset.x, part.offset.x + part.extent.width as i32);
@@ -241,7 +242,7 @@ fn split(placement: Placement, part: vk::Rect2D, share: f32) -> [Option<vk::Rect
     [between(start, line), between(line, end)]
 }
 
-/// The part of the window that the picture covers.
+/// Part of the window that the picture covers; `None` if it is empty.
 fn visible(placement: Placement, extent: vk::Extent2D) -> Option<vk::Rect2D> {
     let axis = |start: i32, length: u32, window: u32| {
         let end = (i64::from(start) + i64::from(length)).min(i64::from(window));

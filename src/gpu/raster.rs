@@ -1,4 +1,4 @@
-//! Depth from a light: an array of depth images, and the graphics pipelines that draw into it.
+//! Shadow maps: an array of depth images, and the graphics pipelines that draw into it.
 
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -17,9 +17,9 @@ use crate::shared::gpu_struct::Push;
 
 const FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 
-static NEXT_ID: AtomicU64 = AtomicU64::new(1 << 63); // apart from the buffers' ids
+static NEXT_ID: AtomicU64 = AtomicU64::new(1 << 63); // disjoint from the buffers' ids
 
-/// Square depth images, one a layer, sampled with comparison. Reversed depth: 1 is near, 0 infinitely far.
+/// Array of square depth images, sampled with comparison. Depth is reversed: 1 is near, 0 is at infinity.
 pub struct DepthArray {
     pub(super) name: String,
     pub(super) id: u64,
@@ -41,7 +41,7 @@ pub struct DepthKernel<P> {
     push: PhantomData<P>,
 }
 
-/// What is drawn into one layer: push constants and ranges of indices, or of vertices.
+/// Draw calls for one layer: push constants, and ranges of indices or of vertices.
 pub struct DepthDraw<'a, P> {
     pub push: P,
     pub ranges: &'a [Range<u32>],
@@ -83,8 +83,8 @@ impl DepthArray {
             allocation: None,
             context: context.clone(),
         };
-        // SAFETY: the infos are valid and their pointers outlive the calls; `array` frees what was made if a step
-        // fails, and null handles are ignored.
+        // SAFETY: the infos are valid and their pointers outlive the calls; if a step fails, `array` destroys the
+        // objects created so far and ignores null handles.
         unsafe {
             array.image = device.create_image(&image_info, None).map_err(vulkan(action()))?;
             let requirements = device.get_image_memory_requirements(array.image);
@@ -122,6 +122,7 @@ impl DepthArray {
         Ok(array)
     }
 
+    /// Side of an image in pixels.
     pub fn size(&self) -> u32 {
         self.size
     }
@@ -139,7 +140,7 @@ impl DepthArray {
         Ok(view)
     }
 
-    /// Moves layers between layouts.
+    /// Transitions layers from one layout to another.
     fn transition(
         &self,
         commands: vk::CommandBuffer,
@@ -209,10 +210,10 @@ impl<P: Push> DepthKernel<P> {
         let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
         let rasterization = vk::PipelineRasterizationStateCreateInfo::default()
             .cull_mode(vk::CullModeFlags::NONE)
-            .depth_clamp_enable(true) // casters in front of the near plane still cast
+            .depth_clamp_enable(true) // geometry in front of the near plane still casts shadows
             .depth_bias_enable(true)
-            // Reversed depth: away from the light is negative. The filter reaches two texels along either axis, 2 sqrt(2) across;
-            // with 2 floors aslant to both came out 2 % too dark.
+            // Reversed depth: negative is away from the light. The filter has a radius of two texels along each axis,
+            // so 2 sqrt(2) diagonally. With a slope factor of -2, floors diagonal to both axes were 2 % too dark.
             .depth_bias_constant_factor(-2.0)
             .depth_bias_slope_factor(-3.0)
             .line_width(1.0);
@@ -274,7 +275,7 @@ impl Pass<'_> {
             let sampled = (Layout::DEPTH_READ_ONLY_OPTIMAL, Stage::COMPUTE_SHADER, Rights::SHADER_SAMPLED_READ);
             let undefined = (Layout::UNDEFINED, sampled.1, sampled.2);
             target.transition(commands, 0..count, undefined, attachment);
-            // All are bound, also those that are not drawn.
+            // The descriptor covers all layers, so those not drawn need the sampled layout too.
             if (count as usize) < target.layer_views.len() {
                 target.transition(commands, count..target.layer_views.len() as u32, undefined, sampled);
             }
@@ -284,7 +285,7 @@ impl Pass<'_> {
                 if let Some((kernel, draws)) = unindexed {
                     draw_unindexed(context, commands, kernel, &draws[layer]);
                 }
-                // SAFETY: it was begun above.
+                // SAFETY: rendering was begun above.
                 unsafe { context.device.cmd_end_rendering(commands) };
             }
             target.transition(commands, 0..count, attachment, sampled);
@@ -327,8 +328,8 @@ fn draw_indexed<P: Push>(
     draw: &DepthDraw<P>,
 ) {
     let device = &context.device;
-    // SAFETY: rendering was begun; indices were checked against the vertices when the mesh was imported, and the ranges
-    // against the indices by whoever made the clusters.
+    // SAFETY: rendering was begun; indices were checked against the vertices when the mesh was imported, and ranges
+    // are checked below.
     unsafe {
         device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, kernel.pipeline);
         device.cmd_push_constants(commands, context.pipeline_layout, STAGES, 0, bytemuck::bytes_of(&draw.push));
@@ -347,7 +348,7 @@ fn draw_unindexed<P: Push>(
     draw: &DepthDraw<P>,
 ) {
     let device = &context.device;
-    // SAFETY: rendering was begun; whoever made the clusters made as many vertices.
+    // SAFETY: rendering was begun; clusters only have ranges of existing vertices.
     unsafe {
         device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, kernel.pipeline);
         device.cmd_push_constants(commands, context.pipeline_layout, STAGES, 0, bytemuck::bytes_of(&draw.push));

@@ -1,4 +1,4 @@
-//! A window's side of Vulkan: its surface and swapchain, and the pass that puts picture and user interface there.
+//! Surface and swapchain of a window.
 
 use std::sync::Arc;
 
@@ -12,27 +12,27 @@ use super::memory::Buffer;
 use crate::error::{Error, Result};
 use crate::shared::FitPush;
 
-/// What a surface needs of a window.
+/// Requirements of a surface on a window.
 pub trait Window: HasWindowHandle + HasDisplayHandle {}
 impl<W: HasWindowHandle + HasDisplayHandle> Window for W {}
 
 /// Whether presenting waits for the display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Vsync {
-    /// No tearing: the newest picture at each refresh where the driver can do that, else a queue.
+    /// No tearing: mailbox if the driver supports it, else FIFO.
     On,
-    /// At once.
+    /// Without waiting; may tear.
     Off,
 }
 
-/// The images of a window.
+/// A window's surface with its swapchain.
 pub struct Surface {
     surface: vk::SurfaceKHR,
     swapchain: vk::SwapchainKHR,
     pub(super) format: vk::Format,
     color_space: vk::ColorSpaceKHR,
     vsync: Vsync,
-    /// Physical pixels that the window has; the swapchain follows before the next frame.
+    /// Size of the window, physical pixels; the swapchain is resized before the next frame.
     wanted: [u32; 2],
     pub(super) extent: vk::Extent2D,
     pub(super) targets: Vec<Target>,
@@ -50,18 +50,19 @@ pub struct Surface {
 pub(super) struct Target {
     pub image: vk::Image,
     pub view: vk::ImageView,
-    /// Signalled when it is drawn. One an image: only its next acquisition tells that presenting has waited for it.
+    /// Signalled when the image is drawn. One per image, since only the next acquisition of the image shows that
+    /// presentation has waited for the semaphore.
     pub rendered: vk::Semaphore,
 }
 
 impl Surface {
-    /// The surface of `window`, which is `wanted` physical pixels large; `context` was made for its display.
+    /// Creates the surface of `window`, of `wanted` physical pixels. `context` must be created for its display.
     pub fn new(context: &Arc<Context>, window: Arc<dyn Window>, wanted: [u32; 2], vsync: Vsync) -> Result<Self> {
         let unusable = |reason: &str| Error::invalid("the window", reason);
         let display = window.display_handle().map_err(|e| unusable(&e.to_string()))?.as_raw();
         let handle = window.window_handle().map_err(|e| unusable(&e.to_string()))?.as_raw();
         let surfaces = khr::surface::Instance::new(&context.instance.entry, &context.instance.handle);
-        // SAFETY: both handles are alive: the surface keeps the window.
+        // SAFETY: both handles are alive, since the surface owns a reference to the window.
         let surface = unsafe {
             ash_window::create_surface(&context.instance.entry, &context.instance.handle, display, handle, None)
         }
@@ -83,16 +84,17 @@ impl Surface {
             context: context.clone(),
             _window: window,
         };
-        // SAFETY: the surface and the device belong to this instance. `drop` destroys what was made if a step fails.
+        // SAFETY: the surface and the device belong to this instance. If a step fails, `drop` destroys
+        // the objects created so far.
         unsafe {
             let device = context.info.handle;
             let presents = this.surfaces.get_physical_device_surface_support(device, context.queue_family, surface);
-            if !presents.map_err(vulkan("ask whether the device reaches the window"))? {
+            if !presents.map_err(vulkan("query whether the device supports the window"))? {
                 return Err(unusable(&format!("{} cannot draw into it; try another --device", context.info.name)));
             }
             let formats = this.surfaces.get_physical_device_surface_formats(device, surface);
             let formats = formats.map_err(vulkan("list the window's formats"))?;
-            this.format = choose_format(&formats).ok_or_else(|| unusable("it takes no 8-bit colours"))?;
+            this.format = choose_format(&formats).ok_or_else(|| unusable("it supports no 8-bit sRGB format"))?;
             this.acquired =
                 context.device.create_semaphore(&Default::default(), None).map_err(vulkan("create a semaphore"))?;
         }
@@ -100,30 +102,30 @@ impl Surface {
         Ok(this)
     }
 
-    /// The window's size changed, physical pixels.
+    /// Records the new size of the window, physical pixels.
     pub fn resize(&mut self, size: [u32; 2]) {
         self.wanted = size;
     }
 
-    /// Whether the last picture was lost since the window changed: it is to be drawn again.
+    /// Whether the last picture was lost because the window changed, so that it must be drawn again.
     pub fn lost_picture(&self) -> bool {
         self.extent == vk::Extent2D::default()
     }
 
-    /// Whether pixels have blue in their lowest byte, not red.
+    /// Whether pixels have blue in the lowest byte, instead of red.
     pub fn wants_blue_first(&self) -> bool {
         matches!(self.format, vk::Format::B8G8R8A8_UNORM | vk::Format::B8G8R8A8_SRGB)
     }
 
-    /// Whether the surface encodes what is drawn.
+    /// Whether the surface applies the sRGB encoding to drawn colours.
     pub(super) fn is_srgb(&self) -> bool {
         matches!(self.format, vk::Format::B8G8R8A8_SRGB | vk::Format::R8G8B8A8_SRGB)
     }
 
-    /// A swapchain of the window's present size; `false` if the window has no pixels.
+    /// Recreates the swapchain with the window's current size; returns `false` if the window has zero size.
     fn rebuild(&mut self) -> Result<bool> {
         let device = &self.context.device;
-        // SAFETY: the surface is alive; every frame was waited for, and idling waits for what is being presented.
+        // SAFETY: the surface is alive; every frame was waited for, and device_wait_idle waits for presentation.
         let (capabilities, modes) = unsafe {
             device.device_wait_idle().map_err(vulkan("wait for the device"))?;
             let physical = self.context.info.handle;
@@ -132,11 +134,11 @@ impl Surface {
                 self.surfaces.get_physical_device_surface_present_modes(physical, self.surface),
             )
         };
-        let capabilities = capabilities.map_err(vulkan("ask what the window can do"))?;
+        let capabilities = capabilities.map_err(vulkan("query the window's capabilities"))?;
         let modes = modes.map_err(vulkan("list the window's present modes"))?;
         let (lo, hi) = (capabilities.min_image_extent, capabilities.max_image_extent);
         let extent = match capabilities.current_extent {
-            // The surface takes its size from the swapchain.
+            // The swapchain determines the size of the surface.
             vk::Extent2D { width: u32::MAX, .. } => vk::Extent2D {
                 width: self.wanted[0].clamp(lo.width, hi.width),
                 height: self.wanted[1].clamp(lo.height, hi.height),
@@ -179,7 +181,8 @@ impl Surface {
 
     fn make_targets(&mut self) -> Result<()> {
         let device = &self.context.device;
-        // SAFETY: the swapchain is alive; `release_targets` destroys what was made, also if a step fails.
+        // SAFETY: the swapchain is alive; if a step fails, `release_targets` destroys the objects
+        // created so far.
         unsafe {
             let images = self.swapchains.get_swapchain_images(self.swapchain).map_err(vulkan("list window images"))?;
             for image in images {
@@ -210,22 +213,22 @@ impl Surface {
         }
     }
 
-    /// The next image to draw into; `None` while the window has no pixels.
+    /// Acquires the next image to draw into; `None` while the window has zero size.
     pub(super) fn acquire(&mut self) -> Result<Option<u32>> {
-        // A window that is being resized outdates its swapchain at any moment, but not for ever.
+        // While a window is resized, its swapchain may become out of date at any time; retry a few times.
         for _ in 0..8 {
             let fits = self.wanted == [self.extent.width, self.extent.height];
             if (self.swapchain == vk::SwapchainKHR::null() || !fits) && !self.rebuild()? {
                 return Ok(None);
             }
-            // SAFETY: the semaphore is unsignalled: the last frame that waited for it is done.
+            // SAFETY: the semaphore is unsignalled: the last frame that waited for it is finished.
             let next = unsafe {
                 self.swapchains.acquire_next_image(self.swapchain, u64::MAX, self.acquired, vk::Fence::null())
             };
             match next {
                 Ok((index, _suboptimal)) => return Ok(Some(index)),
                 Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => self.extent = vk::Extent2D::default(),
-                Err(error) => return Err(vulkan("take a window image")(error)),
+                Err(error) => return Err(vulkan("acquire a window image")(error)),
             }
         }
         Ok(None)
@@ -239,7 +242,7 @@ impl Surface {
             vk::PresentInfoKHR::default().wait_semaphores(&rendered).swapchains(&swapchains).image_indices(&indices);
         // SAFETY: the image was acquired, and its frame submitted.
         match unsafe { self.swapchains.queue_present(self.context.queue, &info) } {
-            Ok(_suboptimal) => {} // a change of size is told by the window
+            Ok(_suboptimal) => {} // the window reports changes of its size
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => self.extent = vk::Extent2D::default(), // the next frame rebuilds
             Err(error) => return Err(vulkan("show a picture")(error)),
         }
@@ -249,7 +252,7 @@ impl Surface {
 
 impl Drop for Surface {
     fn drop(&mut self) {
-        // SAFETY: idling waits for what is being presented; null handles are ignored.
+        // SAFETY: device_wait_idle waits for presentation; null handles are ignored.
         unsafe {
             let _ = self.context.device.device_wait_idle();
             self.release_targets();
@@ -260,7 +263,7 @@ impl Drop for Surface {
     }
 }
 
-/// 8 bits a channel; unorm first, since pictures are encoded already.
+/// Prefers UNORM formats of 8 bits per channel, since pictures are already sRGB-encoded.
 fn choose_format(formats: &[vk::SurfaceFormatKHR]) -> Option<vk::Format> {
     let order =
         [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::B8G8R8A8_SRGB, vk::Format::R8G8B8A8_SRGB];
@@ -274,7 +277,7 @@ fn choose_mode(modes: &[vk::PresentModeKHR], vsync: Vsync) -> vk::PresentModeKHR
         Vsync::On => [vk::PresentModeKHR::MAILBOX, vk::PresentModeKHR::FIFO],
         Vsync::Off => [vk::PresentModeKHR::IMMEDIATE, vk::PresentModeKHR::MAILBOX],
     };
-    // FIFO is always there.
+    // FIFO is always supported.
     order.into_iter().find(|mode| modes.contains(mode)).unwrap_or(vk::PresentModeKHR::FIFO)
 }
 

@@ -1,4 +1,4 @@
-//! A user interface made by egui, drawn over the picture.
+//! Draws egui's user interface over the picture.
 
 use std::mem::ManuallyDrop;
 use std::sync::Arc;
@@ -11,19 +11,19 @@ use super::context::{Context, vulkan};
 use super::surface::Surface;
 use crate::error::Result;
 
-/// Triangles of one state of the interface.
+/// Tessellated user interface of one frame.
 pub struct UiFrame {
     pub primitives: Vec<egui::ClippedPrimitive>,
     pub pixels_per_point: f32,
 }
 
-/// Draws the interface; holds its textures and buffers, which the memory report does not count.
+/// Draws the user interface. The memory report does not include its textures and buffers.
 pub struct UiRenderer {
     /// Dropped before the device.
     renderer: ManuallyDrop<Renderer<DefaultAllocator>>,
-    /// Textures that the last frame used for the last time.
+    /// Textures that no frame after the last one uses.
     unused: Vec<egui::TextureId>,
-    /// For the upload of textures.
+    /// For texture uploads.
     pool: vk::CommandPool,
     context: Arc<Context>,
 }
@@ -49,7 +49,7 @@ impl UiRenderer {
         Ok(Self { renderer: ManuallyDrop::new(renderer), unused: Vec::new(), pool, context: context.clone() })
     }
 
-    /// Takes over changed textures, before the frame that draws with them; glyphs come when they are first needed.
+    /// Uploads changed textures, such as new glyphs; call it before the frame that uses them.
     pub fn update_textures(&mut self, delta: &egui::TexturesDelta) -> Result<()> {
         for id in self.unused.drain(..) {
             self.renderer.free_texture(id).map_err(vulkan("free a texture of the user interface"))?;
@@ -63,7 +63,7 @@ impl UiRenderer {
         Ok(())
     }
 
-    /// Records the drawing, within rendering to a target of `extent` pixels.
+    /// Records draw commands; rendering to a target of `extent` pixels must have begun.
     pub(super) fn record(&mut self, commands: vk::CommandBuffer, extent: vk::Extent2D, ui: &UiFrame) -> Result<()> {
         self.renderer
             .cmd_draw(commands, extent, ui.pixels_per_point, &ui.primitives)

@@ -1,10 +1,11 @@
-//! From scene-linear Rec. 709 to the display. Twin of glsl/composite.comp and glsl/lib/color.glsl.
+//! Scene-linear Rec. 709 to display values. Twin of glsl/composite.comp and glsl/lib/color.glsl.
 
 use glam::{DMat3, DVec3};
 
 use crate::shared::{OUTPUT_AGX, OUTPUT_LINEAR, OUTPUT_PBR_NEUTRAL};
 
-/// What composite.comp makes of a pixel's sum for one of the `OUTPUT_` constants: linear values, or sRGB in [0, 1].
+/// Output of composite.comp for a pixel's sum and one of the `OUTPUT_` constants: linear values, or sRGB in [0, 1].
+/// `exposure` is a linear factor.
 pub fn display(output: u32, exposure: f64, sum: DVec3) -> DVec3 {
     match output {
         OUTPUT_LINEAR => sum,
@@ -20,12 +21,12 @@ pub fn srgb(c: DVec3) -> DVec3 {
         .map(|x| if x < 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 })
 }
 
-/// AgX [Sobotka 2022]: log2 between -12.47 and 4.03 stops around middle grey in narrower primaries, then a sigmoid as
-/// a sixth-degree polynomial [Wrensch 2023]; gives sRGB.
+/// AgX [Sobotka 2022]: log2 encoding from -12.47 to 4.03 in inset primaries, then a sigmoid approximated by a
+/// sixth-degree polynomial [Wrensch 2023]. Returns sRGB.
 pub fn agx(c: DVec3) -> DVec3 {
     const COEFFICIENTS: [f64; 7] = [15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232];
     const EV: [f64; 2] = [-12.47393, 4.026069];
-    // Rows sum to 1 within 1e-4: grey stays grey.
+    // Rows sum to 1 within 1e-4, so grey stays grey.
     let inset = DMat3::from_cols_array(&[
         0.842479062253094,
         0.0423282422610123,
@@ -42,12 +43,12 @@ pub fn agx(c: DVec3) -> DVec3 {
     (inset.inverse() * encoded.map(sigmoid)).clamp(DVec3::ZERO, DVec3::ONE)
 }
 
-/// Khronos PBR Neutral [Khronos 2024]; gives linear Rec. 709.
+/// Khronos PBR Neutral [Khronos 2024]. Returns linear Rec. 709.
 pub fn pbr_neutral(c: DVec3) -> DVec3 {
     const F90: f64 = 0.04;
     const START: f64 = 0.8 - F90;
     const DESATURATION: f64 = 0.15;
-    // Its curve brightens what is below black.
+    // The curve would brighten negative values.
     let c = c.max(DVec3::ZERO);
     let low = c.min_element();
     let offset = if low <= 2.0 * F90 { low - low * low / (4.0 * F90) } else { F90 };
@@ -66,7 +67,7 @@ pub fn pbr_neutral(c: DVec3) -> DVec3 {
 mod tests {
     use super::*;
 
-    /// Gathers may leave pixels a little below black.
+    /// Pixels can be slightly negative, since compressed indirect light can be.
     #[test]
     fn nothing_below_black_is_bright() {
         for dark in [0.0, -1e-3, -0.16, -10.0] {

@@ -1,6 +1,7 @@
-//! f64 twins of the kernels, written from the physics: what tests hold the GLSL against, and what a path tracer uses.
+//! Double-precision twins of the kernels, derived from the physics, against which tests compare the GLSL; and a path
+//! tracer.
 //!
-//! They take the packed inputs of [`crate::shared`], so that both sides start from the same numbers.
+//! The twins take the packed structs of [`crate::shared`], so that their inputs equal those of the kernels.
 
 pub mod composite;
 pub mod path_tracer;

@@ -1,4 +1,4 @@
-//! Surfaces that light may pass, as shadow maps draw them: masks have their holes, what blends leaves out texels by chance.
+//! Surfaces with alpha in shadow maps: masked ones are drawn with their holes, blended ones discard texels at random.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -12,18 +12,19 @@ use crate::scene::{AlphaMode, Material, Scene, Wrap};
 use crate::shared::gpu_struct::Read;
 use crate::shared::*;
 
+/// Triangles with alpha, and the pipeline that draws them.
 pub struct Cutouts {
     kernel: DepthKernel<ShadowCutoutPush>,
     corners: Buffer<CutoutCorner>,
     cutouts: Buffer<Cutout>,
     texels: Buffer<u32>,
     clusters: Vec<Cluster>,
-    /// Ranges of corners of each face; kept for their memory.
+    /// Ranges of corners that each face draws; stored here to reuse the allocations.
     ranges: Vec<Vec<Range<u32>>>,
 }
 
 impl Cutouts {
-    /// Of these triangles of the mesh, neighbours near each other.
+    /// `triangles` index the mesh, in a spatially coherent order.
     pub fn new(context: &Arc<Context>, scene: &Scene, triangles: &[u32]) -> Result<Self> {
         let corners: Vec<CutoutCorner> = triangles.iter().flat_map(|&triangle| corners(scene, triangle)).collect();
         let order: Vec<[u32; 3]> = triangles.iter().map(|&t| scene.mesh.triangles[t as usize]).collect();
@@ -43,14 +44,14 @@ impl Cutouts {
         &self.kernel
     }
 
-    /// Finds what each of a light's faces sees.
+    /// Finds the clusters that each face of a light may see.
     pub fn cull(&mut self, faces: &[Face], light: &PackedLight) {
         for (face, ranges) in faces.iter().zip(&mut self.ranges) {
             visible_ranges(&self.clusters, face, light, ranges);
         }
     }
 
-    /// What of it is drawn into so many faces.
+    /// Draw calls for the first `count` faces.
     pub fn draws(
         &self,
         pass: &mut Pass,
@@ -78,11 +79,11 @@ fn corners(scene: &Scene, triangle: u32) -> [CutoutCorner; 3] {
     })
 }
 
-/// Alphas of textures at their finest level, one after the other.
+/// Alphas of all textures at their finest level, concatenated.
 #[derive(Default)]
 struct Alphas {
     texels: Vec<u8>,
-    /// Where each texture begins.
+    /// First texel of each texture.
     first: HashMap<usize, u32>,
 }
 
@@ -109,7 +110,7 @@ impl Alphas {
         }
     }
 
-    /// Four a word, and one word at least.
+    /// Four texels per word, at least one word.
     fn words(mut self) -> Vec<u32> {
         self.texels.resize(self.texels.len().next_multiple_of(4).max(4), 0);
         self.texels.chunks_exact(4).map(|four| u32::from_le_bytes([four[0], four[1], four[2], four[3]])).collect()

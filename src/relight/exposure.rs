@@ -1,21 +1,21 @@
-//! Automatic exposure: exported candela values span six orders of magnitude.
+//! Automatic exposure, needed because exported intensities span six orders of magnitude; and stops for false colour.
 
 use crate::shared::{MIDDLE_GREY, MIDDLE_STOP, STOP_COLORS, STOP_COUNT};
 
-/// Of a luminance above middle grey; minus infinity of none.
+/// Stops of a luminance above middle grey; minus infinity for 0.
 pub fn stops(luminance: f32) -> f32 {
     (luminance / MIDDLE_GREY).log2()
 }
 
-/// sRGB of a luminance so many stops above middle grey: [`super::ToneMap::FalseColor`].
+/// False colour, sRGB, of a luminance `stops` above middle grey; see [`super::ToneMap::FalseColor`].
 pub fn stop_color(stops: f32) -> [u8; 3] {
     let band = (stops + 0.5).floor() + MIDDLE_STOP as f32;
     let [r, g, b, _] = STOP_COLORS[band.clamp(0.0, (STOP_COUNT - 1) as f32) as usize].to_le_bytes();
     [r, g, b]
 }
 
-/// Stops that bring the geometric mean of the lit pixels' luminance to middle grey [Reinhard 2002, Eq. 1 and 2]; 0 if
-/// nothing is lit.
+/// Exposure in stops that maps the geometric mean of the lit pixels' luminance to middle grey [Reinhard 2002, Eq. 1 and
+/// 2]; 0 if no pixel is lit.
 pub fn automatic(pixels: &[[f32; 3]]) -> f32 {
     let mut luminances: Vec<f64> = pixels
         .iter()
@@ -25,7 +25,7 @@ pub fn automatic(pixels: &[[f32; 3]]) -> f32 {
     if luminances.is_empty() {
         return 0.0;
     }
-    // Pixels a thousand times darker than the brightest percent are not what the picture is about.
+    // Pixels a thousand times darker than the 99th percentile do not count as lit.
     luminances.sort_by(f64::total_cmp);
     let bright = luminances[(luminances.len() - 1) * 99 / 100];
     let lit = &luminances[luminances.partition_point(|&y| y < 1e-3 * bright)..];

@@ -1,4 +1,4 @@
-//! Counts what no pass may leave behind: infinities and what is not a number. Nothing is clamped.
+//! Counts infinite and NaN values in the results of passes. A correct pass writes none; nothing is clamped.
 
 use std::sync::Arc;
 
@@ -7,22 +7,24 @@ use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::CountNonFinitePush;
 use crate::shared::gpu_struct::Glsl;
 
-/// Passes that are looked after.
+/// Passes whose results are checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CheckedPass {
     ShadeLight,
     Transfer,
     Resolve,
     SumLights,
-    /// To scene-linear pixels.
+    /// Only to scene-linear pixels.
     Composite,
 }
 
 /// Names of [`CheckedPass`], in its order.
 const NAMES: [&str; 5] = ["shade light", "transfer", "resolve", "sum lights", "composite"];
-/// Counts of a light's step at most: of pixels and of extra samples after shading and transfer, of resolved pixels.
+/// Maximum number of counting passes per light: pixels and extra samples after shading and after transfer, and resolved
+/// pixels.
 pub const PASSES_A_STEP: usize = 5;
 
+/// Kernel and counters.
 pub struct FiniteCheck {
     kernel: Kernel<CountNonFinitePush>,
     counts: Buffer<u32>,
@@ -35,12 +37,12 @@ impl FiniteCheck {
         Ok(Self { kernel: Kernel::new(context, ())?, counts })
     }
 
-    /// Values so far, by pass; all frames are finished.
+    /// Number of non-finite values so far, by pass. All frames must be finished.
     pub fn counts(&self) -> Vec<(&'static str, u32)> {
         NAMES.into_iter().zip(self.counts.host().iter().copied()).collect()
     }
 
-    /// Counts in an image's three planes: their first `length` floats, `stride` floats apart.
+    /// Counts in the first `length` floats of an image's three planes, which are `stride` floats apart.
     pub fn planes<T: Glsl>(
         &self,
         frame: &mut Frame,

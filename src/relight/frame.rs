@@ -1,4 +1,4 @@
-//! The frame, top to bottom: visibility -> shading of what moved -> sums of light images -> picture.
+//! A frame from start to end: visibility -> shading of changed lights -> sums of light images -> picture.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ use super::{Picture, Relighter, Request};
 use crate::error::Result;
 use crate::gpu::{Frame, PassTime, Pixels, Screen};
 
-/// The picture that a frame ends with.
+/// The picture that the last frame composites, and where it goes.
 pub(super) struct Last<'a> {
     picture: Picture,
     inspection: Inspection,
@@ -23,11 +23,11 @@ pub(super) struct Last<'a> {
     screen: Option<Screen<'a>>,
 }
 
-/// Composite, histogram, probe, fit, present, user interface.
+/// Passes after the steps: composite, histogram, probe, fit, present, user interface.
 const LAST_PASSES: usize = 6;
 
 impl Relighter {
-    /// Makes the picture.
+    /// Renders a picture.
     pub(super) fn run(&mut self, request: &Request, output: Output, screen: Option<Screen>) -> Result<()> {
         #[cfg(feature = "hot-reload")]
         self.reload_changed_kernels();
@@ -64,7 +64,7 @@ impl Relighter {
         }
     }
 
-    /// Makes images, and the picture if there is to be one. After an error no image counts as made.
+    /// Renders images, and the picture if `last` is given. An error invalidates all images.
     pub(super) fn make_or_start_again(&mut self, plan: &Plan, last: Option<Last>) -> Result<()> {
         let outcome = self.make(plan, last);
         if outcome.is_err() {
@@ -73,7 +73,7 @@ impl Relighter {
         outcome
     }
 
-    /// One frame, or several if many lights are stale at once.
+    /// Records one frame, or several if the steps do not fit into one.
     fn make(&mut self, plan: &Plan, mut last: Option<Last>) -> Result<()> {
         self.times.clear();
         let shown = last.as_ref().map(|last| (last.picture, last.output, plan.picture.clone()));
@@ -83,7 +83,7 @@ impl Relighter {
         }
         let is_looked_at = |last: &Last| last.screen.is_some() || last.inspection != Inspection::default();
         if unchanged && !last.as_ref().is_some_and(is_looked_at) {
-            return Ok(()); // it is there already
+            return Ok(()); // the pixels are up to date
         }
         self.shown = None;
         let began = Instant::now();
@@ -139,7 +139,8 @@ impl Relighter {
 }
 
 impl FrameResources<'_> {
-    /// Takes as many of `steps` as the frame has room for, and returns those that are left. `output` is where sheets go.
+    /// Records as many of `steps` as fit into the frame and returns the others. `output` is the target of contact
+    /// sheets.
     fn take_steps<'p>(
         &self,
         frame: &mut Frame,

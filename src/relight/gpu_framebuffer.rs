@@ -11,13 +11,14 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Context};
 use crate::shared::*;
 
-/// What kernels read of the deep framebuffer, and what emitters add to pictures.
+/// Buffers of the deep framebuffer that kernels read, and the emission.
 pub struct GpuFramebuffer {
     pub samples: Buffer<ViewSample>,
     pub brdfs: Buffer<Brdf>,
     pub extra_samples: Buffer<ExtraSample>,
     pub extra_indices: Buffer<u32>,
     pub extra_pixels: Buffer<ExtraPixel>,
+    /// Planes R, G, B; `None` if nothing emits.
     pub emission: Option<Buffer<f32>>,
 }
 
@@ -34,6 +35,7 @@ impl GpuFramebuffer {
     }
 }
 
+/// Uploads the emission; `None` if nothing emits.
 pub fn upload_emission(
     context: &Arc<Context>,
     framebuffer: &DeepFramebuffer,
@@ -43,7 +45,7 @@ pub fn upload_emission(
     (!emission.is_empty()).then(|| Buffer::from_slice(context, "emission", &emission)).transpose()
 }
 
-/// Emitters as seen and all their indirect light: planes R, G, B; empty where nothing emits.
+/// Radiance of visible emitters and all their indirect light: planes R, G, B; empty if nothing emits.
 fn emission(framebuffer: &DeepFramebuffer, transfer: Option<&Transfer>) -> Vec<f32> {
     let Some(transfer) = transfer.filter(|t| !t.emission.is_empty()) else {
         return framebuffer.emission.clone();

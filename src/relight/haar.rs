@@ -1,7 +1,7 @@
-//! The Haar transform of λ0 on the device, without what no product reads.
+//! The Haar transform of λ0 on the device, pruned to the terms that some product reads.
 //!
-//! Sums of coefficients come first, a thread each; then rotations of subtrees of gather samples, a workgroup each; then those
-//! above all subtrees.
+//! First, each thread sums the coefficients of a subtree whose terms are not needed. Then each workgroup computes the
+//! rotations of one subtree of gather samples. Finally, one workgroup computes the rotations above all subtrees.
 
 use std::sync::Arc;
 
@@ -14,6 +14,7 @@ use crate::gpu::{Buffer, Context, Frame};
 use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, LightsConstants, Rotation};
 use crate::trace::point_tree::middle;
 
+/// Buffers and kernels of the transform.
 pub struct HaarTransform {
     places: Buffer<u32>,
     first_place: Buffer<u32>,
@@ -23,19 +24,19 @@ pub struct HaarTransform {
     rotate: ByLights<HaarPush>,
 }
 
-/// Subtrees of the same height.
+/// Subtrees that one dispatch transforms.
 struct Launch {
-    /// `height_count` + 1 a subtree.
+    /// `height_count` + 1 entries per subtree; see [`HaarPush::ranges`].
     ranges: Buffer<u32>,
     subtree_count: u32,
     height_count: u32,
 }
 
-/// Samples of a subtree, at most: they and their rotations fit a core's cache.
+/// Maximum samples per subtree: the samples and their rotations fit into a core's cache.
 const SUBTREE: usize = 256;
 
 impl HaarTransform {
-    /// Of coefficients, of which sample i has `first[i]..first[i + 1]`, to the terms that are `needed`.
+    /// Transforms coefficients to the terms that are `needed`. Sample i has coefficients `first[i]..first[i + 1]`.
     pub fn new(context: &Arc<Context>, first: &[u32], needed: &[bool]) -> Result<Self> {
         let Pruned { places, first_place, haar } = Haar::new(first).pruned(needed);
         let order = Order::new(&haar, first);
@@ -60,7 +61,8 @@ impl HaarTransform {
         1 + self.launches.len()
     }
 
-    /// Transforms the beginning of `vector`, in place, under so many lights, to the needed terms; others end with anything.
+    /// Transforms the first elements of `vector` in place, for `light_count` lights. Terms that are not needed are left
+    /// undefined.
     pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, light_count: usize) {
         if !self.places.is_empty() {
             let mut pass = frame.pass("Haar transform");
@@ -87,15 +89,15 @@ impl HaarTransform {
     }
 }
 
-/// Rotations in the order in which they run.
+/// Rotations in order of execution.
 struct Order {
     rotations: Vec<Rotation>,
-    /// Of each launch, of each of its subtrees: where the rotations of each height begin, and where the last ones end.
+    /// `[launch][subtree]`: start of the rotations of each height, then the end of the last ones.
     launches: Vec<Vec<Vec<u32>>>,
 }
 
 impl Order {
-    /// Of coefficients of which sample i has `first[i]..first[i + 1]`.
+    /// Sample i has coefficients `first[i]..first[i + 1]`.
     fn new(haar: &Haar, first: &[u32]) -> Self {
         let samples = first.len().saturating_sub(1);
         let mut ends = Vec::new();
@@ -104,7 +106,7 @@ impl Order {
             let sample = first.partition_point(|&f| f <= place) - 1;
             ends.partition_point(|&end| end <= sample)
         };
-        // Those above all subtrees come last, as one more.
+        // Rotations above all subtrees come last, as one more subtree.
         let top = ends.len();
         let mut keyed: Vec<(usize, usize, Rotation)> = Vec::new();
         for (height, range) in haar.heights.windows(2).enumerate() {
@@ -129,7 +131,7 @@ impl Order {
     }
 }
 
-/// Where each node of at most [`SUBTREE`] samples ends whose parent has more.
+/// Appends the end of each maximal subtree of at most [`SUBTREE`] samples to `ends`.
 fn subtrees(first: usize, end: usize, ends: &mut Vec<usize>) {
     if end - first <= SUBTREE {
         ends.push(end);
@@ -144,7 +146,7 @@ fn subtrees(first: usize, end: usize, ends: &mut Vec<usize>) {
 mod tests {
     use super::*;
 
-    /// Every height of every subtree in turn is the transform, whichever subtree comes first.
+    /// Executing the rotations of each subtree by height gives the transform, whatever the order of subtrees.
     #[test]
     fn subtrees_and_what_is_above_them_are_the_whole_transform() {
         for samples in [0, 1, 2, 255, 256, 257, 1000, 5003] {

@@ -1,4 +1,5 @@
-//! Indirect light on the device: λ0 of a light, then the chain of block matrices, added to its image.
+//! Indirect light on the device: computes λ0 of a light, applies the chain of block matrices and adds the result to its
+//! image.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -19,27 +20,29 @@ use crate::gpu::{Access, Buffer, Context, Frame, Kernel, Pass};
 use crate::shared::gpu_struct::{Push, Write};
 use crate::shared::*;
 
+/// The transfer on the device.
 pub struct Indirect {
+    /// Points of gather samples.
     pub points: Buffer<ViewSample>,
     samples: LitSamples,
-    /// Absent where samples are the thesis's.
+    /// `None` for gather samples of the thesis's method.
     pub ray_caster: Option<RayCaster>,
-    /// λ0, then what the chain makes of it; of one light, or element by element of [`LIGHTS_A_PASS`].
+    /// λ0 and the results of the chain, for one light or interleaved for [`LIGHTS_A_PASS`] lights.
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
-    /// All of the chain but its last matrix.
+    /// The matrices of the chain except the last.
     inner: Vec<Product>,
-    /// What stands for these in pictures made in a hurry; empty: they themselves.
+    /// Replaces `inner` in coarse pictures; empty: `inner` is used.
     coarse: Vec<Product>,
-    /// To view samples.
+    /// The last matrix, to view samples.
     last: Vec<Product>,
-    /// Instead of all of these.
+    /// Replaces the chain for sparse transfers.
     sparse: Vec<SparseProduct>,
-    /// What factors take of the budget.
+    /// Bytes of the budget that factors take.
     pub device_bytes: u64,
 }
 
-/// Gather samples as light finds them.
+/// Gather samples and the kernel that computes λ0.
 enum LitSamples {
     Projected {
         samples: Buffer<LightSample>,
@@ -51,7 +54,7 @@ enum LitSamples {
     Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernel: Kernel<ShadeFactoredPush> },
 }
 
-/// A block matrix on the device, or a part of its rows.
+/// A block matrix on the device, or some of its rows.
 struct Product {
     name: &'static str,
     panels: Buffer<Panel>,
@@ -65,7 +68,7 @@ struct Product {
 /// A kernel for one light, and for [`LIGHTS_A_PASS`] of which some may be absent.
 pub struct ByLights<P: Push>([Kernel<P>; 2]);
 
-/// How many vectors lie side by side.
+/// Number of interleaved vectors.
 fn vectors(light_count: usize) -> u32 {
     if light_count > 1 { LIGHTS_A_PASS } else { 1 }
 }
@@ -82,14 +85,14 @@ impl<P: Push> ByLights<P> {
     }
 }
 
-/// Bytes of device memory that factors may take, and those that found none.
+/// Bytes of device memory left for factors, and bytes of factors that did not fit.
 pub struct Room {
     left: u64,
     streamed: u64,
 }
 
 impl Room {
-    /// Holds factors on the device, or where they are streamed from.
+    /// Stores factors on the device while there is room, else in host memory, from which kernels stream them.
     pub fn hold(&mut self, context: &Arc<Context>, name: &str, factors: &[UVec4]) -> Result<Buffer<UVec4>> {
         let bytes = size_of_val(factors) as u64;
         if bytes <= self.left {
@@ -101,7 +104,7 @@ impl Room {
     }
 }
 
-/// A light, and where its light on view samples is added.
+/// A light, its visibility, and the buffers to which its radiance is added.
 pub struct Lit<'a> {
     pub light: PackedLight,
     pub visibility: &'a Visibility,
@@ -109,14 +112,16 @@ pub struct Lit<'a> {
     pub extras: &'a Buffer<f32>,
 }
 
-/// One light's vector among others.
+/// One light's vector in an interleaved buffer.
 pub struct Strided<'a> {
     pub buffer: &'a Buffer<Vec4>,
+    /// Distance between elements of one light.
     pub stride: u32,
+    /// Index of the light's first element.
     pub offset: u32,
 }
 
-/// One to [`LIGHTS_A_PASS`] lights, whose factors are read once.
+/// One to [`LIGHTS_A_PASS`] lights that share one read of the factors.
 pub struct Targets<'a> {
     pub lights: &'a [Lit<'a>],
     pub pixel_stride: u32,
@@ -124,7 +129,7 @@ pub struct Targets<'a> {
 }
 
 impl Targets<'_> {
-    /// Of absent lights that of the first.
+    /// Missing lights reuse the first light's address.
     fn addresses<T: Copy>(&self, mut of: impl FnMut(&Lit) -> T) -> [T; LIGHTS_A_PASS as usize] {
         let first = of(&self.lights[0]);
         std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, &mut of) })
@@ -139,11 +144,12 @@ impl Targets<'_> {
     }
 }
 
-/// Factors that lie in one buffer: lavapipe allocates no more than 2 GiB at once.
+/// Maximum bytes of factors per buffer: lavapipe's allocations are limited to 2 GiB.
 const PIECE_BYTES: usize = 1 << 30;
 
 impl Indirect {
-    /// Factors beyond `budget` bytes stay in host memory, from which kernels read them in every frame.
+    /// Uploads `transfer`. Factors beyond `budget` bytes stay in host memory; kernels read them from there in every
+    /// frame.
     pub fn new(context: &Arc<Context>, transfer: &Transfer, budget: u64) -> Result<Self> {
         let room = &mut Room { left: budget, streamed: 0 };
         let mut kernels: HashMap<(u32, bool), Arc<ByLights<_>>> = HashMap::new();
@@ -181,7 +187,7 @@ impl Indirect {
         if room.streamed > 0 {
             let [streamed, budget] = [room.streamed, budget].map(|bytes| bytes as f64 * 1e-6);
             tracing::info!(
-                "{streamed:.0} MB of transfer are read from host memory in every frame: the budget has {budget:.0} MB for it"
+                "{streamed:.0} MB of the transfer are read from host memory in every frame: the budget allows {budget:.0} MB"
             );
         }
         Ok(Self {
@@ -206,7 +212,7 @@ impl Indirect {
         })
     }
 
-    /// Passes that [`Self::add`] records for one light, at most; never more for each of several.
+    /// Maximum number of passes per light that [`Self::add`] records.
     pub fn pass_count(&self) -> usize {
         let inner = self.inner.len().max(self.coarse.len());
         2 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len()
@@ -256,7 +262,7 @@ impl LitSamples {
         })
     }
 
-    /// λ0 of one light.
+    /// Computes λ0 of one light.
     fn shade(&self, frame: &mut Frame, lit: &Lit, points: &Buffer<ViewSample>, vector: &Strided) {
         let mut pass = frame.pass("shade gather samples");
         match self {

@@ -1,4 +1,4 @@
-//! What the eye cannot read off a picture: the radiance of a pixel, and how many pixels have which luminance.
+//! Inspection of a picture: luminance histogram, and the radiance of one pixel.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::*;
 
-/// What is wanted of each picture besides its pixels.
+/// What to compute for a picture besides its pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inspection {
     /// See [`super::Relighter::histogram`].
@@ -19,19 +19,19 @@ pub struct Inspection {
     pub probe: Option<[u32; 2]>,
 }
 
-/// Kernels and what they count, made when they are first asked for.
+/// Kernels and their results.
 pub(super) struct Inspector {
     histogram: Kernel<InspectPush>,
     probe: Kernel<InspectPush>,
     counts: Buffer<u32>,
     radiance: Buffer<u32>,
-    /// Whether `counts` are those of the picture that is shown.
+    /// Whether `counts` belong to the current picture.
     counted: bool,
-    /// The pixel whose radiance was read.
+    /// The pixel whose radiance is in `radiance`.
     probed: Option<[u32; 2]>,
 }
 
-/// Tiles that a workgroup counts.
+/// Tiles that one workgroup counts; `TILES` in inspect.comp.
 const TILES_A_GROUP: u32 = 16;
 
 impl Inspector {
@@ -47,7 +47,8 @@ impl Inspector {
         })
     }
 
-    /// Looks at the picture that is the sum of `terms`, as far as it is wanted and not known.
+    /// Inspects the picture that is the sum of `terms`. A histogram that is up to date is not recomputed. `exposure` in
+    /// stops.
     pub fn run(
         &mut self,
         frame: &mut Frame,
@@ -81,7 +82,7 @@ impl Inspector {
         }
     }
 
-    /// The picture is another one now, or one that nobody looks into.
+    /// Discards the results: the picture changed.
     pub fn forget(&mut self) {
         (self.counted, self.probed) = (false, None);
     }
@@ -96,7 +97,7 @@ impl Inspector {
     }
 }
 
-/// One look at a picture.
+/// Parameters of one inspection pass.
 struct Look<'a> {
     kernel: &'a Kernel<InspectPush>,
     result: &'a Buffer<u32>,

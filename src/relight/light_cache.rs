@@ -1,12 +1,14 @@
-//! Which edit invalidates what: a balanced tree of partial sums over the lights' images [Yang 2007, Figure 3.3].
+//! Cache of light images: a balanced tree of partial sums [Yang 2007, Figure 3.3] and what each edit invalidates.
 //!
-//! A leaf is one light's image at unit intensity; an inner node is the sum of its children, each times its scale
-//! (colour, intensity, group master). What is being edited, the *focus*, is kept out of the sum of all others, the
-//! *rest*: while one light is edited a frame reads two images, however many lights there are. When the focus moves,
-//! the sums on the old path are made again and a new rest is summed: O(log L) images. Nothing is ever subtracted.
+//! A leaf is the image of one light at unit intensity. An inner node is the sum of its children, each times its scale
+//! (colour, intensity, group master). The picture is the sum of the *focus*, the nodes being edited, and the *rest*,
+//! one image with the sum of all others. While one light is edited, a frame reads two images, whatever the number of
+//! lights. When the focus changes, the sums above the old focus and the rest are recomputed: O(log L) images. Images
+//! are never subtracted.
 //!
-//! Images live in a fixed number of slots. When they run out, the least recently used image goes, and is made again
-//! when it is needed. This module only decides; [`LightCache::plan`] lists the work, and the relighter does it.
+//! Images are stored in a fixed number of slots. If none is free, the least recently used image is evicted, and
+//! recomputed when it is needed again. This module only plans: [`LightCache::plan`] lists the work, the relighter
+//! executes it.
 
 mod plan;
 mod slots;
@@ -20,32 +22,34 @@ use self::slots::Slots;
 use crate::scene::{Light, Rig};
 use crate::shared::MAX_TERMS;
 
-/// More edited lights than this, and nothing is in focus: the picture is the rest alone.
+/// Maximum nodes in the focus. If more are edited, the focus is empty and the picture is the rest alone.
 const MAX_FOCUS: usize = MAX_TERMS as usize - 1;
-/// Images that a pass sums.
+/// Maximum images that one pass sums.
 const BATCH: usize = MAX_TERMS as usize;
 
+/// Plans which images to compute after each edit of the lights.
 pub struct LightCache {
     rig: Rig,
     nodes: Vec<Node>,
     root: Option<usize>,
-    /// Node of each light and of each group that has lights.
+    /// Node of each light.
     leaf_of: Vec<usize>,
+    /// Node of each group; `None` for groups without lights.
     node_of_group: Vec<Option<usize>>,
     slots: Slots,
     focus: Vec<usize>,
-    /// The sum of all but the focus, and the emission; `None` if it must be made again.
+    /// Terms of the rest, emission included; `None` if it must be recomputed.
     rest: Option<Vec<Term>>,
-    /// Whether a part of that was made coarsely.
+    /// Whether any image in the rest is coarse.
     rest_is_coarse: bool,
     /// Nodes edited since the last plan.
     edited: Vec<usize>,
-    /// What is to be in focus, whatever is edited; ascending.
+    /// Requested focus of the next plan, whatever is edited; ascending.
     selected: Option<Vec<usize>>,
-    /// What the last plan that followed an edit took as edited.
+    /// Edited nodes of the last plan that had any.
     edited_before: Vec<usize>,
     has_emission: bool,
-    /// How closely images are made now.
+    /// Accuracy of images computed from now on.
     detail: Detail,
     clock: u64,
 }
@@ -56,22 +60,23 @@ struct Node {
     children: Option<[usize; 2]>,
     light: Option<usize>,
     group: Option<usize>,
-    /// Holds its image, up to date.
+    /// Slot of its image; `None` if there is no valid image.
     slot: Option<usize>,
-    /// Whether that was made coarsely, or is a sum with such a part.
+    /// Whether the image is coarse, or a sum with a coarse part.
     coarse: bool,
 }
 
 impl LightCache {
-    /// The fewest slots that work for a rig, and those that keep everything: the tree has 2 L - 1 nodes.
+    /// Minimum number of slots for a rig, and the number that stores every image: the tree has 2 L - 1 nodes.
     pub fn slot_range(light_count: usize) -> (usize, usize) {
-        // Summing a tree holds an image a level, and groups make it at most twice as deep; the focus and one batch of
-        // the rest stay while that happens.
+        // Summing a tree pins one image per level, and groups at most double the depth. The focus and one batch of the
+        // rest are pinned meanwhile.
         let depth = usize::BITS - light_count.leading_zeros();
         let most = 2 * light_count;
         (most.min(2 * depth as usize + MAX_FOCUS + BATCH + 4), most)
     }
 
+    /// A cache without images. `slot_count` must be at least the minimum of [`Self::slot_range`].
     pub fn new(rig: &Rig, slot_count: usize, has_emission: bool) -> Self {
         let mut cache = Self {
             rig: rig.shining().into_owned(),
@@ -98,7 +103,7 @@ impl LightCache {
         &self.rig
     }
 
-    /// Takes over a new state of the lights. Images of lights that did not move are kept; slots never get fewer.
+    /// Replaces the lights. Images of unmoved lights stay valid. The number of slots never decreases.
     pub fn set_rig(&mut self, rig: &Rig, slot_count: usize) {
         self.slots.grow(slot_count);
         let same_tree = self.rig.groups.len() == rig.groups.len()
@@ -128,10 +133,10 @@ impl LightCache {
         }
     }
 
-    /// Makes `lights` those that are about to be edited: the focus of the next plan, whatever else was edited. None of
-    /// them, or too many, and all lights are summed.
+    /// Makes `lights`, the lights that will be edited, the focus of the next plan, whatever else was edited. If
+    /// `lights` is empty or covers too many nodes, the focus is empty.
     ///
-    /// The picture is a function of rig and focus, to the last bit: sums have an order.
+    /// Rig and focus determine the picture bit by bit, since they determine the order of summation.
     pub fn select(&mut self, lights: &[usize]) {
         let mut nodes = Vec::new();
         match (lights, self.root) {
@@ -152,7 +157,8 @@ impl LightCache {
         self.selected = Some(nodes);
     }
 
-    /// Whether all lights below `node` are among `leaves`; if not, the largest subtrees of which that is so go into `nodes`.
+    /// Whether all lights below `node` are in `leaves`. If not, appends the largest subtrees that are covered to
+    /// `nodes`.
     fn cover(&self, node: usize, leaves: &[usize], nodes: &mut Vec<usize>) -> bool {
         let Some(children) = self.nodes[node].children else { return leaves.binary_search(&node).is_ok() };
         let covered = children.map(|child| self.cover(child, leaves, nodes));
@@ -163,8 +169,7 @@ impl LightCache {
         false
     }
 
-    /// How closely images are made from now on. Exact: those that were made coarsely are out of date, and what is in focus
-    /// stays so.
+    /// Sets the accuracy of images computed from now on. `Exact` invalidates coarse images; the focus does not change.
     pub fn set_detail(&mut self, detail: Detail) {
         let before = std::mem::replace(&mut self.detail, detail);
         if before == detail || detail == Detail::Coarse {
@@ -180,12 +185,12 @@ impl LightCache {
         }
     }
 
-    /// Whether any image was made coarsely.
+    /// Whether any image is coarse.
     pub fn is_coarse(&self) -> bool {
         self.rest_is_coarse || self.nodes.iter().any(|node| node.coarse)
     }
 
-    /// All images are out of date, since other layers are shown.
+    /// Invalidates all images. `has_emission`: whether the rest includes emission.
     pub fn invalidate(&mut self, has_emission: bool) {
         self.has_emission = has_emission;
         for node in 0..self.nodes.len() {
@@ -194,7 +199,7 @@ impl LightCache {
         self.rest = None;
     }
 
-    /// The work that makes the whole picture.
+    /// Plans the whole picture.
     pub fn plan(&mut self) -> Plan {
         self.clock += 1;
         let mut plan = Plan::default();
@@ -236,12 +241,12 @@ impl LightCache {
         plan
     }
 
-    /// Moves the focus to what is edited.
+    /// Moves the focus to the edited nodes.
     fn follow(&mut self, mut edited: Vec<usize>) {
-        // A group's node stands for all that is edited below it.
+        // A group's node includes all edited nodes below it.
         let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
         edited.retain(|n| below.binary_search(n).is_err());
-        // A part of the focus that is edited twice becomes the focus: fewer images a frame from then on.
+        // If the same part of the focus is edited twice, it becomes the focus: later frames read fewer images.
         let narrower = edited == self.edited_before && edited.len() < self.focus.len();
         if !edited.is_empty() {
             self.edited_before.clone_from(&edited);
@@ -253,11 +258,11 @@ impl LightCache {
         }
     }
 
-    /// How many lights a whole picture needs that no image holds, and the first of them.
+    /// Number of lights that a whole picture needs and that no image includes, and the first of them.
     pub fn pending(&self) -> (usize, Option<usize>) {
         let held = |node: usize| {
             let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
-            // Red light in a blue group is none, though neither is black.
+            // The product can be black though no factor is: a red light in a blue group.
             let mut scale = Vec3::ONE;
             above.any(|n| {
                 scale *= self.scale(n);
@@ -269,7 +274,7 @@ impl LightCache {
         (usize::from(first.is_some()) + pending.count(), first)
     }
 
-    /// The work that makes the picture of one light alone.
+    /// Plans the picture of one light alone.
     pub fn plan_light(&mut self, light: usize) -> Plan {
         self.clock += 1;
         let mut plan = Plan::default();
@@ -286,7 +291,7 @@ impl LightCache {
         plan
     }
 
-    /// The work that puts each light's share into a cell of its own, of `cells`.
+    /// Plans a contact sheet of `cells` cells, one light's contribution per cell.
     pub fn plan_sheet(&mut self, cells: usize) -> Plan {
         let mut plan = Plan::default();
         for cell in 0..cells {
@@ -297,7 +302,8 @@ impl LightCache {
         plan
     }
 
-    /// Splits the tree into focused nodes and the largest subtrees without any, each with its scale in the picture.
+    /// Splits the tree into focus nodes and the largest subtrees without focus nodes, each with its scale in the
+    /// picture.
     fn split(
         &self,
         node: usize,
@@ -319,7 +325,7 @@ impl LightCache {
         }
     }
 
-    /// Sums what is not in focus.
+    /// Plans the rest, the sum of `nodes` and emission; returns its terms.
     fn make_rest(&mut self, nodes: &[(usize, Vec3)], steps: &mut Vec<Step>) -> Vec<Term> {
         self.rest_is_coarse = false;
         let emission = Term { source: Source::Emission, scale: Vec3::ONE };
@@ -347,7 +353,7 @@ impl LightCache {
         vec![Term { source: Source::Rest, scale: Vec3::ONE }]
     }
 
-    /// Makes sure that `node`'s image is there and up to date; returns its slot.
+    /// Plans `node`'s image unless it is valid; returns its slot.
     fn need(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
         if let Some(slot) = self.nodes[node].slot {
             self.slots.use_at(slot, self.clock);
@@ -381,7 +387,7 @@ impl LightCache {
         target
     }
 
-    /// Gives `node` the slot that was not used for the longest time.
+    /// Assigns `node` a free slot or the least recently used one.
     fn take_slot(&mut self, node: usize) -> usize {
         let (slot, evicted) = self.slots.take(node, self.clock);
         if let Some(evicted) = evicted {
@@ -391,7 +397,7 @@ impl LightCache {
         slot
     }
 
-    /// Forgets `node`'s image.
+    /// Discards `node`'s image.
     fn release(&mut self, node: usize) {
         self.nodes[node].coarse = false;
         if let Some(slot) = self.nodes[node].slot.take() {
@@ -399,7 +405,7 @@ impl LightCache {
         }
     }
 
-    /// `node`'s contribution changed: the sums above it are out of date.
+    /// Records that `node`'s contribution changed: invalidates the sums above it.
     fn touch(&mut self, node: usize) {
         let mut above = self.nodes[node].parent;
         while let Some(n) = above {
@@ -419,7 +425,7 @@ impl LightCache {
         std::iter::successors(self.nodes[node].parent, |&n| self.nodes[n].parent).any(|n| n == ancestor)
     }
 
-    /// `sorted` ascends.
+    /// `sorted` is ascending.
     fn has_ancestor_in(&self, node: usize, sorted: &[usize]) -> bool {
         std::iter::successors(self.nodes[node].parent, |&n| self.nodes[n].parent)
             .any(|n| sorted.binary_search(&n).is_ok())
@@ -470,7 +476,7 @@ impl LightCache {
         }
     }
 
-    /// A new tree after lights came, went or changed groups; unmoved lights keep their images.
+    /// Rebuilds the tree after lights are added, removed or change groups. Images of unmoved lights stay valid.
     fn rebuild_tree(&mut self, old: &Rig) {
         let kept: HashMap<&str, (&Light, usize, bool)> = old
             .lights
@@ -501,7 +507,7 @@ impl LightCache {
     }
 }
 
-/// Whether two states of a light have the same image at unit intensity.
+/// Whether the image at unit intensity is the same for two states of a light.
 fn same_image(a: &Light, b: &Light) -> bool {
     (a.kind, a.position, a.direction) == (b.kind, b.position, b.direction)
         && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)

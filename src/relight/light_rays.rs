@@ -1,4 +1,4 @@
-//! What lights' rays bring to gather samples: see [`crate::bake::gather_samples::light_rays`].
+//! Contributions of light rays to gather samples: see [`crate::bake::gather_samples::light_rays`].
 
 use std::sync::Arc;
 
@@ -12,14 +12,14 @@ use crate::physics::octahedral;
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 
-/// Casts rays from lights, and adds what they bring.
+/// Casts rays from lights and adds their contributions to λ0.
 pub struct RayCaster {
     rays: LightRays,
     projection: Projection,
     kernel: Kernel<AddLightRaysPush>,
 }
 
-/// What the rays of one light bring to gather samples.
+/// Contributions of one light's rays to gather samples.
 pub struct LightRayHits {
     contributions: Buffer<Contribution>,
     count: usize,
@@ -28,7 +28,7 @@ pub struct LightRayHits {
 }
 
 impl RayCaster {
-    /// There must be samples of ours.
+    /// `transfer.samples` must not be empty.
     pub fn new(context: &Arc<Context>, transfer: &Transfer) -> Result<Self> {
         let points = transfer.points.iter().map(|p| (p.position, octahedral::decode(p.normal)));
         Ok(Self {
@@ -38,7 +38,7 @@ impl RayCaster {
         })
     }
 
-    /// Casts the rays of `light` at the samples of `transfer`, the one that this was made of.
+    /// Casts the rays of `light`. `transfer` is the one that was given to [`Self::new`].
     pub fn cast(&self, scene: &TracedScene, transfer: &Transfer, light: &PackedLight, caught: &mut LightRayHits) {
         let contributions = caught.contributions.host_mut();
         let mut count = 0;
@@ -50,7 +50,7 @@ impl RayCaster {
         caught.per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
     }
 
-    /// Adds it to λ0.
+    /// Adds the contributions to λ0.
     pub fn add(&self, frame: &mut Frame, caught: &LightRayHits, vector: &Strided) {
         if caught.count == 0 {
             return;
@@ -69,7 +69,7 @@ impl RayCaster {
 }
 
 impl LightRayHits {
-    /// Nothing yet, and room for whatever rays may bring.
+    /// No contributions, with capacity for all that the rays of one light can make.
     pub fn nothing(context: &Arc<Context>, transfer: Option<&Transfer>) -> Result<Self> {
         let samples = transfer.map_or(&[][..], |t| &t.samples);
         let functions = samples.iter().map(|s| s.degrees * s.degrees).max().unwrap_or(0) as usize;

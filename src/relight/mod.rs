@@ -1,4 +1,4 @@
-//! Pictures of a baked scene under lights that are edited.
+//! Relighting: pictures of a baked scene whose lights are edited.
 
 mod cutouts;
 pub mod exposure;
@@ -43,12 +43,13 @@ use crate::scene::Rig;
 use crate::shared::{LIGHTS_A_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
+/// Settings of a [`Relighter`].
 #[derive(Clone, Debug)]
 pub struct RelightSettings {
     pub visibility: VisibilityMethod,
     /// Side of a shadow map in texels.
     pub shadow_size: u32,
-    /// Device memory for light images; `None` takes three quarters of what the device has.
+    /// Device memory for light images and transfer factors; `None`: three quarters of the device's memory.
     pub budget_bytes: Option<u64>,
 }
 
@@ -58,7 +59,7 @@ impl Default for RelightSettings {
     }
 }
 
-/// Keeps a picture up to date with its lights.
+/// Renders pictures of a baked scene for a rig. Images of lights that did not change are reused.
 pub struct Relighter {
     context: Arc<Context>,
     frames: Frames,
@@ -69,25 +70,25 @@ pub struct Relighter {
     indirect: Option<Indirect>,
     cache: LightCache,
     images: Vec<Buffer<Vec4>>,
-    /// Light images that the budget has room for.
+    /// Maximum number of light images within the budget.
     image_budget: usize,
-    /// Bytes of device memory that factors of indirect light may take.
+    /// Bytes of device memory for the factors of the transfer.
     transfer_budget: u64,
     rest: Buffer<Vec4>,
-    /// Planes of the extra samples' radiance, of each light that is shaded together with others.
+    /// Planes of the extra samples' radiance, for each light that is shaded together with others.
     extras: Vec<Buffer<f32>>,
     visibility: VisibilityBuffers,
     shadow_maps: Option<ShadowMaps>,
     kernels: Kernels,
     outputs: Outputs,
-    /// Of the light images.
+    /// Layers that the light images contain.
     layers: Layers,
     finite_check: Option<FiniteCheck>,
     inspector: Option<Inspector>,
     sheet: Sheet,
-    /// What the last frame showed, and how.
+    /// Picture, output and terms of the last frame.
     shown: Option<(Picture, Output, Vec<Term>)>,
-    /// Times of the frames that the last call took.
+    /// Pass times of all frames of the last call.
     times: Vec<PassTime>,
 }
 
@@ -98,6 +99,7 @@ struct Kernels {
 }
 
 impl Relighter {
+    /// Uploads the bake and allocates light images. `transfer`: `None` for direct light only.
     pub fn new(
         context: &Arc<Context>,
         scene: &Arc<TracedScene>,
@@ -109,7 +111,7 @@ impl Relighter {
         let pixel_stride = framebuffer.pixel_stride();
         let image_bytes = 12 * pixel_stride as u64;
         let fewest = slot_count(rig, 0);
-        // Another relighter may have its share already.
+        // Another relighter may already hold memory.
         let held: u64 = context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum();
         let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4 * 3).saturating_sub(held);
         let transfer_budget = budget.saturating_sub(fewest as u64 * image_bytes);
@@ -118,9 +120,7 @@ impl Relighter {
         let image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
         let slot_count = slot_count(rig, image_budget);
         if image_budget < slot_count {
-            tracing::warn!(
-                "the budget holds {image_budget} light images; {slot_count}, the fewest that work, are taken"
-            );
+            tracing::warn!("the budget holds {image_budget} light images; the minimum of {slot_count} is allocated");
         }
         let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
         let traced = settings.visibility.traces(context, scene);
@@ -168,17 +168,17 @@ impl Relighter {
         &self.context
     }
 
-    /// What each pass of the last picture took.
+    /// Time of each pass of the last picture.
     pub fn times(&self) -> &[PassTime] {
         &self.times
     }
 
-    /// Whether shadow rays are traced on the CPU, else shadow maps are drawn.
+    /// Whether shadow rays are traced on the CPU; otherwise shadow maps are drawn.
     pub fn traces(&self) -> bool {
         self.shadow_maps.is_none()
     }
 
-    /// Takes over a new state of the lights; the next picture shows it. More lights may take more memory.
+    /// Replaces the lights; the next picture shows them. May allocate memory if there are more lights.
     pub fn set_rig(&mut self, rig: &Rig) -> Result<()> {
         for _ in self.images.len()..slot_count(rig, self.image_budget) {
             let elements = 3 * self.framebuffer.pixel_stride() / 4;
@@ -191,9 +191,9 @@ impl Relighter {
         Ok(())
     }
 
-    /// Takes over another transfer to the same view samples; the next picture shows it.
+    /// Replaces the transfer by another one to the same view samples; the next picture uses it.
     pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
-        self.indirect = None; // its memory first
+        self.indirect = None; // frees its memory first
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), self.traces())?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
@@ -202,7 +202,9 @@ impl Relighter {
         Ok(())
     }
 
-    /// Takes over another bake of the same view of the same scene; the next picture shows it.
+    /// Replaces the bake by another one of the same view of the same scene; the next picture uses it.
+    ///
+    /// Panics if the picture size differs.
     pub fn set_framebuffer(
         &mut self,
         framebuffer: Arc<DeepFramebuffer>,
@@ -215,7 +217,7 @@ impl Relighter {
             self.kernels.shade_light = Kernel::new(&self.context, constants)?;
         }
         let of = transfer.as_deref();
-        self.indirect = None; // its memory first
+        self.indirect = None; // frees its memory first
         self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, self.traces())?;
         self.gpu = GpuFramebuffer::new(&self.context, &framebuffer, of)?;
@@ -227,19 +229,19 @@ impl Relighter {
         Ok(())
     }
 
-    /// No image is up to date any more.
+    /// Invalidates all images.
     fn start_again(&mut self) {
         self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
         self.shown = None;
         self.sheet.forget();
     }
 
-    /// Lights of which a whole picture of these layers has yet to make images.
+    /// Number of lights whose images must be rendered before a whole picture of these layers.
     pub fn pending(&self, layers: Layers) -> usize {
         if layers == self.layers { self.cache.pending().0 } else { self.rig().lights.len() }
     }
 
-    /// Makes the exact image of one light that is [pending](Self::pending), so that a whole picture has less to do.
+    /// Renders the exact image of one [pending](Self::pending) light, so that a whole picture takes less time.
     pub fn prepare(&mut self, layers: Layers) -> Result<()> {
         self.choose_images(layers, Detail::Exact);
         let Some(light) = self.cache.pending().1 else { return Ok(()) };
@@ -247,22 +249,22 @@ impl Relighter {
         self.make_or_start_again(&plan, None)
     }
 
-    /// Whether every image has its place, so that none is made twice.
+    /// Whether there is a slot for every image, so that none is evicted and rendered again.
     pub fn keeps_all(&self) -> bool {
         self.images.len() >= LightCache::slot_range(self.rig().lights.len()).1
     }
 
-    /// Makes `lights` those that are about to be edited; see [`LightCache::select`].
+    /// Selects the lights that will be edited; see [`LightCache::select`].
     pub fn select(&mut self, lights: &[usize]) {
         self.cache.select(lights);
     }
 
-    /// Whether an image that was made coarsely is part of any sum.
+    /// Whether any image or sum is coarse.
     pub fn is_coarse(&self) -> bool {
         self.cache.is_coarse()
     }
 
-    /// Images of other layers than before are all out of date, and coarse ones where exact ones are wanted.
+    /// Invalidates all images if the layers change, and coarse images if exact ones are requested.
     fn choose_images(&mut self, layers: Layers, detail: Detail) {
         if self.layers != layers {
             self.layers = layers;
@@ -271,24 +273,25 @@ impl Relighter {
         self.cache.set_detail(detail);
     }
 
-    /// From now on counts the values that passes leave infinite or not a number; see [`Self::non_finite`].
+    /// Starts to count infinite and NaN values in the results of passes; see [`Self::non_finite`].
     pub fn check_finite(&mut self) -> Result<()> {
         self.finite_check = Some(FiniteCheck::new(&self.context)?);
         Ok(())
     }
 
-    /// By pass, how many values were infinite or not a number; of none where nobody watches.
+    /// Number of infinite and NaN values per pass; empty unless [`Self::check_finite`] was called.
     pub fn non_finite(&self) -> Vec<(&'static str, u32)> {
         self.finite_check.as_ref().map_or_else(Vec::new, FiniteCheck::counts)
     }
 
-    /// How many pixels of the last picture have which luminance, exposed: [`BINS_A_STOP`] bins a stop around middle grey,
-    /// and those below and above all of them; of none where [`Request::inspection`] did not ask.
+    /// Histogram of the last picture's exposed luminance: pixel counts of [`BINS_A_STOP`] bins per stop around middle
+    /// grey, and of all darker (first bin) and brighter (last bin) pixels. `None` unless [`Request::inspection`]
+    /// requested it.
     pub fn histogram(&self) -> Option<&[u32]> {
         self.inspector.as_ref()?.counts()
     }
 
-    /// Pixel and scene-linear radiance where [`Request::inspection`] asked for it.
+    /// Pixel and its scene-linear radiance. `None` unless [`Request::inspection`] requested it.
     pub fn probed(&self) -> Option<([u32; 2], Vec3)> {
         self.inspector.as_ref()?.probed()
     }
@@ -301,7 +304,7 @@ impl Relighter {
         Ok(bytemuck::cast_slice(self.outputs.pixels(output).host()))
     }
 
-    /// The same picture in a window; an unchanged one is drawn again.
+    /// Shows the same picture in a window. An unchanged picture is presented again without compositing.
     pub fn show(&mut self, request: impl Into<Request>, screen: Screen) -> Result<()> {
         let request = request.into();
         let Request { exposure, tone_map, .. } = request;
@@ -315,7 +318,7 @@ impl Relighter {
         Ok(bytemuck::cast_slice(self.outputs.pixels(Output::Linear).host()))
     }
 
-    /// Pixels that no light changes, in a window.
+    /// Shows given pixels in a window.
     pub fn show_still(&mut self, pixels: Pixels, mut screen: Screen) -> Result<()> {
         self.times.clear();
         let mut frame = self.frames.begin()?;
@@ -325,7 +328,7 @@ impl Relighter {
         Ok(())
     }
 
-    /// Compute kernels of the frame whose source changed are compiled again, and the picture with them.
+    /// Recompiles compute kernels whose source changed, and then invalidates all images.
     #[cfg(feature = "hot-reload")]
     fn reload_changed_kernels(&mut self) {
         let Kernels { shade_light, resolve, sum_images } = &mut self.kernels;
@@ -345,17 +348,17 @@ fn extra_planes(context: &Arc<Context>, framebuffer: &DeepFramebuffer) -> Result
     Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride)
 }
 
-/// How many lights of a rig are shaded together.
+/// Number of lights of a rig that are shaded together.
 fn together(rig: &Rig) -> usize {
     rig.lights.len().clamp(1, LIGHTS_A_PASS as usize)
 }
 
-/// How many light images are kept for a rig, where the budget has room for so many.
+/// Number of light images for a rig, with a budget of `image_budget` images.
 fn slot_count(rig: &Rig, image_budget: usize) -> usize {
     let (fewest, most) = LightCache::slot_range(rig.lights.len());
     image_budget.clamp(fewest, most.min(MAX_IMAGES.max(fewest)))
 }
 
-/// Past this rigs do not keep everything, however much room there is: of 100,000 lights the images of small pictures alone
-/// would be gigabytes, and nobody edits so many at once.
+/// Maximum number of light images, whatever the budget. For 100,000 lights even small pictures would take gigabytes,
+/// and only few lights are edited at a time.
 const MAX_IMAGES: usize = 4_096;

@@ -1,4 +1,4 @@
-//! Ways out of the relighter: the last kernel and the pixels that it writes.
+//! Outputs of the relighter: the last kernel and the pixels that it writes.
 
 use std::sync::Arc;
 
@@ -8,17 +8,18 @@ use crate::gpu::{Access, Buffer, Context, Kernel};
 use crate::shared::gpu_struct::Push;
 use crate::shared::*;
 
+/// Format and destination of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
     /// Scene-linear, for the host.
     Linear,
     /// 8-bit sRGB, for the host.
     Display { exposure: f32, tone_map: ToneMap },
-    /// 8-bit sRGB, for a window and in its order.
+    /// 8-bit sRGB, for a window, in its channel order.
     Screen { exposure: f32, tone_map: ToneMap, blue_first: bool },
 }
 
-/// Kernels and buffers, each made when it is first asked for.
+/// Kernels and buffers of all outputs, each created on first use.
 pub struct Outputs {
     /// By `OUTPUT_` constant: of whole pictures, and of cells of the contact sheet.
     kernels: [Option<Kernel<CompositePush>>; OUTPUT_COUNT as usize],
@@ -31,6 +32,7 @@ pub struct Outputs {
 }
 
 impl Output {
+    /// Stops.
     pub fn exposure(self) -> f32 {
         match self {
             Self::Linear => 0.0,
@@ -42,7 +44,7 @@ impl Output {
         matches!(self, Self::Screen { blue_first: true, .. })
     }
 
-    /// Its `OUTPUT_` constant.
+    /// The `OUTPUT_` constant.
     fn kind(self) -> u32 {
         match self {
             Self::Linear => OUTPUT_LINEAR,
@@ -69,7 +71,7 @@ impl Outputs {
         }
     }
 
-    /// Makes what `output` needs, of a contact sheet or else of a whole picture.
+    /// Creates kernel and buffer of `output`, for a contact sheet or a whole picture.
     pub fn prepare(&mut self, output: Output, sheet: bool) -> Result<()> {
         let kind = output.kind();
         if sheet {
@@ -96,6 +98,7 @@ impl Outputs {
         self.sheet_kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
+    /// Pixels of `output`, which must be prepared.
     pub fn pixels(&self, output: Output) -> &Buffer<u32> {
         let buffer = match output {
             Output::Linear => &self.linear,

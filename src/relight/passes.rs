@@ -17,20 +17,20 @@ use crate::scene::{Light, Rig};
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 
-/// Draw a shadow map, look it up twice, shade, resolve.
+/// Draw a shadow map, look it up for view and for gather samples, shade, resolve.
 const PASSES_A_LIGHT: usize = 5;
 
-/// What passes touch, borrowed for one frame.
+/// Resources of the passes, borrowed for one frame.
 pub struct FrameResources<'a> {
     pub scene: &'a TracedScene,
     pub framebuffer: &'a DeepFramebuffer,
     pub transfer: Option<&'a Transfer>,
     pub gpu: &'a GpuFramebuffer,
-    /// Absent where none is wanted.
+    /// `None` if no indirect light is shown.
     pub indirect: Option<&'a Indirect>,
     pub images: &'a [Buffer<Vec4>],
     pub rest: &'a Buffer<Vec4>,
-    /// Of each light that is shaded together with others.
+    /// Radiance of extra samples, for each light that is shaded together with others.
     pub extras: &'a [Buffer<f32>],
     pub kernels: &'a Kernels,
     pub rig: &'a Rig,
@@ -39,13 +39,14 @@ pub struct FrameResources<'a> {
 }
 
 impl FrameResources<'_> {
-    /// Passes that a step takes at most, and each light of those that are shaded together.
+    /// Maximum number of passes per step; for lights that are shaded together, per light.
     pub fn passes_a_step(&self) -> usize {
         let counts = self.finite_check.map_or(0, |_| finite_check::PASSES_A_STEP);
         PASSES_A_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
     }
 
-    /// What view samples and gather samples see of a light; unchanged where only indirect light is shown.
+    /// Determines the visibility of a light from view samples and gather samples. Skips view samples if only indirect
+    /// light is shown.
     fn see(
         &self,
         frame: &mut Frame,
@@ -124,7 +125,7 @@ impl FrameResources<'_> {
         lights.iter().for_each(|lit| self.resolve(frame, lit));
     }
 
-    /// Light that comes straight from a light.
+    /// Direct light of one light on all view samples.
     fn shade_view_samples(&self, frame: &mut Frame, lit: &Lit) {
         let mut pass = frame.pass("shade light");
         let push = ShadeLightPush {
@@ -144,7 +145,7 @@ impl FrameResources<'_> {
         self.count(frame, CheckedPass::ShadeLight, lit);
     }
 
-    /// Counts what is not finite in the radiance of all samples, if somebody watches.
+    /// Counts non-finite radiance values of all samples if the check is enabled.
     fn count(&self, frame: &mut Frame, checked: CheckedPass, lit: &Lit) {
         let Some(finite_check) = self.finite_check else { return };
         let pixel_stride = self.framebuffer.pixel_stride() as u32;
@@ -162,7 +163,7 @@ impl FrameResources<'_> {
         (self.extras[0].len() / 3) as u32
     }
 
-    /// Adds extra samples to their pixels.
+    /// Adds the weighted extra samples to their pixels.
     fn resolve(&self, frame: &mut Frame, lit: &Lit) {
         if self.gpu.extra_pixels.is_empty() {
             return;

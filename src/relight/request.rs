@@ -1,21 +1,21 @@
-//! What may be asked of a relighter: all that pictures of the same lights differ in.
+//! Requests to a relighter: all parameters of a picture except the lights.
 
 use super::inspect::Inspection;
 use super::light_cache::Detail;
 
-/// A picture that is asked for. `Picture::Whole.into()` asks for all of it, as exact as it gets.
+/// Parameters of a picture. `Picture::Whole.into()` requests the whole picture with all layers, exact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Request {
     pub picture: Picture,
-    /// Emitters belong to [`Layers::All`].
+    /// Only [`Layers::All`] includes emission.
     pub layers: Layers,
-    /// How closely images of moved lights are made.
+    /// Accuracy of the images of changed lights.
     pub detail: Detail,
-    /// Stops; for displays.
+    /// Stops; not applied to scene-linear output.
     pub exposure: f32,
-    /// From scene-linear to display.
+    /// Maps scene-linear radiance to the display; not applied to scene-linear output.
     pub tone_map: ToneMap,
-    /// What is read of the picture besides its pixels; nothing of contact sheets.
+    /// What to compute besides the pixels; ignored for contact sheets.
     pub inspection: Inspection,
 }
 
@@ -44,34 +44,34 @@ impl From<Layers> for Request {
     }
 }
 
-/// How pictures leave the relighter.
+/// Mapping of scene-linear radiance to 8-bit sRGB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ToneMap {
-    /// Clamped.
+    /// Clamped to [0, 1].
     None,
     Agx,
     PbrNeutral,
-    /// [`STOP_COLORS`](crate::shared::STOP_COLORS) by luminance: a colour a stop, middle grey at 2^exposure stops being grey.
+    /// [`STOP_COLORS`](crate::shared::STOP_COLORS) by luminance: one colour per stop; exposed middle grey is grey.
     FalseColor,
 }
 
-/// Which part of the picture is made.
+/// Parts of the light transport that a picture contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layers {
-    /// Straight and through mirrors.
+    /// All layers, with indirect light and emission.
     All,
-    /// Layer 1 of the deep framebuffer.
+    /// Direct light on layer 1 of the deep framebuffer.
     Direct,
-    /// The mirror layers.
+    /// Direct light on the deeper layers, seen through mirrors.
     Reflection,
-    /// All but what came through the gather samples.
+    /// Direct light on all layers, without indirect light.
     FirstHand,
-    /// What came through the gather samples.
+    /// Only indirect light, which comes through the gather samples.
     Indirect,
 }
 
 impl Layers {
-    /// Layers of the deep framebuffer that count.
+    /// Bit mask of the layers of the deep framebuffer that are shown.
     pub(super) fn mask(self) -> u32 {
         match self {
             Self::All | Self::FirstHand | Self::Indirect => u32::MAX,
@@ -89,14 +89,15 @@ impl Layers {
     }
 }
 
-/// What a picture shows of the chosen layers.
+/// Which sources a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Picture {
+    /// All lights and emission.
     Whole,
-    /// One light's share, by its index in the rig.
+    /// One light's contribution, by its index in the rig.
     Light(usize),
-    /// Emitters as seen.
+    /// Emission alone.
     Emission,
-    /// Every light's share, side by side as in a [`Grid`](super::sheet::Grid).
+    /// Each light's contribution, side by side in a [`Grid`](super::sheet::Grid).
     Sheet,
 }

@@ -1,4 +1,4 @@
-//! What this device can do at most, measured with kernels of known work; other kernels are set against it.
+//! Peak rates of this device, measured with kernels of known work, for comparison with other kernels.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel};
 use crate::shared::{MAX_TERMS, SumImagesPush, SumTerm, YardstickPush};
 
-/// Kernels and buffers for measuring, made once.
+/// Kernels and buffers for the measurements.
 pub struct Roofline {
     frames: Frames,
     yardstick: Kernel<YardstickPush>,
@@ -19,14 +19,15 @@ pub struct Roofline {
     copy: Buffer<Vec4>,
 }
 
-/// Multiply-adds a sample of the yardstick; each on one float.
+/// Scalar multiply-adds per sample of the yardstick kernel.
 pub const YARDSTICK_MULTIPLY_ADDS: u32 = 128;
-/// Enough work that reading and writing no longer count.
+/// Enough work that the time of memory accesses is negligible.
 const MANY_MULTIPLY_ADDS: u32 = 4096;
-/// vec4s a plane of the copied image: 96 MiB in all, more than any cache holds.
+/// vec4s per plane of the copied image: 96 MiB in all, more than a cache.
 const COPY_PLANE: usize = 2 << 20;
 
 impl Roofline {
+    /// `sample_count`: samples that the yardstick kernel processes.
     pub fn new(context: &Arc<Context>, sample_count: usize) -> Result<Self> {
         let samples: Vec<Vec4> = (0..2 * sample_count).map(|i| Vec4::splat(1.0 / (1 + i % 7) as f32)).collect();
         Ok(Self {
@@ -40,19 +41,20 @@ impl Roofline {
         })
     }
 
-    /// Milliseconds of the yardstick: reads 32 bytes, 128 multiply-adds, writes 12 bytes a sample.
+    /// Milliseconds of the yardstick kernel, which reads 32 bytes, does 128 multiply-adds and writes 12 bytes per
+    /// sample.
     pub fn yardstick_ms(&mut self) -> Result<f64> {
         self.multiply_add_ms(YARDSTICK_MULTIPLY_ADDS)
     }
 
-    /// 10^9 multiply-adds a second times two, in plain GLSL loops.
+    /// Arithmetic rate in GFLOP/s; a multiply-add counts as two operations.
     pub fn fma_gflop_s(&mut self) -> Result<f64> {
         let ms = self.multiply_add_ms(MANY_MULTIPLY_ADDS)?;
         let operations = 2.0 * f64::from(MANY_MULTIPLY_ADDS) * (self.samples.len() / 2) as f64;
         Ok(operations / ms * 1e-6)
     }
 
-    /// 10^9 bytes a second, read and written.
+    /// Memory bandwidth in GB/s, the sum of bytes read and written.
     pub fn copy_gb_s(&mut self) -> Result<f64> {
         let mut frame = self.frames.begin()?;
         let mut pass = frame.pass("copy");

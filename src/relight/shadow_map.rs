@@ -1,9 +1,10 @@
-//! Depth from each light, drawn; then visibility of samples from it, percentage-closer filtered.
+//! Shadow maps: draws depth as seen from each light and computes the visibility of samples by percentage-closer
+//! filtering.
 //!
-//! Surfaces that are not opaque are drawn by a pipeline of their own ([`super::cutouts`]).
+//! Surfaces with alpha are drawn by a separate pipeline ([`super::cutouts`]).
 //!
-//! A spot of up to 45 degrees half-angle and a directional light take one map; wider spots and points take six cube
-//! faces. Clusters of triangles that a face cannot see are not drawn.
+//! Directional lights, spots of up to 45 degrees half-angle and lights far outside the scene need one map. Wider spots
+//! and points need six cube faces. Clusters of triangles outside a face's frustum are not drawn.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -18,16 +19,18 @@ use crate::scene::{Light, LightKind, Scene};
 use crate::shared::{PackedLight, ShadowFace, ShadowPcfPush, ShadowPush, ViewSample};
 use crate::trace::bvh::TracedScene;
 
-/// Triangles culled together.
+/// Triangles per cluster, the unit of culling.
 const CLUSTER_SIZE: usize = 256;
-/// Texels that the filter reaches beyond a lookup: one tap and half a bilinear footprint, rounded up.
+/// Radius of the filter in texels: one tap and half a bilinear footprint, rounded up.
 const FILTER_TEXELS: f32 = 2.0;
-/// Widest half-angle of a spot that takes a single map: texels of a wider one are too uneven (measured at 80 degrees: 6.7 % of error
-/// against 3.5 % on cube faces).
+/// Maximum half-angle of a spot with a single map. Texels of wider maps are too uneven: at 80 degrees the measured
+/// error is 6.7 %, against 3.5 % with cube faces.
 const MAX_SINGLE_ANGLE: f64 = 45.0 * std::f64::consts::PI / 180.0;
-/// Scene radii from its middle from which a light needs one face: no wider than one of six.
+/// Distance from the scene's centre, in scene radii, from which one face suffices for a light: the face is then no
+/// wider than a cube face.
 const FAR_RADII: f32 = 1.5;
 
+/// Draws and looks up the shadow maps of one light at a time.
 pub struct ShadowMaps {
     depth: DepthArray,
     draw: DepthKernel<ShadowPush>,
@@ -36,32 +39,34 @@ pub struct ShadowMaps {
     positions: Buffer<f32>,
     indices: Buffer<u32>,
     clusters: Vec<Cluster>,
-    /// Triangles that light may pass, if there are any.
+    /// Triangles with alpha, if any.
     cutouts: Option<Cutouts>,
-    /// Half the diagonal of the bounds around mesh space's origin.
+    /// Half the diagonal of the scene's bounds, whose centre is the origin of mesh space.
     radius: f32,
-    /// Index ranges of each face; kept for their memory.
+    /// Index ranges that each face draws; stored here to reuse the allocations.
     ranges: Vec<Vec<Range<u32>>>,
 }
 
+/// Triangles that are culled together, with their bounding sphere.
 pub(super) struct Cluster {
     center: Vec3,
     radius: f32,
     indices: Range<u32>,
 }
 
-/// What one side of a map sees.
+/// Frustum of one face of a map.
 pub(super) struct Face {
-    /// Rows right, up, towards the scene.
+    /// Right, up, and towards the scene.
     axes: [Vec3; 3],
-    /// Tangent of the half-angle; 0 is orthographic.
+    /// Tangent of the half-angle; 0: orthographic.
     tangent: f32,
 }
 
 impl ShadowMaps {
+    /// `size`: side of a map in texels.
     pub fn new(context: &Arc<Context>, scene: &TracedScene, size: u32) -> Result<Self> {
         let mesh = &scene.mesh;
-        // The BVH's order keeps neighbours together: clusters are compact and vertices are used again soon.
+        // The BVH's order is spatially coherent: clusters are compact and vertices are reused soon.
         let (passable, opaque): (Vec<u32>, Vec<u32>) =
             scene.bvh.triangle_order().partition(|&triangle| scene.is_masked(triangle));
         let order: Vec<[u32; 3]> = opaque.iter().map(|&t| mesh.triangles[t as usize]).collect();
@@ -79,7 +84,7 @@ impl ShadowMaps {
         })
     }
 
-    /// Draws `light`'s maps and looks samples up in them: each list has the visibility it is to have.
+    /// Draws the maps of `light` and looks up `lists` in them: pairs of samples and the buffer for their visibility.
     pub fn run(
         &mut self,
         frame: &mut Frame,
@@ -132,7 +137,7 @@ impl ShadowMaps {
     }
 }
 
-/// Neighbours among triangles in order, with ranges of their corners.
+/// Clusters of consecutive triangles in `order`.
 pub(super) fn clusters(scene: &Scene, order: &[[u32; 3]]) -> Vec<Cluster> {
     let cluster = |(i, triangles): (usize, &[[u32; 3]])| {
         let corners = || triangles.iter().flatten().map(|&v| scene.mesh.positions[v as usize]);
@@ -145,13 +150,14 @@ pub(super) fn clusters(scene: &Scene, order: &[[u32; 3]]) -> Vec<Cluster> {
     order.chunks(CLUSTER_SIZE).enumerate().map(cluster).collect()
 }
 
-/// Faces of a light at `position`, around a scene of `radius`; mesh space.
+/// Faces of a light at `position` for a scene of `radius` around the origin; mesh space. `margin` widens them for the
+/// filter.
 fn faces_of(light: &Light, position: Vec3, radius: f32, margin: f32) -> Vec<Face> {
     let single = |forward: Vec3, tangent: f32| {
         let (right, up) = forward.any_orthonormal_pair();
         vec![Face { axes: [right, up, forward], tangent }]
     };
-    // Of a light far enough outside one face holds the scene.
+    // For a light far enough outside, one face covers the scene.
     let distance = position.length();
     let whole =
         (distance > FAR_RADII * radius).then(|| radius / (distance - radius).sqrt() / (distance + radius).sqrt());
@@ -164,7 +170,7 @@ fn faces_of(light: &Light, position: Vec3, radius: f32, margin: f32) -> Vec<Face
             single(light.direction.as_vec3(), (light.outer_angle.tan() as f32).max(1e-6) * margin)
         }
         _ if let Some(whole) = whole => single(-position / distance, whole * margin),
-        // The order that `cube_face` in shadow_pcf.comp numbers them in.
+        // Same order as in `cube_face` of shadow_pcf.comp.
         _ => [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z]
             .map(|forward| {
                 let right = Vec3::new(forward.y, forward.z, forward.x).abs();
@@ -175,10 +181,11 @@ fn faces_of(light: &Light, position: Vec3, radius: f32, margin: f32) -> Vec<Face
 }
 
 impl Face {
-    /// Reversed depth: near plane over distance, or falling from 1 to 0 across a scene of `radius`.
+    /// Projection with reversed depth: near plane / distance for perspective; orthographic depth falls from 1 to 0
+    /// across a scene of `radius`.
     fn clip_from_mesh(&self, light: Vec3, radius: f32) -> Mat4 {
         let [right, up, forward] = self.axes;
-        // Depth is a ratio in floating point, so a near plane this close costs no precision.
+        // Reversed floating-point depth: a near plane this close costs no precision.
         let near = 1e-6 * radius;
         let rows = if self.tangent > 0.0 {
             let scale = self.tangent.recip();
@@ -192,7 +199,7 @@ impl Face {
         Mat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose()
     }
 
-    /// Whether a sphere around `center`, relative to the light, may be seen.
+    /// Whether a sphere around `center`, relative to the light, may intersect the frustum.
     fn sees(&self, center: Vec3, radius: f32) -> bool {
         if self.tangent == 0.0 {
             return true;
@@ -204,7 +211,7 @@ impl Face {
     }
 }
 
-/// Index ranges of the clusters that `face` sees, neighbours merged.
+/// Index ranges of the clusters that `face` may see; adjacent ranges are merged.
 pub(super) fn visible_ranges(clusters: &[Cluster], face: &Face, light: &PackedLight, ranges: &mut Vec<Range<u32>>) {
     ranges.clear();
     let range = if light.inverse_range > 0.0 { light.inverse_range.recip() } else { f32::INFINITY };

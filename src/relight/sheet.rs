@@ -1,4 +1,4 @@
-//! The contact sheet: every light's share of the picture, side by side.
+//! The contact sheet: each light's contribution to the picture, side by side.
 
 use glam::{UVec2, Vec3};
 
@@ -8,7 +8,7 @@ use super::passes::FrameResources;
 use crate::gpu::Frame;
 use crate::shared::{SheetPush, SumTerm};
 
-/// How lights are laid out over a picture: row by row, as many rows as columns at most.
+/// Layout of the cells: row by row, n x n cells with the smallest n that fits all lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Grid {
     columns: u32,
@@ -16,12 +16,13 @@ pub struct Grid {
 }
 
 impl Grid {
+    /// `size`: width and height of the picture, pixels.
     pub fn new(light_count: usize, size: [u32; 2]) -> Self {
         let columns = (1..).find(|&columns: &u32| columns as usize * columns as usize >= light_count);
         Self { columns: columns.expect("some number is large enough"), size }
     }
 
-    /// Cells, empty ones included.
+    /// Number of cells, empty ones included.
     pub fn len(self) -> usize {
         (self.columns * self.columns) as usize
     }
@@ -30,7 +31,7 @@ impl Grid {
         self.len() == 0
     }
 
-    /// Left, top, width and height of a cell, pixels. All cells together are the picture.
+    /// Left, top, width and height of a cell, pixels. The cells cover the picture without overlap.
     pub fn cell(self, index: usize) -> [u32; 4] {
         let (column, row) = (index as u32 % self.columns, index as u32 / self.columns);
         let edge = |axis: usize, i: u32| self.size[axis] * i / self.columns;
@@ -38,7 +39,7 @@ impl Grid {
         [left, top, edge(0, column + 1) - left, edge(1, row + 1) - top]
     }
 
-    /// The cell that a pixel lies in.
+    /// Index of the cell that contains a pixel.
     pub fn at(self, [x, y]: [u32; 2]) -> Option<usize> {
         (0..self.len()).find(|&index| {
             let [left, top, width, height] = self.cell(index);
@@ -47,7 +48,7 @@ impl Grid {
     }
 }
 
-/// What the cells hold.
+/// What each cell currently shows.
 #[derive(Default)]
 pub(super) struct Sheet {
     output: Option<Output>,
@@ -55,7 +56,7 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    /// Leaves cells out of a plan that are there already.
+    /// Removes cells from a plan that are already up to date.
     pub fn thin(&mut self, plan: &mut Plan, output: Output) {
         let cells = plan.steps.iter().filter(|step| matches!(step, Step::Show { .. })).count();
         if self.output != Some(output) || self.cells.len() != cells {
@@ -70,21 +71,21 @@ impl Sheet {
             Step::Sum { .. } => true,
             Step::Show { cell, term } => {
                 let is_new = term.is_some_and(|term| shaded.contains(&term.source));
-                // An unlit cell differs from one that was never drawn.
+                // `None` means never drawn; a drawn cell without light has a term of scale 0.
                 let term = term.unwrap_or(Term { source: Source::Rest, scale: Vec3::ZERO });
                 self.cells[cell].replace(term) != Some(term) || is_new
             }
         });
     }
 
-    /// Something else was drawn over it.
+    /// Invalidates all cells: the pixels were overwritten.
     pub fn forget(&mut self) {
         self.output = None;
     }
 }
 
 impl FrameResources<'_> {
-    /// Draws one light's share, or nothing, into its cell.
+    /// Draws one light's contribution, or black, into its cell.
     pub(super) fn show(&self, frame: &mut Frame, cell: usize, term: Option<Term>, outputs: &Outputs, output: Output) {
         let tiling = self.framebuffer.tiling;
         let [left, top, width, height] = Grid::new(self.rig.lights.len(), [tiling.width, tiling.height]).cell(cell);

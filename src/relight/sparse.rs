@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
 use crate::shared::{GROUP_SIZE, LightsConstants, MultiplySparsePush, Slice};
 
+/// Product of a sparse matrix with λ0, added to view samples.
 pub struct SparseProduct {
     slices: Buffer<Slice>,
     values: Buffer<UVec4>,

@@ -1,5 +1,5 @@
-//! How much of a light each view sample and each gather sample sees: one byte a sample, traced or from shadow maps; and what
-//! rays from the light see.
+//! Visibility of lights: one byte per view sample and per point of a gather sample, traced or from shadow maps; and the
+//! hits of light rays.
 
 use std::sync::Arc;
 
@@ -13,9 +13,10 @@ use crate::trace::bvh::TracedScene;
 use crate::trace::packet::half::HalfPackets;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_all};
 
+/// How visibility is determined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VisibilityMethod {
-    /// What is faster on the device.
+    /// Rays if kernels run on the CPU or a material blends, else maps.
     Auto,
     /// Shadow maps with percentage-closer filtering [Reeves 1987].
     Map,
@@ -24,8 +25,8 @@ pub enum VisibilityMethod {
 }
 
 impl VisibilityMethod {
-    /// Whether rays are traced. Maps show what blends by chance, so that scenes where anything does are traced unless maps are
-    /// asked for.
+    /// Whether rays are traced. Shadow maps render blended surfaces stochastically, with noise, so `Auto` traces scenes
+    /// that have any.
     pub fn traces(self, context: &Context, scene: &TracedScene) -> bool {
         match self {
             Self::Auto => context.is_cpu() || scene.bvh.has_blends,
@@ -35,34 +36,35 @@ impl VisibilityMethod {
     }
 }
 
-/// Visibility of one light. Four samples a word, 64 samples a packet.
+/// Visibility of one light. Four samples per word, 64 per packet.
 pub struct Visibility {
     pub view_samples: Buffer<u32>,
     /// Points of gather samples.
     pub gather_points: Buffer<u32>,
-    /// What its rays bring to gather samples.
+    /// Contributions of its rays to gather samples.
     pub light_rays: LightRayHits,
 }
 
-/// Whose visibility this is in a frame.
+/// Index of a light's visibility among the buffers of a frame.
 #[derive(Clone, Copy)]
 pub struct VisibilitySlot(Option<usize>);
 
 impl VisibilitySlot {
-    /// Of lights without shadows.
+    /// Everything is visible: for lights without shadows.
     pub const ALL: Self = Self(None);
 }
 
-/// The same samples at half the resolution, where rays are traced.
+/// Packets at half the resolution, for coarse images; empty unless rays are traced.
 #[derive(Default)]
 pub struct Half {
     pub view_samples: HalfPackets,
     pub gather_points: HalfPackets,
 }
 
-/// Lights whose visibility a frame can hold.
+/// Maximum number of lights with shadows per frame.
 const LIGHTS_A_FRAME: usize = 8;
 
+/// Visibility of the lights of one frame; reused by the next frame.
 pub struct VisibilityBuffers {
     buffers: Vec<Visibility>,
     used: usize,
@@ -106,16 +108,17 @@ impl VisibilityBuffers {
         })
     }
 
-    /// A new frame begins.
+    /// Begins a new frame: all buffers are free.
     pub fn restart(&mut self) {
         self.used = 0;
     }
 
-    /// Lights for which this frame has room yet.
+    /// Number of free buffers in this frame.
     pub fn left(&self) -> usize {
         self.buffers.len() - self.used
     }
 
+    /// Takes a free buffer; at most [`Self::left`] times per frame.
     pub fn take(&mut self) -> (VisibilitySlot, &mut Visibility, &mut Half) {
         self.used += 1;
         let index = self.used - 1;
@@ -127,7 +130,7 @@ impl VisibilityBuffers {
     }
 }
 
-/// Traces one sample in four towards `light`, on all cores.
+/// Traces one of four samples towards `light`, on all cores.
 pub fn trace_half(words: &mut Buffer<u32>, scene: &TracedScene, half: &mut HalfPackets, light: &PackedLight) {
     half.trace(scene, light, bytemuck::cast_slice_mut(words.host_mut()));
 }

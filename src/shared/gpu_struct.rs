@@ -1,16 +1,16 @@
-//! One declaration, two languages: structs and constants that Rust and GLSL share.
+//! Structs and constants that are declared once in Rust and generated for GLSL.
 //!
-//! Rust lays the structs out as `repr(C)` without padding (`Pod` refuses it), GLSL as `scalar`: both are running sums
-//! of the same sizes. The build script compiles this file too and generates the include `shared.glsl` from it.
+//! Rust uses `repr(C)` without padding (`Pod` rejects padding), GLSL the `scalar` layout. In both, field offsets are
+//! running sums of the same sizes. The build script also compiles this file and generates the include `shared.glsl`.
 
 use std::marker::PhantomData;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec2, UVec4, Vec2, Vec3, Vec4};
 
-/// A type that has the same bytes in GLSL.
+/// A type with the same memory layout in GLSL.
 pub trait Glsl: Pod {
-    /// What GLSL calls it.
+    /// The type's name in GLSL.
     fn name() -> String;
 }
 
@@ -42,7 +42,7 @@ macro_rules! primitive {
             }
         })*
 
-        /// Declares what [`Read`] and [`Write`] of each primitive are in GLSL.
+        /// GLSL declarations of [`Read`] and [`Write`] for each primitive.
         pub fn primitive_references() -> String {
             [$(references::<$rust>()),*].concat()
         }
@@ -66,7 +66,7 @@ impl<T: Glsl, const N: usize> Glsl for [T; N] {
     }
 }
 
-/// Device address of `[T]` that a pass reads. Only a pass hands one out: it is the receipt for the declared access.
+/// Device address of `[T]` that a pass reads. Only a pass creates one: an address proves that the access was declared.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Read<T>(u64, PhantomData<T>);
@@ -78,7 +78,7 @@ pub struct Write<T>(u64, PhantomData<T>);
 
 macro_rules! address {
     ($name:ident) => {
-        /// For passes alone, which know what was declared; `tests/architecture.rs` sees to that.
+        /// Only passes may use this, since they record declared accesses; `tests/architecture.rs` checks it.
         impl<T> From<u64> for $name<T> {
             fn from(address: u64) -> Self {
                 Self(address, PhantomData)
@@ -97,7 +97,7 @@ address!(Write);
 
 /// GLSL declarations of `Read<T>` and `Write<T>`.
 pub fn references<T: Glsl>() -> String {
-    // Addresses are 16-byte aligned at the start of a buffer, so an element is as aligned as its size allows.
+    // Buffers start at multiples of 16 bytes, so the alignment of an element is the power of two in its size.
     let align = 1 << size_of::<T>().trailing_zeros().min(4);
     let name = T::name();
     [("Read", "readonly "), ("Write", "")]
@@ -187,7 +187,7 @@ macro_rules! gpu_shared {
             )?
         )*
 
-        /// GLSL of everything declared here.
+        /// GLSL of all constants and structs declared here.
         pub fn shared_glsl() -> String {
             use $crate::shared::gpu_struct::Glsl;
             let mut glsl = $crate::shared::gpu_struct::primitive_references();

@@ -1,4 +1,4 @@
-//! What Rust and GLSL share: view samples, BRDFs, lights, push constants. The bake fills them, kernels read them.
+//! Constants and structs shared by Rust and GLSL: view samples, BRDFs, lights, push constants.
 
 pub mod gpu_struct;
 
@@ -12,8 +12,8 @@ gpu_shared! {
         pub const GROUP_SIZE: u32 = 64;
         /// Workgroups in the first dimension of a dispatch: Vulkan guarantees 65,535.
         pub const MAX_COLUMNS: u32 = 1 << 15;
-        /// Side of a tile of pixels. Images and layer 1 are stored tile by tile, so that 64 neighbours in memory are
-        /// neighbours in the picture: a packet of shadow rays, a workgroup, a cache line.
+        /// Side of a tile of pixels. Images and layer 1 are stored tile by tile, so that the 64 samples of a ray packet
+        /// or of a workgroup, and the samples of a cache line, are neighbours in the picture.
         pub const TILE_SIZE: u32 = 8;
         /// [`ViewSample::brdf`] of a sample that reflects no light directly: background, perfect mirror.
         pub const NO_BRDF: u32 = 0xffff_ffff;
@@ -34,21 +34,21 @@ gpu_shared! {
         /// [`Cutout::wrap_u`]
         pub const WRAP_CLAMP: u32 = 2;
 
-        /// Images that a pass sums at most: so many terms fit its push constants.
+        /// Maximum number of images that a pass sums; limited by the size of push constants.
         pub const MAX_TERMS: u32 = 4;
 
-        /// Rows of a [`Panel`] at most.
+        /// Maximum rows of a [`Panel`].
         pub const PANEL_ROWS: u32 = 256;
-        /// Rows of a panel whose factors lie together: those of neighbouring threads, so that these read on and on.
+        /// Rows of a panel whose factors are contiguous, so that the reads of neighbouring threads are sequential.
         pub const STRIP_ROWS: u32 = 32;
-        /// Columns that are read at once: 16 bytes of float16.
+        /// Columns of a column group, the unit of one read: 16 bytes of float16.
         pub const PANEL_COLUMNS: u32 = 8;
 
-        /// Degrees of the harmonics that gather samples keep of light.
+        /// Maximum number of degrees of the harmonics that represent light at a gather sample.
         pub const HARMONIC_DEGREES: u32 = 7;
         /// Texels along each side of the map of directions to a disc [Yang 2007, Figure 4.2 b].
         pub const DISC_SIDE: u32 = 32;
-        /// Lights whose products a pass takes at once, at most.
+        /// Maximum number of lights that one pass of the transfer processes together.
         pub const LIGHTS_A_PASS: u32 = 4;
         /// Rows of the tables of k, over roughness.
         pub const TABLE_ROUGHNESSES: u32 = 25;
@@ -65,33 +65,33 @@ gpu_shared! {
         pub const OUTPUT_PBR_NEUTRAL: u32 = 3;
         /// Composite writes 8-bit sRGB: [`STOP_COLORS`] by luminance.
         pub const OUTPUT_FALSE_COLOR: u32 = 4;
-        /// How many kinds of output there are.
+        /// Number of `OUTPUT_` constants.
         pub const OUTPUT_COUNT: u32 = 5;
 
-        /// Bands of false colours; each is a stop wide.
+        /// Number of false-colour bands; each is one stop wide.
         pub const STOP_COUNT: u32 = 16;
-        /// Which of them has middle grey in its middle.
+        /// The band whose centre is middle grey.
         pub const MIDDLE_STOP: u32 = 8;
-        /// Bins of a histogram of luminance: the first holds what is darker than all others, the last what is brighter.
+        /// Bins of a luminance histogram. The first and last bin count what is darker or brighter than all others.
         pub const HISTOGRAM_BINS: u32 = 66;
-        /// Bins a stop.
+        /// Bins per stop.
         pub const BINS_A_STOP: u32 = 4;
     }
 
     floats {
-        /// What of the light from any direction a gather sample reflects at most: glTF's BRDF exceeds 1 near grazing. As near
-        /// to 1 as single precision still tells how far from it, to a thousandth.
+        /// Maximum albedo of a gather sample for light from any direction: the albedo of glTF's BRDF exceeds 1 near
+        /// grazing angles. At this value single precision resolves 1 - albedo to a relative error of 0.001.
         pub const ALBEDO_CAP: f32 = 0.9999;
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
-        /// Share of a light's power at which a point of a gather sample and rays from the light count alike; below half of it
-        /// the point alone counts, above one and a half times it rays alone (docs/method.md, "Light rays").
+        /// Share of a light's power at which a point of a gather sample and light rays have equal weight. Below half of
+        /// it only the point counts, above 1.5 times it only the rays (docs/method.md, "Light rays").
         pub const EVEN_SHARE: f32 = 0.00390625;
     }
 
     tables {
-        /// sRGB, red lowest, of each stop of luminance around middle grey, which is grey: violet and blue below, green,
-        /// yellow and red above; the first stands for all that is darker, the last for all that is brighter.
+        /// False colour of each band, sRGB with red in the lowest byte. Middle grey is grey, lower bands are violet to
+        /// teal, higher ones green to red and white. The first and last band also cover what is darker or brighter.
         pub const STOP_COLORS: [u32; 16] = [
             0x14000a, 0x4a0a2a, 0x8c1246, 0xc82f3a, 0xe05b2a, 0xd68a1f, 0xb8ae17, 0x869e1e,
             0x808080, 0x24c06c, 0x1ecfb8, 0x0fc8f2, 0x1494f5, 0x1955ee, 0x241cdd, 0xffffff,
@@ -150,7 +150,7 @@ gpu_shared! {
     }
 
     structs {
-        /// A surface point that the camera sees, straight or through mirrors; mesh space.
+        /// A surface point that the camera sees, directly or through mirrors; mesh space.
         pub struct ViewSample {
             /// Mesh space.
             pub position: Vec3,
@@ -169,7 +169,7 @@ gpu_shared! {
         pub struct Brdf {
             /// Base colour times (1 - metallic).
             pub diffuse: Vec3,
-            /// GGX alpha, roughness squared; 0 has no specular lobe here: its mirror image is in deeper layers.
+            /// GGX alpha, roughness squared. 0: no specular lobe here; the mirror reflection is in deeper layers.
             pub alpha: f32,
             /// Normal-incidence reflectance, dielectric and metal mixed.
             pub f0: Vec3,
@@ -183,25 +183,25 @@ gpu_shared! {
 
         /// A light at unit intensity in mesh space.
         pub struct PackedLight {
-            /// Mesh space; for directional lights unused.
+            /// Mesh space; unused for directional lights.
             pub position: Vec3,
             /// One of the `LIGHT_` constants.
             pub kind: u32,
-            /// Unit; along the light.
+            /// Unit, the direction in which the light travels.
             pub direction: Vec3,
-            /// 1/range in mesh space, 0 without one.
+            /// 1/range in mesh space; 0: no range.
             pub inverse_range: f32,
             /// 1 / max(0.001, cos inner - cos outer) [KHR_lights_punctual].
             pub cone_scale: f32,
-            /// 1 - cos outer: compared with 1 - cos of the angle, which stays exact for narrow cones.
+            /// 1 - cos outer, compared with 1 - cos of the angle off the axis; accurate for narrow cones.
             pub cone_versine: f32,
-            /// Irradiance at normal incidence, of one candela, one unit of mesh space away; for directional lights unused.
+            /// Irradiance at normal incidence of one candela at one unit of mesh space; unused for directional lights.
             pub strength: f32,
         }
 
-        /// View samples beyond layer 1 of a pixel, or beyond its first sample.
+        /// Weight and layer of an extra view sample: one in a deeper layer than 1, or not the first of its pixel.
         pub struct ExtraSample {
-            /// RGB share of the pixel: BRDF and cosine along the mirror path over the number of samples a pixel.
+            /// RGB weight in the pixel: reflectance and coverage along the mirror path, divided by samples per pixel.
             pub weight: Vec3,
             /// Layer of the deep framebuffer, from 0.
             pub layer: u32,
@@ -211,45 +211,45 @@ gpu_shared! {
         pub struct ExtraPixel {
             /// Pixel in tile order.
             pub pixel: u32,
-            /// Where its list of extra samples begins.
+            /// Start of its list of extra samples.
             pub first: u32,
-            /// How many they are.
+            /// Length of that list.
             pub count: u32,
-            /// Share of the pixel's first sample: 1 / samples a pixel, times its coverage where it blends.
+            /// Weight of the pixel's first sample: 1 / samples per pixel, times its coverage if it blends.
             pub first_weight: f32,
         }
 
-        /// One side of a light's shadow map.
+        /// Projection of one face of a light's shadow map.
         pub struct ShadowFace {
             /// Reversed depth: 1 at the near plane, 0 at infinity.
             pub clip_from_mesh: Mat4,
         }
 
-        /// A corner of a triangle that light may pass.
+        /// A corner of a triangle with alpha.
         pub struct CutoutCorner {
             /// Mesh space.
             pub position: Vec3,
-            /// Alpha without its texture.
+            /// Alpha before it is multiplied by the texture's.
             pub alpha: f32,
-            /// Where it is looked up.
+            /// Texture coordinates.
             pub uv: Vec2,
             /// Index of its [`Cutout`].
             pub cutout: u32,
         }
 
-        /// Where a material lets light pass.
+        /// Alpha texture and cutoff of a material.
         pub struct Cutout {
-            /// Its texture's first texel; [`NO_TEXELS`] without one.
+            /// Index of its texture's first texel, or [`NO_TEXELS`].
             pub first: u32,
-            /// Of the texture.
+            /// Texels.
             pub width: u32,
-            /// Of the texture.
+            /// Texels.
             pub height: u32,
             /// One of the `WRAP_` constants, along u.
             pub wrap_u: u32,
             /// The same along v.
             pub wrap_v: u32,
-            /// Alpha from which all is there; negative where the material blends.
+            /// Alpha from which the surface is opaque; negative: the material blends.
             pub cutoff: f32,
         }
 
@@ -259,16 +259,16 @@ gpu_shared! {
             pub image: Read<Vec4>,
             /// Factor on each plane.
             pub scale: Vec3,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         pub push ShadeLightPush for shade_light(ShadeLightConstants) {
             /// View samples, layer 1 first.
             pub samples: Read<ViewSample>,
-            /// BRDFs that they point to.
+            /// Indexed by [`ViewSample::brdf`].
             pub brdfs: Read<Brdf>,
-            /// How much of the light each sample sees, 8 bits each, four a word.
+            /// Fraction of the light that each sample sees, 8 bits each, four per word.
             pub visibility: Read<u32>,
             /// Planes R, G, B of `pixel_stride` floats: the light's image.
             pub image: Write<f32>,
@@ -276,70 +276,70 @@ gpu_shared! {
             pub extras: Write<f32>,
             /// At unit intensity.
             pub light: PackedLight,
-            /// All view samples.
+            /// Number of view samples.
             pub sample_count: u32,
-            /// Samples of layer 1: pixels, padded to whole tiles.
+            /// Samples of layer 1: pixels padded to whole tiles.
             pub pixel_stride: u32,
-            /// Extra samples, padded to a multiple of 4.
+            /// Number of extra samples, padded to a multiple of 4.
             pub extra_stride: u32,
-            /// Bit l: layer l counts. Bit 0 matters here, and whether any does; deeper layers are weighed by resolve.comp.
+            /// Bit l: layer l is shown. Layer 0 needs bit 0, extra samples any bit: resolve.comp selects their layers.
             pub layers: u32,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         /// Rows of a block matrix that share their columns.
         pub struct Panel {
-            /// Where its factors begin, in units of eight: strip by strip of [`STRIP_ROWS`], column group by column
-            /// group, channel by channel where these have factors of their own, row by row.
+            /// Start of its factors, in units of eight. Order, outermost first: strip of [`STRIP_ROWS`], column group,
+            /// channel if channels have separate factors, row.
             pub first_value: u32,
-            /// Where its lists of inputs and tints begin, one a column.
+            /// Start of its lists of inputs and tints, one entry per column.
             pub first_input: u32,
-            /// Where its list of outputs begins, one a row.
+            /// Start of its list of outputs, one entry per row.
             pub first_output: u32,
             /// At most [`PANEL_ROWS`].
             pub row_count: u32,
-            /// Columns over [`PANEL_COLUMNS`].
+            /// Number of columns divided by [`PANEL_COLUMNS`].
             pub column_group_count: u32,
-            /// How many of these, the first ones, have factors for R, G and B each.
+            /// Number of column groups, the first ones, with separate factors for R, G and B.
             pub own_column_group_count: u32,
-            /// What stored factors are multiplied by.
+            /// Multiplies the stored factors.
             pub scale: f32,
         }
 
-        /// Rows of a sparse matrix, a workgroup's.
+        /// Rows of a sparse matrix that one workgroup multiplies.
         pub struct Slice {
-            /// Where its terms begin, in units of two: pair by pair of terms, row by row, [`GROUP_SIZE`] rows.
+            /// Start of its terms, in units of two. For each pair of terms, [`GROUP_SIZE`] rows.
             pub first_value: u32,
-            /// Where its list of outputs begins, one a row.
+            /// Start of its list of outputs, one entry per row.
             pub first_output: u32,
             /// At most [`GROUP_SIZE`].
             pub row_count: u32,
-            /// Terms of the longest row over two.
+            /// Number of terms of the longest row divided by two.
             pub pair_count: u32,
-            /// What stored factors are multiplied by.
+            /// Multiplies the stored factors.
             pub scale: f32,
         }
 
-        /// What direct light leaves in a gather sample; mesh space.
+        /// A gather sample as direct light illuminates it; mesh space.
         pub struct LightSample {
             /// Its reflection, averaged.
             pub brdf: Brdf,
-            /// Unit; with `tangent` and their cross product the frame that its functions are counted in.
+            /// Unit. `normal`, `tangent` and their cross product are the frame of its harmonics.
             pub normal: Vec3,
             /// Unit.
             pub tangent: Vec3,
-            /// Where in the tables of k its roughness lies, 0 to 1.
+            /// Position of its roughness in the tables of k, 0 to 1.
             pub roughness: f32,
             /// Index of its first coefficient.
             pub first: u32,
-            /// It has as many coefficients as this squared.
+            /// Number of degrees; it has `degrees` squared coefficients.
             pub degrees: u32,
-            /// Of the surface that it stands for.
+            /// Area of the surface that it represents.
             pub area: f32,
         }
 
-        /// What a light's rays add to a coefficient.
+        /// Contribution of a light's rays to one coefficient.
         pub struct Contribution {
             /// RGB, at unit intensity.
             pub value: Vec3,
@@ -352,107 +352,107 @@ gpu_shared! {
             pub contributions: Read<Contribution>,
             /// Coefficients of all samples, as [`ShadeGatherPush::coefficients`].
             pub coefficients: Write<Vec4>,
-            /// How many contributions.
+            /// Number of contributions.
             pub count: u32,
-            /// From one coefficient of this light to its next.
+            /// Distance from one coefficient of this light to the next, in elements.
             pub stride: u32,
-            /// Where its first lies.
+            /// Index of the first one.
             pub offset: u32,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         pub push ShadeGatherPush for shade_gather(ShadeGatherConstants) {
             /// Gather samples.
             pub samples: Read<LightSample>,
-            /// Position and normal of `points_per_sample` points of each sample in turn.
+            /// Position and normal of `points_per_sample` points per sample, sample by sample.
             pub points: Read<ViewSample>,
-            /// How much of the light each point sees, 8 bits each, four a word.
+            /// Fraction of the light that each point sees, 8 bits each, four per word.
             pub visibility: Read<u32>,
             /// Tables of k: `Projection::tables`.
             pub tables: Read<f32>,
-            /// Coefficients of all samples, RGB and nothing, of several lights side by side, element by element.
+            /// Coefficients of all samples: RGB and an unused component, interleaved by light.
             pub coefficients: Write<Vec4>,
             /// At unit intensity.
             pub light: PackedLight,
-            /// How many samples.
+            /// Number of samples.
             pub sample_count: u32,
-            /// How many of each.
+            /// Points per sample.
             pub points_per_sample: u32,
-            /// From one coefficient of this light to its next.
+            /// Distance from one coefficient of this light to the next, in elements.
             pub stride: u32,
-            /// Where its first lies.
+            /// Index of the first one.
             pub offset: u32,
-            /// Intensity over power, in 1/sr, of a light that casts rays; 0 of others.
+            /// Intensity divided by power, 1/sr, of a light that casts rays; 0 for others.
             pub per_solid_angle: f32,
         }
 
-        /// A gather sample of the thesis; mesh space.
+        /// A gather sample of the thesis's method; mesh space.
         pub struct FactoredSample {
-            /// Unit; with `tangent` and their cross product the frame that its directions are counted in.
+            /// Unit. `normal`, `tangent` and their cross product are the frame of its directions.
             pub normal: Vec3,
             /// Unit.
             pub tangent: Vec3,
-            /// Where the table of its BRDF's k begins: `[texel][term]` over a square around the disc, nothing beyond it.
+            /// Start of its BRDF's table of k: `[texel][term]` over the square around the disc, zero outside the disc.
             pub table: u32,
-            /// Its coefficients, as many as the BRDF has terms.
+            /// Number of coefficients, equal to the terms of the BRDF.
             pub terms: u32,
-            /// Index of the first.
+            /// Index of its first coefficient.
             pub first: u32,
         }
 
         pub push ShadeFactoredPush for shade_factored {
             /// Gather samples.
             pub samples: Read<FactoredSample>,
-            /// Position of each.
+            /// Their positions.
             pub points: Read<ViewSample>,
-            /// How much of the light each sees, 8 bits each, four a word.
+            /// Fraction of the light that each sample sees, 8 bits each, four per word.
             pub visibility: Read<u32>,
-            /// RGB of k, and 1 where the texel lies on the disc.
+            /// RGB of k; the fourth component is 1 if the texel lies on the disc, else 0.
             pub tables: Read<Vec4>,
-            /// Coefficients of all samples, RGB and nothing, of several lights side by side, element by element.
+            /// Coefficients of all samples: RGB and an unused component, interleaved by light.
             pub coefficients: Write<Vec4>,
             /// At unit intensity.
             pub light: PackedLight,
-            /// How many samples.
+            /// Number of samples.
             pub sample_count: u32,
-            /// From one coefficient of this light to its next.
+            /// Distance from one coefficient of this light to the next, in elements.
             pub stride: u32,
-            /// Where its first lies.
+            /// Index of the first one.
             pub offset: u32,
         }
 
         /// One step of a Haar transform: a plane rotation of two elements of a vector.
         pub struct Rotation {
-            /// Where the left sum is, and the sum of both comes.
+            /// Index of the left sum, replaced by the sum of both.
             pub sum: u32,
-            /// Where the right sum is, and the term comes.
+            /// Index of the right sum, replaced by the Haar term.
             pub term: u32,
-            /// Root of the left side's share of the samples.
+            /// Square root of the left side's share of the samples.
             pub cosine: f32,
-            /// Root of the right side's.
+            /// Square root of the right side's share.
             pub sine: f32,
         }
 
         pub push HaarPush for haar(LightsConstants) {
             /// By subtree, then height from the bottom up.
             pub rotations: Read<Rotation>,
-            /// Where the rotations of each height begin, and where the last ones end: `height_count` + 1 a subtree.
+            /// Start of each height's rotations, then the end of the last ones: `height_count` + 1 entries per subtree.
             pub ranges: Read<u32>,
-            /// RGB and nothing, of several lights side by side, element by element.
+            /// RGB and an unused component, interleaved by light.
             pub vector: Write<Vec4>,
-            /// One a workgroup.
+            /// Number of subtrees, one per workgroup.
             pub subtree_count: u32,
-            /// The same for all.
+            /// Number of heights, the same for all subtrees.
             pub height_count: u32,
         }
 
         pub push HaarSumsPush for haar_sums(LightsConstants) {
             /// Of each sum what it adds up; the first gets the sum over the root of their number.
             pub places: Read<u32>,
-            /// Where each sum's places begin, and where the last one's end.
+            /// Start of each sum's entries in `places`, then the end of the last ones.
             pub first_place: Read<u32>,
-            /// RGB and nothing, of several lights side by side, element by element.
+            /// RGB and an unused component, interleaved by light.
             pub vector: Write<Vec4>,
             pub sum_count: u32,
             pub unused: u32,
@@ -461,23 +461,23 @@ gpu_shared! {
         pub push MultiplySparsePush for multiply_sparse(LightsConstants) {
             /// One a workgroup.
             pub slices: Read<Slice>,
-            /// Two terms each: red and green, blue and how far the column is from the one before, twice.
+            /// Two terms each. A term is two words: red and green; blue and the distance from the previous column.
             pub values: Read<UVec4>,
-            /// Indices of view samples.
+            /// Indices of view samples, by row.
             pub outputs: Read<u32>,
-            /// RGB and nothing, of several lights side by side, element by element: what is multiplied.
+            /// The factor vector: RGB and an unused component, interleaved by light.
             pub vector: Read<Vec4>,
-            /// Of each light, planes R, G, B of `pixel_stride` floats, added to.
+            /// Per light, planes R, G, B of `pixel_stride` floats; the result is added to them.
             pub images: [Write<f32>; LIGHTS_A_PASS as usize],
-            /// Of each light, planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
+            /// Per light, planes R, G, B of `extra_stride` floats for extra samples; the result is added to them.
             pub extras: [Write<f32>; LIGHTS_A_PASS as usize],
-            /// How many slices.
+            /// Number of slices.
             pub slice_count: u32,
-            /// Samples of layer 1.
+            /// Number of samples of layer 1.
             pub pixel_stride: u32,
-            /// Extra samples, padded.
+            /// Number of extra samples, padded.
             pub extra_stride: u32,
-            /// Lights whose images are there.
+            /// Number of lights; further entries of `images` and `extras` are not written.
             pub light_count: u32,
         }
 
@@ -486,25 +486,26 @@ gpu_shared! {
             pub panels: Read<Panel>,
             /// Eight float16 each.
             pub values: Read<UVec4>,
-            /// Indices into `vector`.
+            /// Indices into `vector`, by column.
             pub inputs: Read<u32>,
-            /// What inputs of columns are multiplied by whose factors R, G and B share; read by kernels of three channels.
+            /// Multiply inputs of columns whose factors are shared by R, G and B; only read by kernels of three
+            /// channels.
             pub tints: Read<Vec3>,
-            /// Indices into `vector`, or of view samples.
+            /// Indices into `vector`, or of view samples, by row.
             pub outputs: Read<u32>,
-            /// RGB and nothing, of several lights side by side, element by element: what is multiplied, and what results if no view samples do.
+            /// RGB and an unused component, interleaved by light: input, and output unless that goes to view samples.
             pub vector: Write<Vec4>,
-            /// Of each light, planes R, G, B of `pixel_stride` floats, added to.
+            /// Per light, planes R, G, B of `pixel_stride` floats; the result is added to them.
             pub images: [Write<f32>; LIGHTS_A_PASS as usize],
-            /// Of each light, planes R, G, B of `extra_stride` floats: radiance of the extra samples, added to.
+            /// Per light, planes R, G, B of `extra_stride` floats for extra samples; the result is added to them.
             pub extras: [Write<f32>; LIGHTS_A_PASS as usize],
-            /// How many panels.
+            /// Number of panels.
             pub panel_count: u32,
-            /// Samples of layer 1.
+            /// Number of samples of layer 1.
             pub pixel_stride: u32,
-            /// Extra samples, padded.
+            /// Number of extra samples, padded.
             pub extra_stride: u32,
-            /// Lights whose images are there.
+            /// Number of lights; further entries of `images` and `extras` are not written.
             pub light_count: u32,
         }
 
@@ -513,15 +514,15 @@ gpu_shared! {
             pub samples: Read<ViewSample>,
             /// One, or six in the order +X, -X, +Y, -Y, +Z, -Z.
             pub faces: Read<ShadowFace>,
-            /// 8 bits a sample, four a word.
+            /// 8 bits per sample, four per word.
             pub visibility: Write<u32>,
-            /// Where the light is; picks the face.
+            /// Mesh space; selects the face.
             pub light_position: Vec3,
             /// 1 or 6.
             pub face_count: u32,
-            /// All view samples.
+            /// Number of view samples.
             pub sample_count: u32,
-            /// Side of a texel in texture coordinates.
+            /// Texel size in texture coordinates.
             pub texel: f32,
         }
 
@@ -530,86 +531,86 @@ gpu_shared! {
             pub positions: Read<f32>,
             /// All faces of the light.
             pub faces: Read<ShadowFace>,
-            /// Which one is drawn.
+            /// Index of the face that is drawn.
             pub face: u32,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         pub push ShadowCutoutPush for shadow_cutout {
             /// Three a triangle.
             pub corners: Read<CutoutCorner>,
-            /// One a material.
+            /// One per material.
             pub cutouts: Read<Cutout>,
-            /// Alphas of textures, 8 bits each, four a word.
+            /// Alphas of textures, 8 bits each, four per word.
             pub texels: Read<u32>,
             /// All faces of the light.
             pub faces: Read<ShadowFace>,
-            /// Which one is drawn.
+            /// Index of the face that is drawn.
             pub face: u32,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         pub push ResolvePush for resolve {
             /// Pixels that have extra samples.
             pub pixels: Read<ExtraPixel>,
-            /// Their lists of extra samples, counted from the first extra one.
+            /// Their lists of indices into `samples` and `extras`.
             pub indices: Read<u32>,
             /// Weight and layer of each extra sample.
             pub samples: Read<ExtraSample>,
-            /// Radiance of the extra samples, planes.
+            /// Radiance of the extra samples, planes R, G, B.
             pub extras: Read<f32>,
-            /// The light's image, planes.
+            /// The light's image, planes R, G, B.
             pub image: Write<f32>,
-            /// How many pixels.
+            /// Number of pixels with extra samples.
             pub pixel_count: u32,
-            /// Floats a plane of `image`.
+            /// Floats per plane of `image`.
             pub pixel_stride: u32,
-            /// Floats a plane of `extras`.
+            /// Floats per plane of `extras`.
             pub extra_stride: u32,
-            /// Bit l: layer l counts.
+            /// Bit l: layer l is shown.
             pub layers: u32,
         }
 
         pub push SumImagesPush for sum_images {
             /// Planes R, G, B.
             pub sum: Write<Vec4>,
-            /// What is summed.
+            /// Terms of the sum.
             pub terms: [SumTerm; MAX_TERMS as usize],
-            /// How many terms.
+            /// Number of terms.
             pub term_count: u32,
-            /// vec4s a plane.
+            /// vec4s per plane.
             pub plane_length: u32,
-            /// 1: add to what is there.
+            /// 1: add to the previous contents of `sum`.
             pub accumulate: u32,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         pub push CountNonFinitePush for count_non_finite {
             /// Planes R, G, B, as bits.
             pub values: Read<u32>,
-            /// One count a pass that is looked after.
+            /// One counter per checked pass.
             pub counts: Write<u32>,
-            /// Floats a plane that count.
+            /// Floats of each plane that are checked.
             pub plane_length: u32,
             /// Floats from one plane to the next.
             pub plane_stride: u32,
-            /// Which count.
+            /// Index of the counter.
             pub slot: u32,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         pub push CompositePush for composite(OutputConstants) {
             /// What is summed.
             pub terms: [SumTerm; MAX_TERMS as usize],
-            /// One packed RGBA8 a pixel, or three floats, row by row.
+            /// One packed RGBA8 or three floats per pixel, row by row.
             pub target: Write<u32>,
-            /// How many terms.
+            /// Number of terms.
             pub term_count: u32,
-            /// Floats a plane of the terms.
+            /// Floats per plane of the terms.
             pub pixel_stride: u32,
             /// Pixels.
             pub width: u32,
@@ -617,28 +618,28 @@ gpu_shared! {
             pub height: u32,
             /// Linear factor, 2^stops.
             pub exposure: f32,
-            /// 1: blue in the lowest byte, as the window wants it.
+            /// 1: blue in the lowest byte, for windows with that format.
             pub blue_first: u32,
         }
 
         pub push SheetPush for sheet(OutputConstants) {
             /// What the cell shows.
             pub term: SumTerm,
-            /// One packed RGBA8 a pixel, or three floats, row by row.
+            /// One packed RGBA8 or three floats per pixel, row by row.
             pub target: Write<u32>,
-            /// 1, or 0: the cell is empty.
+            /// 1; 0: the cell is empty.
             pub term_count: u32,
-            /// Floats a plane of the term.
+            /// Floats per plane of the term.
             pub pixel_stride: u32,
             /// Width and height of the picture.
             pub size: UVec2,
             /// Left and top of the cell.
             pub corner: UVec2,
-            /// Its width and height.
+            /// Width and height of the cell.
             pub cell: UVec2,
             /// Linear factor, 2^stops.
             pub exposure: f32,
-            /// 1: blue in the lowest byte, as the window wants it.
+            /// 1: blue in the lowest byte, for windows with that format.
             pub blue_first: u32,
         }
 
@@ -647,37 +648,37 @@ gpu_shared! {
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// [`HISTOGRAM_BINS`] counts of pixels, added to; or the RGB bits of one pixel.
             pub result: Write<u32>,
-            /// How many terms.
+            /// Number of terms.
             pub term_count: u32,
-            /// Floats a plane of the terms.
+            /// Floats per plane of the terms.
             pub pixel_stride: u32,
-            /// Width and height of the picture; of one pixel, its place in tile order.
+            /// Width and height of the picture; when probing, x is the pixel's index in tile order.
             pub pixels: UVec2,
             /// Linear factor, 2^stops.
             pub exposure: f32,
-            /// Keeps the size a multiple of eight.
+            /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }
 
         pub push FitPush for fit(FitConstants) {
             /// Four bytes a pixel, row by row.
             pub source: Read<u32>,
-            /// The same.
+            /// Four bytes per pixel, row by row.
             pub target: Write<u32>,
-            /// Width and height.
+            /// Width and height, pixels.
             pub source_size: UVec2,
-            /// Width and height.
+            /// Width and height, pixels.
             pub target_size: UVec2,
         }
 
         pub push YardstickPush for yardstick {
             /// 32 bytes a sample.
             pub samples: Read<Vec4>,
-            /// 12 bytes a sample.
+            /// 12 bytes per sample.
             pub results: Write<f32>,
-            /// How many samples.
+            /// Number of samples.
             pub sample_count: u32,
-            /// Multiply-adds a sample.
+            /// Multiply-adds per sample.
             pub multiply_adds: u32,
         }
     }

@@ -1,9 +1,10 @@
-//! Directions towards lights mirrored in glossy surfaces, planar ones here, others in `curves`.
+//! Aims: sampling of directions towards lights mirrored in glossy surfaces. Planar surfaces are here, curved ones in
+//! `curves`.
 //!
-//! A light in front of a glossy face throws a caustic that next-event estimation cannot see and BRDF
-//! sampling seldom meets: from a matt surface, all of it comes from the few directions in which the face mirrors the
-//! light. Those are known: towards the light's mirror image. Drawing a share of the directions around it, as widely as
-//! the face's lobe scatters them, and weighing by the density of the whole mixture leaves the mean as it is.
+//! A light in front of a glossy face causes a caustic that next-event estimation cannot find and BRDF sampling rarely
+//! hits: seen from a matt surface, it comes from the few directions in which the face mirrors the light, those towards
+//! the light's mirror image. A fraction of the directions is sampled around them, with the width of the face's lobe.
+//! Weighting by the density of the whole mixture keeps the estimate unbiased.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -18,27 +19,27 @@ use crate::scene::Scene;
 use crate::shared::{Brdf, LIGHT_DIRECTIONAL};
 use crate::trace::surface::{SurfacePoint, brdf};
 
-/// Rougher lobes than glTF roughness 0.5 throw no caustic worth aiming at.
+/// Maximum alpha of a surface that is aimed at, glTF roughness 0.5. Caustics of rougher surfaces are too faint.
 const MAX_ALPHA: f32 = 0.25;
-/// Pairs of a light and a face that are aimed at, largest faces first: each costs time at every bounce.
+/// Maximum number of pairs of light and face, largest faces first. Each pair costs time at every bounce.
 const MAX_PAIRS: usize = 24;
-/// The same for curved surfaces.
+/// Maximum number of pairs of light and curved surface.
 const MAX_CURVES: usize = 8;
-/// Smaller surfaces throw little light, in squares of the scene's radius.
+/// Minimum area of a surface, in squares of the scene's radius. Smaller ones reflect little light.
 const MIN_AREA: f64 = 1e-3;
-/// Aims of one point.
+/// Maximum number of aims per surface point.
 const MAX_AIMS: usize = 8;
-/// A face whose mirror point lies further off its edge than so many widths of its lobe is not aimed at: less than a
-/// thousandth of the lobe is left there.
+/// Maximum distance of the mirror point from the edge of the face, in widths of the lobe. Beyond it less than a
+/// thousandth of the lobe remains.
 const MAX_OUTSIDE: f32 = 6.0;
-/// Most of the directions that are drawn from aims; the rest looks for everything else.
+/// Maximum fraction of directions that are sampled from aims.
 const MAX_SHARE: f64 = 0.5;
 
-/// Planar glossy faces, each with the lights before it.
+/// Glossy surfaces and the lights that they can mirror.
 pub(super) struct Faces {
     pairs: Vec<Pair>,
     curves: Vec<Curve>,
-    /// Typical irradiance in the scene: what an aim must stand out from.
+    /// Typical irradiance in the scene, to which the weights of aims are compared.
     typical: f64,
 }
 
@@ -46,13 +47,13 @@ pub(super) struct Faces {
 struct Pair {
     lamp: usize,
     face: Face,
-    /// Mirror image of a light that has a place, or direction towards that of one that has none.
+    /// Mirror image of the light's position; for a directional light, direction towards its mirror image.
     image: Vec3,
-    /// Above the face.
+    /// Height of the light above the face.
     height: f32,
 }
 
-/// Triangles of one plane and one material, as the rectangle around them.
+/// Bounding rectangle of coplanar triangles with one material.
 #[derive(Clone)]
 struct Face {
     normal: Vec3,
@@ -62,21 +63,22 @@ struct Face {
     brdf: Brdf,
 }
 
-/// What one point aims at.
+/// Aims of one surface point.
 #[derive(Default)]
 pub(super) struct Aims {
     aims: [Aim; MAX_AIMS],
     count: usize,
-    /// Share of the directions that are drawn from them.
+    /// Fraction of directions that are sampled from aims.
     pub share: f64,
 }
 
+/// A distribution of directions around an axis.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Aim {
     pub axis: DVec3,
-    /// Tangent of the angle around it that holds half of the directions.
+    /// Tangent of the angle from the axis that contains half of the directions.
     pub width: f64,
-    /// Irradiance that may come from there, and then its share of all.
+    /// Estimated irradiance from there; after `fill`, its fraction of the sum of all aims.
     pub weight: f64,
 }
 
@@ -107,8 +109,8 @@ impl Faces {
         Self { pairs, curves, typical: lamps.lamps.iter().map(arriving).sum() }
     }
 
-    /// What to aim at from a surface point that the eye sees. Curved surfaces cost more to aim at than it brings where
-    /// caustics are blurred by a bounce already.
+    /// Aims of a visible surface point, at planar and curved surfaces. After a bounce, caustics are blurred and aims at
+    /// curved surfaces cost more than they save.
     pub fn aim(&self, lamps: &Lamps, point: &SurfacePoint) -> Aims {
         let mut aims = Aims::default();
         let curved =
@@ -117,7 +119,7 @@ impl Faces {
         aims
     }
 
-    /// What to aim at after a bounce.
+    /// Aims of a surface point after a bounce, only at planar surfaces.
     pub fn aim_at_planes(&self, aims: &mut Aims, lamps: &Lamps, point: &SurfacePoint) {
         aims.fill(self.planar(lamps, point), self.typical);
     }
@@ -146,15 +148,15 @@ impl Pair {
         }
         let to_face = height / fall;
         let mirror_point = point.position + axis * to_face;
-        // A bend of the path at the face is twice the tilt of its facet; seen from here it is smaller by the share of
-        // the way that lies behind the face.
+        // The deflection of the path at the face is twice the tilt of the microfacet. Seen from the point, it is scaled
+        // by the fraction of the path length that lies beyond the face.
         let behind = if directional { 1.0 } else { self.height / (self.height + height) };
         let width = 2.0 * brdf.alpha * behind;
         let outside = self.face.distance(mirror_point) / (width * to_face).max(f32::MIN_POSITIVE);
         if outside > MAX_OUTSIDE {
             return None;
         }
-        // From the face on it spreads as it did up to there.
+        // The beam diverges after the face as it did before.
         let cut = behind / (1.0 + outside * outside);
         let share = f64::from(point.normal.dot(axis) * cut * cut);
         let fresnel = specular_reflectance(&brdf, fall.into()).max_element();
@@ -169,7 +171,7 @@ impl Face {
         4.0 * self.half_size.x * self.half_size.y
     }
 
-    /// A light's mirror image and its height, if it lies before the face.
+    /// A light's mirror image and the light's height above the face; `None` if it lies behind the face.
     fn mirrored(&self, light: &Lamp) -> Option<(Vec3, f32)> {
         if light.packed.kind == LIGHT_DIRECTIONAL {
             let direction = -light.packed.direction;
@@ -181,7 +183,7 @@ impl Face {
         (height > 0.0).then_some((position - 2.0 * height * self.normal, height))
     }
 
-    /// From a point of the plane to the rectangle; 0 within.
+    /// Distance of a point of the plane from the rectangle; 0 inside.
     fn distance(&self, point: Vec3) -> f32 {
         let across = Vec2::from_array(self.tangents.map(|t| t.dot(point - self.centre)));
         (across.abs() - self.half_size).max(Vec2::ZERO).length()
@@ -200,11 +202,12 @@ impl Aims {
         if self.count == 0 {
             return;
         }
-        // As the caustic may outshine the rest: bounced light, of which there is some 3 % of the lights' own.
+        // Compares the caustic with other bounced light, which is estimated as 3 % of direct light.
         self.share = MAX_SHARE * total / (total + 0.03 * typical);
         self.aims[..self.count].iter_mut().for_each(|aim| aim.weight /= total);
     }
 
+    /// Samples a unit direction; at least one aim must exist.
     pub fn draw(&self, choice: f64, u: f64, v: f64) -> DVec3 {
         let mut left = choice;
         let aims = &self.aims[..self.count];
@@ -222,7 +225,7 @@ impl Aims {
 }
 
 impl Aim {
-    /// Tangents as those of GGX's half vectors, whose tails the caustic has.
+    /// Tangents are distributed as those of GGX half vectors, so that the tails match those of the caustic.
     fn draw(&self, u: f64, v: f64) -> DVec3 {
         let tangent = self.width * (u / (1.0 - u)).sqrt();
         let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
@@ -242,14 +245,14 @@ impl Aim {
     }
 }
 
-/// The BRDF of a material that throws caustics; `None` for others, and where textures make it differ.
+/// BRDF of a material that causes caustics; `None` for others and for textured materials.
 fn glossy(scene: &Scene, material: u32) -> Option<Brdf> {
     let m = &scene.materials[material as usize];
     let brdf = brdf(&m.evaluate(&scene.textures, Default::default(), [0.0; 2], Vec4::ONE));
     (brdf.has_lobe() && brdf.alpha <= MAX_ALPHA && m.textures().next().is_none()).then_some(brdf)
 }
 
-/// Flat faces of glossy materials, coplanar triangles together; small ones are left out.
+/// Finds planar faces of glossy materials; coplanar triangles form one face, small faces are discarded.
 fn find_faces(scene: &Scene, radius: f64) -> Vec<Face> {
     let mesh = &scene.mesh;
     let mut found: BTreeMap<(u32, [i64; 4]), Vec<usize>> = BTreeMap::new();
@@ -260,7 +263,7 @@ fn find_faces(scene: &Scene, radius: f64) -> Vec<Face> {
         }
         let [a, b, c] = corners.map(|v| mesh.positions[v as usize].as_dvec3());
         let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
-        // A curved face mirrors the light elsewhere.
+        // With interpolated normals the surface is curved; see `curves`.
         if corners.iter().any(|&v| mesh.normals[v as usize].as_dvec3().dot(normal) < 1.0 - 1e-6) {
             continue;
         }
@@ -273,7 +276,7 @@ fn find_faces(scene: &Scene, radius: f64) -> Vec<Face> {
     faces.filter(|face| f64::from(face.area()) > MIN_AREA * radius * radius).collect()
 }
 
-/// The rectangle around coplanar triangles, its first side along an edge.
+/// Bounding rectangle of coplanar triangles; its first side is parallel to an edge of the first triangle.
 fn face(scene: &Scene, material: u32, triangles: &[usize]) -> Face {
     let corner = |&i: &usize| scene.mesh.triangles[i].map(|v| scene.mesh.positions[v as usize].as_dvec3());
     let [a, b, c] = corner(&triangles[0]);

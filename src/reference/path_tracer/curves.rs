@@ -1,8 +1,9 @@
-//! Curved glossy surfaces as mirrors: where on them a light is seen mirrored.
+//! Curved glossy surfaces as mirrors: finds the point on them at which a light is seen mirrored.
 //!
-//! The mirror point is where the normal halves the angle between light and viewer. A convex surface has one point for
-//! each normal: looking up the point for the half vector, and making the half vector anew from there, converges in a few
-//! steps. On other surfaces that finds some point or none; what is drawn towards it costs samples and no truth.
+//! At the mirror point the normal bisects the angle between light and viewer. A convex surface has one point for each
+//! normal. A fixed-point iteration, which looks up the point for the half vector and recomputes the half vector there,
+//! converges in a few steps. On other surfaces it finds some point or none. A wrong aim increases the variance but adds
+//! no bias.
 
 use std::collections::BTreeMap;
 
@@ -17,15 +18,17 @@ use crate::scene::Scene;
 use crate::shared::{Brdf, LIGHT_DIRECTIONAL};
 use crate::trace::surface::SurfacePoint;
 
-/// Normals are looked up in a map of so many cells a side: 3 degrees, less than a lobe is wide.
+/// Cells along each side of the octahedral map of normals. A cell is 3 degrees wide, less than a lobe.
 const CELLS: usize = 64;
+/// Maximum iterations.
 const STEPS: usize = 4;
-/// Steps that move the normal by less than a quarter of the lobe's width are the last; squared.
+/// The iteration ends if a step changes the normal by less than a quarter of the lobe's width; this is the ratio
+/// squared.
 const CLOSE: f32 = 1.0 / 16.0;
 
 /// A connected curved surface of one glossy material.
 pub(super) struct Curve {
-    /// By octahedral cell of the normal.
+    /// By octahedral cell of the normal; `None` if no vertex has such a normal.
     points: Vec<Option<Point>>,
     centre: Vec3,
     brdf: Brdf,
@@ -36,12 +39,13 @@ pub(super) struct Curve {
 struct Point {
     position: Vec3,
     normal: Vec3,
-    /// How far the normal turns along a unit of mesh space.
+    /// Rotation of the normal per unit length of mesh space.
     curvature: f32,
 }
 
 impl Curve {
-    /// Triangles of a glossy material that share vertices, as one surface each.
+    /// Finds connected components of curved triangles of a glossy material. `is_glossy` returns the BRDF of a glossy
+    /// material.
     pub fn find(scene: &Scene, is_glossy: impl Fn(u32) -> Option<Brdf>) -> Vec<Self> {
         let mesh = &scene.mesh;
         let mut parent: Vec<u32> = (0..mesh.positions.len() as u32).collect();
@@ -81,7 +85,7 @@ impl Curve {
         found.into_values().map(|curve| Self { centre: curve.centre / curve.area as f32, ..curve }).collect()
     }
 
-    /// What to aim at to see `lamp` mirrored from a surface point.
+    /// Aim at the mirror image of `lamp` as seen from a surface point.
     pub fn aim(&self, lamp: &Lamp, point: &SurfacePoint) -> Option<Aim> {
         let directional = lamp.packed.kind == LIGHT_DIRECTIONAL;
         let to_lamp = |from: Vec3| match directional {
@@ -93,7 +97,7 @@ impl Curve {
             let half = (to_lamp(at.position) + (point.position - at.position).normalize_or_zero()).try_normalize()?;
             let moved = half.distance_squared(at.normal);
             at = self.points[cell(half)]?;
-            // On from the vertex as if the surface were a ball.
+            // Extrapolates from the vertex as if the surface were a sphere.
             at.position += (half - at.normal) / at.curvature;
             at.normal = half;
             if moved < CLOSE * self.brdf.alpha * self.brdf.alpha {
@@ -108,10 +112,11 @@ impl Curve {
             return None;
         }
         let far = if directional { f32::INFINITY } else { lamp.packed.position.distance(at.position) };
-        // How the half vector turns with the direction from here, across the plane of reflection and in it.
+        // Rotation of the half vector per rotation of the direction from `point`, perpendicular to the plane of
+        // reflection and in it.
         let turns = [1.0, 1.0 / cosine].map(|slant| 0.5 * (1.0 + near / far) + near * at.curvature * slant);
         let width = self.brdf.alpha / (turns[0] * turns[1]).sqrt();
-        // The mirrored beam spreads as it came, and by twice the surface's bend.
+        // Spread of the reflected beam: its original divergence plus twice the rotation of the surface normal.
         let spread = [cosine, 1.0 / cosine].map(|slant| 1.0 + near / far + 2.0 * near * at.curvature * slant);
         let arriving = incident(&lamp.packed, at.position.as_dvec3())?.irradiance * lamp.scale.max_element();
         let fresnel = specular_reflectance(&self.brdf, cosine.into()).max_element();

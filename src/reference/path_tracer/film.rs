@@ -1,4 +1,4 @@
-//! Sums of samples: two independent halves of an image, a tile of pixels at a time.
+//! Film: sums of samples for two independent halves of an image, stored by tile of pixels.
 
 use glam::DVec3;
 
@@ -9,18 +9,18 @@ use crate::shared::TILE_SIZE;
 /// Pixels of a tile, padding included.
 pub(super) const TILE_PIXELS: usize = (TILE_SIZE * TILE_SIZE) as usize;
 
-// What is summed up for each pixel.
+// Indices of the sums of each pixel.
 pub(super) const DIRECT: usize = 0;
 pub(super) const REFLECTION: usize = 1;
 pub(super) const INDIRECT: usize = 2;
 pub(super) const INDIRECT_GLOSSY: usize = 3;
 pub(super) const EMISSION: usize = 4;
-/// Squares of the beauty.
+/// Squares of the beauty, for its variance.
 const SQUARES: usize = 5;
-/// From here on a sum for each bounce that has a layer, and then one for each light.
+/// First of the sums for each bounce that has a layer; those for each light follow.
 const BOUNCES: usize = 6;
 
-/// A picture of what was summed up.
+/// A layer of the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layer {
     /// Sum of direct, reflection, indirect and emission.
@@ -28,19 +28,19 @@ pub enum Layer {
     Direct,
     Reflection,
     Indirect,
-    /// What the pixel's specular lobe makes of `Indirect`.
+    /// The part of `Indirect` that the pixel's specular lobe reflects.
     IndirectGlossy,
     Emission,
-    /// Variance of the beauty's mean, by channel, as if samples were independent: an upper bound, for points that are
-    /// stratified do better.
+    /// Variance of the beauty's mean, per channel, assuming independent samples. An upper bound, since the samples are
+    /// stratified.
     Variance,
-    /// What came by so many bounces, from 1 on.
+    /// Light after exactly so many bounces, from 1.
     Bounce(u32),
-    /// All that one light of the rig does, by its index.
+    /// Contribution of one light of the rig, by its index.
     Light(u32),
 }
 
-/// Which samples.
+/// Selection of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
     A,
@@ -51,9 +51,9 @@ pub enum Half {
 
 /// Sums of one tile.
 pub(super) struct Tile {
-    /// By half, pixel, sum.
+    /// `[half][pixel][sum]`.
     sums: Vec<DVec3>,
-    /// Samples a pixel of each half.
+    /// Samples per pixel of each half.
     pub counts: [u32; 2],
 }
 
@@ -61,7 +61,7 @@ pub(super) struct Tile {
 #[derive(Clone)]
 pub(super) struct Sample {
     values: Vec<DVec3>,
-    /// Where the lights' values begin.
+    /// Index of the first light's value.
     lights: usize,
 }
 
@@ -74,14 +74,14 @@ pub struct Film {
     lights: Vec<String>,
 }
 
-/// How far the picture is from where more samples would take it, from the difference of its halves.
+/// Standard errors of a picture, estimated from the difference of its halves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StandardErrors {
     /// Mean luminance.
     pub mean: f64,
-    /// Of the mean luminance, relative to it.
+    /// Standard error of the mean luminance, relative to it.
     pub of_mean: f64,
-    /// Of a pixel's luminance, root mean square, relative to the mean luminance.
+    /// Standard error of a pixel's luminance, root mean square over pixels, relative to the mean luminance.
     pub of_pixel: f64,
 }
 
@@ -98,7 +98,8 @@ impl Sample {
         Self { values: vec![DVec3::ZERO; at + lights], lights: at }
     }
 
-    /// Adds what the rig's light `source` sends to the sum `part` of all lights, and to its own.
+    /// Adds light of the light with index `source` in the rig to the sum `part` of all lights, and to the light's own
+    /// sum.
     pub fn add_light(&mut self, part: usize, source: usize, light: DVec3) {
         self.values[part] += light;
         if let Some(own) = self.values.get_mut(self.lights + source) {
@@ -143,7 +144,7 @@ impl std::ops::IndexMut<usize> for Sample {
 }
 
 impl Film {
-    /// Bytes that a film with layers for so many bounces and lights takes.
+    /// Memory of a film with layers for so many bounces and lights, bytes.
     pub fn bytes(width: u32, height: u32, bounce_layers: u32, lights: usize) -> u64 {
         let sums = 2 * (BOUNCES as u64 + u64::from(bounce_layers) + lights as u64);
         Tiling { width, height }.len() as u64 * sums * size_of::<DVec3>() as u64
@@ -156,18 +157,18 @@ impl Film {
         film
     }
 
-    /// Sums a pixel.
+    /// Number of sums per pixel.
     fn width(&self) -> usize {
         BOUNCES + self.bounce_layers as usize + self.lights.len()
     }
 
-    /// Fewest and most samples that a pixel has, both halves together. They differ where time ran out.
+    /// Minimum and maximum samples per pixel of both halves together. They differ if the trace was stopped.
     pub fn samples(&self) -> [u32; 2] {
         let counts = || self.tiles.iter().map(|tile| tile.counts[0] + tile.counts[1]);
         [counts().min().unwrap_or(0), counts().max().unwrap_or(0)]
     }
 
-    /// A layer, row by row.
+    /// Pixels of a layer, row by row.
     pub fn layer(&self, half: Half, layer: Layer) -> Vec<[f32; 3]> {
         let (width, height) = (self.tiling.width, self.tiling.height);
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -184,7 +185,7 @@ impl Film {
         pixels.map(value).collect()
     }
 
-    /// Some layers as one image; the beauty is the unnamed one.
+    /// Several layers as one image; the beauty layer is unnamed.
     pub fn image(&self, half: Half, layers: &[Layer]) -> Image {
         let (width, height) = (self.tiling.width as usize, self.tiling.height as usize);
         let empty = Image { width, height, layers: Vec::new() };
@@ -204,7 +205,7 @@ impl Film {
             Layer::Indirect => mean(INDIRECT),
             Layer::IndirectGlossy => mean(INDIRECT_GLOSSY),
             Layer::Emission => mean(EMISSION),
-            Layer::Variance if tile.counts[half] < 2 => DVec3::ZERO, // nothing is known
+            Layer::Variance if tile.counts[half] < 2 => DVec3::ZERO, // unknown
             Layer::Variance => (mean(SQUARES) - beauty() * beauty()).max(DVec3::ZERO) / (count - 1.0),
             Layer::Bounce(bounce) if bounce > self.bounce_layers => DVec3::ZERO,
             Layer::Bounce(bounce) => mean(BOUNCES + bounce as usize - 1),
@@ -213,7 +214,7 @@ impl Film {
         }
     }
 
-    /// Zeros for a black picture.
+    /// Errors of the beauty layer; relative errors are 0 for a black picture.
     pub fn standard_errors(&self) -> StandardErrors {
         let [a, b] = [Half::A, Half::B].map(|half| self.layer(half, Layer::Beauty));
         let count = a.len() as f64;
@@ -232,7 +233,7 @@ impl Film {
 }
 
 impl Layer {
-    /// What EXR calls it, for a rig whose lights have these names.
+    /// Name of the layer in EXR files; `lights` are the names of the rig's lights.
     pub fn name(&self, lights: &[String]) -> String {
         match self {
             Self::Beauty => String::new(),

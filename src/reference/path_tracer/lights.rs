@@ -1,4 +1,4 @@
-//! Lights as a path tracer looks for them: all of a rig's, or one by chance; and emitting triangles.
+//! Next-event estimation: all lights of a rig or one chosen at random, and emitting triangles.
 
 use glam::{DVec3, Vec3};
 
@@ -10,16 +10,17 @@ use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::packet::shadow_ray;
 use crate::trace::surface::SurfacePoint;
 
-/// Lights that are on.
+/// The lights of a rig whose scale is not zero.
 pub(super) struct Lamps {
     pub lamps: Vec<Lamp>,
 }
 
+/// A light, ready for shading.
 pub(super) struct Lamp {
     /// Index into the rig's lights.
     pub light: usize,
     pub packed: PackedLight,
-    /// Colour and intensity, its group counted.
+    /// Colour times intensity, including the group's.
     pub scale: DVec3,
     has_shadows: bool,
 }
@@ -36,7 +37,7 @@ impl Lamps {
         Self { lamps: (0..rig.lights.len()).map(lamp).filter(|lamp| lamp.scale != DVec3::ZERO).collect() }
     }
 
-    /// Radiance that `point` reflects to `wo`, straight from each light; with the light's index in the rig.
+    /// For each light, its index in the rig and the radiance of its direct light that `point` reflects towards `wo`.
     pub fn reflect_each(
         &self,
         scene: &TracedScene,
@@ -49,7 +50,8 @@ impl Lamps {
         })
     }
 
-    /// Their sum in the mean over `choice` in [0, 1), from one light: each as likely as what would arrive unblocked.
+    /// Estimates their sum from one light, chosen with probability proportional to its unshadowed irradiance. The mean
+    /// over uniform `choice` in [0, 1) is the sum.
     pub fn reflect_one(
         &self,
         scene: &TracedScene,
@@ -68,8 +70,8 @@ impl Lamps {
             if power <= 0.0 {
                 continue;
             }
-            // It takes the place of those before it with its share of what has come so far. Either way, what is left of
-            // `choice` is uniform again.
+            // Reservoir sampling: this light replaces the previous choice with probability power / total. In both cases
+            // `left` is rescaled to be uniform in [0, 1) again.
             total += power;
             let share = power / total;
             if left < share {
@@ -97,27 +99,29 @@ impl Lamp {
         seen * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
     }
 
-    /// What surfaces that blend let through is counted, not drawn by chance: the eye's surfaces look only once.
+    /// Visible fraction of the light. Blended surfaces attenuate it by their exact transmittance instead of blocking at
+    /// random, since direct light at visible surfaces may be computed only once per pixel.
     fn share_seen(&self, scene: &TracedScene, point: &SurfacePoint) -> f64 {
         let ray = shadow_ray(&scene.bvh, &self.packed, point.lifted(), point.normal, point.geometric_normal);
         ray.map_or(0.0, |ray| scene.transmittance(ray.origin, ray.direction, ray.length).into())
     }
 }
 
-/// Emitting triangles, each drawn as often as it has area and radiance.
+/// Emitting triangles, sampled with probability proportional to area times radiance.
 pub(super) struct Emitters {
-    /// Triangles and the running sum of their power.
+    /// Triangles, with the cumulative sum of area times radiance.
     running: Vec<(u32, f64)>,
-    /// Of each triangle of the mesh, density of its points when drawn, by area in mesh space; empty if none emits.
+    /// Per triangle of the mesh, sampling density per area in mesh space; empty if none emits.
     density: Vec<f32>,
 }
 
-/// A point on an emitter, drawn from a surface point.
+/// A sampled point on an emitter, as seen from a surface point.
 pub(super) struct Drawn {
     /// Unit, towards the emitter.
     pub wi: DVec3,
+    /// Radiance.
     pub emission: DVec3,
-    /// 1/sr.
+    /// Sampling density, 1/sr.
     pub density: f64,
 }
 
@@ -137,7 +141,7 @@ impl Emitters {
         }
         let mut density = vec![0.0; if running.is_empty() { 0 } else { mesh.triangles.len() }];
         for &(i, _) in &running {
-            // Power over area is radiance.
+            // Power here is area times radiance without constants; divided by area it is the radiance.
             let radiance = scene.materials[mesh.triangle_materials[i as usize] as usize].emissive.max_element();
             density[i as usize] = (2.0 * f64::from(radiance) / total) as f32;
         }
@@ -148,7 +152,7 @@ impl Emitters {
         self.running.is_empty()
     }
 
-    /// Draws a point and looks whether `point` sees it.
+    /// Samples a point on an emitter; `None` if `point` does not see it.
     pub fn draw(&self, scene: &TracedScene, point: &SurfacePoint, u: [f64; 3]) -> Option<Drawn> {
         let (_, total) = self.running.last()?;
         let at = self.running.partition_point(|&(_, sum)| sum <= u[0] * total).min(self.running.len() - 1);
@@ -169,7 +173,8 @@ impl Emitters {
         Some(Drawn { wi: direction.as_dvec3(), emission: seen.emission.as_dvec3(), density })
     }
 
-    /// Density per solid angle with which [`Self::draw`] finds what a ray in unit `direction` has hit; 0 if it cannot.
+    /// Density per solid angle with which [`Self::draw`] samples the point that a ray in unit `direction` hit; 0 if it
+    /// cannot.
     pub fn density(&self, hit: &Hit, seen: &SurfacePoint, direction: Vec3) -> f64 {
         let Some(&density) = self.density.get(hit.triangle as usize) else { return 0.0 };
         let cosine = f64::from(seen.geometric_normal.dot(direction).abs());

@@ -1,12 +1,13 @@
-//! An unbiased path tracer: the truth that everything else is measured against.
+//! An unbiased path tracer: the reference for all error measurements.
 //!
-//! It looks for lights at every surface, draws directions from the BRDF and from aims at mirrored lights (`aims`, `curves`),
-//! and weighs whatever two ways can find by the balance heuristic [Veach 1995, Eq. 14]. What the eye sees, straight and
-//! through perfect mirrors and past what blends, are the vertices of the deep framebuffer, so that direct light and
-//! reflections are those of [`crate::relight`]; a bounced ray sees as many surfaces through mirrors as one from the eye.
+//! It samples the lights at every surface and directions from a mixture of the BRDF and of aims at mirrored lights
+//! (`aims`, `curves`). Light that can be found in two ways is weighted by the balance heuristic [Veach 1995, Eq. 14].
+//! The first vertices, seen directly, through perfect mirrors and through blended surfaces, are those of the deep
+//! framebuffer, so that direct light and reflections equal those of [`crate::relight`]. A bounced ray sees at most as
+//! many surfaces through mirrors as a ray from the eye.
 //!
-//! Not found: light that reaches a surface off a perfect mirror from a point, spot or directional light. No ray meets a
-//! light without size, and the gather rows do not find it either.
+//! Omitted: light of point, spot and directional lights that a perfect mirror reflects onto a surface. A ray cannot hit
+//! a light without area. The gather rows omit it too.
 
 mod aims;
 mod curves;
@@ -29,33 +30,33 @@ use crate::physics::sequence::Points;
 use crate::scene::{Camera, Rig};
 use crate::trace::bvh::TracedScene;
 
-/// What is traced.
+/// Parameters of a trace.
 #[derive(Clone, Debug)]
 pub struct Settings {
     pub width: u32,
     pub height: u32,
-    /// Surfaces that a ray meets at most, mirrors included: 1 = no reflections.
+    /// Maximum surfaces per ray, mirrors included; 1: no mirror reflections.
     pub layers: u32,
-    /// Indirect bounces counted at the pixel, 0 = direct light alone; `None`: all.
+    /// Maximum indirect bounces; 0: only direct light, `None`: unlimited.
     pub max_bounces: Option<u32>,
     pub filter: Filter,
-    /// Bounces whose light is kept as a layer of its own.
+    /// Number of bounces whose light is stored as separate layers.
     pub bounce_layers: u32,
-    /// Whether each light's share is kept as a layer of its own.
+    /// Whether each light's contribution is stored as a separate layer.
     pub light_layers: bool,
     pub seed: u64,
 }
 
-/// Where in its pixel a ray from the eye goes.
+/// Pixel filter: position of eye rays in the pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// Through the centre, as in a deep framebuffer with one sample a pixel.
+    /// At the centre, as in a deep framebuffer with one sample per pixel.
     Centre,
-    /// Anywhere: anti-aliased.
+    /// Uniform over the pixel: anti-aliased.
     Box,
 }
 
-/// Samples that a pixel gets at once in each half: so often the clock is looked at.
+/// Maximum samples per pixel and half in one pass over the tiles. `stop` is checked before each tile.
 const MAX_SAMPLES_A_PASS: u32 = 16;
 
 /// A scene with its lights, ready to trace.
@@ -66,13 +67,14 @@ pub struct PathTracer<'a> {
     emitters: Emitters,
     faces: Faces,
     settings: Settings,
-    /// Names of the lights that get layers.
+    /// Names of the lights that have layers.
     light_names: Vec<String>,
-    /// Closest-hit rays so far.
+    /// Number of closest-hit rays so far.
     segments: AtomicU64,
 }
 
 impl<'a> PathTracer<'a> {
+    /// Prepares lights, emitters and aims.
     pub fn new(scene: &'a TracedScene, camera: &'a Camera, rig: &Rig, settings: &Settings) -> Self {
         let tiling = Tiling { width: settings.width, height: settings.height };
         let lamps = Lamps::new(scene, rig);
@@ -88,19 +90,20 @@ impl<'a> PathTracer<'a> {
         }
     }
 
-    /// Tiles of pixels: `trace` reports each as often as it has samples in each half.
+    /// Number of tiles. The counts that [`Self::trace`] passes to `progress` sum to this times `samples_a_half`.
     pub fn tile_count(&self) -> usize {
         self.eye.tiling.len() / TILE_PIXELS
     }
 
-    /// Path segments so far: closest-hit rays, each with its shading and shadow rays.
+    /// Number of path segments so far: closest-hit rays, each with shading and shadow rays.
     pub fn segments(&self) -> u64 {
         self.segments.load(Ordering::Relaxed)
     }
 
-    /// Traces `samples_a_half` samples a pixel in each of two independent halves, or until `stop` says so; at least one.
+    /// Traces `samples_a_half` samples per pixel in each of two independent halves, at least one. Ends early if `stop`
+    /// returns true. `progress` receives the number of new samples per half of each tile.
     ///
-    /// Unless it was stopped, the film follows from the scene and the settings alone, whatever the number of threads.
+    /// Unless stopped, the film depends only on scene, lights and settings, not on the number of threads.
     pub fn trace(
         &self,
         samples_a_half: u32,
@@ -111,7 +114,7 @@ impl<'a> PathTracer<'a> {
         let stopped = AtomicBool::new(false);
         let mut done = 0;
         while done < samples_a_half && !stopped.load(Ordering::Relaxed) {
-            // 1, 1, 2, 4, ...: the first answer soon.
+            // 1, 1, 2, 4, ...: a first estimate is available early.
             let count = done.clamp(1, MAX_SAMPLES_A_PASS).min(samples_a_half - done);
             film.tiles.par_iter_mut().enumerate().for_each(|(index, tile)| {
                 if done > 0 && (stopped.load(Ordering::Relaxed) || stop()) {
@@ -167,8 +170,8 @@ impl<'a> PathTracer<'a> {
         Points::new(self.settings.seed, stream)
     }
 
-    /// What the eye sees through image point (x, y): the surfaces, and the light that comes straight to them. Returns
-    /// how many rays it took.
+    /// Finds the surfaces visible through image point (x, y) and adds their direct light and emission to `sums`.
+    /// Returns the number of rays.
     fn look(&self, x: f64, y: f64, seen: &mut Vec<FirstHit>, sums: &mut Sample) -> u64 {
         seen.clear();
         let mut segments = 0;

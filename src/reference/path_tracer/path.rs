@@ -1,4 +1,4 @@
-//! One path: from a surface that the eye sees, by BRDF sampling with a look at the lights at each surface.
+//! One path from a visible surface: BRDF sampling with next-event estimation at each surface.
 
 use glam::DVec3;
 
@@ -10,21 +10,21 @@ use crate::physics::brdf::{Lobes, mirror};
 use crate::physics::sequence::Points;
 use crate::trace::surface::SurfacePoint;
 
-/// Bounces that are always followed; past them, Russian roulette.
+/// Bounces before Russian roulette begins.
 const SURE_BOUNCES: u32 = 3;
-/// A path in a white room must end some day.
+/// Maximum survival probability, so that paths between white surfaces end.
 const MAX_SURVIVAL: f64 = 0.95;
 
-/// Where a path's random numbers come from.
+/// Source of a path's random numbers.
 #[derive(Clone, Copy)]
 pub(super) struct Numbers {
     pub points: Points,
-    /// Which of the pixel's paths.
+    /// Index of the path among those of the pixel.
     pub index: u32,
 }
 
 impl Numbers {
-    /// Four numbers for decision `which` at the `surface`th surface along a ray after `bounce` bounces.
+    /// Four numbers in [0, 1) for decision `which` at the `surface`th surface along the ray after `bounce` bounces.
     fn at(&self, which: u32, bounce: u32, surface: u32) -> [f64; 4] {
         self.points.at(self.index, bounce << 8 | surface << 2 | which)
     }
@@ -34,23 +34,23 @@ const DIRECTION: u32 = 0;
 const SURFACE: u32 = 1;
 const EMITTER: u32 = 2;
 
-/// What the eye sees, and what to aim at from there: the same for many paths.
+/// A visible surface and its aims, shared by many paths.
 pub(super) struct FirstHit {
     pub vertex: PathVertex,
-    /// Surfaces before it on the path from the eye.
+    /// Number of surfaces before it on the path from the eye.
     pub number: u64,
     pub aims: Aims,
 }
 
-/// Light found on the way, already times everything that it met on its way to the eye.
+/// Sums of the light that a path finds, multiplied by the path's throughput to the eye.
 struct Ledger<'a> {
     sums: &'a mut Sample,
-    /// Share of the pixel's specular lobe in what comes through the first bounce.
+    /// Specular fraction, per channel, of the reflection at the first bounce.
     glossy: DVec3,
 }
 
 impl Ledger<'_> {
-    /// Light of the rig's light `source`.
+    /// Adds `light` of the light with index `source` in the rig, after `bounce` bounces.
     fn add(&mut self, bounce: u32, source: usize, light: DVec3) {
         self.sums.add_light(INDIRECT, source, light);
         self.sums[INDIRECT_GLOSSY] += light * self.glossy;
@@ -59,8 +59,8 @@ impl Ledger<'_> {
 }
 
 impl PathTracer<'_> {
-    /// Adds what reaches a surface that the eye sees by bounces to `sums`; returns how many rays that took, shadow rays
-    /// not counted.
+    /// Traces one path and adds the indirect light that a visible surface reflects to `sums`; returns the number of
+    /// rays without shadow rays.
     pub(super) fn follow(&self, seen: &FirstHit, numbers: Numbers, sums: &mut Sample) -> u64 {
         let mut ledger = Ledger { sums, glossy: DVec3::ZERO };
         let weight = seen.vertex.weight.as_dvec3();
@@ -106,7 +106,7 @@ impl PathTracer<'_> {
             let mut origin = point.leave(direction, self.scene.bvh.shadow_offset(last_distance));
             let mut density = Some(density);
             let mut surface = 0;
-            // Through perfect mirrors, up to a surface that reflects otherwise.
+            // Follows perfect mirrors up to a surface with other reflection.
             loop {
                 segments += 1;
                 let Some(hit) = self.scene.closest_hit(origin, direction, f32::INFINITY) else {
@@ -155,18 +155,18 @@ impl PathTracer<'_> {
                 let next = point.mirrored(-direction);
                 origin = point.leave(next, self.scene.bvh.shadow_offset(hit.distance));
                 direction = next;
-                density = None; // looking for emitters finds none in a mirror
+                density = None; // emitter sampling cannot find emitters in a mirror
             }
         }
         segments
     }
 
-    /// Whether nothing is left to chance where a path meets `point`: one light, no mirror.
+    /// Whether a path needs no random numbers when it hits `point`: at most one light, no perfect mirror.
     fn is_plain(&self, point: &SurfacePoint) -> bool {
         self.lamps.lamps.len() <= 1 && point.brdf.has_lobe()
     }
 
-    /// What an emitter looked for sends, weighed by the balance heuristic against finding it by chance.
+    /// Light of a sampled emitter, weighted by the balance heuristic against sampling the BRDF and aims.
     fn reflect_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &Aims, u: [f64; 3]) -> DVec3 {
         let Some(drawn) = self.emitters.draw(self.scene, point, u) else { return DVec3::ZERO };
         let (reflected, density) = mixture(lobes, aims, drawn.wi);
@@ -174,7 +174,7 @@ impl PathTracer<'_> {
     }
 }
 
-/// What is reflected from `wi`, and the density with which it is drawn, from lobes and aims together.
+/// Reflection of light from `wi`, and the density of `wi` in the mixture of lobes and aims, 1/sr.
 fn mixture(lobes: &Lobes, aims: &Aims, wi: DVec3) -> (crate::physics::brdf::Reflected, f64) {
     let reflected = lobes.at(wi);
     let mut density = reflected.density;
@@ -184,7 +184,7 @@ fn mixture(lobes: &Lobes, aims: &Aims, wi: DVec3) -> (crate::physics::brdf::Refl
     (reflected, density)
 }
 
-/// `part / whole` by channel; 0 where there is nothing.
+/// `part / whole` per channel; 0 if `whole` is 0.
 fn share(part: DVec3, whole: DVec3) -> DVec3 {
     DVec3::select(whole.cmpgt(DVec3::ZERO), part / whole, DVec3::ZERO)
 }

@@ -1,4 +1,4 @@
-//! What a frame has to do: shades, sums, and the picture of these.
+//! Plans: images to shade, sums, and the terms of the picture.
 
 use std::collections::HashSet;
 
@@ -11,21 +11,22 @@ pub struct Term {
     pub scale: Vec3,
 }
 
+/// Where an image is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     Slot(usize),
-    /// The sum of all that is not being edited.
+    /// The sum of all that is not in the focus.
     Rest,
-    /// Emitters, which never change.
+    /// Emission, which no edit changes.
     Emission,
 }
 
-/// How closely the image of a light is made.
+/// Accuracy of a light's image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Detail {
     #[default]
     Exact,
-    /// In a hurry: one shadow ray for four samples where rays are traced, and a part of the compressed transfer.
+    /// Fast: one shadow ray per four samples if rays are traced, and only a part of the compressed transfer.
     Coarse,
 }
 
@@ -37,17 +38,17 @@ pub struct Shade {
     pub detail: Detail,
 }
 
-/// A step towards the picture, in the order of [`Plan::steps`].
+/// One step of a [`Plan`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     Shade(Shade),
-    /// Sum `terms` into `target`, in addition to what is there if `accumulate`.
+    /// Sum `terms` into `target`; `accumulate` adds to its previous contents.
     Sum {
         target: Source,
         terms: Vec<Term>,
         accumulate: bool,
     },
-    /// Put one light's share, or nothing, into a cell of the contact sheet.
+    /// Draw one light's contribution, or an empty cell, on the contact sheet.
     Show {
         cell: usize,
         term: Option<Term>,
@@ -63,21 +64,21 @@ impl Step {
     }
 }
 
-/// What a frame has to do.
+/// Steps that compute images, and the picture as a sum of images.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
     pub steps: Vec<Step>,
-    /// The picture is the sum of these.
+    /// Terms whose sum is the picture.
     pub picture: Vec<Term>,
 }
 
 impl Plan {
-    /// Brings each shade forward past the steps that do not touch its slot: several lights together pass through the transfer for
-    /// half of what they take one by one.
+    /// Moves each shade forward past steps that do not touch its slot, so that shades are adjacent. Several lights
+    /// together take half the time in the transfer that they take one by one.
     pub fn bring_shades_together(&mut self) {
         let mut together = Vec::with_capacity(self.steps.len());
         let mut later = Vec::new();
-        // Slots that those touch which come later.
+        // Slots that the steps in `later` touch.
         let mut touched = HashSet::new();
         for step in self.steps.drain(..) {
             match &step {

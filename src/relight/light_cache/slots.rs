@@ -1,4 +1,4 @@
-//! Which image lies in which slot, and which one goes when a new one comes.
+//! Slots for images: which node's image each one stores, and least-recently-used eviction.
 
 use std::collections::BTreeSet;
 
@@ -6,14 +6,14 @@ use std::collections::BTreeSet;
 struct Slot {
     node: Option<usize>,
     last_used: u64,
-    /// Uses under way; a pinned slot stays.
+    /// Number of pins; a pinned slot is not evicted.
     pins: u32,
 }
 
-/// A fixed number of slots. Each step takes a time that grows with the logarithm of their number.
+/// A fixed number of slots. Each operation takes logarithmic time.
 pub struct Slots {
     slots: Vec<Slot>,
-    /// Those without pins: empty ones first, then those that were not used for the longest time.
+    /// Unpinned slots: empty ones first, then by increasing `last_used`.
     free: BTreeSet<(bool, u64, usize)>,
 }
 
@@ -44,6 +44,7 @@ impl Slots {
         self.change(slot, |s| s.pins -= 1);
     }
 
+    /// Sets the time of last use.
     pub fn use_at(&mut self, slot: usize, clock: u64) {
         self.change(slot, |s| s.last_used = clock);
     }
@@ -52,16 +53,17 @@ impl Slots {
         self.slots[slot].last_used
     }
 
-    /// Puts `node` into a given slot.
+    /// Assigns a given slot to `node`.
     pub fn set(&mut self, slot: usize, node: usize, clock: u64) {
         self.change(slot, |s| *s = Slot { node: Some(node), last_used: clock, pins: 0 });
     }
 
+    /// Makes a slot empty and removes its pins.
     pub fn clear(&mut self, slot: usize) {
         self.change(slot, |s| *s = Slot::default());
     }
 
-    /// Gives `node` the slot that was not used for the longest time; returns it and who had it.
+    /// Assigns `node` an empty slot or the least recently used one; returns the slot and the evicted node.
     pub fn take(&mut self, node: usize, clock: u64) -> (usize, Option<usize>) {
         let &(.., slot) = self.free.first().expect("slot_range leaves room");
         let evicted = self.slots[slot].node;

@@ -1,4 +1,4 @@
-//! The steps done with numbers for images: whatever is edited, the picture is the sum of all lights.
+//! Plans executed with numbers in place of images: the picture is always the sum of all lights.
 
 use glam::DVec3;
 use proptest::prelude::*;
@@ -6,14 +6,14 @@ use proptest::prelude::*;
 use super::*;
 use crate::scene::LightGroup;
 
-/// Does the steps with numbers for images: a light's is its x coordinate.
+/// Executes plans with numbers in place of images. A light's image is its x coordinate.
 struct Numbers {
     slots: Vec<f32>,
     rest: f32,
     shaded: usize,
 }
 
-/// What coarse images are off by.
+/// Error of coarse images.
 const OFF: f32 = 0.25;
 
 impl Numbers {
@@ -70,8 +70,8 @@ fn rig(light_count: usize, group_count: usize) -> Rig {
 }
 
 proptest! {
-    /// Whatever is edited, in whatever order, with however few slots: the picture is the sum of all lights. Made coarsely it
-    /// says so, and finished it is that sum again.
+    /// For any edits in any order and any number of slots, the picture is the sum of all lights. A coarse picture is
+    /// reported as coarse, and its exact version is that sum again.
     #[test]
     fn picture_is_the_sum(
         light_count in 0usize..40,
@@ -193,7 +193,8 @@ fn selecting_another_light_costs_a_logarithm() {
     }
 }
 
-/// Many lights, all new and then all edited at once, are as many steps; found one by one they would take minutes.
+/// Adding and then editing 100,000 lights takes a number of steps linear in their number. A quadratic plan would take
+/// minutes.
 #[test]
 fn a_hundred_thousand_lights() {
     let mut rig = rig(100_000, 0);
