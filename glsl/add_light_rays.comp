@@ -1,4 +1,4 @@
-// Adds to λ0 what a light's rays bring to gather samples. A coefficient a thread.
+// Adds the contributions of a light's rays to λ0. One thread per contribution.
 
 void main() {
     uint index = thread_index();

@@ -1,4 +1,4 @@
-// Counts values of an image's planes that are infinite or not a number: the same place of all three a thread.
+// Counts infinite and NaN values in an image's three planes. One thread per pixel.
 
 void main() {
     uint index = thread_index();

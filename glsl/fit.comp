@@ -1,4 +1,4 @@
-// A picture -> the same at another size: bilinear where it grows; where it shrinks, a tent as wide as two new pixels.
+// Resamples a picture. Enlarging is bilinear; shrinking uses a tent filter two target pixels wide.
 
 vec4 source(ivec2 at) {
     uvec2 inside = uvec2(clamp(at, ivec2(0), ivec2(push.source_size) - 1));

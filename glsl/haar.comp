@@ -1,4 +1,4 @@
-// Haar wavelets over subtrees of gather samples, in place, from the bottom up, under some lights: a subtree a workgroup.
+// Haar transform over subtrees of gather samples, in place, bottom up, for LIGHTS vectors. One workgroup per subtree.
 // Twin: src/bake/compression/haar.rs.
 
 void main() {

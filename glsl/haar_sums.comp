@@ -1,5 +1,5 @@
-// Sums of coefficients over subtrees whose Haar terms nothing reads, normalised, in place, under some lights: a sum a thread.
-// Twin: src/bake/compression/haar.rs.
+// Normalised sums of coefficients over subtrees whose Haar terms are not needed, in place, for LIGHTS vectors. One
+// thread per sum. Twin: src/bake/compression/haar.rs.
 
 void main() {
     uint index = thread_index();

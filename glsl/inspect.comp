@@ -1,4 +1,4 @@
-// What the eye cannot read off a picture: how many pixels have which luminance, or the radiance of one.
+// Luminance histogram of a picture, or the radiance of one pixel.
 
 #include "lib/color.glsl"
 

@@ -1,4 +1,5 @@
-// A block matrix times the vectors of some lights, RGB: a panel a workgroup. Twin: src/bake/transfer/blocks.rs.
+// Multiplies a block matrix by the RGB vectors of LIGHTS lights. One workgroup per panel. Twin:
+// src/bake/transfer/blocks.rs.
 
 #include "lib/add_radiance.glsl"
 
@@ -45,7 +46,8 @@ bool is_lit(uint first_column) {
     return false;
 }
 
-// From `column_group` on, of those before `end`. The first words of column group o are from `place + o * channels * stride` on, a stride apart.
+// From `column_group` on, of those before `end`. The first words of column group o are from `place + o * channels *
+// stride` on, a stride apart.
 Batch read_batch(Panel panel, uint column_group, uint end, uint place, uint channels, uint stride, uint lane) {
     Batch batch;
     batch.lit = 0;

@@ -1,4 +1,5 @@
-// A sparse matrix times the vectors of some lights, RGB, added to view samples: a row a thread. Twin: src/bake/transfer/sparse.rs.
+// Multiplies a sparse matrix by the RGB vectors of LIGHTS lights and adds the result to view samples. One thread per
+// row. Twin: src/bake/transfer/sparse.rs.
 
 #include "lib/add_radiance.glsl"
 

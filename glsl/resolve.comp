@@ -1,4 +1,4 @@
-// Extra view samples -> their pixels of one light's image.
+// Adds the weighted extra view samples of one light to their pixels of its image. One thread per pixel.
 
 void main() {
     uint index = thread_index();

@@ -1,5 +1,5 @@
-// λ0 of the thesis: what one light at unit intensity leaves in gather samples whose BRDFs are factored by singular values
-// [Yang 2007, Section 4.4]. A sample a thread. Twin: src/bake/transport/direct.rs.
+// λ0 of the thesis: coefficients of one light at unit intensity in gather samples whose BRDFs are factored by SVD
+// [Yang 2007, Section 4.4]. One thread per sample. Twin: src/bake/transport/direct.rs.
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"

@@ -1,5 +1,5 @@
-// λ0: what one light at unit intensity leaves in gather samples, the mean over each sample's points. A sample a thread.
-// Twin: src/bake/transport/direct.rs.
+// λ0: coefficients of one light at unit intensity in gather samples, the mean over each sample's points. One thread per
+// sample. Twin: src/bake/transport/direct.rs.
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"

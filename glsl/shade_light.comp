@@ -1,4 +1,4 @@
-// One light at unit intensity, all view samples.
+// Direct light of one light at unit intensity on all view samples. One thread per sample.
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"

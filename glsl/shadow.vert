@@ -1,4 +1,4 @@
-// Depth from the light.
+// Shadow map: depth of opaque triangles as seen from the light.
 
 void main() {
     uint at = 3 * gl_VertexIndex;

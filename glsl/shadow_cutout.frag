@@ -1,5 +1,5 @@
-// Leaves out what is not there: by alpha, as `Texture::sample` reads it at its finest level, and where a material blends by
-// chance [Enderton 2010].
+// Discards transparent fragments. Masks compare alpha with the cutoff; blended materials discard at random
+// [Enderton 2010]. Alpha is filtered as `Texture::sample` does at the finest level.
 
 layout(location = 0) in vec2 uv;
 layout(location = 1) in float alpha;

@@ -1,4 +1,4 @@
-// Depth from the light of triangles that it may pass.
+// Shadow map: depth of triangles with alpha as seen from the light.
 
 layout(location = 0) out vec2 uv;
 layout(location = 1) out float alpha;

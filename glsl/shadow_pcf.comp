@@ -1,5 +1,5 @@
 // Shadow maps -> visibility of one light at all view samples, percentage-closer filtered [Reeves 1987].
-// Four samples a thread, one word of visibility.
+// Each thread writes one word: the visibility of four samples.
 
 layout(set = 0, binding = 0) uniform sampler2DArrayShadow shadow_map;
 

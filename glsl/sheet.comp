@@ -1,4 +1,4 @@
-// One light's image -> its cell of the contact sheet: means of the pixels that each pixel of the cell stands for.
+// Draws one light's image into its cell of the contact sheet with a box filter. One thread per pixel of the cell.
 
 #include "lib/tiles.glsl"
 #include "lib/color.glsl"

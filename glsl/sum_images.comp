@@ -1,4 +1,4 @@
-// Weighted sum of images, four floats a thread.
+// Weighted sum of images. Each thread sums four floats.
 
 void main() {
     uint index = thread_index();

@@ -1,4 +1,4 @@
-// A fixed amount of work a sample, to set other kernels against: reads 32 bytes, multiplies and adds, writes 12 bytes.
+// Fixed work per sample, the unit of measure for other kernels: reads 32 bytes, multiplies and adds, writes 12 bytes.
 
 void main() {
     uint index = thread_index();

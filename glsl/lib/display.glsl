@@ -1,4 +1,4 @@
-// Scene-linear radiance -> pixels as OUTPUT asks for them. The kernel has the constant OUTPUT, and `push` with target,
+// Scene-linear radiance -> pixels in the format of OUTPUT. The kernel has the constant OUTPUT, and `push` with target,
 // exposure and blue_first.
 
 vec3 false_color(vec3 c) {

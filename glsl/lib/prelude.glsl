@@ -1,4 +1,4 @@
-// What every shader begins with; src/gpu/compile.rs includes it.
+// Included by src/gpu/compile.rs at the start of every shader.
 
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_control_flow_attributes : require

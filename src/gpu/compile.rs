@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-/// Stands before every shader; lines are counted from behind it.
+/// Prepended to every shader. Line numbers start after it.
 const PRELUDE: &str = "\
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -10,7 +10,8 @@ const PRELUDE: &str = "\
 #line 1
 ";
 
-/// Compiles `glsl/{kernel}.{comp,vert,frag}`. `shared.glsl` is what `src/shared` declares; other includes are files beside it.
+/// Compiles `glsl/{kernel}.{comp,vert,frag}`. `shared.glsl` is generated from `src/shared`; other includes are
+/// files in the same folder.
 ///
 /// The error is the compiler's log, with file names and lines.
 pub fn compile(path: &Path) -> Result<Vec<u32>, String> {

@@ -444,7 +444,7 @@ impl Pass<'_> {
         self.sampled = Some(depth.set);
     }
 
-    /// Runs `kernel` with at least one thread for each of `thread_count`; the kernel leaves the others out.
+    /// Runs `kernel` with at least `thread_count` threads; the kernel itself discards the excess ones.
     pub fn dispatch<P: Push>(self, kernel: &Kernel<P>, push: &P, thread_count: u32) {
         let Self { frames, name, sampled } = self;
         frames.begin_pass(name);

@@ -34,7 +34,7 @@ pub struct DepthArray {
     context: Arc<Context>,
 }
 
-/// Pipeline that writes depth only, of the shaders that `P` is for.
+/// Graphics pipeline that writes only depth, with the shaders of the push constants `P`.
 pub struct DepthKernel<P> {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
@@ -190,7 +190,8 @@ fn depth_layers(first: u32, count: u32) -> vk::ImageSubresourceRange {
 }
 
 impl<P: Push> DepthKernel<P> {
-    /// Makes the pipeline of the vertex shader and, if there is one, the fragment shader. Both sides of a triangle block light.
+    /// Creates the pipeline of the vertex shader and, if it exists, the fragment shader. No face culling: both sides of
+    /// a triangle block light.
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let name = P::KERNEL;
         let spirv = embedded_spirv(&format!("{name}.vert")).unwrap_or_else(|| panic!("there is no glsl/{name}.vert"));
@@ -253,8 +254,8 @@ impl<P> Drop for DepthKernel<P> {
 }
 
 impl Pass<'_> {
-    /// Draws indexed triangles into layer 0, 1, ... of `target`, one [`DepthDraw`] a layer, and triangles without indices by
-    /// another kernel; each layer is cleared.
+    /// Clears layers 0, 1, ... of `target` and draws one [`DepthDraw`] of indexed triangles into each, and then one of
+    /// `unindexed` triangles with another kernel.
     pub fn draw_depth<P: Push, Q: Push>(
         mut self,
         target: &DepthArray,

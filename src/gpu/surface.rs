@@ -37,7 +37,7 @@ pub struct Surface {
     pub(super) extent: vk::Extent2D,
     pub(super) targets: Vec<Target>,
     pub(super) acquired: vk::Semaphore,
-    /// Kernels that let the picture grow and shrink, and where to; made when they are first needed.
+    /// Kernels that enlarge and shrink pictures, created on first use; `fitted` are their targets.
     pub(super) fit: [Option<Kernel<FitPush>>; 2],
     pub(super) fitted: [Option<Buffer<u32>>; 2],
     surfaces: khr::surface::Instance,

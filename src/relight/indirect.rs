@@ -50,7 +50,7 @@ enum LitSamples {
         tables: Buffer<f32>,
         kernel: Kernel<ShadeGatherPush>,
     },
-    /// The thesis's.
+    /// Those of the thesis's method.
     Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernel: Kernel<ShadeFactoredPush> },
 }
 
@@ -65,7 +65,7 @@ struct Product {
     kernels: Arc<ByLights<MultiplyBlocksPush>>,
 }
 
-/// A kernel for one light, and for [`LIGHTS_A_PASS`] of which some may be absent.
+/// A kernel for one light, and one for up to [`LIGHTS_A_PASS`] lights.
 pub struct ByLights<P: Push>([Kernel<P>; 2]);
 
 /// Number of interleaved vectors.
@@ -74,7 +74,7 @@ fn vectors(light_count: usize) -> u32 {
 }
 
 impl<P: Push> ByLights<P> {
-    /// `constants` for a number of lights.
+    /// `constants` returns the specialization constants for a number of lights.
     pub fn new(context: &Arc<Context>, constants: impl Fn(u32) -> P::Constants) -> Result<Self> {
         let kernel = |lights| Kernel::new(context, constants(lights));
         Ok(Self([kernel(1)?, kernel(LIGHTS_A_PASS)?]))

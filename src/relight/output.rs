@@ -21,7 +21,7 @@ pub enum Output {
 
 /// Kernels and buffers of all outputs, each created on first use.
 pub struct Outputs {
-    /// By `OUTPUT_` constant: of whole pictures, and of cells of the contact sheet.
+    /// By `OUTPUT_` constant, for whole pictures; `sheet_kernels` for cells of the contact sheet.
     kernels: [Option<Kernel<CompositePush>>; OUTPUT_COUNT as usize],
     sheet_kernels: [Option<Kernel<SheetPush>>; OUTPUT_COUNT as usize],
     linear: Option<Buffer<u32>>,
@@ -90,10 +90,12 @@ impl Outputs {
         Ok(())
     }
 
+    /// The composite kernel of `output`, which must be prepared.
     pub fn kernel(&self, output: Output) -> &Kernel<CompositePush> {
         self.kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
+    /// The contact sheet kernel of `output`, which must be prepared.
     pub fn sheet_kernel(&self, output: Output) -> &Kernel<SheetPush> {
         self.sheet_kernels[output.kind() as usize].as_ref().expect("prepared")
     }

@@ -14,7 +14,7 @@ pub trait Glsl: Pod {
     fn name() -> String;
 }
 
-/// Push constants, of one kernel.
+/// Push constants of one kernel.
 pub trait Push: Pod {
     /// Its shaders are `glsl/{KERNEL}.*`.
     const KERNEL: &'static str;
@@ -22,9 +22,9 @@ pub trait Push: Pod {
     type Constants: Constants;
 }
 
-/// Specialization constants of a kernel: what a scene does not use compiles to nothing.
+/// Specialization constants of a kernel. Code that a scene does not use is removed when the pipeline is compiled.
 pub trait Constants: Default {
-    /// By `constant_id`: type and name in GLSL, and the value, which is one word.
+    /// By `constant_id`: GLSL type, GLSL name and value of each constant.
     fn list(&self) -> Vec<(&'static str, String, u32)>;
 }
 
@@ -110,7 +110,7 @@ pub fn references<T: Glsl>() -> String {
         .concat()
 }
 
-/// The kernel that `P` is for, and GLSL of its interface.
+/// Kernel of `P`, and the GLSL of its push constants and specialization constants.
 pub fn interface<P: Push + Glsl>() -> (&'static str, String) {
     let mut glsl = format!("layout(push_constant, scalar) uniform Block {{ {} push; }};\n", P::name());
     for (id, (kind, name, value)) in P::Constants::default().list().into_iter().enumerate() {
@@ -119,12 +119,13 @@ pub fn interface<P: Push + Glsl>() -> (&'static str, String) {
     (P::KERNEL, glsl)
 }
 
-/// Declares constants and structs for both languages; `shared_glsl()`, their GLSL; and `interfaces()`, GLSL of what each
-/// kernel alone sees, by its name.
+/// Declares constants and structs in Rust; `shared_glsl()`, which returns their GLSL; and `interfaces()`, which returns
+/// the GLSL that is specific to each kernel, by its name.
 ///
-/// `struct` items can be elements of buffers. `push` items are push constants `for` the kernel that they name, and must
-/// fit 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first. In brackets is the kernel's struct of
-/// specialization constants; in GLSL they have names in capitals, and the values given here if no others are.
+/// `struct` items can be elements of buffers. `push` items are push constants of the kernel named after `for`, and must
+/// fit into 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first. The kernel's struct of
+/// specialization constants is given in parentheses. In GLSL their names are in capitals, and the values given here are
+/// the defaults.
 macro_rules! gpu_shared {
     (
         constants { $($(#[doc = $const_doc:literal])* pub const $constant:ident: u32 = $value:expr;)* }
@@ -217,7 +218,7 @@ macro_rules! gpu_shared {
             glsl
         }
 
-        /// By kernel, GLSL of its interface.
+        /// Kernel names, with the GLSL of their push constants and specialization constants.
         pub fn interfaces() -> Vec<(&'static str, String)> {
             vec![$($(gpu_shared!(@interface $name $kernel),)?)*]
         }
@@ -226,7 +227,7 @@ macro_rules! gpu_shared {
         &$crate::shared::gpu_struct::references::<$name>()
     };
     (@references push $name:ident) => {
-        "" // only its kernel sees it, see `interface`
+        "" // declared only in its kernel, see `interface`
     };
     (@glsl bool) => {
         "bool"

@@ -99,52 +99,53 @@ gpu_shared! {
     }
 
     specializations {
-        /// Of shade_light.comp.
+        /// Constants of shade_light.comp.
         pub struct ShadeLightConstants {
             /// Whether any BRDF of the scene has a specular lobe.
             pub specular: bool = true,
         }
 
-        /// Of shade_gather.comp.
+        /// Constants of shade_gather.comp.
         pub struct ShadeGatherConstants {
-            /// Most degrees that any sample has.
+            /// Maximum number of degrees of any sample.
             pub degrees: u32 = HARMONIC_DEGREES,
         }
 
-        /// Of multiply_blocks.comp.
+        /// Constants of multiply_blocks.comp.
         pub struct MultiplyBlocksConstants {
-            /// 3: the first columns have factors for R, G and B each, the others a tint of their input; 1: R, G and B share
-            /// all factors.
+            /// 3: the first columns have separate factors for R, G and B, the others shared factors and an RGB tint of
+            /// their input. 1: R, G and B share all factors.
             pub channels: u32 = 1,
-            /// Whether rows are view samples, whose radiance is added to; else elements of the vector itself.
+            /// Whether results are added to the radiance of view samples; else they are written to the vector.
             pub to_view_samples: bool = false,
-            /// Vectors, element by element side by side: factors are read once for all.
+            /// Number of interleaved vectors, which share one read of the factors.
             pub lights: u32 = 1,
-            /// Whether each [`PANEL_COLUMNS`] neighbouring threads are in one subgroup, which shares what each of them read.
+            /// Whether each [`PANEL_COLUMNS`] neighbouring threads are in one subgroup, which shares what each of them
+            /// read.
             pub wide: bool = false,
         }
 
-        /// Of kernels for the vectors of some lights.
+        /// Constants of kernels that process the vectors of several lights.
         pub struct LightsConstants {
-            /// Vectors, element by element side by side.
+            /// Number of interleaved vectors.
             pub lights: u32 = 1,
         }
 
-        /// Of kernels that write pixels.
+        /// Constants of kernels that write pixels.
         pub struct OutputConstants {
             /// One of the `OUTPUT_` constants.
             pub output: u32 = OUTPUT_LINEAR,
         }
 
-        /// Of inspect.comp.
+        /// Constants of inspect.comp.
         pub struct InspectConstants {
-            /// A histogram of all pixels; else one pixel.
+            /// Whether to compute a histogram of all pixels; else the radiance of one pixel.
             pub histogram: bool = true,
         }
 
-        /// Of fit.comp.
+        /// Constants of fit.comp.
         pub struct FitConstants {
-            /// Whether the picture shrinks along any axis.
+            /// Whether the picture shrinks along either axis.
             pub shrinks: bool = false,
         }
     }
@@ -348,7 +349,7 @@ gpu_shared! {
         }
 
         pub push AddLightRaysPush for add_light_rays {
-            /// No two for one coefficient.
+            /// At most one per coefficient.
             pub contributions: Read<Contribution>,
             /// Coefficients of all samples, as [`ShadeGatherPush::coefficients`].
             pub coefficients: Write<Vec4>,
@@ -435,7 +436,7 @@ gpu_shared! {
         }
 
         pub push HaarPush for haar(LightsConstants) {
-            /// By subtree, then height from the bottom up.
+            /// By subtree, then by height from the leaves up.
             pub rotations: Read<Rotation>,
             /// Start of each height's rotations, then the end of the last ones: `height_count` + 1 entries per subtree.
             pub ranges: Read<u32>,
@@ -448,7 +449,8 @@ gpu_shared! {
         }
 
         pub push HaarSumsPush for haar_sums(LightsConstants) {
-            /// Of each sum what it adds up; the first gets the sum over the root of their number.
+            /// Indices of the terms of each sum. The first one receives the sum divided by the square root of the
+            /// number of terms.
             pub places: Read<u32>,
             /// Start of each sum's entries in `places`, then the end of the last ones.
             pub first_place: Read<u32>,
@@ -459,7 +461,7 @@ gpu_shared! {
         }
 
         pub push MultiplySparsePush for multiply_sparse(LightsConstants) {
-            /// One a workgroup.
+            /// One per workgroup.
             pub slices: Read<Slice>,
             /// Two terms each. A term is two words: red and green; blue and the distance from the previous column.
             pub values: Read<UVec4>,
@@ -482,7 +484,7 @@ gpu_shared! {
         }
 
         pub push MultiplyBlocksPush for multiply_blocks(MultiplyBlocksConstants) {
-            /// One a workgroup.
+            /// One per workgroup.
             pub panels: Read<Panel>,
             /// Eight float16 each.
             pub values: Read<UVec4>,
@@ -538,7 +540,7 @@ gpu_shared! {
         }
 
         pub push ShadowCutoutPush for shadow_cutout {
-            /// Three a triangle.
+            /// Three per triangle.
             pub corners: Read<CutoutCorner>,
             /// One per material.
             pub cutouts: Read<Cutout>,
@@ -604,7 +606,7 @@ gpu_shared! {
         }
 
         pub push CompositePush for composite(OutputConstants) {
-            /// What is summed.
+            /// Terms of the sum.
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// One packed RGBA8 or three floats per pixel, row by row.
             pub target: Write<u32>,
@@ -644,7 +646,7 @@ gpu_shared! {
         }
 
         pub push InspectPush for inspect(InspectConstants) {
-            /// What is summed.
+            /// Terms of the sum.
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// [`HISTOGRAM_BINS`] counts of pixels, added to; or the RGB bits of one pixel.
             pub result: Write<u32>,
@@ -661,7 +663,7 @@ gpu_shared! {
         }
 
         pub push FitPush for fit(FitConstants) {
-            /// Four bytes a pixel, row by row.
+            /// Four bytes per pixel, row by row.
             pub source: Read<u32>,
             /// Four bytes per pixel, row by row.
             pub target: Write<u32>,
@@ -672,7 +674,7 @@ gpu_shared! {
         }
 
         pub push YardstickPush for yardstick {
-            /// 32 bytes a sample.
+            /// 32 bytes per sample.
             pub samples: Read<Vec4>,
             /// 12 bytes per sample.
             pub results: Write<f32>,
