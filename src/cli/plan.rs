@@ -26,6 +26,8 @@ pub struct Args {
     options: SceneOptions,
 }
 
+pub const AFTER_HELP: &str = "";
+
 /// Something that a scene does not need.
 #[derive(serde::Serialize)]
 pub struct LeftOut {
