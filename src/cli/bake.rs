@@ -16,7 +16,7 @@ use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     #[arg(required_unless_present_any = ["list", "prune"])]
     scene: Option<PathBuf>,
     /// Rig file whose lights replace those of the scene. They matter only with --samples, which smooths the edges of their

@@ -257,7 +257,9 @@ impl<'a> Timing<'a> {
             match edit {
                 Edit::Color => rig.lights[edited].color.x = 0.5 + step as f32 / 32.0,
                 Edit::Toggle => rig.lights[edited].enabled = odd,
-                Edit::Move | Edit::MoveDirect => nudge(&mut rig.lights[edited], &original.lights[edited], session, step),
+                Edit::Move | Edit::MoveDirect => {
+                    nudge(&mut rig.lights[edited], &original.lights[edited], session, step)
+                }
                 Edit::Select => relighter.select(&[(edited + frame as usize * stride) % count]),
                 Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
                 Edit::Multi => {

@@ -59,8 +59,9 @@ pub struct SceneOptions {
     /// View samples of a pixel on an edge; all other pixels have one [default: 1; `relume view` uses 8 when lights rest].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: Option<u32>,
-    /// Leaves nothing of the deep framebuffer out: all mirror layers over all pixels, a BRDF and a specular lobe for each view
-    /// sample, an image of emission. The picture is the same.
+    /// Leaves nothing out that the scene does not need: all mirror layers over all pixels, a BRDF and a specular lobe for each
+    /// view sample, direct and indirect light of emitters. The picture is the same. docs/options.md tells what this does not
+    /// cover.
     #[arg(long)]
     pub force_all: bool,
     #[command(flatten)]
@@ -187,7 +188,11 @@ impl ViewOptions {
 
 impl ShadowOptions {
     pub fn relight_settings(&self, device: &DeviceOptions) -> RelightSettings {
-        RelightSettings { visibility: self.visibility.into(), shadow_size: self.shadow_size, budget_bytes: device.budget }
+        RelightSettings {
+            visibility: self.visibility.into(),
+            shadow_size: self.shadow_size,
+            budget_bytes: device.budget,
+        }
     }
 }
 
@@ -256,7 +261,11 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
         t => (t.to_owned(), 1.0),
     };
     let number: f64 = digits.parse().map_err(|_| "expected a number of bytes, like 2G")?;
-    if number >= 0.0 && number.is_finite() { Ok((number * factor) as u64) } else { Err("expected a number of bytes that is not negative, like 2G".into()) }
+    if number >= 0.0 && number.is_finite() {
+        Ok((number * factor) as u64)
+    } else {
+        Err("expected a number of bytes that is not negative, like 2G".into())
+    }
 }
 
 /// Indirect bounces counted at the pixel; all of them without a number.

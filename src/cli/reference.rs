@@ -29,7 +29,7 @@ writes what there is. The attributes `samplesPerPixel` and `comments` of the EXR
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
     /// Image to write, the mean of both halves: .exr. The halves are written beside it, as .a.exr and .b.exr.
     #[arg(short, long, value_name = "OUT.exr")]
@@ -228,7 +228,7 @@ fn parse_passes(text: &str) -> Result<Passes, String> {
     let names: Vec<&str> = text.split(',').map(str::trim).collect();
     let passes = names.iter().map(|name| parse_pass(name)).collect::<Result<Vec<_>, _>>()?;
     match (0..passes.len()).find(|&i| passes[..i].contains(&passes[i])) {
-        Some(twice) => Err(format!("{} is there twice", names[twice])),
+        Some(twice) => Err(format!("{} is listed twice", names[twice])),
         None => Ok(Passes::List(passes)),
     }
 }

@@ -12,7 +12,7 @@ use super::stats::{self, Strange};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
     /// Image to write: .exr or .png. In its name, {rig} is replaced by the name of the rig, {pass} by that of the pass.
     #[arg(short, long, value_name = "OUT")]

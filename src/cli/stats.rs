@@ -8,7 +8,7 @@ use relume::relight::Relighter;
 use relume::session::{Session, Stage, peak_bytes};
 use serde_json::{Value, json};
 
-use super::plan::left_out;
+use super::left_out::left_out;
 
 /// Values in the pictures that should not be there.
 pub struct Strange {
@@ -66,7 +66,7 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
         "non_finite": null,
         "negative": null,
         "memory": null,
-        "left_out": left_out(session, traced, transfer.map(|t| t.report.unseen)),
+        "left_out": left_out(&session.counts(), traced, transfer.map(|t| t.report.unseen)),
     })
 }
 

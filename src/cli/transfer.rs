@@ -124,7 +124,10 @@ impl TransferOptions {
                         None => THESIS_BOUNCES,
                         Some(Bounces(Some(count))) => count,
                         Some(Bounces(None)) => {
-                            return refuse("--bounces inf", "--method thesis has a fixed number of bounces; give a number");
+                            return refuse(
+                                "--bounces inf",
+                                "--method thesis has a fixed number of bounces; give a number",
+                            );
                         }
                     },
                 }

@@ -17,7 +17,7 @@ use super::stats;
 #[derive(clap::Args)]
 #[command(after_help = help_on_keys())]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
     /// Rig file whose lights replace those of the scene. Saving in the window writes this file.
     #[arg(long, value_name = "FILE")]

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, session_settings};
 use crate::cli::bench::{Record, SEVERAL, Timing, best_of, edits_of, percentile};
+use crate::cli::left_out::left_out;
 use crate::cli::options::ViewOptions;
-use crate::cli::plan::left_out;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::FormName;
 
@@ -56,7 +56,7 @@ impl Lab<'_> {
             let record = timing.measure(&mut relighter, &session.rig, edited, edit)?;
             times.push(limits.told(&record));
         }
-        let items = left_out(&session, relighter.traces(), session.transfer.as_ref().map(|t| t.report.unseen));
+        let items = left_out(&session.counts(), relighter.traces(), session.transfer.as_ref().map(|t| t.report.unseen));
         let left_out = items.into_iter().map(|i| LeftOut { what: i.what.into(), why: i.why, saves: i.saves }).collect();
         // The other way to shadows, beside the one that was chosen.
         let other = if relighter.traces() { VisibilityMethod::Map } else { VisibilityMethod::Traced };
@@ -88,7 +88,8 @@ impl Lab<'_> {
                 &settings,
             )?;
             let picture = relighter.linear(Picture::Whole)?.to_vec();
-            let record = Timing::new(session, self.extent.frames).measure(&mut relighter, &session.rig, edited, edit)?;
+            let record =
+                Timing::new(session, self.extent.frames).measure(&mut relighter, &session.rig, edited, edit)?;
             Ok((picture, record, held() - before))
         };
         let of_all = Arc::new(DeepFramebuffer::clone(&session.framebuffer).with_nothing_left_out());

@@ -99,7 +99,8 @@ impl Lab<'_> {
         if self.session.layers().iter().skip(1).all(|&samples| samples == 0) {
             return Ok(None);
         }
-        let what = format!("scaling {} {:?} of {MOST_LAYERS} layers {}", self.identity, self.relight, self.extent.frames);
+        let what =
+            format!("scaling {} {:?} of {MOST_LAYERS} layers {}", self.identity, self.relight, self.extent.frames);
         if let Some(growth) = self.kept.get(&what) {
             return Ok(Some(growth));
         }
