@@ -132,7 +132,7 @@ impl Events {
     fn stages(stages: &[Stage]) -> (Self, f64) {
         let (mut events, mut begin_us) = (Self::default(), 0.0);
         for stage in stages {
-            events.add(stage.name, "stage", CPU_THREAD, begin_us, 1e6 * stage.seconds);
+            events.add(stage.name, "bake", CPU_THREAD, begin_us, 1e6 * stage.seconds);
             begin_us += 1e6 * stage.seconds;
         }
         (events, begin_us)
