@@ -11,7 +11,8 @@ use relume::image::png::srgb8_from_linear;
 use serde_json::{Value, json};
 use support::Gltf;
 
-const COMMANDS: [&str; 8] = ["render", "bake", "bench", "plan", "rig", "reference", "compare", "devices"];
+const COMMANDS: [&str; 10] =
+    ["render", "view", "bake", "bench", "report", "plan", "rig", "reference", "compare", "devices"];
 
 /// A square before a camera and a lamp, or without them; 40x30 pixels.
 fn small_scene(camera: bool, light: bool) -> Gltf {
@@ -38,7 +39,7 @@ fn version_and_help() {
         let help = run!(command, "--help").silent().stdout;
         assert_eq!(help, run!("help", command).silent().stdout);
         let widest = help.lines().map(|line| line.chars().count()).max();
-        assert!(widest <= Some(80), "{help}");
+        assert!(widest <= Some(80) || command == "view", "{help}"); // its table of keys is wider
     }
     let help = run!("render", "--help").silent().stdout;
     for option in ["--rig", "--size", "--camera", "--gi", "--layers", "--samples", "--strip-diffuse", "--force-all"]
@@ -47,6 +48,42 @@ fn version_and_help() {
         .chain(&["--no-cache", "--passes", "--exposure", "--tonemap", "--stats", "--trace", "--quiet", "--verbose"])
     {
         assert!(help.contains(option), "no {option} in {help}");
+    }
+}
+
+/// The table in docs/options.md is what the commands take.
+#[test]
+fn the_options_page_tells_which_command_takes_what() {
+    let page = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/options.md")).unwrap();
+    let rows: Vec<Vec<&str>> = page
+        .lines()
+        .filter(|line| line.starts_with('|'))
+        .map(|line| line.trim_matches('|').split('|').map(str::trim).collect())
+        .collect();
+    let quoted = |cell: &str| cell.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    let commands: Vec<String> = rows[0][1..].iter().flat_map(|cell| quoted(cell)).collect();
+    let takes = |command: &str| {
+        let help = run!("help", command).silent().stdout;
+        // What is said of options is further to the right, and what follows them is not.
+        let is_option = |line: &&str| line.starts_with("  -") || line.starts_with("      --");
+        let long =
+            |line: &str| line.split_whitespace().find(|w| w.starts_with("--")).map(|w| w.trim_matches('.').to_owned());
+        help.lines().filter(is_option).filter_map(long).collect::<Vec<_>>()
+    };
+    let taken: Vec<Vec<String>> = commands.iter().map(|command| takes(command)).collect();
+    let mut listed = Vec::new();
+    for row in &rows[2..] {
+        for option in quoted(row[0]) {
+            for ((command, taken), cell) in commands.iter().zip(&taken).zip(&row[1..]) {
+                assert_eq!(taken.contains(&option), *cell == "yes", "{command} {option}");
+            }
+            listed.push(option);
+        }
+    }
+    let global = ["--quiet", "--verbose", "--help", "--version"];
+    for option in taken.iter().flatten().filter(|option| !global.contains(&option.as_str())) {
+        let shared = taken.iter().filter(|taken| taken.contains(option)).count() > 1;
+        assert!(!shared || listed.contains(option) || option == "--output", "{option} is not in docs/options.md");
     }
 }
 
@@ -74,11 +111,11 @@ fn bad_usage_has_status_2() {
         ("--seed", "-1", ""),
         ("--budget", "much", "bytes"),
         ("--budget", "-1", ""),
-        ("--budget", "nan", "not a size"),
+        ("--budget", "nan", "bytes"),
         ("--passes", "", "beauty"),
         ("--passes", "nosuch", "nosuch"),
         ("--passes", "direct,,beauty", "beauty"),
-        ("--passes", "direct,beauty,direct", "direct is there twice"),
+        ("--passes", "direct,beauty,direct", "direct is listed twice"),
         ("--exposure", "nan", "stops"),
         ("--exposure", "1e30", "stops"),
         ("--exposure", "bright", "stops"),
@@ -519,7 +556,8 @@ fn no_light_is_black_and_no_camera_is_framed() {
     run!("render", &blind, "-o", &out, "--no-cache", "--camera", "eye").failed(&["--camera eye", "no cameras"]);
     let seeing = small_scene(true, true).write(folder.path(), "seeing.glb");
     run!("render", &seeing, "-o", &out, "--no-cache", "--camera", "eye").silent();
-    run!("render", &seeing, "-o", &out, "--no-cache", "--camera", "ear").failed(&["--camera ear", "it has: eye"]);
+    run!("render", &seeing, "-o", &out, "--no-cache", "--camera", "ear")
+        .failed(&["--camera ear", "its cameras are: eye"]);
 }
 
 #[test]
@@ -584,6 +622,68 @@ fn plan_tells_what_is_left_out() {
     assert!(left_out.iter().any(|item| item["what"] == "mirror layers"), "{plan:#}");
     let text = run!("plan", &scene, "--no-cache", "--size", "64x48").silent().stdout;
     assert!(text.contains("8086 triangles, 1 lights") && text.contains("no mirror is visible"), "{text}");
+}
+
+#[test]
+fn plan_estimates_and_stores_nothing() {
+    let folder = folder();
+    let cache = folder.path().join("cache");
+    let scene = shipped("balls-2.glb");
+    let plan = |more: &[&str]| {
+        let mut command = relume();
+        command.args(["plan", "--json", "--gi", "off", "--size", "384x256"]).arg(&scene).arg("--cache").arg(&cache);
+        parse(&Run::of(command.args(more)).silent().stdout)
+    };
+    // Edges in curved mirrors are neither as many as pixels nor as lines are long.
+    for (samples, allowed) in [("1", 0.05), ("4", 0.25)] {
+        let more = ["--samples", samples];
+        let estimated = plan(&more);
+        assert!(!cache.exists() || samples != "1", "a plan filled the cache");
+        assert_eq!(estimated["samples"]["counted_in"], json!([157, 105]));
+        run!("bake", &scene, "--size", "384x256", "--cache", &cache, "--samples", samples).silent();
+        let exact = plan(&more);
+        assert_eq!(exact["samples"]["counted_in"], "cache");
+        let counts = |plan: &Value| {
+            let layers = plan["samples"]["layers"].as_array().unwrap();
+            let all = layers.iter().take(2).chain([&plan["samples"]["view"]]);
+            all.map(|count| count.as_f64().unwrap()).collect::<Vec<_>>()
+        };
+        for (estimate, count) in counts(&estimated).into_iter().zip(counts(&exact)) {
+            assert!((estimate / count - 1.0).abs() < allowed, "{samples}: {estimate} is not near {count}");
+        }
+        assert_eq!(estimated["left_out"].as_array().unwrap().len(), exact["left_out"].as_array().unwrap().len());
+    }
+    let small = parse(&run!("plan", &scene, "--json", "--no-cache", "--size", "64x48").silent().stdout);
+    assert_eq!(small["samples"]["counted_in"], "picture");
+}
+
+#[test]
+fn plan_tells_what_fits() {
+    let plan = |more: &[&str]| {
+        let mut command = relume();
+        command.args(["plan", "--gi", "off", "--size", "64x48", "--no-cache"]).arg(shipped("balls-2.glb"));
+        Run::of(command.args(more)).silent().stdout
+    };
+    // Two lights have four images of 64x48 pixels, 12 bytes each: 147,456 bytes.
+    let memory = |more: &[&str]| {
+        let plan = parse(&plan(&[&["--json"], more].concat()));
+        assert_eq!(plan["light_image_bytes"], 147_456);
+        let told = plan["memory"]["verdict"].as_str().unwrap_or_default().to_owned();
+        (plan["memory"]["fits"].clone(), told, plan["memory"]["device"].is_string())
+    };
+    assert_eq!(memory(&[]), (Value::Null, String::new(), false));
+    let (fits, told, _) = memory(&["--budget", "1M"]);
+    assert!(fits == true && told.starts_with("fits: "), "{told}");
+    let (fits, told, _) = memory(&["--budget", "1K"]);
+    assert!(fits == false && told.contains("--budget 1M") && told.contains("--size 5x3"), "{told}");
+    let (fits, _, has_device) = memory(&["--device", "0"]);
+    assert!(fits == true && has_device);
+    assert!(plan(&["--budget", "1K"]).contains("memory: does not fit"));
+    assert!(plan(&["--visibility", "traced"]).contains("shadow maps: rays are traced"));
+    assert!(!plan(&["--visibility", "map", "--device", "0"]).contains("rays are traced"));
+    let nosuch = run!("plan", shipped("balls-2.glb"), "--no-cache", "--device", "nosuch");
+    nosuch.failed(&["no Vulkan device", "nosuch"]);
+    run!("plan", shipped("balls-2.glb"), "--budget", "much").refused("bytes");
 }
 
 #[test]
@@ -706,6 +806,45 @@ fn bench_measures_every_edit() {
     let run = run!("bench", &dark, "--frames", "1", "--no-cache", "--json", &path).done();
     assert_eq!(run.warnings().len(), 1);
     assert_eq!(json(&path)["records"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn bench_writes_figures_and_a_trace_for_each_scene() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    let (one, two) = (shipped("balls-2.glb"), shipped("cornell-diffuse.glb"));
+    let bench = |scenes: &[&Path], stats: &str, trace: &str| {
+        let mut command = relume();
+        command.args(["bench", "--size", "32x24", "--frames", "2", "--no-cache", "--tonemap", "none"]).args(scenes);
+        Run::of(command.arg("--stats").arg(path(stats)).arg("--trace").arg(path(trace)))
+    };
+    bench(&[&one], "one.json", "trace.json").silent();
+    let stats = json(&path("one.json"));
+    for key in ["/device", "/scene/triangles", "/bake/stages/0/name", "/frame/passes/0/name", "/memory/0/owner"] {
+        assert!(!stats.pointer(key).unwrap_or(&Value::Null).is_null(), "no {key} in {stats:#}");
+    }
+    let trace = json(&path("trace.json"));
+    let events = trace["traceEvents"].as_array().unwrap();
+    let named = |name: &str| events.iter().filter(|e| e["name"] == name && e["ph"] == "X").collect::<Vec<_>>();
+    for name in ["load", "deep framebuffer", "move_direct", "shade light"] {
+        assert!(!named(name).is_empty(), "no {name} in {trace:#}");
+    }
+    let span = |e: &Value| {
+        let start = e["ts"].as_f64().unwrap();
+        (start, start + e["dur"].as_f64().unwrap())
+    };
+    let edits: Vec<_> = named("move_direct").into_iter().map(span).collect();
+    // Two frames of each edit of a light of each kind, inside of the edit; microseconds, rounded.
+    let inside = |(start, end): (f64, f64)| {
+        let shaded = named("shade light").into_iter().map(span);
+        shaded.filter(|(s, e)| *s >= start - 1e-3 && *e <= end + 1e-3).count()
+    };
+    assert!(edits.iter().all(|edit| inside(*edit) == 2), "{edits:?}");
+
+    bench(&[&one, &two], "both.json", "{scene}.trace.json").failed(&["both.json", "{scene}"]);
+    bench(&[&one, &two], "{scene}.json", "{scene}.trace.json").silent();
+    assert_eq!(json(&path("cornell-diffuse.json"))["scene"]["triangles"], 8086);
+    assert!(path("balls-2.trace.json").is_file());
 }
 
 #[test]

@@ -23,6 +23,7 @@ fn files_named_in_the_documentation_exist() {
         "docs/extreme.md",
         "docs/formats.md",
         "docs/method.md",
+        "docs/options.md",
         "docs/performance.md",
         "scenes/README.md",
         "src/lib.rs",

@@ -106,6 +106,12 @@ fn options_do_what_they_say() {
         b"[[light]]\nname = \"off\"\nkind = \"point\"\nposition = [0, 1, 0]\nintensity = 0.0\n",
     );
     assert!(mean(&layer(&changed(&["--rig", rig.to_str().unwrap()]), "")) == 0.0);
+    let trace = path("new/trace.json");
+    changed(&["--trace", trace.to_str().unwrap()]);
+    let trace = json(&trace);
+    let stages: Vec<_> = trace["traceEvents"].as_array().unwrap().iter().filter(|e| e["ph"] == "X").collect();
+    let names: Vec<_> = stages.iter().map(|stage| stage["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["load", "build BVH", "path tracing", "write"]);
     assert!(changed(&["--passes", "bounce:2"]).layers.len() == 1);
     let lights = changed(&["--passes", "light:spot1,beauty,light:point0"]);
     let sum: Vec<f32> =

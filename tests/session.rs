@@ -84,6 +84,22 @@ fn numbers_that_mean_nothing_are_refused() {
 }
 
 #[test]
+fn nothing_is_left_out_of_the_transfer_where_that_is_asked_for() {
+    let scene = shipped("cornell-diffuse.glb");
+    let open = |force_all: bool, samples: u32| {
+        let settings = SessionSettings { force_all, samples, ..small() };
+        Session::open(&scene, None, &settings, &()).unwrap()
+    };
+    let emission = |session: &Session| session.transfer.as_ref().unwrap().emission.len();
+    assert_eq!(emission(&open(false, 1)), 0, "nothing emits in this scene");
+    for samples in [1, 4] {
+        let forced = open(true, samples);
+        assert_eq!(emission(&forced), forced.framebuffer.samples.len(), "{samples} samples");
+        assert!(forced.transfer.unwrap().emission.iter().all(|e| *e == glam::Vec3::ZERO));
+    }
+}
+
+#[test]
 fn the_example_writes_a_picture() {
     let folder = folder();
     let binary = std::path::Path::new(env!("CARGO_BIN_EXE_relume")).with_file_name("examples").join("relight");

@@ -9,43 +9,39 @@ use relume::bake::transfer::TransferReport;
 use relume::{Error, Result};
 use serde_json::json;
 
-use super::options::SceneOptions;
-use super::output;
+use super::options::{RecordOptions, SceneOptions};
 use super::progress::Terminal;
 use super::stats;
 use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     #[arg(required_unless_present_any = ["list", "prune"])]
     scene: Option<PathBuf>,
-    /// Rig file that replaces the scene's lights: --samples looks at their shadow edges.
+    /// Rig file whose lights replace those of the scene. They matter only with --samples, which smooths the edges of their
+    /// shadows.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Judges the operator by rows gathered anew with eight times as many rays, on a tenth of the picture, under 20 points
-    /// and 20 spots.
+    /// Measures the error of the transfer: a tenth of its rows are calculated again with eight times as many rays, under 20
+    /// point lights and 20 spots.
     #[arg(long)]
     verify: bool,
-    /// Writes figures of the bake as JSON.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["list", "prune"])]
-    stats: Option<PathBuf>,
-    /// Writes a trace of every stage, for Perfetto or chrome://tracing.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["list", "prune"])]
-    trace: Option<PathBuf>,
-    /// Lists what the cache holds.
-    #[arg(long, conflicts_with = "scene")]
+    #[command(flatten)]
+    record: RecordOptions,
+    /// Bakes nothing; lists what the cache holds.
+    #[arg(long, conflicts_with_all = ["scene", "stats", "trace"])]
     list: bool,
-    /// Removes all baked data from the cache.
-    #[arg(long, conflicts_with_all = ["scene", "list"])]
+    /// Bakes nothing; removes all baked data from the cache.
+    #[arg(long, conflicts_with_all = ["scene", "list", "stats", "trace"])]
     prune: bool,
     #[command(flatten)]
     options: SceneOptions,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let dir = args.options.cache_dir();
-    let no_cache = || Error::invalid("--no-cache", "there is no cache to list or to prune");
+    let dir = args.options.cache.dir();
+    let no_cache = || Error::invalid("--no-cache", "without a cache there is nothing to list or to remove");
     if args.list {
         let dir = dir.ok_or_else(no_cache)?;
         for cache::Entry { path, scene, what, size, bytes } in cache::list(&dir)? {
@@ -59,7 +55,7 @@ pub fn run(args: &Args) -> Result<()> {
         out!("removed {files} files, {:.1} MB, from {}", bytes as f64 * 1e-6, dir.display())?;
         return Ok(());
     }
-    args.stats.iter().chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
+    args.record.make_parents()?;
     let scene = args.scene.as_ref().expect("clap requires it");
     let session = args.options.open(scene, args.rig.as_deref())?;
     // Other commands do without a cache that cannot be written; this one is there to fill it.
@@ -108,13 +104,7 @@ pub fn run(args: &Args) -> Result<()> {
             )?;
         }
     }
-    if let Some(path) = &args.stats {
-        output::write_json(path, &figures)?;
-    }
-    if let Some(path) = &args.trace {
-        output::write_json(path, &stats::trace(&session.bake, &[]))?;
-    }
-    Ok(())
+    args.record.write(|| figures, || stats::trace(&session.bake.stages, &[]))
 }
 
 fn percent(share: f64) -> String {

@@ -1,45 +1,52 @@
 //! `relume bench`: each edit from the change of a light to the finished image in host memory.
 
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use relume::Result;
-use relume::gpu::Site;
+use relume::gpu::{PassTime, Site};
 use relume::relight::roofline::Roofline;
-use relume::relight::{Layers, Picture, Relighter};
+use relume::relight::{Layers, Picture, Relighter, Request, exposure};
 use relume::scene::{LightGroup, LightKind, Rig};
 use relume::session::{Session, Transfers};
+use relume::{Error, Result};
 use serde_json::json;
 
 use super::bench_rig::{light_like_scene, nudge};
-use super::options::{LightOptions, SceneOptions};
+use super::options::{DisplayOptions, Exposure, LightOptions, RecordOptions, SceneOptions};
 use super::output::{make_parent, write_json};
-use super::stats::sum_by_name;
+use super::stats::{self, sum_by_name};
 use super::{bench_rays, progress, stdout};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scenes, measured one after the other: .glb, .gltf or .obj.
+    /// Scenes, measured one after the other: .glb, .gltf or .obj files.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Repeats everything with that many lights: the scene's own, then more placed by the seed [default: the scene's
-    /// own].
+    /// Numbers of lights, separated by commas; everything is measured with each of them. Lights beyond those of the scene are
+    /// placed by the seed [default: the lights of the scene].
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_light_count)]
     lights: Vec<usize>,
-    /// Frames counted for each edit; a fifth as many before are not.
+    /// Frames to measure for each edit. A fifth as many run before them as a warm-up.
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: u32,
-    /// Writes all records as JSON.
+    /// Writes all measurements to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Rig file that replaces the scenes' lights.
+    /// Rig file whose lights replace those of every scene.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordOptions,
     #[command(flatten)]
     scene_options: SceneOptions,
     #[command(flatten)]
     light_options: LightOptions,
 }
+
+pub const AFTER_HELP: &str = "\
+Each measurement is from the change of a light to the finished image in host memory. If you give several scenes, put \
+{scene} into the names of --stats and --trace: it is replaced by the name of each scene.";
 
 #[derive(Clone, Copy, PartialEq)]
 pub enum Edit {
@@ -81,6 +88,9 @@ pub struct Record {
     pub p95_ms: f64,
     pub best_ms: f64,
     pub passes: Vec<PassRecord>,
+    /// Of each frame that counts, for --trace.
+    #[serde(skip)]
+    times: Vec<Vec<PassTime>>,
 }
 
 #[derive(serde::Serialize)]
@@ -93,15 +103,16 @@ pub struct PassRecord {
 
 pub fn run(args: &Args) -> Result<()> {
     args.json.iter().try_for_each(|path| make_parent(path))?;
+    let files = files_of_scenes(args)?;
     let table = Table { matters: args.json.is_none() };
     let mut records = Vec::new();
     let mut limits = json!(null);
     let mut rates = Vec::new();
     let (mut slowest_segments, mut slowest_gather) = (f64::INFINITY, f64::INFINITY);
     let mut device = (String::new(), String::new());
-    for path in &args.scenes {
+    for (path, files) in args.scenes.iter().zip(&files) {
         let session = args.scene_options.open(path, args.rig.as_deref())?;
-        let context = session.context(args.light_options.device.as_deref())?;
+        let context = session.context(args.light_options.device.device.as_deref())?;
         device = (context.info.name.clone(), context.info.driver.clone());
         let mut measured = Roofline::new(&context, session.framebuffer.samples.len())?;
         let mut yardstick = Vec::new();
@@ -114,17 +125,25 @@ pub fn run(args: &Args) -> Result<()> {
             "  {:>6} {:<11} {:<11} {:>8} {:>8} {:>8}  passes, median ms",
             "lights", "edit", "of", "best", "median", "p95"
         ))?;
+        let (mut figures, mut edits) = (json!(null), Vec::new());
         for &count in &counts {
             let rig = light_like_scene(&session, count, args.scene_options.view.seed);
             let mut relighter = session.relighter(&context, &rig, &args.light_options.relight_settings())?;
-            relighter.display(Picture::Whole)?;
+            let timing = Timing { session: &session, frames: args.frames, shown: shown(args, &mut relighter)? };
+            relighter.display(timing.shown)?;
+            if figures.is_null() {
+                figures = stats::figures(&session, &relighter, relighter.times(), None);
+            }
             for (edited, edit) in edits_of(&rig) {
                 yardstick.push(measured.yardstick_ms()?);
-                let record = measure(&mut relighter, &session, &rig, edited, edit, args.frames)?;
+                let mut record = timing.measure(&mut relighter, &rig, edited, edit)?;
                 table.record(&record)?;
+                let times = std::mem::take(&mut record.times);
+                edits.extend(files.trace.is_some().then_some((record.edit, times)));
                 records.push(record);
             }
         }
+        files.write(|| figures, || stats::trace_edits(&session.bake.stages, &edits))?;
         let rays = bench_rays::measure(&session);
         let segments = bench_rays::segments_per_s_core(&session);
         slowest_segments = slowest_segments.min(segments);
@@ -189,91 +208,149 @@ pub fn edits_of(rig: &Rig) -> Vec<(usize, (Edit, &'static str))> {
     first_of_each_kind(rig).into_iter().flat_map(possible).collect()
 }
 
-/// Times `frames` frames of an edit, after a fifth as many that do not count.
-pub fn measure(
-    relighter: &mut Relighter,
-    session: &Session,
-    rig: &Rig,
-    edited: usize,
-    (edit, name): (Edit, &'static str),
-    frames: u32,
-) -> Result<Record> {
-    let mut rig = rig.clone();
-    if edit == Edit::Group {
-        let group = LightGroup::new("half");
-        rig.groups.push(group);
-        let half = rig.lights.len() / 2;
-        rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
+/// How edits are timed.
+pub struct Timing<'a> {
+    pub session: &'a Session,
+    /// Frames that count; a fifth as many before do not.
+    pub frames: u32,
+    /// The picture that is made.
+    pub shown: Request,
+}
+
+impl<'a> Timing<'a> {
+    /// Of whole pictures.
+    pub fn new(session: &'a Session, frames: u32) -> Self {
+        Self { session, frames, shown: Request::default() }
     }
-    let layers = if edit == Edit::MoveDirect { Layers::FirstHand } else { Layers::All };
-    relighter.set_rig(&rig)?;
-    relighter.display(layers)?;
-    let transfer = session.transfer.as_ref();
-    let original = rig.clone();
-    let count = rig.lights.len();
-    // Coprime to any even count: `select` meets every light, each far from the one before.
-    let stride = (count / 2).saturating_sub(2) | 1;
-    let warm_up = frames.div_ceil(5);
-    let bar = progress::bar(name, (warm_up + frames) as usize);
-    let mut all_ms = Vec::new();
-    let mut pass_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
-    for frame in 0..warm_up + frames {
-        let odd = frame % 2 == 1;
-        let step = f64::from(frame % 16);
-        let start = Instant::now();
-        match edit {
-            Edit::Color => rig.lights[edited].color.x = 0.5 + step as f32 / 32.0,
-            Edit::Toggle => rig.lights[edited].enabled = odd,
-            Edit::Move | Edit::MoveDirect => nudge(&mut rig.lights[edited], &original.lights[edited], session, step),
-            Edit::Select => relighter.select(&[(edited + frame as usize * stride) % count]),
-            Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
-            Edit::Multi => {
-                for light in [edited, (edited + 1) % count, (edited + (count / 2).max(2)) % count] {
-                    nudge(&mut rig.lights[light], &original.lights[light], session, step);
-                }
-            }
-            Edit::None => {}
+
+    /// Times the edits of a light.
+    pub fn measure(
+        &self,
+        relighter: &mut Relighter,
+        rig: &Rig,
+        edited: usize,
+        (edit, name): (Edit, &'static str),
+    ) -> Result<Record> {
+        let Self { session, frames, shown } = *self;
+        let mut rig = rig.clone();
+        if edit == Edit::Group {
+            let group = LightGroup::new("half");
+            rig.groups.push(group);
+            let half = rig.lights.len() / 2;
+            rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
         }
+        let layers = if edit == Edit::MoveDirect { Layers::FirstHand } else { Layers::All };
+        let shown = Request { layers, ..shown };
         relighter.set_rig(&rig)?;
-        relighter.display(layers)?;
-        let ms = start.elapsed().as_secs_f64() * 1e3;
-        bar.inc(1);
-        if frame < warm_up {
-            continue;
-        }
-        all_ms.push(ms);
-        for (name, site, ms) in sum_by_name(relighter.times()) {
-            match pass_ms.iter_mut().find(|pass| pass.0 == name) {
-                Some(pass) => pass.2.push(ms),
-                None => pass_ms.push((name, site, vec![ms])),
+        relighter.display(shown)?;
+        let original = rig.clone();
+        let count = rig.lights.len();
+        // Coprime to any even count: `select` meets every light, each far from the one before.
+        let stride = (count / 2).saturating_sub(2) | 1;
+        let warm_up = frames.div_ceil(5);
+        let bar = progress::bar(name, (warm_up + frames) as usize);
+        let (mut all_ms, mut times) = (Vec::new(), Vec::new());
+        for frame in 0..warm_up + frames {
+            let odd = frame % 2 == 1;
+            let step = f64::from(frame % 16);
+            let start = Instant::now();
+            match edit {
+                Edit::Color => rig.lights[edited].color.x = 0.5 + step as f32 / 32.0,
+                Edit::Toggle => rig.lights[edited].enabled = odd,
+                Edit::Move | Edit::MoveDirect => {
+                    nudge(&mut rig.lights[edited], &original.lights[edited], session, step)
+                }
+                Edit::Select => relighter.select(&[(edited + frame as usize * stride) % count]),
+                Edit::Group => rig.groups.last_mut().expect("pushed above").stops = f64::from(u8::from(odd)),
+                Edit::Multi => {
+                    for light in [edited, (edited + 1) % count, (edited + (count / 2).max(2)) % count] {
+                        nudge(&mut rig.lights[light], &original.lights[light], session, step);
+                    }
+                }
+                Edit::None => {}
+            }
+            relighter.set_rig(&rig)?;
+            relighter.display(shown)?;
+            let ms = start.elapsed().as_secs_f64() * 1e3;
+            bar.inc(1);
+            if frame >= warm_up {
+                all_ms.push(ms);
+                times.push(relighter.times().to_vec());
             }
         }
+        bar.finish_and_clear();
+        let transfer = session.transfer.as_ref();
+        Ok(Record {
+            scene: session.scene.name(),
+            lights: count,
+            edit: name,
+            edited_kind: rig.lights.get(edited).map_or(LightKind::Point, |light| light.kind),
+            gi: if transfer.is_none() || edit == Edit::MoveDirect {
+                "off"
+            } else {
+                session.transfers.as_ref().map_or("off", Transfers::gi)
+            },
+            method: transfer.map(|transfer| transfer.report.method.clone()),
+            size: [session.framebuffer.tiling.width, session.framebuffer.tiling.height],
+            visibility: if relighter.traces() { "traced" } else { "map" },
+            median_ms: median(&mut all_ms),
+            p95_ms: percentile(&mut all_ms, 0.95),
+            best_ms: percentile(&mut all_ms, 0.0),
+            passes: passes_of(&times),
+            times,
+        })
     }
-    bar.finish_and_clear();
-    Ok(Record {
-        scene: session.scene.name(),
-        lights: count,
-        edit: name,
-        edited_kind: rig.lights.get(edited).map_or(LightKind::Point, |light| light.kind),
-        gi: if transfer.is_none() || edit == Edit::MoveDirect {
-            "off"
-        } else {
-            session.transfers.as_ref().map_or("off", Transfers::gi)
-        },
-        method: transfer.map(|transfer| transfer.report.method.clone()),
-        size: [session.framebuffer.tiling.width, session.framebuffer.tiling.height],
-        visibility: if relighter.traces() { "traced" } else { "map" },
-        median_ms: median(&mut all_ms),
-        p95_ms: percentile(&mut all_ms, 0.95),
-        best_ms: percentile(&mut all_ms, 0.0),
-        passes: pass_ms
-            .into_iter()
-            .map(|(name, on, mut ms)| {
-                let [median_ms, best_ms] = [0.5, 0.0].map(|share| percentile(&mut ms, share));
-                PassRecord { name, on, median_ms, best_ms }
-            })
-            .collect(),
-    })
+}
+
+/// What passes of one name take in a frame.
+fn passes_of(frames: &[Vec<PassTime>]) -> Vec<PassRecord> {
+    let mut all_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
+    for (name, site, ms) in frames.iter().flat_map(|times| sum_by_name(times)) {
+        match all_ms.iter_mut().find(|pass| pass.0 == name) {
+            Some(pass) => pass.2.push(ms),
+            None => all_ms.push((name, site, vec![ms])),
+        }
+    }
+    let record = |(name, on, mut ms): (&'static str, Site, Vec<f64>)| {
+        let [median_ms, best_ms] = [0.5, 0.0].map(|share| percentile(&mut ms, share));
+        PassRecord { name, on, median_ms, best_ms }
+    };
+    all_ms.into_iter().map(record).collect()
+}
+
+/// The picture that --tonemap and --exposure ask for; an automatic exposure is that of the lights as they are.
+fn shown(args: &Args, relighter: &mut Relighter) -> Result<Request> {
+    let DisplayOptions { tonemap, exposure } = args.light_options.display;
+    let exposure = match exposure {
+        Exposure::Stops(stops) => stops,
+        Exposure::Auto => exposure::automatic(relighter.linear(Picture::Whole)?),
+    };
+    Ok(Request { exposure, tone_map: tonemap.into(), ..Request::default() })
+}
+
+/// Where --stats and --trace of each scene go: {scene} in their names is replaced by its name. Two scenes for one file are an
+/// error.
+fn files_of_scenes(args: &Args) -> Result<Vec<RecordOptions>> {
+    let filled = |template: &Option<PathBuf>, scene: &Path| {
+        let name = scene.file_stem().unwrap_or_default().to_string_lossy();
+        // Names that are not UTF-8 hold no placeholder and stay as they are.
+        let fill = |path: &PathBuf| path.to_str().map_or_else(|| path.clone(), |p| p.replace("{scene}", &name).into());
+        template.as_ref().map(fill)
+    };
+    let mut names = HashSet::new();
+    let of_scene = |scene: &PathBuf| {
+        let RecordOptions { stats, trace } = &args.record;
+        let files = RecordOptions { stats: filled(stats, scene), trace: filled(trace, scene) };
+        for path in files.stats.iter().chain(&files.trace) {
+            if !names.insert(path.clone()) {
+                let reason = "two files would have this name; put {scene} into it, and give scenes different names";
+                return Err(Error::invalid(path.display().to_string(), reason));
+            }
+        }
+        files.make_parents()?;
+        Ok(files)
+    };
+    args.scenes.iter().map(of_scene).collect()
 }
 
 /// Records for people, on standard output.
@@ -364,5 +441,5 @@ const MAX_LIGHTS: usize = 65_536;
 
 fn parse_light_count(text: &str) -> Result<usize, String> {
     let count = text.parse().ok().filter(|&count| count <= MAX_LIGHTS);
-    count.ok_or_else(|| format!("expected numbers of lights up to {MAX_LIGHTS}, like 2,16"))
+    count.ok_or_else(|| format!("expected numbers of lights, each at most {MAX_LIGHTS}, like 2,16"))
 }

@@ -14,40 +14,41 @@ use super::stdout::out;
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// EXR file to judge
+    /// Image to measure: an EXR file.
     image: PathBuf,
 
-    /// EXR file that holds the truth
+    /// Reference: an EXR file.
     reference: PathBuf,
 
-    /// Second truth with noise of its own: the errors are then free of the truths' noise
+    /// Second reference, with independent noise. With it, the errors are free of the noise of both references.
     reference_b: Option<PathBuf>,
 
-    /// Layer to compare [default: the unnamed one, `beauty`]; a reference of the unnamed layer alone stands for it
+    /// Layer to compare [default: `beauty`, the layer without a name]. If a reference has only a layer without a name, that one
+    /// is compared.
     #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true)]
     layer: String,
 
-    /// Compares means of NxN pixels
+    /// Compares means of blocks of NxN pixels.
     #[arg(long, value_name = "N", default_value = "1", value_parser = parse_block)]
     block: usize,
 
-    /// Share of the pixels, from the worst, that `trimmed` leaves out: 0 <= F < 1
+    /// Share of the pixels, those with the largest errors, that `trimmed` leaves out: from 0, less than 1.
     #[arg(long, value_name = "F", default_value = "0", value_parser = parse_trim)]
     trim: f64,
 
-    /// Counts only the pixels that are white here
+    /// Image whose white pixels are compared; all others are left out.
     #[arg(long, value_name = "PNG")]
     mask: Option<PathBuf>,
 
-    /// Writes the absolute difference times --scale, clamped, as sRGB
+    /// Writes an image of the absolute difference times --scale, clamped, as sRGB.
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
 
-    /// Writes the difference in false colours, with a legend; the brightest stands for 1 / --scale
+    /// Writes an image of the difference in false colours, with a legend. The brightest colour is a difference of 1 / --scale.
     #[arg(long, value_name = "OUT.png")]
     false_color: Option<PathBuf>,
 
-    /// Factor on the differences of --diff and --false-color
+    /// Factor for the differences in --diff and --false-color.
     #[arg(long, value_name = "FACTOR", default_value = "2", value_parser = parse_scale)]
     scale: f32,
 }
@@ -78,14 +79,20 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 fn parse_block(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|&block| block > 0).ok_or_else(|| "a whole number of pixels from 1".to_owned())
+    text.parse()
+        .ok()
+        .filter(|&block| block > 0)
+        .ok_or_else(|| "expected a whole number of pixels, at least 1".to_owned())
 }
 
 fn parse_trim(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|share| (0.0..1.0).contains(share)).ok_or_else(|| "a share from 0, below 1".to_owned())
+    text.parse()
+        .ok()
+        .filter(|share| (0.0..1.0).contains(share))
+        .ok_or_else(|| "expected a number from 0, less than 1".to_owned())
 }
 
 fn parse_scale(text: &str) -> Result<f32, String> {
     let scale = text.parse().ok().filter(|scale: &f32| scale.is_finite() && *scale > 0.0);
-    scale.ok_or_else(|| "a positive number".to_owned())
+    scale.ok_or_else(|| "expected a number greater than 0".to_owned())
 }

@@ -19,7 +19,7 @@ pub fn run(args: &Args) -> Result<()> {
         return Ok(());
     }
     if devices.is_empty() {
-        out!("no Vulkan device; tools/setup installs a driver for the CPU")?;
+        out!("no Vulkan device; tools/setup installs a driver that runs on the CPU")?;
     }
     for d in devices {
         let verdict = if d.lacks.is_empty() { "ready".into() } else { format!("lacks {}", d.lacks.join(", ")) };

@@ -6,6 +6,7 @@ mod bench_rays;
 mod bench_rig;
 mod compare;
 mod devices;
+mod left_out;
 mod options;
 mod output;
 mod plan;
@@ -25,43 +26,51 @@ use std::process::ExitCode;
 use clap::Parser;
 use relume::Error;
 
-/// Interactive relighting: precomputes what the lights do not change, then shows any edit of a light at once.
+/// Interactive relighting: calculates in advance all that the lights do not change. Then every edit of a light shows at once.
 #[derive(Parser)]
 #[command(version, propagate_version = true, max_term_width = 120)]
-#[command(after_help = "Exit status: 0 done; 1 the work failed, and one line on stderr says why; 2 bad usage.")]
+#[command(after_help = AFTER_HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// No progress and no warnings.
+    /// Shows no progress and no warnings.
     #[arg(long, short, global = true, display_order = 900)]
     quiet: bool,
-    /// Says what is decided and how long it takes; twice, more of it.
+    /// Prints each decision and the time of each step. -vv prints more.
     #[arg(long, short, global = true, display_order = 901, action = clap::ArgAction::Count)]
     verbose: u8,
 }
 
+const AFTER_HELP: &str = "\
+A bake is the calculation that relume does once for a scene and camera. A rig is a file with lights.
+
+Exit status: 0: done. 1: the work failed; one line on standard error gives the reason. 2: wrong usage.";
+
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Bakes what is missing and writes the relit image.
+    /// Writes a picture of the scene under its lights; bakes first if needed.
     Render(render::Args),
-    /// Opens the lighting desk: a window in which lights follow keyboard and mouse.
+    /// Opens the lighting desk: a window in which you edit lights with keyboard and mouse.
     View(view::Args),
-    /// Precomputes a scene and stores it in the cache.
+    /// Bakes a scene and stores the result in the cache.
     Bake(bake::Args),
-    /// Times edits of lights.
+    /// Measures how long edits of lights take.
+    #[command(after_long_help = bench::AFTER_HELP)]
     Bench(bench::Args),
-    /// Writes a page of errors against run time, with its numbers as CSV and its pictures as EXR.
+    /// Measures errors and times, and writes them as an HTML page, with its figures as CSV and its pictures as EXR.
+    #[command(after_long_help = report::AFTER_HELP)]
     Report(report::Args),
-    /// Tells what a scene needs, what is left out and what that saves.
+    /// Tells what the bake of a scene needs, what it leaves out, and whether it fits the memory. Bakes nothing.
+    #[command(after_long_help = plan::AFTER_HELP)]
     Plan(plan::Args),
-    /// Writes a scene's lights and camera as a rig, or the scene with a rig's lights.
+    /// Writes the lights and the camera of a scene as a rig file, or a scene with the lights of a rig.
     Rig(rig::Args),
-    /// Traces the truth: an unbiased image in two independent halves.
+    /// Renders an unbiased reference with the path tracer, as two independent halves.
     #[command(after_long_help = reference::AFTER_HELP)]
     Reference(reference::Args),
     /// Measures how an image differs from a reference; prints JSON.
     Compare(compare::Args),
-    /// Lists Vulkan devices, their drivers, and what each lacks.
+    /// Lists the Vulkan devices, their drivers, and what each one lacks.
     Devices(devices::Args),
 }
 

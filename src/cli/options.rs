@@ -6,7 +6,9 @@ use clap::ValueEnum;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
 use relume::session::{OpenSettings, check_size, user_cache_dir};
 use relume::{Error, Result, Session, SessionSettings};
+use serde_json::Value;
 
+use super::output::{make_parent, write_json};
 use super::progress::Terminal;
 use super::transfer::TransferOptions;
 
@@ -14,24 +16,38 @@ use super::transfer::TransferOptions;
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Scene and bake")]
 pub struct ViewOptions {
-    /// Image size in pixels [default: the scene's own, else 480 rows of the camera's aspect ratio, else 720x480].
+    /// Image size in pixels [default: the size in the scene file; else 480 rows, in the aspect ratio of the camera; else
+    /// 720x480].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
-    /// Camera node to look from, by name [default: the rig's camera, else the first].
+    /// Name of the camera to look from [default: the camera of the rig, else the first one of the scene].
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
-    /// Mirror layers; 1 has no reflections.
+    /// Layers of the deep framebuffer: the surface that a pixel sees, then what mirrors show there, one after the other. 1
+    /// shows no mirror reflections.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
     pub layers: u32,
     /// Removes the diffuse lobe of every material.
     #[arg(long)]
     pub strip_diffuse: bool,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// CPU threads [default: all].
+    /// Number of CPU threads [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub threads: Option<u32>,
+}
+
+/// Where baked data is kept.
+#[derive(clap::Args, Clone)]
+#[command(next_help_heading = "Scene and bake")]
+pub struct CacheOptions {
+    /// Folder for baked data [default: `relume` in the cache folder of the user, usually ~/.cache].
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// Reads no baked data and stores none.
+    #[arg(long, conflicts_with = "cache")]
+    pub no_cache: bool,
 }
 
 /// Which scene, and how it is baked.
@@ -40,46 +56,78 @@ pub struct ViewOptions {
 pub struct SceneOptions {
     #[command(flatten)]
     pub view: ViewOptions,
-    /// View samples a pixel; more than one only where edges lie [default: 1; of a window 8, once lights rest].
+    /// View samples of a pixel on an edge; all other pixels have one [default: 1; `relume view` uses 8 when lights rest].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: Option<u32>,
-    /// Leaves nothing of the deep framebuffer out: all mirror layers over all pixels, a BRDF and a specular lobe for each view
-    /// sample, an image of emission. The picture is the same.
+    /// Leaves nothing out that the scene does not need: all mirror layers over all pixels, a BRDF and a specular lobe for each
+    /// view sample, direct and indirect light of emitters. The picture is the same. docs/options.md tells what this does not
+    /// cover.
     #[arg(long)]
     pub force_all: bool,
-    /// Where baked data lives [default: relume in the user's cache directory, ~/.cache as a rule].
-    #[arg(long, value_name = "DIR")]
-    pub cache: Option<PathBuf>,
-    /// Bakes anew and stores nothing.
-    #[arg(long, conflicts_with = "cache")]
-    pub no_cache: bool,
+    #[command(flatten)]
+    pub cache: CacheOptions,
     #[command(flatten)]
     pub transfer: TransferOptions,
 }
 
-/// How a baked scene is lit.
+/// How shadows are found.
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Light and picture")]
-pub struct LightOptions {
-    /// Shadow maps with percentage-closer filtering, or exact rays on the CPU; auto: what is faster on the device.
-    #[arg(long, value_enum, value_name = "METHOD", default_value = "auto")]
+pub struct ShadowOptions {
+    /// How shadows are found. map: shadow maps with percentage-closer filtering. traced: exact rays on the CPU. auto: the
+    /// faster one on the device.
+    #[arg(long, value_enum, value_name = "METHOD", default_value = "auto", hide_possible_values = true)]
     pub visibility: Visibility,
-    /// Side of a shadow map in texels.
+    /// Width and height of a shadow map in texels.
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=16384))]
     pub shadow_size: u32,
-    /// Vulkan device, by index or part of its name [default: the best real GPU, else the CPU].
+}
+
+/// What the pictures are calculated on.
+#[derive(clap::Args, Clone)]
+#[command(next_help_heading = "Light and picture")]
+pub struct DeviceOptions {
+    /// Vulkan device: its index in `relume devices`, or a part of its name [default: the best GPU, else the CPU].
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
-    /// Device memory for light images and factors of indirect light, as 2000000000, 500M or 2G [default: three quarters of
-    /// the device's].
+    /// Device memory for light images and for the transfer, like 2000000000, 500M or 2G [default: three quarters of the
+    /// device's memory]. A smaller budget gives the same picture, more slowly.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub budget: Option<u64>,
-    /// Tone curve of PNG images; EXR is always scene-linear.
+}
+
+/// How scene-linear pictures become 8 bits.
+#[derive(clap::Args, Clone)]
+#[command(next_help_heading = "Light and picture")]
+pub struct DisplayOptions {
+    /// Tone curve of PNG images and of the window. EXR images are always scene-linear.
     #[arg(long, value_enum, value_name = "CURVE", default_value = "agx")]
     pub tonemap: Tonemap,
-    /// Exposure of PNG images in stops, or `auto`: fixed once, from the first rig as loaded.
+    /// Exposure of PNG images and of the window, in stops. auto: chosen once, from the first rig.
     #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
     pub exposure: Exposure,
+}
+
+/// How a baked scene is lit and shown.
+#[derive(clap::Args, Clone)]
+pub struct LightOptions {
+    #[command(flatten)]
+    pub shadows: ShadowOptions,
+    #[command(flatten)]
+    pub device: DeviceOptions,
+    #[command(flatten)]
+    pub display: DisplayOptions,
+}
+
+/// Where a run tells about itself.
+#[derive(clap::Args, Clone)]
+pub struct RecordOptions {
+    /// Writes figures of the run to this file, as JSON: times, sizes, errors.
+    #[arg(long, value_name = "FILE")]
+    pub stats: Option<PathBuf>,
+    /// Writes a trace to this file: when each step ran. Perfetto and chrome://tracing open it.
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -94,7 +142,7 @@ pub enum Tonemap {
     None,
     Agx,
     PbrNeutral,
-    /// A colour a stop of luminance; middle grey is grey.
+    /// One colour for each stop of luminance. Middle grey is grey.
     FalseColor,
 }
 
@@ -138,9 +186,41 @@ impl ViewOptions {
     }
 }
 
+impl ShadowOptions {
+    pub fn relight_settings(&self, device: &DeviceOptions) -> RelightSettings {
+        RelightSettings {
+            visibility: self.visibility.into(),
+            shadow_size: self.shadow_size,
+            budget_bytes: device.budget,
+        }
+    }
+}
+
 impl LightOptions {
     pub fn relight_settings(&self) -> RelightSettings {
-        RelightSettings { visibility: self.visibility.into(), shadow_size: self.shadow_size, budget_bytes: self.budget }
+        self.shadows.relight_settings(&self.device)
+    }
+}
+
+impl CacheOptions {
+    /// The cache folder, or `None` if nothing is kept.
+    pub fn dir(&self) -> Option<PathBuf> {
+        if self.no_cache { None } else { self.cache.clone().or_else(user_cache_dir) }
+    }
+}
+
+impl RecordOptions {
+    /// Makes the folders of the files, before any work is done.
+    pub fn make_parents(&self) -> Result<()> {
+        self.stats.iter().chain(&self.trace).try_for_each(|path| make_parent(path))
+    }
+
+    /// Writes what is asked for.
+    pub fn write(&self, stats: impl FnOnce() -> Value, trace: impl FnOnce() -> Value) -> Result<()> {
+        if let Some(path) = &self.stats {
+            write_json(path, &stats())?;
+        }
+        self.trace.as_ref().map_or(Ok(()), |path| write_json(path, &trace()))
     }
 }
 
@@ -152,7 +232,7 @@ impl SceneOptions {
             samples: self.samples.unwrap_or(1),
             force_all: self.force_all,
             seed: self.view.seed,
-            cache_dir: self.cache_dir(),
+            cache_dir: self.cache.dir(),
             indirect: self.transfer.settings()?,
         })
     }
@@ -162,16 +242,11 @@ impl SceneOptions {
         self.view.use_threads();
         Session::open(path, rig, &self.settings()?, &Terminal::default())
     }
-
-    /// The cache directory, or `None` if nothing is kept.
-    pub fn cache_dir(&self) -> Option<PathBuf> {
-        if self.no_cache { None } else { self.cache.clone().or_else(user_cache_dir) }
-    }
 }
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    let size: [u32; 2] = parsed.ok_or("expected WIDTHxHEIGHT, like 720x480")?;
+    let size: [u32; 2] = parsed.ok_or("expected WIDTHxHEIGHT in pixels, like 720x480")?;
     check_size(size).map(|()| size)
 }
 
@@ -186,7 +261,11 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
         t => (t.to_owned(), 1.0),
     };
     let number: f64 = digits.parse().map_err(|_| "expected a number of bytes, like 2G")?;
-    if number >= 0.0 && number.is_finite() { Ok((number * factor) as u64) } else { Err("not a size".into()) }
+    if number >= 0.0 && number.is_finite() {
+        Ok((number * factor) as u64)
+    } else {
+        Err("expected a number of bytes that is not negative, like 2G".into())
+    }
 }
 
 /// Indirect bounces counted at the pixel; all of them without a number.
@@ -196,7 +275,7 @@ pub struct Bounces(pub Option<u32>);
 pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
     match text {
         "inf" => Ok(Bounces(None)),
-        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a number, or inf".into()),
+        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a whole number, or inf".into()),
     }
 }
 
@@ -218,7 +297,8 @@ pub fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     match extensions.contains(&extension.as_str()) {
         true => Ok(()),
         false => {
-            Err(Error::invalid(path.display().to_string(), format!("expected a name in .{}", extensions.join(" or ."))))
+            let reason = format!("the file name must end in .{}", extensions.join(" or ."));
+            Err(Error::invalid(path.display().to_string(), reason))
         }
     }
 }

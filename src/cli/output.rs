@@ -53,7 +53,7 @@ pub fn parse_passes(text: &str) -> Result<Passes, String> {
     };
     let list = text.split(',').map(|name| parse(name.trim())).collect::<Result<Vec<_>, _>>()?;
     match list.iter().enumerate().find(|(i, pass)| list[..*i].contains(pass)) {
-        Some((_, twice)) => Err(format!("{} is there twice", twice.name())),
+        Some((_, twice)) => Err(format!("{} is listed twice", twice.name())),
         None => Ok(Passes::List(list)),
     }
 }
@@ -81,7 +81,7 @@ impl Passes {
             Self::List(list) => {
                 for pass in list {
                     if !has.indirect && matches!(pass, Indirect | IndirectGlossy) {
-                        let reason = "there is no indirect light with --gi off";
+                        let reason = "with --gi off there is no indirect light to write";
                         return Err(Error::invalid(format!("--passes {}", pass.name()), reason));
                     }
                     if let Light(name) = pass {
@@ -101,7 +101,7 @@ pub fn find_light(rig: &Rig, name: &str) -> Result<usize> {
         let names: Vec<_> = rig.lights.iter().map(|light| light.name.as_str()).collect();
         let reason = match names.is_empty() {
             true => "there are no lights".into(),
-            false => format!("no such light; there are: {}", names.join(", ")),
+            false => format!("there is no such light; the lights are: {}", names.join(", ")),
         };
         Error::invalid(format!("--passes light:{name}"), reason)
     })
@@ -153,14 +153,14 @@ impl Template {
         check_extension(&self.0, &["exr", "png"])?;
         let needs = |reason: &str| Err(Error::invalid(self.0.display().to_string(), reason));
         if rig_count > 1 && !self.holds("{rig}") {
-            return needs("several rigs need an output name with {rig} in it");
+            return needs("with several rigs, the output name needs {rig}");
         }
         let several = match passes {
             Passes::All => true,
             Passes::List(list) => list.len() > 1,
         };
         if several && !self.is_exr() && !self.holds("{pass}") {
-            return needs("a PNG holds one pass; put {pass} into the name, or write an EXR");
+            return needs("a PNG file has one pass; put {pass} into the name, or write an EXR file");
         }
         Ok(())
     }
@@ -216,7 +216,7 @@ pub fn plan<'a>(passes: &Passes, template: &Template, rigs: &[(String, &'a Rig)]
             false => vec![target(&passes, "")],
         };
         if let Some(twice) = targets.iter().find(|target| !paths.insert(target.path.clone())) {
-            let reason = "two rigs or lights give this name; rename one";
+            let reason = "two rigs or two lights give this file name; rename one of them";
             return Err(Error::invalid(twice.path.display().to_string(), reason));
         }
         jobs.push(Job { rig, targets });

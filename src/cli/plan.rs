@@ -2,21 +2,22 @@
 
 use std::path::PathBuf;
 
-use relume::bake::transport::TransferSettings;
-use relume::bake::transport::importance::Importance;
-use relume::session::TransferPlan;
-use relume::{Result, Session, SessionSettings};
-use serde_json::json;
+use relume::Result;
+use relume::gpu::{Context, Validation};
+use relume::relight::VisibilityMethod;
+use relume::session::{CountedIn, FramebufferCounts, Survey, TransferPlan};
+use serde_json::{Value, json};
 
-use super::options::SceneOptions;
+use super::left_out::left_out;
+use super::options::{DeviceOptions, SceneOptions, ShadowOptions};
 use super::progress::Terminal;
 use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Rig file that replaces the scene's lights.
+    /// Rig file whose lights replace those of the scene.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Prints JSON.
@@ -24,122 +25,150 @@ pub struct Args {
     json: bool,
     #[command(flatten)]
     options: SceneOptions,
+    #[command(flatten)]
+    shadows: ShadowOptions,
+    #[command(flatten)]
+    device: DeviceOptions,
 }
 
-/// Something that a scene does not need.
-#[derive(serde::Serialize)]
-pub struct LeftOut {
-    pub what: &'static str,
-    pub why: String,
-    pub saves: String,
+pub const AFTER_HELP: &str = "\
+If the cache has the deep framebuffer of this picture, its counts are exact. Otherwise they are estimated from a small \
+picture of the same view. Without --device and --budget, plan uses no device: it does not choose between shadow maps and \
+traced shadows, and does not tell whether the light images fit.";
+
+/// Device memory, and what it is for.
+struct Memory {
+    /// All light images, and the fewest that work.
+    images: [u64; 2],
+    budget: Option<u64>,
 }
 
-/// Share of the surfaces that is not worth a word.
-const LITTLE: f64 = 0.01;
-/// Paths from the eye that tell how much of the scene is seen.
-const PATHS: usize = 16_384;
+impl Memory {
+    /// Whether the budget holds at least the light images that relume cannot do without.
+    fn fits(&self) -> Option<bool> {
+        Some(self.images[1] <= self.budget?)
+    }
 
-/// What this scene does not pay for. `traced`: shadow rays are traced, no maps are drawn. `unseen`: share of surfaces that no
-/// pixel sees, even over bounces, if there is, or will be, indirect light.
-pub fn left_out(session: &Session, traced: bool, unseen: Option<f64>) -> Vec<LeftOut> {
-    let framebuffer = &session.framebuffer;
-    let pixels = framebuffer.pixel_stride();
-    let mut list = Vec::new();
-    let mut add = |what, why: &str, saves: String| list.push(LeftOut { what, why: why.into(), saves });
-    let megabytes = |bytes: usize| format!("{:.1} MB", bytes as f64 * 1e-6);
-    let per_sample = size_of::<relume::shared::ViewSample>();
-    let full_layers = framebuffer.asked_layers.saturating_sub(1) as usize * pixels;
-    let deeper: usize = framebuffer.layers.iter().skip(1).sum();
-    if deeper == 0 && full_layers > 0 {
-        let saves = format!("{} layers, {}", framebuffer.asked_layers - 1, megabytes(full_layers * per_sample));
-        add("mirror layers", "no mirror is visible", saves);
-    } else if deeper < full_layers {
-        let saves =
-            format!("{} view samples, {}", full_layers - deeper, megabytes((full_layers - deeper) * per_sample));
-        add("parts of mirror layers", "mirrors cover a part of the picture", saves);
+    /// What the budget is enough for, and what would be enough for more.
+    fn verdict(&self, survey: &Survey) -> Option<String> {
+        let budget = self.budget?;
+        let [all, fewest] = self.images;
+        let transfer = if survey.transfer.is_some() { ", and the transfer if it has room" } else { "" };
+        let left = if survey.transfer.is_some() {
+            format!("; {} are left for the transfer", megabytes(budget.saturating_sub(all)))
+        } else {
+            String::new()
+        };
+        Some(match budget {
+            _ if all <= budget => format!("fits: {} hold all light images{left}", megabytes(budget)),
+            _ if fewest <= budget => format!(
+                "fits in part: {} hold some of the light images{transfer}; others are calculated again when they are needed. \
+                 --budget {} holds all light images",
+                megabytes(budget),
+                rounded_up(all)
+            ),
+            _ => {
+                let side = (budget as f64 / fewest as f64).sqrt();
+                let size = survey.size.map(|pixels| (f64::from(pixels) * side).floor().max(1.0));
+                format!(
+                    "does not fit: the fewest light images that work take {}. --budget {} holds them, --budget {} all; so \
+                     does a smaller picture, about --size {}x{}",
+                    megabytes(fewest),
+                    rounded_up(fewest),
+                    rounded_up(all),
+                    size[0],
+                    size[1]
+                )
+            }
+        })
     }
-    if !framebuffer.has_specular {
-        add("the specular lobe", "no visible surface has one", "its share of the shading kernel".into());
-    }
-    match unseen {
-        None => add("indirect light", "--gi off", "gather samples, their transfer, and its passes".into()),
-        Some(unseen) if unseen > LITTLE => {
-            let saves = format!("the samples of {:.0} % of all surfaces", 100.0 * unseen);
-            add("gather samples nobody sees", "no light reaches the eye from there, over any bounces", saves);
-        }
-        Some(_) => (),
-    }
-    if framebuffer.emission.is_empty() {
-        add("emission", "no emitter is visible", megabytes(12 * pixels));
-    }
-    if framebuffer.brdfs.len() == session.scene.materials.len() {
-        add(
-            "BRDFs of single samples",
-            "no texture or vertex colour is visible",
-            megabytes(pixels * size_of::<relume::shared::Brdf>()),
-        );
-    }
-    if traced {
-        add("shadow maps", "rays are traced on the CPU", "drawing, and 24 MB at 1024 texels".into());
-    }
-    list
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    // Its bake takes longest, and nothing here depends on it.
     args.options.view.use_threads();
     let settings = args.options.settings()?;
-    let direct = SessionSettings { indirect: None, ..settings.clone() };
-    let session = Session::open(&args.scene, args.rig.as_deref(), &direct, &Terminal::default())?;
-    let framebuffer = &session.framebuffer;
-    let size = [framebuffer.tiling.width, framebuffer.tiling.height];
-    let transfer = settings.indirect.map(|indirect| indirect.plan(size, settings.layers, settings.seed));
-    let reasons = settings.indirect.map_or(Vec::new(), |indirect| indirect.reasons(size));
-    let images = 2 * session.rig.lights.len() * 12 * framebuffer.pixel_stride();
-    // Whether maps are drawn depends on the device, which a plan does not open.
-    let unseen = match &transfer {
-        Some(TransferPlan::Robust(TransferSettings { layers, seed, .. }, _)) => {
-            Some(Importance::new(&session.scene, framebuffer, *layers, PATHS, *seed).unseen)
-        }
-        other => other.as_ref().map(|_| 0.0),
+    let survey = Survey::new(&args.scene, args.rig.as_deref(), &settings, &Terminal::default())?;
+    let device = args.device.device.as_deref();
+    let context = device.map(|name| Context::new(Some(name), Validation::Off, None)).transpose()?;
+    let traced = match (VisibilityMethod::from(args.shadows.visibility), &context) {
+        (VisibilityMethod::Auto, None) => false, // the device decides
+        (method, Some(context)) => method.traces(context, &survey.scene),
+        (method, None) => method == VisibilityMethod::Traced,
     };
-    let left_out = left_out(&session, false, unseen);
+    let of_device = context.as_ref().map(|context| context.info.memory_bytes / 4 * 3);
+    let memory = Memory { images: survey.light_image_bytes(), budget: args.device.budget.or(of_device) };
+    let reasons = settings.indirect.map_or(Vec::new(), |indirect| indirect.reasons(survey.size));
+    let left_out = left_out(&survey.counts, traced, survey.unseen);
+    let [width, height] = survey.size;
+    let FramebufferCounts { samples, layers, .. } = &survey.counts;
+    let verdict = memory.verdict(&survey);
     if args.json {
         let plan = json!({
             "schema": 1,
             "scene": {
-                "triangles": session.scene.mesh.triangles.len(),
-                "lights": session.rig.lights.len(),
-                "width": framebuffer.tiling.width,
-                "height": framebuffer.tiling.height,
+                "triangles": survey.scene.mesh.triangles.len(),
+                "lights": survey.rig.lights.len(),
+                "width": width,
+                "height": height,
             },
-            "samples": { "view": framebuffer.samples.len(), "layers": session.layers() },
-            "light_image_bytes": images,
-            "transfer": transfer.as_ref().map(TransferPlan::describe),
+            "samples": { "view": samples, "layers": layers, "counted_in": counted_in(survey.counted_in) },
+            "light_image_bytes": memory.images[0],
+            "memory": {
+                "device": context.as_ref().map(|context| context.info.name.clone()),
+                "budget_bytes": memory.budget,
+                "fewest_light_image_bytes": memory.images[1],
+                "fits": memory.fits(),
+                "verdict": verdict,
+            },
+            "transfer": survey.transfer.as_ref().map(TransferPlan::describe),
             "reasons": reasons,
             "left_out": left_out,
         });
-        out!("{plan:#}")?;
-        return Ok(());
+        return out!("{plan:#}");
     }
     out!("{}", args.scene.display())?;
-    out!("  {} triangles, {} lights", session.scene.mesh.triangles.len(), session.rig.lights.len())?;
-    out!(
-        "  {}x{} pixels, view samples by layer {:?}",
-        framebuffer.tiling.width,
-        framebuffer.tiling.height,
-        session.layers()
-    )?;
-    out!("  light images: up to {:.0} MB", images as f64 * 1e-6)?;
-    if let Some(plan) = &transfer {
+    out!("  {} triangles, {} lights", survey.scene.mesh.triangles.len(), survey.rig.lights.len())?;
+    let counted = match survey.counted_in {
+        CountedIn::Cache => "from the cache".into(),
+        CountedIn::Picture => "counted".into(),
+        CountedIn::Smaller([width, height]) => format!("estimated from {width}x{height} pixels"),
+    };
+    out!("  {width}x{height} pixels, view samples by layer {layers:?} ({counted})")?;
+    out!("  light images: up to {}", megabytes(memory.images[0]))?;
+    if let Some(plan) = &survey.transfer {
         out!("  indirect light: {}", plan.describe())?;
     }
     for reason in reasons {
         out!("    {reason}")?;
+    }
+    if let Some(context) = &context {
+        let shadows = if traced { "traced shadows" } else { "shadow maps" };
+        out!("  device: {}, {shadows}", context.info.name)?;
+    }
+    if let Some(verdict) = verdict {
+        out!("  memory: {verdict}")?;
     }
     out!("left out:")?;
     for item in left_out {
         out!("  {}: {} (saves {})", item.what, item.why, item.saves)?;
     }
     Ok(())
+}
+
+/// Where the counts are from: a bake in the cache, the picture itself, or the size of a smaller one.
+fn counted_in(counted_in: CountedIn) -> Value {
+    match counted_in {
+        CountedIn::Cache => json!("cache"),
+        CountedIn::Picture => json!("picture"),
+        CountedIn::Smaller(size) => json!(size),
+    }
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{:.0} MB", bytes as f64 * 1e-6)
+}
+
+/// As --budget takes it.
+fn rounded_up(bytes: u64) -> String {
+    format!("{}M", bytes.div_ceil(1_000_000))
 }

@@ -1,59 +1,62 @@
 //! `relume reference`
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use relume::image::exr::{self, Label};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::Rig;
-use relume::session::{Opened, build_bvh, check_fits, cpu_seconds, peak_bytes};
+use relume::session::{BakeReport, Opened, build_bvh, check_fits, cpu_seconds, peak_bytes};
 use relume::{Error, Result};
 use serde_json::json;
 
-use super::options::{Bounces, ViewOptions, check_extension, parse_bounces};
-use super::output::{find_light, make_parent, write_json};
+use super::options::{Bounces, RecordOptions, ViewOptions, check_extension, parse_bounces};
+use super::output::{find_light, make_parent};
 use super::progress::{self, Terminal};
+use super::stats;
 
 pub const AFTER_HELP: &str = "\
-Writes OUT.a.exr and OUT.b.exr, two halves with independent noise, and their mean OUT.exr: `relume compare IMAGE \
-OUT.a.exr OUT.b.exr` gives figures free of that noise. What it cannot find: light that reaches a surface off a perfect \
-mirror from a point, spot or directional light, since no ray from a surface meets a light without size; and \
-reflections deeper than --layers. Past three bounces paths end by Russian roulette, which leaves the mean as it is. \
-Ctrl-C writes what there is; the attributes `samplesPerPixel` and `comments` tell how much that was.";
+Writes three files: OUT.a.exr and OUT.b.exr are two halves with independent noise, OUT.exr is their mean. `relume compare \
+IMAGE OUT.a.exr OUT.b.exr` gives errors that are free of this noise.
+
+Two kinds of light are missing. One is light from point, spot and directional lights that reaches a surface by way of a \
+perfect mirror: no ray from a surface meets a light without size. The other is reflections deeper than --layers.
+
+After three bounces, paths end by Russian roulette, which does not change the mean. Ctrl-C stops the path tracer and \
+writes what there is. The attributes `samplesPerPixel` and `comments` of the EXR files tell how many samples it has.";
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Image to write, the mean of both halves: .exr. The halves go beside it as .a.exr and .b.exr.
+    /// Image to write, the mean of both halves: .exr. The halves are written beside it, as .a.exr and .b.exr.
     #[arg(short, long, value_name = "OUT.exr")]
     output: PathBuf,
-    /// Rig file that replaces the scene's lights.
+    /// Rig file whose lights replace those of the scene.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Samples a pixel, both halves together; odd numbers are rounded up.
+    /// Samples of each pixel, both halves together. Odd numbers are rounded up.
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 30))]
     spp: u32,
-    /// Instead of --spp: takes as many samples as so many seconds allow.
+    /// Time in seconds; takes as many samples as it allows. Replaces --spp.
     #[arg(long, value_name = "S", conflicts_with = "spp", value_parser = parse_seconds)]
     seconds: Option<f64>,
-    /// Indirect bounces counted at the pixel, mirror reflections not counted: 0 is direct light alone, 1 light, surface,
-    /// pixel; or inf.
+    /// Indirect bounces, counted at the pixel: 0 is direct light alone, 1 is light, surface, pixel, inf is all. Reflections in
+    /// perfect mirrors do not count.
     #[arg(long, value_name = "N|inf", default_value = "inf", value_parser = parse_bounces)]
     max_bounces: Bounces,
-    /// Where rays go through a pixel: its centre, as in the deep framebuffer, or all of it.
+    /// Where rays go through a pixel. centre: through its centre, as in the deep framebuffer. box: anywhere in it.
     #[arg(long, value_enum, default_value = "centre")]
     filter: FilterName,
     /// Layers to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission, variance,
-    /// bounce:N, light:NAME; or all, with the first eight bounces and every light.
+    /// bounce:N, light:NAME. all: all of these, with the first eight bounces and every light.
     #[arg(long, value_name = "LIST", value_parser = parse_passes,
           default_value = "beauty,direct,reflection,indirect,emission,variance")]
     passes: Passes,
-    /// Writes what tracing took as JSON.
-    #[arg(long, value_name = "FILE")]
-    stats: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordOptions,
     #[command(flatten)]
     view: ViewOptions,
 }
@@ -84,9 +87,12 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
     check_extension(&args.output, &["exr"])?;
     let [a, b] = ["a.exr", "b.exr"].map(|extension| args.output.with_extension(extension));
     let paths = [args.output.clone(), a, b];
-    paths.iter().chain(&args.stats).try_for_each(|path| make_parent(path))?;
+    paths.iter().try_for_each(|path| make_parent(path))?;
+    args.record.make_parents()?;
     args.view.use_threads();
-    let opened = Opened::new(&args.scene, args.rig.as_deref(), &args.view.settings(), &Terminal::default())?;
+    let (mut report, progress) = (BakeReport::default(), Terminal::default());
+    let open = || Opened::new(&args.scene, args.rig.as_deref(), &args.view.settings(), &progress);
+    let opened = report.stage("load", open)?;
     let layers = args.passes.layers(&opened.rig)?;
     let light_layers = layers.iter().any(|layer| matches!(layer, Layer::Light(_)));
     let settings = Settings {
@@ -112,24 +118,26 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         &args.scene,
     )?;
     let Opened { scene, rig, camera, .. } = opened;
-    let scene = build_bvh(scene, &Terminal::default());
+    let scene = report.stage("build BVH", || build_bvh(scene, &progress));
     let tracer = PathTracer::new(&scene, &camera, &rig, &settings);
 
     let (start, cpu_start) = (Instant::now(), cpu_seconds());
-    let film = trace(&tracer, args)?;
+    let film = report.stage("path tracing", || trace(&tracer, args))?;
     let (seconds, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu_start);
     let label = label(&film, args);
-    for (path, half) in paths.iter().zip([Half::Both, Half::A, Half::B]) {
-        let [samples, _] = film.samples();
-        let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
-        let label = Label { comments: label.clone(), samples_per_pixel };
-        write(path, &film, half, &layers, &label)?;
-    }
+    report.stage("write", || {
+        paths.iter().zip([Half::Both, Half::A, Half::B]).try_for_each(|(path, half)| {
+            let [samples, _] = film.samples();
+            let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
+            let label = Label { comments: label.clone(), samples_per_pixel };
+            exr::write_labelled(path, &film.image(half, &layers), Some(&label))
+        })
+    })?;
     let segments = tracer.segments() as f64 / cpu.max(0.01);
     tracing::info!("{:.2} million path segments a CPU second", segments * 1e-6);
-    if let Some(path) = &args.stats {
+    let figures = || {
         let (samples, errors) = (film.samples(), film.standard_errors());
-        let figures = json!({
+        json!({
             "schema": 1,
             "relume": env!("CARGO_PKG_VERSION"),
             "scene": { "width": settings.width, "height": settings.height, "lights": rig.lights.len() },
@@ -138,9 +146,9 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
                 "samples_per_pixel": { "least": samples[0], "most": samples[1] }, "segments_per_cpu_second": segments,
                 "standard_error": { "of_mean": errors.of_mean, "of_pixel": errors.of_pixel },
             },
-        });
-        write_json(path, &figures)?;
-    }
+        })
+    };
+    args.record.write(figures, || stats::trace(&report.stages, &[]))?;
     if !quiet {
         // Where stderr is full or closed, the files still tell.
         let _ = writeln!(std::io::stderr(), "{label}; {seconds:.1} s, {cpu:.1} CPU seconds");
@@ -178,13 +186,9 @@ fn trace(tracer: &PathTracer, args: &Args) -> Result<Film> {
         }
     };
     if interrupted() {
-        tracing::warn!("interrupted: writing the samples that there are");
+        tracing::warn!("interrupted: writing the samples taken so far");
     }
     Ok(film)
-}
-
-fn write(path: &Path, film: &Film, half: Half, layers: &[Layer], label: &Label) -> Result<()> {
-    exr::write_labelled(path, &film.image(half, layers), Some(label))
 }
 
 /// What a picture is, in words.
@@ -203,7 +207,7 @@ fn label(film: &Film, args: &Args) -> String {
 
 fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e8);
-    seconds.ok_or("expected seconds, more than 0 and at most 1e8".into())
+    seconds.ok_or("expected a time in seconds: more than 0, at most 1e8".into())
 }
 
 /// Layers with a name that is the same for all scenes.
@@ -224,7 +228,7 @@ fn parse_passes(text: &str) -> Result<Passes, String> {
     let names: Vec<&str> = text.split(',').map(str::trim).collect();
     let passes = names.iter().map(|name| parse_pass(name)).collect::<Result<Vec<_>, _>>()?;
     match (0..passes.len()).find(|&i| passes[..i].contains(&passes[i])) {
-        Some(twice) => Err(format!("{} is there twice", names[twice])),
+        Some(twice) => Err(format!("{} is listed twice", names[twice])),
         None => Ok(Passes::List(passes)),
     }
 }

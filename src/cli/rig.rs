@@ -9,12 +9,12 @@ use super::output::make_parent;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     pub scene: PathBuf,
-    /// Rig file: writes the scene with its lights.
+    /// Rig file. With it, relume writes the scene with the lights of this rig.
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
-    /// Rig file to write (.toml); with --rig, the scene (.glb or .gltf).
+    /// File to write: a rig (.toml); with --rig, a scene (.glb or .gltf).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -27,7 +27,8 @@ pub fn run(args: &Args) -> Result<()> {
     }
     // A forgotten --rig would put TOML where the next program expects a scene.
     if args.output.extension().is_some_and(|e| ["glb", "gltf", "obj"].iter().any(|s| e.eq_ignore_ascii_case(s))) {
-        let reason = "a rig file is TOML; to write a scene, name the rig to put into it with --rig";
+        let reason =
+            "without --rig, relume writes a rig, which is a .toml file; to write a scene, name a rig with --rig";
         return Err(Error::invalid(args.output.display().to_string(), reason));
     }
     Rig { camera: scene.cameras.first().cloned(), ..scene.rig }.save(&args.output)

@@ -4,27 +4,36 @@ use std::collections::BTreeMap;
 
 use relume::bake::transfer::Transfer;
 use relume::gpu::{PassTime, Site};
-use relume::session::{BakeReport, Session, peak_bytes};
+use relume::relight::Relighter;
+use relume::session::{Session, Stage, peak_bytes};
 use serde_json::{Value, json};
 
-use super::output::{Relighters, Written};
-use super::plan::left_out;
+use super::left_out::left_out;
 
-/// What `render --stats` tells; what this version does not compute is null. `frame` is the first picture, all lights new.
-pub fn figures(session: &Session, relighters: &Relighters, written: &Written) -> Value {
-    let relighter = &relighters.whole;
+/// Values in the pictures that should not be there.
+pub struct Strange {
+    /// By pass, how many were infinite or not a number.
+    pub non_finite: Vec<(&'static str, u32)>,
+    /// Below 0, of the beauty.
+    pub negative: usize,
+}
+
+/// What `--stats` tells of a session and its first picture, all lights new, whose passes are `frame`. What is not computed is
+/// null.
+pub fn figures(session: &Session, relighter: &Relighter, frame: &[PassTime], strange: Option<&Strange>) -> Value {
     let context = relighter.context();
-    let non_finite = relighters.non_finite();
     let memory: Vec<Value> =
         context.memory_by_owner().into_iter().map(|(owner, bytes)| json!({ "owner": owner, "bytes": bytes })).collect();
     let mut figures = figures_of_bake(session, relighter.traces());
     figures["device"] = json!(context.info.name);
     figures["driver"] = json!(context.info.driver);
     figures["scene"]["lights"] = json!(relighter.rig().lights.len());
-    figures["frame"] = frame(written.frames.first().map_or(&[], Vec::as_slice));
-    figures["non_finite"] = json!(non_finite.iter().map(|(_, count)| count).sum::<u32>());
-    figures["non_finite_passes"] = json!(non_finite.into_iter().collect::<BTreeMap<_, _>>());
-    figures["negative"] = json!(written.negative);
+    figures["frame"] = figures_of_frame(frame);
+    if let Some(Strange { non_finite, negative }) = strange {
+        figures["non_finite"] = json!(non_finite.iter().map(|(_, count)| count).sum::<u32>());
+        figures["non_finite_passes"] = json!(non_finite.iter().copied().collect::<BTreeMap<_, _>>());
+        figures["negative"] = json!(negative);
+    }
     figures["memory"] = json!(memory);
     figures
 }
@@ -57,7 +66,7 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
         "non_finite": null,
         "negative": null,
         "memory": null,
-        "left_out": left_out(session, traced, transfer.map(|t| t.report.unseen)),
+        "left_out": left_out(&session.counts(), traced, transfer.map(|t| t.report.unseen)),
     })
 }
 
@@ -102,7 +111,7 @@ pub fn sum_by_name(times: &[PassTime]) -> Vec<(&'static str, Site, f64)> {
     passes
 }
 
-fn frame(times: &[PassTime]) -> Value {
+fn figures_of_frame(times: &[PassTime]) -> Value {
     let passes = sum_by_name(times);
     let gpu_ms: f64 = passes.iter().filter(|p| p.1 == Site::Gpu).map(|p| p.2).sum();
     let wall_ms = times.iter().map(|t| t.start_ms + t.ms).fold(0.0, f64::max);
@@ -119,6 +128,16 @@ const GPU_THREAD: u32 = 2;
 struct Events(Vec<Value>);
 
 impl Events {
+    /// One stage after the other; returns when the last one ended, too.
+    fn stages(stages: &[Stage]) -> (Self, f64) {
+        let (mut events, mut begin_us) = (Self::default(), 0.0);
+        for stage in stages {
+            events.add(stage.name, "bake", CPU_THREAD, begin_us, 1e6 * stage.seconds);
+            begin_us += 1e6 * stage.seconds;
+        }
+        (events, begin_us)
+    }
+
     fn add(&mut self, name: &str, category: &str, thread: u32, start_us: f64, us: f64) {
         self.0.push(json!({
             "name": name, "cat": category, "ph": "X", "pid": 1, "tid": thread, "ts": start_us, "dur": us,
@@ -147,16 +166,22 @@ impl Events {
     }
 }
 
-/// The bake's stages, then the passes of each frame, one after the other.
-pub fn trace(bake: &BakeReport, frames: &[Vec<PassTime>]) -> Value {
-    let mut events = Events::default();
-    let mut begin_us = 0.0;
-    for stage in &bake.stages {
-        events.add(stage.name, "bake", CPU_THREAD, begin_us, 1e6 * stage.seconds);
-        begin_us += 1e6 * stage.seconds;
-    }
+/// Stages, then the passes of each frame, one after the other.
+pub fn trace(stages: &[Stage], frames: &[Vec<PassTime>]) -> Value {
+    let (mut events, mut begin_us) = Events::stages(stages);
     for frame in frames {
         begin_us = events.frame(begin_us, frame);
+    }
+    events.json()
+}
+
+/// The same, where each edit has several frames, and is an event around them.
+pub fn trace_edits(stages: &[Stage], edits: &[(&'static str, Vec<Vec<PassTime>>)]) -> Value {
+    let (mut events, mut begin_us) = Events::stages(stages);
+    for (edit, frames) in edits {
+        let end_us = frames.iter().fold(begin_us, |begin_us, frame| events.frame(begin_us, frame));
+        events.add(edit, "edit", CPU_THREAD, begin_us, end_us - begin_us);
+        begin_us = end_us;
     }
     events.json()
 }

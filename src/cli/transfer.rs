@@ -11,29 +11,33 @@ use super::options::{Bounces, parse_bounces};
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub struct TransferOptions {
-    /// Indirect light: none, from gather samples that radiate equally in all directions, or with their gloss.
-    #[arg(long, value_enum, default_value = "glossy")]
+    /// Indirect light. off: none. diffuse: gather samples radiate equally in all directions. glossy: with the gloss of their
+    /// materials.
+    #[arg(long, value_enum, default_value = "glossy", hide_possible_values = true)]
     pub gi: Gi,
-    /// The thesis's method as printed, or ours.
-    #[arg(long, value_enum, default_value = "robust")]
+    /// How indirect light is calculated. robust: the method of relume. thesis: as printed in the thesis of Yang, 2007.
+    #[arg(long, value_enum, default_value = "robust", hide_possible_values = true)]
     pub method: MethodName,
-    /// Gather samples [default: by pixels and --error, 2304 to 16384; 2304 in dense form; `relume plan` tells why].
+    /// Number of gather samples [default: 2304 to 16384, from the number of pixels and --error; 2304 in dense form. `relume
+    /// plan` gives the reason].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub gather: Option<u32>,
-    /// Rays a row of the operator, for --method robust [default: by pixels and --error, 128 to 4096; 1024 in dense form].
+    /// Rays for each row of the transfer matrix, with --method robust [default: 128 to 4096, from the number of pixels and
+    /// --error; 1024 in dense form].
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub rays: Option<u32>,
-    /// Outgoing light of a gather sample: sh1, sh4, sh9, sh16, sh25, sh36 or sh49 harmonics; svdN terms for --method thesis
-    /// [default: what each material needs].
+    /// Basis of the outgoing light of a gather sample. sh1, sh4, sh9, sh16, sh25, sh36, sh49: so many spherical harmonics.
+    /// svdN: N terms of a singular value decomposition, with --method thesis [default: what each material needs].
     #[arg(long, value_name = "BASIS", value_parser = parse_basis)]
     pub basis: Option<Basis>,
-    /// How the operator is stored and applied.
+    /// How the transfer matrix is stored and applied.
     #[arg(long, value_enum, default_value = "auto")]
     pub transfer: FormName,
-    /// Relative error of the compressed operator, mean over point lights that it has not learned from.
+    /// Target for the relative error of the compressed transfer: its mean over point lights that the compression did not learn
+    /// from.
     #[arg(long, value_name = "E", default_value_t = ERROR, value_parser = parse_error)]
     pub error: f64,
-    /// Indirect bounces counted at the pixel, or inf [default: inf; 5 with --method thesis].
+    /// Indirect bounces, counted at the pixel: 1 is light, surface, pixel, inf is all [default: inf; 5 with --method thesis].
     #[arg(long, value_name = "N|inf", value_parser = parse_bounces)]
     pub bounces: Option<Bounces>,
 }
@@ -53,13 +57,13 @@ pub enum MethodName {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FormName {
-    /// Nested.
+    /// The same as nested.
     Auto,
-    /// As it is: for few gather samples and small pictures.
+    /// All elements: for few gather samples and small pictures.
     Dense,
     /// Nested blocks of low rank.
     Nested,
-    /// The largest wavelets of each row, the published form, to compare with; as many as --error asks for.
+    /// The largest wavelets of each row, as many as --error needs. This is the published form, for comparison.
     Haar,
 }
 
@@ -79,7 +83,7 @@ impl TransferOptions {
             Gi::Glossy => false,
         };
         if diffuse && self.basis.is_some() {
-            return refuse("--basis", "--gi diffuse has one function by its nature");
+            return refuse("--basis", "--gi diffuse always has one function; leave --basis out");
         }
         let outgoing = |functions| if diffuse { Outgoing::Diffuse } else { Outgoing::Glossy { functions } };
         let gather = self.gather;
@@ -88,7 +92,7 @@ impl TransferOptions {
                 outgoing: match self.basis {
                     None => outgoing(None),
                     Some(Basis::Harmonics(count)) => outgoing(Some(count)),
-                    Some(Basis::SingularValues(_)) => return refuse("--basis", "svdN needs --method thesis"),
+                    Some(Basis::SingularValues(_)) => return refuse("--basis", "svdN works only with --method thesis"),
                 },
                 form: match self.transfer {
                     FormName::Dense => Form::Dense,
@@ -106,21 +110,24 @@ impl TransferOptions {
                     FormName::Auto | FormName::Dense => None,
                 };
                 if let Some(option) = compressed {
-                    return refuse(option, "the thesis's operator is dense");
+                    return refuse(option, "--method thesis is always dense; leave --transfer out");
                 }
                 IndirectSettings::Thesis {
                     outgoing: outgoing(None),
                     terms: match self.basis {
                         None => None,
                         Some(Basis::SingularValues(count)) => Some(count),
-                        Some(Basis::Harmonics(_)) => return refuse("--basis", "shN needs --method robust"),
+                        Some(Basis::Harmonics(_)) => return refuse("--basis", "shN works only with --method robust"),
                     },
                     gather,
                     bounces: match self.bounces {
                         None => THESIS_BOUNCES,
                         Some(Bounces(Some(count))) => count,
                         Some(Bounces(None)) => {
-                            return refuse("--bounces inf", "the thesis's sum is truncated; give a number");
+                            return refuse(
+                                "--bounces inf",
+                                "--method thesis has a fixed number of bounces; give a number",
+                            );
                         }
                     },
                 }
@@ -131,7 +138,7 @@ impl TransferOptions {
 
 fn parse_error(text: &str) -> std::result::Result<f64, String> {
     let error = text.parse().ok().filter(|error| (1e-6..=1.0).contains(error));
-    error.ok_or_else(|| "expected a share from 0.000001 to 1, like 0.01".into())
+    error.ok_or_else(|| "expected a number from 0.000001 to 1, like 0.01".into())
 }
 
 fn parse_basis(text: &str) -> Result<Basis, String> {

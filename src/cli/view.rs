@@ -10,35 +10,32 @@ use relume::view::{Opened, ViewSettings, keys};
 use relume::{Result, Session, SessionSettings};
 use serde_json::json;
 
-use super::options::{Exposure, LightOptions, SceneOptions};
+use super::options::{Exposure, LightOptions, RecordOptions, SceneOptions};
 use super::output;
 use super::stats;
 
 #[derive(clap::Args)]
 #[command(after_help = help_on_keys())]
 pub struct Args {
-    /// Scene: .glb, .gltf or .obj.
+    /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Rig file that replaces the scene's lights; `save` writes it.
+    /// Rig file whose lights replace those of the scene. Saving in the window writes this file.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Plays key and mouse events with times: lines like `0.5 key Ctrl+Z`, `1 press A`, `2 release A`, `2 mouse 320 240`.
+    /// Plays events of keyboard and mouse from this file. Each line has a time in seconds and an event: `0.5 key Ctrl+Z`,
+    /// `1 press A`, `2 release A`, `2 mouse 320 240`.
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
-    /// Writes the events that happen, for --script.
+    /// Writes all events of keyboard and mouse to this file; --script plays it.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Shows pictures at once, whether or not the display tears them.
+    /// Does not wait for the display: pictures appear sooner, but may tear.
     #[arg(long)]
     no_vsync: bool,
-    /// Writes what frames took as JSON, when the window closes.
-    #[arg(long, value_name = "FILE")]
-    stats: Option<PathBuf>,
-    /// Writes a trace of every frame's passes, for Perfetto or chrome://tracing.
-    #[arg(long, value_name = "FILE")]
-    trace: Option<PathBuf>,
-    /// Milliseconds that a frame may take while a light is dragged: a picture that takes longer is made coarser, and
-    /// finished when the hand rests. 0 never makes it coarser.
+    #[command(flatten)]
+    files: RecordOptions,
+    /// Time in milliseconds for a frame while a light is dragged. If a frame takes longer, relume shows coarser pictures
+    /// during the drag, and the exact one after it. 0: never coarser.
     #[arg(long, value_name = "MS", default_value_t = 33.0, value_parser = parse_budget)]
     frame_budget: f64,
     #[command(flatten)]
@@ -48,26 +45,27 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    args.stats.iter().chain(&args.record).chain(&args.trace).try_for_each(|path| output::make_parent(path))?;
+    args.files.make_parents()?;
+    args.record.iter().try_for_each(|path| output::make_parent(path))?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let view_settings = ViewSettings {
         name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         rig_path: args.rig.clone(),
-        exposure: match args.light_options.exposure {
+        exposure: match args.light_options.display.exposure {
             Exposure::Auto => None,
             Exposure::Stops(stops) => Some(stops),
         },
-        device: args.light_options.device.clone(),
+        device: args.light_options.device.device.clone(),
         validation: if cfg!(debug_assertions) { Validation::On } else { Validation::Off },
-        cache_dir: args.scene_options.cache_dir(),
+        cache_dir: args.scene_options.cache.dir(),
         relight: args.light_options.relight_settings(),
-        tone_map: args.light_options.tonemap.into(),
+        tone_map: args.light_options.display.tonemap.into(),
         vsync: if args.no_vsync { Vsync::Off } else { Vsync::On },
         script,
         record: args.record.clone(),
         frame_budget: Duration::from_secs_f64(args.frame_budget * 1e-3),
         rest_samples: args.scene_options.samples.unwrap_or(REST_SAMPLES),
-        trace: args.trace.is_some(),
+        trace: args.files.trace.is_some(),
     };
     let (path, rig) = (args.scene.clone(), args.rig.clone());
     args.scene_options.view.use_threads();
@@ -84,13 +82,8 @@ pub fn run(args: &Args) -> Result<()> {
             None => Ok(()),
         }
     })?;
-    if let Some(path) = &args.stats {
-        output::write_json(path, &json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report }))?;
-    }
-    if let Some(path) = &args.trace {
-        output::write_json(path, &stats::trace_frames(&report.trace))?;
-    }
-    Ok(())
+    let figures = || json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report });
+    args.files.write(figures, || stats::trace_frames(&report.trace))
 }
 
 /// View samples of a pixel on an edge, once lights rest.

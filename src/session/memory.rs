@@ -25,7 +25,7 @@ pub(super) fn check_memory(
     let images = LightCache::slot_range(light_count).0 + 1;
     let edges = if samples > 1 { light_count } else { 0 };
     let bytes = BYTES_A_SAMPLE as f64 * samples_a_pixel + (12 * images + edges) as f64;
-    let remedy = if samples > 1 { "choose a smaller --size or fewer --samples" } else { "choose a smaller --size" };
+    let remedy = if samples > 1 { "choose a smaller --size or a smaller --samples" } else { "choose a smaller --size" };
     check_fits(size, f64::from(size[0]) * f64::from(size[1]) * bytes, remedy, path)
 }
 
@@ -42,6 +42,6 @@ pub fn check_free(bytes: f64, what: &str, remedy: &str, path: &Path) -> Result<(
     if needed <= free {
         return Ok(());
     }
-    let reason = format!("{what} {needed:.1} GB of memory, {free:.1} GB are free; {remedy}");
+    let reason = format!("{what} {needed:.1} GB of memory, but {free:.1} GB are free; {remedy}");
     Err(Error::invalid(path.display().to_string(), reason))
 }

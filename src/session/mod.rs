@@ -9,16 +9,20 @@ mod open;
 mod plan;
 mod progress;
 mod report;
+mod survey;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
+
+use glam::Vec3;
 
 pub use self::memory::check_fits;
 pub use self::open::{OpenSettings, Opened, build_bvh, check_size};
 pub use self::plan::{BakeInput, ERROR, Form, IndirectSettings, THESIS_BOUNCES, TransferPlan};
 pub use self::progress::Progress;
 pub use self::report::{BakeReport, Stage, cpu_seconds, peak_bytes};
+pub use self::survey::{CountedIn, FramebufferCounts, Survey};
 
 use self::memory::check_memory;
 use self::progress::{advance, until_cancelled};
@@ -43,7 +47,7 @@ pub struct SessionSettings {
     pub layers: u32,
     /// View samples of a pixel on an edge.
     pub samples: u32,
-    /// Leaves nothing of the deep framebuffer out; pictures are the same.
+    /// Leaves nothing of the deep framebuffer out, nor the transfer's emission; pictures are the same.
     pub force_all: bool,
     /// Everything random follows from it.
     pub seed: u64,
@@ -71,7 +75,7 @@ impl SessionSettings {
     /// Refuses numbers that mean nothing.
     fn check(&self) -> Result<()> {
         if self.layers == 0 || self.samples == 0 {
-            return Err(Error::invalid("settings", "layers and samples are 1 at least"));
+            return Err(Error::invalid("settings", "layers and samples must be at least 1"));
         }
         self.indirect.map_or(Ok(()), |indirect| indirect.check())
     }
@@ -107,9 +111,18 @@ pub struct Transfers {
     pub plan: TransferPlan,
     key: cache::Key,
     dir: Option<PathBuf>,
+    force_all: bool,
 }
 
 impl Transfers {
+    /// Nothing left out where that is asked for: indirect light of emitters even if there are none.
+    fn forced(&self, mut transfer: Transfer, framebuffer: &DeepFramebuffer) -> Transfer {
+        if self.force_all {
+            transfer.emission.resize(framebuffer.samples.len(), Vec3::ZERO);
+        }
+        transfer
+    }
+
     /// As `--gi` calls it.
     pub fn gi(&self) -> &'static str {
         let (TransferPlan::Robust(TransferSettings { outgoing, .. }, _)
@@ -123,7 +136,8 @@ impl Transfers {
 
     fn stored(&self, framebuffer: &DeepFramebuffer, lobe: Lobe, report: &mut BakeReport) -> Option<Transfer> {
         let (dir, key) = (self.dir.as_deref()?, self.key(lobe));
-        report.stage("read cache", || cache::load_transfer(dir, &key, framebuffer))
+        let stored = report.stage("read cache", || cache::load_transfer(dir, &key, framebuffer))?;
+        Some(self.forced(stored, framebuffer))
     }
 
     /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
@@ -137,7 +151,8 @@ impl Transfers {
         until_cancelled(|| {
             low_priority(|| {
                 if let Some(coarse) = self.plan.coarse() {
-                    show(coarse.bake(seen, Lobe::All, None, &mut report, progress)?);
+                    let coarse = coarse.bake(seen, Lobe::All, None, &mut report, progress)?;
+                    show(self.forced(coarse, seen.framebuffer));
                 }
                 show(self.get(seen, Lobe::All, &mut report, progress)?);
                 Ok(())
@@ -160,10 +175,10 @@ impl Transfers {
                 cache::store_transfer(dir, &key, &seen.scene.name(), seen.framebuffer, &transfer)
             })
         {
-            tracing::info!("not kept: {error}"); // a read-only cache works
+            tracing::info!("not stored in the cache: {error}"); // a read-only cache works
             report.not_stored = Some(error);
         }
-        Ok(transfer)
+        Ok(self.forced(transfer, seen.framebuffer))
     }
 }
 
@@ -203,7 +218,7 @@ impl Session {
     /// How far indirect light is from rows gathered anew, under points and spots.
     pub fn verify(&self, progress: &dyn Progress) -> Result<[ValidationError; 2]> {
         let (Some(transfers), Some(transfer)) = (&self.transfers, &self.transfer) else {
-            return Err(Error::invalid("--verify", "with --gi off there is nothing to verify"));
+            return Err(Error::invalid("--verify", "with --gi off there is no transfer to measure"));
         };
         until_cancelled(|| transfers.plan.verify(self.seen(), transfer, progress))
     }
@@ -255,7 +270,7 @@ impl Session {
             if let Some(dir) = cache_dir
                 && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &framebuffer))
             {
-                tracing::info!("not kept: {error}"); // a read-only cache works
+                tracing::info!("not stored in the cache: {error}"); // a read-only cache works
                 report.not_stored = Some(error);
             }
             Ok((key, framebuffer))
@@ -270,7 +285,8 @@ impl Session {
             None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),
             None => key.clone(),
         };
-        let transfers = plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone() });
+        let transfers =
+            plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone(), force_all: settings.force_all });
         let plain = plain.map(|(_, framebuffer)| Arc::new(framebuffer));
         report.seconds += start.elapsed().as_secs_f64();
         report.cpu_seconds += cpu_seconds() - cpu_start;
@@ -314,9 +330,7 @@ impl Session {
 
     /// View samples in each layer that was asked for, seen or not.
     pub fn layers(&self) -> Vec<usize> {
-        let mut layers = self.framebuffer.layers.clone();
-        layers.resize(self.framebuffer.asked_layers as usize, 0);
-        layers
+        self.counts().layers
     }
 
     pub fn seen(&self) -> BakeInput<'_> {

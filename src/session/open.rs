@@ -45,8 +45,8 @@ impl Opened {
         };
         if rig.lights.is_empty() {
             let emits = scene.materials.iter().any(|material| material.emissive != Vec3::ZERO);
-            let so = if emits { "so only emitters shine" } else { "so the picture is black" };
-            tracing::warn!("{}: no lights, {so}", rig_path.unwrap_or(path).display());
+            let so = if emits { "only emissive materials shine" } else { "the picture is black" };
+            tracing::warn!("{}: no lights: {so}", rig_path.unwrap_or(path).display());
         }
         let camera = choose_camera(&scene, &rig, settings)?;
         let size = settings.size.unwrap_or_else(|| scene.default_size(Some(&camera)));
@@ -75,7 +75,7 @@ fn choose_camera(scene: &Scene, rig: &Rig, settings: &OpenSettings) -> Result<Ca
             let names: Vec<_> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
             let reason = match names.is_empty() {
                 true => format!("{} has no cameras", scene.path.display()),
-                false => format!("{} has no such camera; it has: {}", scene.path.display(), names.join(", ")),
+                false => format!("{} has no such camera; its cameras are: {}", scene.path.display(), names.join(", ")),
             };
             Error::invalid(format!("--camera {name}"), reason)
         });
@@ -85,7 +85,7 @@ fn choose_camera(scene: &Scene, rig: &Rig, settings: &OpenSettings) -> Result<Ca
         let own = scene.cameras.iter().find(|own| own.sees_as(camera));
         return Ok(own.unwrap_or(camera).clone());
     }
-    tracing::warn!("{}: no camera, so the view is framed by the scene's bounds", scene.path.display());
+    tracing::warn!("{}: no camera: the view shows the whole scene", scene.path.display());
     Ok(Camera::framing(&scene.mesh, scene.space))
 }
 

@@ -116,16 +116,16 @@ impl IndirectSettings {
         let (Self::Robust { outgoing, gather, .. } | Self::Thesis { outgoing, gather, .. }) = *self;
         if gather == Some(0) || matches!(self, Self::Robust { rays: Some(0), .. } | Self::Thesis { terms: Some(0), .. })
         {
-            return refuse("gather samples, rays and terms are 1 at least");
+            return refuse("gather samples, rays and terms must be at least 1");
         }
         if self.error().is_some_and(|error| !(error > 0.0 && error <= 1.0)) {
-            return refuse("the error is a share: more than 0, at most 1");
+            return refuse("the error must be greater than 0, and at most 1");
         }
         match outgoing {
             Outgoing::Glossy { functions: Some(count) }
                 if count.isqrt().pow(2) != count || !(1..=MAX_FUNCTIONS as u8).contains(&count) =>
             {
-                refuse("functions are a square number, 1 to 49")
+                refuse("the number of functions must be a square number from 1 to 49")
             }
             _ => Ok(()),
         }
@@ -265,7 +265,7 @@ impl TransferPlan {
         progress: &dyn Progress,
     ) -> Result<[ValidationError; 2]> {
         let Self::Robust(settings, _) = self else {
-            return Err(Error::invalid("--verify", "rows are gathered anew for --method robust only"));
+            return Err(Error::invalid("--verify", "works only with --method robust"));
         };
         progress.begin("bounces", settings.coarse_samples.min(settings.samples));
         let transfer = LightTransport::new(scene, framebuffer, settings, &advance(progress));
@@ -299,7 +299,7 @@ impl TransferPlan {
                 let radius = transfer.certificate.spectral_radius;
                 if radius > HARDLY_ABSORBED {
                     tracing::warn!(
-                        "hardly any light is absorbed here: of its bounces each leaves up to {radius:.5}, {:.3} % were taken away",
+                        "this scene absorbs hardly any light: each bounce keeps up to {radius:.5} of it; {:.3} % of all reflected light was removed",
                         100.0 * transfer.certificate.capped
                     );
                 }
@@ -322,7 +322,7 @@ impl TransferPlan {
                     && held_out.is_exceeded()
                 {
                     tracing::warn!(
-                        "indirect light exceeds --error {error} in {} parts of the picture; the square of what all of them lose is {:.0} % above what that allows",
+                        "the compressed transfer misses --error {error} in {} parts of the picture; their summed squared error is {:.0} % above the target",
                         held_out.missed,
                         100.0 * held_out.excess
                     );
@@ -335,11 +335,11 @@ impl TransferPlan {
                 progress.end();
                 check_dense(framebuffer, thesis.column_count(), scene)?;
                 if scene.materials.iter().any(|material| material.emissive != Vec3::ZERO) {
-                    tracing::warn!("the thesis's method has no emitters: what their light does to surfaces is missing");
+                    tracing::warn!("--method thesis has no indirect light of emissive materials");
                 }
                 if thesis.spectral_radius >= 1.0 {
                     tracing::warn!(
-                        "the thesis's series has no sum here: its spectral radius is {:.3}; shown are its first {} terms",
+                        "the series of --method thesis does not converge here: its spectral radius is {:.3}; the picture has its first {} terms",
                         thesis.spectral_radius,
                         settings.bounces
                     );
@@ -367,11 +367,16 @@ fn check_dense(framebuffer: &DeepFramebuffer, columns: usize, scene: &Scene) -> 
     let bytes = 12.0 * (framebuffer.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
     let what =
         format!("a dense transfer of {columns} coefficients to {} view samples takes", framebuffer.samples.len());
-    check_free(bytes, &what, "choose a smaller --size, fewer --gather, or a --basis of fewer functions", &scene.path)
+    check_free(
+        bytes,
+        &what,
+        "choose a smaller --size, a smaller --gather, or a --basis with fewer functions",
+        &scene.path,
+    )
 }
 
 /// Refuses wavelets that cannot fit this machine.
 fn check_wavelets(bytes: f64, scene: &Scene) -> Result<()> {
-    let what = "the wavelets that --error asks for take";
-    check_free(bytes, what, "choose a larger --error, a smaller --size, or fewer --gather", &scene.path)
+    let what = "the wavelets that --error needs take";
+    check_free(bytes, what, "choose a larger --error, a smaller --size, or a smaller --gather", &scene.path)
 }

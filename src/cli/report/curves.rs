@@ -13,7 +13,7 @@ use relume::session::{BakeReport, Opened, build_bvh, cpu_seconds};
 use relume::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-use super::lab::{Lab, ours, picture_file, relight_settings};
+use super::lab::{Lab, ours, picture_file};
 use super::truth::{Truth, picture, trace};
 use crate::cli::bench::{load_average, median};
 use crate::cli::bench_rig::nudge;
@@ -115,7 +115,7 @@ impl Lab<'_> {
         let setting = format!("--spp {samples}");
         self.point(truth, Method::PathTracing, &setting, &setting, |lab| {
             let clock = Clock::start();
-            let opened = Opened::new(lab.path, None, &lab.view.settings(), &Terminal::default())?;
+            let opened = Opened::new(lab.path, lab.rig_path, &lab.view.settings(), &Terminal::default())?;
             build_bvh(opened.scene, &Terminal::default());
             let precompute = clock.seconds();
             let clock = Clock::start();
@@ -132,7 +132,7 @@ impl Lab<'_> {
         let size = self.session.size();
         let indirect = options.settings()?.expect("indirect light is not off");
         let plan = indirect.plan([size.0 as u32, size.1 as u32], self.view.layers, self.view.seed);
-        let what = format!("{plan:?}");
+        let what = format!("{plan:?} budget {:?}", self.relight.budget_bytes);
         self.point(truth, method, &setting(options), &what, |lab| {
             let session = &lab.session;
             let clock = Clock::start();
@@ -143,7 +143,7 @@ impl Lab<'_> {
             let held_out = transfer.report.held_out.as_ref().map(|r| r.point);
             let spectral_radius = Some(transfer.report.spectral_radius);
             let transfer = Some(Arc::new(transfer));
-            let settings = relight_settings(VisibilityMethod::Traced);
+            let settings = lab.relight_with(VisibilityMethod::Traced);
             let mut relighter = Relighter::new(
                 &lab.context,
                 &session.scene,

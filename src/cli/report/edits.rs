@@ -4,15 +4,15 @@ use std::sync::Arc;
 
 use relume::bake::DeepFramebuffer;
 use relume::relight::roofline::Roofline;
-use relume::relight::{Picture, RelightSettings, Relighter, VisibilityMethod};
+use relume::relight::{Picture, Relighter, VisibilityMethod};
 use relume::report::{Ablation, EditTime, LeftOut, PassMs, larger};
 use relume::{Result, Session, SessionSettings};
 use serde::{Deserialize, Serialize};
 
-use super::lab::{Lab, ours, relight_settings, session_settings};
-use crate::cli::bench::{Record, SEVERAL, best_of, edits_of, measure, percentile};
+use super::lab::{Lab, ours, session_settings};
+use crate::cli::bench::{Record, SEVERAL, Timing, best_of, edits_of, percentile};
+use crate::cli::left_out::left_out;
 use crate::cli::options::ViewOptions;
-use crate::cli::plan::left_out;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::FormName;
 
@@ -29,7 +29,7 @@ impl Lab<'_> {
     /// Measured unless they were before.
     pub fn edits(&mut self) -> Result<Edits> {
         let whole = self.extent.whole_edits;
-        let what = format!("edits {} {whole} {}", self.identity, self.extent.frames);
+        let what = format!("edits {} {whole} {} {:?}", self.identity, self.extent.frames, self.relight);
         if let Some(edits) = self.kept.get(&what) {
             return Ok(edits);
         }
@@ -43,26 +43,27 @@ impl Lab<'_> {
         let view = ViewOptions { size, ..self.view.clone() };
         let gather = (!whole).then(|| self.usual_gather_samples());
         let planned = ours(gather, 1024, 0.01, FormName::Auto);
-        // Its bake takes minutes: kept apart, for a report that is interrupted while it times edits.
-        let cache_dir = Some(self.dir.join("cache"));
+        // Its bake takes minutes and is not timed: a report that was interrupted while it timed edits need not repeat it.
+        let cache_dir = self.cache_dir.clone();
         let settings = SessionSettings { cache_dir, ..session_settings(&view, Some(&planned))? };
-        let session = Session::open(self.path, None, &settings, &Terminal::default())?;
+        let session = Session::open(self.path, self.rig_path, &settings, &Terminal::default())?;
         let limits = Measured::new(self, &session)?;
-        let mut relighter = session.relighter(&self.context, &session.rig, &RelightSettings::default())?;
+        let mut relighter = session.relighter(&self.context, &session.rig, &self.relight)?;
         relighter.display(Picture::Whole)?;
+        let timing = Timing::new(&session, self.extent.frames);
         let mut times = Vec::new();
         for (edited, edit) in edits_of(&session.rig) {
-            let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;
+            let record = timing.measure(&mut relighter, &session.rig, edited, edit)?;
             times.push(limits.told(&record));
         }
-        let items = left_out(&session, relighter.traces(), session.transfer.as_ref().map(|t| t.report.unseen));
+        let items = left_out(&session.counts(), relighter.traces(), session.transfer.as_ref().map(|t| t.report.unseen));
         let left_out = items.into_iter().map(|i| LeftOut { what: i.what.into(), why: i.why, saves: i.saves }).collect();
         // The other way to shadows, beside the one that was chosen.
         let other = if relighter.traces() { VisibilityMethod::Map } else { VisibilityMethod::Traced };
         drop(relighter);
-        let mut relighter = session.relighter(&self.context, &session.rig, &relight_settings(other))?;
+        let mut relighter = session.relighter(&self.context, &session.rig, &self.relight_with(other))?;
         for (edited, edit) in edits_of(&session.rig).into_iter().filter(|(_, edit)| edit.1 == "move_direct") {
-            let record = measure(&mut relighter, &session, &session.rig, edited, edit, self.extent.frames)?;
+            let record = timing.measure(&mut relighter, &session.rig, edited, edit)?;
             times.push(limits.told(&record));
         }
         let (width, height) = session.size();
@@ -74,7 +75,7 @@ impl Lab<'_> {
     fn ablation(&self, session: &Session) -> Result<Option<Ablation>> {
         let moved = edits_of(&session.rig).into_iter().find(|(_, edit)| edit.1 == "move_direct");
         let Some((edited, edit)) = moved else { return Ok(None) };
-        let settings = relight_settings(VisibilityMethod::Traced);
+        let settings = self.relight_with(VisibilityMethod::Traced);
         let held = || self.context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum::<u64>();
         let measured = |framebuffer: &Arc<DeepFramebuffer>| -> Result<(Vec<[f32; 3]>, Record, u64)> {
             let before = held();
@@ -87,7 +88,8 @@ impl Lab<'_> {
                 &settings,
             )?;
             let picture = relighter.linear(Picture::Whole)?.to_vec();
-            let record = measure(&mut relighter, session, &session.rig, edited, edit, self.extent.frames)?;
+            let record =
+                Timing::new(session, self.extent.frames).measure(&mut relighter, &session.rig, edited, edit)?;
             Ok((picture, record, held() - before))
         };
         let of_all = Arc::new(DeepFramebuffer::clone(&session.framebuffer).with_nothing_left_out());

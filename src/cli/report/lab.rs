@@ -26,6 +26,11 @@ pub struct Lab<'a> {
     pub view: ViewOptions,
     /// Size that was asked for.
     pub asked: Option<[u32; 2]>,
+    pub rig_path: Option<&'a Path>,
+    /// How edits are relit.
+    pub relight: RelightSettings,
+    /// Keeps bakes that nobody times.
+    pub cache_dir: Option<PathBuf>,
     pub context: Arc<Context>,
     /// Without indirect light; pictures of the size whose errors are told.
     pub session: Session,
@@ -50,8 +55,9 @@ impl<'a> Lab<'a> {
         let own = scene.default_size(scene.cameras.first());
         let size = view.size.unwrap_or_else(|| fit(own, extent.side));
         let (asked, view) = (view.size, ViewOptions { size: Some(size), ..view.clone() });
-        let session = Session::open_direct(path, None, &session_settings(&view, None)?, &Terminal::default())?;
-        let context = session.context(args.device.as_deref())?;
+        let rig_path = args.rig.as_deref();
+        let session = Session::open_direct(path, rig_path, &session_settings(&view, None)?, &Terminal::default())?;
+        let context = session.context(args.device.device.as_deref())?;
         let identity = format!(
             "{:?} {:?} {:?} seed {} on {}",
             session.key,
@@ -62,9 +68,23 @@ impl<'a> Lab<'a> {
         );
         let hash = blake3::hash(identity.as_bytes()).to_hex();
         let folder = format!("{}-{}x{}-{}", session.scene.name(), size[0], size[1], &hash[..8]);
-        let dir = args.output.as_path();
-        let (points, skipped) = (Vec::new(), Vec::new());
-        Ok(Self { dir, path, extent, kept, view, asked, context, session, identity, folder, points, skipped })
+        Ok(Self {
+            dir: &args.output,
+            path,
+            extent,
+            kept,
+            view,
+            asked,
+            rig_path,
+            relight: args.relight_settings(),
+            cache_dir: args.cache.dir(),
+            context,
+            session,
+            identity,
+            folder,
+            points: Vec::new(),
+            skipped: Vec::new(),
+        })
     }
 
     /// Everything that the report tells of the scene.
@@ -94,6 +114,16 @@ impl<'a> Lab<'a> {
             left_out: edits.left_out,
             ablation: edits.ablation,
         })
+    }
+
+    /// The scene seen as `settings` say, without indirect light.
+    pub fn direct(&self, view: &ViewOptions) -> Result<Session> {
+        Session::open_direct(self.path, self.rig_path, &session_settings(view, None)?, &Terminal::default())
+    }
+
+    /// As edits are relit, but with these shadows.
+    pub fn relight_with(&self, visibility: VisibilityMethod) -> RelightSettings {
+        RelightSettings { visibility, ..self.relight.clone() }
     }
 
     pub fn truth(&self) -> Result<Truth> {
@@ -158,11 +188,6 @@ pub fn session_settings(view: &ViewOptions, transfer: Option<&TransferOptions>) 
 pub fn ours(gather: Option<u32>, rays: u32, error: f64, form: FormName) -> TransferOptions {
     let (gi, method) = (Gi::Glossy, MethodName::Robust);
     TransferOptions { gi, method, gather, rays: Some(rays), basis: None, transfer: form, error, bounces: None }
-}
-
-/// Relighting by this kind of shadows.
-pub fn relight_settings(visibility: VisibilityMethod) -> RelightSettings {
-    RelightSettings { visibility, ..Default::default() }
 }
 
 /// A size of the same shape whose longest side is at most `side`.

@@ -12,6 +12,7 @@ mod truth;
 
 use std::path::{Path, PathBuf};
 
+use relume::relight::RelightSettings;
 use relume::report::thesis::Thesis;
 use relume::report::{self, Report, SceneReport};
 use relume::scene::Scene;
@@ -19,26 +20,45 @@ use relume::{Error, Result};
 
 use self::lab::Lab;
 use self::measurement_store::MeasurementStore;
-use super::options::ViewOptions;
+use super::options::{CacheOptions, DeviceOptions, ShadowOptions, ViewOptions};
 use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scenes: .glb, .gltf or .obj [default: some of those in `scenes`, the furnished room if it was made, and the thesis's
-    /// where RELUME_SHARED or ../shared has them].
+    /// Scenes: .glb, .gltf or .obj files [default: some of the folder `scenes`, the furnished room if it was made, and those of
+    /// the thesis if RELUME_SHARED or ../shared has them].
     #[arg(value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Folder to write: index.html, CSV files, pictures. Measurements that it holds already are not made again.
+    /// Folder to write: index.html, CSV files, pictures. Measurements that are in it already are not repeated.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Small pictures and short curves: within minutes.
+    /// Small pictures and short curves; takes minutes instead of hours.
     #[arg(long)]
     quick: bool,
-    /// Vulkan device, by index or part of its name [default: the best real GPU, else the CPU].
-    #[arg(long, value_name = "NAME|INDEX")]
-    device: Option<String>,
+    /// Rig file whose lights replace those of every scene.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
     #[command(flatten)]
     view: ViewOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+    #[command(flatten)]
+    shadows: ShadowOptions,
+    #[command(flatten)]
+    device: DeviceOptions,
+}
+
+pub const AFTER_HELP: &str = "\
+The page compares settings of indirect light with each other: methods, gather samples, rays, errors, forms. Therefore it \
+takes no options for them. Pictures whose errors are measured always have traced shadows, as the reference has; \
+--visibility chooses the shadows of the timed edits. --cache keeps only the bakes of the timed edits; all other bakes are \
+timed, and therefore made anew.";
+
+impl Args {
+    /// How edits are relit.
+    fn relight_settings(&self) -> RelightSettings {
+        self.shadows.relight_settings(&self.device)
+    }
 }
 
 /// How much is measured.
@@ -114,7 +134,7 @@ pub fn run(args: &Args) -> Result<()> {
     // A mistake in the last name shows at once.
     let names = scenes.iter().map(|path| Ok(Scene::load(path)?.name())).collect::<Result<Vec<_>>>()?;
     if let Some(twice) = (0..names.len()).find(|&i| names[..i].contains(&names[i])) {
-        let reason = "two scenes of this name would overwrite each other's files";
+        let reason = "two scenes have this name, and would overwrite the files of each other";
         return Err(Error::invalid(scenes[twice].display().to_string(), reason));
     }
     std::fs::create_dir_all(&args.output).map_err(Error::io("create", &args.output))?;
@@ -169,7 +189,7 @@ fn default_scenes(quick: bool) -> Result<Vec<PathBuf>> {
     let shipped = ["cornell-diffuse", "cornell-glossy", "balls-2"].map(|name| Path::new("scenes").join(name));
     let mut scenes: Vec<PathBuf> = shipped.iter().map(|path| path.with_extension("glb")).collect();
     if let Some(missing) = scenes.iter().find(|path| !path.exists()) {
-        let reason = "is not here; name scenes, or start from the folder of relume";
+        let reason = "is not here; name the scenes to measure, or start relume in its own folder";
         return Err(Error::invalid(missing.display().to_string(), reason));
     }
     scenes.extend(Some(PathBuf::from("scenes/generated/room.glb")).filter(|room| room.exists()));

@@ -3,14 +3,14 @@
 use std::collections::HashMap;
 
 use relume::Result;
-use relume::relight::{Picture, RelightSettings};
+use relume::relight::Picture;
 use relume::report::Method;
 use relume::report::growth::{Cost, Growth};
 use relume::scene::{Mesh, Rig};
 use relume::session::{BakeReport, Opened, Session};
 
 use super::lab::{Lab, fit, session_settings};
-use crate::cli::bench::{edits_of, measure};
+use crate::cli::bench::{Timing, edits_of};
 use crate::cli::bench_rig::light_like_scene;
 use crate::cli::options::ViewOptions;
 use crate::cli::progress::Terminal;
@@ -30,8 +30,9 @@ impl Lab<'_> {
     /// Measured unless they were before; of the gather samples, what the curves have told.
     pub fn scaling(&mut self) -> Result<Vec<Growth>> {
         let what = format!(
-            "scaling {} {:?}",
+            "scaling {} {:?} {:?}",
             self.identity,
+            self.relight,
             (self.extent.lights, self.extent.sides, self.extent.triangles, self.extent.frames)
         );
         let measured: Vec<Growth> = match self.kept.get(&what) {
@@ -62,7 +63,7 @@ impl Lab<'_> {
         let large = own.map(|side| side * 16);
         for &side in self.extent.sides {
             let view = ViewOptions { size: Some(fit(large, side)), ..self.view.clone() };
-            let session = Session::open_direct(self.path, None, &session_settings(&view, None)?, &Terminal::default())?;
+            let session = self.direct(&view)?;
             let pixels = (session.size().0 * session.size().1) as f64;
             let rig = light_like_scene(&session, 2, view.seed);
             bake.points.push([pixels, stage_ms(&session, "deep framebuffer")]);
@@ -77,7 +78,7 @@ impl Lab<'_> {
         let mut costs = EDITS.map(|(_, name)| cost(name, if name == MOVE { LOGARITHM } else { 0.0 }));
         for cuts in 0.. {
             let progress = Terminal::default();
-            let mut opened = Opened::new(self.path, None, &self.view.settings(), &progress)?;
+            let mut opened = Opened::new(self.path, self.rig_path, &self.view.settings(), &progress)?;
             let triangles = opened.scene.mesh.triangles.len() << (2 * cuts);
             if triangles > self.extent.triangles && cuts > 0 {
                 break;
@@ -98,7 +99,8 @@ impl Lab<'_> {
         if self.session.layers().iter().skip(1).all(|&samples| samples == 0) {
             return Ok(None);
         }
-        let what = format!("scaling {} of layers {:?}", self.identity, (MOST_LAYERS, self.extent.frames));
+        let what =
+            format!("scaling {} {:?} of {MOST_LAYERS} layers {}", self.identity, self.relight, self.extent.frames);
         if let Some(growth) = self.kept.get(&what) {
             return Ok(Some(growth));
         }
@@ -106,7 +108,7 @@ impl Lab<'_> {
         let mut costs = EDITS.map(|(_, name)| cost(name, 1.0));
         for layers in 1..=MOST_LAYERS {
             let view = ViewOptions { layers, ..self.view.clone() };
-            let session = Session::open_direct(self.path, None, &session_settings(&view, None)?, &Terminal::default())?;
+            let session = self.direct(&view)?;
             let rig = light_like_scene(&session, 2, view.seed);
             bake.points.push([f64::from(layers), stage_ms(&session, "deep framebuffer")]);
             self.time(&session, &rig, f64::from(layers), &mut costs)?;
@@ -131,11 +133,12 @@ impl Lab<'_> {
 
     /// Times the edits that the costs are of, with `count` of what grows.
     fn time(&self, session: &Session, rig: &Rig, count: f64, costs: &mut [Cost; 3]) -> Result<()> {
-        let mut relighter = session.relighter(&self.context, rig, &RelightSettings::default())?;
+        let mut relighter = session.relighter(&self.context, rig, &self.relight)?;
         relighter.display(Picture::Whole)?;
+        let timing = Timing::new(session, self.extent.frames);
         for ((name, _), cost) in EDITS.iter().zip(costs) {
             let Some((edited, edit)) = edits_of(rig).into_iter().find(|(_, edit)| edit.1 == *name) else { continue };
-            let record = measure(&mut relighter, session, rig, edited, edit, self.extent.frames)?;
+            let record = timing.measure(&mut relighter, rig, edited, edit)?;
             cost.points.push([count, record.median_ms]);
         }
         Ok(())

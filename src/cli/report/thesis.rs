@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use relume::image::compare::{Pictures, displayed};
 use relume::image::{Image, exr};
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
-use relume::relight::{self, RelightSettings};
+use relume::relight;
 use relume::report::thesis::{GlossyAlone, Preview, Thesis};
 use relume::report::{Method, Picture, Skipped, significant};
 use relume::{Error, Result, Session};
@@ -15,7 +15,7 @@ use super::curves::{Clock, thesis_diffuse, thesis_glossy};
 use super::lab::{Lab, fit, ours, picture_file, session_settings};
 use super::measurement_store::MeasurementStore;
 use super::{Args, Extent, truth};
-use crate::cli::bench::{edits_of, measure};
+use crate::cli::bench::{Timing, edits_of};
 use crate::cli::options::ViewOptions;
 use crate::cli::output::make_parent;
 use crate::cli::progress::Terminal;
@@ -94,11 +94,13 @@ fn one(
 ) -> Result<(Preview, Vec<Picture>)> {
     let size = args.view.size.unwrap_or_else(|| fit([720, 480], extent.preview_side));
     let view = ViewOptions { size: Some(size), ..args.view.clone() };
-    let session = Session::open_direct(path, None, &session_settings(&view, None)?, &Terminal::default())?;
+    let session =
+        Session::open_direct(path, args.rig.as_deref(), &session_settings(&view, None)?, &Terminal::default())?;
     let name = session.scene.name();
     let [ours, theirs] = ["preview", "final"]
         .map(|what| args.output.join(picture_file(&format!("{name}-{}x{}", size[0], size[1]), what)));
-    let what = format!("table 5.1 {:?} {:?} {:?} {}", session.key, session.rig, args.device, extent.frames);
+    let lit = (&session.rig, &args.device.device, args.relight_settings(), extent.frames);
+    let what = format!("table 5.1 {:?} {lit:?}", session.key);
     let known = kept.get::<Preview>(&what).filter(|_| ours.exists() && theirs.exists());
     let preview = match known {
         Some(preview) => preview,
@@ -120,14 +122,14 @@ fn trace_and_time(
     [ours, theirs]: [&Path; 2],
 ) -> Result<Preview> {
     let (width, height) = session.size();
-    let context = session.context(args.device.as_deref())?;
-    let mut relighter = session.relighter(&context, &session.rig, &RelightSettings::default())?;
+    let context = session.context(args.device.device.as_deref())?;
+    let mut relighter = session.relighter(&context, &session.rig, &args.relight_settings())?;
     make_parent(ours)?;
     let picture = relighter.linear(relight::Picture::Whole)?.to_vec();
     exr::write(ours, &Image::single(width, height, picture))?;
     let moved = edits_of(&session.rig).into_iter().find(|(_, edit)| edit.1 == "move_direct");
     let (edited, edit) = moved.ok_or_else(|| Error::invalid(session.scene.name(), "has no lights to move"))?;
-    let record = measure(&mut relighter, session, &session.rig, edited, edit, extent.frames)?;
+    let record = Timing::new(session, extent.frames).measure(&mut relighter, &session.rig, edited, edit)?;
 
     let settings = Settings {
         width: width as u32,

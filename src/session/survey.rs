@@ -1,0 +1,191 @@
+//! What the bake of a scene would give, told without it: from the cache, or estimated from a small picture.
+
+use std::path::Path;
+
+use super::open::{Opened, build_bvh};
+use super::plan::TransferPlan;
+use super::progress::{Progress, advance, until_cancelled};
+use super::report::BakeReport;
+use super::{Session, SessionSettings};
+use crate::bake::framebuffer::view_samples::Tiling;
+use crate::bake::transport::TransferSettings;
+use crate::bake::transport::importance::Importance;
+use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache};
+use crate::error::Result;
+use crate::relight::light_cache::LightCache;
+use crate::scene::{Camera, Rig};
+use crate::trace::bvh::TracedScene;
+
+/// What a deep framebuffer consists of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FramebufferCounts {
+    /// Pixels, padded to whole tiles.
+    pub pixels: usize,
+    /// View samples, a pixel each and the extra ones.
+    pub samples: usize,
+    /// Those that see anything, in each layer that was asked for.
+    pub layers: Vec<usize>,
+    /// Whether any sample has a specular lobe.
+    pub has_specular: bool,
+    /// Whether any emitter is seen.
+    pub has_emission: bool,
+    /// BRDFs that are no material's own.
+    pub own_brdfs: usize,
+}
+
+/// Where the counts are from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CountedIn {
+    /// A bake of this very picture.
+    Cache,
+    /// The picture is small, and was baked.
+    Picture,
+    /// A smaller picture, of so many pixels.
+    Smaller([u32; 2]),
+}
+
+/// A scene as it would be baked.
+pub struct Survey {
+    pub scene: TracedScene,
+    pub rig: Rig,
+    pub size: [u32; 2],
+    pub counts: FramebufferCounts,
+    pub counted_in: CountedIn,
+    /// Absent without indirect light.
+    pub transfer: Option<TransferPlan>,
+    /// Share of all surfaces, by area, that no pixel sees, even over bounces; absent without indirect light.
+    pub unseen: Option<f64>,
+}
+
+/// Pixels of the picture that larger ones are judged by: a few milliseconds, and each thousandth of a picture is some pixels.
+const PIXELS: f64 = 16_384.0;
+/// Paths from the eye that tell how much of the scene is seen.
+const PATHS: usize = 16_384;
+
+impl FramebufferCounts {
+    pub fn new(framebuffer: &DeepFramebuffer, materials: usize) -> Self {
+        let mut layers = framebuffer.layers.clone();
+        layers.resize(framebuffer.asked_layers as usize, 0);
+        Self {
+            pixels: framebuffer.pixel_stride(),
+            samples: framebuffer.samples.len(),
+            layers,
+            has_specular: framebuffer.has_specular,
+            has_emission: !framebuffer.emission.is_empty(),
+            own_brdfs: framebuffer.brdfs.len().saturating_sub(materials),
+        }
+    }
+
+    /// Of a picture of `pixels`, padded, with `area` times as many, from those of `plain` with a sample a pixel and of `smooth`
+    /// with more of them on edges, which are lines.
+    fn scaled(plain: &Self, smooth: &Self, area: f64, pixels: usize) -> Self {
+        let scale = |plain: usize, smooth: usize| {
+            (area * plain as f64 + area.sqrt() * smooth.saturating_sub(plain) as f64).round() as usize
+        };
+        let extra = scale(plain.samples - plain.pixels, smooth.samples - smooth.pixels);
+        Self {
+            pixels,
+            samples: pixels + extra,
+            layers: plain.layers.iter().zip(&smooth.layers).map(|(p, s)| scale(*p, *s)).collect(),
+            own_brdfs: scale(plain.own_brdfs, smooth.own_brdfs),
+            ..smooth.clone()
+        }
+    }
+}
+
+impl Session {
+    pub fn counts(&self) -> FramebufferCounts {
+        FramebufferCounts::new(&self.framebuffer, self.scene.materials.len())
+    }
+}
+
+impl Survey {
+    /// Of `path` with the lights of `rig_path`, or its own. Nothing is stored.
+    pub fn new(
+        path: &Path,
+        rig_path: Option<&Path>,
+        settings: &SessionSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        settings.check()?;
+        let mut report = BakeReport::default();
+        let opened = report.stage("load", || Opened::new(path, rig_path, &settings.open, progress))?;
+        let Opened { scene, rig, camera, size } = opened;
+        let scene = report.stage("build BVH", || build_bvh(scene, progress));
+        let view = View { scene: &scene, rig: &rig, camera: &camera, settings };
+        let (framebuffer, counts, counted_in) = match report.stage("read cache", || view.stored(size)) {
+            Some(stored) => {
+                let counts = view.counts(&stored);
+                (stored, counts, CountedIn::Cache)
+            }
+            None => report.stage("count", || until_cancelled(|| Ok(view.count(size, progress))))?,
+        };
+        let SessionSettings { layers, seed, indirect, .. } = settings;
+        let transfer = indirect.map(|indirect| indirect.plan(size, *layers, *seed));
+        let unseen = transfer.as_ref().map(|plan| match plan {
+            TransferPlan::Robust(TransferSettings { layers, seed, .. }, _) => {
+                report.stage("paths", || Importance::new(&scene, &framebuffer, *layers, PATHS, *seed).unseen)
+            }
+            // It looks at all surfaces.
+            TransferPlan::Thesis(_) => 0.0,
+        });
+        Ok(Self { size, counts, counted_in, transfer, unseen, scene, rig })
+    }
+
+    /// Bytes of all light images of the rig, and of the fewest that work.
+    pub fn light_image_bytes(&self) -> [u64; 2] {
+        let (fewest, all) = LightCache::slot_range(self.rig.lights.len());
+        [all, fewest].map(|images| 12 * (images * self.counts.pixels) as u64)
+    }
+}
+
+/// What is looked at, and how it would be baked.
+struct View<'a> {
+    scene: &'a TracedScene,
+    rig: &'a Rig,
+    camera: &'a Camera,
+    settings: &'a SessionSettings,
+}
+
+impl View<'_> {
+    fn bake_settings(&self, [width, height]: [u32; 2], samples: u32) -> BakeSettings {
+        BakeSettings { width, height, layers: self.settings.layers, samples }
+    }
+
+    /// The deep framebuffer, if the cache has it.
+    fn stored(&self, size: [u32; 2]) -> Option<DeepFramebuffer> {
+        let dir = self.settings.cache_dir.as_deref().filter(|dir| dir.is_dir())?;
+        let settings = self.bake_settings(size, self.settings.samples);
+        let key = cache::key(self.scene, self.camera, self.rig, &settings);
+        cache::load(dir, &key, self.camera, &settings).map(|framebuffer| self.forced(framebuffer))
+    }
+
+    fn forced(&self, framebuffer: DeepFramebuffer) -> DeepFramebuffer {
+        if self.settings.force_all { framebuffer.with_nothing_left_out() } else { framebuffer }
+    }
+
+    fn counts(&self, framebuffer: &DeepFramebuffer) -> FramebufferCounts {
+        FramebufferCounts::new(framebuffer, self.scene.materials.len())
+    }
+
+    /// A bake of at most [`PIXELS`], and the counts of the whole picture.
+    fn count(&self, size: [u32; 2], progress: &dyn Progress) -> (DeepFramebuffer, FramebufferCounts, CountedIn) {
+        let pixels = |[width, height]: [u32; 2]| f64::from(width) * f64::from(height);
+        let shrink = (PIXELS / pixels(size)).sqrt().min(1.0);
+        let small = size.map(|side| ((f64::from(side) * shrink).round() as u32).max(1));
+        let samples = self.settings.samples;
+        let bake = |samples: u32| {
+            let settings = self.bake_settings(small, samples);
+            self.forced(bake(self.scene, self.camera, self.rig, &settings, &advance(progress)))
+        };
+        let framebuffer = bake(samples);
+        let smooth = self.counts(&framebuffer);
+        if small == size {
+            return (framebuffer, smooth, CountedIn::Picture);
+        }
+        let plain = if samples > 1 { self.counts(&bake(1)) } else { smooth.clone() };
+        let all = Tiling { width: size[0], height: size[1] }.len();
+        let counts = FramebufferCounts::scaled(&plain, &smooth, pixels(size) / pixels(small), all);
+        (framebuffer, counts, CountedIn::Smaller(small))
+    }
+}
