@@ -5,6 +5,7 @@
 
 pub mod drawn;
 pub mod kernel;
+pub mod pictures;
 pub mod random;
 pub mod ratio;
 pub mod stage;
