@@ -2,6 +2,7 @@
 
 #include "lib/color.glsl"
 #include "lib/display.glsl"
+#include "lib/read_pixel.glsl"
 
 // One workgroup per tile: its reads are contiguous, and no pixel needs a division by the width.
 void main() {
@@ -18,9 +19,7 @@ void main() {
     vec3 c = vec3(0.0);
     [[unroll]] for (uint i = 0; i < MAX_TERMS; ++i) {
         if (i < push.term_count) {
-            Read_float image = Read_float(push.terms[i].image);
-            vec3 term = vec3(image.at[at], image.at[at + push.pixel_stride], image.at[at + 2 * push.pixel_stride]);
-            c += push.terms[i].scale * term;
+            c += push.terms[i].scale * read_pixel(push.terms[i].image, at, push.pixel_stride);
         }
     }
     write_pixel(index, c);

@@ -1,6 +1,7 @@
 // Luminance histogram of a picture, or the radiance of one pixel.
 
 #include "lib/color.glsl"
+#include "lib/read_pixel.glsl"
 
 shared uint bins[HISTOGRAM_BINS];
 
@@ -8,9 +9,7 @@ vec3 radiance(uint at) {
     vec3 c = vec3(0.0);
     [[unroll]] for (uint i = 0; i < MAX_TERMS; ++i) {
         if (i < push.term_count) {
-            Read_float image = Read_float(push.terms[i].image);
-            vec3 term = vec3(image.at[at], image.at[at + push.pixel_stride], image.at[at + 2 * push.pixel_stride]);
-            c += push.terms[i].scale * term;
+            c += push.terms[i].scale * read_pixel(push.terms[i].image, at, push.pixel_stride);
         }
     }
     return c;

@@ -3,6 +3,7 @@
 #include "lib/tiles.glsl"
 #include "lib/color.glsl"
 #include "lib/display.glsl"
+#include "lib/read_pixel.glsl"
 
 void main() {
     uint thread = thread_index();
@@ -12,13 +13,12 @@ void main() {
     uvec2 inside = uvec2(thread % push.cell.x, thread / push.cell.x);
     vec3 sum = vec3(0.0);
     if (push.term_count != 0) {
-        Read_float image = Read_float(push.term.image);
         uvec2 first = inside * push.size / push.cell;
         uvec2 end = min(max((inside + 1) * push.size / push.cell, first + 1), push.size);
         for (uint y = first.y; y < end.y; ++y) {
             for (uint x = first.x; x < end.x; ++x) {
                 uint at = tiled(uvec2(x, y), push.size.x);
-                sum += vec3(image.at[at], image.at[at + push.pixel_stride], image.at[at + 2 * push.pixel_stride]);
+                sum += read_pixel(push.term.image, at, push.pixel_stride);
             }
         }
         sum *= push.term.scale / float((end.x - first.x) * (end.y - first.y));
