@@ -6,6 +6,7 @@
 mod blackbody;
 mod read;
 mod read_light;
+mod rig_text;
 mod write;
 
 use std::borrow::Cow;
