@@ -2,25 +2,9 @@
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
+use super::mesh_part::{MeshPart, gather};
 use super::tangents::{self, perpendicular};
 use super::{Mesh, MeshSpace};
-
-/// Triangles of one material in world space. Optional attributes are empty, or as long as `positions`.
-#[derive(Default)]
-pub struct Part {
-    /// Finite.
-    pub positions: Vec<DVec3>,
-    /// Any length; empty for flat shading.
-    pub normals: Vec<Vec3>,
-    pub uvs: [Vec<Vec2>; 2],
-    pub colors: Vec<Vec4>,
-    pub tangents: Vec<Vec4>,
-    /// Counter-clockwise from the front; indices in range.
-    pub triangles: Vec<[u32; 3]>,
-    pub material: u32,
-    /// Texture coordinate set of the material's normal map, if it has one.
-    pub tangents_from: Option<usize>,
-}
 
 /// Why no mesh was built.
 pub enum Unbuilt {
@@ -53,7 +37,7 @@ const WIDTHS: std::ops::RangeInclusive<f64> = 1e-15..=1e18;
 
 impl MeshBuilder {
     /// Adds a part; completes its normals and tangents.
-    pub fn add(&mut self, mut part: Part) {
+    pub fn add(&mut self, mut part: MeshPart) {
         let given = part.triangles.len();
         part.triangles.retain(|t| !is_line(t.map(|i| part.positions[i as usize])));
         self.dropped += given - part.triangles.len();
@@ -77,7 +61,7 @@ impl MeshBuilder {
         self.append(part);
     }
 
-    fn append(&mut self, part: Part) {
+    fn append(&mut self, part: MeshPart) {
         let first = self.positions.len();
         let count = part.positions.len();
         let mesh = &mut self.mesh;
@@ -142,55 +126,6 @@ impl MeshBuilder {
     }
 }
 
-impl Part {
-    /// Gives every triangle its own vertices with the face normal. Discards tangents, because they require normals
-    /// [glTF 2.0, 3.7.2.1].
-    fn make_flat(&mut self) {
-        let corners: Vec<usize> = self.triangles.iter().flatten().map(|&i| i as usize).collect();
-        self.positions = corners.iter().map(|&i| self.positions[i]).collect();
-        gather(&mut self.uvs[0], &corners);
-        gather(&mut self.uvs[1], &corners);
-        gather(&mut self.colors, &corners);
-        self.tangents = Vec::new();
-        self.triangles = (0..self.triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-        let faces = self.triangles.iter().map(|t| self.face_normal(*t));
-        self.normals = faces.flat_map(|n| [n; 3]).collect();
-    }
-
-    /// Normalizes normals; those of zero length become the mean of their faces' normals. Returns the number replaced.
-    fn mend_normals(&mut self) -> usize {
-        let mut sums = std::collections::HashMap::new();
-        for (i, normal) in self.normals.iter_mut().enumerate() {
-            match normal.try_normalize() {
-                Some(unit) => *normal = unit,
-                None => _ = sums.insert(i as u32, Vec3::ZERO),
-            }
-        }
-        if sums.is_empty() {
-            return 0;
-        }
-        for &triangle in &self.triangles {
-            for i in triangle {
-                if let Some(sum) = sums.get_mut(&i) {
-                    *sum += self.face_normal(triangle);
-                }
-            }
-        }
-        let mended = sums.len();
-        for (i, sum) in sums {
-            self.normals[i as usize] = sum.try_normalize().unwrap_or(Vec3::Y);
-        }
-        mended
-    }
-
-    fn face_normal(&self, triangle: [u32; 3]) -> Vec3 {
-        let [a, b, c] = triangle.map(|i| self.positions[i as usize]);
-        // Edges are normalized, so that tiny triangles do not underflow.
-        let normal = (b - a).normalize().cross((c - a).normalize());
-        normal.try_normalize().map_or(Vec3::Y, |n| n.as_vec3())
-    }
-}
-
 /// Whether a triangle in mesh space has no area in single precision.
 fn is_degenerate(corners: [DVec3; 3]) -> bool {
     // Below f32's smallest normal number, the area would be zero when computed in single precision.
@@ -212,12 +147,6 @@ fn is_line([a, b, c]: [DVec3; 3]) -> bool {
 /// position.
 fn without_rounding(unit: Vec3) -> Vec3 {
     Vec3::select(unit.abs().cmplt(Vec3::splat(1e-12)), Vec3::ZERO, unit)
-}
-
-fn gather<T: Copy>(values: &mut Vec<T>, indices: &[usize]) {
-    if !values.is_empty() {
-        *values = indices.iter().map(|&i| values[i]).collect();
-    }
 }
 
 fn append_optional<T: Copy>(all: &mut Vec<T>, part: &[T], first: usize, count: usize, neutral: T) {

@@ -32,7 +32,8 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
         return Err(Error::invalid(path.display().to_string(), "scenes are written as .glb or .gltf"));
     }
     let container = Container::read(&scene.path)?;
-    let document = Document::parse(&scene.path, &container)?;
+    let mut document = Document::parse(&scene.path, &container)?;
+    document.unpack()?;
     let root: serde_json::Value = serde_json::from_slice(&container.json)
         .map_err(|e| Error::import_from(&scene.path, "is not the JSON of a glTF", e))?;
     let serde_json::Value::Object(mut root) = root else {

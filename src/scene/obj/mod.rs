@@ -1,9 +1,11 @@
 //! Wavefront OBJ and MTL into a [`Scene`]: triangles and materials, no lights, no camera.
 
-mod guard;
 mod images;
 mod materials;
+mod sanitize;
+mod texture_map;
 mod winding;
+mod words;
 
 use std::collections::HashMap;
 use std::iter;
@@ -15,15 +17,16 @@ use earcut::utils3d::project3d_to_2d;
 use glam::{DVec3, Vec2, Vec4};
 use tobj::{LoadOptions, Mesh};
 
-use super::mesh_builder::{MeshBuilder, Part};
+use super::mesh_builder::MeshBuilder;
+use super::mesh_part::MeshPart;
 use super::{Material, Rig, Scene, files};
 use crate::error::{Error, Result};
-use guard::Face;
 use materials::Library;
+use sanitize::Face;
 
 pub fn load(path: &Path) -> Result<Scene> {
     let bytes = files::read(path)?;
-    let obj = guard::obj(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+    let obj = sanitize::obj(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
     let mut library = Library::default();
     for statement in &obj.libraries {
         library.read(path, statement)?;
@@ -105,8 +108,8 @@ fn part<'a>(
     polygons: impl Iterator<Item = &'a Polygon<'a>>,
     material: &Material,
     material_index: u32,
-) -> Part {
-    let mut part = Part { material: material_index, ..Part::default() };
+) -> MeshPart {
+    let mut part = MeshPart { material: material_index, ..MeshPart::default() };
     part.tangents_from = material.normal_texture.as_ref().map(|t| t.uv_set);
     let textured = material.textures().next().is_some();
     let three = |values: &[f64], i: u32| DVec3::from_slice(&values[3 * i as usize..]);
