@@ -1,5 +1,5 @@
-//! Glossy surfaces in which lights are mirrored, and aims at the mirror images. Planar surfaces are here, curved ones in
-//! `curves`.
+//! Glossy surfaces in which lights are mirrored, and aims at the mirror images. Planar surfaces are here, curved ones
+//! in `curves`.
 
 use std::collections::BTreeMap;
 
