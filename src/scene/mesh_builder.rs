@@ -7,14 +7,14 @@ use super::tangents::{self, perpendicular};
 use super::{Mesh, MeshSpace};
 
 /// Why no mesh was built.
-pub enum Unbuilt {
+pub enum MeshBuildError {
     /// No triangles.
     Empty(String),
     /// Triangles that cannot be represented.
     Wrong(String),
 }
 
-impl Unbuilt {
+impl MeshBuildError {
     pub fn reason(self) -> String {
         let (Self::Empty(reason) | Self::Wrong(reason)) = self;
         reason
@@ -28,7 +28,7 @@ pub struct MeshBuilder {
     /// Its positions stay empty until `finish`; the other attributes are final.
     mesh: Mesh,
     dropped: usize,
-    mended_normals: usize,
+    replaced_normals: usize,
 }
 
 /// Supported scene widths in metres: within them, the irradiance of one candela (one over the squared distance) is well
@@ -39,12 +39,12 @@ impl MeshBuilder {
     /// Adds a part; completes its normals and tangents.
     pub fn add(&mut self, mut part: MeshPart) {
         let given = part.triangles.len();
-        part.triangles.retain(|t| !is_line(t.map(|i| part.positions[i as usize])));
+        part.triangles.retain(|t| !is_collinear(t.map(|i| part.positions[i as usize])));
         self.dropped += given - part.triangles.len();
         if part.normals.is_empty() {
             part.make_flat();
         } else {
-            self.mended_normals += part.mend_normals();
+            self.replaced_normals += part.repair_normals();
         }
         match part.tangents_from {
             None => part.tangents.clear(),
@@ -77,10 +77,10 @@ impl MeshBuilder {
     }
 
     /// Returns the mesh and its space, or why there is none.
-    pub fn finish(mut self) -> Result<(Mesh, MeshSpace), Unbuilt> {
+    pub fn finish(mut self) -> Result<(Mesh, MeshSpace), MeshBuildError> {
         let mut used = self.mesh.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
         let Some(first) = used.next() else {
-            return Err(Unbuilt::Empty(match self.dropped {
+            return Err(MeshBuildError::Empty(match self.dropped {
                 0 => "holds no triangles".into(),
                 n => format!("holds no triangles except {n} of zero area"),
             }));
@@ -89,7 +89,7 @@ impl MeshBuilder {
         let width = (hi - lo).max_element();
         if !WIDTHS.contains(&width) {
             let how = if width < *WIDTHS.start() { "small" } else { "large" };
-            return Err(Unbuilt::Wrong(format!("is {width:e} metres wide: too {how}")));
+            return Err(MeshBuildError::Wrong(format!("is {width:e} metres wide: too {how}")));
         }
         let space = MeshSpace::around(lo, hi);
         let positions: Vec<Vec3> = self.positions.iter().map(|&p| space.from_world(p).as_vec3()).collect();
@@ -97,7 +97,7 @@ impl MeshBuilder {
         self.drop_degenerate();
         if self.mesh.triangles.is_empty() {
             let reason = format!("holds no triangles except {} of zero area in single precision", self.dropped);
-            return Err(Unbuilt::Empty(reason));
+            return Err(MeshBuildError::Empty(reason));
         }
         if self.mesh.colors.iter().all(|&c| c == Vec4::ONE) {
             self.mesh.colors = Vec::new();
@@ -106,8 +106,8 @@ impl MeshBuilder {
         if self.dropped > 0 {
             tracing::info!("dropped {} triangles of zero area", self.dropped);
         }
-        if self.mended_normals > 0 {
-            tracing::warn!("{} normals of zero length were replaced by their faces' normals", self.mended_normals);
+        if self.replaced_normals > 0 {
+            tracing::warn!("{} normals of zero length were replaced by their faces' normals", self.replaced_normals);
         }
         Ok((self.mesh, space))
     }
@@ -130,11 +130,11 @@ impl MeshBuilder {
 fn is_degenerate(corners: [DVec3; 3]) -> bool {
     // Below f32's smallest normal number, the area would be zero when computed in single precision.
     let [a, b, c] = corners;
-    is_line(corners) || (b - a).cross(c - a).length() <= f64::from(f32::MIN_POSITIVE)
+    is_collinear(corners) || (b - a).cross(c - a).length() <= f64::from(f32::MIN_POSITIVE)
 }
 
 /// Whether corners coincide or are collinear.
-fn is_line([a, b, c]: [DVec3; 3]) -> bool {
+fn is_collinear([a, b, c]: [DVec3; 3]) -> bool {
     let (ab, ac, bc) = (b - a, c - a, c - b);
     let longest = ab.length_squared().max(ac.length_squared()).max(bc.length_squared());
     // 1e-10: rounding of collinear corners leaves 1e-16 of the longest edge squared in double precision, and a sliver

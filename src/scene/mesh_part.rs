@@ -35,7 +35,7 @@ impl MeshPart {
     }
 
     /// Normalizes normals; those of zero length become the mean of their faces' normals. Returns the number replaced.
-    pub fn mend_normals(&mut self) -> usize {
+    pub fn repair_normals(&mut self) -> usize {
         let mut sums = std::collections::HashMap::new();
         for (i, normal) in self.normals.iter_mut().enumerate() {
             match normal.try_normalize() {
@@ -53,11 +53,11 @@ impl MeshPart {
                 }
             }
         }
-        let mended = sums.len();
+        let replaced = sums.len();
         for (i, sum) in sums {
             self.normals[i as usize] = sum.try_normalize().unwrap_or(Vec3::Y);
         }
-        mended
+        replaced
     }
 
     fn face_normal(&self, triangle: [u32; 3]) -> Vec3 {

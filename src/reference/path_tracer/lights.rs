@@ -27,7 +27,7 @@ pub(super) struct ActiveLight {
 
 impl ActiveLights {
     pub fn new(scene: &Scene, rig: &Rig) -> Self {
-        let rig = &*rig.shining();
+        let rig = &*rig.with_solo_applied();
         let light = |i: usize| ActiveLight {
             index: i,
             packed: rig.lights[i].pack(scene.space),

@@ -200,7 +200,7 @@ const SUPPORTED: &[&str] = &[
 
 /// Unsupported extensions that are accepted in `extensionsRequired`: the scene is still recognizable without them.
 /// Visible effects have warnings of their own.
-const LEFT_OUT: &[&str] = &[
+const IGNORED: &[&str] = &[
     "KHR_animation_pointer",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
@@ -285,7 +285,7 @@ impl Document {
 
     fn check_extensions(&self) -> Result<()> {
         let unknown = |all: &'_ [String]| -> Vec<String> {
-            let is_known = |e: &str| SUPPORTED.contains(&e) || LEFT_OUT.contains(&e);
+            let is_known = |e: &str| SUPPORTED.contains(&e) || IGNORED.contains(&e);
             all.iter().filter(|e| !is_known(e)).map(|e| files::shortened(e)).collect()
         };
         let required = unknown(&self.root.extensions_required);

@@ -4,9 +4,9 @@ mod accessor;
 pub mod container;
 pub mod document;
 mod draco;
+pub mod embedded_rig;
 mod ignored_counts;
 mod instances;
-pub mod kept_rig;
 mod lights;
 mod material_extensions;
 mod materials;
@@ -26,7 +26,7 @@ use container::Container;
 use document::Document;
 use materials::Materials;
 
-use super::mesh_builder::{MeshBuilder, Unbuilt};
+use super::mesh_builder::{MeshBuildError, MeshBuilder};
 use super::{AlphaMode, MAX_IMAGE_SIDE, Material, Mesh, MeshSpace, Scene, Texture};
 use crate::error::Result;
 
@@ -37,7 +37,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     let mut materials = Materials::new(&document);
     let mut builder = MeshBuilder::default();
     let ignored = primitives::import_meshes(&document, &placed, &mut materials, &mut builder)?;
-    let rig = kept_rig::rig(&document, document.import_lights(&placed)?);
+    let rig = embedded_rig::rig(&document, document.import_lights(&placed)?);
     let cameras = document.import_cameras(&placed)?;
     let (mut materials, textures) = materials.finish()?;
     if materials.is_empty() {
@@ -45,11 +45,11 @@ pub fn load(path: &Path) -> Result<Scene> {
     }
     let (mesh, space) = match builder.finish() {
         Ok(built) => built,
-        Err(Unbuilt::Empty(reason)) => {
+        Err(MeshBuildError::Empty(reason)) => {
             tracing::warn!("{}: {reason}, so there is nothing to see", document.path.display());
             (Mesh::default(), MeshSpace::WORLD)
         }
-        Err(Unbuilt::Wrong(reason)) => return Err(document.error(reason)),
+        Err(MeshBuildError::Wrong(reason)) => return Err(document.error(reason)),
     };
     ignored.warn(path);
     if !document.root.animations.is_empty() {
