@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use relume::image::exr::{self, Label};
+use relume::image::exr::{self, ExrMetadata};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::Rig;
 use relume::session::{Opened, build_bvh, check_fits, cpu_seconds, peak_bytes};
@@ -122,7 +122,7 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
     for (path, half) in paths.iter().zip([Half::Both, Half::A, Half::B]) {
         let [samples, _] = film.samples();
         let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
-        let label = Label { comments: label.clone(), samples_per_pixel };
+        let label = ExrMetadata { comments: label.clone(), samples_per_pixel };
         write(path, &film, half, &layers, &label)?;
     }
     let segments = tracer.segments() as f64 / cpu.max(0.01);
@@ -183,8 +183,8 @@ fn trace(tracer: &PathTracer, args: &Args) -> Result<Film> {
     Ok(film)
 }
 
-fn write(path: &Path, film: &Film, half: Half, layers: &[Layer], label: &Label) -> Result<()> {
-    exr::write_labelled(path, &film.image(half, layers), Some(label))
+fn write(path: &Path, film: &Film, half: Half, layers: &[Layer], label: &ExrMetadata) -> Result<()> {
+    exr::write_with_metadata(path, &film.image(half, layers), Some(label))
 }
 
 /// What a picture is, in words.
