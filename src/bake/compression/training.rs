@@ -52,7 +52,8 @@ impl Trainer<'_> {
         let level = &self.transfer.fine;
         let count = groups.iter().map(|g| g.count).sum();
         let zeros = |rows| VectorBatch::zeros(rows, count);
-        let mut all = Bounced { direct: zeros(level.coefficient_count()), further: zeros(self.transfer.among.len()) };
+        let mut all =
+            Bounced { direct: zeros(level.coefficient_count()), further: zeros(self.transfer.bounce_matrix.len()) };
         let mut first = 0;
         for group in groups.iter().filter(|_| !level.samples.is_empty()) {
             let end = first + group.count;

@@ -90,7 +90,7 @@ impl Lab<'_> {
             let record = measure(&mut relighter, session, &session.rig, edited, edit, self.extent.frames)?;
             Ok((picture, record, held() - before))
         };
-        let of_all = Arc::new(DeepFramebuffer::clone(&session.framebuffer).with_nothing_left_out());
+        let of_all = Arc::new(DeepFramebuffer::clone(&session.framebuffer).into_worst_case());
         let [(picture, record, bytes), (all, all_record, all_bytes)] =
             [measured(&session.framebuffer)?, measured(&of_all)?];
         let values = || picture.iter().flatten().zip(all.iter().flatten());
