@@ -1,6 +1,6 @@
 //! Which folder of `src` may use which: data flows one way, and no arrow points back.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Each folder, and those that it may use. A folder stands below all that it uses, so that there are no circles.
@@ -157,4 +157,105 @@ fn addresses_come_from_passes_alone() {
         let makes = ["Read::from(", "Write::from(", "Read::<", "Write::<"].iter().any(|made| text.contains(made));
         assert!(!makes || path == Path::new("gpu/frame.rs"), "src/{} makes an address", path.display());
     }
+}
+
+/// A module's path below `src`, without `mod`: `["relight", "frame"]`.
+fn module(path: &Path) -> Vec<String> {
+    let parts = path.with_extension("").iter().map(|part| part.to_string_lossy().into_owned()).collect::<Vec<_>>();
+    parts.into_iter().filter(|part| part != "mod").collect()
+}
+
+/// All paths of a use tree: `a::{b, c::d}` is `a::b` and `a::c::d`. Text behind the tree is not looked at.
+fn expand(prefix: &[String], text: &str, paths: &mut Vec<Vec<String>>) -> usize {
+    let mut path = prefix.to_vec();
+    let mut at = 0;
+    loop {
+        let rest = &text[at..];
+        let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
+        if end > 0 {
+            path.push(rest[..end].to_owned());
+            at += end;
+        } else if rest.starts_with('{') {
+            at += 1;
+            while at < text.len() && !text[at..].starts_with('}') {
+                at += expand(&path, &text[at..], paths).max(1);
+            }
+            return at + 1;
+        }
+        match text[at..].strip_prefix("::") {
+            Some(_) => at += 2,
+            None => break,
+        }
+    }
+    paths.push(path);
+    at
+}
+
+/// Files that each of `sources` uses, parents and children left out: those belong together.
+fn uses(sources: &[(PathBuf, String)]) -> BTreeMap<Vec<String>, BTreeSet<Vec<String>>> {
+    let modules: BTreeSet<_> = sources.iter().map(|(path, _)| module(path)).collect();
+    let used_by = |(path, text): &(PathBuf, String)| {
+        let from = module(path);
+        // Tests at the end of a file may look anywhere.
+        let text = text.split("#[cfg(test)]\nmod tests").next().unwrap();
+        let code: String = text.lines().map(|line| line.split("//").next().unwrap().to_owned() + "\n").collect();
+        let mut paths = Vec::new();
+        for (start, base) in
+            [("crate::", vec![]), ("self::", from.clone()), ("super::", from[..from.len() - 1].to_vec())]
+        {
+            for (at, _) in code.match_indices(start) {
+                expand(&base, &code[at + start.len()..], &mut paths);
+            }
+        }
+        let file = |mut path: Vec<String>| {
+            while !modules.contains(&path) {
+                path.pop()?;
+            }
+            Some(path).filter(|path| !path.starts_with(&from) && !from.starts_with(path))
+        };
+        (from.clone(), paths.into_iter().filter_map(file).collect())
+    };
+    sources.iter().map(used_by).collect()
+}
+
+/// Files that need each other, and those between such circles.
+fn circles(sources: &[(PathBuf, String)]) -> Vec<String> {
+    let mut uses = uses(sources);
+    loop {
+        let used: BTreeSet<_> = uses.values().flatten().cloned().collect();
+        let before = uses.len();
+        // What uses nothing, or is used by nothing, is in no circle.
+        uses.retain(|file, uses| !uses.is_empty() && used.contains(file));
+        let left: BTreeSet<_> = uses.keys().cloned().collect();
+        uses.values_mut().for_each(|uses| uses.retain(|file| left.contains(file)));
+        if uses.len() == before {
+            return uses.keys().map(|file| file.join("/")).collect();
+        }
+    }
+}
+
+#[test]
+fn no_two_files_need_each_other() {
+    let sources = sources();
+    let arrows: usize = uses(&sources).values().map(BTreeSet::len).sum();
+    println!("{} files, {arrows} uses of one by another", sources.len());
+    assert!(arrows > 300, "{arrows} uses: where are the others?");
+    assert_eq!(circles(&sources), [""; 0]);
+}
+
+#[test]
+fn planted_circles_are_found() {
+    let file = |path: &str, text: &str| (PathBuf::from(path), text.to_owned());
+    let plant = |text: &str| {
+        let b = file("relight/b.rs", "use crate::{error::Error, scene::{self, Rig}};\nuse super::c::{D, E};\n");
+        circles(&[
+            file("relight/a.rs", "use super::b::B;"),
+            b,
+            file("relight/c.rs", text),
+            file("relight/mod.rs", "mod a;"),
+        ])
+    };
+    assert_eq!(plant("use crate::scene::Rig; // super::a::A"), [""; 0]);
+    assert_eq!(plant("use super::{a::A, Relighter};"), ["relight/a", "relight/b", "relight/c"]);
+    assert_eq!(plant("fn f() { super::b::g() }"), ["relight/b", "relight/c"]);
 }

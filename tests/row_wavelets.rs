@@ -223,7 +223,7 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
         assert!(looser.kept < 0.7 * wavelets.kept);
 
         let mut wavelets = RowWavelets::new(&transfer, &direct, &to(1e-6));
-        wavelets.left_out = 0.0;
+        wavelets.omitted_share = 0.0;
         let (whole, _, report) = wavelets.compress(&mut Journal::default(), &|_| ());
         let error = relative(&whole.multiply(&haar.terms(&light)), &dense);
         println!("all: {} terms, {error:.2e}, {report:?}", wavelets.kept);

@@ -12,7 +12,7 @@ use relume::bake::baselines::thesis::{Thesis, ThesisSettings, shade_thesis};
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
-use relume::bake::transport::{LightTransport, MOST_COARSE_COEFFICIENTS, Outgoing, TransferSettings};
+use relume::bake::transport::{LightTransport, MAX_COARSE_COEFFICIENTS, Outgoing, TransferSettings};
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::image::{Image, exr};
 use relume::scene::{Light, LightKind, Material, Projection, Scene};
@@ -476,7 +476,7 @@ fn a_seed_gives_the_same_transfer_on_any_number_of_threads() {
             let transfer = stage.transfer(&TransferSettings { coarse_samples: 50, ..settings(200, 64) });
             let all: Vec<u32> = (0..stage.framebuffer.samples.len() as u32).collect();
             let rows: Vec<_> = all.chunks(pieces).flat_map(|piece| transfer.rows(piece, Lobe::All).values).collect();
-            (transfer.among, transfer.from_fine, rows)
+            (transfer.bounce_matrix, transfer.from_fine, rows)
         })
     };
     assert!(on(1, 256) == on(3, 100));
@@ -509,6 +509,6 @@ fn coarse_levels_stay_small_where_all_is_glossy() {
     let transfer = stage.transfer(&TransferSettings { coarse_samples: 650, ..settings(700, 4) });
     let coarse = transfer.coarse.as_ref().unwrap();
     let count = coarse.coefficient_count();
-    assert!(count > 4 * coarse.samples.len() && count <= MOST_COARSE_COEFFICIENTS, "{count}");
+    assert!(count > 4 * coarse.samples.len() && count <= MAX_COARSE_COEFFICIENTS, "{count}");
     assert!(transfer.fine.coefficient_count() > 16 * transfer.fine.samples.len(), "direct light keeps its own");
 }

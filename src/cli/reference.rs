@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use relume::image::exr::{self, Label};
+use relume::image::exr::{self, ExrMetadata};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::scene::Rig;
 use relume::session::{BakeReport, Opened, build_bvh, check_fits, cpu_seconds, peak_bytes};
@@ -129,7 +129,7 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         paths.iter().zip([Half::Both, Half::A, Half::B]).try_for_each(|(path, half)| {
             let [samples, _] = film.samples();
             let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
-            let label = Label { comments: label.clone(), samples_per_pixel };
+            let label = ExrMetadata { comments: label.clone(), samples_per_pixel };
             exr::write_labelled(path, &film.image(half, &layers), Some(&label))
         })
     })?;

@@ -23,7 +23,7 @@ use crate::storage::file;
 
 /// Metadata of a file.
 #[derive(Clone, Debug)]
-pub struct Label {
+pub struct ExrMetadata {
     /// The attribute `comments` of OpenEXR.
     pub comments: String,
     /// Samples per pixel, the attribute `samplesPerPixel`.
@@ -32,21 +32,21 @@ pub struct Label {
 
 /// Writes float32 layers atomically.
 pub fn write(path: &Path, image: &Image) -> Result<()> {
-    write_labelled(path, image, None)
+    write_with_metadata(path, image, None)
 }
 
 /// [`write`], optionally with metadata.
-pub fn write_labelled(path: &Path, image: &Image, label: Option<&Label>) -> Result<()> {
+pub fn write_with_metadata(path: &Path, image: &Image, metadata: Option<&ExrMetadata>) -> Result<()> {
     let bytes =
-        encode(image, label).map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
+        encode(image, metadata).map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
     file::write_bytes(path, &bytes)
 }
 
 /// Encodes one part of scan lines, ZIP-compressed in blocks of sixteen; the bytes do not depend on the number of
 /// threads.
-fn encode(image: &Image, label: Option<&Label>) -> ExrResult<Vec<u8>> {
+fn encode(image: &Image, metadata: Option<&ExrMetadata>) -> ExrResult<Vec<u8>> {
     let channels = sorted_channels(image)?;
-    let headers = [header(image, &channels, label)?];
+    let headers = [header(image, &channels, metadata)?];
     let mut bytes = Vec::new();
     exr::block::write(Cursor::new(&mut bytes), headers.into_iter().collect(), true, |meta, file| {
         let header = &meta.headers[0];
@@ -105,7 +105,7 @@ fn sorted_channels(image: &Image) -> ExrResult<Vec<Channel<'_>>> {
     Ok(channels)
 }
 
-fn header(image: &Image, channels: &[Channel], label: Option<&Label>) -> ExrResult<Header> {
+fn header(image: &Image, channels: &[Channel], metadata: Option<&ExrMetadata>) -> ExrResult<Header> {
     let described = channels.iter().map(|channel| ChannelDescription {
         // Names are UTF-8, as in OpenEXR; the crate's own conversion supports only Latin-1.
         name: Text::from_slice_unchecked(channel.name.as_bytes()),
@@ -126,9 +126,9 @@ fn header(image: &Image, channels: &[Channel], label: Option<&Label>) -> ExrResu
     header.own_attributes.layer_name = None;
     header.own_attributes.software_name = Some(Text::from(concat!("relume ", env!("CARGO_PKG_VERSION"))));
     header.shared_attributes.chromaticities = Some(REC_709);
-    if let Some(label) = label {
-        header.own_attributes.comments = Some(Text::new_or_panic(&label.comments));
-        let samples = AttributeValue::I32(label.samples_per_pixel.try_into().unwrap_or(i32::MAX));
+    if let Some(metadata) = metadata {
+        header.own_attributes.comments = Some(Text::new_or_panic(&metadata.comments));
+        let samples = AttributeValue::I32(metadata.samples_per_pixel.try_into().unwrap_or(i32::MAX));
         // Only one such attribute: the crate writes them in no particular order.
         header.own_attributes.other.insert(Text::from("samplesPerPixel"), samples);
     }

@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 use crate::storage::file;
 
 /// Size limit: 8192 x 4096 pixels in twenty layers.
-const MOST_BYTES: u64 = 8 << 30;
+const MAX_BYTES: u64 = 8 << 30;
 
 /// Reads every RGB layer (half, float or uint; `NAME.R` channels, parts, or grey `Y`), in file order.
 ///
@@ -81,7 +81,7 @@ fn check_size(headers: &[Header], window: IntegerBounds, layers: usize, file_byt
             Compression::DWAA(_) | Compression::DWAB(_) => 1032 * 64,
             _ => 1032,
         };
-        if width == 0 || height == 0 || bytes > MOST_BYTES || bytes > file_bytes.saturating_mul(ratio) {
+        if width == 0 || height == 0 || bytes > MAX_BYTES || bytes > file_bytes.saturating_mul(ratio) {
             return Err(format!("claims {width}x{height} pixels, which its {file_bytes} bytes cannot hold"));
         }
         // Blocks are decompressed whole, many of them in parallel.
@@ -91,7 +91,7 @@ fn check_size(headers: &[Header], window: IntegerBounds, layers: usize, file_byt
         }
     }
     let bytes = size(window.size).saturating_mul(layers as u64 * 12);
-    if window.size.area() == 0 || bytes > MOST_BYTES {
+    if window.size.area() == 0 || bytes > MAX_BYTES {
         return Err(format!("has a display window of {}x{} pixels", window.size.0, window.size.1));
     }
     Ok(())

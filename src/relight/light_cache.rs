@@ -79,7 +79,7 @@ impl LightCache {
     /// A cache without images. `slot_count` must be at least the minimum of [`Self::slot_range`].
     pub fn new(rig: &Rig, slot_count: usize, has_emission: bool) -> Self {
         let mut cache = Self {
-            rig: rig.shining().into_owned(),
+            rig: rig.with_solo_applied().into_owned(),
             nodes: Vec::new(),
             root: None,
             leaf_of: Vec::new(),
@@ -109,7 +109,7 @@ impl LightCache {
         let same_tree = self.rig.groups.len() == rig.groups.len()
             && self.rig.lights.len() == rig.lights.len()
             && self.rig.lights.iter().zip(&rig.lights).all(|(a, b)| a.group == b.group && a.name == b.name);
-        let old = std::mem::replace(&mut self.rig, rig.shining().into_owned());
+        let old = std::mem::replace(&mut self.rig, rig.with_solo_applied().into_owned());
         if !same_tree {
             self.rebuild_tree(&old);
             return;

@@ -13,6 +13,7 @@ mod gltf;
 mod gltf_export;
 pub mod memory;
 mod mesh_builder;
+mod mesh_part;
 mod mesh_space;
 mod obj;
 pub mod rig;

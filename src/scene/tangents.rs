@@ -10,11 +10,11 @@ use std::collections::HashMap;
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::mesh_builder::Part;
+use super::mesh_part::MeshPart;
 
 /// Fills `part.tangents` from texture coordinates `uv_set`. Duplicates vertices that are shared by triangles with
 /// mirrored and unmirrored texture mapping.
-pub fn generate(part: &mut Part, uv_set: usize) {
+pub fn generate(part: &mut MeshPart, uv_set: usize) {
     let welded = weld(part, uv_set);
     // Sums of triangle tangents per welded vertex: unmirrored, mirrored.
     let mut sums = vec![[DVec3::ZERO; 2]; welded.iter().map(|&w| w as usize + 1).max().unwrap_or(0)];
@@ -46,7 +46,7 @@ struct Frame {
 
 impl Frame {
     /// `None` if the triangle has no area in texture space.
-    fn of(part: &Part, uv_set: usize, triangle: [u32; 3]) -> Option<Self> {
+    fn of(part: &MeshPart, uv_set: usize, triangle: [u32; 3]) -> Option<Self> {
         let [a, b, c] = triangle.map(|i| part.positions[i as usize]);
         let [s, t, u] = triangle.map(|i| part.uvs[uv_set][i as usize].as_dvec2());
         let (du, dv): (DVec2, DVec2) = (t - s, u - s);
@@ -60,7 +60,7 @@ impl Frame {
 }
 
 /// A number per vertex; vertices of equal position, normal and texture coordinate share it.
-fn weld(part: &Part, uv_set: usize) -> Vec<u32> {
+fn weld(part: &MeshPart, uv_set: usize) -> Vec<u32> {
     let mut numbers = HashMap::with_capacity(part.positions.len());
     (0..part.positions.len())
         .map(|i| {
@@ -73,7 +73,7 @@ fn weld(part: &Part, uv_set: usize) -> Vec<u32> {
         .collect()
 }
 
-fn assign(part: &mut Part, welded: &[u32], sums: &[[DVec3; 2]], frames: &[Option<Frame>]) {
+fn assign(part: &mut MeshPart, welded: &[u32], sums: &[[DVec3; 2]], frames: &[Option<Frame>]) {
     const NONE: u32 = u32::MAX;
     let tangent = |normal: Vec3, sum: DVec3, mirrored: bool| {
         let axis = sum.as_vec3().try_normalize().unwrap_or_else(|| perpendicular(normal));

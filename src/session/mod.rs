@@ -279,7 +279,7 @@ impl Session {
             .then(|| framebuffer(&BakeSettings { samples: 1, ..of_framebuffer.clone() }, &mut report))
             .transpose()?;
         let (key, framebuffer) = framebuffer(&of_framebuffer, &mut report)?;
-        let framebuffer = if settings.force_all { framebuffer.with_nothing_left_out() } else { framebuffer };
+        let framebuffer = if settings.force_all { framebuffer.into_worst_case() } else { framebuffer };
         let plain_key = match &plain {
             Some((key, _)) => key.clone(),
             None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),

@@ -161,7 +161,7 @@ impl View<'_> {
     }
 
     fn forced(&self, framebuffer: DeepFramebuffer) -> DeepFramebuffer {
-        if self.settings.force_all { framebuffer.with_nothing_left_out() } else { framebuffer }
+        if self.settings.force_all { framebuffer.into_worst_case() } else { framebuffer }
     }
 
     fn counts(&self, framebuffer: &DeepFramebuffer) -> FramebufferCounts {

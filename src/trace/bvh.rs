@@ -17,7 +17,7 @@ use obvhs::triangle::Triangle;
 use obvhs::{Boundable, BvhBuildParams};
 use pulp::{Simd, WithSimd};
 
-use super::coincident::Heaps;
+use super::coincident::CoincidentSets;
 use crate::scene::{AlphaMode, Scene};
 
 /// A scene and the hierarchy over its triangles.
@@ -119,8 +119,8 @@ impl TracedScene {
     pub fn transmittance(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
         let left = Cell::new(1.0f32);
         let passes = |hit: &Hit| {
-            left.set(left.get() * (1.0 - taken(self, hit.triangle, hit.barycentric)));
-            left.get() >= LEAST_SHARE
+            left.set(left.get() * (1.0 - blocked_share(self, hit.triangle, hit.barycentric)));
+            left.get() >= MIN_TRANSMITTANCE
         };
         let ray = SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes };
         if pulp::Arch::new().dispatch(Occluded(ray)) { 0.0 } else { left.get() }
@@ -166,8 +166,8 @@ impl Bvh {
             corners.rotate_left(first);
             is_opaque.then_some((corners, material))
         };
-        let heaps = Heaps::find(&boxes, same);
-        let leaves = heaps.as_ref().map_or(&boxes, |heaps| &heaps.boxes);
+        let coincident = CoincidentSets::find(&boxes, same);
+        let leaves = coincident.as_ref().map_or(&boxes, |coincident| &coincident.boxes);
         let mut binary = PlocBuilder::with_capacity(leaves.len()).build(
             params.ploc_search_distance,
             leaves,
@@ -177,15 +177,15 @@ impl Bvh {
         );
         let mut reinsertion = ReinsertionOptimizer::default();
         reinsertion.run(&mut binary, params.reinsertion_batch_ratio, None);
-        let has_heaps = heaps.is_some();
-        if let Some(heaps) = heaps {
-            heaps.expand(&mut binary, &boxes);
+        let has_sets = coincident.is_some();
+        if let Some(coincident) = coincident {
+            coincident.expand(&mut binary, &boxes);
         }
         let (lo, hi) = mesh.bounds();
         let radius = if is_empty { 1.0 } else { (hi - lo).length() / 2.0 };
         let wide = bvh2_to_cwbvh(&padded(&binary, radius), 3, true, false);
         collapse(&mut binary, params.max_prims_per_leaf, params.collapse_traversal_cost);
-        if !has_heaps {
+        if !has_sets {
             let again = params.post_collapse_reinsertion_batch_ratio_multiplier;
             reinsertion.run(&mut binary, params.reinsertion_batch_ratio * again, None);
         }
@@ -336,7 +336,7 @@ fn padded(bvh: &Bvh2, radius: f32) -> Bvh2 {
 }
 
 /// Smaller shares of light count as zero: half a step of the 8-bit visibility.
-pub(super) const LEAST_SHARE: f32 = 0.5 / 255.0;
+pub(super) const MIN_TRANSMITTANCE: f32 = 0.5 / 255.0;
 
 /// Coverage of a surface at a point, from the finest level of its texture.
 pub fn coverage(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
@@ -349,7 +349,7 @@ pub fn coverage(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
 }
 
 /// [`coverage`], but zero on edges that are assigned to the neighbour, so that a shared edge blocks light only once.
-pub(super) fn taken(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
+pub(super) fn blocked_share(scene: &Scene, triangle: u32, barycentric: Vec2) -> f32 {
     let coverage = coverage(scene, triangle, barycentric);
     let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];
     if coverage == 1.0 || weights.iter().all(|weight| *weight > f32::EPSILON) {

@@ -16,7 +16,9 @@ use crate::bake::compression::largest::largest;
 use crate::bake::compression::report::{Report, mean, relative};
 use crate::bake::compression::training::Direct;
 use crate::bake::compression::vector_batch::{self, VectorBatch, WIDTH};
-use crate::bake::compression::{BIAS, CompressionSettings, DECIDING, SPOTS, learn, some};
+use crate::bake::compression::{
+    CompressionSettings, DECIDING, LOST_LIGHT_SHARE, SPOTS, random_subset, training_inputs,
+};
 use crate::bake::transfer::{Transfer, TransferReport};
 use crate::bake::transport::{LightTransport, direct};
 use crate::error::Result;
@@ -38,7 +40,7 @@ pub struct RowWavelets<'a> {
     /// View samples that reflect light.
     pub samples: Vec<u32>,
     /// Maximum omitted share of a row's weighted energy.
-    pub left_out: f64,
+    pub omitted_share: f64,
     /// Mean number of terms stored per row, over a few rows.
     pub kept: f64,
     /// Relative noise of the rows under deciding lights.
@@ -61,11 +63,11 @@ const PROBES: usize = 2048;
 const CUT: usize = 256;
 /// Iterations of the bisection for the omitted share, and its initial range.
 const HALVINGS: usize = 10;
-const LEFT_OUT: [f64; 2] = [1e-9, 1.0];
+const OMITTED_RANGE: [f64; 2] = [1e-9, 1.0];
 /// Rows that are processed together: whole panels.
-const AT_ONCE: usize = 4 * WIDTH;
+const ROWS_AT_ONCE: usize = 4 * WIDTH;
 /// Rows that are sorted by length together.
-const WINDOW: usize = 32 * AT_ONCE;
+const WINDOW: usize = 32 * ROWS_AT_ONCE;
 /// One in this many pieces is checked with held-out lights.
 const CHECKED: usize = 8;
 
@@ -73,8 +75,8 @@ impl<'a> RowWavelets<'a> {
     /// `direct` computes the coefficients of direct light.
     pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let samples = transfer.framebuffer().reflecting();
-        let inputs = learn(transfer, direct, &samples, settings);
-        let probes = some(&samples, PROBES, settings.seed ^ 32 << 32);
+        let inputs = training_inputs(transfer, direct, &samples, settings);
+        let probes = random_subset(&samples, PROBES, settings.seed ^ 32 << 32);
         let mut gatherer = transfer.row_gatherer(settings.lobe);
         let rows = gatherer.gather(&probes);
         gatherer.seed ^= 1 << 33;
@@ -83,8 +85,8 @@ impl<'a> RowWavelets<'a> {
         let emitted = transfer.emitted();
         let weight = |span: u32| (span as f32).powi(2);
         let weights = inputs.haar.spans(transfer.fine.coefficient_count()).into_iter().map(weight).collect();
-        let (left_out, kept, noise) = (0.0, 0.0, 0.0);
-        let mut made = Self { gatherer, inputs, weights, emitted, samples, left_out, kept, noise };
+        let (omitted_share, kept, noise) = (0.0, 0.0, 0.0);
+        let mut made = Self { gatherer, inputs, weights, emitted, samples, omitted_share, kept, noise };
         made.decide(&rows, &resampled, &probes[..CUT.min(probes.len())], settings.error);
         made
     }
@@ -98,23 +100,23 @@ impl<'a> RowWavelets<'a> {
     /// equals the noise of `rows` plus a share of the target error. The noise is estimated by comparison with
     /// `resampled`.
     fn decide(&mut self, rows: &CsrMatrix, resampled: &CsrMatrix, samples: &[u32], error: f64) {
-        let Inputs { checked: bounced, checks: lights, .. } = &self.inputs;
+        let Inputs { validation_operands: bounced, validation_terms: lights, .. } = &self.inputs;
         let far = |images: &VectorBatch, others: &VectorBatch| mean(relative(&compare(images, others)[DECIDING]));
         // Both have equal noise.
         let noise =
             0.5f64.sqrt() * far(&vector_batch::multiply(rows, bounced), &vector_batch::multiply(resampled, bounced));
         let rows = self.gatherer.gather(samples);
         let (images, terms) = (vector_batch::multiply(&rows, bounced), self.terms(&rows));
-        let [mut low, mut high] = LEFT_OUT.map(f64::ln);
+        let [mut low, mut high] = OMITTED_RANGE.map(f64::ln);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             let kept = self.largest(&terms, middle.exp());
-            let enough = far(&images, &vector_batch::multiply(&kept, lights)) <= noise + BIAS * error;
+            let enough = far(&images, &vector_batch::multiply(&kept, lights)) <= noise + LOST_LIGHT_SHARE * error;
             *(if enough { &mut low } else { &mut high }) = middle;
         }
-        let left_out = low.exp();
-        self.kept = self.largest(&terms, left_out).columns.len() as f64 / rows.len().max(1) as f64;
-        (self.left_out, self.noise) = (left_out, noise);
+        let omitted_share = low.exp();
+        self.kept = self.largest(&terms, omitted_share).columns.len() as f64 / rows.len().max(1) as f64;
+        (self.omitted_share, self.noise) = (omitted_share, noise);
     }
 
     /// Rows of all view samples that reflect light; indirect radiance of emitters at all view samples, uncompressed, or
@@ -144,13 +146,13 @@ impl<'a> RowWavelets<'a> {
     fn cut(&self, window: &[u32]) -> Cut {
         let mut found = vec![[0.0; 2]; SPOTS.end];
         let (mut parts, mut emission) = (Vec::new(), Vec::new());
-        for (i, samples) in window.chunks(AT_ONCE).enumerate() {
+        for (i, samples) in window.chunks(ROWS_AT_ONCE).enumerate() {
             let rows = self.gatherer.gather(samples);
-            let kept = self.largest(&self.terms(&rows), self.left_out);
+            let kept = self.largest(&self.terms(&rows), self.omitted_share);
             if i % CHECKED == 0 {
-                let Inputs { checked, checks, .. } = &self.inputs;
+                let Inputs { validation_operands: operands, validation_terms: terms, .. } = &self.inputs;
                 let [want, got] =
-                    [(&rows, checked), (&kept, checks)].map(|(rows, lights)| vector_batch::multiply(rows, lights));
+                    [(&rows, operands), (&kept, terms)].map(|(rows, lights)| vector_batch::multiply(rows, lights));
                 add(&mut found, compare(&want, &got));
             }
             if let Some(emitted) = &self.emitted {
@@ -167,10 +169,10 @@ impl<'a> RowWavelets<'a> {
         self.inputs.bounces.terms(&self.inputs.haar, VectorBatch::from_rows(rows, 0..rows.len(), columns))
     }
 
-    /// The fewest terms of each vector such that the omitted ones have at most the share `left_out` of its weighted
-    /// energy.
-    fn largest(&self, terms: &VectorBatch, left_out: f64) -> CsrMatrix {
-        largest(terms, [&self.weights; 3].map(Vec::as_slice), left_out)
+    /// The fewest terms of each vector such that the omitted ones have at most the share `omitted_share` of its
+    /// weighted energy.
+    fn largest(&self, terms: &VectorBatch, omitted_share: f64) -> CsrMatrix {
+        largest(terms, [&self.weights; 3].map(Vec::as_slice), omitted_share)
     }
 }
 

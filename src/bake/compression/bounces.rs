@@ -40,7 +40,7 @@ impl<'a> Bounces<'a> {
     pub fn new(transfer: &'a LightTransport) -> Self {
         let terms = transfer.bounces().map(|bounces| bounces.saturating_sub(1));
         let series = |channel: usize| {
-            let g = dense(&transfer.among, channel);
+            let g = dense(&transfer.bounce_matrix, channel);
             match terms {
                 None => Series::Infinite(Lu::new(Mat::from_fn(g.nrows(), g.nrows(), |i, j| {
                     f64::from(u8::from(i == j)) - f64::from(g[(i, j)])
@@ -53,7 +53,7 @@ impl<'a> Bounces<'a> {
             fine: transfer.fine.coefficient_count(),
             first: transfer.bounces() != Some(0),
         };
-        let first = transfer.from_fine.as_ref().unwrap_or(&transfer.among);
+        let first = transfer.from_fine.as_ref().unwrap_or(&transfer.bounce_matrix);
         Self { series: (0..3).into_par_iter().map(series).collect(), first, operand }
     }
 
@@ -67,7 +67,7 @@ impl<'a> Bounces<'a> {
         let even = transfer.even_light();
         let further = self.further(&VectorBatch::from_fn(even.len(), 1, |channel, i, _| even[i][channel] as f32));
         let of = |i: usize| DVec3::from_array([0, 1, 2].map(|c: usize| f64::from(further.channels[c][0][i][0])));
-        transfer.residual(&(0..transfer.among.len()).map(of).collect::<Vec<_>>())
+        transfer.residual(&(0..transfer.bounce_matrix.len()).map(of).collect::<Vec<_>>())
     }
 
     /// Operand of Φ, from direct light and [`Self::further`].

@@ -31,14 +31,14 @@ impl Chain {
     /// Adds a supercluster with view samples `samples`; `tiles` has the range of each tile among them.
     pub fn push(&mut self, factors: &Factors, tiles: &[Range<usize>], samples: &[u32]) {
         let ys = self.take(factors.rank);
-        let (own, tinted) = factors.list.split_at(factors.own);
-        let of_own = 3 * ys.len() * own.len();
+        let (per_channel, tinted) = factors.list.split_at(factors.per_channel_count);
+        let per_channel_value_count = 3 * ys.len() * per_channel.len();
         let values = floats(&factors.v);
         self.v.push(&Dense {
             rows: &ys,
-            own: Columns { inputs: own, values: &values[..of_own] },
-            shared: Columns { inputs: tinted, values: &values[of_own..] },
-            tints: &factors.tints[own.len()..],
+            own: Columns { inputs: per_channel, values: &values[..per_channel_value_count] },
+            shared: Columns { inputs: tinted, values: &values[per_channel_value_count..] },
+            tints: &factors.tints[per_channel.len()..],
         });
         // All tiles of a supercluster read the same y.
         let cs = self.take(factors.tiles.iter().map(|tile| tile.rank).sum());

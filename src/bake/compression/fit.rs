@@ -13,7 +13,7 @@ use super::linear::{self, Lu};
 use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
 use super::vector_batch::{self, Compact, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
-use super::{Found, OUTSIDE};
+use super::{OUT_OF_BASIS_SHARE, ValidationSums};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::sequence::Points;
 
@@ -26,13 +26,13 @@ pub struct Inputs {
     /// Operands of Φ for random combinations of the training lights.
     pub combinations: VectorBatch,
     /// Operands of Φ for the validation lights.
-    pub checked: VectorBatch,
+    pub validation_operands: VectorBatch,
     /// Haar terms of the training lights, scaled so that the mean square of their images is 1.
-    pub learned: Compact,
+    pub training_terms: Compact,
     /// Sum of the squares of each term over the training lights, by channel.
     pub power: [Vec<f32>; 3],
     /// Haar terms of the validation lights.
-    pub checks: VectorBatch,
+    pub validation_terms: VectorBatch,
     /// The validation lights that determine the ranks.
     pub deciding: Range<usize>,
 }
@@ -65,7 +65,7 @@ pub struct Projected<'a> {
     /// The directions as combinations of those vectors.
     vectors: Mat<f64>,
     /// Coefficients of the training lights in those vectors: vectors x lights, by channel.
-    learned: [Mat<f32>; 3],
+    training: [Mat<f32>; 3],
     /// Coefficients of the deciding lights along the directions.
     decided: Mat<f64>,
     /// Allowed squared error beyond noise.
@@ -73,10 +73,10 @@ pub struct Projected<'a> {
     /// Squared light outside the basis, which no fit can recover.
     pub outside: f64,
     /// Images of the validation lights: pixels x lights.
-    pub checks: VectorBatch,
+    pub validation_images: VectorBatch,
     pub estimate: NoiseEstimate,
     /// Projections of the deciding lights' images onto the basis.
-    held: Mat<f64>,
+    projections: Mat<f64>,
 }
 
 /// Rows of Φ and their products with lights.
@@ -84,7 +84,7 @@ pub struct RowProducts {
     rows: Transposed,
     /// Images of random combinations of the training lights, and of the validation lights.
     combinations: VectorBatch,
-    checks: VectorBatch,
+    validation_images: VectorBatch,
 }
 
 impl RowProducts {
@@ -93,7 +93,7 @@ impl RowProducts {
         Self {
             rows: Transposed { columns: inputs.combinations.rows(), parts: Vec::new() },
             combinations: VectorBatch::zeros(0, inputs.combinations.count),
-            checks: VectorBatch::zeros(0, inputs.checked.count),
+            validation_images: VectorBatch::zeros(0, inputs.validation_operands.count),
         }
     }
 
@@ -101,7 +101,7 @@ impl RowProducts {
     pub fn push(&mut self, inputs: &Inputs, rows: &CsrMatrix) {
         self.rows.parts.push(TransposedPart::new(rows, self.combinations.rows(), self.rows.columns));
         self.combinations.append(vector_batch::multiply(rows, &inputs.combinations));
-        self.checks.append(vector_batch::multiply(rows, &inputs.checked));
+        self.validation_images.append(vector_batch::multiply(rows, &inputs.validation_operands));
     }
 }
 
@@ -117,12 +117,12 @@ pub struct Resampled<'a> {
 pub struct Factors {
     pub list: Vec<u32>,
     /// Number of terms, the first of the list, that have separate factors for each channel.
-    pub own: usize,
-    /// One for each entry of the list; 1 for the first `own`.
+    pub per_channel_count: usize,
+    /// One for each entry of the list; 1 for the first `per_channel_count`.
     pub tints: Vec<Vec3>,
     pub rank: usize,
-    /// Blocks of red, green and blue, rank x own terms each; then the block shared by all channels, rank x tinted
-    /// terms.
+    /// Blocks of red, green and blue, rank x `per_channel_count` each; then the block shared by all channels, rank x
+    /// tinted terms.
     pub v: Vec<f16>,
     pub tiles: Vec<TileFactors>,
 }
@@ -130,11 +130,11 @@ pub struct Factors {
 impl Factors {
     /// V of one channel, tints included: rank x list.
     fn v(&self, channel: usize) -> Mat<f32> {
-        let (own, tinted) = (self.own, self.list.len() - self.own);
-        let [of_own, of_tinted] = [channel, 3].map(|block| &self.v[block * self.rank * own..]);
-        Mat::from_fn(self.rank, self.list.len(), |r, i| match i.checked_sub(own) {
-            None => of_own[r * own + i].to_f32(),
-            Some(i) => of_tinted[r * tinted + i].to_f32() * self.tints[own + i][channel],
+        let (count, tinted) = (self.per_channel_count, self.list.len() - self.per_channel_count);
+        let [per_channel, of_tinted] = [channel, 3].map(|block| &self.v[block * self.rank * count..]);
+        Mat::from_fn(self.rank, self.list.len(), |r, i| match i.checked_sub(count) {
+            None => per_channel[r * count + i].to_f32(),
+            Some(i) => of_tinted[r * tinted + i].to_f32() * self.tints[count + i][channel],
         })
     }
 }
@@ -158,33 +158,33 @@ impl<'a> Projected<'a> {
         resampled: &Resampled,
         allowed: impl Fn(f64, f64) -> f64,
     ) -> Self {
-        let RowProducts { rows, combinations, checks } = seen;
-        let again = vector_batch::multiply(resampled.rows, &inputs.checked);
-        let estimate = NoiseEstimate::new(resampled.pixels, &checks, &again, &inputs.deciding);
+        let RowProducts { rows, combinations, validation_images } = seen;
+        let again = vector_batch::multiply(resampled.rows, &inputs.validation_operands);
+        let estimate = NoiseEstimate::new(resampled.pixels, &validation_images, &again, &inputs.deciding);
         let (all, energy) = range(&combinations);
         let allowed = allowed(energy, estimate.weighted_noise);
-        let held = linear::product(all.transpose(), estimate.images.as_ref());
-        let count = estimate.needed(all.as_ref(), held.as_ref(), OUTSIDE * allowed);
+        let projections = linear::product(all.transpose(), estimate.images.as_ref());
+        let count = estimate.needed(all.as_ref(), projections.as_ref(), OUT_OF_BASIS_SHARE * allowed);
         let count = count.next_multiple_of(WIDTH).min(all.ncols());
-        let held = linear::product(all.subcols(0, count), held.subrows(0, count));
-        let outside = estimate.outside(&held);
+        let projections = linear::product(all.subcols(0, count), projections.subrows(0, count));
+        let outside = estimate.outside(&projections);
         let basis = all.subcols(0, count);
-        let (list, terms) = seen_terms(inputs, &rows, basis, SLIGHT * allowed);
+        let (list, terms) = seen_terms(inputs, &rows, basis, NEGLIGIBLE_SHARE * allowed);
         let power = inputs.power.each_ref().map(|power| list.iter().map(|&term| power[term as usize]).collect());
-        let learned = [0, 1, 2].map(|c| {
-            let lit = |list: &[u32]| inputs.learned.gathered(c, list.iter().map(|&term| term as usize));
-            hold(&terms.channels[c], &list, inputs.learned.width, lit, count)
+        let training = [0, 1, 2].map(|c| {
+            let lit = |list: &[u32]| inputs.training_terms.gathered(c, list.iter().map(|&term| term as usize));
+            project_lights(&terms.channels[c], &list, inputs.training_terms.width, lit, count)
         });
         let decided = [0, 1, 2].map(|c| {
-            let deciding = &inputs.checks.channels[c][..1];
+            let deciding = &inputs.validation_terms.channels[c][..1];
             let lit = |list: &[u32]| vector_batch::gathered(deciding, list.iter().map(|&term| term as usize));
-            hold(&terms.channels[c], &list, WIDTH, lit, count)
+            project_lights(&terms.channels[c], &list, WIDTH, lit, count)
         });
         let decided = estimate.deciding(count, |c, direction, light| decided[c][(direction, light)].into());
         let mut gram = Mat::<f64>::zeros(count, count);
-        for learned in &learned {
-            let learned = Mat::from_fn(count, learned.ncols(), |i, l| f64::from(learned[(i, l)]));
-            gram += linear::product(learned.as_ref(), learned.transpose());
+        for training in &training {
+            let training = Mat::from_fn(count, training.ncols(), |i, l| f64::from(training[(i, l)]));
+            gram += linear::product(training.as_ref(), training.transpose());
         }
         let (squares, vectors) = linear::eigen(&gram);
         let decided = linear::product(vectors.transpose(), decided.as_ref());
@@ -197,13 +197,13 @@ impl<'a> Projected<'a> {
             power,
             terms,
             vectors,
-            learned,
+            training,
             decided,
             allowed,
             outside,
-            checks,
+            validation_images,
             estimate,
-            held,
+            projections,
         }
     }
 
@@ -213,7 +213,7 @@ impl<'a> Projected<'a> {
         let rank = turn.ncols();
         let turned = self.turned(&turn);
         let chosen = terms::choose(&turned, &self.power, budget.terms);
-        if chosen.own.is_empty() && chosen.tinted.is_empty() {
+        if chosen.per_channel.is_empty() && chosen.tinted.is_empty() {
             // Without terms all directions are zero.
             let none = |_| TileFactors { rank: 0, b: Vec::new(), u: Vec::new() };
             return Factors { tiles: tiles.iter().map(none).collect(), ..Default::default() };
@@ -226,40 +226,43 @@ impl<'a> Projected<'a> {
         let pixel = |i: usize, r: usize| if sizes[r] > 0.0 { self.directions[(i, r)] as f32 * sizes[r] } else { 0.0 };
         let pixels = Mat::from_fn(self.directions.nrows(), rank, pixel);
         let tiles = tiles.iter().map(|rows| tile(&pixels, rows, &deciding, share(rows), scale)).collect();
-        Factors { list, own: multiple(chosen.own.len()), tints, rank, v, tiles }
+        Factors { list, per_channel_count: multiple(chosen.per_channel.len()), tints, rank, v, tiles }
     }
 
     /// Compares the images of the validation lights with those of the rows: squared error and square for each tile and
     /// light. Also returns the squared light that the factors lose of the projected images, and the squared noise that
     /// they discard.
-    pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> (Found, (f64, f64)) {
-        let mut found = vec![vec![[0.0; 2]; self.checks.count]; tiles.len()];
-        let mut seen = [0; 3].map(|_| Mat::zeros(self.checks.rows(), WIDTH));
-        for (c, (terms, images)) in self.inputs.checks.channels.iter().zip(&self.checks.channels).enumerate() {
+    pub fn check(&self, factors: &Factors, tiles: &[Range<usize>]) -> (ValidationSums, (f64, f64)) {
+        let mut sums = vec![vec![[0.0; 2]; self.validation_images.count]; tiles.len()];
+        let mut seen = [0; 3].map(|_| Mat::zeros(self.validation_images.rows(), WIDTH));
+        for (c, (terms, images)) in
+            self.inputs.validation_terms.channels.iter().zip(&self.validation_images.channels).enumerate()
+        {
             let v = factors.v(c);
             for (part, (terms, images)) in terms.iter().zip(images).enumerate() {
                 let listed: Panel = factors.list.iter().map(|&j| terms[j as usize]).collect();
                 let y = linear::product(v.as_ref(), vector_batch::matrix(&listed));
-                for ((rows, tile), found) in tiles.iter().zip(&factors.tiles).zip(&mut found) {
+                for ((rows, tile), sums) in tiles.iter().zip(&factors.tiles).zip(&mut sums) {
                     let coefficients = linear::product(single(&tile.b, tile.rank, factors.rank).as_ref(), y.as_ref());
                     let u = MatRef::from_row_major_slice(&tile.u, rows.len(), tile.rank);
                     let got = linear::product(u, coefficients.as_ref());
-                    let lights = part * WIDTH..self.checks.count.min((part + 1) * WIDTH);
-                    for (light, sums) in found[lights].iter_mut().enumerate() {
+                    let lights = part * WIDTH..self.validation_images.count.min((part + 1) * WIDTH);
+                    for (light, [error, square]) in sums[lights].iter_mut().enumerate() {
                         if part == 0 {
                             rows.clone().enumerate().for_each(|(i, row)| seen[c][(row, light)] = got[(i, light)]);
                         }
                         for (i, row) in rows.clone().enumerate() {
                             let want = images[row][light];
-                            sums[0] += f64::from(got[(i, light)] - want).powi(2);
-                            sums[1] += f64::from(want).powi(2);
+                            *error += f64::from(got[(i, light)] - want).powi(2);
+                            *square += f64::from(want).powi(2);
                         }
                     }
                 }
             }
         }
-        let seen = self.estimate.deciding(self.checks.rows(), |c, pixel, light| seen[c][(pixel, light)].into());
-        (found, self.estimate.lost(&self.held, &seen))
+        let seen =
+            self.estimate.deciding(self.validation_images.rows(), |c, pixel, light| seen[c][(pixel, light)].into());
+        (sums, self.estimate.lost(&self.projections, &seen))
     }
 
     /// The smallest number of leading directions such that the remaining ones contain at most `budget` of the deciding
@@ -303,33 +306,39 @@ impl<'a> Projected<'a> {
         chosen: &Chosen,
         sizes: &[f32],
     ) -> (Vec<u32>, Vec<Vec3>, Vec<f32>) {
-        let Chosen { own, tinted } = chosen;
-        let all = [&own[..], tinted].concat();
+        let Chosen { per_channel, tinted } = chosen;
+        let all = [&per_channel[..], tinted].concat();
         let [red, green, blue] = turned;
         let fitted = [(0, red), (1, green), (2, blue)].map(|(c, turned)| self.fit_terms(c, turn, turned, &all));
         // Padding entries of the lists have zero factors.
         let mut list = Vec::new();
-        for terms in [own, tinted] {
+        for terms in [per_channel, tinted] {
             list.extend(terms.iter().map(|&i| self.list[i as usize]));
             list.resize(multiple(list.len()), list.last().copied().unwrap_or(0));
         }
-        let of_own = list.len() - multiple(tinted.len());
+        let per_channel_count = list.len() - multiple(tinted.len());
         let mut tints = vec![Vec3::ONE; list.len()];
-        let blend = |((i, &term), tint): ((usize, &u32), &mut Vec3)| {
-            let columns = fitted.each_ref().map(|f| f.row(own.len() + i).iter().copied().collect::<Vec<f32>>());
+        let shared = |((i, &term), tint): ((usize, &u32), &mut Vec3)| {
+            let columns = fitted.each_ref().map(|f| f.row(per_channel.len() + i).iter().copied().collect::<Vec<f32>>());
             let power = self.power.each_ref().map(|power| power[term as usize].into());
-            let (blend, of_blend) = terms::tinted(columns.each_ref().map(|c| &c[..]), DVec3::from_array(power));
-            *tint = of_blend;
-            blend
+            let (shared, its_tint) = terms::tinted(columns.each_ref().map(|c| &c[..]), DVec3::from_array(power));
+            *tint = its_tint;
+            shared
         };
-        let blends: Vec<Vec<f32>> = tinted.iter().enumerate().zip(&mut tints[of_own..]).map(blend).collect();
-        let mut v = Vec::with_capacity(sizes.len() * (2 * of_own + list.len()));
+        let shared_columns: Vec<Vec<f32>> =
+            tinted.iter().enumerate().zip(&mut tints[per_channel_count..]).map(shared).collect();
+        let mut v = Vec::with_capacity(sizes.len() * (2 * per_channel_count + list.len()));
         let in_units = |x: f32, r: usize| if sizes[r] > 0.0 { x / sizes[r] } else { 0.0 };
         for (fitted, r) in fitted.iter().flat_map(|f| (0..sizes.len()).map(move |r| (f, r))) {
-            v.extend((0..of_own).map(|i| if i < own.len() { in_units(fitted[(i, r)], r) } else { 0.0 }));
+            v.extend(
+                (0..per_channel_count).map(|i| if i < per_channel.len() { in_units(fitted[(i, r)], r) } else { 0.0 }),
+            );
         }
         for r in 0..sizes.len() {
-            v.extend((0..list.len() - of_own).map(|i| blends.get(i).map_or(0.0, |blend| in_units(blend[r], r))));
+            v.extend(
+                (0..list.len() - per_channel_count)
+                    .map(|i| shared_columns.get(i).map_or(0.0, |shared| in_units(shared[r], r))),
+            );
         }
         (list, tints, v)
     }
@@ -337,13 +346,13 @@ impl<'a> Projected<'a> {
     /// Factors of the terms `some`: terms x directions. They are the terms' own factors plus, by ridge regression over
     /// the training lights, a prediction of the omitted terms.
     fn fit_terms(&self, channel: usize, turn: &Mat<f32>, factors: Mat<f32>, some: &[u32]) -> Mat<f32> {
-        let learned = &self.inputs.learned;
-        let listed = learned.gathered(channel, some.iter().map(|&i| self.list[i as usize] as usize));
-        let listed = MatRef::from_row_major_slice(&listed, some.len(), learned.width);
+        let training = &self.inputs.training_terms;
+        let listed = training.gathered(channel, some.iter().map(|&i| self.list[i as usize] as usize));
+        let listed = MatRef::from_row_major_slice(&listed, some.len(), training.width);
         let mut kept = Mat::from_fn(some.len(), factors.ncols(), |i, r| factors[(some[i] as usize, r)]);
         drop(factors);
         let mut missing = linear::product(listed.transpose(), kept.as_ref()) * faer::Scale(-1.0);
-        linear::add_product(missing.as_mut(), self.learned[channel].transpose(), turn.as_ref());
+        linear::add_product(missing.as_mut(), self.training[channel].transpose(), turn.as_ref());
         let mut gram = Mat::from_fn(listed.ncols(), listed.ncols(), |_, _| 0.0f32);
         linear::add_product(gram.as_mut(), listed.transpose(), listed);
         let mut gram = Mat::from_fn(gram.nrows(), gram.nrows(), |i, j| f64::from(gram[(i, j)]));
@@ -359,7 +368,7 @@ impl<'a> Projected<'a> {
 }
 
 /// Terms that sum to less than this share of the allowed error are ignored.
-const SLIGHT: f64 = 0.01;
+const NEGLIGIBLE_SHARE: f64 = 0.01;
 /// Block size of the terms in products, so that intermediate results stay in a cache.
 const TERMS: usize = 512;
 /// Ridge regularization against overfitting to few lights, as a share of the sum of their squares.
@@ -376,8 +385,8 @@ struct Directions {
 }
 
 /// Significant Haar terms, and their products with the vectors of `basis`. The squares of the omitted terms sum to
-/// about `slight`.
-fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f64) -> (Vec<u32>, VectorBatch) {
+/// about `negligible`.
+fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, negligible: f64) -> (Vec<u32>, VectorBatch) {
     let terms = |vectors: MatRef<f64>| {
         let vectors = VectorBatch::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
         inputs.bounces.terms(&inputs.haar, rows.multiply(&vectors))
@@ -395,7 +404,7 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f6
     let mut list: Vec<u32> = (0..squares.len() as u32).collect();
     let square = |j: &u32| squares[*j as usize];
     list.sort_unstable_by(|a, b| square(b).total_cmp(&square(a)).then(a.cmp(b)));
-    list.truncate(cut(list.iter().map(square), slight));
+    list.truncate(cut(list.iter().map(square), negligible));
     list.sort_unstable();
 
     let mut found = VectorBatch { count: basis.ncols(), ..Default::default() };
@@ -410,7 +419,13 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, slight: f6
 
 /// Coefficients of lights in `count` vectors, from the Haar terms of both: vectors x lights. `lit` returns the terms of
 /// the `lights` lights.
-fn hold(terms: &[Panel], list: &[u32], lights: usize, lit: impl Fn(&[u32]) -> Vec<f32>, count: usize) -> Mat<f32> {
+fn project_lights(
+    terms: &[Panel],
+    list: &[u32],
+    lights: usize,
+    lit: impl Fn(&[u32]) -> Vec<f32>,
+    count: usize,
+) -> Mat<f32> {
     let mut all = Mat::zeros(count, lights);
     for (number, list) in list.chunks(TERMS).enumerate() {
         let some = vector_batch::gathered(terms, number * TERMS..number * TERMS + list.len());

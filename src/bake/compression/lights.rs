@@ -33,7 +33,7 @@ pub struct RandomLights<'a> {
 /// [`RandomLights::near`] as a fraction of the diagonal of the scene's bounds.
 const NEAR: [f64; 2] = [0.03, 0.2];
 /// Low rooms have a smaller minimum: the height of the room (see [`height`]) divided by this.
-const IN_ROOM: f64 = 8.0;
+const ROOM_HEIGHT_DIVISOR: f64 = 8.0;
 /// Maximum number of samples that measure the height.
 const HEIGHT_PROBES: usize = 256;
 /// Maximum distance of free lights beyond the bounds of all surfaces, in diagonals.
@@ -48,7 +48,7 @@ impl<'a> RandomLights<'a> {
             (positions().fold(Vec3::INFINITY, Vec3::min), positions().fold(Vec3::NEG_INFINITY, Vec3::max));
         let diagonal = low.distance(high);
         let beyond = Vec3::splat(BEYOND * diagonal);
-        let nearest = (NEAR[0] * f64::from(diagonal)).min(f64::from(height(transfer)) / IN_ROOM);
+        let nearest = (NEAR[0] * f64::from(diagonal)).min(f64::from(height(transfer)) / ROOM_HEIGHT_DIVISOR);
         let mut area = 0.0;
         let add = |s: &GatherSample| {
             area += f64::from(s.area);

@@ -74,7 +74,7 @@ pub struct Compressor<'a> {
 }
 
 /// For each tile and validation light: squared error and square of the image; whole images have square 1.
-pub type Found = Vec<Vec<[f64; 2]>>;
+pub type ValidationSums = Vec<Vec<[f64; 2]>>;
 
 /// The compressed operator.
 pub struct Compressed {
@@ -90,7 +90,7 @@ pub struct Compressed {
 pub struct Fitted {
     pub tiles: Range<usize>,
     pub factors: Factors,
-    pub found: Found,
+    pub sums: ValidationSums,
     /// Square of the noise of the supercluster's rows, mean over deciding lights.
     pub noise: f64,
     /// Squared error of the light, noise excluded, and its allowed maximum.
@@ -103,7 +103,7 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    fn is_enough(&self) -> bool {
+    fn meets_target(&self) -> bool {
         self.lost <= self.allowed
     }
 
@@ -117,7 +117,7 @@ impl<'a> Compressor<'a> {
     /// `direct` computes the coefficients of direct light.
     pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let clusters = Clusters::new(transfer.framebuffer());
-        let inputs = learn(transfer, direct, &clusters.samples, settings);
+        let inputs = training_inputs(transfer, direct, &clusters.samples, settings);
         Self { transfer, settings: settings.clone(), clusters, inputs, emitted: transfer.emitted() }
     }
 
@@ -144,7 +144,7 @@ impl<'a> Compressor<'a> {
         for fitted in fitted {
             errors.add(&fitted);
             let samples = &self.clusters.samples[self.clusters.rows(&fitted.tiles)];
-            if !fitted.is_enough() {
+            if !fitted.meets_target() {
                 progress(samples.len());
             }
             samples.iter().zip(&fitted.emission).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
@@ -156,7 +156,7 @@ impl<'a> Compressor<'a> {
     /// Fits ranges of tiles; `progress` counts the view samples of fits that are accurate enough.
     fn fit_all(&self, ranges: &[Range<usize>], journal: &mut Journal, progress: &dyn Fn(usize)) -> Vec<Fitted> {
         let count =
-            |fitted: &Fitted| progress(if fitted.is_enough() { self.clusters.rows(&fitted.tiles).len() } else { 0 });
+            |fitted: &Fitted| progress(if fitted.meets_target() { self.clusters.rows(&fitted.tiles).len() } else { 0 });
         let mut all = Vec::new();
         while let Some(fitted) = ranges.get(all.len()).and_then(|tiles| journal.replay(|f| self.is_of(f, tiles))) {
             count(&fitted);
@@ -175,7 +175,7 @@ impl<'a> Compressor<'a> {
 
     /// Whether a fit read from a file has the shape of these tiles' factors.
     fn is_of(&self, fitted: &Fitted, tiles: &Range<usize>) -> bool {
-        let Fitted { factors, found, emission, .. } = fitted;
+        let Fitted { factors, sums, emission, .. } = fitted;
         let rows = self.within(tiles);
         let samples: usize = rows.iter().map(|rows| rows.len()).sum();
         fitted.tiles == *tiles
@@ -185,12 +185,12 @@ impl<'a> Compressor<'a> {
                 .iter()
                 .zip(&rows)
                 .all(|(tile, rows)| [tile.b.len(), tile.u.len()] == [tile.rank * factors.rank, tile.rank * rows.len()])
-            && factors.own <= factors.list.len()
-            && factors.v.len() == factors.rank * (2 * factors.own + factors.list.len())
+            && factors.per_channel_count <= factors.list.len()
+            && factors.v.len() == factors.rank * (2 * factors.per_channel_count + factors.list.len())
             && factors.tints.len() == factors.list.len()
             && factors.list.iter().all(|&term| (term as usize) < self.transfer.fine.coefficient_count())
-            && found.len() == rows.len()
-            && found.iter().all(|lights| lights.len() == SPOTS.end)
+            && sums.len() == rows.len()
+            && sums.iter().all(|lights| lights.len() == SPOTS.end)
             && emission.len() == if self.emitted.is_some() { samples } else { 0 }
     }
 
@@ -198,45 +198,47 @@ impl<'a> Compressor<'a> {
     fn fit(&self, tiles: &Range<usize>) -> Fitted {
         let rows = self.clusters.rows(tiles);
         let (projected, emission) = self.project(&self.clusters.samples[rows]);
-        let allowed = (1.0 - OUTSIDE) * projected.allowed;
+        let allowed = (1.0 - OUT_OF_BASIS_SHARE) * projected.allowed;
         let within = self.within(tiles);
-        let mut scale = FIRST;
-        let mut best: Option<(f64, Factors, Found)> = None;
+        let mut scale = INITIAL_BUDGET_SCALE;
+        let mut best: Option<(f64, Factors, ValidationSums)> = None;
         let mut rounds = 0;
         for round in 1..=ROUNDS {
             let [rank, terms, tiles] = SHARES.map(|share| share * scale * allowed);
             let factors = projected.fit(&within, &Budget { rank, terms, tiles });
-            let (found, (light, noise)) = projected.check(&factors, &within);
-            let error = light - PAYS * noise;
+            let (sums, (light, noise)) = projected.check(&factors, &within);
+            let error = light - NOISE_CREDIT * noise;
             let enough = error <= allowed;
             // A fit that is not accurate enough must reduce the error enough for its size.
-            let better =
-                best.as_ref().is_none_or(|(before, ..)| error < if *before > allowed { WORTH * before } else { 0.0 });
+            let better = best
+                .as_ref()
+                .is_none_or(|(before, ..)| error < if *before > allowed { MAX_ERROR_RATIO * before } else { 0.0 });
             if !enough && !better {
                 break;
             }
-            best = Some((error, factors, found));
+            best = Some((error, factors, sums));
             rounds = round;
             if enough && error >= 0.5 * allowed {
                 break;
             }
             scale *= (0.9 * allowed / error.max(0.01 * allowed)).clamp(0.2, 3.0);
         }
-        let (error, factors, found) = best.expect("there is a round");
+        let (error, factors, sums) = best.expect("there is a round");
         // Light outside the basis is lost too. It was discarded with the noise, and part of it was credited as noise.
-        let lost = (error + (1.0 + PAYS) * projected.outside).max(0.0);
+        let lost = (error + (1.0 + NOISE_CREDIT) * projected.outside).max(0.0);
         let (allowed, noise) = (projected.allowed, projected.estimate.noise);
-        Fitted { tiles: tiles.clone(), factors, found, noise, lost, allowed, rounds, emission }
+        Fitted { tiles: tiles.clone(), factors, sums, noise, lost, allowed, rounds, emission }
     }
 
     /// Products of a supercluster's rows with lights and with emitters.
     fn project(&self, samples: &[u32]) -> (Projected<'_>, Vec<DVec3>) {
-        let pixels: Vec<usize> =
-            (0..ANEW.min(samples.len())).map(|i| (2 * i + 1) * samples.len() / (2 * ANEW.min(samples.len()))).collect();
+        let pixels: Vec<usize> = (0..RESAMPLED_ROWS.min(samples.len()))
+            .map(|i| (2 * i + 1) * samples.len() / (2 * RESAMPLED_ROWS.min(samples.len())))
+            .collect();
         let again: Vec<u32> = pixels.iter().map(|&p| samples[p]).collect();
         let mut gatherer = self.transfer.row_gatherer(self.settings.lobe);
         let (mut seen, mut emission) = (RowProducts::new(&self.inputs), Vec::new());
-        for some in samples.chunks(AT_ONCE) {
+        for some in samples.chunks(ROWS_AT_ONCE) {
             let rows = gatherer.gather(some);
             seen.push(&self.inputs, &rows);
             self.emitted.iter().for_each(|emitted| emission.extend(rows.multiply(emitted)));
@@ -247,7 +249,7 @@ impl<'a> Compressor<'a> {
         let allowed = |energy: f64, noise: f64| {
             // Half of the error is distributed by brightness, half uniformly.
             let (noise, all) = (noise.sqrt(), (0.5 * (share + energy)).sqrt());
-            (noise + BIAS * self.settings.error * all).powi(2) - noise.powi(2)
+            (noise + LOST_LIGHT_SHARE * self.settings.error * all).powi(2) - noise.powi(2)
         };
         (Projected::new(&self.inputs, seen, &resampled, allowed), emission)
     }
@@ -260,15 +262,15 @@ impl<'a> Compressor<'a> {
     }
 }
 
-/// Removes the fits with the largest excess error if the total excess is above [`OUTSIDE`] of the total allowed error.
-/// Returns their halves, each of which gets its own basis.
+/// Removes the fits with the largest excess error if the total excess is above [`OUT_OF_BASIS_SHARE`] of the total
+/// allowed error. Returns their halves, each of which gets its own basis.
 fn take_halves(fitted: &mut Vec<Fitted>) -> Vec<Range<usize>> {
     let too_much: f64 = fitted.iter().map(Fitted::excess).sum();
-    if too_much <= OUTSIDE * fitted.iter().map(|f| f.allowed).sum::<f64>() {
+    if too_much <= OUT_OF_BASIS_SHARE * fitted.iter().map(|f| f.allowed).sum::<f64>() {
         return Vec::new();
     }
     fitted.sort_by(|f, g| g.excess().total_cmp(&f.excess()));
-    let halved = fitted.extract_if(.., |f| !f.is_enough() && f.tiles.len() > 1).take(HALVED);
+    let halved = fitted.extract_if(.., |f| !f.meets_target() && f.tiles.len() > 1).take(MAX_HALVED);
     let halves = |Fitted { tiles: Range { start, end }, .. }| {
         let middle = usize::midpoint(start, end);
         [start..middle, middle..end]
@@ -278,17 +280,17 @@ fn take_halves(fitted: &mut Vec<Fitted>) -> Vec<Range<usize>> {
 
 /// Share of the target error by which lost light may increase the norm of the rows' noise. The total stays below the
 /// target, as part of the noise is discarded too.
-pub(super) const BIAS: f64 = 0.5;
+pub(super) const LOST_LIGHT_SHARE: f64 = 0.5;
 /// Lost light that is accepted per unit of discarded noise. At 1 the operator would be as far from the exact transfer
 /// as its rows, but its error would be the same in all pictures.
-const PAYS: f64 = 0.5;
+const NOISE_CREDIT: f64 = 0.5;
 /// Relative error of each row of the first bounce, as a multiple of the target error: hundreds of rows add up to each
 /// pixel, and their errors are independent.
-const THINNED: f64 = 0.5;
+const BOUNCE_ERROR_RATIO: f64 = 0.5;
 /// Rows of a supercluster that are gathered before they are sorted by column: each has thousands of entries.
-const AT_ONCE: usize = 512;
+const ROWS_AT_ONCE: usize = 512;
 /// Rows of each supercluster that are gathered twice, to separate light from noise.
-const ANEW: usize = 128;
+const RESAMPLED_ROWS: usize = 128;
 /// View samples from which the brightness of a light's image is estimated.
 const PROBES: usize = 512;
 /// Random combinations of lights, in each channel, whose images span those of all lights.
@@ -302,19 +304,19 @@ pub(super) const DECIDING: Range<usize> = 0..24;
 const POINTS: Range<usize> = 24..44;
 pub(super) const SPOTS: Range<usize> = 44..64;
 /// Superclusters that are split in half per iteration.
-const HALVED: usize = 4;
+const MAX_HALVED: usize = 4;
 /// Initial sum of the steps' budgets as a multiple of the allowed error: the steps mostly lose less than their budgets.
-const FIRST: f64 = 1.3;
+const INITIAL_BUDGET_SCALE: f64 = 1.3;
 /// Share of the allowed error reserved for light outside a basis, which no fit can reduce. Compensating for it by a
 /// closer fit took a third more multiply-adds at the same error.
-const OUTSIDE: f64 = 0.1;
+const OUT_OF_BASIS_SHARE: f64 = 0.1;
 /// Maximum ratio of errors after and before a fit that is worth its size.
-const WORTH: f64 = 0.9;
+const MAX_ERROR_RATIO: f64 = 0.9;
 /// Maximum number of fits of a supercluster.
 const ROUNDS: usize = 5;
 
 /// Generates training and validation lights; their brightness is measured at view samples `samples`.
-pub(super) fn learn(
+pub(super) fn training_inputs(
     transfer: &LightTransport,
     direct: &Direct,
     samples: &[u32],
@@ -324,32 +326,42 @@ pub(super) fn learn(
     let residual = bounces.residual(transfer);
     let haar = Haar::new(&transfer.fine.first);
     let seed = |purpose: u64| settings.seed ^ (16 + purpose) << 32;
-    let probes = some(samples, PROBES, seed(0));
+    let probes = random_subset(samples, PROBES, seed(0));
     let rows = transfer.rows(&probes, settings.lobe);
     let share = probes.len() as f64 / samples.len().max(1) as f64;
     let trainer = Trainer { transfer, bounces: &bounces, direct, probes: &rows, share };
     let spots = settings.lights / 4;
     let group = |kind, count, purpose| Group { kind, count, seed: seed(purpose) };
-    let mut learned = trainer.lights(&[group(Kind::Point, settings.lights - spots, 1), group(Kind::Spot, spots, 2)]);
-    let checks = trainer.lights(&[
+    let mut training = trainer.lights(&[group(Kind::Point, settings.lights - spots, 1), group(Kind::Spot, spots, 2)]);
+    let validation = trainer.lights(&[
         group(Kind::Point, DECIDING.len(), 3),
         group(Kind::Point, POINTS.len(), 4),
         group(Kind::Spot, SPOTS.len(), 5),
     ]);
-    learned.scale(&vec![(settings.lights.max(1) as f32).sqrt().recip(); settings.lights]);
+    training.scale(&vec![(settings.lights.max(1) as f32).sqrt().recip(); settings.lights]);
     let seen = |lights: &Bounced| bounces.seen(&lights.direct, &lights.further);
-    let (combinations, checked) = (seen(&learned.combine(COMBINATIONS, seed(6))), seen(&checks));
-    let (mut learned, mut checks) = (learned.direct, checks.direct);
-    learned.for_each_mut(|_, panel| haar.transform(panel));
-    checks.for_each_mut(|_, panel| haar.transform(panel));
-    let power = [0, 1, 2].map(|channel| learned.row_squares(channel));
-    let learned = Compact::new(learned);
-    let bounces = bounces.thinned(&haar, &power, (THINNED * settings.error).powi(2));
-    Inputs { bounces, residual, haar, combinations, checked, learned, power, checks, deciding: DECIDING }
+    let (combinations, validation_operands) = (seen(&training.combine(COMBINATIONS, seed(6))), seen(&validation));
+    let (mut training_terms, mut validation_terms) = (training.direct, validation.direct);
+    training_terms.for_each_mut(|_, panel| haar.transform(panel));
+    validation_terms.for_each_mut(|_, panel| haar.transform(panel));
+    let power = [0, 1, 2].map(|channel| training_terms.row_squares(channel));
+    let training_terms = Compact::new(training_terms);
+    let bounces = bounces.thinned(&haar, &power, (BOUNCE_ERROR_RATIO * settings.error).powi(2));
+    Inputs {
+        bounces,
+        residual,
+        haar,
+        combinations,
+        validation_operands,
+        training_terms,
+        power,
+        validation_terms,
+        deciding: DECIDING,
+    }
 }
 
 /// `count` random elements of `samples`, or as many as `samples` has.
-pub(super) fn some(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
+pub(super) fn random_subset(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
     let points = Points::new(seed, 0);
     let pick = |i: usize| samples[(points.at(i as u32, 0)[0] * samples.len() as f64) as usize];
     (0..count.min(samples.len())).map(pick).collect()
@@ -360,8 +372,8 @@ mod tests {
     use super::*;
 
     fn fitted(tiles: Range<usize>, lost: f64) -> Fitted {
-        let (found, emission) = (Vec::new(), Vec::new());
-        Fitted { tiles, factors: Factors::default(), found, noise: 0.0, lost, allowed: 1.0, rounds: 1, emission }
+        let (sums, emission) = (Vec::new(), Vec::new());
+        Fitted { tiles, factors: Factors::default(), sums, noise: 0.0, lost, allowed: 1.0, rounds: 1, emission }
     }
 
     #[test]

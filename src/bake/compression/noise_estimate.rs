@@ -32,13 +32,14 @@ pub struct NoiseEstimate {
 }
 
 impl NoiseEstimate {
-    /// `checks` are images at all pixels, and `lights` the deciding ones among them; `again` are images at the
+    /// `images` are images at all pixels, and `lights` the deciding ones among them; `again` are images at the
     /// resampled `pixels`.
-    pub fn new(pixels: &[usize], checks: &VectorBatch, again: &VectorBatch, lights: &Range<usize>) -> Self {
-        let times = 0.5 * checks.rows() as f64 / pixels.len() as f64;
-        let noise: Vec<f64> = lights.clone().map(|light| times * apart(pixels, checks, again, light)).collect();
-        let squares = &checks.squares()[lights.clone()];
-        let least = REACHES * squares.iter().sum::<f64>() / squares.len() as f64;
+    pub fn new(pixels: &[usize], images: &VectorBatch, again: &VectorBatch, lights: &Range<usize>) -> Self {
+        let times = 0.5 * images.rows() as f64 / pixels.len() as f64;
+        let noise: Vec<f64> =
+            lights.clone().map(|light| times * squared_distance(pixels, images, again, light)).collect();
+        let squares = &images.squares()[lights.clone()];
+        let least = MIN_SQUARE_SHARE * squares.iter().sum::<f64>() / squares.len() as f64;
         let reaching = noise.iter().zip(squares).filter(|(_, square)| **square > least).map(|(noise, _)| *noise);
         let mut sorted: Vec<f64> = reaching.collect();
         sorted.sort_unstable_by(f64::total_cmp);
@@ -54,7 +55,7 @@ impl NoiseEstimate {
             pixels: pixels.to_vec(),
             again: Mat::new(),
         };
-        twice.images = twice.deciding(checks.rows(), |c, pixel, light| checks.get(c, pixel, light).into());
+        twice.images = twice.deciding(images.rows(), |c, pixel, light| images.get(c, pixel, light).into());
         twice.again = twice.deciding(pixels.len(), |c, i, light| again.get(c, i, light).into());
         twice
     }
@@ -69,28 +70,30 @@ impl NoiseEstimate {
     }
 
     /// The smallest number of leading directions such that the others contain at most `budget` of the light.
-    /// `directions` are orthonormal, all pixels x directions; `held` are the images' coefficients along them.
-    pub fn needed(&self, directions: MatRef<f64>, held: MatRef<f64>, budget: f64) -> usize {
+    /// `directions` are orthonormal, all pixels x directions; `projections` are the images' coefficients along them.
+    pub fn needed(&self, directions: MatRef<f64>, projections: MatRef<f64>, budget: f64) -> usize {
         let seen = Mat::from_fn(self.pixels.len(), directions.ncols(), |i, j| directions[(self.pixels[i], j)]);
-        let missing = &self.again - linear::product(seen.as_ref(), held);
+        let missing = &self.again - linear::product(seen.as_ref(), projections);
         let missing = linear::product(seen.transpose(), missing.as_ref()) * faer::Scale(self.times());
-        let light = |j: usize| held.row(j).iter().zip(missing.row(j).iter()).map(|(x, y)| x * (x + y)).sum::<f64>();
+        let light =
+            |j: usize| projections.row(j).iter().zip(missing.row(j).iter()).map(|(x, y)| x * (x + y)).sum::<f64>();
         let mut left = 0.0;
-        let few = (0..held.nrows()).rev().take_while(|&j| {
+        let few = (0..projections.nrows()).rev().take_while(|&j| {
             left += light(j);
             left <= budget
         });
-        held.nrows() - few.count()
+        projections.nrows() - few.count()
     }
 
-    /// Squared error of the light in `got` against `held`, the images' projections onto a basis; and the squared noise
-    /// of the images that `got` discards. Sums over all pixels; as estimates, both can be negative.
-    pub fn lost(&self, held: &Mat<f64>, got: &Mat<f64>) -> (f64, f64) {
-        let off = got - held;
-        let apart = |i: usize, j: usize| off[(i, j)] * (off[(i, j)] + held[(i, j)] - self.images[(i, j)]);
-        let again = |i: usize, j: usize| off[(self.pixels[i], j)] * (held[(self.pixels[i], j)] - self.again[(i, j)]);
+    /// Squared error of the light in `got` against `projections`, the images' projections onto a basis; and the squared
+    /// noise of the images that `got` discards. Sums over all pixels; as estimates, both can be negative.
+    pub fn lost(&self, projections: &Mat<f64>, got: &Mat<f64>) -> (f64, f64) {
+        let off = got - projections;
+        let on_all = |i: usize, j: usize| off[(i, j)] * (off[(i, j)] + projections[(i, j)] - self.images[(i, j)]);
+        let again =
+            |i: usize, j: usize| off[(self.pixels[i], j)] * (projections[(self.pixels[i], j)] - self.again[(i, j)]);
         let columns = || 0..off.ncols();
-        let all: f64 = columns().flat_map(|j| (0..off.nrows()).map(move |i| (i, j))).map(|(i, j)| apart(i, j)).sum();
+        let all: f64 = columns().flat_map(|j| (0..off.nrows()).map(move |i| (i, j))).map(|(i, j)| on_all(i, j)).sum();
         let some: f64 =
             columns().flat_map(|j| (0..self.pixels.len()).map(move |i| (i, j))).map(|(i, j)| again(i, j)).sum();
         let light = all + self.times() * some;
@@ -100,11 +103,13 @@ impl NoiseEstimate {
         (light, of_images - light)
     }
 
-    /// Squared light of the images outside a basis, given their projections `held` onto it; sum over all pixels. A
+    /// Squared light of the images outside a basis, given their `projections` onto it; sum over all pixels. A
     /// lower bound: two standard deviations are subtracted from the estimate.
-    pub fn outside(&self, held: &Mat<f64>) -> f64 {
+    pub fn outside(&self, projections: &Mat<f64>) -> f64 {
         let product = |(i, &p): (usize, &usize)| -> f64 {
-            (0..held.ncols()).map(|j| (self.images[(p, j)] - held[(p, j)]) * (self.again[(i, j)] - held[(p, j)])).sum()
+            (0..projections.ncols())
+                .map(|j| (self.images[(p, j)] - projections[(p, j)]) * (self.again[(i, j)] - projections[(p, j)]))
+                .sum()
         };
         let products: Vec<f64> = self.pixels.iter().enumerate().map(product).collect();
         let mean = products.iter().sum::<f64>() / products.len() as f64;
@@ -120,12 +125,12 @@ impl NoiseEstimate {
 }
 
 /// A light reaches the pixels if its image's square exceeds this share of the mean over all lights.
-const REACHES: f64 = 0.01;
+const MIN_SQUARE_SHARE: f64 = 0.01;
 
 /// Squared distance of a light's two images, over all channels.
-fn apart(pixels: &[usize], checks: &VectorBatch, again: &VectorBatch, light: usize) -> f64 {
+fn squared_distance(pixels: &[usize], images: &VectorBatch, again: &VectorBatch, light: usize) -> f64 {
     let square = |channel: usize, i: usize| {
-        f64::from(again.get(channel, i, light) - checks.get(channel, pixels[i], light)).powi(2)
+        f64::from(again.get(channel, i, light) - images.get(channel, pixels[i], light)).powi(2)
     };
     (0..3).flat_map(|channel| (0..pixels.len()).map(move |i| (channel, i))).map(|(c, i)| square(c, i)).sum()
 }
@@ -170,16 +175,16 @@ mod tests {
     #[test]
     fn noise_is_not_light() {
         let (directions, light, twice) = images(0.01, |_| 1.0);
-        let held = linear::product(directions.transpose(), twice.images.as_ref());
-        let within = |count: usize| linear::product(directions.subcols(0, count), held.subrows(0, count));
+        let projections = linear::product(directions.transpose(), twice.images.as_ref());
+        let within = |count: usize| linear::product(directions.subcols(0, count), projections.subrows(0, count));
         for kept in [5, 4] {
             let lost = (kept..LIT).map(|j| square(light.row(j))).sum::<f64>() / LIGHTS as f64;
-            let held_by_others: f64 = (kept..64).map(|j| square(held.row(j))).sum();
-            assert!(held_by_others > 1.5 * lost, "there is too little noise: {held_by_others}, light {lost}");
-            let needed = twice.needed(directions.as_ref(), held.as_ref(), 1.5 * lost);
+            let in_others: f64 = (kept..64).map(|j| square(projections.row(j))).sum();
+            assert!(in_others > 1.5 * lost, "there is too little noise: {in_others}, light {lost}");
+            let needed = twice.needed(directions.as_ref(), projections.as_ref(), 1.5 * lost);
             assert_eq!(needed, kept);
             let (found, _) = twice.lost(&within(64), &within(kept));
-            assert!((found - lost).abs() < 0.2 * held_by_others, "{kept} directions: {found} instead of {lost}");
+            assert!((found - lost).abs() < 0.2 * in_others, "{kept} directions: {found} instead of {lost}");
         }
         // A basis of three directions lacks the light of five, and one of eight lacks none.
         let lost: f64 = (3..LIT).map(|j| square(light.row(j))).sum::<f64>() / LIGHTS as f64;
@@ -193,10 +198,10 @@ mod tests {
     fn lights_elsewhere_do_not_decide() {
         for elsewhere in [0.0, 1e-4] {
             let (directions, light, twice) = images(0.01, |light| if light < 5 { 1.0 } else { elsewhere });
-            let held = linear::product(directions.transpose(), twice.images.as_ref());
+            let projections = linear::product(directions.transpose(), twice.images.as_ref());
             let lost = (4..LIT).map(|j| square(light.row(j))).sum::<f64>() / LIGHTS as f64;
             assert_eq!(
-                twice.needed(directions.as_ref(), held.as_ref(), 1.5 * lost),
+                twice.needed(directions.as_ref(), projections.as_ref(), 1.5 * lost),
                 4,
                 "{elsewhere} of light elsewhere"
             );

@@ -1,7 +1,7 @@
 //! Accuracy of the compressed operator for lights outside the training set.
 
 use super::clusters::Clusters;
-use super::{Fitted, OUTSIDE, POINTS, SPOTS};
+use super::{Fitted, OUT_OF_BASIS_SHARE, POINTS, SPOTS};
 
 /// Errors against the rows that the operator was fitted to, root mean square over all view samples and channels.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -27,7 +27,7 @@ pub struct Report {
 impl Report {
     /// Whether the target error is exceeded by more than fits can correct.
     pub fn is_exceeded(&self) -> bool {
-        self.excess > OUTSIDE
+        self.excess > OUT_OF_BASIS_SHARE
     }
 
     /// From squared error and square of each validation light.
@@ -62,19 +62,19 @@ impl<'a> Errors<'a> {
     }
 
     pub fn add(&mut self, fitted: &Fitted) {
-        for (found, tile) in fitted.found.iter().zip(fitted.tiles.clone()) {
-            for (sum, e) in self.lights.iter_mut().zip(found) {
+        for (sums, tile) in fitted.sums.iter().zip(fitted.tiles.clone()) {
+            for (sum, e) in self.lights.iter_mut().zip(sums) {
                 sum[0] += e[0];
                 sum[1] += e[1];
             }
             let share = self.clusters.rows(&(tile..tile + 1)).len() as f64 / self.clusters.samples.len() as f64;
-            self.report.tiles.push((mean(found[POINTS].iter().map(|e| e[0])) / share).sqrt());
+            self.report.tiles.push((mean(sums[POINTS].iter().map(|e| e[0])) / share).sqrt());
         }
         self.noise += fitted.noise;
         self.allowed += fitted.allowed;
         self.excess += fitted.excess();
         self.report.refined += usize::from(fitted.rounds > 1);
-        self.report.missed += usize::from(!fitted.is_enough());
+        self.report.missed += usize::from(!fitted.meets_target());
     }
 
     pub fn report(self) -> Report {

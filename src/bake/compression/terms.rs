@@ -15,7 +15,7 @@ pub const MULTIPLE: usize = PANEL_COLUMNS as usize;
 #[derive(Debug, PartialEq)]
 pub struct Chosen {
     /// With one column per channel.
-    pub own: Vec<u32>,
+    pub per_channel: Vec<u32>,
     /// With one column and a tint.
     pub tinted: Vec<u32>,
 }
@@ -25,19 +25,21 @@ pub struct Chosen {
 /// [`MULTIPLE`] while there are terms.
 pub fn choose(turned: &[Mat<f32>; 3], power: &[Vec<f32>; 3], tail: f64) -> Chosen {
     let products = products(turned);
-    // Gain of one column and a tint, and of two more columns; `worth` is the gain per column.
+    // Gain of one column and a tint, and of two more columns.
     let mut steps: Vec<Step> = Vec::new();
     for (term, products) in products.iter().enumerate() {
         let power = DVec3::from_array(power.each_ref().map(|p| p[term].into()));
         let all = power.dot(DVec3::from_array([0, 1, 2].map(|c| products.col(c)[c])));
         if all > 0.0 {
-            let tinted = power.dot(Blend::new(products, power).tint.powf(2.0)).min(all);
+            let tinted = power.dot(SharedColumn::new(products, power).tint.powf(2.0)).min(all);
             let term = term as u32;
-            steps.push(Step { term, own: false, gain: tinted, worth: tinted });
-            steps.push(Step { term, own: true, gain: all - tinted, worth: (all - tinted) / 2.0 });
+            steps.push(Step { term, per_channel: false, gain: tinted, gain_per_column: tinted });
+            steps.push(Step { term, per_channel: true, gain: all - tinted, gain_per_column: (all - tinted) / 2.0 });
         }
     }
-    steps.sort_unstable_by(|a, b| b.worth.total_cmp(&a.worth).then((a.own, a.term).cmp(&(b.own, b.term))));
+    steps.sort_unstable_by(|a, b| {
+        b.gain_per_column.total_cmp(&a.gain_per_column).then((a.per_channel, a.term).cmp(&(b.per_channel, b.term)))
+    });
     let kept = cut(steps.iter().map(|step| step.gain), tail);
     let list = |steps: &[Step], left: &dyn Fn(&Step) -> bool| {
         let count = steps[..kept].iter().filter(|step| left(step)).count();
@@ -46,19 +48,19 @@ pub fn choose(turned: &[Mat<f32>; 3], power: &[Vec<f32>; 3], tail: f64) -> Chose
         terms.sort_unstable();
         terms
     };
-    let own = list(&steps, &|step| step.own);
-    let tinted = list(&steps, &|step| !step.own && own.binary_search(&step.term).is_err());
-    Chosen { own, tinted }
+    let per_channel = list(&steps, &|step| step.per_channel);
+    let tinted = list(&steps, &|step| !step.per_channel && per_channel.binary_search(&step.term).is_err());
+    Chosen { per_channel, tinted }
 }
 
 /// One storage option: a gain at a cost in bytes.
 struct Step {
     term: u32,
     /// From one column and a tint to three columns; otherwise from nothing to one column and a tint.
-    own: bool,
+    per_channel: bool,
     gain: f64,
     /// Gain per column.
-    worth: f64,
+    gain_per_column: f64,
 }
 
 /// For each term the inner products of its channels' columns.
@@ -78,14 +80,14 @@ fn products(turned: &[Mat<f32>; 3]) -> Vec<DMat3> {
 }
 
 /// One unit vector that replaces three vectors.
-struct Blend {
+struct SharedColumn {
     /// Its coefficients as a combination of the three vectors.
     shares: DVec3,
     /// Its inner products with the three vectors, each of which is replaced by the vector times its entry.
     tint: DVec3,
 }
 
-impl Blend {
+impl SharedColumn {
     /// The direction with the smallest residual, weighted by channel `power`; from the inner products of the three
     /// vectors.
     fn new(products: &DMat3, power: DVec3) -> Self {
@@ -113,14 +115,14 @@ impl Blend {
 pub fn tinted(columns: [&[f32]; 3], power: DVec3) -> (Vec<f32>, Vec3) {
     let product = |a: usize, b: usize| columns[a].iter().zip(columns[b]).map(|(x, y)| f64::from(x * y)).sum::<f64>();
     let products = DMat3::from_cols_array_2d(&[0, 1, 2].map(|a| [0, 1, 2].map(|b| product(a, b))));
-    let Blend { shares, tint } = Blend::new(&products, power);
+    let SharedColumn { shares, tint } = SharedColumn::new(&products, power);
     let largest = tint.abs().max_element();
     if largest == 0.0 {
         return (vec![0.0; columns[0].len()], Vec3::ONE);
     }
     let shares = shares * largest;
-    let blended = |i: usize| shares.dot(DVec3::from_array(columns.map(|column| column[i].into()))) as f32;
-    ((0..columns[0].len()).map(blended).collect(), (tint / largest).as_vec3())
+    let entry = |i: usize| shares.dot(DVec3::from_array(columns.map(|column| column[i].into()))) as f32;
+    ((0..columns[0].len()).map(entry).collect(), (tint / largest).as_vec3())
 }
 
 /// Number of leading values, in order of priority, such that the others sum to at most `tail`.
@@ -169,14 +171,14 @@ mod tests {
         let of_term = |term: usize| {
             let columns = turned.each_ref().map(|turned| column(turned, term));
             let power = power.each_ref().map(|p| f64::from(p[term]));
-            let (blend, tint) = match term as u32 {
-                own if chosen.own.contains(&own) => return 0.0,
+            let (shared, tint) = match term as u32 {
+                term if chosen.per_channel.contains(&term) => return 0.0,
                 term if chosen.tinted.contains(&term) => {
                     tinted(columns.each_ref().map(|c| &c[..]), DVec3::from_array(power))
                 }
                 _ => (vec![0.0; DIRECTIONS], Vec3::ONE),
             };
-            let off = |c: usize, r: usize| f64::from(columns[c][r] - blend[r] * tint[c]).powi(2);
+            let off = |c: usize, r: usize| f64::from(columns[c][r] - shared[r] * tint[c]).powi(2);
             (0..3).map(|c| power[c] * (0..DIRECTIONS).map(|r| off(c, r)).sum::<f64>()).sum()
         };
         (0..turned[0].nrows()).map(of_term).sum()
@@ -186,45 +188,49 @@ mod tests {
     fn a_choice_loses_what_it_may_for_the_fewest_columns() {
         let turned = turned(TERMS);
         let power = [1.0, 4.0, 0.25].map(|power| vec![power; TERMS]);
-        let all = lost(&turned, &power, &Chosen { own: vec![], tinted: vec![] });
+        let all = lost(&turned, &power, &Chosen { per_channel: vec![], tinted: vec![] });
         for tail in [1e-2, 1e-4, 1e-8].map(|share| share * all) {
             let chosen = choose(&turned, &power, tail);
             let found = lost(&turned, &power, &chosen);
             assert!(found <= tail, "{found} of {tail}");
-            assert!(chosen.own.iter().all(|term| !chosen.tinted.contains(term)));
+            assert!(chosen.per_channel.iter().all(|term| !chosen.tinted.contains(term)));
             // With terms of only one type, no fewer suffice.
-            let fewest = |own: bool| {
+            let fewest = |per_channel: bool| {
                 let chosen = |count: u32| {
                     let some: Vec<u32> = (0..count).collect();
-                    if own { Chosen { own: some, tinted: vec![] } } else { Chosen { own: vec![], tinted: some } }
+                    if per_channel {
+                        Chosen { per_channel: some, tinted: vec![] }
+                    } else {
+                        Chosen { per_channel: vec![], tinted: some }
+                    }
                 };
                 (0..=TERMS as u32).find(|&count| lost(&turned, &power, &chosen(count)) <= tail)
             };
-            let cost = 3 * chosen.own.len() + chosen.tinted.len();
+            let cost = 3 * chosen.per_channel.len() + chosen.tinted.len();
             assert!(cost < 3 * multiple(fewest(true).unwrap() as usize), "{chosen:?}");
             assert!(fewest(false).is_none(), "tints alone would do");
         }
         // A grey operator needs no separate columns per channel.
         let grey = turned[0].clone();
         let chosen = choose(&[grey.clone(), grey.clone(), grey], &power, 1e-6 * all);
-        assert!(chosen.own.is_empty() && !chosen.tinted.is_empty(), "{chosen:?}");
+        assert!(chosen.per_channel.is_empty() && !chosen.tinted.is_empty(), "{chosen:?}");
         let black = [0; 3].map(|_| Mat::zeros(TERMS, DIRECTIONS));
-        assert_eq!(choose(&black, &power, 0.0), Chosen { own: vec![], tinted: vec![] });
+        assert_eq!(choose(&black, &power, 0.0), Chosen { per_channel: vec![], tinted: vec![] });
     }
 
-    /// Compares with the best of many other blends. Channels without power follow in proportion to their own scale.
+    /// Compares with the best of many other columns. Channels without power follow in proportion to their own scale.
     #[test]
-    fn no_other_blend_is_closer() {
+    fn no_other_shared_column_is_closer() {
         let columns = [0, 1, 2].map(|c| column(&turned(1)[c], 0));
         let columns = columns.each_ref().map(|c| &c[..]);
         let points = Points::new(7, 0);
         for power in [DVec3::ONE, DVec3::new(1.0, 0.0, 0.0), DVec3::new(1e-6, 1.0, 3.0), DVec3::ZERO] {
-            let (blend, tint) = tinted(columns, power);
-            let off = |blend: &[f32], tint: DVec3| {
-                let off = |c: usize, r: usize| (f64::from(columns[c][r]) - f64::from(blend[r]) * tint[c]).powi(2);
+            let (shared, tint) = tinted(columns, power);
+            let off = |shared: &[f32], tint: DVec3| {
+                let off = |c: usize, r: usize| (f64::from(columns[c][r]) - f64::from(shared[r]) * tint[c]).powi(2);
                 (0..3).map(|c| power[c] * (0..DIRECTIONS).map(|r| off(c, r)).sum::<f64>()).sum::<f64>()
             };
-            let best = off(&blend, tint.as_dvec3());
+            let best = off(&shared, tint.as_dvec3());
             for i in 0..1000 {
                 let shares = [0, 1, 2].map(|c| points.at(i, c)[0] - 0.5);
                 let other: Vec<f32> =
@@ -235,7 +241,7 @@ mod tests {
                 assert!(best <= found * (1.0 + 1e-5), "{power}: {best} against {found}");
             }
         }
-        let (blend, _) = tinted([columns[0], columns[0], columns[0]], DVec3::X);
-        assert!(blend.iter().zip(columns[0]).all(|(x, y)| (x - y).abs() <= 1e-6));
+        let (shared, _) = tinted([columns[0], columns[0], columns[0]], DVec3::X);
+        assert!(shared.iter().zip(columns[0]).all(|(x, y)| (x - y).abs() <= 1e-6));
     }
 }

@@ -33,7 +33,7 @@ pub struct Group {
 
 /// A light is skipped if its image is darker than this share of the brightest light's image at equal intensity: few
 /// rays of the rows hit so little light, and the image would be mostly noise.
-const SEEN: f64 = 0.02;
+const MIN_BRIGHTNESS_SHARE: f64 = 0.02;
 /// Maximum number of candidates per requested light.
 const ATTEMPTS: u32 = 20;
 
@@ -52,7 +52,8 @@ impl Trainer<'_> {
         let level = &self.transfer.fine;
         let count = groups.iter().map(|g| g.count).sum();
         let zeros = |rows| VectorBatch::zeros(rows, count);
-        let mut all = Bounced { direct: zeros(level.coefficient_count()), further: zeros(self.transfer.among.len()) };
+        let mut all =
+            Bounced { direct: zeros(level.coefficient_count()), further: zeros(self.transfer.bounce_matrix.len()) };
         let mut first = 0;
         for group in groups.iter().filter(|_| !level.samples.is_empty()) {
             let end = first + group.count;
@@ -93,7 +94,7 @@ impl Trainer<'_> {
         // Squares of the images at the original intensities instead of normalized ones.
         let image = |(seen, unit): (&f64, &f64)| if *unit > 0.0 { seen / (unit * unit) } else { 0.0 };
         let images: Vec<f64> = seen.iter().zip(&units).map(image).collect();
-        let least = SEEN * SEEN * images.iter().copied().fold(0.0, f64::max);
+        let least = MIN_BRIGHTNESS_SHARE * MIN_BRIGHTNESS_SHARE * images.iter().copied().fold(0.0, f64::max);
         let scale = |(seen, image): (&f64, &f64)| if *image > least { (self.share / seen).sqrt() as f32 } else { 0.0 };
         let scales = seen.iter().zip(&images).map(scale).collect();
         (Bounced { direct, further }, scales)

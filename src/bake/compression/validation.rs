@@ -104,7 +104,7 @@ impl ValidationError {
 }
 
 /// Minimum share of nonzero coefficients of a light.
-const LIT: f64 = 0.05;
+const MIN_LIT_SHARE: f64 = 0.05;
 /// Maximum number of candidates per requested light.
 const ATTEMPTS: u32 = 50;
 
@@ -113,7 +113,7 @@ fn lights(transfer: &LightTransport, direct: &Direct, kind: Kind, validation: &V
     let all =
         (0..validation.lights as u32 * ATTEMPTS).filter_map(|i| random.light(kind, i)).map(|light| direct(&light));
     let lit = |light: &Vec<DVec3>| {
-        light.iter().filter(|x| **x != DVec3::ZERO).count() as f64 >= (LIT * light.len() as f64).max(1.0)
+        light.iter().filter(|x| **x != DVec3::ZERO).count() as f64 >= (MIN_LIT_SHARE * light.len() as f64).max(1.0)
     };
     all.filter(lit).take(validation.lights).collect()
 }

@@ -1,8 +1,8 @@
 //! The layered deep framebuffer: which surfaces each pixel sees, also in mirrors.
 
 mod edges;
-mod forced;
 pub mod view_samples;
+mod worst_case;
 
 use glam::Vec3;
 

@@ -20,12 +20,13 @@ use crate::trace::surface::SurfacePoint;
 const MIN_WEIGHT: f32 = 1e-6;
 
 /// Surfaces that blend, and what is behind them, get separate samples without noise: up to this number of surfaces per
-/// path, and down to a weight of [`LEAST_BEHIND`]. Beyond that one surface is chosen at random, as for all other rays.
-const MOST_IN_A_ROW: u32 = 16;
-/// See [`MOST_IN_A_ROW`]: one 8-bit step.
-const LEAST_BEHIND: f32 = 1.0 / 256.0;
-/// Limit like [`MOST_IN_A_ROW`], counting also surfaces whose coverage is 0 at the hit.
-const MOST_STEPS: u32 = 256;
+/// path, and down to a weight of [`MIN_WEIGHT_BEHIND`]. Beyond that one surface is chosen at random, as for all other
+/// rays.
+const MAX_BLENDS: u32 = 16;
+/// See [`MAX_BLENDS`]: one 8-bit step.
+const MIN_WEIGHT_BEHIND: f32 = 1.0 / 256.0;
+/// Limit like [`MAX_BLENDS`], counting also surfaces whose coverage is 0 at the hit.
+const MAX_STEPS: u32 = 256;
 
 /// One surface along an eye path through mirrors and blending surfaces; mesh space.
 #[derive(Clone, Copy)]
@@ -127,7 +128,7 @@ impl EyeRays<'_> {
         let mut behind: Vec<Segment> = Vec::new();
         let (mut met, mut steps) = (0, 0);
         while let Some(segment) = next.take().or_else(|| behind.pop()) {
-            let in_a_row = met < MOST_IN_A_ROW && steps < MOST_STEPS && segment.weight.max_element() >= LEAST_BEHIND;
+            let in_a_row = met < MAX_BLENDS && steps < MAX_STEPS && segment.weight.max_element() >= MIN_WEIGHT_BEHIND;
             let Some(hit) = self.first_hit(&segment, in_a_row) else { continue };
             let distance = segment.before + hit.distance;
             let point = SurfacePoint::new(self.scene, &hit, segment.direction, fixed + growing * distance)

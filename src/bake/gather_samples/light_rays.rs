@@ -27,7 +27,7 @@ pub const RAYS: usize = 512;
 /// picture have no samples: rays that hit there are discarded.
 const REACH: f32 = 2.0;
 /// Maximum ratio of the cosines to the shading normal and to the geometric normal, by which a ray is weighted.
-const MOST_COSINES: f32 = 8.0;
+const MAX_COSINES: f32 = 8.0;
 /// Rotation about the light's axis between successive rays, in radians: 2 pi (1 - 1 / golden ratio).
 const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
@@ -132,7 +132,7 @@ impl LightRays {
         let area_of_point = sample.area / self.points_per_sample as f32;
         let share = intensity * cosine / (hit.distance * hit.distance) * area_of_point * per_solid_angle;
         let power = light.strength * intensity * TAU * widest / RAYS as f32;
-        let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MOST_COSINES) / sample.area;
+        let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MAX_COSINES) / sample.area;
         let [s, t, n] = turned([sample.tangent, sample.normal.cross(sample.tangent), sample.normal], surface.normal);
         let wi = -Vec3::new(s.dot(direction), t.dot(direction), n.dot(direction));
         (irradiance > 0.0).then_some(LightRayHit { sample: index, wi, irradiance })

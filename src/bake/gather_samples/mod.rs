@@ -51,7 +51,7 @@ pub struct GatherSample {
     pub brdf: Brdf,
     /// BRDF for light from light sources, averaged likewise. Paths cannot hit these sources, so narrow lobes are
     /// included, widened to what the basis can represent, with the same reflectance.
-    pub lit: Brdf,
+    pub direct_brdf: Brdf,
 }
 
 /// A point of a gather sample's area; mesh space.
@@ -196,7 +196,7 @@ fn random(scene: &Scene, surfaces: &Surfaces, count: usize, seed: u64) -> Gather
         let surface = place.surface(scene, area.sqrt());
         let SurfacePoint { position, normal, emission, brdf, material, .. } = surface;
         let (triangle, area) = (place.triangle, area * place.coverage(scene));
-        let sample = GatherSample { position, area, normal, triangle, emission, material, brdf, lit: brdf };
+        let sample = GatherSample { position, area, normal, triangle, emission, material, brdf, direct_brdf: brdf };
         (sample, vec![GatherPoint::new(&surface)])
     };
     let places = surfaces.random(Points::new(seed, 0), count);
@@ -254,7 +254,7 @@ fn clustered(
         let of_members = || members.iter().map(|&i| &candidates[i as usize]);
         let area: f64 = of_members().map(|c| c.area).sum();
         let light: f64 = of_members().map(|c| c.light).sum();
-        let counts = |c: &Candidate| c.area * evened(c.light / c.area * area / light);
+        let counts = |c: &Candidate| c.area * visibility_weight(c.light / c.area * area / light);
         let counted: f64 = of_members().map(counts).sum();
         let weight = |c: &Candidate| (counts(c) / counted) as f32;
         let normal: Vec3 = of_members().map(|c| weight(c) * c.surface.normal).sum();
@@ -265,8 +265,8 @@ fn clustered(
             triangle: *triangle,
             material: centre.material,
             emission: of_members().map(|c| weight(c) * c.surface.emission).sum::<Vec3>(),
-            brdf: average(of_members().map(|c| (held(&c.surface.brdf), counts(c)))),
-            lit: average(of_members().map(|c| (widened(&c.surface.brdf), counts(c)))),
+            brdf: average(of_members().map(|c| (narrow_lobe_as_mirror(&c.surface.brdf), counts(c)))),
+            direct_brdf: average(of_members().map(|c| (widened(&c.surface.brdf), counts(c)))),
         };
         // Members are in tree order: points at equal steps of cumulative weight are spread over the cluster.
         let mut points = Vec::with_capacity(points_per_sample);
@@ -287,11 +287,11 @@ fn clustered(
 /// Weight of a place whose area contributes `ratio` times as much light as its sample's area does on average. As visits
 /// are few, ratios within a quarter of 1 count as equal, so that energy is conserved where everything is equally
 /// visible. Smaller ratios reduce the weight continuously, so that hidden surfaces do not darken visible ones.
-fn evened(ratio: f64) -> f64 {
+fn visibility_weight(ratio: f64) -> f64 {
     if ratio < ALIKE { ratio / ALIKE } else { (ratio * ALIKE).max(1.0) }
 }
 
-/// See [`evened`].
+/// See [`visibility_weight`].
 const ALIKE: f64 = 0.8;
 
 /// Materials with enough candidates for a sample get their own samples: the radiance of a dark wall says nothing about
@@ -321,7 +321,7 @@ pub fn carries_light(surface: &SurfacePoint) -> bool {
 
 /// The part of a BRDF that a gather sample stores: a lobe so narrow that paths follow it is replaced by a perfect
 /// mirror.
-pub fn held(brdf: &Brdf) -> Brdf {
+pub fn narrow_lobe_as_mirror(brdf: &Brdf) -> Brdf {
     if brdf.alpha >= NEAR_MIRROR_ALPHA { *brdf } else { Brdf { alpha: 0.0, ..*brdf } }
 }
 

@@ -104,7 +104,7 @@ impl TransferReport {
 impl Transfer {
     /// Applies `chain` to the direct light of `level`.
     pub fn new(level: &Level, vector_length: usize, chain: Vec<BlockMatrix>) -> Self {
-        let samples = level.lit.clone();
+        let samples = level.light_samples.clone();
         let projection = Projection::get().tables();
         Self { samples, projection, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
     }

@@ -42,7 +42,7 @@ fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Opt
     }
     let mut sources: Vec<Option<u32>> = (0..pixels as u32).map(Some).collect();
     sources.resize(to.samples.len(), None);
-    let likest = |pixel: u32, extra: u32| -> Option<u32> {
+    let most_similar = |pixel: u32, extra: u32| -> Option<u32> {
         if to.samples[pixels + extra as usize].brdf == NO_BRDF {
             return None;
         }
@@ -60,7 +60,7 @@ fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Opt
             (layer == 0).then_some(place as u32).into_iter().chain(deeper)
         });
         let lit = of_layer.filter(|&i| from.samples[i as usize].brdf != NO_BRDF);
-        let distance = |i: u32| apart(from, i, to, pixels as u32 + extra, radius);
+        let distance = |i: u32| dissimilarity(from, i, to, pixels as u32 + extra, radius);
         lit.map(|i| (distance(i), i)).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).map(|(_, i)| i)
     };
     let found: Vec<(u32, Option<u32>)> = to
@@ -68,7 +68,7 @@ fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Opt
         .par_iter()
         .flat_map_iter(|p| {
             let list = &to.extra_indices[p.first as usize..(p.first + p.count) as usize];
-            list.iter().map(|&extra| (extra, likest(p.pixel, extra)))
+            list.iter().map(|&extra| (extra, most_similar(p.pixel, extra)))
         })
         .collect();
     for (extra, source) in found {
@@ -78,7 +78,7 @@ fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Opt
 }
 
 /// Dissimilarity of two samples; a squared length.
-fn apart(from: &DeepFramebuffer, i: u32, to: &DeepFramebuffer, j: u32, radius: f32) -> f32 {
+fn dissimilarity(from: &DeepFramebuffer, i: u32, to: &DeepFramebuffer, j: u32, radius: f32) -> f32 {
     let (a, b) = (&from.samples[i as usize], &to.samples[j as usize]);
     let normals = octahedral::decode(a.normal) - octahedral::decode(b.normal);
     // Compares reflectances instead of indices, as textured samples have separate BRDFs.

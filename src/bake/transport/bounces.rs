@@ -31,14 +31,14 @@ const ROUNDS: usize = 200;
 const BALANCED: f64 = 1e-9;
 /// Number of functions of a sending sample that are used: light is smoother after a further bounce, and the first
 /// function has all energy.
-const MOST_SENT: u32 = 16;
+const MAX_SENT: u32 = 16;
 /// Number of standard deviations above which a difference between column sums is significant.
 const SIGNIFICANT: f64 = 4.0;
 /// Relative standard deviation of a column sum due to interpolation between samples. With 0.15 light in a closed sphere
 /// has an error of a thousandth.
 const MOVED: f64 = 0.25;
 /// Maximum scale of a row or column, and inverse of the minimum: columns hit by hardly any ray stay small.
-const MOST_SCALE: f64 = 8.0;
+const MAX_SCALE: f64 = 8.0;
 
 /// One bounce from the coefficients of a level to those of the receiving level.
 pub struct Bounce {
@@ -59,7 +59,7 @@ pub struct BounceGatherer<'a> {
 
 /// Contributions of one sending level to one receiving sample.
 #[derive(Default)]
-struct Found {
+struct SampleRows {
     /// Rows of G, one per coefficient of the receiver.
     rows: CsrMatrix,
     /// Row of F: the share of rays that hit each sending sample, directly or through mirrors.
@@ -72,7 +72,7 @@ impl BounceGatherer<'_> {
     pub fn gather(&self, senders: &[&Level], progress: &(dyn Fn(usize) + Sync)) -> (Vec<Bounce>, Vec<f64>) {
         let most = senders.iter().map(|level| level.samples.len()).max().unwrap_or(0);
         let singles: Vec<u32> = (0..=most as u32).collect();
-        let per_sample: Vec<(Vec<Found>, f64)> = (0..self.receivers.samples.len())
+        let per_sample: Vec<(Vec<SampleRows>, f64)> = (0..self.receivers.samples.len())
             .into_par_iter()
             .map_init(
                 || Scratch::new(senders, &singles),
@@ -84,7 +84,7 @@ impl BounceGatherer<'_> {
             )
             .collect();
         let met: Vec<f64> = per_sample.iter().map(|(_, met)| met / f64::from(self.rays)).collect();
-        let mut by_sender: Vec<Vec<Found>> = senders.iter().map(|_| Vec::new()).collect();
+        let mut by_sender: Vec<Vec<SampleRows>> = senders.iter().map(|_| Vec::new()).collect();
         for (found, _) in per_sample {
             by_sender.iter_mut().zip(found).for_each(|(list, found)| list.push(found));
         }
@@ -95,7 +95,7 @@ impl BounceGatherer<'_> {
     /// Also returns the number of rays that hit a reflecting or emitting surface; rays through mirrors are weighted by
     /// the reflectance. Unweighted rays are counted exactly: in a closed room the escaped share must be exactly 0
     /// [Grassmann 1985].
-    fn gather_sample(&self, sample: usize, senders: &[&Level], scratch: &mut Scratch) -> (Vec<Found>, f64) {
+    fn gather_sample(&self, sample: usize, senders: &[&Level], scratch: &mut Scratch) -> (Vec<SampleRows>, f64) {
         let samples = &self.receivers.samples;
         let gather_sample = &samples.samples[sample];
         let count = self.receivers.coefficients(sample).len();
@@ -135,7 +135,7 @@ impl BounceGatherer<'_> {
     }
 
     /// Balances the contributions of one sending level and joins them to one matrix.
-    fn join(&self, found: Vec<Found>, sender: &Level, met: &[f64]) -> Bounce {
+    fn join(&self, found: Vec<SampleRows>, sender: &Level, met: &[f64]) -> Bounce {
         let area = |level: &Level, sample: usize| f64::from(level.samples.samples[sample].area);
         // By reciprocity a sample sends to others the share of its own rays that hit them.
         let received: Vec<f64> = met.iter().enumerate().map(|(i, met)| area(self.receivers, i) * met).collect();
@@ -199,16 +199,16 @@ impl<'a> Scratch<'a> {
     /// `singles` has the values 0, 1, ...: in F each sample has one coefficient.
     fn new(senders: &[&'a Level], singles: &'a [u32]) -> Self {
         let of = |level: &&'a Level| {
-            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first, MOST_SENT)).collect();
+            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first, MAX_SENT)).collect();
             (rows, Row::new(&singles[..=level.samples.len()], 1))
         };
         Self { levels: senders.iter().map(of).collect() }
     }
 
     /// Moves out the contributions to a receiver of `count` coefficients.
-    fn take(&mut self, count: usize) -> Vec<Found> {
+    fn take(&mut self, count: usize) -> Vec<SampleRows> {
         let take = |(rows, factors): &mut (Vec<Row>, Row)| {
-            let mut found = Found { rows: CsrMatrix::empty(0), ..Default::default() };
+            let mut found = SampleRows { rows: CsrMatrix::empty(0), ..Default::default() };
             for row in &mut rows[..count] {
                 row.take(0, &mut found.rows);
                 found.rows.first.push(found.rows.columns.len());
@@ -273,7 +273,7 @@ fn correct(expected: &mut [f64], found: &[f64], ray: f64) {
 fn balance(rows: &[Vec<(u32, f64)>], row_sums: &[f64], column_sums: &[f64]) -> (Vec<f64>, Vec<f64>, f64) {
     let mut by_row = vec![1.0; rows.len()];
     let mut by_column = vec![1.0; column_sums.len()];
-    let limited = |scale: f64| if scale.is_finite() { scale.clamp(1.0 / MOST_SCALE, MOST_SCALE) } else { 1.0 };
+    let limited = |scale: f64| if scale.is_finite() { scale.clamp(1.0 / MAX_SCALE, MAX_SCALE) } else { 1.0 };
     let mut imbalance = 0.0;
     for _ in 0..ROUNDS {
         let mut sums = vec![0.0; column_sums.len()];

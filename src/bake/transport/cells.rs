@@ -17,9 +17,9 @@ const OFF_PLANE: f32 = 4.0;
 /// Cells per width of a gather sample.
 const CELLS_A_SAMPLE: f32 = 4.0;
 /// Maximum number of cells along an edge.
-const MOST_ALONG: f32 = 4096.0;
+const MAX_CELLS_ALONG: f32 = 4096.0;
 /// Minimum cosine between the normals of a point and of a sample that it reads: 45 degrees.
-const LEAST_COSINE: f32 = 0.7;
+const MIN_NORMAL_COSINE: f32 = 0.7;
 
 /// Gather samples that a piece of surface reads. Weights sum to 1, or are all 0 if the surface neither reflects nor
 /// emits light.
@@ -97,7 +97,7 @@ impl Cells {
 }
 
 /// Width of the cells of each triangle, in mesh space: a fraction of the width of its smallest sample, but limited by
-/// [`MOST_UNEVEN`].
+/// [`MAX_UNEVENNESS`].
 fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Vec<f32> {
     let triangle_count = scene.mesh.triangles.len();
     if samples.is_empty() {
@@ -111,7 +111,7 @@ fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Ve
     }
     let width = |triangle: usize| {
         let [a, b, c] = scene.mesh.triangles[triangle].map(|v| scene.mesh.positions[v as usize]);
-        let even = |count: u32| 0.5 * (b - a).cross(c - a).length() / (MOST_UNEVEN * count as f32);
+        let even = |count: u32| 0.5 * (b - a).cross(c - a).length() / (MAX_UNEVENNESS * count as f32);
         let sample_area = match counts[triangle] {
             0 => neighbours.nearest((a + b + c) / 3.0).area.max(even(1)),
             count => least[triangle].max(even(count)),
@@ -122,7 +122,7 @@ fn widths(scene: &Scene, samples: &GatherSamples, neighbours: &Neighbours) -> Ve
 }
 
 /// Maximum reduction of the area that determines the cell width, relative to samples of equal area.
-const MOST_UNEVEN: f32 = 2.0;
+const MAX_UNEVENNESS: f32 = 2.0;
 
 /// Finds the samples near a point.
 pub struct Neighbours<'a> {
@@ -149,7 +149,7 @@ impl<'a> Neighbours<'a> {
         let from = point(position, Vec3::ZERO, 0.0);
         let sample = |i: u32| &self.samples.samples[i as usize];
         let group = self.samples.group(material);
-        let alike = |i: u32| sample(i).normal.dot(normal) > LEAST_COSINE;
+        let alike = |i: u32| sample(i).normal.dot(normal) > MIN_NORMAL_COSINE;
         let of_group = |i: u32| self.samples.group(sample(i).material) == group && alike(i);
         let mut found = self.tree.nearest::<LOOKED_AT>(&from, of_group);
         if found.items().is_empty() {
@@ -226,7 +226,7 @@ impl Grid {
         let edge = |a: usize, b: usize| corners[a % 3].distance(corners[b % 3]);
         let opposite = |c: &usize| edge(c + 1, c + 2);
         let corner = (0..3).max_by(|a, b| opposite(a).total_cmp(&opposite(b))).expect("there are three");
-        let count = |length: f32| (length / width).ceil().clamp(1.0, MOST_ALONG) as u16;
+        let count = |length: f32| (length / width).ceil().clamp(1.0, MAX_CELLS_ALONG) as u16;
         let (columns, rows) = (count(edge(corner, corner + 1)), count(edge(corner, corner + 2)));
         Self { first: 0, columns, rows, corner: corner as u8 }
     }

@@ -20,11 +20,11 @@ pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVe
         let sample = &level.samples.samples[sample];
         let share = (irradiance / f64::from(light.strength)) as f32 * sample.area * per_solid_angle;
         let rays = weight_of_rays(share);
-        Projection::get().project(&sample.lit, wi, values);
+        Projection::get().project(&sample.direct_brdf, wi, values);
         values.iter_mut().for_each(|k| *k *= 1.0 - rays);
     };
     let mut coefficients = shade_with(scene, &level.samples, &level.first, project, light);
-    level.light_rays.shade(scene, &level.lit, Projection::get(), light, |index, value| {
+    level.light_rays.shade(scene, &level.light_samples, Projection::get(), light, |index, value| {
         coefficients[index as usize] += value.as_dvec3();
     });
     coefficients

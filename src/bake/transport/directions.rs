@@ -169,13 +169,13 @@ impl Eye {
         let schlick = miss * miss * (miss * miss) * miss;
         let ni = z.max(MIN_COSINE);
         let slope = self.alpha / (self.alpha * self.alpha * nh2 + sine2);
-        let facets = slope * slope * FRAC_1_PI;
+        let half_vector_density = slope * slope * FRAC_1_PI;
         // The cosine at `ni` cancels.
         let masking = 0.25 / ((1.0 + lambda(self.alpha, ni) + self.masked) * self.wo[1].max(MIN_COSINE));
-        let density = (1.0 - self.specular) * z * FRAC_1_PI + self.specular * (facets * self.visible);
+        let density = (1.0 - self.specular) * z * FRAC_1_PI + self.specular * (half_vector_density * self.visible);
         let inverse = if z > 0.0 && density > 0.0 { 1.0 / density } else { 0.0 };
         let diffuse = (1.0 - (self.dielectric_f0 + self.dielectric_rise * schlick)) * z * inverse;
-        let specular = facets * masking * inverse;
+        let specular = half_vector_density * masking * inverse;
         [0, 1, 2].map(|c| self.diffuse[c] * diffuse + (self.f0[c] + self.rise[c] * schlick) * specular)
     }
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::paths::{Arrival, Paths};
 use crate::bake::DeepFramebuffer;
-use crate::bake::gather_samples::{Patch, Place, Surfaces, Visited, held, sides};
+use crate::bake::gather_samples::{Patch, Place, Surfaces, Visited, narrow_lobe_as_mirror, sides};
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
 use crate::physics::sequence::Points;
@@ -42,7 +42,7 @@ impl Visit {
 }
 
 /// A surface from which a path continues.
-struct Corner {
+struct ScatterVertex {
     position: Vec3,
     geometric_normal: Vec3,
     normal: DVec3,
@@ -53,7 +53,7 @@ struct Corner {
 /// Maximum number of bounces of a path.
 const BOUNCES: u32 = 6;
 /// A path ends when its share of the pixel's light is below this.
-const LEAST_LIGHT: f32 = 0.01;
+const MIN_LIGHT: f32 = 0.01;
 /// Visits to a patch above which it is subdivided, and to neighbouring patches above which these get separate
 /// densities.
 const VISITS: usize = 64;
@@ -99,12 +99,12 @@ impl Tracer<'_> {
         let points = Points::new(self.seed, stream);
         let mut visits = Vec::new();
         let mut arrivals = Vec::new();
-        let mut corner = Some(self.eye_sees(sample));
+        let mut vertex = Some(self.eye_sees(sample));
         let mut light = Vec3::ONE;
         for bounce in 0..BOUNCES {
             let numbers = |layer: u32| points.at(layer, bounce);
             let [u, v, w, which] = numbers(0);
-            let Some(from) = corner.take() else { break };
+            let Some(from) = vertex.take() else { break };
             let Some(lobes) = Lobes::new(&from.brdf, from.normal, from.wo) else { break };
             let Some(direction) = lobes.sample([u, v, w]) else { break };
             let reflected = lobes.at(direction);
@@ -125,14 +125,14 @@ impl Tracer<'_> {
             // Mirrors reflect diffusely and continue the ray; one of these arrivals is chosen.
             let Some(arrival) = arrivals.get((which * arrivals.len() as f64) as usize) else { break };
             light *= arrival.tint * arrivals.len() as f32;
-            corner = (light.max_element() > LEAST_LIGHT).then(|| self.goes_on(arrival));
+            vertex = (light.max_element() > MIN_LIGHT).then(|| self.goes_on(arrival));
         }
         visits
     }
 
-    fn eye_sees(&self, sample: u32) -> Corner {
+    fn eye_sees(&self, sample: u32) -> ScatterVertex {
         let view = &self.framebuffer.samples[sample as usize];
-        Corner {
+        ScatterVertex {
             position: view.position,
             geometric_normal: self.framebuffer.geometric_normals[sample as usize],
             normal: octahedral::decode(view.normal).as_dvec3().normalize(),
@@ -141,16 +141,16 @@ impl Tracer<'_> {
         }
     }
 
-    fn goes_on(&self, arrival: &Arrival) -> Corner {
+    fn goes_on(&self, arrival: &Arrival) -> ScatterVertex {
         let place = arrival.place;
         let hit = Hit { triangle: place.triangle, barycentric: place.barycentric, distance: 0.0 };
         let surface = SurfacePoint::new(self.paths.scene, &hit, -arrival.wo, 0.0);
-        Corner {
+        ScatterVertex {
             position: surface.position,
             geometric_normal: surface.geometric_normal,
             normal: surface.normal.as_dvec3().normalize(),
             wo: arrival.wo.as_dvec3().normalize(),
-            brdf: held(&surface.brdf),
+            brdf: narrow_lobe_as_mirror(&surface.brdf),
         }
     }
 }
@@ -278,14 +278,14 @@ fn quarters(part: u32, depth: u32, visits: &[Counted]) -> [(u32, &[Counted]); 4]
 
 /// Divides a part's area among its visits, with larger shares where visits are sparse. The area is divided evenly among
 /// quarters with visits until few visits are left.
-fn share_out(part: u32, area: f64, depth: u32, visits: &[Counted], visited: &mut Vec<Visited>) {
+fn distribute_area(part: u32, area: f64, depth: u32, visits: &[Counted], visited: &mut Vec<Visited>) {
     if visits.len() <= FEW || depth == Patch::DEEPEST {
-        return share_evenly(area, visits.iter(), visited);
+        return distribute_evenly(area, visits.iter(), visited);
     }
     let quarters = quarters(part, depth, visits);
     let seen = quarters.iter().filter(|(_, here)| !here.is_empty()).count();
     for (part, here) in quarters.into_iter().filter(|(_, here)| !here.is_empty()) {
-        share_out(part, area / seen as f64, depth + 1, here, visited);
+        distribute_area(part, area / seen as f64, depth + 1, here, visited);
     }
 }
 
@@ -293,7 +293,7 @@ fn share_out(part: u32, area: f64, depth: u32, visits: &[Counted], visited: &mut
 const FEW: usize = 16;
 
 /// The light is averaged too, as that of single visits is noisy.
-fn share_evenly<'a>(area: f64, visits: impl Iterator<Item = &'a Counted> + Clone, visited: &mut Vec<Visited>) {
+fn distribute_evenly<'a>(area: f64, visits: impl Iterator<Item = &'a Counted> + Clone, visited: &mut Vec<Visited>) {
     let (count, light) = visits.clone().fold((0.0, 0.0), |(n, sum), visit| (n + 1.0, sum + f64::from(visit.light)));
     // Never 0, as means are weighted by it.
     let light = (light / count).max(f64::MIN_POSITIVE);
@@ -321,8 +321,8 @@ fn fill(patches: &[Visits], evenly: f64, pieces: &mut Vec<(f64, f32, Vec<Visited
         let density = (need / area.max(f64::MIN_POSITIVE) + evenly).sqrt() as f32;
         let mut visited = Vec::with_capacity(visits as usize);
         match patches {
-            [patch] => share_out(patch.part, patch.area, patch.depth, patch.visits, &mut visited),
-            _ => share_evenly(area, patches.iter().flat_map(|p| p.visits), &mut visited),
+            [patch] => distribute_area(patch.part, patch.area, patch.depth, patch.visits, &mut visited),
+            _ => distribute_evenly(area, patches.iter().flat_map(|p| p.visits), &mut visited),
         }
         pieces.push((area, density, visited));
         return 0.0;

@@ -19,7 +19,7 @@ pub struct Level {
     /// Two tangents and the normal of each sample.
     pub frames: Vec<[Vec3; 3]>,
     /// The samples as receivers of direct light.
-    pub lit: Vec<LightSample>,
+    pub light_samples: Vec<LightSample>,
     pub light_rays: LightRays,
 }
 
@@ -32,20 +32,21 @@ impl Level {
             Some(*sum)
         }));
         let frames: Vec<_> = samples.samples.iter().map(|s| s.frame()).collect();
-        let lit = |((s, frame), range): ((&GatherSample, &[Vec3; 3]), &[u32])| LightSample {
-            brdf: s.lit,
+        let light_sample = |((s, frame), range): ((&GatherSample, &[Vec3; 3]), &[u32])| LightSample {
+            brdf: s.direct_brdf,
             normal: frame[2],
             tangent: frame[0],
-            roughness: roughness_coordinate(&s.lit),
+            roughness: roughness_coordinate(&s.direct_brdf),
             first: range[0],
             degrees: (range[1] - range[0]).isqrt(),
             area: s.area,
         };
-        let lit: Vec<_> = samples.samples.iter().zip(&frames).zip(first.windows(2)).map(lit).collect();
+        let light_samples: Vec<_> =
+            samples.samples.iter().zip(&frames).zip(first.windows(2)).map(light_sample).collect();
         Self {
             cells: Cells::new(scene, &samples),
-            light_rays: LightRays::new(&lit, samples.points.iter().map(|p| (p.position, p.normal))),
-            lit,
+            light_rays: LightRays::new(&light_samples, samples.points.iter().map(|p| (p.position, p.normal))),
+            light_samples,
             frames,
             samples,
             first,

@@ -91,7 +91,7 @@ pub struct LightTransport<'a> {
     /// `None` with a single level.
     pub coarse: Option<Level>,
     /// G_cc; with a single level, G.
-    pub among: CsrMatrix,
+    pub bounce_matrix: CsrMatrix,
     /// G_cf; `None` with a single level.
     pub from_fine: Option<CsrMatrix>,
     pub certificate: Certificate,
@@ -108,13 +108,16 @@ impl<'a> LightTransport<'a> {
         settings: &TransferSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
-        let paths = (PATHS_A_SAMPLE * settings.samples).max(LEAST_PATHS);
+        let paths = (PATHS_A_SAMPLE * settings.samples).max(MIN_PATHS);
         let importance = Importance::new(scene, framebuffer, settings.layers, paths, settings.seed ^ 4 << 32);
         let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
             let placement = Placement::Clustered { points };
             let mut samples = GatherSamples::place(scene, &importance.surfaces, placement, count, seed);
             if settings.outgoing == Outgoing::Diffuse {
-                samples.samples.iter_mut().for_each(|s| (s.brdf, s.lit) = (lambert(&s.brdf), lambert(&s.lit)));
+                for sample in &mut samples.samples {
+                    sample.brdf = lambert(&sample.brdf);
+                    sample.direct_brdf = lambert(&sample.direct_brdf);
+                }
             }
             let with = |most: u8| -> Vec<u8> {
                 let dropped = |s: &GatherSample| DROPPED / importance.shares[s.material as usize];
@@ -130,11 +133,11 @@ impl<'a> LightTransport<'a> {
             }
             Level::new(scene, samples, &functions)
         };
-        let limit = MOST_FINE_COEFFICIENTS.max(6 * settings.samples);
+        let limit = MAX_FINE_COEFFICIENTS.max(6 * settings.samples);
         let fine = level(settings.samples, settings.points, settings.seed, &FINE_FUNCTIONS, limit);
         let coarse = (settings.coarse_samples < settings.samples).then(|| {
             let (count, seed) = (settings.coarse_samples.max(1), settings.seed ^ 1 << 32);
-            level(count, RAY_POINTS, seed, &COARSE_FUNCTIONS, MOST_COARSE_COEFFICIENTS)
+            level(count, RAY_POINTS, seed, &COARSE_FUNCTIONS, MAX_COARSE_COEFFICIENTS)
         });
         let receivers = coarse.as_ref().unwrap_or(&fine);
         let gatherer = BounceGatherer {
@@ -149,12 +152,12 @@ impl<'a> LightTransport<'a> {
         };
         let imbalance = bounces.iter().map(|b| b.imbalance).fold(0.0, f64::max);
         let mut bounces = bounces.into_iter().map(|Bounce { rows, .. }| rows);
-        let mut among = bounces.next().expect("one a sender");
-        let found = solve::spectral_radius(&among);
+        let mut bounce_matrix = bounces.next().expect("one a sender");
+        let found = solve::spectral_radius(&bounce_matrix);
         // Rows of few rays through mirrors can have a spectral radius above 1.
         let kept = (f64::from(ALBEDO_CAP) / found).min(1.0);
         if kept < 1.0 {
-            among.scale(kept);
+            bounce_matrix.scale(kept);
         }
         let certificate = Certificate {
             spectral_radius: kept * found,
@@ -166,7 +169,7 @@ impl<'a> LightTransport<'a> {
         let from_fine = bounces.next();
         let mut settings = settings.clone();
         settings.bounces = settings.bounces.map(|n| n.min(solve::bounces_that_matter(certificate.spectral_radius)));
-        Self { scene, framebuffer, settings, fine, coarse, among, from_fine, certificate }
+        Self { scene, framebuffer, settings, fine, coarse, bounce_matrix, from_fine, certificate }
     }
 
     /// Number of columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
@@ -215,9 +218,9 @@ impl<'a> LightTransport<'a> {
         // bounce.
         let terms = |bounces: u32| if self.coarse.is_some() { bounces.saturating_sub(1) } else { bounces };
         let (bounced, residual) = match self.settings.bounces.map(terms) {
-            Some(terms) => (solve::sum_of_powers(&self.among, &first, terms), 0.0),
+            Some(terms) => (solve::sum_of_powers(&self.bounce_matrix, &first, terms), 0.0),
             None => {
-                let solution = solve::solve(&self.among, &first, TOLERANCE);
+                let solution = solve::solve(&self.bounce_matrix, &first, TOLERANCE);
                 (solution.coefficients, solution.residual)
             }
         };
@@ -232,17 +235,17 @@ impl<'a> LightTransport<'a> {
     /// S, or with one level G (I - G)⁻¹, as one dense matrix per channel: all further bounces of direct light, or the
     /// fixed number. Only for few samples: takes three matrices of coarse x fine coefficients in double precision.
     pub fn further_bounces(&self) -> [faer::Mat<f64>; 3] {
-        let right = self.from_fine.as_ref().unwrap_or(&self.among);
+        let right = self.from_fine.as_ref().unwrap_or(&self.bounce_matrix);
         let terms = self.settings.bounces.map(|bounces| bounces.saturating_sub(1));
-        solve::explicit(&self.among, right, self.fine.coefficient_count(), terms)
+        solve::explicit(&self.bounce_matrix, right, self.fine.coefficient_count(), terms)
     }
 
     /// Relative residual of `further`, a solution for all further bounces of [uniform light](Self::even_light): |b - (I
     /// - G) x| / |b|, maximum over the channels. `None` for a fixed number of bounces.
     pub fn residual(&self, further: &[DVec3]) -> Option<f64> {
         let even = self.even_light();
-        let b = self.from_fine.as_ref().unwrap_or(&self.among).multiply(&even);
-        self.settings.bounces.is_none().then(|| solve::relative_residual(&self.among, &b, further))
+        let b = self.from_fine.as_ref().unwrap_or(&self.bounce_matrix).multiply(&even);
+        self.settings.bounces.is_none().then(|| solve::relative_residual(&self.bounce_matrix, &b, further))
     }
 
     /// λ0 with which all samples emit uniform radiance 1.
@@ -294,7 +297,7 @@ impl<'a> LightTransport<'a> {
 /// Eye paths per sample, which determine where samples are placed.
 const PATHS_A_SAMPLE: usize = 16;
 /// Minimum number of eye paths: they also detect hidden sides.
-const LEAST_PATHS: usize = 1 << 17;
+const MIN_PATHS: usize = 1 << 17;
 /// Points per coarse sample from which its rays start.
 const RAY_POINTS: usize = 16;
 
@@ -335,11 +338,11 @@ const EVEN_DEGREES: [u8; 4] = [1, 9, 25, MAX_FUNCTIONS as u8];
 const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
 /// Maximum number of coefficients of the fine level, or six per sample if that is more: hundreds of training lights are
 /// stored, each with this many values.
-const MOST_FINE_COEFFICIENTS: usize = 150_000;
+const MAX_FINE_COEFFICIENTS: usize = 150_000;
 /// Limits of the functions per coarse sample: light is smoother after further bounces.
 const COARSE_FUNCTIONS: [u8; 2] = [9, 1];
 /// Maximum number of coefficients of the coarse level: compression factorizes the matrix among them.
-pub const MOST_COARSE_COEFFICIENTS: usize = 6_000;
+pub const MAX_COARSE_COEFFICIENTS: usize = 6_000;
 
 fn capped(samples: &GatherSamples) -> f64 {
     let (mut kept, mut all) = (0.0, 0.0);

@@ -138,11 +138,11 @@ pub fn spectral_radius(g: &CsrMatrix) -> f64 {
 /// Number of bounces after which the rest is negligible, each of which costs as much as the first; unlimited if light
 /// grows.
 pub fn bounces_that_matter(radius: f64) -> u32 {
-    if radius < 1.0 { (FAINT.ln() / radius.ln()).ceil() as u32 + 2 } else { u32::MAX }
+    if radius < 1.0 { (NEGLIGIBLE_ENERGY.ln() / radius.ln()).ceil() as u32 + 2 } else { u32::MAX }
 }
 
 /// Share of light that remains after these bounces.
-const FAINT: f64 = 1e-12;
+const NEGLIGIBLE_ENERGY: f64 = 1e-12;
 
 /// |b - (I - G) x| / |b|, maximum over the channels.
 pub fn relative_residual(g: &CsrMatrix, b: &[DVec3], x: &[DVec3]) -> f64 {

@@ -92,7 +92,7 @@ impl Lab<'_> {
                 Timing::new(session, self.extent.frames).measure(&mut relighter, &session.rig, edited, edit)?;
             Ok((picture, record, held() - before))
         };
-        let of_all = Arc::new(DeepFramebuffer::clone(&session.framebuffer).with_nothing_left_out());
+        let of_all = Arc::new(DeepFramebuffer::clone(&session.framebuffer).into_worst_case());
         let [(picture, record, bytes), (all, all_record, all_bytes)] =
             [measured(&session.framebuffer)?, measured(&of_all)?];
         let values = || picture.iter().flatten().zip(all.iter().flatten());

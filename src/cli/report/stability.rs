@@ -91,7 +91,7 @@ impl Lab<'_> {
             if bounces.is_some() && count >= 5 {
                 break;
             }
-            term = transfer.among.multiply(&term);
+            term = transfer.bounce_matrix.multiply(&term);
             sum.iter_mut().zip(&term).for_each(|(sum, term)| *sum += *term);
         }
         Ok(Some(Stability {

@@ -16,7 +16,7 @@ pub const GROUND: [u8; 3] = [56; 3];
 pub const DECADES: i32 = 3;
 
 // In pixels of the legend, which is enlarged by integer factors for wide images.
-const LEAST_WIDTH: usize = 388;
+const MIN_WIDTH: usize = 388;
 const ENLARGED_EVERY: usize = 900;
 /// Left and right margin: half of the widest label.
 const MARGIN: usize = 32;
@@ -41,7 +41,7 @@ pub fn draw(
     colors: &[[u8; 3]],
 ) -> Legend {
     let enlarged = 1 + picture_width / ENLARGED_EVERY;
-    let width = (picture_width / enlarged).max(LEAST_WIDTH);
+    let width = (picture_width / enlarged).max(MIN_WIDTH);
     let mean = mean_reference.filter(|&mean| mean > 0.0);
     let labels_top = BAR_TOP + BAR_HEIGHT + TICK + 1;
     let caption_top = labels_top + LINE * if mean.is_some() { 2 } else { 1 } + 3;

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_1_PI, TAU};
 
 use glam::{DMat3, DVec3};
 
-use super::{Angles, facets, fresnel, parts, schlick};
+use super::{Angles, fresnel, half_vector_density, parts, schlick};
 use crate::shared::Brdf;
 
 /// A BRDF for one `wo`, ready to sample directions from a mixture of its two lobes.
@@ -87,11 +87,11 @@ impl<'a> Lobes<'a> {
         if a.ni <= 0.0 {
             return Reflected { diffuse: DVec3::ZERO, specular: DVec3::ZERO, density: 0.0 };
         }
-        let facets = facets(self.brdf, &a);
-        let [diffuse, specular] = parts(self.brdf, &a, facets).map(|part| part * a.ni);
+        let half_vector_density = half_vector_density(self.brdf, &a);
+        let [diffuse, specular] = parts(self.brdf, &a, half_vector_density).map(|part| part * a.ni);
         let mut density = (1.0 - self.specular) * a.ni * FRAC_1_PI;
         if self.brdf.has_lobe() {
-            density += self.specular * facets * visibility(&a, self.brdf.alpha.into());
+            density += self.specular * half_vector_density * visible_normal_ratio(&a, self.brdf.alpha.into());
         }
         Reflected { diffuse, specular, density }
     }
@@ -130,7 +130,7 @@ fn visible_normal(wo: DVec3, alpha: f64, u: f64, v: f64) -> DVec3 {
 /// Density of directions mirrored at visible normals, divided by the density of all normals: G1 / (4 n.wo) [Heitz 2018,
 /// Eq. 17], rearranged to stay finite at the horizon.
 #[inline]
-fn visibility(a: &Angles, alpha: f64) -> f64 {
+fn visible_normal_ratio(a: &Angles, alpha: f64) -> f64 {
     let root = (alpha * alpha + (1.0 - alpha * alpha) * a.no * a.no).sqrt();
     0.5 / (a.no + root)
 }

@@ -54,13 +54,13 @@ pub fn reflected(brdf: &Brdf, n: DVec3, wi: DVec3, wo: DVec3) -> DVec3 {
 /// [`f`] for angles already known.
 #[inline]
 pub fn f_of_angles(brdf: &Brdf, a: &Angles) -> DVec3 {
-    let [diffuse, specular] = parts(brdf, a, facets(brdf, a));
+    let [diffuse, specular] = parts(brdf, a, half_vector_density(brdf, a));
     diffuse + specular
 }
 
-/// Diffuse and specular part of [`f_of_angles`], given the density of half vectors from [`facets`].
+/// Diffuse and specular part of [`f_of_angles`], given the density of half vectors from [`half_vector_density`].
 #[inline]
-fn parts(brdf: &Brdf, a: &Angles, facets: f64) -> [DVec3; 2] {
+fn parts(brdf: &Brdf, a: &Angles, half_vector_density: f64) -> [DVec3; 2] {
     if a.ni <= 0.0 || a.no <= 0.0 {
         return [DVec3::ZERO; 2];
     }
@@ -70,12 +70,12 @@ fn parts(brdf: &Brdf, a: &Angles, facets: f64) -> [DVec3; 2] {
     if !brdf.has_lobe() {
         return [diffuse, DVec3::ZERO];
     }
-    [diffuse, fresnel(brdf, s) * (facets * smith(a.ni, a.no, brdf.alpha.into()))]
+    [diffuse, fresnel(brdf, s) * (half_vector_density * smith(a.ni, a.no, brdf.alpha.into()))]
 }
 
 /// [`ggx`] of the specular lobe; 0 if there is none.
 #[inline]
-fn facets(brdf: &Brdf, a: &Angles) -> f64 {
+fn half_vector_density(brdf: &Brdf, a: &Angles) -> f64 {
     if brdf.has_lobe() { ggx(a.nh, a.sine_nh, brdf.alpha.into()) } else { 0.0 }
 }
 

@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 
-use super::aims::Aim;
-use super::lights::Lamp;
+use super::aims::MirrorAim;
+use super::lights::ActiveLight;
 use crate::physics::brdf::specular_reflectance;
 use crate::physics::light::incident;
 use crate::physics::octahedral;
@@ -85,16 +85,16 @@ impl Curve {
         found.into_values().map(|curve| Self { centre: curve.centre / curve.area as f32, ..curve }).collect()
     }
 
-    /// Aim at the mirror image of `lamp` as seen from a surface point.
-    pub fn aim(&self, lamp: &Lamp, point: &SurfacePoint) -> Option<Aim> {
-        let directional = lamp.packed.kind == LIGHT_DIRECTIONAL;
-        let to_lamp = |from: Vec3| match directional {
-            true => -lamp.packed.direction,
-            false => (lamp.packed.position - from).normalize_or_zero(),
+    /// Aim at the mirror image of `light` as seen from a surface point.
+    pub fn aim(&self, light: &ActiveLight, point: &SurfacePoint) -> Option<MirrorAim> {
+        let directional = light.packed.kind == LIGHT_DIRECTIONAL;
+        let to_light = |from: Vec3| match directional {
+            true => -light.packed.direction,
+            false => (light.packed.position - from).normalize_or_zero(),
         };
         let mut at = Point { position: self.centre, normal: Vec3::ZERO, curvature: 0.0 };
         for _ in 0..STEPS {
-            let half = (to_lamp(at.position) + (point.position - at.position).normalize_or_zero()).try_normalize()?;
+            let half = (to_light(at.position) + (point.position - at.position).normalize_or_zero()).try_normalize()?;
             let moved = half.distance_squared(at.normal);
             at = self.points[cell(half)]?;
             // Extrapolates from the vertex as if the surface were a sphere.
@@ -108,20 +108,20 @@ impl Curve {
         let near = to_surface.length();
         let axis = to_surface.try_normalize()?;
         let (cosine_here, cosine) = (point.normal.dot(axis), -at.normal.dot(axis));
-        if cosine_here <= 0.0 || cosine <= 0.0 || at.normal.dot(to_lamp(at.position)) <= 0.0 {
+        if cosine_here <= 0.0 || cosine <= 0.0 || at.normal.dot(to_light(at.position)) <= 0.0 {
             return None;
         }
-        let far = if directional { f32::INFINITY } else { lamp.packed.position.distance(at.position) };
+        let far = if directional { f32::INFINITY } else { light.packed.position.distance(at.position) };
         // Rotation of the half vector per rotation of the direction from `point`, perpendicular to the plane of
         // reflection and in it.
         let turns = [1.0, 1.0 / cosine].map(|slant| 0.5 * (1.0 + near / far) + near * at.curvature * slant);
         let width = self.brdf.alpha / (turns[0] * turns[1]).sqrt();
         // Spread of the reflected beam: its original divergence plus twice the rotation of the surface normal.
         let spread = [cosine, 1.0 / cosine].map(|slant| 1.0 + near / far + 2.0 * near * at.curvature * slant);
-        let arriving = incident(&lamp.packed, at.position.as_dvec3())?.irradiance * lamp.scale.max_element();
+        let arriving = incident(&light.packed, at.position.as_dvec3())?.irradiance * light.scale.max_element();
         let fresnel = specular_reflectance(&self.brdf, cosine.into()).max_element();
         let weight = arriving * fresnel * f64::from(cosine_here / (spread[0] * spread[1]));
-        (weight > 0.0).then(|| Aim { axis: axis.as_dvec3().normalize(), width: width.into(), weight })
+        (weight > 0.0).then(|| MirrorAim { axis: axis.as_dvec3().normalize(), width: width.into(), weight })
     }
 }
 

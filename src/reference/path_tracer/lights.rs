@@ -11,30 +11,30 @@ use crate::trace::packet::shadow_ray;
 use crate::trace::surface::SurfacePoint;
 
 /// The lights of a rig whose scale is not zero.
-pub(super) struct Lamps {
-    pub lamps: Vec<Lamp>,
+pub(super) struct ActiveLights {
+    pub all: Vec<ActiveLight>,
 }
 
 /// A light, ready for shading.
-pub(super) struct Lamp {
+pub(super) struct ActiveLight {
     /// Index into the rig's lights.
-    pub light: usize,
+    pub index: usize,
     pub packed: PackedLight,
     /// Colour times intensity, including the group's.
     pub scale: DVec3,
     has_shadows: bool,
 }
 
-impl Lamps {
+impl ActiveLights {
     pub fn new(scene: &Scene, rig: &Rig) -> Self {
-        let rig = &*rig.shining();
-        let lamp = |i: usize| Lamp {
-            light: i,
+        let rig = &*rig.with_solo_applied();
+        let light = |i: usize| ActiveLight {
+            index: i,
             packed: rig.lights[i].pack(scene.space),
             scale: rig.scale(i).as_dvec3(),
             has_shadows: rig.lights[i].shadows,
         };
-        Self { lamps: (0..rig.lights.len()).map(lamp).filter(|lamp| lamp.scale != DVec3::ZERO).collect() }
+        Self { all: (0..rig.lights.len()).map(light).filter(|light| light.scale != DVec3::ZERO).collect() }
     }
 
     /// For each light, its index in the rig and the radiance of its direct light that `point` reflects towards `wo`.
@@ -44,9 +44,9 @@ impl Lamps {
         point: &SurfacePoint,
         wo: DVec3,
     ) -> impl Iterator<Item = (usize, DVec3)> {
-        self.lamps.iter().filter_map(move |lamp| {
-            let arriving = incident(&lamp.packed, point.position.as_dvec3())?;
-            Some((lamp.light, lamp.reflect(scene, point, wo, &arriving)))
+        self.all.iter().filter_map(move |light| {
+            let arriving = incident(&light.packed, point.position.as_dvec3())?;
+            Some((light.index, light.reflect(scene, point, wo, &arriving)))
         })
     }
 
@@ -59,14 +59,14 @@ impl Lamps {
         wo: DVec3,
         choice: f64,
     ) -> Option<(usize, DVec3)> {
-        if self.lamps.len() <= 1 {
+        if self.all.len() <= 1 {
             return self.reflect_each(scene, point, wo).next();
         }
         let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
         let (mut total, mut left, mut picked) = (0.0, choice, None);
-        for lamp in &self.lamps {
-            let Some(arriving) = incident(&lamp.packed, position) else { continue };
-            let power = lamp.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
+        for light in &self.all {
+            let Some(arriving) = incident(&light.packed, position) else { continue };
+            let power = light.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
             if power <= 0.0 {
                 continue;
             }
@@ -76,17 +76,17 @@ impl Lamps {
             let share = power / total;
             if left < share {
                 left /= share;
-                picked = Some((lamp, power, arriving));
+                picked = Some((light, power, arriving));
             } else {
                 left = (left - share) / (1.0 - share);
             }
         }
-        let (lamp, power, arriving) = picked?;
-        Some((lamp.light, lamp.reflect(scene, point, wo, &arriving) * (total / power)))
+        let (light, power, arriving) = picked?;
+        Some((light.index, light.reflect(scene, point, wo, &arriving) * (total / power)))
     }
 }
 
-impl Lamp {
+impl ActiveLight {
     fn reflect(&self, scene: &TracedScene, point: &SurfacePoint, wo: DVec3, arriving: &Incident) -> DVec3 {
         let normal = point.normal.as_dvec3();
         if arriving.irradiance <= 0.0 || normal.dot(arriving.wi) <= 0.0 {

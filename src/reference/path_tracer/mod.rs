@@ -12,6 +12,7 @@
 mod aims;
 mod curves;
 mod film;
+mod glossy_mirrors;
 mod lights;
 mod path;
 
@@ -21,10 +22,10 @@ use rayon::prelude::*;
 
 pub use self::film::{Film, Half, Layer, StandardErrors};
 
-use self::aims::Faces;
 use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
-use self::lights::{Emitters, Lamps};
-use self::path::{FirstHit, Numbers};
+use self::glossy_mirrors::GlossyMirrors;
+use self::lights::{ActiveLights, Emitters};
+use self::path::{FirstHit, PathRandom};
 use crate::bake::framebuffer::view_samples::{EyeRays, Tiling};
 use crate::physics::sequence::Points;
 use crate::scene::{Camera, Rig};
@@ -63,9 +64,9 @@ const MAX_SAMPLES_A_PASS: u32 = 16;
 pub struct PathTracer<'a> {
     scene: &'a TracedScene,
     eye: EyeRays<'a>,
-    lamps: Lamps,
+    lights: ActiveLights,
     emitters: Emitters,
-    faces: Faces,
+    mirrors: GlossyMirrors,
     settings: Settings,
     /// Names of the lights that have layers.
     light_names: Vec<String>,
@@ -77,12 +78,12 @@ impl<'a> PathTracer<'a> {
     /// Prepares lights, emitters and aims.
     pub fn new(scene: &'a TracedScene, camera: &'a Camera, rig: &Rig, settings: &Settings) -> Self {
         let tiling = Tiling { width: settings.width, height: settings.height };
-        let lamps = Lamps::new(scene, rig);
+        let lights = ActiveLights::new(scene, rig);
         Self {
             scene,
             eye: EyeRays { scene, camera, tiling, layers: settings.layers },
-            faces: Faces::new(scene, &lamps),
-            lamps,
+            mirrors: GlossyMirrors::new(scene, &lights),
+            lights,
             emitters: Emitters::new(scene),
             settings: settings.clone(),
             light_names: rig.lights.iter().filter(|_| settings.light_layers).map(|light| light.name.clone()).collect(),
@@ -156,7 +157,7 @@ impl<'a> PathTracer<'a> {
                     sample.copy_from(&direct);
                     for seen in &seen {
                         let points = self.points(seen.number << 40 | stream);
-                        segments += self.follow(seen, Numbers { points, index }, &mut sample);
+                        segments += self.follow(seen, PathRandom { points, index }, &mut sample);
                     }
                     sample.add_to(tile.pixel(half, pixel));
                 }
@@ -184,10 +185,10 @@ impl<'a> PathTracer<'a> {
                 return;
             }
             let layer = if vertex.layer == 0 { DIRECT } else { REFLECTION };
-            for (source, lit) in self.lamps.reflect_each(self.scene, &vertex.point, wo) {
+            for (source, lit) in self.lights.reflect_each(self.scene, &vertex.point, wo) {
                 sums.add_light(layer, source, weight * lit);
             }
-            seen.push(FirstHit { aims: self.faces.aim(&self.lamps, &vertex.point), vertex, number });
+            seen.push(FirstHit { aims: self.mirrors.aim(&self.lights, &vertex.point), vertex, number });
         });
         segments
     }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::PathTracer;
-use super::aims::Aims;
+use super::aims::MirrorAims;
 use super::film::{EMISSION, INDIRECT, INDIRECT_GLOSSY, Sample};
 use crate::bake::framebuffer::view_samples::PathVertex;
 use crate::physics::brdf::{Lobes, mirror};
@@ -17,13 +17,13 @@ const MAX_SURVIVAL: f64 = 0.95;
 
 /// Source of a path's random numbers.
 #[derive(Clone, Copy)]
-pub(super) struct Numbers {
+pub(super) struct PathRandom {
     pub points: Points,
     /// Index of the path among those of the pixel.
     pub index: u32,
 }
 
-impl Numbers {
+impl PathRandom {
     /// Four numbers in [0, 1) for decision `which` at the `surface`th surface along the ray after `bounce` bounces.
     fn at(&self, which: u32, bounce: u32, surface: u32) -> [f64; 4] {
         self.points.at(self.index, bounce << 8 | surface << 2 | which)
@@ -39,38 +39,38 @@ pub(super) struct FirstHit {
     pub vertex: PathVertex,
     /// Number of surfaces before it on the path from the eye.
     pub number: u64,
-    pub aims: Aims,
+    pub aims: MirrorAims,
 }
 
 /// Sums of the light that a path finds, multiplied by the path's throughput to the eye.
-struct Ledger<'a> {
-    sums: &'a mut Sample,
+struct PathSums<'a> {
+    sample: &'a mut Sample,
     /// Specular fraction, per channel, of the reflection at the first bounce.
     glossy: DVec3,
 }
 
-impl Ledger<'_> {
+impl PathSums<'_> {
     /// Adds `light` of the light with index `source` in the rig, after `bounce` bounces.
     fn add(&mut self, bounce: u32, source: usize, light: DVec3) {
-        self.sums.add_light(INDIRECT, source, light);
-        self.sums[INDIRECT_GLOSSY] += light * self.glossy;
-        self.sums.add_bounce(bounce, light);
+        self.sample.add_light(INDIRECT, source, light);
+        self.sample[INDIRECT_GLOSSY] += light * self.glossy;
+        self.sample.add_bounce(bounce, light);
     }
 }
 
 impl PathTracer<'_> {
-    /// Traces one path and adds the indirect light that a visible surface reflects to `sums`; returns the number of
+    /// Traces one path and adds the indirect light that a visible surface reflects to `sample`; returns the number of
     /// rays without shadow rays.
-    pub(super) fn follow(&self, seen: &FirstHit, numbers: Numbers, sums: &mut Sample) -> u64 {
-        let mut ledger = Ledger { sums, glossy: DVec3::ZERO };
+    pub(super) fn follow(&self, seen: &FirstHit, random: PathRandom, sample: &mut Sample) -> u64 {
+        let mut sums = PathSums { sample, glossy: DVec3::ZERO };
         let weight = seen.vertex.weight.as_dvec3();
         let (mut point, mut wo, mut throughput) = (seen.vertex.point, seen.vertex.wo.as_dvec3(), weight);
         let mut segments = 0;
         let mut last_distance = 0.0;
-        let mut later = Aims::default();
+        let mut later = MirrorAims::default();
         for bounce in 1..=self.settings.max_bounces.unwrap_or(u32::MAX) {
             let Some(lobes) = Lobes::new(&point.brdf, point.normal.as_dvec3(), wo) else { break };
-            let [u, v, choice, survival] = numbers.at(DIRECTION, bounce, 0);
+            let [u, v, choice, survival] = random.at(DIRECTION, bounce, 0);
             if bounce > SURE_BOUNCES {
                 let survives = (throughput / weight.max_element()).max_element().min(MAX_SURVIVAL);
                 if survival >= survives {
@@ -81,12 +81,12 @@ impl PathTracer<'_> {
             let aims = if bounce == 1 {
                 &seen.aims
             } else {
-                self.faces.aim_at_planes(&mut later, &self.lamps, &point);
+                self.mirrors.aim_at_planes(&mut later, &self.lights, &point);
                 &later
             };
             if !self.emitters.is_empty() {
-                let [a, b, c, _] = numbers.at(EMITTER, bounce, 0);
-                ledger.sums[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, aims, [a, b, c]);
+                let [a, b, c, _] = random.at(EMITTER, bounce, 0);
+                sums.sample[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, aims, [a, b, c]);
             }
             let drawn = match choice < aims.share {
                 true => Some(aims.draw(choice / aims.share, u, v)),
@@ -98,7 +98,7 @@ impl PathTracer<'_> {
                 break;
             }
             if bounce == 1 {
-                ledger.glossy = share(reflected.specular, reflected.sum());
+                sums.glossy = share(reflected.specular, reflected.sum());
             }
             throughput *= reflected.sum() * (1.0 / density);
 
@@ -117,7 +117,7 @@ impl PathTracer<'_> {
                 if point.emission.max_element() > 0.0 {
                     let looked_for = self.emitters.density(&hit, &point, direction);
                     let share = density.map_or(1.0, |density| density / (density + looked_for));
-                    ledger.sums[EMISSION] += throughput * share * point.emission.as_dvec3();
+                    sums.sample[EMISSION] += throughput * share * point.emission.as_dvec3();
                 }
                 wo = -direction.as_dvec3();
                 let cosine = point.normal.as_dvec3().dot(wo);
@@ -127,10 +127,10 @@ impl PathTracer<'_> {
                 surface += 1;
                 let [light, branch, _, _] = match self.is_plain(&point) {
                     true => [0.0; 4],
-                    false => numbers.at(SURFACE, bounce, surface),
+                    false => random.at(SURFACE, bounce, surface),
                 };
-                if let Some((source, lit)) = self.lamps.reflect_one(self.scene, &point, wo, light) {
-                    ledger.add(bounce, source, throughput * lit);
+                if let Some((source, lit)) = self.lights.reflect_one(self.scene, &point, wo, light) {
+                    sums.add(bounce, source, throughput * lit);
                 }
 
                 let mirrored = mirror(&point.brdf, cosine);
@@ -163,11 +163,11 @@ impl PathTracer<'_> {
 
     /// Whether a path needs no random numbers when it hits `point`: at most one light, no perfect mirror.
     fn is_plain(&self, point: &SurfacePoint) -> bool {
-        self.lamps.lamps.len() <= 1 && point.brdf.has_lobe()
+        self.lights.all.len() <= 1 && point.brdf.has_lobe()
     }
 
     /// Light of a sampled emitter, weighted by the balance heuristic against sampling the BRDF and aims.
-    fn reflect_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &Aims, u: [f64; 3]) -> DVec3 {
+    fn reflect_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &MirrorAims, u: [f64; 3]) -> DVec3 {
         let Some(drawn) = self.emitters.draw(self.scene, point, u) else { return DVec3::ZERO };
         let (reflected, density) = mixture(lobes, aims, drawn.wi);
         reflected.sum() * drawn.emission / (drawn.density + density)
@@ -175,7 +175,7 @@ impl PathTracer<'_> {
 }
 
 /// Reflection of light from `wi`, and the density of `wi` in the mixture of lobes and aims, 1/sr.
-fn mixture(lobes: &Lobes, aims: &Aims, wi: DVec3) -> (crate::physics::brdf::Reflected, f64) {
+fn mixture(lobes: &Lobes, aims: &MirrorAims, wi: DVec3) -> (crate::physics::brdf::Reflected, f64) {
     let reflected = lobes.at(wi);
     let mut density = reflected.density;
     if aims.share > 0.0 {

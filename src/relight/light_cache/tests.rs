@@ -52,7 +52,7 @@ impl Numbers {
 }
 
 fn truth(rig: &Rig) -> f32 {
-    let rig = rig.shining();
+    let rig = rig.with_solo_applied();
     let one = |l: &Light| {
         let group = l.group.map_or(1.0, |g| rig.groups[g].scale().x);
         l.position.x as f32 * l.scale().x * group
@@ -125,7 +125,7 @@ proptest! {
             if !rig.lights.is_empty() {
                 let one = which % rig.lights.len();
                 let alone = cache.plan_light(one);
-                let rig = rig.shining();
+                let rig = rig.with_solo_applied();
                 let light = &rig.lights[one];
                 let group = light.group.map_or(1.0, |g| rig.groups[g].scale().x);
                 let want = light.position.x as f32 * light.scale().x * group;

@@ -17,7 +17,6 @@ use serde::Deserialize;
 
 use super::container::{Container, buffer_bytes};
 use super::mend::mended;
-use super::unpack::{Unpacked, is_fallback};
 use crate::error::{Error, Result};
 use crate::scene::files;
 
@@ -30,6 +29,15 @@ pub struct Document {
     /// Lengths of the accessors without a buffer view that have been read.
     pub zeros: Mutex<HashMap<usize, usize>>,
     pub unpacked: Unpacked,
+}
+
+/// Decompressed data.
+#[derive(Default)]
+pub struct Unpacked {
+    /// Appended to the file's own buffers.
+    pub buffers: Vec<Vec<u8>>,
+    /// Index into `buffers` of each decompressed buffer view.
+    pub views: HashMap<usize, usize>,
 }
 
 /// The part of the file that is parsed in double precision.
@@ -168,6 +176,9 @@ pub struct Spot {
     pub outer_cone_angle: Option<f64>,
 }
 
+/// Names of the extension for compressed buffer views.
+pub const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+
 // The maximum size of a .glb. Many buffers may refer to one file.
 const MAX_BUFFER_BYTES: usize = 1 << 32;
 
@@ -189,7 +200,7 @@ const SUPPORTED: &[&str] = &[
 
 /// Unsupported extensions that are accepted in `extensionsRequired`: the scene is still recognizable without them.
 /// Visible effects have warnings of their own.
-const LEFT_OUT: &[&str] = &[
+const IGNORED: &[&str] = &[
     "KHR_animation_pointer",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
@@ -203,7 +214,7 @@ const LEFT_OUT: &[&str] = &[
 ];
 
 impl Document {
-    /// Parses the JSON, reads the buffers and decompresses geometry.
+    /// Parses the JSON and reads the buffers. Geometry stays compressed until [`Self::unpack`].
     pub fn parse(path: &Path, container: &Container) -> Result<Self> {
         let Container { json, bin } = container;
         let (root, poses) = parsed(path, json).or_else(|first| match mended(json) {
@@ -233,7 +244,6 @@ impl Document {
                 return Err(document.error(format!("buffer {index}: more than {MAX_BUFFER_BYTES} bytes together")));
             }
         }
-        document.unpack()?;
         Ok(document)
     }
 
@@ -275,7 +285,7 @@ impl Document {
 
     fn check_extensions(&self) -> Result<()> {
         let unknown = |all: &'_ [String]| -> Vec<String> {
-            let is_known = |e: &str| SUPPORTED.contains(&e) || LEFT_OUT.contains(&e);
+            let is_known = |e: &str| SUPPORTED.contains(&e) || IGNORED.contains(&e);
             all.iter().filter(|e| !is_known(e)).map(|e| files::shortened(e)).collect()
         };
         let required = unknown(&self.root.extensions_required);
@@ -289,6 +299,12 @@ impl Document {
         }
         Ok(())
     }
+}
+
+/// Whether a buffer holds only fallback data for programs that cannot decompress.
+fn is_fallback(buffer: &json::Buffer) -> bool {
+    let others = buffer.extensions.as_ref().map(|e| &e.others);
+    others.is_some_and(|others| MESHOPT.iter().any(|name| others.contains_key(*name)))
 }
 
 fn parsed(path: &Path, json: &[u8]) -> Result<(json::Root, Poses)> {

@@ -8,36 +8,40 @@ use super::document::Document;
 use crate::scene::Material;
 
 /// An unsupported extension. It has an effect if any of `factors` is not zero; `effect` describes it in the warning.
-struct LeftOut {
+struct UnsupportedExtension {
     extension: &'static str,
     factors: &'static [&'static str],
     effect: &'static str,
 }
 
 /// Volume and dispersion are visible only through a transmissive surface, so they have no warning of their own.
-const LEFT_OUT: [LeftOut; 6] = [
-    LeftOut {
+const UNSUPPORTED: [UnsupportedExtension; 6] = [
+    UnsupportedExtension {
         extension: "KHR_materials_clearcoat",
         factors: &["clearcoatFactor"],
         effect: "their coat's highlight is missing",
     },
-    LeftOut {
+    UnsupportedExtension {
         extension: "KHR_materials_transmission",
         factors: &["transmissionFactor"],
         effect: "nothing is seen through them",
     },
-    LeftOut {
+    UnsupportedExtension {
         extension: "KHR_materials_diffuse_transmission",
         factors: &["diffuseTransmissionFactor"],
         effect: "no light shines through them",
     },
-    LeftOut { extension: "KHR_materials_sheen", factors: &["sheenColorFactor"], effect: "their sheen is missing" },
-    LeftOut {
+    UnsupportedExtension {
+        extension: "KHR_materials_sheen",
+        factors: &["sheenColorFactor"],
+        effect: "their sheen is missing",
+    },
+    UnsupportedExtension {
         extension: "KHR_materials_anisotropy",
         factors: &["anisotropyStrength"],
         effect: "their highlights are round",
     },
-    LeftOut {
+    UnsupportedExtension {
         extension: "KHR_materials_iridescence",
         factors: &["iridescenceFactor"],
         effect: "their reflections lack the colours of thin films",
@@ -47,7 +51,7 @@ const LEFT_OUT: [LeftOut; 6] = [
 /// Number of materials per unsupported extension.
 #[derive(Default)]
 pub struct Missing {
-    counts: [usize; LEFT_OUT.len()],
+    counts: [usize; UNSUPPORTED.len()],
     unlit: usize,
     pub short_of_uv_sets: usize,
 }
@@ -55,14 +59,14 @@ pub struct Missing {
 impl Missing {
     /// Counts the unsupported extensions of one material.
     pub fn count(&mut self, extensions: &Map<String, Value>) {
-        for (count, left_out) in self.counts.iter_mut().zip(&LEFT_OUT) {
-            let Some(extension) = extensions.get(left_out.extension) else { continue };
+        for (count, unsupported) in self.counts.iter_mut().zip(&UNSUPPORTED) {
+            let Some(extension) = extensions.get(unsupported.extension) else { continue };
             // All these factors default to zero.
             let is_zero = |value: &Value| match value {
                 Value::Array(items) => items.iter().all(|item| item.as_f64() == Some(0.0)),
                 value => value.as_f64() == Some(0.0),
             };
-            let counts = left_out.factors.iter().any(|&key| extension.get(key).is_some_and(|value| !is_zero(value)));
+            let counts = unsupported.factors.iter().any(|&key| extension.get(key).is_some_and(|value| !is_zero(value)));
             *count += usize::from(counts);
         }
         self.unlit += usize::from(extensions.contains_key("KHR_materials_unlit"));
@@ -71,8 +75,8 @@ impl Missing {
     pub fn warn(&self, document: &Document) {
         let path = document.path.display();
         let have = |count: usize| if count == 1 { "1 material has".into() } else { format!("{count} materials have") };
-        for (&count, left_out) in self.counts.iter().zip(&LEFT_OUT).filter(|(count, _)| **count > 0) {
-            tracing::warn!("{path}: {} {}: {}", have(count), left_out.extension, left_out.effect);
+        for (&count, unsupported) in self.counts.iter().zip(&UNSUPPORTED).filter(|(count, _)| **count > 0) {
+            tracing::warn!("{path}: {} {}: {}", have(count), unsupported.extension, unsupported.effect);
         }
         if self.unlit > 0 {
             let effect = "no light falls on them, their base colour is emitted instead";

@@ -31,7 +31,7 @@ pub struct Materials<'a> {
 }
 
 /// What a primitive needs from its material.
-pub struct InUse {
+pub struct MaterialUse {
     /// Index among the materials in use.
     pub index: usize,
     /// The file's texture coordinate sets that become sets 0 and 1.
@@ -69,7 +69,7 @@ impl<'a> Materials<'a> {
     }
 
     /// Material `index` of the file, imported on its first use.
-    pub fn get(&mut self, index: Option<usize>, asked_by: &str) -> Result<InUse> {
+    pub fn get(&mut self, index: Option<usize>, asked_by: &str) -> Result<MaterialUse> {
         let known = match self.indices.get(&index) {
             Some(&known) => known,
             None => {
@@ -87,7 +87,7 @@ impl<'a> Materials<'a> {
         };
         let material = &self.materials[known];
         let tangents_from = material.normal_texture.as_ref().map(|t| t.uv_set);
-        Ok(InUse { index: known, uv_sets: self.uv_sets[known], tangents_from })
+        Ok(MaterialUse { index: known, uv_sets: self.uv_sets[known], tangents_from })
     }
 
     /// All materials in use, and their decoded textures.

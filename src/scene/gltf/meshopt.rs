@@ -206,14 +206,14 @@ fn groups(reader: &mut Reader, count: usize, widths: [u32; 4]) -> Result<Vec<u8>
 }
 
 /// The last sixteen edges and vertices, to which triangle codes refer.
-struct Recent {
+struct TriangleFifo {
     edges: [[u32; 2]; 16],
     edge_end: usize,
     vertices: [u32; 16],
     vertex_end: usize,
 }
 
-impl Recent {
+impl TriangleFifo {
     fn edge(&self, back: u8) -> [u32; 2] {
         self.edges[self.edge_end.wrapping_sub(1 + usize::from(back)) & 15]
     }
@@ -248,18 +248,18 @@ fn triangles(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
     let codes = reader.take(count / 3)?;
     let (data, table) = reader.bytes.split_at_checked(reader.bytes.len().wrapping_sub(16)).ok_or(CUT_OFF)?;
     let mut reader = Reader { bytes: data };
-    let mut recent = Recent { edges: [[u32::MAX; 2]; 16], edge_end: 0, vertices: [u32::MAX; 16], vertex_end: 0 };
+    let mut fifo = TriangleFifo { edges: [[u32::MAX; 2]; 16], edge_end: 0, vertices: [u32::MAX; 16], vertex_end: 0 };
     let (mut next, mut last) = (0u32, 0u32);
     let mut indices = Vec::with_capacity(count);
     for &code in codes {
         if code < 0xf0 {
-            let [a, b] = recent.edge(code >> 4);
+            let [a, b] = fifo.edge(code >> 4);
             let near = code & 15;
             let c = if near == 0 {
                 next = next.wrapping_add(1);
                 next.wrapping_sub(1)
             } else if near < near_end {
-                recent.vertex(near + 1)
+                fifo.vertex(near + 1)
             } else {
                 // 13 and 14 mean the index before and after the last one.
                 let step = if near == 15 { zigzag(reader.varint()?) } else { (u32::from(near) * 2).wrapping_sub(27) };
@@ -267,10 +267,10 @@ fn triangles(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
                 last
             };
             if near == 0 || near >= near_end {
-                recent.add_vertex(c);
+                fifo.add_vertex(c);
             }
-            recent.add_edge([c, b]);
-            recent.add_edge([a, c]);
+            fifo.add_edge([c, b]);
+            fifo.add_edge([a, c]);
             indices.extend([a, b, c]);
             continue;
         }
@@ -290,8 +290,8 @@ fn triangles(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
         };
         let (second, third) = (pair >> 4, pair & 15);
         let mut a = fresh(first == 0);
-        let mut b = if second == 0 { fresh(true) } else { recent.vertex(second) };
-        let mut c = if third == 0 { fresh(true) } else { recent.vertex(third) };
+        let mut b = if second == 0 { fresh(true) } else { fifo.vertex(second) };
+        let mut c = if third == 0 { fresh(true) } else { fifo.vertex(third) };
         if is_told {
             for (vertex, how) in [(&mut a, first), (&mut b, second), (&mut c, third)] {
                 if how == 15 {
@@ -300,16 +300,16 @@ fn triangles(packed: &[u8], count: usize) -> Result<Vec<u32>, String> {
                 }
             }
         }
-        recent.add_vertex(a);
+        fifo.add_vertex(a);
         if second == 0 || is_told && second == 15 {
-            recent.add_vertex(b);
+            fifo.add_vertex(b);
         }
         if third == 0 || is_told && third == 15 {
-            recent.add_vertex(c);
+            fifo.add_vertex(c);
         }
-        recent.add_edge([b, a]);
-        recent.add_edge([c, b]);
-        recent.add_edge([a, c]);
+        fifo.add_edge([b, a]);
+        fifo.add_edge([c, b]);
+        fifo.add_edge([a, c]);
         indices.extend([a, b, c]);
     }
     if !reader.bytes.is_empty() {

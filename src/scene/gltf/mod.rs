@@ -4,14 +4,16 @@ mod accessor;
 pub mod container;
 pub mod document;
 mod draco;
+pub mod embedded_rig;
+mod ignored_counts;
 mod instances;
-pub mod kept_rig;
 mod lights;
 mod material_extensions;
 mod materials;
 mod mend;
 mod meshopt;
 mod morph;
+mod node_primitive;
 pub mod nodes;
 mod primitives;
 mod skins;
@@ -24,17 +26,18 @@ use container::Container;
 use document::Document;
 use materials::Materials;
 
-use super::mesh_builder::{MeshBuilder, Unbuilt};
+use super::mesh_builder::{MeshBuildError, MeshBuilder};
 use super::{AlphaMode, MAX_IMAGE_SIDE, Material, Mesh, MeshSpace, Scene, Texture};
 use crate::error::Result;
 
 pub fn load(path: &Path) -> Result<Scene> {
-    let document = Document::parse(path, &Container::read(path)?)?;
+    let mut document = Document::parse(path, &Container::read(path)?)?;
+    document.unpack()?;
     let placed = document.placed_nodes()?;
     let mut materials = Materials::new(&document);
     let mut builder = MeshBuilder::default();
-    let left_out = primitives::import_meshes(&document, &placed, &mut materials, &mut builder)?;
-    let rig = kept_rig::rig(&document, document.import_lights(&placed)?);
+    let ignored = primitives::import_meshes(&document, &placed, &mut materials, &mut builder)?;
+    let rig = embedded_rig::rig(&document, document.import_lights(&placed)?);
     let cameras = document.import_cameras(&placed)?;
     let (mut materials, textures) = materials.finish()?;
     if materials.is_empty() {
@@ -42,13 +45,16 @@ pub fn load(path: &Path) -> Result<Scene> {
     }
     let (mesh, space) = match builder.finish() {
         Ok(built) => built,
-        Err(Unbuilt::Empty(reason)) => {
+        Err(MeshBuildError::Empty(reason)) => {
             tracing::warn!("{}: {reason}, so there is nothing to see", document.path.display());
             (Mesh::default(), MeshSpace::WORLD)
         }
-        Err(Unbuilt::Wrong(reason)) => return Err(document.error(reason)),
+        Err(MeshBuildError::Wrong(reason)) => return Err(document.error(reason)),
     };
-    warn_of(&document, &left_out);
+    ignored.warn(path);
+    if !document.root.animations.is_empty() {
+        tracing::warn!("{}: animations are not supported: nodes have their static transforms", path.display());
+    }
     mark_opaque(&mut materials, &textures, &mesh);
     let image_size = image_size(&document);
     Ok(Scene { path: path.to_owned(), mesh, space, materials, textures, cameras, rig, image_size })
@@ -61,28 +67,6 @@ fn mark_opaque(materials: &mut [Material], textures: &[Texture], mesh: &Mesh) {
     }
     let blending = materials.iter_mut().filter(|m| m.alpha_mode == AlphaMode::Blend);
     blending.filter(|m| m.has_full_alpha(textures)).for_each(|m| m.alpha_mode = AlphaMode::Opaque);
-}
-
-fn warn_of(document: &Document, left_out: &primitives::LeftOut) {
-    let path = document.path.display();
-    if left_out.vanished > 0 {
-        let objects =
-            if left_out.vanished == 1 { "1 object has".into() } else { format!("{} objects have", left_out.vanished) };
-        tracing::warn!("{path}: {objects} a scale of zero and cannot be seen");
-    }
-    if left_out.without_positions > 0 {
-        tracing::warn!("{path}: skipped {} primitives without positions", left_out.without_positions);
-    }
-    if left_out.points_and_lines > 0 {
-        tracing::warn!("{path}: skipped {} primitives of points or lines", left_out.points_and_lines);
-    }
-    if left_out.missing_uvs > 0 {
-        let count = left_out.missing_uvs;
-        tracing::warn!("{path}: {count} primitives lack texture coordinates that their material uses");
-    }
-    if !document.root.animations.is_empty() {
-        tracing::warn!("{path}: animations are not supported: nodes have their static transforms");
-    }
 }
 
 /// `extras.width/height` of the shown scene; warns about an invalid size.

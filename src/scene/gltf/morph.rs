@@ -4,7 +4,7 @@ use glam::DVec3;
 use gltf::json::mesh::MorphTarget;
 
 use super::accessor::{F32, Form, I8, I8_NORM, I16, I16_NORM, U8, U8_NORM, U16, U16_NORM};
-use super::vertices::Source;
+use super::node_primitive::NodePrimitive;
 use crate::error::Result;
 
 /// The attributes that targets change.
@@ -42,7 +42,7 @@ impl Morphed {
     }
 }
 
-impl Source<'_> {
+impl NodePrimitive<'_> {
     /// Targets of non-zero weight: index, target and weight.
     fn active_targets(&self) -> impl Iterator<Item = (usize, &MorphTarget, f64)> {
         let targets = self.primitive.targets.iter().flatten().enumerate();

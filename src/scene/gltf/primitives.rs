@@ -5,10 +5,12 @@ use gltf::json;
 use json::mesh::{Mode, Semantic};
 
 use super::document::Document;
+use super::ignored_counts::IgnoredCounts;
 use super::materials::Materials;
+use super::node_primitive::NodePrimitive;
 use super::nodes::{Placed, is_singular};
 use super::skins;
-use super::vertices::{Pose, Source};
+use super::vertices::Pose;
 use crate::error::Result;
 use crate::scene::mesh_builder::MeshBuilder;
 
@@ -16,33 +18,23 @@ use crate::scene::mesh_builder::MeshBuilder;
 // triangles: 150 times our largest scene, and 6 GB.
 pub const MAX_CORNERS: usize = 1 << 27;
 
-/// Counts of ignored items, each reported once.
-#[derive(Default)]
-pub struct LeftOut {
-    pub points_and_lines: usize,
-    pub missing_uvs: usize,
-    pub without_positions: usize,
-    /// Nodes and copies of zero scale.
-    pub vanished: usize,
-}
-
 /// Adds all triangles of the meshes that `placed` nodes show.
 pub fn import_meshes(
     document: &Document,
     placed: &[Placed],
     materials: &mut Materials,
     builder: &mut MeshBuilder,
-) -> Result<LeftOut> {
+) -> Result<IgnoredCounts> {
     check_size(document, placed)?;
-    let mut left_out = LeftOut::default();
+    let mut ignored = IgnoredCounts::default();
     let by_node = skins::by_node(placed);
     for Placed { node, world_from_node } in placed {
         if document.poses.nodes[*node].mesh.is_none() {
             continue;
         }
-        let shown = Shown { document, node: *node };
+        let node_mesh = NodeMesh { document, node: *node };
         if let Some(joints) = document.joints(*node, &by_node)? {
-            shown.add(*world_from_node, Some(&joints), materials, builder, &mut left_out)?;
+            node_mesh.add(*world_from_node, Some(&joints), materials, builder, &mut ignored)?;
             continue;
         }
         let copies = match document.poses.nodes[*node].instances() {
@@ -50,10 +42,10 @@ pub fn import_meshes(
             None => vec![DAffine3::IDENTITY],
         };
         for node_from_mesh in copies {
-            shown.add(*world_from_node * node_from_mesh, None, materials, builder, &mut left_out)?;
+            node_mesh.add(*world_from_node * node_from_mesh, None, materials, builder, &mut ignored)?;
         }
     }
-    Ok(left_out)
+    Ok(ignored)
 }
 
 /// Refuses more corners than fit in memory, before any is read.
@@ -64,7 +56,7 @@ fn check_size(document: &Document, placed: &[Placed]) -> Result<()> {
             continue;
         }
         let mut of_mesh = 0usize;
-        Shown { document, node: *node }.for_triangles(&mut 0, |source, mode| {
+        NodeMesh { document, node: *node }.for_triangles(&mut 0, |source, mode| {
             of_mesh = of_mesh.saturating_add(source.corner_count(mode)?);
             Ok(())
         })?;
@@ -78,14 +70,18 @@ fn check_size(document: &Document, placed: &[Placed]) -> Result<()> {
 }
 
 /// The mesh of one node.
-struct Shown<'a> {
+struct NodeMesh<'a> {
     document: &'a Document,
     node: usize,
 }
 
-impl Shown<'_> {
+impl NodeMesh<'_> {
     /// Visits the triangle primitives; counts the others.
-    fn for_triangles(&self, others: &mut usize, mut visit: impl FnMut(&Source, Mode) -> Result<()>) -> Result<()> {
+    fn for_triangles(
+        &self,
+        others: &mut usize,
+        mut visit: impl FnMut(&NodePrimitive, Mode) -> Result<()>,
+    ) -> Result<()> {
         let document = self.document;
         let node = &document.poses.nodes[self.node];
         let index = node.mesh.expect("only nodes with a mesh are shown");
@@ -96,7 +92,7 @@ impl Shown<'_> {
             let what = format!("mesh {index}, primitive {i}");
             let mode = document.valid(primitive.mode, &format!("{what}: the mode"))?;
             if matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
-                visit(&Source { document, primitive, what, weights }, mode)?;
+                visit(&NodePrimitive { document, primitive, what, weights }, mode)?;
             } else {
                 *others += 1;
             }
@@ -110,7 +106,7 @@ impl Shown<'_> {
         joints: Option<&skins::Joints>,
         materials: &mut Materials,
         builder: &mut MeshBuilder,
-        left_out: &mut LeftOut,
+        ignored: &mut IgnoredCounts,
     ) -> Result<()> {
         let mut others = 0;
         let mut has_vanished = false;
@@ -118,7 +114,7 @@ impl Shown<'_> {
             // All-zero positions are a single point, so there are no triangles.
             let positions = source.attribute(Semantic::Positions).filter(|&p| !self.document.is_all_zeros(p));
             let Some(positions) = positions else {
-                left_out.without_positions += 1;
+                ignored.without_positions += 1;
                 return Ok(());
             };
             let count = self.document.accessor_count(positions, &source.what)?;
@@ -130,7 +126,7 @@ impl Shown<'_> {
             let part = match &pose {
                 Some(pose) => {
                     let material = materials.get(source.primitive.material.map(|m| m.value()), &source.what)?;
-                    source.part(mode, positions, pose, &material, left_out)?
+                    source.part(mode, positions, pose, &material, ignored)?
                 }
                 None => None,
             };
@@ -140,8 +136,8 @@ impl Shown<'_> {
             }
             Ok(())
         })?;
-        left_out.points_and_lines += others;
-        left_out.vanished += usize::from(has_vanished);
+        ignored.points_and_lines += others;
+        ignored.vanished += usize::from(has_vanished);
         Ok(())
     }
 

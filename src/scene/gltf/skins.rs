@@ -7,8 +7,8 @@ use gltf::json::mesh::Semantic;
 
 use super::accessor::{F32, U8, U8_NORM, U16, U16_NORM};
 use super::document::Document;
+use super::node_primitive::NodePrimitive;
 use super::nodes::Placed;
-use super::vertices::Source;
 use crate::error::Result;
 
 /// For each joint, the transform from the mesh's local space to world space.
@@ -53,7 +53,7 @@ pub fn by_node(placed: &[Placed]) -> HashMap<usize, DAffine3> {
     placed.iter().map(|p| (p.node, p.world_from_node)).collect()
 }
 
-impl Source<'_> {
+impl NodePrimitive<'_> {
     /// For each of `count` vertices, the weighted mean of its joints' transforms; `None` if the primitive has no
     /// joints.
     pub fn skinned(&self, joints: &Joints, count: usize) -> Result<Option<Vec<DAffine3>>> {

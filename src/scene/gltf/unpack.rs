@@ -1,35 +1,16 @@
 //! Decompresses geometry before anything else reads the file; the results are appended to the file's own buffers.
 
-use std::collections::HashMap;
-
 use gltf::json;
 use json::buffer::View;
 use json::validation::USize64;
 
-use super::document::Document;
+use super::document::{Document, MESHOPT};
 use super::meshopt::Packed;
 use crate::error::{Error, Result};
 use crate::scene::memory;
 
-pub const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
-
 // The same limit as for buffers.
 const MAX_UNPACKED_BYTES: usize = 1 << 32;
-
-/// Decompressed data.
-#[derive(Default)]
-pub struct Unpacked {
-    /// Appended to the file's own buffers.
-    pub buffers: Vec<Vec<u8>>,
-    /// Index into `buffers` of each decompressed buffer view.
-    pub views: HashMap<usize, usize>,
-}
-
-/// Whether a buffer holds only fallback data for programs that cannot decompress.
-pub fn is_fallback(buffer: &json::Buffer) -> bool {
-    let others = buffer.extensions.as_ref().map(|e| &e.others);
-    others.is_some_and(|others| MESHOPT.iter().any(|name| others.contains_key(*name)))
-}
 
 impl Document {
     /// Decompresses all buffer views and primitives.

@@ -3,25 +3,15 @@
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3, Vec4};
 use gltf::json;
 use json::accessor::Type;
-use json::mesh::{Mode, Primitive, Semantic};
-use json::validation::Checked;
+use json::mesh::{Mode, Semantic};
 
 use super::accessor::{F32, I8, I8_NORM, I16, I16_NORM, U8, U8_NORM, U16, U16_NORM};
-use super::document::Document;
-use super::materials::InUse;
+use super::ignored_counts::IgnoredCounts;
+use super::materials::MaterialUse;
 use super::morph::Morphed;
-use super::primitives::LeftOut;
+use super::node_primitive::NodePrimitive;
 use crate::error::Result;
-use crate::scene::mesh_builder::Part;
-
-/// A primitive of a mesh, as one node shows it.
-pub struct Source<'a> {
-    pub document: &'a Document,
-    pub primitive: &'a Primitive,
-    pub what: String,
-    /// Morph target weights; there may be fewer or more than targets.
-    pub weights: &'a [f64],
-}
+use crate::scene::mesh_part::MeshPart;
 
 /// Transform of vertices from the mesh's local space to world space.
 pub enum Pose {
@@ -64,11 +54,7 @@ impl Pose {
     }
 }
 
-impl Source<'_> {
-    pub fn attribute(&self, semantic: Semantic) -> Option<usize> {
-        self.primitive.attributes.get(&Checked::Valid(semantic)).map(|index| index.value())
-    }
-
+impl NodePrimitive<'_> {
     /// Upper bound of the vertices that are read for the primitive and that it produces, before anything is read; 0
     /// without positions.
     pub fn corner_count(&self, mode: Mode) -> Result<usize> {
@@ -89,10 +75,10 @@ impl Source<'_> {
         mode: Mode,
         positions: usize,
         pose: &Pose,
-        material: &InUse,
-        left_out: &mut LeftOut,
-    ) -> Result<Option<Part>> {
-        let mut part = Part { material: material.index as u32, ..Part::default() };
+        material: &MaterialUse,
+        ignored: &mut IgnoredCounts,
+    ) -> Result<Option<MeshPart>> {
+        let mut part = MeshPart { material: material.index as u32, ..MeshPart::default() };
         let local = self.positions(positions)?;
         if let Pose::Flat { axis, .. } = pose
             && local.iter().any(|p| p[*axis] != local[0][*axis])
@@ -111,7 +97,7 @@ impl Source<'_> {
             part.uvs[slot] = match self.attribute(Semantic::TexCoords(set)) {
                 Some(index) => self.uvs(index, set, count)?,
                 None => {
-                    left_out.missing_uvs += 1;
+                    ignored.missing_uvs += 1;
                     vec![Vec2::ZERO; count]
                 }
             };
@@ -223,16 +209,6 @@ impl Source<'_> {
             Mode::TriangleFan => (1..n.saturating_sub(1)).map(|k| [i[k], i[k + 1], i[0]]).collect(),
             _ => i.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
         })
-    }
-
-    /// Checks that accessor `index` has as many elements as the positions, before it is read.
-    pub fn same_length(&self, index: usize, count: usize, attribute: &str) -> Result<()> {
-        let length = self.document.accessor_count(index, &format!("{}: {attribute}", self.what))?;
-        if length == count {
-            return Ok(());
-        }
-        let reason = format!("{}: {length} of {attribute} for {count} of POSITION", self.what);
-        Err(self.document.error(reason))
     }
 }
 

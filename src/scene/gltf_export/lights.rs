@@ -77,22 +77,22 @@ impl<'a> Writer<'a> {
 
     fn write(&mut self, root: &mut Object, rig: &Rig, index: usize, entries: &[Value]) {
         let light = &rig.lights[index];
-        let home = light.node.filter(|node| {
+        let source_node = light.node.filter(|node| {
             let had_light = self.document.poses.nodes.get(*node).is_some_and(|n| n.light().is_some());
             had_light && self.world_from_node.contains_key(node) && self.claimed.insert(*node)
         });
-        if light.node.is_some() && home.is_none() {
+        if light.node.is_some() && source_node.is_none() {
             tracing::warn!("light \"{}\" gets a new node: its old node has no light, or a different one", light.name);
         }
-        let old_light = home.and_then(|node| self.document.poses.nodes[node].light());
+        let old_light = source_node.and_then(|node| self.document.poses.nodes[node].light());
         let old_entry = old_light.and_then(|old| entries.get(old)).and_then(Value::as_object);
-        let old_name = home.and_then(|node| self.loaded_name(node));
+        let old_name = source_node.and_then(|node| self.loaded_name(node));
         self.lights.push(Value::Object(entry(rig, index, old_entry.cloned().unwrap_or_default())));
         let new_index = self.lights.len() - 1;
-        match home {
+        match source_node {
             Some(node) => {
                 let is_named = old_name.is_some_and(|name| without_dots(&name) == light.name);
-                self.return_home(root, light, node, is_named, new_index);
+                self.write_to_source_node(root, light, node, is_named, new_index);
             }
             None => self.add_node(root, light, None, new_index),
         }
@@ -106,12 +106,12 @@ impl<'a> Writer<'a> {
         names.into_iter().flatten().flatten().find(|name| !name.is_empty()).cloned()
     }
 
-    fn return_home(&self, root: &mut Object, light: &Light, index: usize, is_named: bool, new_index: usize) {
+    fn write_to_source_node(&self, root: &mut Object, light: &Light, index: usize, is_named: bool, new_index: usize) {
         let world_from_node = &self.world_from_node[&index];
         let node = element(root, "nodes", index).expect("the document has this node");
-        let stands = stands(world_from_node, light);
+        let has_pose = has_pose(world_from_node, light);
         let is_free = ["mesh", "camera", "skin", "children"].iter().all(|key| !node.contains_key(*key));
-        if stands && (is_named || is_free || !node.contains_key("name")) {
+        if has_pose && (is_named || is_free || !node.contains_key("name")) {
             if !is_named {
                 node.insert("name".into(), light.name.clone().into());
             }
@@ -225,7 +225,7 @@ fn entry(rig: &Rig, index: usize, mut entry: Object) -> Object {
 }
 
 /// Whether the node already has the light's pose, up to rounding.
-fn stands(world_from_node: &DAffine3, light: &Light) -> bool {
+fn has_pose(world_from_node: &DAffine3, light: &Light) -> bool {
     let position = world_from_node.translation;
     let direction = (-world_from_node.matrix3.z_axis).normalize_or_zero();
     // 1e-9: far below any intended change, far above rounding.

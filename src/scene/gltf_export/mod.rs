@@ -10,7 +10,7 @@ use std::path::Path;
 
 use super::gltf::container::{Container, MAGIC};
 use super::gltf::document::Document;
-use super::gltf::kept_rig;
+use super::gltf::embedded_rig;
 use super::{Rig, Scene};
 use crate::error::{Error, Result};
 use crate::storage::file;
@@ -32,14 +32,15 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
         return Err(Error::invalid(path.display().to_string(), "scenes are written as .glb or .gltf"));
     }
     let container = Container::read(&scene.path)?;
-    let document = Document::parse(&scene.path, &container)?;
+    let mut document = Document::parse(&scene.path, &container)?;
+    document.unpack()?;
     let root: serde_json::Value = serde_json::from_slice(&container.json)
         .map_err(|e| Error::import_from(&scene.path, "is not the JSON of a glTF", e))?;
     let serde_json::Value::Object(mut root) = root else {
         return Err(Error::import(&scene.path, "is not a JSON object"));
     };
-    lights::replace(&mut root, &document, &rig.shining())?;
-    keep(&mut root, &document, rig);
+    lights::replace(&mut root, &document, &rig.with_solo_applied())?;
+    embed_rig(&mut root, &document, rig);
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
         tracing::warn!("{}: glTF cannot store that \"{}\" casts no shadows", path.display(), light.name);
     }
@@ -57,12 +58,12 @@ fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
     serde_json::to_vec(root).map_err(|e| Error::Export { path: path.to_owned(), source: e.into() })
 }
 
-/// Stores the exact rig, for [`kept_rig`] to find.
-fn keep(root: &mut json::Object, document: &Document, rig: &Rig) {
+/// Stores the exact rig, for [`embedded_rig`] to find.
+fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig) {
     let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
     if scene.get("extras").is_none_or(serde_json::Value::is_object) {
         let rig = Rig { camera: None, ..rig.clone() };
-        json::object(scene, "extras").insert(kept_rig::KEY.into(), rig.to_toml().into());
+        json::object(scene, "extras").insert(embedded_rig::KEY.into(), rig.to_toml().into());
     }
 }
 

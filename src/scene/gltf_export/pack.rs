@@ -8,7 +8,7 @@ use super::json::{Object, array, element, remove_inner};
 use crate::error::Result;
 use crate::scene::files;
 use crate::scene::gltf::document::Document;
-use crate::scene::gltf::unpack::MESHOPT;
+use crate::scene::gltf::document::MESHOPT;
 
 /// Merges all buffers and all images that have URIs into one buffer, which is returned.
 pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>> {

@@ -4,12 +4,10 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use glam::{Mat3, Vec2, Vec3};
-
-use super::materials::Map;
+use super::texture_map::TextureMap;
 use crate::error::{Error, Result};
 use crate::scene::texture::{Image, TexelCount};
-use crate::scene::{Encoding, Texture, TextureRef, Wrap, files};
+use crate::scene::{Encoding, Texture, files};
 
 /// What a texture is made from: the file of each group of channels, and the encoding.
 type Recipe = (Vec<Option<PathBuf>>, Encoding);
@@ -32,7 +30,7 @@ impl Images {
 
     /// Finds the file of `map`: at the path in the MTL, else by its file name next to the MTL, because many MTL files
     /// contain paths of the machine that wrote them. `None`, with a warning, if it does not exist.
-    pub fn find(&mut self, mtl: &Path, map: &Map) -> Result<Option<PathBuf>> {
+    pub fn find(&mut self, mtl: &Path, map: &TextureMap) -> Result<Option<PathBuf>> {
         let folder = mtl.parent().unwrap_or(Path::new(""));
         let name = map.file.rsplit('/').next().unwrap_or_default();
         for candidate in [map.file.as_str(), name] {
@@ -84,23 +82,6 @@ impl Images {
         self.textures.push(Texture::of(name.to_string_lossy().into_owned(), image, recipe.1));
         self.made.insert(recipe, self.textures.len() - 1);
         Ok(self.textures.len() - 1)
-    }
-}
-
-impl Map {
-    /// Reference to `texture` with the map's transform and wrap mode.
-    pub fn reference(&self, texture: usize) -> TextureRef {
-        let wrap = if self.clamp { Wrap::Clamp } else { Wrap::Repeat };
-        // OBJ's v points the other way, so v is flipped before and after the transform.
-        let turned = Mat3::from_cols(Vec3::X, -Vec3::Y, Vec3::new(0.0, 1.0, 1.0));
-        let uv_transform = turned * Mat3::from_translation(self.offset) * Mat3::from_scale(self.scale) * turned;
-        TextureRef { texture, uv_set: 0, uv_transform, wrap: [wrap; 2] }
-    }
-
-    /// Whether two maps have the same offset, scale and wrap mode.
-    pub fn is_aligned(&self, other: &Self) -> bool {
-        let places = |map: &Self| -> (Vec2, Vec2, bool) { (map.offset, map.scale, map.clamp) };
-        places(self) == places(other)
     }
 }
 

@@ -15,10 +15,11 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
-use super::guard::{self, UNNAMED, number, split_word};
 use super::images::{Images, combined};
+use super::sanitize::{self, UNNAMED};
+use super::texture_map::TextureMap;
 use crate::error::{Error, Result};
 use crate::scene::texture::Image;
 use crate::scene::{AlphaMode, Encoding, Material, Texture, TextureRef, files};
@@ -39,16 +40,6 @@ pub struct Library {
     images: Images,
     /// Number of materials with zero opacity.
     holes: usize,
-}
-
-/// A texture statement: options, then a file name.
-pub struct Map {
-    pub file: String,
-    pub offset: Vec2,
-    pub scale: Vec2,
-    pub clamp: bool,
-    /// `-bm`, the strength of a normal map.
-    pub strength: f32,
 }
 
 impl Library {
@@ -93,7 +84,7 @@ impl Library {
 
     fn read_file(&mut self, path: &Path) -> Result<()> {
         let bytes = files::read(path)?;
-        let text = guard::mtl(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+        let text = sanitize::mtl(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
         let (entries, _) =
             tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| Error::import_from(path, "not an MTL file", e))?;
         for entry in entries {
@@ -109,7 +100,7 @@ impl Library {
         let (kd, ks, ke) = (color(entry.diffuse), color(entry.specular), color(entry.emissive));
         let scalar = |key| entry.unknown_param.get(key).and_then(|text: &String| text.parse::<f32>().ok());
         let map = |text: Option<&String>| {
-            text.map(|text| Map::parse(text)).transpose().map_err(|reason| Error::import(path, reason))
+            text.map(|text| TextureMap::parse(text)).transpose().map_err(|reason| Error::import(path, reason))
         };
         let norm = map(entry.unknown_param.get("norm"))?;
 
@@ -181,14 +172,15 @@ impl Library {
         }
         Ok(material)
     }
+
     /// `None` if the file does not exist.
-    fn texture(&mut self, mtl: &Path, map: &Map, encoding: Encoding) -> Result<Option<TextureRef>> {
+    fn texture(&mut self, mtl: &Path, map: &TextureMap, encoding: Encoding) -> Result<Option<TextureRef>> {
         let Some(file) = self.images.find(mtl, map)? else { return Ok(None) };
         Ok(Some(map.reference(self.images.texture(mtl, &file, encoding)?)))
     }
 
     /// The file of a map and its image, if both exist.
-    fn image(&mut self, mtl: &Path, map: Option<&Map>) -> Result<Option<(PathBuf, Rc<Image>)>> {
+    fn image(&mut self, mtl: &Path, map: Option<&TextureMap>) -> Result<Option<(PathBuf, Rc<Image>)>> {
         let Some(map) = map else { return Ok(None) };
         let Some(file) = self.images.find(mtl, map)? else { return Ok(None) };
         let image = self.images.image(mtl, &file)?;
@@ -200,8 +192,8 @@ impl Library {
         &mut self,
         mtl: &Path,
         material: &mut Material,
-        [roughness, metalness]: [Option<Map>; 2],
-        gloss: Option<Map>,
+        [roughness, metalness]: [Option<TextureMap>; 2],
+        gloss: Option<TextureMap>,
         exponent: Option<f64>,
     ) -> Result<()> {
         let is_gloss = roughness.is_none();
@@ -255,8 +247,8 @@ impl Library {
         mtl: &Path,
         material: &mut Material,
         opacity: Option<f64>,
-        color_map: Option<&Map>,
-        map: Option<Map>,
+        color_map: Option<&TextureMap>,
+        map: Option<TextureMap>,
     ) -> Result<()> {
         if opacity.is_some_and(|d| d <= 0.0) {
             material.base_color.w = 0.0;
@@ -300,53 +292,5 @@ impl Library {
         material.base_color_texture = Some(map.reference(texture));
         material.alpha_mode = alpha_mode;
         Ok(())
-    }
-}
-
-impl Map {
-    /// Parses the arguments of a texture statement.
-    pub fn parse(rest: &str) -> Result<Self, String> {
-        let (offset, scale) = (Vec2::ZERO, Vec2::ONE);
-        let mut map = Self { file: String::new(), offset, scale, clamp: false, strength: 1.0 };
-        let mut rest = rest;
-        while rest.starts_with('-') {
-            let (option, mut after) = split_word(rest);
-            match option {
-                "-o" | "-s" | "-t" => {
-                    // One to three numbers.
-                    let mut values = Vec::new();
-                    while let (word, next) = split_word(after)
-                        && values.len() < 3
-                        && let Ok(value) = number(word)
-                    {
-                        values.push(value as f32);
-                        after = next;
-                    }
-                    let default = if option == "-s" { 1.0 } else { 0.0 };
-                    let value = |i: usize| values.get(i).copied().unwrap_or(default);
-                    match option {
-                        "-o" => map.offset = Vec2::new(value(0), value(1)),
-                        "-s" => map.scale = Vec2::new(value(0), value(1)),
-                        _ => {}
-                    }
-                }
-                "-mm" => after = split_word(split_word(after).1).1,
-                "-bm" => {
-                    let (word, next) = split_word(after);
-                    (map.strength, after) = (number(word)? as f32, next);
-                }
-                "-clamp" => {
-                    let (word, next) = split_word(after);
-                    (map.clamp, after) = (word == "on", next);
-                }
-                "-blendu" | "-blendv" | "-boost" | "-cc" | "-imfchan" | "-texres" | "-type" => {
-                    after = split_word(after).1;
-                }
-                _ => return Err(format!("option {option} is unknown")),
-            }
-            rest = after;
-        }
-        map.file = rest.replace('\\', "/");
-        if map.file.is_empty() { Err("names no file".into()) } else { Ok(map) }
     }
 }

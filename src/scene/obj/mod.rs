@@ -1,9 +1,11 @@
 //! Wavefront OBJ and MTL into a [`Scene`]: triangles and materials, no lights, no camera.
 
-mod guard;
 mod images;
 mod materials;
+mod sanitize;
+mod texture_map;
 mod winding;
+mod words;
 
 use std::collections::HashMap;
 use std::iter;
@@ -15,15 +17,16 @@ use earcut::utils3d::project3d_to_2d;
 use glam::{DVec3, Vec2, Vec4};
 use tobj::{LoadOptions, Mesh};
 
-use super::mesh_builder::{MeshBuilder, Part};
+use super::mesh_builder::MeshBuilder;
+use super::mesh_part::MeshPart;
 use super::{Material, Rig, Scene, files};
 use crate::error::{Error, Result};
-use guard::Face;
 use materials::Library;
+use sanitize::Face;
 
 pub fn load(path: &Path) -> Result<Scene> {
     let bytes = files::read(path)?;
-    let obj = guard::obj(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+    let obj = sanitize::obj(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
     let mut library = Library::default();
     for statement in &obj.libraries {
         library.read(path, statement)?;
@@ -49,13 +52,13 @@ pub fn load(path: &Path) -> Result<Scene> {
         all_corners.push(corners);
     }
     assert_eq!(first, mesh.indices.len(), "tobj's faces differ from ours");
-    let turned = winding::turned(&mesh, &all_corners);
-    if turned.surface_count > 0 {
-        let (path, count) = (path.display(), turned.surface_count);
+    let flipped = winding::flipped_faces(&mesh, &all_corners);
+    if flipped.surface_count > 0 {
+        let (path, count) = (path.display(), flipped.surface_count);
         tracing::warn!("{path}: {count} closed surfaces faced inwards and were flipped");
     }
     for (i, (face, corners)) in obj.faces.iter().zip(all_corners).enumerate() {
-        let polygon = Polygon { face, corners, turns: turned.winding[i], turns_normals: turned.normals[i] };
+        let polygon = Polygon { face, corners, flips: flipped.winding[i], flips_normals: flipped.normals[i] };
         polygons_of[face.material].push(polygon);
     }
 
@@ -77,7 +80,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     }
     library.warn(path);
     let textures = library.into_textures();
-    let (mesh, space) = builder.finish().map_err(|unbuilt| Error::import(path, unbuilt.reason()))?;
+    let (mesh, space) = builder.finish().map_err(|error| Error::import(path, error.reason()))?;
     Ok(Scene {
         path: path.to_owned(),
         mesh,
@@ -95,8 +98,8 @@ struct Polygon<'a> {
     face: &'a Face,
     /// Range in the mesh's corners.
     corners: Range<usize>,
-    turns: bool,
-    turns_normals: bool,
+    flips: bool,
+    flips_normals: bool,
 }
 
 /// Builds a part; either all or none of the polygons have normals.
@@ -105,20 +108,20 @@ fn part<'a>(
     polygons: impl Iterator<Item = &'a Polygon<'a>>,
     material: &Material,
     material_index: u32,
-) -> Part {
-    let mut part = Part { material: material_index, ..Part::default() };
+) -> MeshPart {
+    let mut part = MeshPart { material: material_index, ..MeshPart::default() };
     part.tangents_from = material.normal_texture.as_ref().map(|t| t.uv_set);
     let textured = material.textures().next().is_some();
     let three = |values: &[f64], i: u32| DVec3::from_slice(&values[3 * i as usize..]);
     let mut numbers = HashMap::new();
-    for Polygon { face, corners, turns, turns_normals } in polygons {
-        let sign = if *turns_normals { -1.0 } else { 1.0 };
+    for Polygon { face, corners, flips, flips_normals } in polygons {
+        let sign = if *flips_normals { -1.0 } else { 1.0 };
         let mut vertex = |corner: usize| {
             let next = part.positions.len() as u32;
             let position = mesh.indices[corner];
             let uv = face.has_uvs.then(|| mesh.texcoord_indices[corner]);
             let normal = face.has_normals.then(|| mesh.normal_indices[corner]);
-            *numbers.entry((position, uv, normal, *turns_normals)).or_insert_with(|| {
+            *numbers.entry((position, uv, normal, *flips_normals)).or_insert_with(|| {
                 part.positions.push(three(&mesh.positions, position));
                 part.normals.extend(normal.map(|i| sign * three(&mesh.normals, i).as_vec3()));
                 if textured {
@@ -136,7 +139,7 @@ fn part<'a>(
         let vertices: Vec<u32> = corners.clone().map(&mut vertex).collect();
         let outline: Vec<DVec3> = mesh.indices[corners.clone()].iter().map(|&i| three(&mesh.positions, i)).collect();
         for [a, b, c] in triangulated(&outline).into_iter().map(|t| t.map(|i| vertices[i])) {
-            part.triangles.push(if *turns { [a, c, b] } else { [a, b, c] });
+            part.triangles.push(if *flips { [a, c, b] } else { [a, b, c] });
         }
     }
     part

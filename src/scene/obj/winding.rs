@@ -11,7 +11,7 @@ use glam::DVec3;
 use tobj::Mesh;
 
 /// What to flip, for each polygon.
-pub struct Turned {
+pub struct FlippedFaces {
     pub winding: Vec<bool>,
     /// Whether its normals point inwards too.
     pub normals: Vec<bool>,
@@ -41,27 +41,27 @@ const VESSEL: f64 = 0.125;
 const MAX_PAIRS: usize = 1 << 24;
 
 /// Finds the polygons to flip; `polygons` are ranges of the mesh's corners.
-pub fn turned(mesh: &Mesh, polygons: &[Range<usize>]) -> Turned {
+pub fn flipped_faces(mesh: &Mesh, polygons: &[Range<usize>]) -> FlippedFaces {
     let surface_of = surfaces(mesh, polygons);
     let count = surface_of.iter().map(|&s| s as usize + 1).max().unwrap_or(0);
     let surfaces = measure(mesh, polygons, &surface_of, count);
-    let may_turn: Vec<bool> = surfaces.iter().map(Surface::faces_inwards).collect();
-    let turns = match may_turn.contains(&true) {
+    let may_flip: Vec<bool> = surfaces.iter().map(Surface::faces_inwards).collect();
+    let flips = match may_flip.contains(&true) {
         true => {
-            let closed = closed(mesh, polygons, &surface_of, &may_turn);
-            let inwards: Vec<usize> = (0..count).filter(|&s| may_turn[s] && closed[s]).collect();
+            let closed = closed(mesh, polygons, &surface_of, &may_flip);
+            let inwards: Vec<usize> = (0..count).filter(|&s| may_flip[s] && closed[s]).collect();
             let is_many = inwards.len().saturating_mul(count) > MAX_PAIRS;
-            let mut turns = vec![false; count];
-            inwards.iter().filter(|&&s| !is_many && !is_meant(&surfaces, s)).for_each(|&s| turns[s] = true);
-            turns
+            let mut flips = vec![false; count];
+            inwards.iter().filter(|&&s| !is_many && !is_intended(&surfaces, s)).for_each(|&s| flips[s] = true);
+            flips
         }
         false => vec![false; count],
     };
     let of = |flag: &dyn Fn(usize) -> bool| surface_of.iter().map(|&s| flag(s as usize)).collect();
-    Turned {
-        winding: of(&|s| turns[s]),
-        normals: of(&|s| turns[s] && surfaces[s].agreement > 0.0),
-        surface_count: turns.iter().filter(|&&t| t).count(),
+    FlippedFaces {
+        winding: of(&|s| flips[s]),
+        normals: of(&|s| flips[s] && surfaces[s].agreement > 0.0),
+        surface_count: flips.iter().filter(|&&t| t).count(),
     }
 }
 
@@ -83,7 +83,7 @@ impl Surface {
 }
 
 /// Whether an inward-facing surface is intended: it encloses others, or is the inside of one.
-fn is_meant(surfaces: &[Surface], inwards: usize) -> bool {
+fn is_intended(surfaces: &[Surface], inwards: usize) -> bool {
     let this = &surfaces[inwards];
     surfaces.iter().enumerate().filter(|(other, _)| *other != inwards).any(|(_, other)| {
         let is_vessel = other.volume > 0.0 && other.is_closed() && -this.volume >= VESSEL * other.volume;

@@ -6,6 +6,7 @@
 mod blackbody;
 mod read;
 mod read_light;
+mod rig_text;
 mod write;
 
 use std::borrow::Cow;
@@ -53,7 +54,7 @@ impl Rig {
 
     /// The rig with solo applied: if any light or group is solo, all other lights are off. Disabled lights stay
     /// disabled.
-    pub fn shining(&self) -> Cow<'_, Self> {
+    pub fn with_solo_applied(&self) -> Cow<'_, Self> {
         let is_solo = |light: &Light| light.solo || light.group.is_some_and(|group| self.groups[group].solo);
         if !self.lights.iter().any(is_solo) {
             return Cow::Borrowed(self);

@@ -6,7 +6,9 @@ use glam::{DVec3, Vec3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Rig, read_light, without_dots};
+use super::read_light::{self, LightEntry, is_color};
+use super::rig_text::RigText;
+use super::{Rig, without_dots};
 use crate::scene::{Camera, LightGroup, Projection};
 
 #[derive(Deserialize)]
@@ -40,40 +42,10 @@ struct GroupEntry {
     stops: f64,
     #[serde(default = "white")]
     color: [f32; 3],
-    #[serde(default = "yes")]
+    #[serde(default = "read_light::yes")]
     enabled: bool,
     #[serde(default)]
     solo: bool,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LightEntry {
-    pub name: Spanned<String>,
-    pub kind: Spanned<String>,
-    pub position: Option<Spanned<[f64; 3]>>,
-    pub direction: Option<Spanned<[f64; 3]>>,
-    pub color: Option<Spanned<[f32; 3]>>,
-    pub kelvin: Option<Spanned<f64>>,
-    pub tint: Option<Spanned<f64>>,
-    pub intensity: Option<Spanned<f64>>,
-    pub stops: Option<Spanned<f64>>,
-    pub inner_deg: Option<Spanned<f64>>,
-    pub outer_deg: Option<Spanned<f64>>,
-    pub range: Option<Spanned<f64>>,
-    pub group: Option<Spanned<String>>,
-    #[serde(default = "yes")]
-    pub enabled: bool,
-    #[serde(default)]
-    pub solo: bool,
-    /// The name of another light.
-    pub follows: Option<Spanned<String>>,
-    #[serde(default = "yes")]
-    pub shadows: bool,
-    /// Source glTF node of the light.
-    pub node: Option<usize>,
-    /// Reserved.
-    pub radius: Option<Spanned<toml::Value>>,
 }
 
 fn up() -> [f64; 3] {
@@ -84,26 +56,22 @@ fn white() -> [f32; 3] {
     [1.0; 3]
 }
 
-fn yes() -> bool {
-    true
-}
-
 /// Errors begin with the line number.
-pub fn parse(text: &str) -> Result<Rig, String> {
-    let reader = Reader { text };
-    let file: File = toml::from_str(text).map_err(|e| {
+pub fn parse(source: &str) -> Result<Rig, String> {
+    let text = RigText(source);
+    let file: File = toml::from_str(source).map_err(|e| {
         let at = e.span().unwrap_or_default();
         let message = e.message().replace('\n', " ");
-        reader.line(at, message)
+        text.line(at, message)
     })?;
-    let camera = file.camera.map(|camera| reader.camera(camera)).transpose()?;
+    let camera = file.camera.map(|camera| text.camera(camera)).transpose()?;
     let mut rig = Rig { camera, ..Rig::default() };
     let mut group_indices = HashMap::new();
     for entry in file.group {
         let at = entry.name.span();
-        let group = reader.group(entry)?;
+        let group = text.group(entry)?;
         if group_indices.insert(group.name.clone(), rig.groups.len()).is_some() {
-            return Err(reader.line(at, format!("group \"{}\" is defined twice", group.name)));
+            return Err(text.line(at, format!("group \"{}\" is defined twice", group.name)));
         }
         rig.groups.push(group);
     }
@@ -112,30 +80,17 @@ pub fn parse(text: &str) -> Result<Rig, String> {
     for mut entry in file.light {
         let at = entry.name.span();
         links.push(entry.follows.take());
-        let light = read_light::light(&reader, entry, &group_indices, &rig.groups)?;
+        let light = read_light::light(&text, entry, &group_indices, &rig.groups)?;
         if light_indices.insert(light.name.clone(), rig.lights.len()).is_some() {
-            return Err(reader.line(at, format!("light \"{}\" is defined twice", light.name)));
+            return Err(text.line(at, format!("light \"{}\" is defined twice", light.name)));
         }
         rig.lights.push(light);
     }
-    reader.links(&mut rig, &links, &light_indices)?;
+    text.links(&mut rig, &links, &light_indices)?;
     Ok(rig)
 }
 
-pub struct Reader<'a> {
-    text: &'a str,
-}
-
-pub type Span = std::ops::Range<usize>;
-
-impl Reader<'_> {
-    /// Prefixes `reason` with the line number of `at`.
-    pub fn line(&self, at: Span, reason: impl std::fmt::Display) -> String {
-        let before = &self.text.as_bytes()[..at.start.min(self.text.len())];
-        let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
-        format!("line {line}: {reason}")
-    }
-
+impl RigText<'_> {
     fn camera(&self, entry: Spanned<CameraEntry>) -> Result<Camera, String> {
         let at = entry.span();
         let wrong = |reason: &str| self.line(at.clone(), format!("camera: {reason}"));
@@ -197,8 +152,4 @@ impl Reader<'_> {
         }
         Ok(group)
     }
-}
-
-pub fn is_color(color: Vec3) -> bool {
-    color.is_finite() && color.min_element() >= 0.0
 }

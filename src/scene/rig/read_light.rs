@@ -4,20 +4,55 @@ use std::collections::HashMap;
 use std::ops::RangeInclusive;
 
 use glam::{DVec3, Vec3};
+use serde::Deserialize;
 use toml::Spanned;
 
-use super::read::{LightEntry, Reader, Span, is_color};
+use super::rig_text::{RigText, Span};
 use super::{blackbody, kelvin_to_rgb, without_dots};
 use crate::scene::{Light, LightGroup, LightKind};
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightEntry {
+    pub name: Spanned<String>,
+    pub kind: Spanned<String>,
+    pub position: Option<Spanned<[f64; 3]>>,
+    pub direction: Option<Spanned<[f64; 3]>>,
+    pub color: Option<Spanned<[f32; 3]>>,
+    pub kelvin: Option<Spanned<f64>>,
+    pub tint: Option<Spanned<f64>>,
+    pub intensity: Option<Spanned<f64>>,
+    pub stops: Option<Spanned<f64>>,
+    pub inner_deg: Option<Spanned<f64>>,
+    pub outer_deg: Option<Spanned<f64>>,
+    pub range: Option<Spanned<f64>>,
+    pub group: Option<Spanned<String>>,
+    #[serde(default = "yes")]
+    pub enabled: bool,
+    #[serde(default)]
+    pub solo: bool,
+    /// The name of another light.
+    pub follows: Option<Spanned<String>>,
+    #[serde(default = "yes")]
+    pub shadows: bool,
+    /// Source glTF node of the light.
+    pub node: Option<usize>,
+    /// Reserved.
+    pub radius: Option<Spanned<toml::Value>>,
+}
+
+pub fn yes() -> bool {
+    true
+}
+
 pub fn light(
-    reader: &Reader,
+    text: &RigText,
     entry: LightEntry,
     group_indices: &HashMap<String, usize>,
     groups: &[LightGroup],
 ) -> Result<Light, String> {
     let name = without_dots(entry.name.get_ref());
-    let check = Check { reader, name: &name, kind: &entry.kind };
+    let check = Check { text, name: &name, kind: &entry.kind };
     if name.is_empty() {
         return Err(check.wrong(entry.name.span(), "the name is empty"));
     }
@@ -61,14 +96,14 @@ pub fn light(
 
 /// Validates the values of one light; its errors name the light.
 struct Check<'a> {
-    reader: &'a Reader<'a>,
+    text: &'a RigText<'a>,
     name: &'a str,
     kind: &'a Spanned<String>,
 }
 
 impl Check<'_> {
     fn wrong(&self, at: Span, reason: impl std::fmt::Display) -> String {
-        self.reader.line(at, format!("light \"{}\": {reason}", self.name))
+        self.text.line(at, format!("light \"{}\": {reason}", self.name))
     }
 
     fn kind(&self) -> Result<LightKind, String> {
@@ -157,4 +192,9 @@ impl Check<'_> {
             None => Err(self.wrong(name.span(), format!("there is no group \"{}\"", name.get_ref()))),
         }
     }
+}
+
+/// Whether a colour is finite and not negative.
+pub fn is_color(color: Vec3) -> bool {
+    color.is_finite() && color.min_element() >= 0.0
 }

@@ -17,8 +17,8 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use self::rays::{Rays, any_positive, meets_box, meets_box_along, start_rays};
-use self::triangle::{Edges, block, dim};
-use super::bvh::{Bvh, TracedScene, taken};
+use self::triangle::{Edges, attenuate, block};
+use super::bvh::{Bvh, TracedScene, blocked_share};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight, TILE_SIZE};
 
 /// Rays in a packet: one tile of pixels.
@@ -258,8 +258,8 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
                 let register = left.trailing_zeros() as usize;
                 left &= left - 1;
                 let some_left = if is_masked {
-                    let taken = |barycentric| taken(scene, corners.triangle, barycentric);
-                    dim::<DIRECTIONAL>(&edges, rays, left_of_light, register, S::F32_LANES, taken)
+                    let blocked_share = |barycentric| blocked_share(scene, corners.triangle, barycentric);
+                    attenuate::<DIRECTIONAL>(&edges, rays, left_of_light, register, S::F32_LANES, blocked_share)
                 } else {
                     block::<S, DIRECTIONAL>(simd, &edges, rays, register)
                 };

@@ -5,7 +5,7 @@ use pulp::Simd;
 
 use super::Lanes;
 use super::rays::{Rays, any, any_positive, load};
-use crate::trace::bvh::LEAST_SHARE;
+use crate::trace::bvh::MIN_TRANSMITTANCE;
 
 /// A triangle in the form that all rays of a packet test: edge function i of a ray is `normals[i] . q + offsets[i]`; it
 /// belongs to the edge opposite corner i. All three have the same sign if the ray's line hits the triangle [Kensler
@@ -126,23 +126,23 @@ pub(super) fn block<S: Simd, const DIRECTIONAL: bool>(
     any_positive(simd, end)
 }
 
-/// The same for triangles that transmit light: `taken` is the blocked share at barycentric coordinates. A ray ends if
-/// nothing of its share in `left` remains.
+/// The same for triangles that transmit light: `blocked_share` is the blocked share at barycentric coordinates. A ray
+/// ends if nothing of its share in `left` remains.
 #[inline(never)]
-pub(super) fn dim<const DIRECTIONAL: bool>(
+pub(super) fn attenuate<const DIRECTIONAL: bool>(
     edges: &Edges,
     rays: &mut Rays,
     left: &mut Lanes,
     register: usize,
     lanes: usize,
-    taken: impl Fn(Vec2) -> f32,
+    blocked_share: impl Fn(Vec2) -> f32,
 ) -> bool {
     let mut any = false;
     for (i, left) in left.iter_mut().enumerate().skip(register * lanes).take(lanes) {
         let (w, hit) = edges.test::<DIRECTIONAL>(Vec3::new(rays.q[0][i], rays.q[1][i], rays.q[2][i]));
         if hit && rays.end[i] > 0.0 {
-            let now = *left * (1.0 - taken(Vec2::new(w[1], w[2]) / (w[0] + w[1] + w[2])));
-            if now < LEAST_SHARE {
+            let now = *left * (1.0 - blocked_share(Vec2::new(w[1], w[2]) / (w[0] + w[1] + w[2])));
+            if now < MIN_TRANSMITTANCE {
                 rays.end[i] = -1.0;
             } else {
                 *left = now;

@@ -245,7 +245,8 @@ fn groups_have_a_master_and_go_with_their_last_light() {
 #[test]
 fn off_beats_solo() {
     let mut desk = several(); // the light in the middle is off
-    let shining = |desk: &Desk| desk.rig().shining().lights.iter().map(|light| light.enabled).collect::<Vec<_>>();
+    let shining =
+        |desk: &Desk| desk.rig().with_solo_applied().lights.iter().map(|light| light.enabled).collect::<Vec<_>>();
     assert_eq!(shining(&desk), [true, false, true]);
     desk.select(Selection::of([0, 1]));
     desk.edit(LightEdit::Solo);

@@ -7,7 +7,7 @@ use crate::shared::{ExtraPixel, ExtraSample, NO_BRDF};
 impl DeepFramebuffer {
     /// The same picture from a framebuffer with all mirror layers at all pixels, one BRDF per sample, a specular lobe,
     /// and an emission image. Existing samples retain their places.
-    pub fn with_nothing_left_out(mut self) -> Self {
+    pub fn into_worst_case(mut self) -> Self {
         let pixels = self.pixel_stride();
         for sample in self.samples.iter_mut().filter(|s| s.brdf != NO_BRDF) {
             self.brdfs.push(self.brdfs[sample.brdf as usize]);

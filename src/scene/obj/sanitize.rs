@@ -8,7 +8,8 @@
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 
-use super::materials::Map;
+use super::texture_map::TextureMap;
+use super::words::{number, split_word};
 
 // Triangulation takes quadratic time at worst; no meaningful polygon has more corners.
 const MAX_CORNERS: usize = 1_024;
@@ -150,7 +151,7 @@ pub fn mtl(text: &str) -> Result<String, String> {
             "Tr" => numbers(rest, 1..=1).map(|x| format!("{:e}", x[0])),
             "illum" => numbers(rest, 1..=1).map(|x| (x[0] as u8).to_string()),
             "map_Kd" | "map_Ke" | "map_Ks" | "map_Ns" | "map_Pr" | "map_Pm" | "map_d" | "norm" | "bump"
-            | "map_bump" | "map_Bump" => Map::parse(rest).map(|_| rest.to_owned()),
+            | "map_bump" | "map_Bump" => TextureMap::parse(rest).map(|_| rest.to_owned()),
             _ => continue,
         };
         let value = value.map_err(|reason| format!("line {line_number}: {key}: {reason}"))?;
@@ -179,19 +180,6 @@ fn logical_lines(text: &str) -> impl Iterator<Item = (usize, String)> {
             }
         }
     })
-}
-
-/// The first word, and the rest without the space between them.
-pub fn split_word(text: &str) -> (&str, &str) {
-    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
-    (word, rest.trim_start())
-}
-
-/// A number that is finite in single precision.
-pub fn number(word: &str) -> Result<f64, String> {
-    let value: f64 = word.parse().map_err(|_| format!("\"{word}\" is not a number"))?;
-    // Most numbers are converted to single precision.
-    if (value as f32).is_finite() { Ok(value) } else { Err(format!("{word} is not finite")) }
 }
 
 /// Parses numbers up to the largest count; further words are ignored.

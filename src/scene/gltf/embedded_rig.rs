@@ -17,26 +17,26 @@ pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
     let extras = document.poses.scenes.get(document.shown_scene()).and_then(|scene| scene.extras.as_ref());
     let loaded = Rig { lights, ..Rig::default() };
     let Some(text) = extras.and_then(|extras| extras.get(KEY)).and_then(|text| text.as_str()) else { return loaded };
-    let kept = Rig::from_toml(text).ok().and_then(|kept| at_home(kept, &loaded));
-    kept.unwrap_or_else(|| {
+    let embedded = Rig::from_toml(text).ok().and_then(|embedded| with_file_nodes(embedded, &loaded));
+    embedded.unwrap_or_else(|| {
         let path = document.path.display();
         tracing::info!("{path}: its lights were edited since relume wrote them; groups and links are discarded");
         loaded
     })
 }
 
-/// `kept` with the file's node indices, if its lights agree with the file's.
-fn at_home(mut kept: Rig, loaded: &Rig) -> Option<Rig> {
+/// `embedded` with the file's node indices, if its lights agree with the file's.
+fn with_file_nodes(mut embedded: Rig, loaded: &Rig) -> Option<Rig> {
     let by_name: HashMap<&str, &Light> = loaded.lights.iter().map(|light| (light.name.as_str(), light)).collect();
-    if kept.lights.len() != loaded.lights.len() {
+    if embedded.lights.len() != loaded.lights.len() {
         return None;
     }
-    let shining = kept.shining().into_owned();
-    for (index, light) in kept.lights.iter_mut().enumerate() {
-        let found = by_name.get(light.name.as_str()).filter(|found| is_same(&shining, index, found))?;
+    let active = embedded.with_solo_applied().into_owned();
+    for (index, light) in embedded.lights.iter_mut().enumerate() {
+        let found = by_name.get(light.name.as_str()).filter(|found| is_same(&active, index, found))?;
         light.node = found.node;
     }
-    Some(kept)
+    Some(embedded)
 }
 
 /// Whether light `index` of `rig` agrees with the glTF light `found`.

@@ -1,0 +1,34 @@
+//! Items of a file that are ignored, each kind reported once.
+
+use std::path::Path;
+
+/// Number of ignored items of each kind.
+#[derive(Default)]
+pub struct IgnoredCounts {
+    pub points_and_lines: usize,
+    pub missing_uvs: usize,
+    pub without_positions: usize,
+    /// Nodes and copies of zero scale.
+    pub vanished: usize,
+}
+
+impl IgnoredCounts {
+    pub fn warn(&self, path: &Path) {
+        let path = path.display();
+        if self.vanished > 0 {
+            let objects =
+                if self.vanished == 1 { "1 object has".into() } else { format!("{} objects have", self.vanished) };
+            tracing::warn!("{path}: {objects} a scale of zero and cannot be seen");
+        }
+        if self.without_positions > 0 {
+            tracing::warn!("{path}: skipped {} primitives without positions", self.without_positions);
+        }
+        if self.points_and_lines > 0 {
+            tracing::warn!("{path}: skipped {} primitives of points or lines", self.points_and_lines);
+        }
+        if self.missing_uvs > 0 {
+            let count = self.missing_uvs;
+            tracing::warn!("{path}: {count} primitives lack texture coordinates that their material uses");
+        }
+    }
+}
