@@ -130,7 +130,7 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
             let [samples, _] = film.samples();
             let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
             let label = ExrMetadata { comments: label.clone(), samples_per_pixel };
-            exr::write_labelled(path, &film.image(half, &layers), Some(&label))
+            exr::write_with_metadata(path, &film.image(half, &layers), Some(&label))
         })
     })?;
     let segments = tracer.segments() as f64 / cpu.max(0.01);
