@@ -12,11 +12,12 @@ use std::time::Instant;
 
 use ash::vk;
 
-use super::context::{Context, vulkan};
+use super::context::Context;
+use super::depth_array::DepthArray;
 use super::kernel::Kernel;
 use super::memory::{Access, Buffer, RawBuffer};
-use super::raster::DepthArray;
-use super::surface::Surface;
+use super::surface::{Presenting, Surface};
+use super::vulkan_error::vulkan;
 use crate::error::Result;
 use crate::shared::gpu_struct::{Glsl, Push, Read, Write};
 use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
@@ -70,16 +71,6 @@ pub struct Frames {
     times: Vec<PassTime>,
     began: Instant,
     presenting: Option<Presenting>,
-}
-
-/// A window's image that the frame draws into.
-#[derive(Clone, Copy)]
-pub(super) struct Presenting {
-    pub index: u32,
-    /// Signalled when the image can be drawn into; the frame waits for it before its first transfer.
-    pub acquired: vk::Semaphore,
-    /// The frame signals it.
-    pub rendered: vk::Semaphore,
 }
 
 /// The last passes of this frame that touched a buffer.
@@ -411,6 +402,11 @@ impl Frame<'_> {
         &self.frames.context
     }
 
+    /// The command buffer, which is being recorded.
+    pub(super) fn commands(&self) -> vk::CommandBuffer {
+        self.frames.commands
+    }
+
     /// Records that the frame draws into a window's image.
     pub(super) fn will_present(&mut self, presenting: Presenting) {
         self.frames.presenting = Some(presenting);
@@ -479,15 +475,4 @@ impl Pass<'_> {
         record(&frames.context, frames.commands);
         frames.end_pass(name);
     }
-}
-
-/// Copies a buffer in a separate frame and waits.
-pub(super) fn copy_once(context: &Arc<Context>, from: &RawBuffer, to: &RawBuffer, bytes: u64) -> Result<()> {
-    let mut frames = Frames::new(context)?;
-    let frame = frames.begin()?;
-    let region = [vk::BufferCopy::default().size(bytes)];
-    // SAFETY: the command buffer is being recorded; both buffers hold `bytes` and outlive the wait below.
-    unsafe { context.device.cmd_copy_buffer(frame.frames.commands, from.handle, to.handle, &region) };
-    frame.finish()?;
-    Ok(())
 }

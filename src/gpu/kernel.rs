@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use super::context::{Context, vulkan};
+use super::context::Context;
+use super::vulkan_error::vulkan;
 use crate::error::Result;
 use crate::shared::gpu_struct::{Constants, Push};
 

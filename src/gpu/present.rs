@@ -6,10 +6,10 @@ use ash::vk;
 use glam::UVec2;
 
 use super::context::Context;
-use super::frame::{Frame, Presenting};
+use super::frame::Frame;
 use super::kernel::Kernel;
 use super::memory::{Access, Buffer};
-use super::surface::{COLOR, Surface};
+use super::surface::{COLOR, Presenting, Surface};
 use super::ui::{UiFrame, UiRenderer};
 use crate::error::Result;
 use crate::shared::{FitConstants, FitPush};
