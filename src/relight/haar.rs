@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::Vec4;
 
-use super::indirect::ByLights;
+use super::interleaved::ByLights;
 use crate::bake::compression::haar::{Haar, Pruned};
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};

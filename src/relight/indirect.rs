@@ -7,17 +7,18 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec3, Vec4};
 
+use super::factor_budget::Room;
 use super::haar::HaarTransform;
+use super::interleaved::{ByLights, Strided, vectors};
 use super::light_cache::Detail;
 use super::light_rays::RayCaster;
+use super::light_target::{Lit, Targets};
 use super::sparse::SparseProduct;
-use super::visibility::Visibility;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frame, Kernel, Pass};
-use crate::shared::gpu_struct::{Push, Write};
+use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::*;
 
 /// The transfer on the device.
@@ -65,85 +66,6 @@ struct Product {
     kernels: Arc<ByLights<MultiplyBlocksPush>>,
 }
 
-/// A kernel for one light, and one for up to [`LIGHTS_A_PASS`] lights.
-pub struct ByLights<P: Push>([Kernel<P>; 2]);
-
-/// Number of interleaved vectors.
-fn vectors(light_count: usize) -> u32 {
-    if light_count > 1 { LIGHTS_A_PASS } else { 1 }
-}
-
-impl<P: Push> ByLights<P> {
-    /// `constants` returns the specialization constants for a number of lights.
-    pub fn new(context: &Arc<Context>, constants: impl Fn(u32) -> P::Constants) -> Result<Self> {
-        let kernel = |lights| Kernel::new(context, constants(lights));
-        Ok(Self([kernel(1)?, kernel(LIGHTS_A_PASS)?]))
-    }
-
-    pub fn get(&self, light_count: usize) -> &Kernel<P> {
-        &self.0[usize::from(vectors(light_count) > 1)]
-    }
-}
-
-/// Bytes of device memory left for factors, and bytes of factors that did not fit.
-pub struct Room {
-    left: u64,
-    streamed: u64,
-}
-
-impl Room {
-    /// Stores factors on the device while there is room, else in host memory, from which kernels stream them.
-    pub fn hold(&mut self, context: &Arc<Context>, name: &str, factors: &[UVec4]) -> Result<Buffer<UVec4>> {
-        let bytes = size_of_val(factors) as u64;
-        if bytes <= self.left {
-            self.left -= bytes;
-            return Buffer::from_slice(context, name, factors);
-        }
-        self.streamed += bytes;
-        Buffer::holding(context, name, Access::Streamed, factors)
-    }
-}
-
-/// A light, its visibility, and the buffers to which its radiance is added.
-pub struct Lit<'a> {
-    pub light: PackedLight,
-    pub visibility: &'a Visibility,
-    pub image: &'a Buffer<Vec4>,
-    pub extras: &'a Buffer<f32>,
-}
-
-/// One light's vector in an interleaved buffer.
-pub struct Strided<'a> {
-    pub buffer: &'a Buffer<Vec4>,
-    /// Distance between elements of one light.
-    pub stride: u32,
-    /// Index of the light's first element.
-    pub offset: u32,
-}
-
-/// One to [`LIGHTS_A_PASS`] lights that share one read of the factors.
-pub struct Targets<'a> {
-    pub lights: &'a [Lit<'a>],
-    pub pixel_stride: u32,
-    pub extra_stride: u32,
-}
-
-impl Targets<'_> {
-    /// Missing lights reuse the first light's address.
-    fn addresses<T: Copy>(&self, mut of: impl FnMut(&Lit) -> T) -> [T; LIGHTS_A_PASS as usize] {
-        let first = of(&self.lights[0]);
-        std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, &mut of) })
-    }
-
-    pub fn images(&self, pass: &mut Pass) -> [Write<f32>; LIGHTS_A_PASS as usize] {
-        self.addresses(|lit| pass.write_as(lit.image))
-    }
-
-    pub fn extras(&self, pass: &mut Pass) -> [Write<f32>; LIGHTS_A_PASS as usize] {
-        self.addresses(|lit| pass.write(lit.extras))
-    }
-}
-
 /// Maximum bytes of factors per buffer: lavapipe's allocations are limited to 2 GiB.
 const PIECE_BYTES: usize = 1 << 30;
 
@@ -151,7 +73,7 @@ impl Indirect {
     /// Uploads `transfer`. Factors beyond `budget` bytes stay in host memory; kernels read them from there in every
     /// frame.
     pub fn new(context: &Arc<Context>, transfer: &Transfer, budget: u64) -> Result<Self> {
-        let room = &mut Room { left: budget, streamed: 0 };
+        let room = &mut Room::new(budget);
         let mut kernels: HashMap<(u32, bool), Arc<ByLights<_>>> = HashMap::new();
         let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
             let mut products = Vec::new();

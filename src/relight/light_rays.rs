@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::indirect::Strided;
+use super::interleaved::Strided;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::gather_samples::light_rays::{LightRays, RAYS, per_solid_angle};
 use crate::bake::transfer::Transfer;

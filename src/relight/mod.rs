@@ -2,18 +2,22 @@
 
 mod cutouts;
 pub mod exposure;
+mod factor_budget;
 mod finite_check;
 mod frame;
 mod gpu_framebuffer;
 mod haar;
 mod indirect;
 pub mod inspect;
+mod interleaved;
 pub mod light_cache;
 mod light_rays;
+mod light_target;
 mod output;
 mod passes;
 mod request;
 pub mod roofline;
+mod shadow_culling;
 mod shadow_map;
 pub mod sheet;
 mod sparse;

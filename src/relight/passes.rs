@@ -4,8 +4,9 @@ use glam::Vec4;
 
 use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
-use super::indirect::{Indirect, Lit, Targets};
+use super::indirect::Indirect;
 use super::light_cache::{Detail, Shade, Source, Term};
+use super::light_target::{Lit, Targets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
 use super::visibility::{VisibilityBuffers, VisibilitySlot, trace, trace_half};

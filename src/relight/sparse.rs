@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
 
-use super::indirect::{ByLights, Room, Targets};
+use super::factor_budget::Room;
+use super::interleaved::ByLights;
+use super::light_target::Targets;
 use crate::bake::transfer::sparse::Piece;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
