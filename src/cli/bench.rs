@@ -14,6 +14,7 @@ use serde_json::json;
 use super::bench_rig::{light_like_scene, nudge};
 use super::options::{LightOptions, SceneOptions};
 use super::output::{make_parent, write_json};
+use super::percentile::{median, percentile};
 use super::stats::sum_by_name;
 use super::{bench_rays, progress, stdout};
 
@@ -340,17 +341,6 @@ fn first_of_each_kind(rig: &Rig) -> Vec<usize> {
 /// The largest of some measurements.
 pub fn best_of(times: usize, mut measure: impl FnMut() -> Result<f64>) -> Result<f64> {
     (0..times).try_fold(0.0, |best: f64, _| Ok(best.max(measure()?)))
-}
-
-pub fn median(values: &mut [f64]) -> f64 {
-    percentile(values, 0.5)
-}
-
-/// Nearest rank; NaN of nothing.
-pub fn percentile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let last = values.len().saturating_sub(1);
-    values.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
 /// Mean number of running processes over the last minute; 0 where /proc does not tell.

@@ -8,6 +8,7 @@ mod compare;
 mod devices;
 mod options;
 mod output;
+mod percentile;
 mod plan;
 mod progress;
 mod reference;

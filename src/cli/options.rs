@@ -189,17 +189,6 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
     if number >= 0.0 && number.is_finite() { Ok((number * factor) as u64) } else { Err("not a size".into()) }
 }
 
-/// Indirect bounces counted at the pixel; all of them without a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bounces(pub Option<u32>);
-
-pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
-    match text {
-        "inf" => Ok(Bounces(None)),
-        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a number, or inf".into()),
-    }
-}
-
 fn parse_exposure(text: &str) -> Result<Exposure, String> {
     match text {
         "auto" => Ok(Exposure::Auto),

@@ -12,9 +12,10 @@ use relume::session::{Opened, build_bvh, check_fits, cpu_seconds, peak_bytes};
 use relume::{Error, Result};
 use serde_json::json;
 
-use super::options::{Bounces, ViewOptions, check_extension, parse_bounces};
+use super::options::{ViewOptions, check_extension};
 use super::output::{find_light, make_parent, write_json};
 use super::progress::{self, Terminal};
+use super::transfer::{Bounces, parse_bounces};
 
 pub const AFTER_HELP: &str = "\
 Writes OUT.a.exr and OUT.b.exr, two halves with independent noise, and their mean OUT.exr: `relume compare IMAGE \

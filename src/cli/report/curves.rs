@@ -15,9 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, picture_file, relight_settings};
 use super::truth::{Truth, picture, trace};
-use crate::cli::bench::{load_average, median};
+use crate::cli::bench::load_average;
 use crate::cli::bench_rig::nudge;
 use crate::cli::output::make_parent;
+use crate::cli::percentile::median;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::{Basis, FormName, Gi, MethodName, TransferOptions};
 

@@ -10,8 +10,9 @@ use relume::{Result, Session, SessionSettings};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, relight_settings, session_settings};
-use crate::cli::bench::{Record, SEVERAL, best_of, edits_of, measure, percentile};
+use crate::cli::bench::{Record, SEVERAL, best_of, edits_of, measure};
 use crate::cli::options::ViewOptions;
+use crate::cli::percentile::percentile;
 use crate::cli::plan::left_out;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::FormName;
