@@ -11,34 +11,18 @@ use std::time::{Duration, Instant};
 use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
+use super::edge_refinement::{EdgeRefinement, Edges, edges};
 use super::load::LoadEvent;
 use crate::bake::transfer::Transfer;
-use crate::bake::{BakeSettings, DeepFramebuffer, bake, low_priority};
+use crate::bake::{BakeSettings, bake, low_priority};
 use crate::error::Result;
 use crate::gpu::Context;
 use crate::relight::{Layers, RelightSettings, Relighter};
-use crate::scene::{Rig, Scene};
-
-/// A deep framebuffer with extra samples on edges, baked in the background.
-pub struct Sharper {
-    edges: Edges,
-    /// The transfer that `transfer` was derived from.
-    of: Option<Arc<Transfer>>,
-    framebuffer: Arc<DeepFramebuffer>,
-    transfer: Option<Arc<Transfer>>,
-}
+use crate::scene::Rig;
 
 /// Whether both are the same bake.
 fn is_same(a: &Option<Arc<Transfer>>, b: &Option<Arc<Transfer>>) -> bool {
     a.as_ref().map(Arc::as_ptr) == b.as_ref().map(Arc::as_ptr)
-}
-
-/// All lights that cast shadows, packed as for kernels; shadow edges depend on them.
-type Edges = Vec<u8>;
-
-fn edges(scene: &Scene, rig: &Rig) -> Edges {
-    let casts = rig.lights.iter().filter(|light| light.enabled && light.shadows);
-    casts.flat_map(|light| bytemuck::bytes_of(&light.pack(scene.space)).to_vec()).collect()
 }
 
 /// Refinement of the picture at rest.
@@ -190,24 +174,31 @@ impl Converge {
                 let transfer = of.as_ref().and_then(|of| of.spread(&plain, &framebuffer, scene.bvh.radius));
                 (Arc::new(framebuffer), transfer.map(Arc::new))
             });
-            let sharper = Sharper { edges: edges(&scene, &rig), of, framebuffer, transfer };
+            let refinement = EdgeRefinement { edges: edges(&scene, &rig), of, framebuffer, transfer };
             // Fails only after the window is closed.
-            let _ = proxy.send_event(LoadEvent::Sharper(Box::new(sharper)));
+            let _ = proxy.send_event(LoadEvent::EdgesRefined(Box::new(refinement)));
         });
     }
 
     /// Accepts a finished bake, unless lights that cast shadows have moved since.
-    pub fn take(&mut self, sharper: Sharper, opened: &Opened, rig: &Rig) {
+    pub fn take(&mut self, refinement: EdgeRefinement, opened: &Opened, rig: &Rig) {
         self.baking = None;
-        if !is_same(&sharper.of, &opened.transfer) || sharper.edges != edges(&opened.scene, rig) {
+        if !is_same(&refinement.of, &opened.transfer) || refinement.edges != edges(&opened.scene, rig) {
             return;
         }
         let taken = match &mut self.relighter {
-            Some(relighter) => relighter.set_framebuffer(sharper.framebuffer, sharper.transfer),
+            Some(relighter) => relighter.set_framebuffer(refinement.framebuffer, refinement.transfer),
             None => {
                 let (context, settings) = (&self.context, &self.settings);
-                Relighter::new(context, &opened.scene, &sharper.framebuffer, sharper.transfer.as_ref(), rig, settings)
-                    .map(|made| self.relighter = Some(made))
+                Relighter::new(
+                    context,
+                    &opened.scene,
+                    &refinement.framebuffer,
+                    refinement.transfer.as_ref(),
+                    rig,
+                    settings,
+                )
+                .map(|made| self.relighter = Some(made))
             }
         };
         match taken {
@@ -216,7 +207,7 @@ impl Converge {
                 tracing::warn!("edges are not refined and have one sample per pixel: {error}");
                 (self.relighter, self.samples) = (None, 1);
             }
-            Ok(()) => self.has = Some((sharper.edges, sharper.of)),
+            Ok(()) => self.has = Some((refinement.edges, refinement.of)),
         }
     }
 

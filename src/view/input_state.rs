@@ -2,10 +2,12 @@
 
 use egui::{Event, Key, PointerButton, Pos2};
 
-use super::controls::{self, Action, Dialog, ViewState};
+use super::action::Action;
+use super::controls;
 use super::gizmo::Grab;
 use super::keys::{self, Command};
 use super::stage::{Pointer, Stage};
+use super::view_state::{Dialog, ViewState};
 use super::views::View;
 
 /// State of mouse and keyboard.

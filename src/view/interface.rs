@@ -2,10 +2,12 @@
 
 use egui::Ui;
 
-use super::controls::{self, Action, PANEL_WIDTH, ViewState};
+use super::action::Action;
+use super::controls::{self, PANEL_WIDTH};
 use super::gather::GatherMarks;
 use super::stage::Stage;
 use super::timings::Timings;
+use super::view_state::ViewState;
 use super::views::{Aid, View};
 use super::{overlay, profile, wipe};
 use crate::gpu::Placement;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
-use super::converge::Sharper;
+use super::edge_refinement::EdgeRefinement;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::session::Progress;
@@ -21,7 +21,7 @@ pub enum LoadEvent {
     Opened(Box<Opened>),
     Refined(Arc<Transfer>),
     /// A bake with extra samples on edges, made while lights rest.
-    Sharper(Box<Sharper>),
+    EdgesRefined(Box<EdgeRefinement>),
     /// The loading thread has ended, with success or with an error.
     Ended(Result<()>),
 }

@@ -4,6 +4,7 @@
 //! Scenes load and bake on another thread, behind a progress bar. Direct light can be edited while indirect light
 //! bakes.
 
+mod action;
 mod aids;
 mod autosave;
 mod compare;
@@ -11,6 +12,7 @@ mod controls;
 mod converge;
 mod describe;
 pub mod desk;
+mod edge_refinement;
 mod gather;
 mod gizmo;
 mod graphics;
@@ -26,12 +28,15 @@ mod overlay;
 mod pace;
 mod pick;
 mod profile;
+pub mod rig_state;
 pub mod script;
 pub mod shares;
 mod snapshots;
 mod stage;
 mod still;
 mod timings;
+mod view_menu;
+mod view_state;
 pub mod views;
 mod window;
 mod wipe;

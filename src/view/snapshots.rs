@@ -2,11 +2,12 @@
 
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui};
 
+use super::action::Action;
 use super::compare::{Comparing, Comparison};
-use super::controls::{Action, ViewState};
 use super::desk::Desk;
 use super::desk::snapshots::SLOTS;
 use super::keys::Command;
+use super::view_state::ViewState;
 
 /// Width of a thumbnail, pixels.
 const WIDTH: usize = 84;

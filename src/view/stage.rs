@@ -10,15 +10,16 @@ use std::time::Instant;
 use glam::DVec3;
 use winit::event_loop::EventLoopProxy;
 
+use super::action::Action;
 use super::aids::{self, OverlayInfo};
 use super::autosave::Autosave;
 use super::compare::{Comparison, Overlaid};
-use super::controls::{Action, Dialog, ViewState};
-use super::converge::{Converge, Sharper};
+use super::converge::Converge;
 use super::describe::rounded;
 use super::desk::selection::Selection;
 use super::desk::snapshots::SLOTS;
 use super::desk::{Desk, Pick};
+use super::edge_refinement::EdgeRefinement;
 use super::gather::GatherMarks;
 use super::keys::Command;
 use super::load::LoadEvent;
@@ -28,6 +29,7 @@ use super::pick::pixel;
 use super::shares::Shares;
 use super::snapshots::Thumbnail;
 use super::still::Still;
+use super::view_state::{Dialog, ViewState};
 use super::views::{Aid, View};
 use super::{Opened, ViewSettings};
 use crate::bake::transfer::Transfer;
@@ -141,8 +143,8 @@ impl Stage {
     }
 
     /// Accepts a bake with extra samples on edges.
-    pub fn sharpen(&mut self, sharper: Sharper) {
-        self.converge.take(sharper, &self.opened, self.desk.rig());
+    pub fn accept_refinement(&mut self, refinement: EdgeRefinement) {
+        self.converge.take(refinement, &self.opened, self.desk.rig());
     }
 
     /// Returns device memory by owner, bytes.

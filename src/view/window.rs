@@ -9,7 +9,8 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Fullscreen, WindowId};
 
-use super::controls::{Action, Dialog, PANEL_WIDTH, ViewState};
+use super::action::Action;
+use super::controls::PANEL_WIDTH;
 use super::graphics::Graphics;
 use super::input_state::{Around, InputState, Taken};
 use super::interface::{Interface, loading_bar};
@@ -19,6 +20,7 @@ use super::pick::placement;
 use super::script::Script;
 use super::stage::{Pointer, Stage, Then};
 use super::timings::Timings;
+use super::view_state::{Dialog, ViewState};
 use super::views::Views;
 use super::{Latency, Opened, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
@@ -425,9 +427,9 @@ impl ApplicationHandler<LoadEvent> for App {
                 self.stale = true;
                 self.check(outcome.map(|()| Then::Continue), event_loop);
             }
-            LoadEvent::Sharper(sharper) => {
+            LoadEvent::EdgesRefined(refinement) => {
                 if let Some(stage) = &mut self.stage {
-                    stage.sharpen(*sharper);
+                    stage.accept_refinement(*refinement);
                 }
                 self.stale = true;
             }

@@ -3,7 +3,7 @@
 use super::Desk;
 use super::selection::Selection;
 use crate::scene::Rig;
-use crate::view::history::State;
+use crate::view::rig_state::RigState;
 
 /// Number of snapshots that can be stored.
 pub const SLOTS: usize = 9;
@@ -12,7 +12,7 @@ pub const SLOTS: usize = 9;
 pub struct Snapshot {
     /// Note of the user.
     pub note: String,
-    state: State,
+    state: RigState,
     /// Unique number; distinguishes it from earlier snapshots in its slot.
     pub id: u64,
 }

@@ -4,8 +4,8 @@ use super::Stage;
 use crate::error::Result;
 use crate::relight::{Layers, Request};
 use crate::view::compare::{Comparing, Comparison, Overlaid};
-use crate::view::controls::ViewState;
 use crate::view::snapshots::Thumbnail;
+use crate::view::view_state::ViewState;
 use crate::view::views::View;
 
 impl Stage {
