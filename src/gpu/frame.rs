@@ -19,7 +19,7 @@ use super::memory::{Access, Buffer, RawBuffer};
 use super::surface::{Presenting, Surface};
 use super::vulkan_error::vulkan;
 use crate::error::Result;
-use crate::shared::gpu_struct::{Glsl, Push, Read, Write};
+use crate::shared::gpu_struct::{Compute, Glsl, Push, Read, Write};
 use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 
 /// Where a pass ran.
@@ -441,7 +441,7 @@ impl Pass<'_> {
     }
 
     /// Runs `kernel` with at least `thread_count` threads; the kernel itself discards the excess ones.
-    pub fn dispatch<P: Push>(self, kernel: &Kernel<P>, push: &P, thread_count: u32) {
+    pub fn dispatch<P: Push<Pipeline = Compute>>(self, kernel: &Kernel<P>, push: &P, thread_count: u32) {
         let Self { frames, name, sampled } = self;
         frames.begin_pass(name);
         let groups = thread_count.div_ceil(GROUP_SIZE).max(1);

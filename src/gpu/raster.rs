@@ -13,7 +13,7 @@ use super::kernel::{ENTRY_POINT, ShaderModule, embedded_spirv};
 use super::memory::Buffer;
 use super::vulkan_error::vulkan;
 use crate::error::Result;
-use crate::shared::gpu_struct::Push;
+use crate::shared::gpu_struct::{DrawDepth, Push};
 
 /// Graphics pipeline that writes only depth, with the shaders of the push constants `P`.
 pub struct DepthKernel<P> {
@@ -28,7 +28,7 @@ pub struct DepthDraw<'a, P> {
     pub ranges: &'a [Range<u32>],
 }
 
-impl<P: Push> DepthKernel<P> {
+impl<P: Push<Pipeline = DrawDepth>> DepthKernel<P> {
     /// Creates the pipeline of the vertex shader and, if it exists, the fragment shader. No face culling: both sides of
     /// a triangle block light.
     pub fn new(context: &Arc<Context>) -> Result<Self> {
@@ -95,7 +95,7 @@ impl<P> Drop for DepthKernel<P> {
 impl Pass<'_> {
     /// Clears layers 0, 1, ... of `target` and draws one [`DepthDraw`] of indexed triangles into each, and then one of
     /// `unindexed` triangles with another kernel.
-    pub fn draw_depth<P: Push, Q: Push>(
+    pub fn draw_depth<P: Push<Pipeline = DrawDepth>, Q: Push<Pipeline = DrawDepth>>(
         mut self,
         target: &DepthArray,
         (kernel, indices, draws): (&DepthKernel<P>, &Buffer<u32>, &[DepthDraw<P>]),
@@ -160,7 +160,7 @@ const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );
 
-fn draw_indexed<P: Push>(
+fn draw_indexed<P: Push<Pipeline = DrawDepth>>(
     context: &Context,
     commands: vk::CommandBuffer,
     kernel: &DepthKernel<P>,
@@ -181,7 +181,7 @@ fn draw_indexed<P: Push>(
     }
 }
 
-fn draw_unindexed<P: Push>(
+fn draw_unindexed<P: Push<Pipeline = DrawDepth>>(
     context: &Context,
     commands: vk::CommandBuffer,
     kernel: &DepthKernel<P>,

@@ -31,9 +31,6 @@ pub(super) struct Inspector {
     probed: Option<[u32; 2]>,
 }
 
-/// Tiles that one workgroup counts; `TILES` in inspect.comp.
-const TILES_A_GROUP: u32 = 16;
-
 impl Inspector {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let buffer = |count| Buffer::new(context, "inspection", Access::HostWrites, count);
@@ -61,7 +58,7 @@ impl Inspector {
         if wanted.histogram && !self.counted {
             self.counts.host_mut().fill(0);
             let size = UVec2::new(tiling.width, tiling.height);
-            let threads = (tiling.len() as u32).div_ceil(TILES_A_GROUP);
+            let threads = (tiling.len() as u32).div_ceil(TILES_PER_GROUP);
             look(
                 frame,
                 resources,

@@ -7,17 +7,17 @@ use glam::Vec4;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Kernel};
 use crate::shared::LIGHTS_A_PASS;
-use crate::shared::gpu_struct::Push;
+use crate::shared::gpu_struct::{Compute, Push};
 
 /// A kernel for one light, and one for up to [`LIGHTS_A_PASS`] lights.
-pub struct ByLights<P: Push>([Kernel<P>; 2]);
+pub struct ByLights<P: Push<Pipeline = Compute>>([Kernel<P>; 2]);
 
 /// Number of interleaved vectors.
 pub fn vectors(light_count: usize) -> u32 {
     if light_count > 1 { LIGHTS_A_PASS } else { 1 }
 }
 
-impl<P: Push> ByLights<P> {
+impl<P: Push<Pipeline = Compute>> ByLights<P> {
     /// `constants` returns the specialization constants for a number of lights.
     pub fn new(context: &Arc<Context>, constants: impl Fn(u32) -> P::Constants) -> Result<Self> {
         let kernel = |lights| Kernel::new(context, constants(lights));

@@ -76,6 +76,8 @@ gpu_shared! {
         pub const HISTOGRAM_BINS: u32 = 66;
         /// Bins per stop.
         pub const BINS_A_STOP: u32 = 4;
+        /// Tiles that a workgroup of inspect.comp counts in shared memory before it adds to the histogram.
+        pub const TILES_PER_GROUP: u32 = 16;
     }
 
     floats {
@@ -528,7 +530,7 @@ gpu_shared! {
             pub texel: f32,
         }
 
-        pub push ShadowPush for shadow {
+        pub draw ShadowPush for shadow {
             /// Vertices, three floats each.
             pub positions: Read<f32>,
             /// All faces of the light.
@@ -539,7 +541,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        pub push ShadowCutoutPush for shadow_cutout {
+        pub draw ShadowCutoutPush for shadow_cutout {
             /// Three per triangle.
             pub corners: Read<CutoutCorner>,
             /// One per material.
