@@ -38,7 +38,7 @@ void main() {
         if (pixel.x < push.pixels.x && pixel.y < push.pixels.y) {
             // All bins but the first and last cover as many stops below middle grey as above it.
             float above = stops(push.exposure * radiance(tile * GROUP_SIZE + lane));
-            float bin = floor(above * float(BINS_A_STOP)) + float(HISTOGRAM_BINS / 2);
+            float bin = floor(above * float(BINS_PER_STOP)) + float(HISTOGRAM_BINS / 2);
             atomicAdd(bins[uint(clamp(bin, 0.0, float(HISTOGRAM_BINS - 1)))], 1);
         }
     }

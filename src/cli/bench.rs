@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use relume::Result;
-use relume::gpu::Site;
+use relume::gpu::Processor;
 use relume::relight::roofline::Roofline;
 use relume::relight::{Layers, Picture, Relighter};
 use relume::scene::{LightGroup, LightKind, Rig};
@@ -87,7 +87,7 @@ pub struct Record {
 #[derive(serde::Serialize)]
 pub struct PassRecord {
     pub name: &'static str,
-    pub on: Site,
+    pub on: Processor,
     pub median_ms: f64,
     pub best_ms: f64,
 }
@@ -217,7 +217,7 @@ pub fn measure(
     let warm_up = frames.div_ceil(5);
     let bar = progress::bar(name, (warm_up + frames) as usize);
     let mut all_ms = Vec::new();
-    let mut pass_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
+    let mut pass_ms: Vec<(&'static str, Processor, Vec<f64>)> = Vec::new();
     for frame in 0..warm_up + frames {
         let odd = frame % 2 == 1;
         let step = f64::from(frame % 16);
@@ -243,10 +243,10 @@ pub fn measure(
             continue;
         }
         all_ms.push(ms);
-        for (name, site, ms) in sum_by_name(relighter.times()) {
+        for (name, processor, ms) in sum_by_name(relighter.times()) {
             match pass_ms.iter_mut().find(|pass| pass.0 == name) {
                 Some(pass) => pass.2.push(ms),
-                None => pass_ms.push((name, site, vec![ms])),
+                None => pass_ms.push((name, processor, vec![ms])),
             }
         }
     }

@@ -25,7 +25,7 @@ use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 /// Where a pass ran.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Site {
+pub enum Processor {
     Gpu,
     Cpu,
 }
@@ -34,7 +34,7 @@ pub enum Site {
 #[derive(Clone, Copy, Debug)]
 pub struct PassTime {
     pub name: &'static str,
-    pub site: Site,
+    pub processor: Processor,
     /// Since the start of the frame.
     pub start_ms: f64,
     pub ms: f64,
@@ -299,7 +299,7 @@ impl Frames {
         for (name, pair) in self.names.iter().zip(ticks.chunks_exact(2)) {
             self.times.push(PassTime {
                 name,
-                site: Site::Gpu,
+                processor: Processor::Gpu,
                 start_ms: submitted_ms + ms(pair[0].saturating_sub(first)),
                 ms: ms(pair[1].saturating_sub(pair[0])),
             });
@@ -333,7 +333,7 @@ impl Frame<'_> {
         let result = stage();
         self.frames.times.push(PassTime {
             name,
-            site: Site::Cpu,
+            processor: Processor::Cpu,
             start_ms: (start - self.frames.began).as_secs_f64() * 1e3,
             ms: start.elapsed().as_secs_f64() * 1e3,
         });

@@ -22,7 +22,7 @@ mod vulkan_error;
 pub use context::Context;
 pub use depth_array::DepthArray;
 pub use device::{DeviceInfo, list_devices};
-pub use frame::{Frame, Frames, Pass, PassTime, Site};
+pub use frame::{Frame, Frames, Pass, PassTime, Processor};
 pub use instance::Validation;
 pub use kernel::Kernel;
 pub use memory::{Access, Buffer};

@@ -8,19 +8,19 @@ use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
 
 /// Bytes of device memory left for factors, and bytes of factors that did not fit.
-pub struct Room {
+pub struct FactorBudget {
     pub left: u64,
     pub streamed: u64,
 }
 
-impl Room {
+impl FactorBudget {
     /// A budget of `bytes`, none of it used.
     pub fn new(bytes: u64) -> Self {
         Self { left: bytes, streamed: 0 }
     }
 
     /// Stores factors on the device while there is room, else in host memory, from which kernels stream them.
-    pub fn hold(&mut self, context: &Arc<Context>, name: &str, factors: &[UVec4]) -> Result<Buffer<UVec4>> {
+    pub fn upload(&mut self, context: &Arc<Context>, name: &str, factors: &[UVec4]) -> Result<Buffer<UVec4>> {
         let bytes = size_of_val(factors) as u64;
         if bytes <= self.left {
             self.left -= bytes;

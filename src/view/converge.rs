@@ -120,7 +120,7 @@ impl Converge {
     fn is_wanted(&self, opened: &Opened) -> bool {
         // Wavelet rows support one sample per pixel only. If light images share memory, they are never complete.
         self.samples > 1
-            && self.relighter.as_ref().is_none_or(Relighter::keeps_all)
+            && self.relighter.as_ref().is_none_or(Relighter::has_slot_for_every_image)
             && opened.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
     }
 

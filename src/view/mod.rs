@@ -49,7 +49,7 @@ pub use self::load::Loader;
 pub use self::window::run;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
-use crate::gpu::{PassTime, Site, Validation, Vsync};
+use crate::gpu::{PassTime, Processor, Validation, Vsync};
 use crate::relight::{RelightSettings, ToneMap};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
@@ -117,7 +117,7 @@ pub struct ViewReport {
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PassReport {
     pub name: &'static str,
-    pub on: Site,
+    pub on: Processor,
     pub median_ms: f64,
 }
 

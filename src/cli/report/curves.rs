@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use relume::bake::brdf_factors::Projection;
 use relume::bake::transport::directions::Lobe;
-use relume::gpu::Site;
+use relume::gpu::Processor;
 use relume::image::{Image, exr};
 use relume::relight::{Layers, Picture, Relighter, VisibilityMethod};
 use relume::report::{Method, Point, Seconds, Skipped};
@@ -238,7 +238,8 @@ impl Lab<'_> {
             relighter.set_rig(&rig)?;
             relighter.display(Picture::Whole)?;
             walls.push(start.elapsed().as_secs_f64());
-            let on_device = relighter.times().iter().filter(|pass| pass.site == Site::Gpu && !self.context.is_cpu());
+            let on_device =
+                relighter.times().iter().filter(|pass| pass.processor == Processor::Gpu && !self.context.is_cpu());
             device_seconds += 1e-3 * on_device.map(|pass| pass.ms).sum::<f64>();
             let counted = step + 1 - WARM_UP.min(step + 1);
             let spent = clock.seconds();
