@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<()> {
         match transfers {
             Some(transfers) => {
                 let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
-                transfers.refine(seen, loader, |transfer| loader.refine(transfer.with_coarse()))
+                transfers.refine(seen, loader, |transfer| loader.show_transfer(transfer.with_coarse()))
             }
             None => Ok(()),
         }

@@ -26,7 +26,7 @@ pub use frame::{Frame, Frames, Pass, PassTime, Processor};
 pub use instance::Validation;
 pub use kernel::Kernel;
 pub use memory::{Access, Buffer};
-pub use present::{Over, Pixels, Placement, Screen};
+pub use present::{ComparisonOverlay, Pixels, Placement, Screen};
 pub use raster::DepthKernel;
 pub use surface::{Surface, Vsync, Window};
 pub use ui::{UiFrame, UiRenderer};

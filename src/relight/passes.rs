@@ -94,7 +94,8 @@ impl FrameResources<'_> {
         slot
     }
 
-    /// Visibility and shading of one to [`MAX_LIGHTS_PER_PASS`] lights at unit intensity, each into the image of its slot.
+    /// Visibility and shading of one to [`MAX_LIGHTS_PER_PASS`] lights at unit intensity, each into the image of its
+    /// slot.
     pub fn shade(
         &self,
         frame: &mut Frame,

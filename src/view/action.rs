@@ -16,7 +16,7 @@ pub enum Action {
     /// Recovers the lights that a crash left.
     Recover(Box<Rig>),
     /// Discards the lights that a crash left.
-    Forget,
+    DiscardRecovery,
     /// Moves a handle to the mouse.
     Drag(Grab),
     /// Only redraws.

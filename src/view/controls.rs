@@ -9,8 +9,8 @@ use super::desk::{Desk, GroupEdit, LightEdit};
 use super::keys::{self, Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
+use super::open_scene::OpenScene;
 use super::snapshots::snapshots;
-use super::stage::Stage;
 use super::view_menu::view_menu;
 use super::view_state::{Dialog, ViewState};
 use crate::relight::ToneMap;
@@ -28,8 +28,8 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
 }
 
 /// Draws the panel: lights, values of the selected lights, snapshots, history, picture.
-pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
-    let Stage { desk, shares, thumbnails, .. } = stage;
+pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
+    let OpenScene { desk, shares, thumbnails, .. } = open_scene;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {
             actions.push(Action::Do(command));
@@ -189,7 +189,7 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
                     actions.push(Action::Recover(rig.clone()));
                     close = true;
                 } else if ui.button("Discard (D)").clicked() || pressed(ui, Key::D) {
-                    actions.push(Action::Forget);
+                    actions.push(Action::DiscardRecovery);
                     close = true;
                 }
             });
@@ -224,7 +224,7 @@ pub fn works_always(command: Command) -> bool {
 }
 
 /// Whether a key may open or close a dialog, or leave a text field, so that later keys have another receiver.
-pub fn hands_over(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modifiers, key: Key) -> bool {
+pub fn changes_key_receiver(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modifiers, key: Key) -> bool {
     let leaves = ui_wants_keys && matches!(key, Key::Enter | Key::Tab);
     let answers = is_answered_by_keys(dialog);
     let commands = [Command::Close, Command::Quit, Command::Save, Command::SaveAs, Command::Export];

@@ -41,7 +41,7 @@ pub struct Converge {
     /// Time of the last edit.
     edited: Instant,
     /// Time at which progress was last shown.
-    looked: Instant,
+    progress_shown: Instant,
 }
 
 /// A running bake; counts are tiles.
@@ -64,9 +64,9 @@ pub enum Progress {
 }
 
 /// Refinement starts this long after the last edit.
-const REST: Duration = Duration::from_millis(400);
+const REFINEMENT_DELAY: Duration = Duration::from_millis(400);
 /// Interval at which progress is shown.
-const LOOK: Duration = Duration::from_millis(200);
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Converge {
     pub fn new(
@@ -85,7 +85,7 @@ impl Converge {
             layers: Layers::All,
             baking: None,
             edited: Instant::now(),
-            looked: Instant::now(),
+            progress_shown: Instant::now(),
         }
     }
 
@@ -124,22 +124,22 @@ impl Converge {
             && opened.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
     }
 
-    /// Returns when the next step is due, or the next display of progress if `is_looked_at`, unless an event comes
+    /// Returns when the next step is due, or the next display of progress if `shows_progress`, unless an event comes
     /// before.
-    pub fn goes_on_at(&self, opened: &Opened, rig: &Rig, is_looked_at: bool) -> Option<Instant> {
+    pub fn next_step_at(&self, opened: &Opened, rig: &Rig, shows_progress: bool) -> Option<Instant> {
         let pending = self.relighter.as_ref().map_or(0, |relighter| relighter.pending(self.layers));
         match &self.baking {
             _ if !self.is_wanted(opened) => None,
-            Some(_) => is_looked_at.then_some(self.looked + LOOK),
+            Some(_) => shows_progress.then_some(self.progress_shown + PROGRESS_INTERVAL),
             None if self.is_current(opened, rig) && pending == 0 => None,
-            None => Some(self.edited + REST),
+            None => Some(self.edited + REFINEMENT_DELAY),
         }
     }
 
     /// Does one short step of refinement, if the lights rest.
-    pub fn go_on(&mut self, opened: &Opened, rig: &Rig) -> Result<()> {
-        self.looked = Instant::now();
-        if !self.is_wanted(opened) || self.baking.is_some() || self.edited.elapsed() < REST {
+    pub fn step(&mut self, opened: &Opened, rig: &Rig) -> Result<()> {
+        self.progress_shown = Instant::now();
+        if !self.is_wanted(opened) || self.baking.is_some() || self.edited.elapsed() < REFINEMENT_DELAY {
             return Ok(());
         }
         if !self.is_current(opened, rig) {
@@ -181,12 +181,12 @@ impl Converge {
     }
 
     /// Accepts a finished bake, unless lights that cast shadows have moved since.
-    pub fn take(&mut self, refinement: EdgeRefinement, opened: &Opened, rig: &Rig) {
+    pub fn accept(&mut self, refinement: EdgeRefinement, opened: &Opened, rig: &Rig) {
         self.baking = None;
         if !is_same(&refinement.of, &opened.transfer) || refinement.edges != edges(&opened.scene, rig) {
             return;
         }
-        let taken = match &mut self.relighter {
+        let outcome = match &mut self.relighter {
             Some(relighter) => relighter.set_framebuffer(refinement.framebuffer, refinement.transfer),
             None => {
                 let (context, settings) = (&self.context, &self.settings);
@@ -201,7 +201,7 @@ impl Converge {
                 .map(|made| self.relighter = Some(made))
             }
         };
-        match taken {
+        match outcome {
             // Not fatal: the picture remains without extra samples.
             Err(error) => {
                 tracing::warn!("edges are not refined and have one sample per pixel: {error}");

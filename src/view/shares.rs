@@ -56,7 +56,7 @@ impl Shares {
     }
 
     /// Discards all measurements.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         *self = Self::default();
     }
 

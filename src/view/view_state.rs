@@ -21,7 +21,7 @@ pub struct ViewState {
     /// Active comparison with a snapshot.
     pub comparing: Option<Comparing>,
     /// Whether the view through the selected light is shown.
-    pub look: bool,
+    pub show_light_view: bool,
 }
 
 /// An open dialog.
@@ -37,7 +37,7 @@ pub enum Dialog {
 impl ViewState {
     /// Whether anything is drawn beside or over the picture.
     pub fn has_ui(&self) -> bool {
-        let over = self.look || self.comparing.is_some() || self.views.has_ui();
+        let over = self.show_light_view || self.comparing.is_some() || self.views.has_ui();
         self.panel || self.overlay || self.help || over || self.dialog.is_some()
     }
 
