@@ -24,7 +24,7 @@ fn products(criterion: &mut Criterion) {
         let matrix = matrix(blocks, rows, columns, channels);
         group.throughput(Throughput::Bytes(matrix.bytes() as u64));
         let shape = format!("{blocks} of {rows}x({}x3 + {})", columns[0], columns[1]);
-        for lights in [1, LIGHTS_A_PASS] {
+        for lights in [1, MAX_LIGHTS_PER_PASS] {
             let mut product = Product::new(&context, &matrix, lights);
             group.bench_function(
                 BenchmarkId::new(name, if lights == 1 { shape.clone() } else { format!("{shape}, {lights} lights") }),
@@ -102,8 +102,8 @@ impl Product {
             tints: pass.read(&self.tints),
             outputs: pass.read(&self.outputs),
             vector: pass.write(&self.vector),
-            images: [pass.write(&self.image); LIGHTS_A_PASS as usize],
-            extras: [pass.write(&self.extras); LIGHTS_A_PASS as usize],
+            images: [pass.write(&self.image); MAX_LIGHTS_PER_PASS as usize],
+            extras: [pass.write(&self.extras); MAX_LIGHTS_PER_PASS as usize],
             panel_count: self.panels.len() as u32,
             pixel_stride: 0,
             extra_stride: 0,

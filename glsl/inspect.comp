@@ -15,9 +15,6 @@ vec3 radiance(uint at) {
     return c;
 }
 
-// Tiles that a workgroup counts in shared memory before it adds to the counts in `result`.
-const uint TILES = 16;
-
 void main() {
     if (!HISTOGRAM) {
         if (thread_index() == 0) {
@@ -34,13 +31,13 @@ void main() {
     }
     barrier();
     uint tiles_x = (push.pixels.x + TILE_SIZE - 1) / TILE_SIZE;
-    for (uint i = 0; i < TILES; ++i) {
-        uint tile = group_index() * TILES + i;
+    for (uint i = 0; i < TILES_PER_GROUP; ++i) {
+        uint tile = group_index() * TILES_PER_GROUP + i;
         uvec2 pixel = uvec2(tile % tiles_x, tile / tiles_x) * TILE_SIZE + uvec2(lane % TILE_SIZE, lane / TILE_SIZE);
         if (pixel.x < push.pixels.x && pixel.y < push.pixels.y) {
             // All bins but the first and last cover as many stops below middle grey as above it.
             float above = stops(push.exposure * radiance(tile * GROUP_SIZE + lane));
-            float bin = floor(above * float(BINS_A_STOP)) + float(HISTOGRAM_BINS / 2);
+            float bin = floor(above * float(BINS_PER_STOP)) + float(HISTOGRAM_BINS / 2);
             atomicAdd(bins[uint(clamp(bin, 0.0, float(HISTOGRAM_BINS - 1)))], 1);
         }
     }

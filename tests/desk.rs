@@ -75,7 +75,7 @@ fn act(desk: &mut Desk, random: &mut Random) {
             desk.replace_group(group, LightGroup { color: random.color(), ..desk.rig().groups[group].clone() });
         }
         25 => random.pick(&[Desk::link as fn(&mut Desk), Desk::unlink, Desk::end_solo])(desk),
-        26 => desk.keep(slot),
+        26 => desk.store(slot),
         27 => desk.recall(slot),
         28 => desk.undo(),
         29 => desk.redo(),
@@ -83,7 +83,11 @@ fn act(desk: &mut Desk, random: &mut Random) {
         _ => {
             if let Some(light) = desk.selected_light().cloned() {
                 let color = (light.color + 0.1 * random.vector(-1.0, 1.0).as_vec3()).max(Vec3::ZERO);
-                desk.edit_alike(Light { color, intensity: light.intensity * random.between(0.8, 1.25), ..light });
+                desk.edit_primary_and_selection(Light {
+                    color,
+                    intensity: light.intensity * random.between(0.8, 1.25),
+                    ..light
+                });
             }
         }
     }

@@ -59,7 +59,7 @@ fn random_matrix(random: &mut Random, channels: u32, inputs: usize, outputs: usi
 }
 
 /// Of absent lights that of the first.
-fn addresses(pass: &mut Pass, buffers: &[Buffer<f32>]) -> [Write<f32>; LIGHTS_A_PASS as usize] {
+fn addresses(pass: &mut Pass, buffers: &[Buffer<f32>]) -> [Write<f32>; MAX_LIGHTS_PER_PASS as usize] {
     let written: Vec<_> = buffers.iter().map(|buffer| pass.write(buffer)).collect();
     std::array::from_fn(|light| *written.get(light).unwrap_or(&written[0]))
 }

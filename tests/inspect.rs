@@ -11,7 +11,7 @@ use relume::relight::inspect::Inspection;
 use relume::relight::sheet::Grid;
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap};
 use relume::scene::{LightGroup, Scene};
-use relume::shared::{BINS_A_STOP, HISTOGRAM_BINS};
+use relume::shared::{BINS_PER_STOP, HISTOGRAM_BINS};
 
 const EXPOSURE: f32 = 0.7;
 
@@ -66,7 +66,7 @@ fn histogram_and_probe_tell_what_the_pixels_are() {
     let mut want = vec![0u32; HISTOGRAM_BINS as usize];
     let mut unclear = 0;
     for &c in &linear {
-        let bin = stops(luminance(c) * EXPOSURE.exp2()) * BINS_A_STOP as f32;
+        let bin = stops(luminance(c) * EXPOSURE.exp2()) * BINS_PER_STOP as f32;
         unclear += u32::from(!is_clear(bin));
         want[(bin.floor() + (HISTOGRAM_BINS / 2) as f32).clamp(0.0, (HISTOGRAM_BINS - 1) as f32) as usize] += 1;
     }

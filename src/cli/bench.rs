@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use relume::gpu::{PassTime, Site};
+use relume::gpu::{PassTime, Processor};
 use relume::relight::roofline::Roofline;
 use relume::relight::{Layers, Picture, Relighter, Request, exposure};
 use relume::scene::{LightGroup, LightKind, Rig};
@@ -14,7 +14,8 @@ use serde_json::json;
 
 use super::bench_rig::{light_like_scene, nudge};
 use super::options::{DisplayOptions, Exposure, LightOptions, RecordOptions, SceneOptions};
-use super::output::{make_parent, write_json};
+use super::output_file::{make_parent, write_json};
+use super::percentile::{median, percentile};
 use super::stats::{self, sum_by_name};
 use super::{bench_rays, progress, stdout};
 
@@ -96,7 +97,7 @@ pub struct Record {
 #[derive(serde::Serialize)]
 pub struct PassRecord {
     pub name: &'static str,
-    pub on: Site,
+    pub on: Processor,
     pub median_ms: f64,
     pub best_ms: f64,
 }
@@ -304,14 +305,14 @@ impl<'a> Timing<'a> {
 
 /// What passes of one name take in a frame.
 fn passes_of(frames: &[Vec<PassTime>]) -> Vec<PassRecord> {
-    let mut all_ms: Vec<(&'static str, Site, Vec<f64>)> = Vec::new();
-    for (name, site, ms) in frames.iter().flat_map(|times| sum_by_name(times)) {
+    let mut all_ms: Vec<(&'static str, Processor, Vec<f64>)> = Vec::new();
+    for (name, processor, ms) in frames.iter().flat_map(|times| sum_by_name(times)) {
         match all_ms.iter_mut().find(|pass| pass.0 == name) {
             Some(pass) => pass.2.push(ms),
-            None => all_ms.push((name, site, vec![ms])),
+            None => all_ms.push((name, processor, vec![ms])),
         }
     }
-    let record = |(name, on, mut ms): (&'static str, Site, Vec<f64>)| {
+    let record = |(name, on, mut ms): (&'static str, Processor, Vec<f64>)| {
         let [median_ms, best_ms] = [0.5, 0.0].map(|share| percentile(&mut ms, share));
         PassRecord { name, on, median_ms, best_ms }
     };
@@ -417,17 +418,6 @@ fn first_of_each_kind(rig: &Rig) -> Vec<usize> {
 /// The largest of some measurements.
 pub fn best_of(times: usize, mut measure: impl FnMut() -> Result<f64>) -> Result<f64> {
     (0..times).try_fold(0.0, |best: f64, _| Ok(best.max(measure()?)))
-}
-
-pub fn median(values: &mut [f64]) -> f64 {
-    percentile(values, 0.5)
-}
-
-/// Nearest rank; NaN of nothing.
-pub fn percentile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let last = values.len().saturating_sub(1);
-    values.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
 /// Mean number of running processes over the last minute; 0 where /proc does not tell.

@@ -10,7 +10,7 @@ use relume::session::{Session, cpu_seconds};
 use relume::shared::PackedLight;
 use relume::trace::packet::{PACKET_SIZE, trace_all};
 
-use super::bench::percentile;
+use super::percentile::percentile;
 
 /// Best times of tracing all lights' shadow rays, on all cores.
 #[derive(serde::Serialize)]

@@ -8,7 +8,7 @@ use relume::image::png;
 use serde::Serialize;
 use serde_json::json;
 
-use super::output::make_parent;
+use super::output_file::make_parent;
 use super::progress;
 use super::stdout::out;
 

@@ -9,6 +9,8 @@ mod devices;
 mod left_out;
 mod options;
 mod output;
+mod output_file;
+mod percentile;
 mod plan;
 mod progress;
 mod reference;

@@ -8,7 +8,7 @@ use relume::session::{OpenSettings, check_size, user_cache_dir};
 use relume::{Error, Result, Session, SessionSettings};
 use serde_json::Value;
 
-use super::output::{make_parent, write_json};
+use super::output_file::{make_parent, write_json};
 use super::progress::Terminal;
 use super::transfer::TransferOptions;
 
@@ -265,17 +265,6 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
         Ok((number * factor) as u64)
     } else {
         Err("expected a number of bytes that is not negative, like 2G".into())
-    }
-}
-
-/// Indirect bounces counted at the pixel; all of them without a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bounces(pub Option<u32>);
-
-pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
-    match text {
-        "inf" => Ok(Bounces(None)),
-        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a whole number, or inf".into()),
     }
 }
 

@@ -7,10 +7,10 @@ use relume::gpu::PassTime;
 use relume::image::{Image, exr, png};
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
 use relume::scene::Rig;
-use relume::storage::file::write_bytes;
 use relume::{Error, Result};
 
 use super::options::{Exposure, check_extension};
+use super::output_file::make_parent;
 
 /// One picture that a render can give.
 #[derive(Clone, Debug, PartialEq)]
@@ -316,22 +316,4 @@ fn linear(relighters: &mut Relighters, pass: &PassKind, written: &mut Written) -
     let pixels = relighter.linear(request)?.to_vec();
     written.frames.push(relighter.times().to_vec());
     Ok(pixels)
-}
-
-/// Makes the folder that a file goes to, and refuses to write a file where a folder is.
-pub fn make_parent(path: &Path) -> Result<()> {
-    if path.is_dir() {
-        return Err(Error::io("write", path)(std::io::ErrorKind::IsADirectory.into()));
-    }
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => {
-            std::fs::create_dir_all(parent).map_err(Error::io("create", parent))
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Writes JSON as the whole of `path`.
-pub fn write_json(path: &Path, json: &serde_json::Value) -> Result<()> {
-    write_bytes(path, format!("{json:#}\n").as_bytes())
 }

@@ -12,10 +12,12 @@ use relume::session::{BakeReport, Opened, build_bvh, check_fits, cpu_seconds, pe
 use relume::{Error, Result};
 use serde_json::json;
 
-use super::options::{Bounces, RecordOptions, ViewOptions, check_extension, parse_bounces};
-use super::output::{find_light, make_parent};
+use super::options::{RecordOptions, ViewOptions, check_extension};
+use super::output::find_light;
+use super::output_file::make_parent;
 use super::progress::{self, Terminal};
 use super::stats;
+use super::transfer::{Bounces, parse_bounces};
 
 pub const AFTER_HELP: &str = "\
 Writes three files: OUT.a.exr and OUT.b.exr are two halves with independent noise, OUT.exr is their mean. `relume compare \

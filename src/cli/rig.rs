@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use relume::scene::{Rig, Scene, export_gltf};
 use relume::{Error, Result};
 
-use super::output::make_parent;
+use super::output_file::make_parent;
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use relume::bake::transfer::Transfer;
-use relume::gpu::{PassTime, Site};
+use relume::gpu::{PassTime, Processor};
 use relume::relight::Relighter;
 use relume::session::{Session, Stage, peak_bytes};
 use serde_json::{Value, json};
@@ -100,12 +100,12 @@ fn figures_of_transfer(transfer: Option<&Transfer>, (width, height): (usize, usi
 }
 
 /// Passes in order of their first appearance, the times of equal names added.
-pub fn sum_by_name(times: &[PassTime]) -> Vec<(&'static str, Site, f64)> {
-    let mut passes: Vec<(&'static str, Site, f64)> = Vec::new();
+pub fn sum_by_name(times: &[PassTime]) -> Vec<(&'static str, Processor, f64)> {
+    let mut passes: Vec<(&'static str, Processor, f64)> = Vec::new();
     for time in times {
         match passes.iter_mut().find(|pass| pass.0 == time.name) {
             Some(pass) => pass.2 += time.ms,
-            None => passes.push((time.name, time.site, time.ms)),
+            None => passes.push((time.name, time.processor, time.ms)),
         }
     }
     passes
@@ -113,10 +113,10 @@ pub fn sum_by_name(times: &[PassTime]) -> Vec<(&'static str, Site, f64)> {
 
 fn figures_of_frame(times: &[PassTime]) -> Value {
     let passes = sum_by_name(times);
-    let gpu_ms: f64 = passes.iter().filter(|p| p.1 == Site::Gpu).map(|p| p.2).sum();
+    let gpu_ms: f64 = passes.iter().filter(|p| p.1 == Processor::Gpu).map(|p| p.2).sum();
     let wall_ms = times.iter().map(|t| t.start_ms + t.ms).fold(0.0, f64::max);
     let passes: Vec<Value> =
-        passes.into_iter().map(|(name, site, ms)| json!({ "name": name, "ms": ms, "on": site })).collect();
+        passes.into_iter().map(|(name, processor, ms)| json!({ "name": name, "ms": ms, "on": processor })).collect();
     json!({ "passes": passes, "gpu_ms": gpu_ms, "wall_ms": wall_ms })
 }
 
@@ -148,7 +148,7 @@ impl Events {
     fn frame(&mut self, begin_us: f64, times: &[PassTime]) -> f64 {
         let mut end_us = begin_us;
         for time in times {
-            let thread = if time.site == Site::Gpu { GPU_THREAD } else { CPU_THREAD };
+            let thread = if time.processor == Processor::Gpu { GPU_THREAD } else { CPU_THREAD };
             let start_us = begin_us + 1e3 * time.start_ms;
             self.add(time.name, "frame", thread, start_us, 1e3 * time.ms);
             end_us = end_us.max(start_us + 1e3 * time.ms);

@@ -5,8 +5,6 @@ use relume::bake::transport::Outgoing;
 use relume::session::{ERROR, Form, IndirectSettings, THESIS_BOUNCES};
 use relume::{Error, Result};
 
-use super::options::{Bounces, parse_bounces};
-
 /// How indirect light is computed.
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Indirect light")]
@@ -72,6 +70,10 @@ pub enum Basis {
     Harmonics(u8),
     SingularValues(usize),
 }
+
+/// Indirect bounces counted at the pixel; all of them without a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bounces(pub Option<u32>);
 
 impl TransferOptions {
     /// `None` without indirect light, an error where options exclude each other.
@@ -139,6 +141,13 @@ impl TransferOptions {
 fn parse_error(text: &str) -> std::result::Result<f64, String> {
     let error = text.parse().ok().filter(|error| (1e-6..=1.0).contains(error));
     error.ok_or_else(|| "expected a number from 0.000001 to 1, like 0.01".into())
+}
+
+pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
+    match text {
+        "inf" => Ok(Bounces(None)),
+        _ => text.parse().map(|bounces| Bounces(Some(bounces))).map_err(|_| "expected a whole number, or inf".into()),
+    }
 }
 
 fn parse_basis(text: &str) -> Result<Basis, String> {

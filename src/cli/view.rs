@@ -11,7 +11,7 @@ use relume::{Result, Session, SessionSettings};
 use serde_json::json;
 
 use super::options::{Exposure, LightOptions, RecordOptions, SceneOptions};
-use super::output;
+use super::output_file::make_parent;
 use super::stats;
 
 #[derive(clap::Args)]
@@ -46,7 +46,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     args.files.make_parents()?;
-    args.record.iter().try_for_each(|path| output::make_parent(path))?;
+    args.record.iter().try_for_each(|path| make_parent(path))?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let view_settings = ViewSettings {
         name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<()> {
         match transfers {
             Some(transfers) => {
                 let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
-                transfers.refine(seen, loader, |transfer| loader.refine(transfer.with_coarse()))
+                transfers.refine(seen, loader, |transfer| loader.show_transfer(transfer.with_coarse()))
             }
             None => Ok(()),
         }

@@ -1,27 +1,18 @@
-//! Vulkan instance, device, queue and allocator, each with one owner and destroyed in the right order.
+//! Vulkan device, queue and allocator, each with one owner and destroyed in the right order.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::ffi::{CStr, c_char, c_void};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use ash::vk::Handle;
 use ash::{ext, khr, vk};
-use gpu_allocator::AllocationError;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use raw_window_handle::HasDisplayHandle;
 
 use super::device::{self, DeviceInfo};
-use super::faults;
-use crate::error::{Cause, Error, Result};
-
-/// Whether the Khronos validation layer is enabled, with synchronization validation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Validation {
-    Off,
-    On,
-}
+use super::instance::{Display, Instance, UNPOISONED, Validation};
+use super::vulkan_error::vulkan;
+use crate::error::{Error, Result};
 
 /// A Vulkan device with its queue and allocator. Every object created from it holds an `Arc` of it.
 pub struct Context {
@@ -42,122 +33,6 @@ pub struct Context {
     memory: Mutex<BTreeMap<String, u64>>,
     pipeline_cache_file: Option<PathBuf>,
     pub(super) instance: Instance,
-}
-
-/// The Vulkan instance, and the validation layer's messages.
-pub(super) struct Instance {
-    messages: Box<Messages>,
-    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    pub handle: ash::Instance,
-    pub entry: ash::Entry,
-}
-
-/// Reason why a lock is never poisoned: no thread panics while it holds one of our locks.
-pub(super) const UNPOISONED: &str = "no thread panics while it holds this lock";
-
-/// Messages of the validation layer.
-#[derive(Default)]
-struct Messages(Mutex<Vec<String>>);
-
-/// Converts a Vulkan error to an `Error` that names the failed `action`.
-pub(super) fn vulkan<E>(action: impl Into<String>) -> impl FnOnce(E) -> Error
-where
-    E: std::error::Error + Send + Sync + 'static,
-{
-    let action = action.into();
-    move |source| {
-        let source: Cause = match remedy(&source) {
-            Some(remedy) => Box::new(Remedied { remedy, source: Box::new(source) }),
-            None => Box::new(source),
-        };
-        Error::Vulkan { action, source }
-    }
-}
-
-/// An error with a remedy, which is reported before it.
-#[derive(Debug, thiserror::Error)]
-#[error("{remedy}")]
-struct Remedied {
-    remedy: &'static str,
-    source: Cause,
-}
-
-/// A remedy that the user can apply, if there is one.
-fn remedy(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
-    let result = match error.downcast_ref() {
-        Some(AllocationError::OutOfMemory) => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
-        _ => *error.downcast_ref()?,
-    };
-    match result {
-        vk::Result::ERROR_DEVICE_LOST => {
-            Some("the device was lost: its driver failed; `relume devices` lists others for --device")
-        }
-        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => Some(OUT_OF_MEMORY),
-        _ => None,
-    }
-}
-
-const OUT_OF_MEMORY: &str = "the device is out of memory; reduce the picture size (--size), the memory budget (--budget) or the gather samples (--gather)";
-
-/// Display on which windows will be opened, if any.
-type Display<'a> = Option<&'a dyn HasDisplayHandle>;
-
-impl Instance {
-    pub fn new(validation: Validation, display: Display) -> Result<Self> {
-        let (entry, handle, validate) = create_instance(validation, display)?;
-        let mut instance = Self { messages: Box::default(), messenger: None, handle, entry };
-        if validate {
-            instance.messenger = Some(create_messenger(&instance.entry, &instance.handle, &instance.messages)?);
-        }
-        faults::install(&mut instance.handle)?;
-        Ok(instance)
-    }
-}
-
-impl Drop for Instance {
-    fn drop(&mut self) {
-        // SAFETY: everything created from the instance is dropped before it.
-        unsafe {
-            if let Some((loader, messenger)) = self.messenger.take() {
-                loader.destroy_debug_utils_messenger(messenger, None);
-            }
-            self.handle.destroy_instance(None);
-        }
-    }
-}
-
-fn create_instance(validation: Validation, display: Display) -> Result<(ash::Entry, ash::Instance, bool)> {
-    let no_device = |reason: &str| {
-        let reason = reason.to_owned();
-        |source: Box<dyn std::error::Error + Send + Sync>| Error::NoDevice { reason, source: Some(source) }
-    };
-    // SAFETY: loads the system's Vulkan loader, which is trusted to behave.
-    let entry = unsafe { ash::Entry::load() }
-        .map_err(|e| no_device("no Vulkan loader was found; tools/setup installs one")(e.into()))?;
-    // SAFETY: the entry is loaded.
-    let layers = unsafe { entry.enumerate_instance_layer_properties() }.map_err(vulkan("list layers"))?;
-    let layer = c"VK_LAYER_KHRONOS_validation";
-    let validate = validation == Validation::On && layers.iter().any(|l| l.layer_name_as_c_str() == Ok(layer));
-    if validation == Validation::On && !validate {
-        tracing::warn!("the Vulkan validation layer is not installed: validation is off");
-    }
-    let application = vk::ApplicationInfo::default().application_name(c"relume").api_version(vk::API_VERSION_1_3);
-    let layer_names = [layer.as_ptr()];
-    let mut extension_names = surface_extensions(display)?;
-    if validate {
-        extension_names.push(ext::debug_utils::NAME.as_ptr());
-    }
-    let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
-    let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
-    let mut create =
-        vk::InstanceCreateInfo::default().application_info(&application).enabled_extension_names(&extension_names);
-    if validate {
-        create = create.enabled_layer_names(&layer_names).push_next(&mut features);
-    }
-    // SAFETY: all pointers outlive the call.
-    let instance = unsafe { entry.create_instance(&create, None) }
-        .map_err(|e| no_device("the Vulkan instance cannot be created; tools/setup installs a driver")(e.into()))?;
-    Ok((entry, instance, validate))
 }
 
 impl Context {
@@ -218,7 +93,7 @@ impl Context {
         // SAFETY: `choose` checked every feature asked for; all pointers outlive the call.
         let device = unsafe { instance.handle.create_device(info.handle, &create, None) }
             .map_err(vulkan("create the device"))?;
-        let is_validated = instance.messenger.is_some();
+        let is_validated = instance.is_validated();
         // Objects that do not exist yet are null handles, which drop ignores.
         let mut context = Self {
             timestamp_period: f64::from(limits.timestamp_period),
@@ -286,12 +161,12 @@ impl Context {
 
     /// Whether the validation layer watches: it may not be installed.
     pub fn is_validated(&self) -> bool {
-        self.instance.messenger.is_some()
+        self.instance.is_validated()
     }
 
     /// All messages of the validation layer so far. Tests assert that there are none.
     pub fn validation_messages(&self) -> Vec<String> {
-        self.instance.messages.0.lock().expect(UNPOISONED).clone()
+        self.instance.messages()
     }
 
     /// Device memory in use, as (owner, bytes).
@@ -353,18 +228,6 @@ impl Drop for Context {
     }
 }
 
-/// Instance extensions for windows on `display`.
-fn surface_extensions(display: Display) -> Result<Vec<*const c_char>> {
-    let Some(display) = display else { return Ok(Vec::new()) };
-    let no_window = |source: crate::error::Cause| Error::NoDevice {
-        reason: "this display does not support Vulkan windows".into(),
-        source: Some(source),
-    };
-    let handle = display.display_handle().map_err(|e| no_window(e.into()))?;
-    let names = ash_window::enumerate_required_extensions(handle.as_raw()).map_err(|e| no_window(e.into()))?;
-    Ok(names.to_vec())
-}
-
 fn warn_of_slow_lavapipe(info: &DeviceInfo) {
     // "llvmpipe Mesa 25.0.7-2 (LLVM 15.0.6)"
     let major = info.driver.split_once("Mesa ").and_then(|(_, v)| v.split('.').next()?.parse::<u32>().ok());
@@ -386,41 +249,4 @@ fn create_pipeline_cache(device: &ash::Device, file: Option<&Path>) -> Result<vk
     let create = vk::PipelineCacheCreateInfo::default().initial_data(&data);
     // SAFETY: the data outlives the call; drivers check its header and ignore data of other drivers.
     unsafe { device.create_pipeline_cache(&create, None) }.map_err(vulkan("create the pipeline cache"))
-}
-
-fn create_messenger(
-    entry: &ash::Entry,
-    instance: &ash::Instance,
-    messages: &Messages,
-) -> Result<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)> {
-    use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Type};
-    let loader = ext::debug_utils::Instance::new(entry, instance);
-    let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
-        .message_severity(Severity::ERROR | Severity::WARNING)
-        .message_type(Type::GENERAL | Type::VALIDATION | Type::PERFORMANCE)
-        .pfn_user_callback(Some(on_message))
-        .user_data(std::ptr::from_ref(messages).cast_mut().cast());
-    // SAFETY: `messages` is boxed and outlives the messenger.
-    let messenger =
-        unsafe { loader.create_debug_utils_messenger(&create, None) }.map_err(vulkan("create the debug messenger"))?;
-    Ok((loader, messenger))
-}
-
-unsafe extern "system" fn on_message(
-    severity: vk::DebugUtilsMessageSeverityFlagsEXT,
-    _type: vk::DebugUtilsMessageTypeFlagsEXT,
-    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
-    messages: *mut c_void,
-) -> vk::Bool32 {
-    // SAFETY: the layer passes a valid struct; `messages` is the pointer that `create_messenger` passed.
-    let (text, messages) = unsafe {
-        let pointer: *const c_char = (*data).p_message;
-        let text = if pointer.is_null() { Cow::Borrowed("") } else { CStr::from_ptr(pointer).to_string_lossy() };
-        (text, &*messages.cast::<Messages>())
-    };
-    tracing::error!("Vulkan validation, {severity:?}: {text}");
-    if let Ok(mut messages) = messages.0.lock() {
-        messages.push(text.into_owned());
-    }
-    vk::FALSE
 }

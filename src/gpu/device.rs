@@ -4,8 +4,8 @@ use std::ffi::CStr;
 
 use ash::vk;
 
-use super::context::Instance;
-use super::{Validation, context::vulkan};
+use super::instance::{Instance, Validation};
+use super::vulkan_error::vulkan;
 use crate::error::{Error, Result};
 use crate::shared::PANEL_COLUMNS;
 

@@ -12,19 +12,20 @@ use std::time::Instant;
 
 use ash::vk;
 
-use super::context::{Context, vulkan};
+use super::context::Context;
+use super::depth_array::DepthArray;
 use super::kernel::Kernel;
 use super::memory::{Access, Buffer, RawBuffer};
-use super::raster::DepthArray;
-use super::surface::Surface;
+use super::surface::{Presenting, Surface};
+use super::vulkan_error::vulkan;
 use crate::error::Result;
-use crate::shared::gpu_struct::{Glsl, Push, Read, Write};
+use crate::shared::gpu_struct::{Compute, Glsl, Push, Read, Write};
 use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 
 /// Where a pass ran.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Site {
+pub enum Processor {
     Gpu,
     Cpu,
 }
@@ -33,7 +34,7 @@ pub enum Site {
 #[derive(Clone, Copy, Debug)]
 pub struct PassTime {
     pub name: &'static str,
-    pub site: Site,
+    pub processor: Processor,
     /// Since the start of the frame.
     pub start_ms: f64,
     pub ms: f64,
@@ -70,16 +71,6 @@ pub struct Frames {
     times: Vec<PassTime>,
     began: Instant,
     presenting: Option<Presenting>,
-}
-
-/// A window's image that the frame draws into.
-#[derive(Clone, Copy)]
-pub(super) struct Presenting {
-    pub index: u32,
-    /// Signalled when the image can be drawn into; the frame waits for it before its first transfer.
-    pub acquired: vk::Semaphore,
-    /// The frame signals it.
-    pub rendered: vk::Semaphore,
 }
 
 /// The last passes of this frame that touched a buffer.
@@ -308,7 +299,7 @@ impl Frames {
         for (name, pair) in self.names.iter().zip(ticks.chunks_exact(2)) {
             self.times.push(PassTime {
                 name,
-                site: Site::Gpu,
+                processor: Processor::Gpu,
                 start_ms: submitted_ms + ms(pair[0].saturating_sub(first)),
                 ms: ms(pair[1].saturating_sub(pair[0])),
             });
@@ -342,7 +333,7 @@ impl Frame<'_> {
         let result = stage();
         self.frames.times.push(PassTime {
             name,
-            site: Site::Cpu,
+            processor: Processor::Cpu,
             start_ms: (start - self.frames.began).as_secs_f64() * 1e3,
             ms: start.elapsed().as_secs_f64() * 1e3,
         });
@@ -411,6 +402,11 @@ impl Frame<'_> {
         &self.frames.context
     }
 
+    /// The command buffer, which is being recorded.
+    pub(super) fn commands(&self) -> vk::CommandBuffer {
+        self.frames.commands
+    }
+
     /// Records that the frame draws into a window's image.
     pub(super) fn will_present(&mut self, presenting: Presenting) {
         self.frames.presenting = Some(presenting);
@@ -445,7 +441,7 @@ impl Pass<'_> {
     }
 
     /// Runs `kernel` with at least `thread_count` threads; the kernel itself discards the excess ones.
-    pub fn dispatch<P: Push>(self, kernel: &Kernel<P>, push: &P, thread_count: u32) {
+    pub fn dispatch<P: Push<Pipeline = Compute>>(self, kernel: &Kernel<P>, push: &P, thread_count: u32) {
         let Self { frames, name, sampled } = self;
         frames.begin_pass(name);
         let groups = thread_count.div_ceil(GROUP_SIZE).max(1);
@@ -479,15 +475,4 @@ impl Pass<'_> {
         record(&frames.context, frames.commands);
         frames.end_pass(name);
     }
-}
-
-/// Copies a buffer in a separate frame and waits.
-pub(super) fn copy_once(context: &Arc<Context>, from: &RawBuffer, to: &RawBuffer, bytes: u64) -> Result<()> {
-    let mut frames = Frames::new(context)?;
-    let frame = frames.begin()?;
-    let region = [vk::BufferCopy::default().size(bytes)];
-    // SAFETY: the command buffer is being recorded; both buffers hold `bytes` and outlive the wait below.
-    unsafe { context.device.cmd_copy_buffer(frame.frames.commands, from.handle, to.handle, &region) };
-    frame.finish()?;
-    Ok(())
 }

@@ -6,9 +6,10 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use super::context::{Context, vulkan};
+use super::context::Context;
+use super::vulkan_error::vulkan;
 use crate::error::Result;
-use crate::shared::gpu_struct::{Constants, Push};
+use crate::shared::gpu_struct::{Compute, Constants, Push};
 
 /// File name and SPIR-V of every shader in `glsl/`; the build script writes the list.
 static SPIRV: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
@@ -25,7 +26,14 @@ pub(super) fn embedded_spirv(file_name: &str) -> Option<&'static [u8]> {
 ///     pass.dispatch(kernel, push, 1);
 /// }
 /// ```
-pub struct Kernel<P: Push> {
+///
+/// Shaders that draw are no compute kernels:
+///
+/// ```compile_fail,E0271
+/// # use relume::{gpu::Kernel, shared::ShadowPush};
+/// fn run(kernel: &Kernel<ShadowPush>) {}
+/// ```
+pub struct Kernel<P: Push<Pipeline = Compute>> {
     pipeline: vk::Pipeline,
     context: Arc<Context>,
     #[cfg(feature = "hot-reload")]
@@ -37,7 +45,7 @@ pub struct Kernel<P: Push> {
 
 pub(super) const ENTRY_POINT: &CStr = c"main";
 
-impl<P: Push> Kernel<P> {
+impl<P: Push<Pipeline = Compute>> Kernel<P> {
     /// Compiles the kernel for this device, or takes it from the pipeline cache.
     pub fn new(context: &Arc<Context>, constants: P::Constants) -> Result<Self> {
         let file = format!("{}.comp", P::KERNEL);
@@ -91,7 +99,7 @@ impl<P: Push> Kernel<P> {
     }
 }
 
-impl<P: Push> Drop for Kernel<P> {
+impl<P: Push<Pipeline = Compute>> Drop for Kernel<P> {
     fn drop(&mut self) {
         // SAFETY: every frame is waited for before its borrow of the kernel ends.
         unsafe { self.context.device.destroy_pipeline(self.pipeline, None) };

@@ -1,4 +1,4 @@
-//! Typed, named buffers that own their memory.
+//! Typed, named buffers that own their memory; [`super::upload`] fills them.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
-use rayon::prelude::*;
 
-use super::context::{Context, UNPOISONED, vulkan};
+use super::context::Context;
+use super::instance::UNPOISONED;
+use super::vulkan_error::vulkan;
 use crate::error::Result;
 use crate::shared::gpu_struct::Glsl;
 
@@ -55,26 +56,6 @@ impl<T: Glsl> Buffer<T> {
         Ok(Self { raw, len, element: PhantomData })
     }
 
-    /// A buffer that contains `data` and is only read from now on.
-    pub fn from_slice(context: &Arc<Context>, name: &str, data: &[T]) -> Result<Self> {
-        let access = if context.is_cpu() { Access::HostWrites } else { Access::Device };
-        Self::holding(context, name, access, data)
-    }
-
-    /// Like [`Self::from_slice`], with a given access.
-    pub fn holding(context: &Arc<Context>, name: &str, access: Access, data: &[T]) -> Result<Self> {
-        let mut buffer = Self::new(context, name, access, data.len())?;
-        if access != Access::Device {
-            copy(buffer.host_mut(), data);
-        } else if !data.is_empty() {
-            let mut staging = Self::new(context, "staging", Access::HostWrites, data.len())?;
-            copy(staging.host_mut(), data);
-            super::frame::copy_once(context, &staging.raw, &buffer.raw, size_of_val(data) as u64)?;
-        }
-        buffer.raw.written.store(true, Ordering::Relaxed);
-        Ok(buffer)
-    }
-
     pub fn len(&self) -> usize {
         self.len
     }
@@ -103,16 +84,6 @@ impl<T: Glsl> Buffer<T> {
         &self.raw
     }
 }
-
-/// Copies on all cores: most of the time of a large copy is spent on page faults, not on moving bytes.
-fn copy<T: Glsl>(to: &mut [T], from: &[T]) {
-    let (to, from): (&mut [u8], &[u8]) = (bytemuck::cast_slice_mut(to), bytemuck::cast_slice(from));
-    let chunks = to.par_chunks_mut(COPY_BYTES).zip(from.par_chunks(COPY_BYTES));
-    chunks.for_each(|(to, from)| to.copy_from_slice(from));
-}
-
-/// Bytes that one task copies, a fraction of a millisecond of work.
-const COPY_BYTES: usize = 1 << 20;
 
 impl RawBuffer {
     fn new(context: &Arc<Context>, name: &str, access: Access, bytes: u64) -> Result<Self> {

@@ -5,22 +5,28 @@
 #[cfg(feature = "hot-reload")]
 mod compile;
 pub mod context;
+pub mod depth_array;
 pub mod device;
 mod faults;
 pub mod frame;
+mod instance;
 pub mod kernel;
 pub mod memory;
 pub mod present;
 pub mod raster;
 pub mod surface;
 pub mod ui;
+mod upload;
+mod vulkan_error;
 
-pub use context::{Context, Validation};
+pub use context::Context;
+pub use depth_array::DepthArray;
 pub use device::{DeviceInfo, list_devices};
-pub use frame::{Frame, Frames, Pass, PassTime, Site};
+pub use frame::{Frame, Frames, Pass, PassTime, Processor};
+pub use instance::Validation;
 pub use kernel::Kernel;
 pub use memory::{Access, Buffer};
-pub use present::{Over, Pixels, Placement, Screen};
-pub use raster::{DepthArray, DepthKernel};
+pub use present::{ComparisonOverlay, Pixels, Placement, Screen};
+pub use raster::DepthKernel;
 pub use surface::{Surface, Vsync, Window};
 pub use ui::{UiFrame, UiRenderer};

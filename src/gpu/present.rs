@@ -6,10 +6,10 @@ use ash::vk;
 use glam::UVec2;
 
 use super::context::Context;
-use super::frame::{Frame, Presenting};
+use super::frame::Frame;
 use super::kernel::Kernel;
 use super::memory::{Access, Buffer};
-use super::surface::{COLOR, Surface};
+use super::surface::{COLOR, Presenting, Surface};
 use super::ui::{UiFrame, UiRenderer};
 use crate::error::Result;
 use crate::shared::{FitConstants, FitPush};
@@ -28,7 +28,7 @@ pub struct Screen<'a> {
     pub surface: &'a mut Surface,
     pub placement: Placement,
     /// Second picture that covers the left part of the first.
-    pub over: Option<Over<'a>>,
+    pub comparison: Option<ComparisonOverlay<'a>>,
     pub ui: Option<(&'a mut UiRenderer, &'a UiFrame)>,
 }
 
@@ -42,7 +42,7 @@ pub struct Pixels<'a> {
 
 /// A second picture over the left part of the first, with the same placement.
 #[derive(Clone, Copy)]
-pub struct Over<'a> {
+pub struct ComparisonOverlay<'a> {
     pub pixels: Pixels<'a>,
     /// Fraction of the picture's width that it covers, 0 to 1.
     pub share: f32,
@@ -52,14 +52,14 @@ pub struct Over<'a> {
 const BACKGROUND: [f32; 4] = [0.055, 0.055, 0.055, 1.0];
 
 impl Surface {
-    /// Creates the resampling kernel and its target of `pixels` pixels unless they exist. `is_over`: for the second
-    /// picture.
-    fn prepare_fit(&mut self, context: &Arc<Context>, shrinks: bool, pixels: usize, is_over: bool) -> Result<()> {
+    /// Creates the resampling kernel and its target of `pixels` pixels unless they exist. `is_comparison`: for the
+    /// second picture.
+    fn prepare_fit(&mut self, context: &Arc<Context>, shrinks: bool, pixels: usize, is_comparison: bool) -> Result<()> {
         let kernel = &mut self.fit[usize::from(shrinks)];
         if kernel.is_none() {
             *kernel = Some(Kernel::new(context, FitConstants { shrinks })?);
         }
-        let fitted = &mut self.fitted[usize::from(is_over)];
+        let fitted = &mut self.fitted[usize::from(is_comparison)];
         if fitted.as_ref().is_none_or(|fitted| fitted.len() < pixels) {
             *fitted = Some(Buffer::new(context, "pictures (fitted)", Access::Device, pixels)?);
         }
@@ -71,7 +71,7 @@ impl Frame<'_> {
     /// Draws picture and user interface into the window's next image; [`Frame::finish_on`] presents it. Draws nothing
     /// while the window has zero size.
     pub fn draw(&mut self, screen: &mut Screen, pixels: Option<Pixels>) -> Result<()> {
-        let Screen { surface, placement, over, ui } = screen;
+        let Screen { surface, placement, comparison, ui } = screen;
         let placement = *placement;
         let context = self.context().clone();
         let Some(index) = surface.acquire()? else { return Ok(()) };
@@ -79,8 +79,8 @@ impl Frame<'_> {
         let (image, view, extent) = (target.image, target.view, surface.extent);
         self.will_present(Presenting { index, acquired: surface.acquired, rendered: target.rendered });
 
-        let over = over.filter(|_| pixels.is_some());
-        let both = [pixels, over.map(|over| over.pixels)];
+        let comparison = comparison.filter(|_| pixels.is_some());
+        let both = [pixels, comparison.map(|comparison| comparison.pixels)];
         let needs_fit = |pixels: &Pixels| [pixels.width, pixels.height] != [placement.width, placement.height];
         let shrinks = |pixels: &Pixels| pixels.width > placement.width || pixels.height > placement.height;
         for (index, pixels) in both.iter().enumerate() {
@@ -99,9 +99,9 @@ impl Frame<'_> {
             self.fit(pixels, placement, kernel, target);
             Some(target)
         };
-        let (shown, shown_over) = (fitted(0), fitted(1));
+        let (shown, shown_comparison) = (fitted(0), fitted(1));
         let mut pass = self.pass("present");
-        for pixels in [shown, shown_over].into_iter().flatten() {
+        for pixels in [shown, shown_comparison].into_iter().flatten() {
             let _ = pass.read(pixels);
         }
         let after = if ui.is_some() { DRAWN } else { SHOWN };
@@ -114,8 +114,8 @@ impl Frame<'_> {
                 recorder.transition(image, COPIED, COPIED);
             }
             if let Some((pixels, part)) = shown.zip(visible) {
-                let [left, right] = split(placement, part, over.map_or(0.0, |over| over.share));
-                for (pixels, part) in [(shown_over, left), (Some(pixels), right)] {
+                let [left, right] = split(placement, part, comparison.map_or(0.0, |comparison| comparison.share));
+                for (pixels, part) in [(shown_comparison, left), (Some(pixels), right)] {
                     if let Some((pixels, part)) = pixels.zip(part) {
                         recorder.copy(pixels, placement, part, image);
                     }

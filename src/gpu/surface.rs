@@ -5,10 +5,10 @@ use std::sync::Arc;
 use ash::{khr, vk};
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 
-use super::context::{Context, vulkan};
-use super::frame::Presenting;
+use super::context::Context;
 use super::kernel::Kernel;
 use super::memory::Buffer;
+use super::vulkan_error::vulkan;
 use crate::error::{Error, Result};
 use crate::shared::FitPush;
 
@@ -52,6 +52,16 @@ pub(super) struct Target {
     pub view: vk::ImageView,
     /// Signalled when the image is drawn. One per image, since only the next acquisition of the image shows that
     /// presentation has waited for the semaphore.
+    pub rendered: vk::Semaphore,
+}
+
+/// A window's image that a frame draws into.
+#[derive(Clone, Copy)]
+pub(super) struct Presenting {
+    pub index: u32,
+    /// Signalled when the image can be drawn into; the frame waits for it before its first transfer.
+    pub acquired: vk::Semaphore,
+    /// The frame signals it.
     pub rendered: vk::Semaphore,
 }
 

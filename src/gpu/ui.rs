@@ -7,8 +7,9 @@ use ash::vk;
 use egui_ash_renderer::allocator::DefaultAllocator;
 use egui_ash_renderer::{DynamicRendering, Options, RenderMode, Renderer};
 
-use super::context::{Context, vulkan};
+use super::context::Context;
 use super::surface::Surface;
+use super::vulkan_error::vulkan;
 use crate::error::Result;
 
 /// Tessellated user interface of one frame.

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::shadow_map::{Cluster, Face, clusters, visible_ranges};
+use super::shadow_culling::{Cluster, Face, clusters, visible_ranges};
 use crate::error::Result;
 use crate::gpu::raster::DepthDraw;
 use crate::gpu::{Buffer, Context, DepthKernel, Pass};

@@ -22,7 +22,7 @@ pub enum CheckedPass {
 const NAMES: [&str; 5] = ["shade light", "transfer", "resolve", "sum lights", "composite"];
 /// Maximum number of counting passes per light: pixels and extra samples after shading and after transfer, and resolved
 /// pixels.
-pub const PASSES_A_STEP: usize = 5;
+pub const MAX_CHECKS_PER_STEP: usize = 5;
 
 /// Kernel and counters.
 pub struct FiniteCheck {

@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::gpu::{Frame, PassTime, Pixels, Screen};
 
 /// The picture that the last frame composites, and where it goes.
-pub(super) struct Last<'a> {
+pub(super) struct FinalOutput<'a> {
     picture: Picture,
     inspection: Inspection,
     output: Output,
@@ -24,7 +24,7 @@ pub(super) struct Last<'a> {
 }
 
 /// Passes after the steps: composite, histogram, probe, fit, present, user interface.
-const LAST_PASSES: usize = 6;
+const MAX_FINAL_PASSES: usize = 6;
 
 impl Relighter {
     /// Renders a picture.
@@ -32,7 +32,7 @@ impl Relighter {
         #[cfg(feature = "hot-reload")]
         self.reload_changed_kernels();
         let Request { picture, layers, detail, inspection, .. } = *request;
-        self.choose_images(layers, detail);
+        self.set_layers_and_detail(layers, detail);
         let is_sheet = picture == Picture::Sheet;
         self.outputs.prepare(output, is_sheet)?;
         if inspection != Inspection::default() && self.inspector.is_none() {
@@ -40,13 +40,13 @@ impl Relighter {
         }
         let mut plan = self.plan(picture);
         if !is_sheet || self.shown.as_ref().is_none_or(|(shown, ..)| *shown != picture) {
-            self.sheet.forget();
+            self.sheet.invalidate();
         }
         if is_sheet {
-            self.sheet.thin(&mut plan, output);
+            self.sheet.remove_unchanged(&mut plan, output);
         }
-        plan.bring_shades_together();
-        self.make_or_start_again(&plan, Some(Last { picture, inspection, output, screen }))
+        plan.batch_shades();
+        self.execute_or_invalidate(&plan, Some(FinalOutput { picture, inspection, output, screen }))
     }
 
     fn plan(&mut self, picture: Picture) -> Plan {
@@ -65,24 +65,24 @@ impl Relighter {
     }
 
     /// Renders images, and the picture if `last` is given. An error invalidates all images.
-    pub(super) fn make_or_start_again(&mut self, plan: &Plan, last: Option<Last>) -> Result<()> {
-        let outcome = self.make(plan, last);
+    pub(super) fn execute_or_invalidate(&mut self, plan: &Plan, last: Option<FinalOutput>) -> Result<()> {
+        let outcome = self.execute(plan, last);
         if outcome.is_err() {
-            self.start_again();
+            self.invalidate_all();
         }
         outcome
     }
 
     /// Records one frame, or several if the steps do not fit into one.
-    fn make(&mut self, plan: &Plan, mut last: Option<Last>) -> Result<()> {
+    fn execute(&mut self, plan: &Plan, mut last: Option<FinalOutput>) -> Result<()> {
         self.times.clear();
         let shown = last.as_ref().map(|last| (last.picture, last.output, plan.picture.clone()));
         let unchanged = plan.steps.is_empty() && shown.is_some() && self.shown == shown;
         if let Some(inspector) = self.inspector.as_mut().filter(|_| !unchanged) {
-            inspector.forget();
+            inspector.invalidate();
         }
-        let is_looked_at = |last: &Last| last.screen.is_some() || last.inspection != Inspection::default();
-        if unchanged && !last.as_ref().is_some_and(is_looked_at) {
+        let is_observed = |last: &FinalOutput| last.screen.is_some() || last.inspection != Inspection::default();
+        if unchanged && !last.as_ref().is_some_and(is_observed) {
             return Ok(()); // the pixels are up to date
         }
         self.shown = None;
@@ -108,10 +108,10 @@ impl Relighter {
             let begin_ms = began.elapsed().as_secs_f64() * 1e3;
             let mut frame = frames.begin()?;
             let output = last.as_ref().map(|last| last.output);
-            steps = resources.take_steps(&mut frame, steps, visibility, shadow_maps.as_mut(), outputs, output);
+            steps = resources.record_steps(&mut frame, steps, visibility, shadow_maps.as_mut(), outputs, output);
             let is_done = steps.is_empty();
             let mut surface = None;
-            if let Some(Last { picture, inspection, output, screen }) = last.as_mut().filter(|_| is_done) {
+            if let Some(FinalOutput { picture, inspection, output, screen }) = last.as_mut().filter(|_| is_done) {
                 let is_sheet = *picture == Picture::Sheet;
                 if !unchanged && !is_sheet {
                     resources.composite(&mut frame, &plan.picture, outputs, *output);
@@ -141,7 +141,7 @@ impl Relighter {
 impl FrameResources<'_> {
     /// Records as many of `steps` as fit into the frame and returns the others. `output` is the target of contact
     /// sheets.
-    fn take_steps<'p>(
+    fn record_steps<'p>(
         &self,
         frame: &mut Frame,
         mut steps: &'p [Step],
@@ -151,7 +151,7 @@ impl FrameResources<'_> {
         output: Option<Output>,
     ) -> &'p [Step] {
         while let Some(step) = steps.first() {
-            let room = frame.passes_left().saturating_sub(LAST_PASSES) / self.passes_a_step();
+            let room = frame.passes_left().saturating_sub(MAX_FINAL_PASSES) / self.max_passes_per_step();
             let taken = match step {
                 _ if room == 0 => break,
                 Step::Shade(_) => {

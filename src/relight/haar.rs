@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::Vec4;
 
-use super::indirect::ByLights;
+use super::interleaved::KernelVariants;
 use crate::bake::compression::haar::{Haar, Pruned};
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
@@ -18,10 +18,10 @@ use crate::trace::point_tree::middle;
 pub struct HaarTransform {
     places: Buffer<u32>,
     first_place: Buffer<u32>,
-    sums: ByLights<HaarSumsPush>,
+    sums: KernelVariants<HaarSumsPush>,
     rotations: Buffer<Rotation>,
     launches: Vec<Launch>,
-    rotate: ByLights<HaarPush>,
+    rotate: KernelVariants<HaarPush>,
 }
 
 /// Subtrees that one dispatch transforms.
@@ -50,10 +50,10 @@ impl HaarTransform {
         Ok(Self {
             places: Buffer::from_slice(context, "transfer (Haar sums)", &places)?,
             first_place: Buffer::from_slice(context, "transfer (Haar sums' places)", &first_place)?,
-            sums: ByLights::new(context, |lights| LightsConstants { lights })?,
+            sums: KernelVariants::new(context, |lights| LightsConstants { lights })?,
             rotations: Buffer::from_slice(context, "transfer (Haar rotations)", &order.rotations)?,
             launches: order.launches.iter().map(launch).collect::<Result<_>>()?,
-            rotate: ByLights::new(context, |lights| LightsConstants { lights })?,
+            rotate: KernelVariants::new(context, |lights| LightsConstants { lights })?,
         })
     }
 

@@ -7,27 +7,28 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec3, Vec4};
 
+use super::factor_budget::FactorBudget;
 use super::haar::HaarTransform;
+use super::interleaved::{KernelVariants, Strided, vectors};
 use super::light_cache::Detail;
 use super::light_rays::RayCaster;
+use super::light_target::{LightTarget, LightTargets};
 use super::sparse::SparseProduct;
-use super::visibility::Visibility;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frame, Kernel, Pass};
-use crate::shared::gpu_struct::{Push, Write};
+use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::shared::*;
 
 /// The transfer on the device.
 pub struct Indirect {
     /// Points of gather samples.
     pub points: Buffer<ViewSample>,
-    samples: LitSamples,
+    samples: GatherShading,
     /// `None` for gather samples of the thesis's method.
     pub ray_caster: Option<RayCaster>,
-    /// λ0 and the results of the chain, for one light or interleaved for [`LIGHTS_A_PASS`] lights.
+    /// λ0 and the results of the chain, for one light or interleaved for [`MAX_LIGHTS_PER_PASS`] lights.
     vector: Buffer<Vec4>,
     haar: Option<HaarTransform>,
     /// The matrices of the chain except the last.
@@ -43,7 +44,7 @@ pub struct Indirect {
 }
 
 /// Gather samples and the kernel that computes λ0.
-enum LitSamples {
+enum GatherShading {
     Projected {
         samples: Buffer<LightSample>,
         points_per_sample: u32,
@@ -62,97 +63,18 @@ struct Product {
     inputs: Buffer<u32>,
     tints: Buffer<Vec3>,
     outputs: Buffer<u32>,
-    kernels: Arc<ByLights<MultiplyBlocksPush>>,
-}
-
-/// A kernel for one light, and one for up to [`LIGHTS_A_PASS`] lights.
-pub struct ByLights<P: Push>([Kernel<P>; 2]);
-
-/// Number of interleaved vectors.
-fn vectors(light_count: usize) -> u32 {
-    if light_count > 1 { LIGHTS_A_PASS } else { 1 }
-}
-
-impl<P: Push> ByLights<P> {
-    /// `constants` returns the specialization constants for a number of lights.
-    pub fn new(context: &Arc<Context>, constants: impl Fn(u32) -> P::Constants) -> Result<Self> {
-        let kernel = |lights| Kernel::new(context, constants(lights));
-        Ok(Self([kernel(1)?, kernel(LIGHTS_A_PASS)?]))
-    }
-
-    pub fn get(&self, light_count: usize) -> &Kernel<P> {
-        &self.0[usize::from(vectors(light_count) > 1)]
-    }
-}
-
-/// Bytes of device memory left for factors, and bytes of factors that did not fit.
-pub struct Room {
-    left: u64,
-    streamed: u64,
-}
-
-impl Room {
-    /// Stores factors on the device while there is room, else in host memory, from which kernels stream them.
-    pub fn hold(&mut self, context: &Arc<Context>, name: &str, factors: &[UVec4]) -> Result<Buffer<UVec4>> {
-        let bytes = size_of_val(factors) as u64;
-        if bytes <= self.left {
-            self.left -= bytes;
-            return Buffer::from_slice(context, name, factors);
-        }
-        self.streamed += bytes;
-        Buffer::holding(context, name, Access::Streamed, factors)
-    }
-}
-
-/// A light, its visibility, and the buffers to which its radiance is added.
-pub struct Lit<'a> {
-    pub light: PackedLight,
-    pub visibility: &'a Visibility,
-    pub image: &'a Buffer<Vec4>,
-    pub extras: &'a Buffer<f32>,
-}
-
-/// One light's vector in an interleaved buffer.
-pub struct Strided<'a> {
-    pub buffer: &'a Buffer<Vec4>,
-    /// Distance between elements of one light.
-    pub stride: u32,
-    /// Index of the light's first element.
-    pub offset: u32,
-}
-
-/// One to [`LIGHTS_A_PASS`] lights that share one read of the factors.
-pub struct Targets<'a> {
-    pub lights: &'a [Lit<'a>],
-    pub pixel_stride: u32,
-    pub extra_stride: u32,
-}
-
-impl Targets<'_> {
-    /// Missing lights reuse the first light's address.
-    fn addresses<T: Copy>(&self, mut of: impl FnMut(&Lit) -> T) -> [T; LIGHTS_A_PASS as usize] {
-        let first = of(&self.lights[0]);
-        std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, &mut of) })
-    }
-
-    pub fn images(&self, pass: &mut Pass) -> [Write<f32>; LIGHTS_A_PASS as usize] {
-        self.addresses(|lit| pass.write_as(lit.image))
-    }
-
-    pub fn extras(&self, pass: &mut Pass) -> [Write<f32>; LIGHTS_A_PASS as usize] {
-        self.addresses(|lit| pass.write(lit.extras))
-    }
+    kernels: Arc<KernelVariants<MultiplyBlocksPush>>,
 }
 
 /// Maximum bytes of factors per buffer: lavapipe's allocations are limited to 2 GiB.
 const PIECE_BYTES: usize = 1 << 30;
 
 impl Indirect {
-    /// Uploads `transfer`. Factors beyond `budget` bytes stay in host memory; kernels read them from there in every
+    /// Uploads `transfer`. Factors beyond `budget_bytes` stay in host memory; kernels read them from there in every
     /// frame.
-    pub fn new(context: &Arc<Context>, transfer: &Transfer, budget: u64) -> Result<Self> {
-        let room = &mut Room { left: budget, streamed: 0 };
-        let mut kernels: HashMap<(u32, bool), Arc<ByLights<_>>> = HashMap::new();
+    pub fn new(context: &Arc<Context>, transfer: &Transfer, budget_bytes: u64) -> Result<Self> {
+        let budget = &mut FactorBudget::new(budget_bytes);
+        let mut kernels: HashMap<(u32, bool), Arc<KernelVariants<_>>> = HashMap::new();
         let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
             let mut products = Vec::new();
             for matrix in matrices {
@@ -166,13 +88,13 @@ impl Indirect {
                             lights,
                             wide: context.has_wide_subgroups(),
                         };
-                        let kernel = ByLights::new(context, constants)?;
+                        let kernel = KernelVariants::new(context, constants)?;
                         place.insert(Arc::new(kernel)).clone()
                     }
                 };
                 for panels in matrix.pieces(PIECE_BYTES) {
                     let name = if are_last { "transfer to pixels" } else { "transfer" };
-                    products.push(Product::new(context, name, &matrix.piece(panels), kernel.clone(), room)?);
+                    products.push(Product::new(context, name, &matrix.piece(panels), kernel.clone(), budget)?);
                 }
             }
             Ok(products)
@@ -181,25 +103,25 @@ impl Indirect {
         let (inner, coarse, last) =
             (products(inner, false)?, products(&transfer.coarse, false)?, products(last, true)?);
         let pieces = |m: &SellMatrix| {
-            m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p), room)).collect()
+            m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p), budget)).collect()
         };
         let sparse = transfer.sparse.as_ref().map_or(Ok(Vec::new()), pieces)?;
-        if room.streamed > 0 {
-            let [streamed, budget] = [room.streamed, budget].map(|bytes| bytes as f64 * 1e-6);
+        if budget.streamed > 0 {
+            let [streamed_mb, budget_mb] = [budget.streamed, budget_bytes].map(|bytes| bytes as f64 * 1e-6);
             tracing::info!(
-                "{streamed:.0} MB of the transfer are read from host memory in every frame: the budget allows {budget:.0} MB"
+                "{streamed_mb:.0} MB of the transfer are read from host memory in every frame: the budget allows {budget_mb:.0} MB"
             );
         }
         Ok(Self {
-            device_bytes: budget - room.left,
+            device_bytes: budget_bytes - budget.left,
             points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
-            samples: LitSamples::new(context, transfer)?,
+            samples: GatherShading::new(context, transfer)?,
             ray_caster: (!transfer.samples.is_empty()).then(|| RayCaster::new(context, transfer)).transpose()?,
             vector: Buffer::new(
                 context,
                 "transfer (vector)",
                 Access::Device,
-                LIGHTS_A_PASS as usize * transfer.vector_length,
+                MAX_LIGHTS_PER_PASS as usize * transfer.vector_length,
             )?,
             haar: transfer
                 .haar
@@ -219,16 +141,16 @@ impl Indirect {
     }
 
     /// Adds the indirect light of each light to its image.
-    pub fn add(&self, frame: &mut Frame, targets: &Targets, detail: Detail) {
+    pub fn add(&self, frame: &mut Frame, targets: &LightTargets, detail: Detail) {
         if self.points.is_empty() {
             return;
         }
         let count = targets.lights.len();
-        for (offset, lit) in targets.lights.iter().enumerate() {
+        for (offset, target) in targets.lights.iter().enumerate() {
             let vector = Strided { buffer: &self.vector, stride: vectors(count), offset: offset as u32 };
-            self.samples.shade(frame, lit, &self.points, &vector);
+            self.samples.shade(frame, target, &self.points, &vector);
             if let Some(ray_caster) = &self.ray_caster {
-                ray_caster.add(frame, &lit.visibility.light_rays, &vector);
+                ray_caster.add(frame, &target.visibility.light_rays, &vector);
             }
         }
         if let Some(haar) = &self.haar {
@@ -244,7 +166,7 @@ impl Indirect {
     }
 }
 
-impl LitSamples {
+impl GatherShading {
     fn new(context: &Arc<Context>, transfer: &Transfer) -> Result<Self> {
         if !transfer.factored.is_empty() {
             return Ok(Self::Factored {
@@ -263,22 +185,22 @@ impl LitSamples {
     }
 
     /// Computes λ0 of one light.
-    fn shade(&self, frame: &mut Frame, lit: &Lit, points: &Buffer<ViewSample>, vector: &Strided) {
+    fn shade(&self, frame: &mut Frame, target: &LightTarget, points: &Buffer<ViewSample>, vector: &Strided) {
         let mut pass = frame.pass("shade gather samples");
         match self {
             Self::Projected { samples, points_per_sample, tables, kernel } => {
                 let push = ShadeGatherPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
-                    visibility: pass.read(&lit.visibility.gather_points),
+                    visibility: pass.read(&target.visibility.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector.buffer),
-                    light: lit.light,
+                    light: target.light,
                     sample_count: samples.len() as u32,
                     points_per_sample: *points_per_sample,
                     stride: vector.stride,
                     offset: vector.offset,
-                    per_solid_angle: lit.visibility.light_rays.per_solid_angle,
+                    per_solid_angle: target.visibility.light_rays.per_solid_angle,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }
@@ -286,10 +208,10 @@ impl LitSamples {
                 let push = ShadeFactoredPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
-                    visibility: pass.read(&lit.visibility.gather_points),
+                    visibility: pass.read(&target.visibility.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector.buffer),
-                    light: lit.light,
+                    light: target.light,
                     sample_count: samples.len() as u32,
                     stride: vector.stride,
                     offset: vector.offset,
@@ -305,13 +227,13 @@ impl Product {
         context: &Arc<Context>,
         name: &'static str,
         matrix: &Piece,
-        kernels: Arc<ByLights<MultiplyBlocksPush>>,
-        room: &mut Room,
+        kernels: Arc<KernelVariants<MultiplyBlocksPush>>,
+        budget: &mut FactorBudget,
     ) -> Result<Self> {
         Ok(Self {
             name,
             panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
-            values: room.hold(context, "transfer (factors)", matrix.values)?,
+            values: budget.upload(context, "transfer (factors)", matrix.values)?,
             inputs: Buffer::from_slice(context, "transfer (inputs)", matrix.inputs)?,
             tints: Buffer::from_slice(context, "transfer (tints)", matrix.tints)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
@@ -319,7 +241,7 @@ impl Product {
         })
     }
 
-    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &Targets) {
+    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &LightTargets) {
         let mut pass = frame.pass(self.name);
         let push = MultiplyBlocksPush {
             panels: pass.read(&self.panels),

@@ -31,9 +31,6 @@ pub(super) struct Inspector {
     probed: Option<[u32; 2]>,
 }
 
-/// Tiles that one workgroup counts; `TILES` in inspect.comp.
-const TILES_A_GROUP: u32 = 16;
-
 impl Inspector {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let buffer = |count| Buffer::new(context, "inspection", Access::HostWrites, count);
@@ -61,29 +58,29 @@ impl Inspector {
         if wanted.histogram && !self.counted {
             self.counts.host_mut().fill(0);
             let size = UVec2::new(tiling.width, tiling.height);
-            let threads = (tiling.len() as u32).div_ceil(TILES_A_GROUP);
-            look(
+            let threads = (tiling.len() as u32).div_ceil(TILES_PER_GROUP);
+            dispatch(
                 frame,
                 resources,
                 terms,
-                &Look { kernel: &self.histogram, result: &self.counts, pixels: size, exposure, threads },
+                &InspectPass { kernel: &self.histogram, result: &self.counts, pixels: size, exposure, threads },
             );
             self.counted = true;
         }
         self.probed = wanted.probe.filter(|&[x, y]| tiling.contains((x, y)));
         if let Some([x, y]) = self.probed {
             let pixels = UVec2::new(tiling.index(x, y) as u32, 0);
-            look(
+            dispatch(
                 frame,
                 resources,
                 terms,
-                &Look { kernel: &self.probe, result: &self.radiance, pixels, exposure: 1.0, threads: 1 },
+                &InspectPass { kernel: &self.probe, result: &self.radiance, pixels, exposure: 1.0, threads: 1 },
             );
         }
     }
 
     /// Discards the results: the picture changed.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         (self.counted, self.probed) = (false, None);
     }
 
@@ -98,7 +95,7 @@ impl Inspector {
 }
 
 /// Parameters of one inspection pass.
-struct Look<'a> {
+struct InspectPass<'a> {
     kernel: &'a Kernel<InspectPush>,
     result: &'a Buffer<u32>,
     pixels: UVec2,
@@ -106,16 +103,16 @@ struct Look<'a> {
     threads: u32,
 }
 
-fn look(frame: &mut Frame, resources: &FrameResources, terms: &[Term], look: &Look) {
+fn dispatch(frame: &mut Frame, resources: &FrameResources, terms: &[Term], inspect: &InspectPass) {
     let mut pass = frame.pass("inspect");
     let push = InspectPush {
         term_count: terms.len() as u32,
         terms: resources.read_terms(&mut pass, terms),
-        result: pass.write(look.result),
+        result: pass.write(inspect.result),
         pixel_stride: resources.framebuffer.pixel_stride() as u32,
-        pixels: look.pixels,
-        exposure: look.exposure.exp2(),
+        pixels: inspect.pixels,
+        exposure: inspect.exposure.exp2(),
         unused: 0,
     };
-    pass.dispatch(look.kernel, &push, look.threads);
+    pass.dispatch(inspect.kernel, &push, inspect.threads);
 }

@@ -121,14 +121,14 @@ impl LightCache {
                 self.release(self.leaf_of[i]);
             }
             if !same_image || !same_scale {
-                self.touch(self.leaf_of[i]);
+                self.mark_edited(self.leaf_of[i]);
             }
         }
         for (i, old) in old.groups.iter().enumerate() {
             if old.scale() != self.rig.groups[i].scale()
                 && let Some(node) = self.node_of_group[i]
             {
-                self.touch(node);
+                self.mark_edited(node);
             }
         }
     }
@@ -215,7 +215,7 @@ impl LightCache {
                 self.focus = selected;
                 self.edited_before.clone_from(&self.focus);
             }
-            None => self.follow(edited),
+            None => self.focus_on(edited),
         }
         let mut focus_terms = Vec::new();
         let mut rest_nodes = Vec::new();
@@ -224,7 +224,7 @@ impl LightCache {
         }
         let mut pinned = Vec::new();
         for (node, scale) in focus_terms {
-            let slot = self.need(node, &mut plan.steps);
+            let slot = self.ensure_image(node, &mut plan.steps);
             self.slots.pin(slot);
             pinned.push(slot);
             plan.picture.push(Term { source: Source::Slot(slot), scale });
@@ -242,7 +242,7 @@ impl LightCache {
     }
 
     /// Moves the focus to the edited nodes.
-    fn follow(&mut self, mut edited: Vec<usize>) {
+    fn focus_on(&mut self, mut edited: Vec<usize>) {
         // A group's node includes all edited nodes below it.
         let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
         edited.retain(|n| below.binary_search(n).is_err());
@@ -285,7 +285,7 @@ impl LightCache {
             node = self.nodes[n].parent;
         }
         if scale != Vec3::ZERO {
-            let slot = self.need(self.leaf_of[light], &mut plan.steps);
+            let slot = self.ensure_image(self.leaf_of[light], &mut plan.steps);
             plan.picture.push(Term { source: Source::Slot(slot), scale });
         }
         plan
@@ -336,7 +336,7 @@ impl LightCache {
         }
         let mut accumulate = false;
         for (i, &&(node, scale)) in nodes.iter().enumerate() {
-            let slot = self.need(node, steps);
+            let slot = self.ensure_image(node, steps);
             self.rest_is_coarse |= self.nodes[node].coarse;
             self.slots.pin(slot);
             terms.push(Term { source: Source::Slot(slot), scale });
@@ -354,7 +354,7 @@ impl LightCache {
     }
 
     /// Plans `node`'s image unless it is valid; returns its slot.
-    fn need(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
+    fn ensure_image(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
         if let Some(slot) = self.nodes[node].slot {
             self.slots.use_at(slot, self.clock);
             return slot;
@@ -371,7 +371,7 @@ impl LightCache {
         for child in children {
             let scale = self.scale(child);
             if scale != Vec3::ZERO {
-                let slot = self.need(child, steps);
+                let slot = self.ensure_image(child, steps);
                 coarse |= self.nodes[child].coarse;
                 self.slots.pin(slot);
                 terms.push((slot, scale));
@@ -406,7 +406,7 @@ impl LightCache {
     }
 
     /// Records that `node`'s contribution changed: invalidates the sums above it.
-    fn touch(&mut self, node: usize) {
+    fn mark_edited(&mut self, node: usize) {
         let mut above = self.nodes[node].parent;
         while let Some(n) = above {
             self.release(n);

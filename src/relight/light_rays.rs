@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::indirect::Strided;
+use super::interleaved::Strided;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::gather_samples::light_rays::{LightRays, RAYS, per_solid_angle};
 use crate::bake::transfer::Transfer;
@@ -39,27 +39,27 @@ impl RayCaster {
     }
 
     /// Casts the rays of `light`. `transfer` is the one that was given to [`Self::new`].
-    pub fn cast(&self, scene: &TracedScene, transfer: &Transfer, light: &PackedLight, caught: &mut LightRayHits) {
-        let contributions = caught.contributions.host_mut();
+    pub fn cast(&self, scene: &TracedScene, transfer: &Transfer, light: &PackedLight, hits: &mut LightRayHits) {
+        let contributions = hits.contributions.host_mut();
         let mut count = 0;
         self.rays.shade(scene, &transfer.samples, &self.projection, light, |index, value| {
             contributions[count] = Contribution { value, index };
             count += 1;
         });
-        caught.count = count;
-        caught.per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
+        hits.count = count;
+        hits.per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
     }
 
     /// Adds the contributions to λ0.
-    pub fn add(&self, frame: &mut Frame, caught: &LightRayHits, vector: &Strided) {
-        if caught.count == 0 {
+    pub fn add(&self, frame: &mut Frame, hits: &LightRayHits, vector: &Strided) {
+        if hits.count == 0 {
             return;
         }
         let mut pass = frame.pass("add light rays");
         let push = AddLightRaysPush {
-            contributions: pass.read(&caught.contributions),
+            contributions: pass.read(&hits.contributions),
             coefficients: pass.write(vector.buffer),
-            count: caught.count as u32,
+            count: hits.count as u32,
             stride: vector.stride,
             offset: vector.offset,
             unused: 0,
@@ -70,7 +70,7 @@ impl RayCaster {
 
 impl LightRayHits {
     /// No contributions, with capacity for all that the rays of one light can make.
-    pub fn nothing(context: &Arc<Context>, transfer: Option<&Transfer>) -> Result<Self> {
+    pub fn empty(context: &Arc<Context>, transfer: Option<&Transfer>) -> Result<Self> {
         let samples = transfer.map_or(&[][..], |t| &t.samples);
         let functions = samples.iter().map(|s| s.degrees * s.degrees).max().unwrap_or(0) as usize;
         let count = RAYS.min(samples.len()) * functions;

@@ -2,18 +2,22 @@
 
 mod cutouts;
 pub mod exposure;
+mod factor_budget;
 mod finite_check;
 mod frame;
 mod gpu_framebuffer;
 mod haar;
 mod indirect;
 pub mod inspect;
+mod interleaved;
 pub mod light_cache;
 mod light_rays;
+mod light_target;
 mod output;
 mod passes;
 mod request;
 pub mod roofline;
+mod shadow_culling;
 mod shadow_map;
 pub mod sheet;
 mod sparse;
@@ -40,7 +44,7 @@ use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::Rig;
-use crate::shared::{LIGHTS_A_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
+use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
 /// Settings of a [`Relighter`].
@@ -75,7 +79,7 @@ pub struct Relighter {
     /// Bytes of device memory for the factors of the transfer.
     transfer_budget: u64,
     rest: Buffer<Vec4>,
-    /// Planes of the extra samples' radiance, for each light that is shaded together with others.
+    /// Planes of the extra samples' radiance, for each light of a batch.
     extras: Vec<Buffer<f32>>,
     visibility: VisibilityBuffers,
     shadow_maps: Option<ShadowMaps>,
@@ -134,7 +138,7 @@ impl Relighter {
             image_budget,
             transfer_budget,
             rest: image("light images (rest)")?,
-            extras: (0..together(rig)).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?,
+            extras: (0..batch_size(rig)).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?,
             visibility: VisibilityBuffers::new(context, framebuffer, transfer.map(Arc::as_ref), traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) },
             kernels: Kernels {
@@ -184,7 +188,7 @@ impl Relighter {
             let elements = 3 * self.framebuffer.pixel_stride() / 4;
             self.images.push(Buffer::new(&self.context, "light images", Access::Device, elements)?);
         }
-        for _ in self.extras.len()..together(rig) {
+        for _ in self.extras.len()..batch_size(rig) {
             self.extras.push(extra_planes(&self.context, &self.framebuffer)?);
         }
         self.cache.set_rig(rig, self.images.len());
@@ -198,7 +202,7 @@ impl Relighter {
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), self.traces())?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
         self.transfer = Some(transfer);
-        self.start_again();
+        self.invalidate_all();
         Ok(())
     }
 
@@ -225,15 +229,15 @@ impl Relighter {
             *extras = extra_planes(&self.context, &framebuffer)?;
         }
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
-        self.start_again();
+        self.invalidate_all();
         Ok(())
     }
 
     /// Invalidates all images.
-    fn start_again(&mut self) {
+    fn invalidate_all(&mut self) {
         self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
         self.shown = None;
-        self.sheet.forget();
+        self.sheet.invalidate();
     }
 
     /// Number of lights whose images must be rendered before a whole picture of these layers.
@@ -243,14 +247,14 @@ impl Relighter {
 
     /// Renders the exact image of one [pending](Self::pending) light, so that a whole picture takes less time.
     pub fn prepare(&mut self, layers: Layers) -> Result<()> {
-        self.choose_images(layers, Detail::Exact);
+        self.set_layers_and_detail(layers, Detail::Exact);
         let Some(light) = self.cache.pending().1 else { return Ok(()) };
         let plan = self.cache.plan_light(light);
-        self.make_or_start_again(&plan, None)
+        self.execute_or_invalidate(&plan, None)
     }
 
     /// Whether there is a slot for every image, so that none is evicted and rendered again.
-    pub fn keeps_all(&self) -> bool {
+    pub fn has_slot_for_every_image(&self) -> bool {
         self.images.len() >= LightCache::slot_range(self.rig().lights.len()).1
     }
 
@@ -265,7 +269,7 @@ impl Relighter {
     }
 
     /// Invalidates all images if the layers change, and coarse images if exact ones are requested.
-    fn choose_images(&mut self, layers: Layers, detail: Detail) {
+    fn set_layers_and_detail(&mut self, layers: Layers, detail: Detail) {
         if self.layers != layers {
             self.layers = layers;
             self.cache.invalidate(layers == Layers::All && self.gpu.emission.is_some());
@@ -284,7 +288,7 @@ impl Relighter {
         self.finite_check.as_ref().map_or_else(Vec::new, FiniteCheck::counts)
     }
 
-    /// Histogram of the last picture's exposed luminance: pixel counts of [`BINS_A_STOP`] bins per stop around middle
+    /// Histogram of the last picture's exposed luminance: pixel counts of [`BINS_PER_STOP`] bins per stop around middle
     /// grey, and of all darker (first bin) and brighter (last bin) pixels. `None` unless [`Request::inspection`]
     /// requested it.
     pub fn histogram(&self) -> Option<&[u32]> {
@@ -337,7 +341,7 @@ impl Relighter {
             | sum_images.reload_if_changed()
             | self.outputs.reload_changed_kernels();
         if changed {
-            self.start_again();
+            self.invalidate_all();
         }
     }
 }
@@ -348,9 +352,9 @@ fn extra_planes(context: &Arc<Context>, framebuffer: &DeepFramebuffer) -> Result
     Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride)
 }
 
-/// Number of lights of a rig that are shaded together.
-fn together(rig: &Rig) -> usize {
-    rig.lights.len().clamp(1, LIGHTS_A_PASS as usize)
+/// Number of lights of a rig that are shaded in one batch.
+fn batch_size(rig: &Rig) -> usize {
+    rig.lights.len().clamp(1, MAX_LIGHTS_PER_PASS as usize)
 }
 
 /// Number of light images for a rig, with a budget of `image_budget` images.

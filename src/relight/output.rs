@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::ToneMap;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Kernel};
-use crate::shared::gpu_struct::Push;
+use crate::shared::gpu_struct::{Compute, Push};
 use crate::shared::*;
 
 /// Format and destination of a picture.
@@ -121,7 +121,7 @@ impl Outputs {
 /// Makes the kernel for an `OUTPUT_` constant.
 fn prepare<P>(context: &Arc<Context>, kernels: &mut [Option<Kernel<P>>], output: u32) -> Result<()>
 where
-    P: Push<Constants = OutputConstants>,
+    P: Push<Pipeline = Compute, Constants = OutputConstants>,
 {
     let kernel = &mut kernels[output as usize];
     if kernel.is_none() {

@@ -4,8 +4,9 @@ use glam::Vec4;
 
 use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
-use super::indirect::{Indirect, Lit, Targets};
+use super::indirect::Indirect;
 use super::light_cache::{Detail, Shade, Source, Term};
+use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
 use super::visibility::{VisibilityBuffers, VisibilitySlot, trace, trace_half};
@@ -18,7 +19,7 @@ use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 
 /// Draw a shadow map, look it up for view and for gather samples, shade, resolve.
-const PASSES_A_LIGHT: usize = 5;
+const MAX_PASSES_PER_LIGHT: usize = 5;
 
 /// Resources of the passes, borrowed for one frame.
 pub struct FrameResources<'a> {
@@ -30,7 +31,7 @@ pub struct FrameResources<'a> {
     pub indirect: Option<&'a Indirect>,
     pub images: &'a [Buffer<Vec4>],
     pub rest: &'a Buffer<Vec4>,
-    /// Radiance of extra samples, for each light that is shaded together with others.
+    /// Radiance of extra samples, for each light of a batch.
     pub extras: &'a [Buffer<f32>],
     pub kernels: &'a Kernels,
     pub rig: &'a Rig,
@@ -39,15 +40,15 @@ pub struct FrameResources<'a> {
 }
 
 impl FrameResources<'_> {
-    /// Maximum number of passes per step; for lights that are shaded together, per light.
-    pub fn passes_a_step(&self) -> usize {
-        let counts = self.finite_check.map_or(0, |_| finite_check::PASSES_A_STEP);
-        PASSES_A_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
+    /// Maximum number of passes per step; for a batch of lights, per light.
+    pub fn max_passes_per_step(&self) -> usize {
+        let counts = self.finite_check.map_or(0, |_| finite_check::MAX_CHECKS_PER_STEP);
+        MAX_PASSES_PER_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
     }
 
     /// Determines the visibility of a light from view samples and gather samples. Skips view samples if only indirect
     /// light is shown.
-    fn see(
+    fn compute_visibility(
         &self,
         frame: &mut Frame,
         visibility: &mut VisibilityBuffers,
@@ -56,9 +57,9 @@ impl FrameResources<'_> {
         detail: Detail,
     ) -> VisibilitySlot {
         if !light.shadows {
-            return VisibilitySlot::ALL;
+            return VisibilitySlot::ALL_VISIBLE;
         }
-        let (seen, bytes, half) = visibility.take();
+        let (slot, bytes, half) = visibility.take();
         match shadow_maps {
             None => {
                 if self.layers.direct() {
@@ -87,13 +88,14 @@ impl FrameResources<'_> {
         }
         let ray_caster = self.indirect.and_then(|indirect| indirect.ray_caster.as_ref());
         if let (Some(ray_caster), Some(transfer)) = (ray_caster, self.transfer) {
-            let caught = &mut bytes.light_rays;
-            frame.cpu("trace light rays", || ray_caster.cast(self.scene, transfer, packed, caught));
+            let hits = &mut bytes.light_rays;
+            frame.cpu("trace light rays", || ray_caster.cast(self.scene, transfer, packed, hits));
         }
-        seen
+        slot
     }
 
-    /// Visibility and shading of one to [`LIGHTS_A_PASS`] lights at unit intensity, each into the image of its slot.
+    /// Visibility and shading of one to [`MAX_LIGHTS_PER_PASS`] lights at unit intensity, each into the image of its
+    /// slot.
     pub fn shade(
         &self,
         frame: &mut Frame,
@@ -103,38 +105,38 @@ impl FrameResources<'_> {
     ) {
         let detail = shades[0].detail;
         debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
-        let see = |shade: &Shade| {
+        let compute_visibility = |shade: &Shade| {
             let light = &self.rig.lights[shade.light];
             let packed = light.pack(self.scene.space);
-            (packed, self.see(frame, visibility, shadow_maps.as_deref_mut(), (light, &packed), detail))
+            (packed, self.compute_visibility(frame, visibility, shadow_maps.as_deref_mut(), (light, &packed), detail))
         };
-        let seen: Vec<(PackedLight, VisibilitySlot)> = shades.iter().map(see).collect();
-        let lit = |(i, &(light, seen)): (usize, &(PackedLight, VisibilitySlot))| Lit {
+        let seen: Vec<(PackedLight, VisibilitySlot)> = shades.iter().map(compute_visibility).collect();
+        let target = |(i, &(light, seen)): (usize, &(PackedLight, VisibilitySlot))| LightTarget {
             light,
             visibility: visibility.get(seen),
             image: &self.images[shades[i].slot],
             extras: &self.extras[i],
         };
-        let lights: Vec<Lit> = seen.iter().enumerate().map(lit).collect();
-        lights.iter().for_each(|lit| self.shade_view_samples(frame, lit));
+        let lights: Vec<LightTarget> = seen.iter().enumerate().map(target).collect();
+        lights.iter().for_each(|target| self.shade_view_samples(frame, target));
         if let Some(indirect) = self.indirect {
             let (pixel_stride, extra_stride) = (self.framebuffer.pixel_stride() as u32, self.extra_stride());
-            indirect.add(frame, &Targets { lights: &lights, pixel_stride, extra_stride }, detail);
-            lights.iter().for_each(|lit| self.count(frame, CheckedPass::Transfer, lit));
+            indirect.add(frame, &LightTargets { lights: &lights, pixel_stride, extra_stride }, detail);
+            lights.iter().for_each(|target| self.count(frame, CheckedPass::Transfer, target));
         }
-        lights.iter().for_each(|lit| self.resolve(frame, lit));
+        lights.iter().for_each(|target| self.resolve(frame, target));
     }
 
     /// Direct light of one light on all view samples.
-    fn shade_view_samples(&self, frame: &mut Frame, lit: &Lit) {
+    fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget) {
         let mut pass = frame.pass("shade light");
         let push = ShadeLightPush {
             samples: pass.read(&self.gpu.samples),
             brdfs: pass.read(&self.gpu.brdfs),
-            visibility: pass.read(&lit.visibility.view_samples),
-            image: pass.write_as(lit.image),
-            extras: pass.write(lit.extras),
-            light: lit.light,
+            visibility: pass.read(&target.visibility.view_samples),
+            image: pass.write_as(target.image),
+            extras: pass.write(target.extras),
+            light: target.light,
             sample_count: self.framebuffer.samples.len() as u32,
             pixel_stride: self.framebuffer.pixel_stride() as u32,
             extra_stride: self.extra_stride(),
@@ -142,18 +144,18 @@ impl FrameResources<'_> {
             unused: 0,
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
-        self.count(frame, CheckedPass::ShadeLight, lit);
+        self.count(frame, CheckedPass::ShadeLight, target);
     }
 
     /// Counts non-finite radiance values of all samples if the check is enabled.
-    fn count(&self, frame: &mut Frame, checked: CheckedPass, lit: &Lit) {
+    fn count(&self, frame: &mut Frame, checked: CheckedPass, target: &LightTarget) {
         let Some(finite_check) = self.finite_check else { return };
         let pixel_stride = self.framebuffer.pixel_stride() as u32;
-        finite_check.planes(frame, checked, lit.image, pixel_stride, pixel_stride);
+        finite_check.planes(frame, checked, target.image, pixel_stride, pixel_stride);
         finite_check.planes(
             frame,
             checked,
-            lit.extras,
+            target.extras,
             self.framebuffer.extra_samples.len() as u32,
             self.extra_stride(),
         );
@@ -164,7 +166,7 @@ impl FrameResources<'_> {
     }
 
     /// Adds the weighted extra samples to their pixels.
-    fn resolve(&self, frame: &mut Frame, lit: &Lit) {
+    fn resolve(&self, frame: &mut Frame, target: &LightTarget) {
         if self.gpu.extra_pixels.is_empty() {
             return;
         }
@@ -174,8 +176,8 @@ impl FrameResources<'_> {
             pixels: pass.read(&self.gpu.extra_pixels),
             indices: pass.read(&self.gpu.extra_indices),
             samples: pass.read(&self.gpu.extra_samples),
-            extras: pass.read(lit.extras),
-            image: pass.write_as(lit.image),
+            extras: pass.read(target.extras),
+            image: pass.write_as(target.image),
             pixel_count: self.gpu.extra_pixels.len() as u32,
             pixel_stride,
             extra_stride: self.extra_stride(),
@@ -183,7 +185,7 @@ impl FrameResources<'_> {
         };
         pass.dispatch(&self.kernels.resolve, &push, push.pixel_count);
         if let Some(finite_check) = self.finite_check {
-            finite_check.planes(frame, CheckedPass::Resolve, lit.image, pixel_stride, pixel_stride);
+            finite_check.planes(frame, CheckedPass::Resolve, target.image, pixel_stride, pixel_stride);
         }
     }
 

@@ -57,7 +57,7 @@ pub(super) struct Sheet {
 
 impl Sheet {
     /// Removes cells from a plan that are already up to date.
-    pub fn thin(&mut self, plan: &mut Plan, output: Output) {
+    pub fn remove_unchanged(&mut self, plan: &mut Plan, output: Output) {
         let cells = plan.steps.iter().filter(|step| matches!(step, Step::Show { .. })).count();
         if self.output != Some(output) || self.cells.len() != cells {
             (self.output, self.cells) = (Some(output), vec![None; cells]);
@@ -79,7 +79,7 @@ impl Sheet {
     }
 
     /// Invalidates all cells: the pixels were overwritten.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.output = None;
     }
 }

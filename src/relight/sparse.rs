@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec4};
 
-use super::indirect::{ByLights, Room, Targets};
+use super::factor_budget::FactorBudget;
+use super::interleaved::KernelVariants;
+use super::light_target::LightTargets;
 use crate::bake::transfer::sparse::Piece;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
@@ -15,20 +17,20 @@ pub struct SparseProduct {
     slices: Buffer<Slice>,
     values: Buffer<UVec4>,
     outputs: Buffer<u32>,
-    kernels: ByLights<MultiplySparsePush>,
+    kernels: KernelVariants<MultiplySparsePush>,
 }
 
 impl SparseProduct {
-    pub fn new(context: &Arc<Context>, matrix: &Piece, room: &mut Room) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, matrix: &Piece, budget: &mut FactorBudget) -> Result<Self> {
         Ok(Self {
             slices: Buffer::from_slice(context, "transfer (slices)", &matrix.slices)?,
-            values: room.hold(context, "transfer (terms)", matrix.values)?,
+            values: budget.upload(context, "transfer (terms)", matrix.values)?,
             outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
-            kernels: ByLights::new(context, |lights| LightsConstants { lights })?,
+            kernels: KernelVariants::new(context, |lights| LightsConstants { lights })?,
         })
     }
 
-    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &Targets) {
+    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &LightTargets) {
         let mut pass = frame.pass("transfer to pixels");
         let push = MultiplySparsePush {
             slices: pass.read(&self.slices),

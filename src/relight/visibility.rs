@@ -51,7 +51,7 @@ pub struct VisibilitySlot(Option<usize>);
 
 impl VisibilitySlot {
     /// Everything is visible: for lights without shadows.
-    pub const ALL: Self = Self(None);
+    pub const ALL_VISIBLE: Self = Self(None);
 }
 
 /// Packets at half the resolution, for coarse images; empty unless rays are traced.
@@ -62,14 +62,14 @@ pub struct Half {
 }
 
 /// Maximum number of lights with shadows per frame.
-const LIGHTS_A_FRAME: usize = 8;
+const MAX_SHADOWED_LIGHTS_PER_FRAME: usize = 8;
 
 /// Visibility of the lights of one frame; reused by the next frame.
 pub struct VisibilityBuffers {
     buffers: Vec<Visibility>,
     used: usize,
     half: Half,
-    all_seen: Visibility,
+    all_visible: Visibility,
 }
 
 impl VisibilityBuffers {
@@ -79,7 +79,7 @@ impl VisibilityBuffers {
         transfer: Option<&Transfer>,
         traced: bool,
     ) -> Result<Self> {
-        let all_seen = |packets: &[SamplePacket]| -> Result<Buffer<u32>> {
+        let all_visible = |packets: &[SamplePacket]| -> Result<Buffer<u32>> {
             let words = packets.len() * PACKET_SIZE / 4;
             let mut words = Buffer::new(context, "visibility", Access::HostWrites, words)?;
             words.host_mut().fill(u32::MAX);
@@ -88,9 +88,9 @@ impl VisibilityBuffers {
         let gather_packets = transfer.map_or(&[][..], |t| &t.packets);
         let new = || -> Result<Visibility> {
             Ok(Visibility {
-                view_samples: all_seen(&framebuffer.packets)?,
-                gather_points: all_seen(gather_packets)?,
-                light_rays: LightRayHits::nothing(context, transfer)?,
+                view_samples: all_visible(&framebuffer.packets)?,
+                gather_points: all_visible(gather_packets)?,
+                light_rays: LightRayHits::empty(context, transfer)?,
             })
         };
         let half = match traced {
@@ -101,10 +101,10 @@ impl VisibilityBuffers {
             false => Half::default(),
         };
         Ok(Self {
-            buffers: (0..LIGHTS_A_FRAME).map(|_| new()).collect::<Result<_>>()?,
+            buffers: (0..MAX_SHADOWED_LIGHTS_PER_FRAME).map(|_| new()).collect::<Result<_>>()?,
             used: 0,
             half,
-            all_seen: new()?,
+            all_visible: new()?,
         })
     }
 
@@ -125,8 +125,8 @@ impl VisibilityBuffers {
         (VisibilitySlot(Some(index)), &mut self.buffers[index], &mut self.half)
     }
 
-    pub fn get(&self, seen: VisibilitySlot) -> &Visibility {
-        seen.0.map_or(&self.all_seen, |index| &self.buffers[index])
+    pub fn get(&self, slot: VisibilitySlot) -> &Visibility {
+        slot.0.map_or(&self.all_visible, |index| &self.buffers[index])
     }
 }
 

@@ -4,17 +4,17 @@ use super::table::significant;
 use super::{Ablation, EditTime, Method, Point, SceneReport};
 
 /// More work helps if it reduces the error below this share of it.
-const HELPED: f64 = 0.9;
+const IMPROVEMENT_RATIO: f64 = 0.9;
 
 /// Returns the sentences about one scene.
 pub fn of_scene(scene: &SceneReport) -> Vec<String> {
     let mut said = Vec::new();
     said.extend(best_of_ours(scene));
     said.extend(path_tracing(scene));
-    said.extend(beside_the_thesis(scene));
-    said.extend(beside_wavelets(scene));
+    said.extend(compare_with_thesis(scene));
+    said.extend(compare_with_wavelets(scene));
     for method in Method::ALL {
-        said.extend(where_it_ends(scene, method));
+        said.extend(convergence_limit(scene, method));
     }
     said.extend(not_finite(scene));
     said.extend(slowest_and_fastest_edit(scene));
@@ -106,7 +106,7 @@ fn path_tracing(scene: &SceneReport) -> Option<String> {
     ))
 }
 
-fn beside_the_thesis(scene: &SceneReport) -> Option<String> {
+fn compare_with_thesis(scene: &SceneReport) -> Option<String> {
     let theirs =
         least(scene.points.iter().filter(|p| matches!(p.method, Method::ThesisDiffuse | Method::ThesisGlossy)))?;
     let ours = least(scene.points.iter().filter(|p| p.method.is_ours()))?;
@@ -124,7 +124,7 @@ fn beside_the_thesis(scene: &SceneReport) -> Option<String> {
 }
 
 /// Compares nested blocks with Haar wavelets at the same error tolerance of their rows.
-fn beside_wavelets(scene: &SceneReport) -> Option<String> {
+fn compare_with_wavelets(scene: &SceneReport) -> Option<String> {
     let [nested, haar] = [Method::Compressed, Method::Haar].map(|method| curve(scene, method));
     let pairs = haar.iter().filter_map(|h| {
         let n = nested.iter().find(|n| n.setting == h.setting.replace(" --transfer haar", ""))?;
@@ -144,14 +144,15 @@ fn beside_wavelets(scene: &SceneReport) -> Option<String> {
 }
 
 /// Returns the first point that no later point improves on by more than 10 %.
-pub fn last_that_helped<'a>(points: &[&'a Point]) -> Option<&'a Point> {
-    let helped = |i: usize| points[i + 1..].iter().any(|p| p.errors.indirect < HELPED * points[i].errors.indirect);
+pub fn last_improvement<'a>(points: &[&'a Point]) -> Option<&'a Point> {
+    let helped =
+        |i: usize| points[i + 1..].iter().any(|p| p.errors.indirect < IMPROVEMENT_RATIO * points[i].errors.indirect);
     (0..points.len()).find(|&i| !helped(i)).map(|i| points[i])
 }
 
-fn where_it_ends(scene: &SceneReport, method: Method) -> Option<String> {
+fn convergence_limit(scene: &SceneReport, method: Method) -> Option<String> {
     let points = curve(scene, method);
-    let [stop, last] = [last_that_helped(&points)?, *points.last()?];
+    let [stop, last] = [last_improvement(&points)?, *points.last()?];
     if points.len() < 2 {
         return None;
     }
@@ -197,7 +198,7 @@ fn reason(scene: &SceneReport, method: Method, stop: &Point) -> String {
     let others = [Method::GatherSamples, Method::Rays, Method::Compressed].into_iter().filter(|other| *other != method);
     let best =
         least(others.filter(|_| method.is_ours() || method == Method::Haar).flat_map(|other| curve(scene, other)));
-    if let Some(best) = best.filter(|best| best.errors.indirect < HELPED * errors.indirect) {
+    if let Some(best) = best.filter(|best| best.errors.indirect < IMPROVEMENT_RATIO * errors.indirect) {
         let name = best.method.name().trim_start_matches("ours, ");
         return format!(
             "the remaining error has another cause: with {name} it is {} (`{}`)",

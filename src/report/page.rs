@@ -15,11 +15,11 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
     let scenes = report.scenes.iter().map(scene).collect::<Result<String, _>>()?;
     let glossy_alone = report.glossy_alone.iter().flat_map(|alone| &alone.pictures);
     let figures = report.thesis.pictures.iter().chain(glossy_alone).map(figure).collect::<Result<String, _>>()?;
-    let beside_the_thesis = thesis::html(&report.thesis, &report.scenes, report.glossy_alone.as_ref());
+    let thesis_comparison = thesis::html(&report.thesis, &report.scenes, report.glossy_alone.as_ref());
     let machine = tables(report).swap_remove(0).html();
     let quick = if report.quick { " This is the quick version, with small pictures and short curves." } else { "" };
     let parts = [
-        ("thesis", beside_the_thesis.is_empty()),
+        ("thesis", thesis_comparison.is_empty()),
         ("scaling", report.growth.is_empty()),
         ("stability", report.stability.1.is_empty()),
         ("extreme", report.extreme.is_empty()),
@@ -43,7 +43,7 @@ pub(super) fn html(report: &Report) -> Result<String, ::png::EncodingError> {
          numbers. Seconds are CPU time of all threads, user and system, plus GPU time; wall-clock times are in the CSV \
          files.</p>\n<p class=contents>{contents}<a href=\"#method\">How it was measured</a> <a href=\"#limits\">Known \
          limits</a></p>\n\
-         <h2>Machine</h2>\n{machine}{scenes}{beside_the_thesis}{figures}{growth}{stability}{extreme}{method}\
+         <h2>Machine</h2>\n{machine}{scenes}{thesis_comparison}{figures}{growth}{stability}{extreme}{method}\
          <h2 id=limits>Known limits</h2>\n{limits}</main></body></html>\n",
         style = include_str!("style.css"),
         when = escaped(&report.when),

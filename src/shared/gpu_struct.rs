@@ -20,7 +20,15 @@ pub trait Push: Pod {
     const KERNEL: &'static str;
     /// The kernel's specialization constants; `()` if it has none.
     type Constants: Constants;
+    /// [`Compute`] or [`DrawDepth`].
+    type Pipeline;
 }
+
+/// [`Push::Pipeline`] of a compute kernel, `glsl/{KERNEL}.comp`.
+pub enum Compute {}
+
+/// [`Push::Pipeline`] of shaders that draw depth: `glsl/{KERNEL}.vert`, and `glsl/{KERNEL}.frag` if it exists.
+pub enum DrawDepth {}
 
 /// Specialization constants of a kernel. Code that a scene does not use is removed when the pipeline is compiled.
 pub trait Constants: Default {
@@ -122,8 +130,9 @@ pub fn interface<P: Push + Glsl>() -> (&'static str, String) {
 /// Declares constants and structs in Rust; `shared_glsl()`, which returns their GLSL; and `interfaces()`, which returns
 /// the GLSL that is specific to each kernel, by its name.
 ///
-/// `struct` items can be elements of buffers. `push` items are push constants of the kernel named after `for`, and must
-/// fit into 128 bytes, the smallest limit that Vulkan allows. Eight-byte fields come first. The kernel's struct of
+/// `struct` items can be elements of buffers. `push` items are push constants of the compute kernel named after `for`,
+/// `draw` items those of shaders that draw depth. Both must fit into 128 bytes, the smallest limit that Vulkan allows.
+/// Eight-byte fields come first. The kernel's struct of
 /// specialization constants is given in parentheses. In GLSL their names are in capitals, and the values given here are
 /// the defaults.
 macro_rules! gpu_shared {
@@ -183,6 +192,7 @@ macro_rules! gpu_shared {
                 impl $crate::shared::gpu_struct::Push for $name {
                     const KERNEL: &'static str = stringify!($kernel);
                     type Constants = gpu_shared!(@constants $($constants)?);
+                    type Pipeline = gpu_shared!(@pipeline $kind);
                 }
                 const _: () = assert!(size_of::<$name>() <= 128, "push constants are limited to 128 bytes");
             )?
@@ -228,6 +238,15 @@ macro_rules! gpu_shared {
     };
     (@references push $name:ident) => {
         "" // declared only in its kernel, see `interface`
+    };
+    (@references draw $name:ident) => {
+        ""
+    };
+    (@pipeline push) => {
+        $crate::shared::gpu_struct::Compute
+    };
+    (@pipeline draw) => {
+        $crate::shared::gpu_struct::DrawDepth
     };
     (@glsl bool) => {
         "bool"

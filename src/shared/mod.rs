@@ -49,7 +49,7 @@ gpu_shared! {
         /// Texels along each side of the map of directions to a disc [Yang 2007, Figure 4.2 b].
         pub const DISC_SIDE: u32 = 32;
         /// Maximum number of lights that one pass of the transfer processes together.
-        pub const LIGHTS_A_PASS: u32 = 4;
+        pub const MAX_LIGHTS_PER_PASS: u32 = 4;
         /// Rows of the tables of k, over roughness.
         pub const TABLE_ROUGHNESSES: u32 = 25;
         /// Columns of the tables of k, over the square root of the cosine.
@@ -75,7 +75,9 @@ gpu_shared! {
         /// Bins of a luminance histogram. The first and last bin count what is darker or brighter than all others.
         pub const HISTOGRAM_BINS: u32 = 66;
         /// Bins per stop.
-        pub const BINS_A_STOP: u32 = 4;
+        pub const BINS_PER_STOP: u32 = 4;
+        /// Tiles that a workgroup of inspect.comp counts in shared memory before it adds to the histogram.
+        pub const TILES_PER_GROUP: u32 = 16;
     }
 
     floats {
@@ -470,9 +472,9 @@ gpu_shared! {
             /// The factor vector: RGB and an unused component, interleaved by light.
             pub vector: Read<Vec4>,
             /// Per light, planes R, G, B of `pixel_stride` floats; the result is added to them.
-            pub images: [Write<f32>; LIGHTS_A_PASS as usize],
+            pub images: [Write<f32>; MAX_LIGHTS_PER_PASS as usize],
             /// Per light, planes R, G, B of `extra_stride` floats for extra samples; the result is added to them.
-            pub extras: [Write<f32>; LIGHTS_A_PASS as usize],
+            pub extras: [Write<f32>; MAX_LIGHTS_PER_PASS as usize],
             /// Number of slices.
             pub slice_count: u32,
             /// Number of samples of layer 1.
@@ -498,9 +500,9 @@ gpu_shared! {
             /// RGB and an unused component, interleaved by light: input, and output unless that goes to view samples.
             pub vector: Write<Vec4>,
             /// Per light, planes R, G, B of `pixel_stride` floats; the result is added to them.
-            pub images: [Write<f32>; LIGHTS_A_PASS as usize],
+            pub images: [Write<f32>; MAX_LIGHTS_PER_PASS as usize],
             /// Per light, planes R, G, B of `extra_stride` floats for extra samples; the result is added to them.
-            pub extras: [Write<f32>; LIGHTS_A_PASS as usize],
+            pub extras: [Write<f32>; MAX_LIGHTS_PER_PASS as usize],
             /// Number of panels.
             pub panel_count: u32,
             /// Number of samples of layer 1.
@@ -528,7 +530,7 @@ gpu_shared! {
             pub texel: f32,
         }
 
-        pub push ShadowPush for shadow {
+        pub draw ShadowPush for shadow {
             /// Vertices, three floats each.
             pub positions: Read<f32>,
             /// All faces of the light.
@@ -539,7 +541,7 @@ gpu_shared! {
             pub unused: u32,
         }
 
-        pub push ShadowCutoutPush for shadow_cutout {
+        pub draw ShadowCutoutPush for shadow_cutout {
             /// Three per triangle.
             pub corners: Read<CutoutCorner>,
             /// One per material.

@@ -9,7 +9,7 @@ use super::still::MIDDLE_ERROR;
 use super::views::{Aid, View, Views};
 use crate::relight::exposure::{stop_color, stops};
 use crate::relight::sheet::Grid;
-use crate::shared::{BINS_A_STOP, HISTOGRAM_BINS, MIDDLE_STOP, STOP_COUNT};
+use crate::shared::{BINS_PER_STOP, HISTOGRAM_BINS, MIDDLE_STOP, STOP_COUNT};
 
 /// Data about the picture that was drawn last.
 #[derive(Clone, Default, PartialEq)]
@@ -111,9 +111,9 @@ fn bars(ui: &mut Ui, counts: &[u32]) {
     let most = counts[1..bins - 1].iter().copied().max().unwrap_or(0).max(1);
     let bottom = place.top() + HISTOGRAM_HEIGHT;
     let x = |bin: usize| place.left() + (bin - 1) as f32 * width;
-    for stop in (0..=(bins - 2) / BINS_A_STOP as usize).step_by(2) {
-        let at = x(1 + stop * BINS_A_STOP as usize);
-        let middle = stop == (bins - 2) / BINS_A_STOP as usize / 2;
+    for stop in (0..=(bins - 2) / BINS_PER_STOP as usize).step_by(2) {
+        let at = x(1 + stop * BINS_PER_STOP as usize);
+        let middle = stop == (bins - 2) / BINS_PER_STOP as usize / 2;
         let line = Stroke::new(1.0, Color32::from_gray(if middle { 110 } else { 50 }));
         ui.painter().vline(at, place.top()..=bottom, line);
         let text = if middle { "0".into() } else { format!("{:+}", stop as i32 - 8) };
@@ -122,7 +122,7 @@ fn bars(ui: &mut Ui, counts: &[u32]) {
     }
     for (bin, &count) in counts.iter().enumerate().take(bins - 1).skip(1) {
         let height = HISTOGRAM_HEIGHT * (count as f32 / most as f32).sqrt();
-        let [r, g, b] = stop_color((bin as f32 - (bins / 2) as f32 + 0.5) / BINS_A_STOP as f32);
+        let [r, g, b] = stop_color((bin as f32 - (bins / 2) as f32 + 0.5) / BINS_PER_STOP as f32);
         let bar = Rect::from_min_max(Pos2::new(x(bin), bottom - height), Pos2::new(x(bin + 1) - 0.5, bottom));
         ui.painter().rect_filled(bar, 0.0, Color32::from_rgb(r, g, b));
     }

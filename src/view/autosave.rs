@@ -18,7 +18,7 @@ pub struct Autosave {
     /// Whether the writer has not answered yet.
     busy: bool,
     /// Whether a failure of the writer has been reported.
-    told: bool,
+    error_reported: bool,
     jobs: Option<Sender<Job>>,
     outcomes: Receiver<Result<()>>,
     writer: Option<JoinHandle<()>>,
@@ -51,7 +51,15 @@ impl Autosave {
                 }
             }
         });
-        Self { path, written: (0, false), busy: false, told: false, jobs: Some(jobs), outcomes, writer: Some(writer) }
+        Self {
+            path,
+            written: (0, false),
+            busy: false,
+            error_reported: false,
+            jobs: Some(jobs),
+            outcomes,
+            writer: Some(writer),
+        }
     }
 
     /// Loads the file that a crash left, if it exists and differs from `rig`.
@@ -65,7 +73,7 @@ impl Autosave {
     }
 
     /// Sends changed lights to the writer if it is free; never blocks. Returns only the first failure of the writer.
-    pub fn note(&mut self, desk: &Desk) -> Result<()> {
+    pub fn update(&mut self, desk: &Desk) -> Result<()> {
         let outcome = match self.outcomes.try_recv() {
             Ok(outcome) => {
                 self.busy = false;
@@ -79,13 +87,13 @@ impl Autosave {
             self.busy = self.jobs.as_ref().is_some_and(|jobs| jobs.send(job).is_ok());
             self.written = state;
         }
-        let is_news = !self.told;
-        self.told |= outcome.is_err();
-        if is_news { outcome } else { Ok(()) }
+        let is_first = !self.error_reported;
+        self.error_reported |= outcome.is_err();
+        if is_first { outcome } else { Ok(()) }
     }
 
-    /// Discards the file that was found: the next [`Self::note`] overwrites or removes it.
-    pub fn forget(&mut self) {
+    /// Discards the file that was found: the next [`Self::update`] overwrites or removes it.
+    pub fn discard_found(&mut self) {
         self.written = (u64::MAX, true);
     }
 

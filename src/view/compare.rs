@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::desk::Desk;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Over, Pixels};
+use crate::gpu::{Access, Buffer, ComparisonOverlay, Context, Pixels};
 use crate::relight::{Picture, Relighter, Request, ToneMap};
 
 /// An active comparison with a snapshot.
@@ -24,7 +24,7 @@ pub enum Comparison {
 }
 
 /// Pixels drawn over the picture, and the inputs they were computed from.
-pub struct Overlaid {
+pub struct ComparisonImage {
     buffer: Buffer<u32>,
     size: [u32; 2],
     made_for: Option<MadeFor>,
@@ -43,7 +43,7 @@ struct MadeFor {
     version: Option<u64>,
 }
 
-impl Overlaid {
+impl ComparisonImage {
     pub fn new(context: &Arc<Context>, size: [u32; 2]) -> Result<Self> {
         let count = size[0] as usize * size[1] as usize;
         let buffer = Buffer::new(context, "pictures (compared)", Access::HostWrites, count)?;
@@ -51,7 +51,7 @@ impl Overlaid {
     }
 
     /// Discards the pixels, because the light images have changed without an edit.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.made_for = None;
         self.linear = None;
     }
@@ -64,7 +64,7 @@ impl Overlaid {
         relighter: &mut Relighter,
         (exposure, tone_map, blue_first): (f32, ToneMap, bool),
     ) -> Result<bool> {
-        let Some((snapshot, rig)) = desk.snapshots().get(comparing.slot).zip(desk.kept_rig(comparing.slot)) else {
+        let Some((snapshot, rig)) = desk.snapshots().get(comparing.slot).zip(desk.snapshot_rig(comparing.slot)) else {
             return Ok(false);
         };
         let is_wipe = matches!(comparing.kind, Comparison::Wipe { .. });
@@ -107,12 +107,12 @@ impl Overlaid {
     }
 
     /// Returns the pixels to draw over the picture, and the share of its width that they cover.
-    pub fn over(&self, comparison: Comparison) -> Over<'_> {
+    pub fn overlay(&self, comparison: Comparison) -> ComparisonOverlay<'_> {
         let share = match comparison {
             Comparison::Wipe { at } => at,
             Comparison::Difference => 1.0,
         };
-        Over { pixels: Pixels { buffer: &self.buffer, width: self.size[0], height: self.size[1] }, share }
+        ComparisonOverlay { pixels: Pixels { buffer: &self.buffer, width: self.size[0], height: self.size[1] }, share }
     }
 }
 

@@ -4,79 +4,20 @@ use std::path::{Path, PathBuf};
 
 use egui::{Color32, DragValue, Grid, Key, Modifiers, RichText, ScrollArea, Ui};
 
-use super::compare::Comparing;
+use super::action::Action;
 use super::desk::{Desk, GroupEdit, LightEdit};
-use super::gizmo::Grab;
 use super::keys::{self, Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
+use super::open_scene::OpenScene;
 use super::snapshots::snapshots;
-use super::stage::Stage;
-use super::views::{self, Aid, Views};
+use super::view_menu::view_menu;
+use super::view_state::{Dialog, ViewState};
 use crate::relight::ToneMap;
-use crate::scene::{LightKind, Rig};
+use crate::scene::LightKind;
 
 /// Width of the panel, points.
 pub const PANEL_WIDTH: f32 = 290.0;
-
-/// The settings of the window that are independent of the lights.
-pub struct ViewState {
-    /// Exposure, stops.
-    pub exposure: f32,
-    pub tone_map: ToneMap,
-    pub one_to_one: bool,
-    pub panel: bool,
-    pub overlay: bool,
-    pub views: Views,
-    pub help: bool,
-    pub dialog: Option<Dialog>,
-    /// Search text for the list of lights.
-    pub search: String,
-    /// Active comparison with a snapshot.
-    pub comparing: Option<Comparing>,
-    /// Whether the view through the selected light is shown.
-    pub look: bool,
-}
-
-/// An open dialog.
-pub enum Dialog {
-    /// The path as typed so far.
-    SaveAs(String),
-    /// Asks whether to save before quitting.
-    Quit,
-    /// Asks whether to recover these lights, which a crash left.
-    Recover(Box<Rig>),
-}
-
-/// An action requested by the user.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Action {
-    Do(Command),
-    SaveTo(PathBuf),
-    SaveAndQuit,
-    QuitUnsaved,
-    /// Recovers the lights that a crash left.
-    Recover(Box<Rig>),
-    /// Discards the lights that a crash left.
-    Forget,
-    /// Moves a handle to the mouse.
-    Drag(Grab),
-    /// Only redraws.
-    Show,
-}
-
-impl ViewState {
-    /// Whether anything is drawn beside or over the picture.
-    pub fn has_ui(&self) -> bool {
-        let over = self.look || self.comparing.is_some() || self.views.has_ui();
-        self.panel || self.overlay || self.help || over || self.dialog.is_some()
-    }
-
-    /// Returns the tone curve from scene-linear to the display.
-    pub fn curve(&self) -> ToneMap {
-        if self.views.has(Aid::FalseColor) { ToneMap::FalseColor } else { self.tone_map }
-    }
-}
 
 /// Draws the progress of a bake in the background; `share` is from 0 to 1.
 pub fn baking(ui: &mut Ui, what: &str, share: f32) {
@@ -87,8 +28,8 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
 }
 
 /// Draws the panel: lights, values of the selected lights, snapshots, history, picture.
-pub fn panel(ui: &mut Ui, stage: &mut Stage, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
-    let Stage { desk, shares, thumbnails, .. } = stage;
+pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
+    let OpenScene { desk, shares, thumbnails, .. } = open_scene;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {
             actions.push(Action::Do(command));
@@ -163,7 +104,7 @@ fn history_list(ui: &mut Ui, desk: &mut Desk) {
 }
 
 fn picture_values(ui: &mut Ui, view: &mut ViewState, actions: &mut Vec<Action>) {
-    views::menu(ui, view, actions);
+    view_menu(ui, view, actions);
     ui.horizontal(|ui| {
         ui.label("exposure");
         ui.add(DragValue::new(&mut view.exposure).speed(0.02).range(-100.0..=100.0).fixed_decimals(2).suffix(" stops"));
@@ -248,7 +189,7 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
                     actions.push(Action::Recover(rig.clone()));
                     close = true;
                 } else if ui.button("Discard (D)").clicked() || pressed(ui, Key::D) {
-                    actions.push(Action::Forget);
+                    actions.push(Action::DiscardRecovery);
                     close = true;
                 }
             });
@@ -283,7 +224,7 @@ pub fn works_always(command: Command) -> bool {
 }
 
 /// Whether a key may open or close a dialog, or leave a text field, so that later keys have another receiver.
-pub fn hands_over(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modifiers, key: Key) -> bool {
+pub fn changes_key_receiver(dialog: Option<&Dialog>, ui_wants_keys: bool, modifiers: Modifiers, key: Key) -> bool {
     let leaves = ui_wants_keys && matches!(key, Key::Enter | Key::Tab);
     let answers = is_answered_by_keys(dialog);
     let commands = [Command::Close, Command::Quit, Command::Save, Command::SaveAs, Command::Export];

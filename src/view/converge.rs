@@ -11,34 +11,18 @@ use std::time::{Duration, Instant};
 use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
+use super::edge_refinement::{EdgeRefinement, Edges, edges};
 use super::load::LoadEvent;
 use crate::bake::transfer::Transfer;
-use crate::bake::{BakeSettings, DeepFramebuffer, bake, low_priority};
+use crate::bake::{BakeSettings, bake, low_priority};
 use crate::error::Result;
 use crate::gpu::Context;
 use crate::relight::{Layers, RelightSettings, Relighter};
-use crate::scene::{Rig, Scene};
-
-/// A deep framebuffer with extra samples on edges, baked in the background.
-pub struct Sharper {
-    edges: Edges,
-    /// The transfer that `transfer` was derived from.
-    of: Option<Arc<Transfer>>,
-    framebuffer: Arc<DeepFramebuffer>,
-    transfer: Option<Arc<Transfer>>,
-}
+use crate::scene::Rig;
 
 /// Whether both are the same bake.
 fn is_same(a: &Option<Arc<Transfer>>, b: &Option<Arc<Transfer>>) -> bool {
     a.as_ref().map(Arc::as_ptr) == b.as_ref().map(Arc::as_ptr)
-}
-
-/// All lights that cast shadows, packed as for kernels; shadow edges depend on them.
-type Edges = Vec<u8>;
-
-fn edges(scene: &Scene, rig: &Rig) -> Edges {
-    let casts = rig.lights.iter().filter(|light| light.enabled && light.shadows);
-    casts.flat_map(|light| bytemuck::bytes_of(&light.pack(scene.space)).to_vec()).collect()
 }
 
 /// Refinement of the picture at rest.
@@ -57,7 +41,7 @@ pub struct Converge {
     /// Time of the last edit.
     edited: Instant,
     /// Time at which progress was last shown.
-    looked: Instant,
+    progress_shown: Instant,
 }
 
 /// A running bake; counts are tiles.
@@ -80,9 +64,9 @@ pub enum Progress {
 }
 
 /// Refinement starts this long after the last edit.
-const REST: Duration = Duration::from_millis(400);
+const REFINEMENT_DELAY: Duration = Duration::from_millis(400);
 /// Interval at which progress is shown.
-const LOOK: Duration = Duration::from_millis(200);
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Converge {
     pub fn new(
@@ -101,7 +85,7 @@ impl Converge {
             layers: Layers::All,
             baking: None,
             edited: Instant::now(),
-            looked: Instant::now(),
+            progress_shown: Instant::now(),
         }
     }
 
@@ -136,26 +120,26 @@ impl Converge {
     fn is_wanted(&self, opened: &Opened) -> bool {
         // Wavelet rows support one sample per pixel only. If light images share memory, they are never complete.
         self.samples > 1
-            && self.relighter.as_ref().is_none_or(Relighter::keeps_all)
+            && self.relighter.as_ref().is_none_or(Relighter::has_slot_for_every_image)
             && opened.transfer.as_ref().is_none_or(|transfer| !transfer.chain.is_empty())
     }
 
-    /// Returns when the next step is due, or the next display of progress if `is_looked_at`, unless an event comes
+    /// Returns when the next step is due, or the next display of progress if `shows_progress`, unless an event comes
     /// before.
-    pub fn goes_on_at(&self, opened: &Opened, rig: &Rig, is_looked_at: bool) -> Option<Instant> {
+    pub fn next_step_at(&self, opened: &Opened, rig: &Rig, shows_progress: bool) -> Option<Instant> {
         let pending = self.relighter.as_ref().map_or(0, |relighter| relighter.pending(self.layers));
         match &self.baking {
             _ if !self.is_wanted(opened) => None,
-            Some(_) => is_looked_at.then_some(self.looked + LOOK),
+            Some(_) => shows_progress.then_some(self.progress_shown + PROGRESS_INTERVAL),
             None if self.is_current(opened, rig) && pending == 0 => None,
-            None => Some(self.edited + REST),
+            None => Some(self.edited + REFINEMENT_DELAY),
         }
     }
 
     /// Does one short step of refinement, if the lights rest.
-    pub fn go_on(&mut self, opened: &Opened, rig: &Rig) -> Result<()> {
-        self.looked = Instant::now();
-        if !self.is_wanted(opened) || self.baking.is_some() || self.edited.elapsed() < REST {
+    pub fn step(&mut self, opened: &Opened, rig: &Rig) -> Result<()> {
+        self.progress_shown = Instant::now();
+        if !self.is_wanted(opened) || self.baking.is_some() || self.edited.elapsed() < REFINEMENT_DELAY {
             return Ok(());
         }
         if !self.is_current(opened, rig) {
@@ -190,33 +174,40 @@ impl Converge {
                 let transfer = of.as_ref().and_then(|of| of.spread(&plain, &framebuffer, scene.bvh.radius));
                 (Arc::new(framebuffer), transfer.map(Arc::new))
             });
-            let sharper = Sharper { edges: edges(&scene, &rig), of, framebuffer, transfer };
+            let refinement = EdgeRefinement { edges: edges(&scene, &rig), of, framebuffer, transfer };
             // Fails only after the window is closed.
-            let _ = proxy.send_event(LoadEvent::Sharper(Box::new(sharper)));
+            let _ = proxy.send_event(LoadEvent::EdgesRefined(Box::new(refinement)));
         });
     }
 
     /// Accepts a finished bake, unless lights that cast shadows have moved since.
-    pub fn take(&mut self, sharper: Sharper, opened: &Opened, rig: &Rig) {
+    pub fn accept(&mut self, refinement: EdgeRefinement, opened: &Opened, rig: &Rig) {
         self.baking = None;
-        if !is_same(&sharper.of, &opened.transfer) || sharper.edges != edges(&opened.scene, rig) {
+        if !is_same(&refinement.of, &opened.transfer) || refinement.edges != edges(&opened.scene, rig) {
             return;
         }
-        let taken = match &mut self.relighter {
-            Some(relighter) => relighter.set_framebuffer(sharper.framebuffer, sharper.transfer),
+        let outcome = match &mut self.relighter {
+            Some(relighter) => relighter.set_framebuffer(refinement.framebuffer, refinement.transfer),
             None => {
                 let (context, settings) = (&self.context, &self.settings);
-                Relighter::new(context, &opened.scene, &sharper.framebuffer, sharper.transfer.as_ref(), rig, settings)
-                    .map(|made| self.relighter = Some(made))
+                Relighter::new(
+                    context,
+                    &opened.scene,
+                    &refinement.framebuffer,
+                    refinement.transfer.as_ref(),
+                    rig,
+                    settings,
+                )
+                .map(|made| self.relighter = Some(made))
             }
         };
-        match taken {
+        match outcome {
             // Not fatal: the picture remains without extra samples.
             Err(error) => {
                 tracing::warn!("edges are not refined and have one sample per pixel: {error}");
                 (self.relighter, self.samples) = (None, 1);
             }
-            Ok(()) => self.has = Some((sharper.edges, sharper.of)),
+            Ok(()) => self.has = Some((refinement.edges, refinement.of)),
         }
     }
 

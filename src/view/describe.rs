@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::history::State;
+use super::rig_state::RigState;
 use crate::scene::{Light, LightGroup, LightKind};
 
 /// Describes a change: "key: +0.5 stop", "key and 2 more: moved 0.1 m", "group rim: off".
-pub fn change(before: &State, after: &State) -> String {
+pub fn change(before: &RigState, after: &RigState) -> String {
     let listed = |was: usize, is: usize| was.abs_diff(is);
     match listed(before.lights.len(), after.lights.len()) {
         0 => {}

@@ -1,6 +1,6 @@
 //! The lighting desk without its window: lights, selection, and all edits.
 
-mod alike;
+mod apply_change;
 mod check;
 mod edit;
 mod groups;
@@ -106,7 +106,7 @@ impl Desk {
     }
 
     /// Adds the next light (`by` is 1) or the previous light (-1) to the selection.
-    pub fn select_next_too(&mut self, by: isize) {
+    pub fn add_next_to_selection(&mut self, by: isize) {
         if let Some(index) = self.next(by) {
             let mut selection = self.selection.clone();
             selection.add(index);
@@ -156,12 +156,12 @@ impl Desk {
 
     /// [`Self::commit`] with a new selection, and an optional name for the history.
     fn commit_as(&mut self, mut rig: Rig, selection: Selection, name: Option<String>) {
-        alike::carry_to_followers(&self.rig, &mut rig);
-        self.become_rig(rig, selection, name);
+        apply_change::update_followers(&self.rig, &mut rig);
+        self.replace_rig(rig, selection, name);
     }
 
     /// [`Self::commit_as`] without updating followers.
-    fn become_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
+    fn replace_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
         if rig == self.rig {
             return;
         }

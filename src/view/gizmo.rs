@@ -67,20 +67,20 @@ impl Gizmos<'_> {
         let at = [at[0] + grab.offset[0], at[1] + grab.offset[1]];
         let mut light = light.clone();
         match grab.handle {
-            Handle::Position => light.position = self.opened.beside(self.placement, at, light.position)?,
+            Handle::Position => light.position = self.opened.on_parallel_plane(self.placement, at, light.position)?,
             Handle::Aim if light.kind == LightKind::Directional => {
                 // The handle is the tail of the arrow; its tip is fixed.
                 let tip = self.opened.pivot();
-                let tail = self.opened.beside(self.placement, at, self.tail(&light))?;
+                let tail = self.opened.on_parallel_plane(self.placement, at, self.tail(&light))?;
                 light.direction = (tip - tail).try_normalize()?;
             }
             Handle::Aim => {
                 let surface = self.opened.pick(self.placement, at).map(|pick| pick.position);
-                let there = surface.or_else(|| self.opened.beside(self.placement, at, self.aim(&light)))?;
+                let there = surface.or_else(|| self.opened.on_parallel_plane(self.placement, at, self.aim(&light)))?;
                 light.direction = (there - light.position).try_normalize()?;
             }
             Handle::Cone => {
-                let there = self.opened.beside(self.placement, at, self.aim(&light))?;
+                let there = self.opened.on_parallel_plane(self.placement, at, self.aim(&light))?;
                 let angle = light.direction.angle_between(there - light.position);
                 let outer = angle.clamp(0.001, std::f64::consts::FRAC_PI_2);
                 let share = if light.outer_angle > 0.0 { light.inner_angle / light.outer_angle } else { 0.0 };
@@ -105,7 +105,7 @@ impl Gizmos<'_> {
 
     /// Returns the first surface point on a spot light's axis.
     fn aim(&self, light: &Light) -> DVec3 {
-        light.position + light.direction * self.opened.free_along(light.position, light.direction)
+        light.position + light.direction * self.opened.distance_to_surface(light.position, light.direction)
     }
 
     /// Returns the tail of a directional light's arrow.

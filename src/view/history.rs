@@ -1,23 +1,15 @@
 //! Unlimited undo and redo: all states of the lights, which share their unchanged parts.
 
-use std::sync::Arc;
-
 use super::describe;
 use super::desk::selection::Selection;
-use crate::scene::{Light, LightGroup, Rig};
-
-/// One state of the lights. States share lights, so each state costs little more than a list of pointers.
-#[derive(Clone, Debug, PartialEq)]
-pub struct State {
-    pub lights: Vec<Arc<Light>>,
-    pub groups: Vec<Arc<LightGroup>>,
-}
+use super::rig_state::RigState;
+use crate::scene::Rig;
 
 /// A state, and the edit that led to it.
 pub struct Entry {
     /// Description of the edit: "key: +0.5 stop".
     pub name: String,
-    state: State,
+    state: RigState,
     /// Selection after undoing the edit.
     selected_before: Selection,
     /// Selection after redoing the edit.
@@ -41,64 +33,11 @@ pub struct History {
     saved: u64,
 }
 
-impl State {
-    pub fn of(rig: &Rig) -> Self {
-        Self {
-            lights: rig.lights.iter().cloned().map(Arc::new).collect(),
-            groups: rig.groups.iter().cloned().map(Arc::new).collect(),
-        }
-    }
-
-    /// Returns the state of `rig`, which shares unchanged lights and groups with this one.
-    fn then(&self, rig: &Rig) -> Self {
-        Self {
-            lights: shared(&self.lights, &rig.lights, |light| &light.name),
-            groups: shared(&self.groups, &rig.groups, |group| &group.name),
-        }
-    }
-
-    /// Replaces the lights and groups of `rig` by those of this state.
-    pub fn put_into(&self, rig: &mut Rig) {
-        rig.lights = self.lights.iter().map(|light| Light::clone(light)).collect();
-        rig.groups = self.groups.iter().map(|group| LightGroup::clone(group)).collect();
-    }
-
-    fn has_lists_of(&self, other: &Self) -> bool {
-        (self.lights.len(), self.groups.len()) == (other.lights.len(), other.groups.len())
-    }
-
-    /// Returns the indices of lights that are new or changed since `before`, or whose group changed.
-    fn edited_since(&self, before: &Self) -> Vec<usize> {
-        let same_list = self.lights.len() == before.lights.len();
-        let is_known = |light: &Light| before.lights.iter().any(|other| other.name == light.name);
-        let group_changed =
-            |light: &Light| light.group.is_some_and(|group| before.groups.get(group) != self.groups.get(group));
-        let is_edited = |index: &usize| {
-            let light = &self.lights[*index];
-            if same_list { *light != before.lights[*index] || group_changed(light) } else { !is_known(light) }
-        };
-        (0..self.lights.len()).filter(is_edited).collect()
-    }
-}
-
-/// Returns `new` as shared values; those equal to a value of the same name in `old` are shared with it. Common values
-/// must have the same order in both lists.
-fn shared<T: Clone + PartialEq>(old: &[Arc<T>], new: &[T], name: impl Fn(&T) -> &str) -> Vec<Arc<T>> {
-    let mut rest = old;
-    let mut share = |value: &T| {
-        let found = rest.iter().position(|other| name(other) == name(value))?;
-        let shared = &rest[found];
-        rest = &rest[found + 1..];
-        (**shared == *value).then(|| shared.clone())
-    };
-    new.iter().map(|value| share(value).unwrap_or_else(|| Arc::new(value.clone()))).collect()
-}
-
 impl History {
     pub fn new(opened: &Rig) -> Self {
         let entry = Entry {
             name: "opened".into(),
-            state: State::of(opened),
+            state: RigState::of(opened),
             selected_before: Selection::default(),
             selected_after: Selection::default(),
             edited: Vec::new(),
@@ -154,7 +93,7 @@ impl History {
         self.current
     }
 
-    pub fn state(&self) -> &State {
+    pub fn state(&self) -> &RigState {
         &self.entries[self.current].state
     }
 

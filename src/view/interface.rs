@@ -2,17 +2,19 @@
 
 use egui::Ui;
 
-use super::controls::{self, Action, PANEL_WIDTH, ViewState};
+use super::action::Action;
+use super::controls::{self, PANEL_WIDTH};
 use super::gather::GatherMarks;
-use super::stage::Stage;
+use super::open_scene::OpenScene;
 use super::timings::Timings;
+use super::view_state::ViewState;
 use super::views::{Aid, View};
 use super::{overlay, profile, wipe};
 use crate::gpu::Placement;
 
 /// The state that the interface shows and changes.
 pub struct Interface<'a> {
-    pub stage: &'a mut Stage,
+    pub open_scene: &'a mut OpenScene,
     pub view: &'a mut ViewState,
     pub timings: &'a Timings,
     /// Name of the scene.
@@ -30,41 +32,41 @@ pub struct Interface<'a> {
 impl Interface<'_> {
     /// Draws the interface and appends the requested actions to `actions`.
     pub fn draw(self, ui: &mut Ui, actions: &mut Vec<Action>) {
-        let Self { stage, view, timings, name, loading, budget_ms, placement, scale } = self;
-        let rig_path = stage.rig_path().map(ToOwned::to_owned);
+        let Self { open_scene, view, timings, name, loading, budget_ms, placement, scale } = self;
+        let rig_path = open_scene.rig_path().map(ToOwned::to_owned);
         if view.panel {
             let side = egui::Panel::right("panel").exact_size(PANEL_WIDTH).resizable(false);
             side.show(ui, |ui| {
                 if let Some((what, share)) = loading {
                     controls::baking(ui, what, share);
                 }
-                controls::panel(ui, stage, view, name, actions)
+                controls::panel(ui, open_scene, view, name, actions)
             });
         }
-        let project = |point| Some(stage.opened.project(placement, point)? / scale);
+        let project = |point| Some(open_scene.opened.project(placement, point)? / scale);
         if view.views.has(Aid::GatherSamples) {
-            let mut marks = GatherMarks::get(stage.gather_marks.take(), &stage.opened);
+            let mut marks = GatherMarks::get(open_scene.gather_marks.take(), &open_scene.opened);
             marks.draw(ui, project);
-            stage.gather_marks = Some(marks);
+            open_scene.gather_marks = Some(marks);
         }
         if view.panel && view.views.view != View::Lights {
             let painter = ui.ctx().layer_painter(egui::LayerId::background());
-            stage.gizmos(placement).draw(&painter, scale);
+            open_scene.gizmos(placement).draw(&painter, scale);
         }
         if view.views.view == View::Beauty {
-            wipe::draw(ui, view, &stage.desk, placement, scale);
+            wipe::draw(ui, view, &open_scene.desk, placement, scale);
         }
-        if view.look {
-            let Stage { look, opened, desk, .. } = stage;
-            look.show(ui, opened, desk);
+        if view.show_light_view {
+            let OpenScene { light_view, opened, desk, .. } = open_scene;
+            light_view.show(ui, opened, desk);
         }
-        stage.draw_aids(ui, view, placement, scale);
+        open_scene.draw_aids(ui, view, placement, scale);
         if view.overlay {
-            overlay::times(ui, timings, &stage.desk, egui::Pos2::ZERO);
+            overlay::times(ui, timings, &open_scene.desk, egui::Pos2::ZERO);
         }
         if view.views.has(Aid::Profile) {
             let right = (placement.left as f32 + placement.width as f32) / scale;
-            profile::draw(ui, timings, &stage.memory(), budget_ms, egui::Pos2::new(right, 0.0));
+            profile::draw(ui, timings, &open_scene.memory(), budget_ms, egui::Pos2::new(right, 0.0));
         }
         if view.help {
             controls::help(ui, view);

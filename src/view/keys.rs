@@ -14,7 +14,7 @@ pub enum Command {
     NextLight,
     PreviousLight,
     /// Adds the next light to the selection.
-    NextLightToo,
+    AddNextLight,
     AllLights,
     Edit(LightEdit),
     EditGroup(GroupEdit),
@@ -26,7 +26,7 @@ pub enum Command {
     Shadow,
     LookThrough,
     /// Stores a snapshot in a slot.
-    Keep(usize),
+    Store(usize),
     /// Recalls the snapshot of a slot.
     Recall(usize),
     Wipe,
@@ -111,7 +111,7 @@ const fn digits(modifiers: Modifiers) -> [(Modifiers, Key); SLOTS] {
 }
 
 const RECALL: [(Modifiers, Key); SLOTS] = digits(Modifiers::ALT);
-const KEEP: [(Modifiers, Key); SLOTS] = digits(Modifiers { alt: true, ..Modifiers::COMMAND });
+const STORE: [(Modifiers, Key); SLOTS] = digits(Modifiers { alt: true, ..Modifiers::COMMAND });
 
 const TURN: [f64; 3] = [0.2, 2.0, 15.0];
 const STOPS: [f64; 3] = [0.1, 0.5, 1.0];
@@ -126,7 +126,7 @@ pub const SECTIONS: &[Section] = &[
         bindings: &[
             once(&[(NONE, Key::Tab)], Command::NextLight, "next light"),
             once(&[(Modifiers::SHIFT, Key::Tab)], Command::PreviousLight, "previous light"),
-            once(&[(CTRL, Key::Tab)], Command::NextLightToo, "add the next light to the selection"),
+            once(&[(CTRL, Key::Tab)], Command::AddNextLight, "add the next light to the selection"),
             once(&[(CTRL, Key::A)], Command::AllLights, "select all lights"),
             once(&[(NONE, Key::M)], Command::Edit(LightEdit::Toggle), "light on, off"),
             once(&[(NONE, Key::N)], Command::Edit(LightEdit::Solo), "solo: only solo lights shine; off stays off"),
@@ -228,7 +228,7 @@ pub const SECTIONS: &[Section] = &[
     Section {
         title: "Snapshots",
         bindings: &[
-            once(&KEEP, Command::Keep(0), "store the lights"),
+            once(&STORE, Command::Store(0), "store the lights"),
             once(&RECALL, Command::Recall(0), "recall them"),
             once(&[(NONE, Key::C)], Command::Wipe, "last snapshot beside the current lights"),
             once(&[(Modifiers::SHIFT, Key::C)], Command::Difference, "difference between the two"),
@@ -281,7 +281,7 @@ impl Binding {
     fn numbered(&self, key: Key) -> Option<Command> {
         let slot = self.keys.iter().position(|&(_, k)| k == key)?;
         match self.command {
-            Command::Keep(_) => Some(Command::Keep(slot)),
+            Command::Store(_) => Some(Command::Store(slot)),
             Command::Recall(_) => Some(Command::Recall(slot)),
             _ => None,
         }

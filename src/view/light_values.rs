@@ -75,7 +75,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
         cone(ui, &selected, &mut light);
         range(ui, &selected, &mut light, desk.step());
     });
-    desk.edit_alike(light);
+    desk.edit_primary_and_selection(light);
     group_values(ui, desk);
     link_values(ui, desk);
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
-use super::converge::Sharper;
+use super::edge_refinement::EdgeRefinement;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::session::Progress;
@@ -19,9 +19,9 @@ pub enum LoadEvent {
         share: f32,
     },
     Opened(Box<Opened>),
-    Refined(Arc<Transfer>),
+    Transfer(Arc<Transfer>),
     /// A bake with extra samples on edges, made while lights rest.
-    Sharper(Box<Sharper>),
+    EdgesRefined(Box<EdgeRefinement>),
     /// The loading thread has ended, with success or with an error.
     Ended(Result<()>),
 }
@@ -37,7 +37,7 @@ struct State {
     what: &'static str,
     total: usize,
     done: usize,
-    told: Option<Instant>,
+    last_sent: Option<Instant>,
 }
 
 /// Shortest interval between progress messages.
@@ -47,7 +47,7 @@ impl Loader {
     pub(super) fn new(proxy: EventLoopProxy<LoadEvent>) -> Self {
         Self {
             proxy,
-            state: Mutex::new(State { what: "", total: 0, done: 0, told: None }),
+            state: Mutex::new(State { what: "", total: 0, done: 0, last_sent: None }),
             window_is_gone: AtomicBool::new(false),
         }
     }
@@ -58,8 +58,8 @@ impl Loader {
     }
 
     /// Sends indirect light to the window; it replaces the previous one.
-    pub fn refine(&self, transfer: Transfer) {
-        self.send(LoadEvent::Refined(Arc::new(transfer)));
+    pub fn show_transfer(&self, transfer: Transfer) {
+        self.send(LoadEvent::Transfer(Arc::new(transfer)));
     }
 
     pub(super) fn end(&self, outcome: Result<()>) {
@@ -72,8 +72,8 @@ impl Loader {
         }
     }
 
-    fn tell(&self, state: &mut State) {
-        state.told = Some(Instant::now());
+    fn send_progress(&self, state: &mut State) {
+        state.last_sent = Some(Instant::now());
         let share = if state.total == 0 { 0.0 } else { state.done as f32 / state.total as f32 };
         self.send(LoadEvent::Progress { what: state.what, share });
     }
@@ -83,15 +83,15 @@ impl Loader {
 impl Progress for Loader {
     fn begin(&self, what: &'static str, total: usize) {
         let mut state = self.state.lock().expect("no thread panics while it holds this lock");
-        *state = State { what, total, done: 0, told: None };
-        self.tell(&mut state);
+        *state = State { what, total, done: 0, last_sent: None };
+        self.send_progress(&mut state);
     }
 
     fn advance(&self, steps: usize) {
         let mut state = self.state.lock().expect("no thread panics while it holds this lock");
         state.done += steps;
-        if state.told.is_none_or(|told| told.elapsed() >= INTERVAL) {
-            self.tell(&mut state);
+        if state.last_sent.is_none_or(|last_sent| last_sent.elapsed() >= INTERVAL) {
+            self.send_progress(&mut state);
         }
     }
 

@@ -4,6 +4,7 @@
 //! Scenes load and bake on another thread, behind a progress bar. Direct light can be edited while indirect light
 //! bakes.
 
+mod action;
 mod aids;
 mod autosave;
 mod compare;
@@ -11,6 +12,8 @@ mod controls;
 mod converge;
 mod describe;
 pub mod desk;
+mod detail_control;
+mod edge_refinement;
 mod gather;
 mod gizmo;
 mod graphics;
@@ -19,19 +22,21 @@ mod input_state;
 mod interface;
 pub mod keys;
 mod light_values;
+mod light_view;
 mod lights_list;
 mod load;
-mod look;
+mod open_scene;
 mod overlay;
-mod pace;
 mod pick;
 mod profile;
+pub mod rig_state;
 pub mod script;
 pub mod shares;
 mod snapshots;
-mod stage;
 mod still;
 mod timings;
+mod view_menu;
+mod view_state;
 pub mod views;
 mod window;
 mod wipe;
@@ -44,7 +49,7 @@ pub use self::load::Loader;
 pub use self::window::run;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
-use crate::gpu::{PassTime, Site, Validation, Vsync};
+use crate::gpu::{PassTime, Processor, Validation, Vsync};
 use crate::relight::{RelightSettings, ToneMap};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
@@ -112,7 +117,7 @@ pub struct ViewReport {
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PassReport {
     pub name: &'static str,
-    pub on: Site,
+    pub on: Processor,
     pub median_ms: f64,
 }
 

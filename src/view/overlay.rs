@@ -4,7 +4,7 @@ use egui::{Color32, Pos2, RichText, Ui};
 
 use super::desk::Desk;
 use super::timings::Timings;
-use crate::gpu::Site;
+use crate::gpu::Processor;
 
 /// Draws pass times, latency and the selection, with the upper left corner near `corner`, points.
 pub fn times(ui: &Ui, timings: &Timings, desk: &Desk, corner: Pos2) {
@@ -14,9 +14,9 @@ pub fn times(ui: &Ui, timings: &Timings, desk: &Desk, corner: Pos2) {
         frame.show(ui, |ui| {
             ui.set_max_width(320.0);
             let line = |ui: &mut Ui, text: String| ui.label(RichText::new(text).monospace().color(Color32::WHITE));
-            for (name, site, ms) in timings.passes() {
-                let site = if site == Site::Gpu { "GPU" } else { "CPU" };
-                line(ui, format!("{name:<16} {ms:>7.2} ms {site}"));
+            for (name, processor, ms) in timings.passes() {
+                let processor = if processor == Processor::Gpu { "GPU" } else { "CPU" };
+                line(ui, format!("{name:<16} {ms:>7.2} ms {processor}"));
             }
             let [p50, p95] = timings.recent().unwrap_or_default();
             line(ui, format!("{:<16} {:>7.2} ms", "event to picture", timings.last().unwrap_or_default()));

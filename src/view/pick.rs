@@ -84,7 +84,7 @@ impl Opened {
 
     /// Returns the distance (metres) from a world-space point to the next surface along a unit direction, or to the far
     /// side of the scene if there is none. A surface at the point itself is ignored.
-    pub fn free_along(&self, from: DVec3, direction: DVec3) -> f64 {
+    pub fn distance_to_surface(&self, from: DVec3, direction: DVec3) -> f64 {
         let space = self.scene.space;
         let from = space.from_world(from);
         let start = (from + direction * OFF).as_vec3();
@@ -93,7 +93,7 @@ impl Opened {
     }
 
     /// Returns the point under `at` (physical pixels) on the plane through `point` that is parallel to the image plane.
-    pub fn beside(&self, placement: Placement, at: [f32; 2], point: DVec3) -> Option<DVec3> {
+    pub fn on_parallel_plane(&self, placement: Placement, at: [f32; 2], point: DVec3) -> Option<DVec3> {
         let [x, y] = shares(placement, at);
         let (origin, direction) = self.framebuffer.camera.ray(x, y, self.aspect());
         let back = self.framebuffer.camera.world_from_camera.z_axis;

@@ -3,7 +3,7 @@
 use egui::{Color32, FontId, Grid, Pos2, Rect, RichText, Sense, Stroke, Ui, Vec2};
 
 use super::timings::{Spread, Timings};
-use crate::gpu::Site;
+use crate::gpu::Processor;
 
 /// Size of the graph, points.
 const GRAPH: Vec2 = Vec2::new(330.0, 110.0);
@@ -82,9 +82,9 @@ fn graph(ui: &mut Ui, timings: &Timings, budget_ms: f64) {
 
 /// Draws median, 95th percentile and maximum of each pass and of the latency, over the frames of the graph.
 fn figures(ui: &mut Ui, timings: &Timings) {
-    let columns = |ui: &mut Ui, name: &str, chip: Color32, site: &str, spread: Spread| {
+    let columns = |ui: &mut Ui, name: &str, chip: Color32, processor: &str, spread: Spread| {
         text(ui, name.into(), chip);
-        text(ui, site.into(), Color32::from_gray(150));
+        text(ui, processor.into(), Color32::from_gray(150));
         for ms in [spread.median, spread.p95, spread.max] {
             text(ui, format!("{ms:>7.2}"), Color32::WHITE);
         }
@@ -95,9 +95,9 @@ fn figures(ui: &mut Ui, timings: &Timings) {
             text(ui, head.into(), Color32::from_gray(150));
         }
         ui.end_row();
-        for (index, (name, site)) in timings.names().enumerate() {
+        for (index, (name, processor)) in timings.names().enumerate() {
             if let Some(spread) = timings.pass_spread(index) {
-                columns(ui, name, color(index), if site == Site::Gpu { "GPU" } else { "CPU" }, spread);
+                columns(ui, name, color(index), if processor == Processor::Gpu { "GPU" } else { "CPU" }, spread);
             }
         }
         if let Some(spread) = timings.latency_spread() {

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::desk::luminance;
-use super::history::State;
+use super::rig_state::RigState;
 use crate::error::Result;
 use crate::relight::{Picture, Relighter};
 use crate::scene::{Light, LightGroup};
@@ -27,7 +27,7 @@ struct Measured {
 
 impl Shares {
     /// Measures the emitters or one light, if out of date. Returns whether anything was measured.
-    pub fn measure(&mut self, state: &State, relighter: &mut Relighter) -> Result<bool> {
+    pub fn measure(&mut self, state: &RigState, relighter: &mut Relighter) -> Result<bool> {
         if self.emission.is_none() {
             self.emission = Some(mean_luminance(relighter.linear(Picture::Emission)?));
             return Ok(true);
@@ -56,7 +56,7 @@ impl Shares {
     }
 
     /// Discards all measurements.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         *self = Self::default();
     }
 

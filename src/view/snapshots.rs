@@ -2,11 +2,12 @@
 
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui};
 
+use super::action::Action;
 use super::compare::{Comparing, Comparison};
-use super::controls::{Action, ViewState};
 use super::desk::Desk;
 use super::desk::snapshots::SLOTS;
 use super::keys::Command;
+use super::view_state::ViewState;
 
 /// Width of a thumbnail, pixels.
 const WIDTH: usize = 84;
@@ -60,11 +61,11 @@ pub fn snapshots(
                 match thumbnail {
                     None => {
                         if ui.button(format!("{}", slot + 1)).on_hover_text("store the current lights").clicked() {
-                            actions.push(Action::Do(Command::Keep(slot)));
+                            actions.push(Action::Do(Command::Store(slot)));
                         }
                     }
                     Some(thumbnail) => {
-                        ui.vertical(|ui| kept(ui, desk, slot, thumbnail, view, actions));
+                        ui.vertical(|ui| stored(ui, desk, slot, thumbnail, view, actions));
                     }
                 }
             }
@@ -80,7 +81,7 @@ pub fn snapshots(
     });
 }
 
-fn kept(
+fn stored(
     ui: &mut Ui,
     desk: &Desk,
     slot: usize,
@@ -98,7 +99,7 @@ fn kept(
         ui.spacing_mut().item_spacing.x = 2.0;
         ui.label(RichText::new(format!("{}", slot + 1)).small());
         if ui.small_button("store").on_hover_text("replace it by the current lights").clicked() {
-            actions.push(Action::Do(Command::Keep(slot)));
+            actions.push(Action::Do(Command::Store(slot)));
         }
         let comparing = view.comparing.filter(|comparing| comparing.slot == slot).map(|comparing| comparing.kind);
         let choices = [

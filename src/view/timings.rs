@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::PassReport;
-use crate::gpu::{PassTime, Site};
+use crate::gpu::{PassTime, Processor};
 
 /// Number of frames in the graph.
 const GRAPH_FRAMES: usize = 240;
@@ -46,7 +46,7 @@ pub struct Spread {
 /// One pass in all frames that relit the picture.
 struct Pass {
     name: &'static str,
-    site: Site,
+    processor: Processor,
     /// Number of the last relit frame that has the pass.
     frame: usize,
     /// Start of the pass in that frame.
@@ -86,7 +86,7 @@ impl Timings {
     /// Records a pass; returns its index.
     fn pass(&mut self, time: &PassTime) -> usize {
         let frame = self.relit.len();
-        let found = self.passes.iter().position(|pass| (pass.name, pass.site) == (time.name, time.site));
+        let found = self.passes.iter().position(|pass| (pass.name, pass.processor) == (time.name, time.processor));
         let index = found.unwrap_or(self.passes.len());
         match self.passes.get_mut(index) {
             Some(pass) if pass.frame == frame => *pass.ms.last_mut().expect("it was in this frame") += time.ms,
@@ -95,8 +95,8 @@ impl Timings {
                 pass.ms.push(time.ms);
             }
             None => {
-                let PassTime { name, site, start_ms, ms } = *time;
-                self.passes.push(Pass { name, site, frame, start_ms, ms: vec![ms] });
+                let PassTime { name, processor, start_ms, ms } = *time;
+                self.passes.push(Pass { name, processor, frame, start_ms, ms: vec![ms] });
             }
         }
         index
@@ -116,9 +116,9 @@ impl Timings {
         GRAPH_FRAMES
     }
 
-    /// Returns name and site of all passes so far.
-    pub fn names(&self) -> impl Iterator<Item = (&'static str, Site)> {
-        self.passes.iter().map(|pass| (pass.name, pass.site))
+    /// Returns name and processor of all passes so far.
+    pub fn names(&self) -> impl Iterator<Item = (&'static str, Processor)> {
+        self.passes.iter().map(|pass| (pass.name, pass.processor))
     }
 
     /// Returns statistics of one pass over the frames of the graph that have it.
@@ -133,17 +133,17 @@ impl Timings {
     }
 
     /// Returns the passes of the last relit frame in order of execution; passes of one name are summed.
-    pub fn passes(&self) -> impl Iterator<Item = (&'static str, Site, f64)> {
+    pub fn passes(&self) -> impl Iterator<Item = (&'static str, Processor, f64)> {
         let mut last: Vec<&Pass> = self.passes.iter().filter(|pass| pass.frame == self.relit.len()).collect();
         last.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
-        last.into_iter().map(|pass| (pass.name, pass.site, *pass.ms.last().expect("none is empty")))
+        last.into_iter().map(|pass| (pass.name, pass.processor, *pass.ms.last().expect("none is empty")))
     }
 
     /// Returns the median time of each pass over the frames that have it.
     pub fn median_passes(&self) -> Vec<PassReport> {
         let report = |pass: &Pass| {
             let [median_ms] = quantiles(&mut pass.ms.clone(), [0.5]).expect("none is empty");
-            PassReport { name: pass.name, on: pass.site, median_ms }
+            PassReport { name: pass.name, on: pass.processor, median_ms }
         };
         self.passes.iter().map(report).collect()
     }
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn the_graph_keeps_the_last_frames_and_adds_passes_of_one_name() {
         let mut timings = Timings::default();
-        let time = |name, start_ms, ms| PassTime { name, site: Site::Gpu, start_ms, ms };
+        let time = |name, start_ms, ms| PassTime { name, processor: Processor::Gpu, start_ms, ms };
         for frame in 0..GRAPH_FRAMES + 10 {
             let passes = [time("shade", 0.0, frame as f64), time("shade", 1.0, 1.0), time("sum", 2.0, 0.5)];
             timings.frame(Instant::now(), Some(&passes), frame % 2 == 1);

@@ -9,16 +9,18 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Fullscreen, WindowId};
 
-use super::controls::{Action, Dialog, PANEL_WIDTH, ViewState};
+use super::action::Action;
+use super::controls::PANEL_WIDTH;
 use super::graphics::Graphics;
-use super::input_state::{Around, InputState, Taken};
+use super::input_state::{InputContext, InputResult, InputState};
 use super::interface::{Interface, loading_bar};
 use super::keys::Command;
 use super::load::{LoadEvent, Loader};
+use super::open_scene::{Flow, OpenScene, Pointer};
 use super::pick::placement;
 use super::script::Script;
-use super::stage::{Pointer, Stage, Then};
 use super::timings::Timings;
+use super::view_state::{Dialog, ViewState};
 use super::views::Views;
 use super::{Latency, Opened, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
@@ -45,11 +47,11 @@ struct App {
     device_time: Duration,
     view: ViewState,
     /// Dropped before `graphics`, whose device it uses.
-    stage: Option<Stage>,
+    open_scene: Option<OpenScene>,
     graphics: Option<Graphics>,
     /// Current step of the loading thread, and its progress from 0 to 1.
     loading: Option<(&'static str, f32)>,
-    hand: InputState,
+    input: InputState,
     /// Time of the first event that no frame has shown yet.
     pending: Option<Instant>,
     /// Whether something changed that no frame has shown yet.
@@ -59,11 +61,11 @@ struct App {
     /// Time at which egui wants to draw the interface again.
     wake: Option<Instant>,
     /// Number of interface frames since the last event.
-    looks: u32,
+    idle_ui_frames: u32,
     /// Time at which idle work starts, if there may be any.
-    rest: Option<Instant>,
+    idle_work_at: Option<Instant>,
     /// Whether idle work has a result that no frame has shown yet.
-    rested: bool,
+    idle_work_unshown: bool,
     first_picture: Option<Instant>,
     played: usize,
     recorded: Script,
@@ -76,13 +78,13 @@ struct App {
 
 /// Largest number of interface frames without an event. A new overlay needs one frame for its layout and one to appear;
 /// its content may depend on the picture of the frame before.
-const LOOKS: u32 = 2;
+const MAX_IDLE_UI_FRAMES: u32 = 2;
 /// Shortest delay before an interface frame without an event. egui requests one after most events; if another event
 /// comes first, its frame serves.
-const SECOND_LOOK: Duration = Duration::from_millis(40);
+const IDLE_UI_DELAY: Duration = Duration::from_millis(40);
 
 /// Time after a frame at which idle work starts.
-const REST: Duration = Duration::from_millis(150);
+const IDLE_DELAY: Duration = Duration::from_millis(150);
 
 impl App {
     fn new(settings: ViewSettings, proxy: EventLoopProxy<LoadEvent>) -> Self {
@@ -100,7 +102,7 @@ impl App {
             dialog: None,
             search: String::new(),
             comparing: None,
-            look: false,
+            show_light_view: false,
         };
         Self {
             settings,
@@ -108,17 +110,17 @@ impl App {
             began: Instant::now(),
             device_time: Duration::ZERO,
             view,
-            stage: None,
+            open_scene: None,
             graphics: None,
             loading: Some(("loading", 0.0)),
-            hand: InputState::default(),
+            input: InputState::default(),
             pending: None,
             stale: true,
             asked: false,
             wake: None,
-            looks: 0,
-            rest: None,
-            rested: false,
+            idle_ui_frames: 0,
+            idle_work_at: None,
+            idle_work_unshown: false,
             first_picture: None,
             played: 0,
             recorded: Script::default(),
@@ -133,10 +135,10 @@ impl App {
         let (relit_frames, latency) = self.timings.relit();
         let info = self.graphics.as_ref().map(|graphics| graphics.context.info.clone());
         // Dropped before the graphics, whose device it uses.
-        let stage = self.stage.take();
+        let open_scene = self.open_scene.take();
         self.outcome?; // after an error the autosave file remains
         let is_answered = !matches!(self.view.dialog, Some(Dialog::Recover(_)));
-        stage.filter(|_| is_answered).map_or(Ok(()), Stage::close)?;
+        open_scene.filter(|_| is_answered).map_or(Ok(()), OpenScene::close)?;
         if let Some(path) = &self.settings.record {
             self.recorded.save(path)?;
         }
@@ -171,30 +173,32 @@ impl App {
     fn open(&mut self, opened: Opened) -> Result<()> {
         let Some(graphics) = &self.graphics else { return Ok(()) };
         let start = Instant::now();
-        let mut stage = Stage::new(&graphics.context, opened, &self.settings, self.proxy.clone())?;
+        let mut open_scene = OpenScene::new(&graphics.context, opened, &self.settings, self.proxy.clone())?;
         self.device_time += start.elapsed();
         if self.settings.exposure.is_none() {
-            self.view.exposure = stage.automatic_exposure()?;
+            self.view.exposure = open_scene.automatic_exposure()?;
         }
-        graphics.make_room(stage.picture_size());
-        stage.ask_to_recover(&mut self.view);
-        self.stage = Some(stage);
+        graphics.make_room(open_scene.picture_size());
+        open_scene.ask_to_recover(&mut self.view);
+        self.open_scene = Some(open_scene);
         self.stale = true;
         Ok(())
     }
 
     /// Returns the current position of the picture in the window.
     fn placement(&self) -> Placement {
-        let (Some(graphics), Some(stage)) = (&self.graphics, &self.stage) else { return Placement::default() };
+        let (Some(graphics), Some(open_scene)) = (&self.graphics, &self.open_scene) else {
+            return Placement::default();
+        };
         let PhysicalSize { width, height } = graphics.window.inner_size();
         let panel = if self.view.panel { (PANEL_WIDTH * graphics.pixels_per_point()).ceil() as u32 } else { 0 };
         let area = [width.saturating_sub(panel), height];
-        placement(stage.picture_size(), area, self.view.one_to_one, self.hand.pan.map(|x| x as i32))
+        placement(open_scene.picture_size(), area, self.view.one_to_one, self.input.pan.map(|x| x as i32))
     }
 
     fn pointer(&self) -> Pointer {
         let scale = self.graphics.as_ref().map_or(1.0, Graphics::pixels_per_point);
-        Pointer { placement: self.placement(), at: self.hand.at.map(|at| [at.x * scale, at.y * scale]) }
+        Pointer { placement: self.placement(), at: self.input.at.map(|at| [at.x * scale, at.y * scale]) }
     }
 
     /// Adds the script's events that are due.
@@ -215,27 +219,27 @@ impl App {
     }
 
     /// Handles the pending events and draws one frame.
-    fn frame(&mut self) -> Result<Then> {
-        let Some(graphics) = &mut self.graphics else { return Ok(Then::Continue) };
-        let mut input = graphics.egui.take_egui_input(&graphics.window);
-        self.play(&mut input.events);
+    fn frame(&mut self) -> Result<Flow> {
+        let Some(graphics) = &mut self.graphics else { return Ok(Flow::Continue) };
+        let mut raw_input = graphics.egui.take_egui_input(&graphics.window);
+        self.play(&mut raw_input.events);
         if let (Some(start), Some(_)) = (self.first_picture, &self.settings.record) {
-            input.events.iter().for_each(|event| self.recorded.record(start.elapsed(), event));
+            raw_input.events.iter().for_each(|event| self.recorded.record(start.elapsed(), event));
         }
-        let actions = self.take_events(&mut input.events);
-        let had_events = !input.events.is_empty();
-        let mut then = self.act(&actions)?;
-        let has_ui = self.view.has_ui() || self.stage.is_none();
+        let actions = self.take_events(&mut raw_input.events);
+        let had_events = !raw_input.events.is_empty();
+        let mut flow = self.act(&actions)?;
+        let has_ui = self.view.has_ui() || self.open_scene.is_none();
         let drawn = if has_ui {
-            let (ui, actions) = self.run_ui(input)?;
-            self.hand.dialog_is_shown = self.view.dialog.is_some();
-            self.looks = if had_events { 0 } else { self.looks + 1 };
-            if self.looks > LOOKS {
+            let (ui, actions) = self.run_ui(raw_input)?;
+            self.input.dialog_is_shown = self.view.dialog.is_some();
+            self.idle_ui_frames = if had_events { 0 } else { self.idle_ui_frames + 1 };
+            if self.idle_ui_frames > MAX_IDLE_UI_FRAMES {
                 self.wake = None; // egui would request frames forever
             }
             if !actions.is_empty() {
-                if self.act(&actions)? == Then::Quit {
-                    then = Then::Quit;
+                if self.act(&actions)? == Flow::Quit {
+                    flow = Flow::Quit;
                 }
                 self.ask_for_frame(); // to show their result in the interface
             }
@@ -243,36 +247,36 @@ impl App {
         } else {
             None
         };
-        if then == Then::Quit || !(self.stale || has_ui) {
+        if flow == Flow::Quit || !(self.stale || has_ui) {
             self.pending = None;
-            return Ok(then);
+            return Ok(flow);
         }
         self.draw(drawn.as_ref())?;
-        Ok(then)
+        Ok(flow)
     }
 
     /// Returns the actions of the events and removes the events that they consume.
     fn take_events(&mut self, events: &mut Vec<Event>) -> Vec<Action> {
         let pointer = self.pointer();
         let graphics = self.graphics.as_ref().expect("frames begin with graphics");
-        let context = graphics.egui.egui_ctx();
-        let is_typed_to = context.egui_wants_keyboard_input() && self.view.has_ui();
+        let egui = graphics.egui.egui_ctx();
+        let is_typed_to = egui.egui_wants_keyboard_input() && self.view.has_ui();
         let ui_wants_keys = self.view.dialog.is_some() || is_typed_to;
-        self.hand.in_turn(events, self.view.dialog.as_ref(), ui_wants_keys);
-        let around = Around {
-            stage: self.stage.as_mut(),
+        self.input.postpone_after_focus_change(events, self.view.dialog.as_ref(), ui_wants_keys);
+        let context = InputContext {
+            open_scene: self.open_scene.as_mut(),
             view: &self.view,
             pointer,
             pixels_per_point: graphics.pixels_per_point(),
             ui_wants_keys,
-            ui_wants_pointer: context.egui_wants_pointer_input(),
+            ui_wants_pointer: egui.egui_wants_pointer_input(),
         };
-        let Taken { actions, stale } = self.hand.take(events, around);
+        let InputResult { actions, stale } = self.input.take(events, context);
         self.stale |= stale;
         actions
     }
 
-    fn act(&mut self, actions: &[Action]) -> Result<Then> {
+    fn act(&mut self, actions: &[Action]) -> Result<Flow> {
         for action in actions {
             self.stale = true;
             if let (Action::Do(Command::FullScreen), Some(graphics)) = (action, &self.graphics) {
@@ -280,55 +284,56 @@ impl App {
                 window.set_fullscreen(window.fullscreen().is_none().then_some(Fullscreen::Borderless(None)));
             }
             let pointer = self.pointer();
-            let then = match &mut self.stage {
-                Some(stage) => stage.act(action, &mut self.view, pointer)?,
-                None if *action == Action::Do(Command::Quit) => Then::Quit,
-                None => Then::Continue,
+            let flow = match &mut self.open_scene {
+                Some(open_scene) => open_scene.act(action, &mut self.view, pointer)?,
+                None if *action == Action::Do(Command::Quit) => Flow::Quit,
+                None => Flow::Continue,
             };
-            if then == Then::Quit {
-                return Ok(then);
+            if flow == Flow::Quit {
+                return Ok(flow);
             }
         }
-        Ok(Then::Continue)
+        Ok(Flow::Continue)
     }
 
     /// Runs the interface once. Returns its frame and the requested actions.
-    fn run_ui(&mut self, input: egui::RawInput) -> Result<(UiFrame, Vec<Action>)> {
+    fn run_ui(&mut self, raw_input: egui::RawInput) -> Result<(UiFrame, Vec<Action>)> {
         let placement = self.placement();
         let graphics = self.graphics.as_mut().expect("frames begin with graphics");
-        let (view, stage, timings) = (&mut self.view, &mut self.stage, &self.timings);
+        let (view, open_scene, timings) = (&mut self.view, &mut self.open_scene, &self.timings);
         let (name, loading) = (&self.settings.name, self.loading);
         let budget_ms = self.settings.frame_budget.as_secs_f64() * 1e3;
         let context = graphics.egui.egui_ctx().clone();
         let scale = graphics.pixels_per_point();
         let mut actions = Vec::new();
-        let output = context.run_ui(input, |ui| match stage {
+        let output = context.run_ui(raw_input, |ui| match open_scene {
             None => loading_bar(ui, name, loading.unwrap_or_default()),
-            Some(stage) => {
+            Some(open_scene) => {
                 let view = &mut *view;
-                Interface { stage, view, timings, name, loading, budget_ms, placement, scale }.draw(ui, &mut actions);
+                Interface { open_scene, view, timings, name, loading, budget_ms, placement, scale }
+                    .draw(ui, &mut actions);
             }
         });
         graphics.egui.handle_platform_output(&graphics.window, output.platform_output);
         graphics.ui.update_textures(&output.textures_delta)?;
         let delay = output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |v| v.repaint_delay);
-        self.wake = Instant::now().checked_add(delay.max(SECOND_LOOK)).filter(|_| delay < Duration::from_secs(3600));
+        self.wake = Instant::now().checked_add(delay.max(IDLE_UI_DELAY)).filter(|_| delay < Duration::from_secs(3600));
         let primitives = context.tessellate(output.shapes, output.pixels_per_point);
         Ok((UiFrame { primitives, pixels_per_point: output.pixels_per_point }, actions))
     }
 
     /// Does one short step of idle work; events are handled between steps.
-    fn rest(&mut self) -> Result<Then> {
-        let Some(stage) = &mut self.stage else { return Ok(Then::Continue) };
-        match stage.rest()? {
+    fn idle_step(&mut self) -> Result<Flow> {
+        let Some(open_scene) = &mut self.open_scene else { return Ok(Flow::Continue) };
+        match open_scene.idle_step()? {
             true => {
-                self.rest = Some(Instant::now());
-                self.rested = true;
+                self.idle_work_at = Some(Instant::now());
+                self.idle_work_unshown = true;
             }
-            false if std::mem::take(&mut self.rested) && self.view.panel => self.ask_for_frame(),
+            false if std::mem::take(&mut self.idle_work_unshown) && self.view.panel => self.ask_for_frame(),
             false => {}
         }
-        Ok(Then::Continue)
+        Ok(Flow::Continue)
     }
 
     fn draw(&mut self, ui: Option<&UiFrame>) -> Result<()> {
@@ -342,24 +347,24 @@ impl App {
         let mut screen = Screen {
             surface: &mut graphics.surface,
             placement,
-            over: None,
+            comparison: None,
             ui: ui.map(|frame| (&mut graphics.ui, frame)),
         };
         let mut passes = None;
         let (mut overlay_changed, mut coarse) = (false, false);
-        match &mut self.stage {
-            Some(stage) => {
-                let overlay = stage.overlay.clone();
+        match &mut self.open_scene {
+            Some(open_scene) => {
+                let overlay = open_scene.overlay.clone();
                 let began_ms = self.began.elapsed().as_secs_f64() * 1e3;
-                stage.draw(&self.view, pointer, screen)?;
+                open_scene.draw(&self.view, pointer, screen)?;
                 if self.settings.trace {
-                    self.trace.push((began_ms, stage.times().to_vec()));
+                    self.trace.push((began_ms, open_scene.times().to_vec()));
                 }
-                coarse = stage.is_coarse();
-                overlay_changed = stage.overlay != overlay;
-                passes = Some(stage.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
-                let star = if stage.desk.history().is_unsaved() { "*" } else { "" };
-                let message = &stage.desk.message;
+                coarse = open_scene.is_coarse();
+                overlay_changed = open_scene.overlay != overlay;
+                passes = Some(open_scene.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
+                let star = if open_scene.desk.history().is_unsaved() { "*" } else { "" };
+                let message = &open_scene.desk.message;
                 graphics.set_title(format!("{}{star} - {message} - relume", self.settings.name));
                 if self.first_picture.is_none() {
                     self.first_picture = Some(Instant::now());
@@ -373,7 +378,7 @@ impl App {
             }
         }
         self.frames += 1;
-        self.rest = Some(Instant::now() + REST);
+        self.idle_work_at = Some(Instant::now() + IDLE_DELAY);
         self.stale = graphics.surface.lost_picture();
         if let Some(event) = self.pending.take() {
             self.timings.frame(event, passes, coarse);
@@ -385,10 +390,10 @@ impl App {
     }
 
     /// Ends the loop on quit or on an error.
-    fn check(&mut self, outcome: Result<Then>, event_loop: &ActiveEventLoop) {
+    fn check(&mut self, outcome: Result<Flow>, event_loop: &ActiveEventLoop) {
         match outcome {
-            Ok(Then::Continue) => {}
-            Ok(Then::Quit) => event_loop.exit(),
+            Ok(Flow::Continue) => {}
+            Ok(Flow::Quit) => event_loop.exit(),
             Err(error) => {
                 self.outcome = Err(error);
                 event_loop.exit();
@@ -417,26 +422,26 @@ impl ApplicationHandler<LoadEvent> for App {
         match event {
             LoadEvent::Progress { what, share } => self.loading = Some((what, share)),
             LoadEvent::Opened(opened) => {
-                let outcome = self.open(*opened).map(|()| Then::Continue);
+                let outcome = self.open(*opened).map(|()| Flow::Continue);
                 self.check(outcome, event_loop);
             }
-            LoadEvent::Refined(transfer) => {
-                let outcome = self.stage.as_mut().map_or(Ok(()), |stage| stage.refine(transfer));
+            LoadEvent::Transfer(transfer) => {
+                let outcome = self.open_scene.as_mut().map_or(Ok(()), |open_scene| open_scene.set_transfer(transfer));
                 self.stale = true;
-                self.check(outcome.map(|()| Then::Continue), event_loop);
+                self.check(outcome.map(|()| Flow::Continue), event_loop);
             }
-            LoadEvent::Sharper(sharper) => {
-                if let Some(stage) = &mut self.stage {
-                    stage.sharpen(*sharper);
+            LoadEvent::EdgesRefined(refinement) => {
+                if let Some(open_scene) = &mut self.open_scene {
+                    open_scene.accept_refinement(*refinement);
                 }
                 self.stale = true;
             }
             LoadEvent::Ended(outcome) => {
                 self.loading = None;
-                match (&mut self.stage, outcome) {
+                match (&mut self.open_scene, outcome) {
                     // Direct light can still be edited.
-                    (Some(stage), Err(error)) => stage.desk.message = format!("no indirect light: {error}"),
-                    (_, outcome) => self.check(outcome.map(|()| Then::Continue), event_loop),
+                    (Some(open_scene), Err(error)) => open_scene.desk.message = format!("no indirect light: {error}"),
+                    (_, outcome) => self.check(outcome.map(|()| Flow::Continue), event_loop),
                 }
             }
         }
@@ -449,7 +454,7 @@ impl ApplicationHandler<LoadEvent> for App {
                 self.stale |= !std::mem::take(&mut self.asked);
                 let since = self.pending;
                 let outcome = self.frame();
-                if self.hand.has_more() {
+                if self.input.has_more() {
                     self.pending = since; // postponed events are not shown yet
                     self.ask_for_frame();
                 }
@@ -479,20 +484,23 @@ impl ApplicationHandler<LoadEvent> for App {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let now = Instant::now();
         let due = |at: &Instant| *at <= now;
-        let goes_on = self.stage.as_ref().and_then(|stage| stage.goes_on_at(&self.view));
-        let is_due = goes_on.as_ref().is_some_and(due);
+        let next_step = self.open_scene.as_ref().and_then(|open_scene| open_scene.next_step_at(&self.view));
+        let is_due = next_step.as_ref().is_some_and(due);
         self.stale |= is_due;
         if is_due || self.wake.as_ref().is_some_and(due) || self.next_scripted().as_ref().is_some_and(due) {
             self.wake = None;
             self.ask_for_frame();
         }
-        if self.rest.as_ref().is_some_and(due) {
-            self.rest = None;
-            let outcome = self.rest();
+        if self.idle_work_at.as_ref().is_some_and(due) {
+            self.idle_work_at = None;
+            let outcome = self.idle_step();
             self.check(outcome, event_loop);
         }
-        let next =
-            [self.wake, self.rest, self.next_scripted(), goes_on].into_iter().flatten().filter(|at| !due(at)).min();
+        let next = [self.wake, self.idle_work_at, self.next_scripted(), next_step]
+            .into_iter()
+            .flatten()
+            .filter(|at| !due(at))
+            .min();
         event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 }

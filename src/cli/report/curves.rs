@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use relume::bake::brdf_factors::Projection;
 use relume::bake::transport::directions::Lobe;
-use relume::gpu::Site;
+use relume::gpu::Processor;
 use relume::image::{Image, exr};
 use relume::relight::{Layers, Picture, Relighter, VisibilityMethod};
 use relume::report::{Method, Point, Seconds, Skipped};
@@ -15,9 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, picture_file};
 use super::truth::{Truth, picture, trace};
-use crate::cli::bench::{load_average, median};
+use crate::cli::bench::load_average;
 use crate::cli::bench_rig::nudge;
-use crate::cli::output::make_parent;
+use crate::cli::output_file::make_parent;
+use crate::cli::percentile::median;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::{Basis, FormName, Gi, MethodName, TransferOptions};
 
@@ -237,7 +238,8 @@ impl Lab<'_> {
             relighter.set_rig(&rig)?;
             relighter.display(Picture::Whole)?;
             walls.push(start.elapsed().as_secs_f64());
-            let on_device = relighter.times().iter().filter(|pass| pass.site == Site::Gpu && !self.context.is_cpu());
+            let on_device =
+                relighter.times().iter().filter(|pass| pass.processor == Processor::Gpu && !self.context.is_cpu());
             device_seconds += 1e-3 * on_device.map(|pass| pass.ms).sum::<f64>();
             let counted = step + 1 - WARM_UP.min(step + 1);
             let spent = clock.seconds();

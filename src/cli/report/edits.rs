@@ -10,9 +10,10 @@ use relume::{Result, Session, SessionSettings};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, session_settings};
-use crate::cli::bench::{Record, SEVERAL, Timing, best_of, edits_of, percentile};
+use crate::cli::bench::{Record, SEVERAL, Timing, best_of, edits_of};
 use crate::cli::left_out::left_out;
 use crate::cli::options::ViewOptions;
+use crate::cli::percentile::percentile;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::FormName;
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::machine;
-use crate::cli::output::write_json;
+use crate::cli::output_file::write_json;
 
 /// Figures by what they were measured of, in a file of the report's folder. Those of another program are not looked at.
 pub struct MeasurementStore {

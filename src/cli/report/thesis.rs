@@ -17,7 +17,7 @@ use super::measurement_store::MeasurementStore;
 use super::{Args, Extent, truth};
 use crate::cli::bench::{Timing, edits_of};
 use crate::cli::options::ViewOptions;
-use crate::cli::output::make_parent;
+use crate::cli::output_file::make_parent;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::FormName;
 

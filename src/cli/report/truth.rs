@@ -9,7 +9,7 @@ use relume::report::{Errors, Floors};
 use relume::{Error, Result, Session};
 
 use crate::cli::options::ViewOptions;
-use crate::cli::output::make_parent;
+use crate::cli::output_file::make_parent;
 use crate::cli::progress;
 
 /// Whole pictures and their indirect light, with independent noise.

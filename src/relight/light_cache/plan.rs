@@ -75,7 +75,7 @@ pub struct Plan {
 impl Plan {
     /// Moves each shade forward past steps that do not touch its slot, so that shades are adjacent. Several lights
     /// together take half the time in the transfer that they take one by one.
-    pub fn bring_shades_together(&mut self) {
+    pub fn batch_shades(&mut self) {
         let mut together = Vec::with_capacity(self.steps.len());
         let mut later = Vec::new();
         // Slots that the steps in `later` touch.

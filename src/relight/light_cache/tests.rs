@@ -27,7 +27,7 @@ impl Numbers {
     }
 
     fn run(&mut self, rig: &Rig, mut plan: Plan) -> f32 {
-        plan.bring_shades_together();
+        plan.batch_shades();
         for step in &plan.steps {
             match step {
                 Step::Shade(Shade { light, slot, detail }) => {

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3, Vec3};
 
 use super::Desk;
-use super::alike::alike;
+use super::apply_change::apply_change;
 use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
 use crate::scene::{Light, LightKind};
 
@@ -67,7 +67,7 @@ impl Desk {
     }
 
     /// Replaces the primary light by `light`; the other selected lights change in the same way.
-    pub fn edit_alike(&mut self, light: Light) {
+    pub fn edit_primary_and_selection(&mut self, light: Light) {
         let Some(primary) = self.selected() else { return };
         let before = &self.rig.lights[primary];
         if *before == light {
@@ -75,7 +75,7 @@ impl Desk {
         }
         let mut rig = self.rig.clone();
         for index in self.selection.iter() {
-            rig.lights[index] = alike(&self.rig.lights[index], before, &light);
+            rig.lights[index] = apply_change(&self.rig.lights[index], before, &light);
         }
         rig.lights[primary] = light;
         self.commit(rig);

@@ -42,27 +42,27 @@ impl Desk {
     }
 
     /// Returns the direction from `at` in which a light has its highlight there: the mirror direction [Poulin 1992].
-    pub fn highlight_way(at: Pick) -> DVec3 {
+    pub fn highlight_direction(at: Pick) -> DVec3 {
         (2.0 * at.to_eye.dot(at.shading_normal) * at.shading_normal - at.to_eye).normalize()
     }
 
     /// Moves the primary light so that its highlight falls at a surface point. Its distance to the point is unchanged,
-    /// or limited by the distance `free` along [`Self::highlight_way`].
+    /// or limited by the distance `free` along [`Self::highlight_direction`].
     pub fn place_highlight(&mut self, at: Pick, free: f64) {
-        let way = Self::highlight_way(at);
-        self.edit_primary(|_, light| match way.dot(at.normal) > 1e-6 {
+        let direction = Self::highlight_direction(at);
+        self.edit_primary(|_, light| match direction.dot(at.normal) > 1e-6 {
             false => Err("no highlight is possible there: the mirror direction points into the surface"),
-            true => Ok(moved_to(light, at.position, way, free)),
+            true => Ok(moved_to(light, at.position, direction, free)),
         });
     }
 
     /// Moves the primary light so that the shadow of `caster` falls at a surface point [Poulin 1992]. Its distance to
     /// the caster is unchanged, or limited by the distance `free` beyond the caster.
     pub fn place_shadow(&mut self, caster: DVec3, at: Pick, free: f64) {
-        let way = (caster - at.position).try_normalize();
-        self.edit_primary(|_, light| match way.filter(|way| way.dot(at.normal) > 1e-6) {
+        let direction = (caster - at.position).try_normalize();
+        self.edit_primary(|_, light| match direction.filter(|direction| direction.dot(at.normal) > 1e-6) {
             None => Err("no shadow of that point is possible there: the surface faces away from it"),
-            Some(way) => Ok(moved_to(light, caster, way, free)),
+            Some(direction) => Ok(moved_to(light, caster, direction, free)),
         });
     }
 
@@ -71,19 +71,20 @@ impl Desk {
         match self.selected_light().map(|light| (edit(self, light), &light.name)) {
             None => self.message = "no light is selected".into(),
             Some((Err(reason), name)) => self.message = format!("{name}: {reason}"),
-            Some((Ok(light), _)) => self.edit_alike(light),
+            Some((Ok(light), _)) => self.edit_primary_and_selection(light),
         }
     }
 }
 
-/// Moves `light` to its distance from `point` along `way`, or nearer if less is `free`, and aims it at the point.
-fn moved_to(light: &Light, point: DVec3, way: DVec3, free: f64) -> Light {
+/// Moves `light` to its distance from `point` along `direction`, or nearer if less is `free`, and aims it at the
+/// point.
+fn moved_to(light: &Light, point: DVec3, direction: DVec3, free: f64) -> Light {
     let mut light = light.clone();
     if light.kind != LightKind::Directional {
-        light.position = point + way * (light.position - point).length().min((1.0 - MARGIN) * free);
+        light.position = point + direction * (light.position - point).length().min((1.0 - MARGIN) * free);
     }
     if light.kind != LightKind::Point {
-        light.direction = -way;
+        light.direction = -direction;
     }
     light
 }

@@ -3,7 +3,7 @@
 use super::Desk;
 use super::selection::Selection;
 use crate::scene::Rig;
-use crate::view::history::State;
+use crate::view::rig_state::RigState;
 
 /// Number of snapshots that can be stored.
 pub const SLOTS: usize = 9;
@@ -12,7 +12,7 @@ pub const SLOTS: usize = 9;
 pub struct Snapshot {
     /// Note of the user.
     pub note: String,
-    state: State,
+    state: RigState,
     /// Unique number; distinguishes it from earlier snapshots in its slot.
     pub id: u64,
 }
@@ -23,7 +23,7 @@ pub struct Snapshots {
     slots: [Option<Snapshot>; SLOTS],
     /// Slot that was stored or recalled last.
     last: Option<usize>,
-    kept: u64,
+    stored_count: u64,
 }
 
 impl Snapshots {
@@ -50,12 +50,12 @@ impl Desk {
     }
 
     /// Stores the current lights in a slot, in place of its snapshot. The note of the slot is retained.
-    pub fn keep(&mut self, slot: usize) {
+    pub fn store(&mut self, slot: usize) {
         self.history.end_gesture();
-        let Snapshots { slots, last, kept } = &mut self.snapshots;
-        *kept += 1;
+        let Snapshots { slots, last, stored_count } = &mut self.snapshots;
+        *stored_count += 1;
         let note = slots[slot].take().map(|old| old.note).unwrap_or_default();
-        slots[slot] = Some(Snapshot { note, state: self.history.state().clone(), id: *kept });
+        slots[slot] = Some(Snapshot { note, state: self.history.state().clone(), id: *stored_count });
         *last = Some(slot);
         self.message = format!("stored in slot {}", slot + 1);
     }
@@ -68,10 +68,10 @@ impl Desk {
             return;
         };
         let name = format!("recalled {}", snapshot.label(slot));
-        let rig = self.kept_rig(slot).expect("it is there");
+        let rig = self.snapshot_rig(slot).expect("it is there");
         let selection = self.selection.clone().within(rig.lights.len());
         self.snapshots.last = Some(slot);
-        self.become_rig(rig, selection, Some(name));
+        self.replace_rig(rig, selection, Some(name));
         self.history.end_gesture();
     }
 
@@ -83,7 +83,7 @@ impl Desk {
     }
 
     /// Returns the lights of a snapshot.
-    pub fn kept_rig(&self, slot: usize) -> Option<Rig> {
+    pub fn snapshot_rig(&self, slot: usize) -> Option<Rig> {
         let snapshot = self.snapshots.get(slot)?;
         let mut rig = Rig { camera: self.rig.camera.clone(), ..Rig::default() };
         snapshot.state.put_into(&mut rig);
@@ -99,7 +99,7 @@ impl Desk {
             _ => self.selection.clone().within(count),
         };
         let rig = Rig { camera: self.rig.camera.clone(), ..rig };
-        self.become_rig(rig, selection, Some("recovered".into()));
+        self.replace_rig(rig, selection, Some("recovered".into()));
         self.history.end_gesture();
     }
 }

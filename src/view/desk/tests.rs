@@ -109,7 +109,7 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
     assert_eq!(desk.message, "key_0: its brightness would be out of range");
     let up = DVec3::Y;
     desk.aim(Pick { position: DVec3::ZERO, normal: up, shading_normal: up, to_eye: up });
-    desk.edit_alike(Light { name: String::new(), ..first.lights[0].clone() });
+    desk.edit_primary_and_selection(Light { name: String::new(), ..first.lights[0].clone() });
     assert_eq!(desk.rig(), &first);
     desk.delete();
     for edit in [RIGHT, LightEdit::Toggle] {
@@ -135,7 +135,7 @@ fn names_stay_unique() {
     assert_eq!(unique.len(), 4, "{names:?}");
     let renamed = Light { name: names[0].clone(), ..desk.rig().lights[1].clone() };
     desk.select(Selection::only(1));
-    desk.edit_alike(renamed);
+    desk.edit_primary_and_selection(renamed);
     assert_eq!(desk.rig().lights[1].name, names[1]);
 }
 
@@ -171,7 +171,7 @@ fn several_lights_change_alike_and_keep_what_they_differ_in() {
     let mut desk = several();
     let before = desk.rig().lights.clone();
     let primary = &before[0];
-    desk.edit_alike(Light {
+    desk.edit_primary_and_selection(Light {
         position: primary.position + DVec3::Y,
         intensity: 3.0 * primary.intensity,
         stops: primary.stops - 0.5,
@@ -195,7 +195,7 @@ fn several_lights_change_alike_and_keep_what_they_differ_in() {
     let mut point = desk.rig().lights[2].clone();
     point.kind = LightKind::Point;
     desk.select(Selection::only(2));
-    desk.edit_alike(point);
+    desk.edit_primary_and_selection(point);
     desk.select_all();
     desk.edit(LightEdit::Turn { right: 10.0, up: 0.0 });
     assert!(desk.rig().lights[2] == desk.history().state().lights[2].as_ref().clone());
@@ -214,7 +214,7 @@ fn a_selection_is_made_of_single_lights_and_ranges() {
     assert_eq!((selection.primary(), selection.len()), (Some(4), 2));
     assert_eq!(selection.within(3).iter().collect::<Vec<_>>(), [2]);
     let mut desk = desk(3);
-    desk.select_next_too(1);
+    desk.add_next_to_selection(1);
     assert_eq!((desk.selection().len(), desk.message.contains("key_1 and 1 more")), (2, true), "{}", desk.message);
     desk.select_next(1);
     assert_eq!((desk.selection().len(), desk.selected()), (1, Some(2)));
@@ -341,7 +341,7 @@ fn snapshots_are_kept_recalled_and_undone() {
     let kept = desk.rig().clone();
     desk.recall(3);
     assert_eq!(desk.message, "slot 4 is empty");
-    desk.keep(3);
+    desk.store(3);
     desk.annotate(3, "cold".into());
     desk.select_all();
     desk.delete();
@@ -352,7 +352,7 @@ fn snapshots_are_kept_recalled_and_undone() {
     desk.undo();
     assert_eq!(desk.rig(), &other);
     let id = desk.snapshots().get(3).map(|snapshot| snapshot.id);
-    desk.keep(3);
+    desk.store(3);
     let again = desk.snapshots().get(3).unwrap();
-    assert!(Some(again.id) != id && again.note == "cold" && desk.kept_rig(3).as_ref() == Some(&other));
+    assert!(Some(again.id) != id && again.note == "cold" && desk.snapshot_rig(3).as_ref() == Some(&other));
 }

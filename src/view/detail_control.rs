@@ -6,7 +6,7 @@ use crate::relight::Detail;
 
 /// Keeps frames within a time budget: if an exact frame exceeds it, lights are shaded coarsely during a drag and
 /// exactly at rest.
-pub struct Pace {
+pub struct DetailControl {
     budget: Duration,
     /// Duration of the last exact frame that shaded lights.
     exact: Option<Duration>,
@@ -15,9 +15,9 @@ pub struct Pace {
 }
 
 /// Edits at shorter intervals are one drag; keys repeat within 0.1 s.
-const REST: Duration = Duration::from_millis(180);
+const DRAG_INTERVAL: Duration = Duration::from_millis(180);
 
-impl Pace {
+impl DetailControl {
     /// A budget of zero disables coarse pictures.
     pub fn new(budget: Duration) -> Self {
         Self { budget, exact: None, edited: None }
@@ -25,7 +25,7 @@ impl Pace {
 
     /// Returns the level of detail for an edit at `now`.
     pub fn detail(&self, now: Instant) -> Detail {
-        let dragging = self.edited.is_some_and(|edited| now - edited < REST);
+        let dragging = self.edited.is_some_and(|edited| now - edited < DRAG_INTERVAL);
         let slow = self.exact.is_some_and(|exact| exact > self.budget);
         if dragging && slow && !self.budget.is_zero() { Detail::Coarse } else { Detail::Exact }
     }
@@ -41,8 +41,8 @@ impl Pace {
     }
 
     /// Returns when a coarse picture is to be completed.
-    pub fn rests_at(&self) -> Option<Instant> {
-        Some(self.edited? + REST)
+    pub fn exact_due_at(&self) -> Option<Instant> {
+        Some(self.edited? + DRAG_INTERVAL)
     }
 }
 
@@ -56,26 +56,26 @@ mod tests {
 
     #[test]
     fn slow_drags_are_coarse_from_their_second_frame_and_rest_finishes_them() {
-        let mut pace = Pace::new(ms(33));
+        let mut control = DetailControl::new(ms(33));
         let start = Instant::now();
-        assert_eq!(pace.detail(start), Detail::Exact, "its duration is not known yet");
-        pace.shown(start + ms(80), true, Detail::Exact, ms(80));
-        assert_eq!(pace.detail(start + ms(90)), Detail::Coarse);
-        pace.shown(start + ms(120), true, Detail::Coarse, ms(25));
-        assert_eq!(pace.detail(start + ms(125)), Detail::Coarse, "the exact picture is still slow");
-        assert_eq!(pace.rests_at(), Some(start + ms(300)));
-        assert_eq!(pace.detail(start + ms(300)), Detail::Exact);
-        pace.shown(start + ms(390), false, Detail::Exact, ms(85));
-        assert_eq!(pace.detail(start + ms(400)), Detail::Exact, "completing a picture is not an edit");
+        assert_eq!(control.detail(start), Detail::Exact, "its duration is not known yet");
+        control.shown(start + ms(80), true, Detail::Exact, ms(80));
+        assert_eq!(control.detail(start + ms(90)), Detail::Coarse);
+        control.shown(start + ms(120), true, Detail::Coarse, ms(25));
+        assert_eq!(control.detail(start + ms(125)), Detail::Coarse, "the exact picture is still slow");
+        assert_eq!(control.exact_due_at(), Some(start + ms(300)));
+        assert_eq!(control.detail(start + ms(300)), Detail::Exact);
+        control.shown(start + ms(390), false, Detail::Exact, ms(85));
+        assert_eq!(control.detail(start + ms(400)), Detail::Exact, "completing a picture is not an edit");
     }
 
     #[test]
     fn fast_drags_and_no_budget_stay_exact() {
         for (budget, took) in [(33, 20), (0, 500)] {
-            let mut pace = Pace::new(ms(budget));
+            let mut control = DetailControl::new(ms(budget));
             let start = Instant::now();
-            pace.shown(start, true, Detail::Exact, ms(took));
-            assert_eq!(pace.detail(start + ms(10)), Detail::Exact);
+            control.shown(start, true, Detail::Exact, ms(took));
+            assert_eq!(control.detail(start + ms(10)), Detail::Exact);
         }
     }
 }

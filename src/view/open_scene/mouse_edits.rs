@@ -2,14 +2,14 @@
 
 use glam::DVec3;
 
-use super::{Pointer, Stage};
+use super::{OpenScene, Pointer};
 use crate::gpu::Placement;
 use crate::view::describe::rounded;
 use crate::view::desk::Pick;
 use crate::view::desk::selection::Selection;
 use crate::view::gizmo::{Gizmos, Grab, Handle};
 
-impl Stage {
+impl OpenScene {
     /// Returns the handles of the lights in the picture.
     pub fn gizmos(&self, placement: Placement) -> Gizmos<'_> {
         Gizmos { opened: &self.opened, desk: &self.desk, placement }
@@ -34,11 +34,11 @@ impl Stage {
     /// Moves the grabbed handle to the mouse.
     pub(super) fn drag(&mut self, grab: Grab, pointer: Pointer) {
         let dragged = pointer.at.and_then(|at| self.gizmos(pointer.placement).dragged(grab, at));
-        dragged.into_iter().for_each(|light| self.desk.edit_alike(light));
+        dragged.into_iter().for_each(|light| self.desk.edit_primary_and_selection(light));
     }
 
     /// Ends a drag, when the held key or mouse button is released.
-    pub fn let_go(&mut self) {
+    pub fn end_drag(&mut self) {
         self.caster = None;
         self.desk.end_gesture();
     }
@@ -53,8 +53,8 @@ impl Stage {
             return;
         };
         let Some(at) = self.pick(pointer) else { return };
-        if let Some(way) = (caster - at.position).try_normalize() {
-            let free = self.opened.free_along(caster, way);
+        if let Some(direction) = (caster - at.position).try_normalize() {
+            let free = self.opened.distance_to_surface(caster, direction);
             self.desk.place_shadow(caster, at, free);
         }
     }

@@ -17,14 +17,14 @@ const SHOWN: [f32; 2] = [240.0, 160.0];
 
 /// The view through a light.
 #[derive(Default)]
-pub struct Look {
+pub struct LightView {
     texture: Option<TextureHandle>,
     image: Option<ColorImage>,
     /// The light and the image size of the current image.
     made_for: Option<(Light, [usize; 2])>,
 }
 
-impl Look {
+impl LightView {
     /// Updates the image if the light has changed, or if it `rests` and the image is coarse. Returns whether it did.
     pub fn make(&mut self, opened: &Opened, light: &Light, rests: bool) -> bool {
         let is_same = self.made_for.as_ref().is_some_and(|(made_for, _)| made_for == light);
@@ -48,12 +48,12 @@ impl Look {
         if let Some(image) = self.image.take() {
             match &mut self.texture {
                 Some(texture) => texture.set(image, TextureOptions::LINEAR),
-                None => self.texture = Some(ui.ctx().load_texture("look", image, TextureOptions::LINEAR)),
+                None => self.texture = Some(ui.ctx().load_texture("light view", image, TextureOptions::LINEAR)),
             }
         }
         let Some(texture) = &self.texture else { return };
         let title = format!("View through {}", light.name);
-        let window = egui::Window::new(title).id("look".into()).collapsible(false).resizable(false);
+        let window = egui::Window::new(title).id("light view".into()).collapsible(false).resizable(false);
         window.default_pos([8.0, 8.0]).show(ui.ctx(), |ui| {
             let image = egui::Image::new(texture).fit_to_exact_size(SHOWN.into()).sense(egui::Sense::drag());
             let response = ui.add(image).on_hover_text("drag to turn the light");
@@ -77,7 +77,7 @@ impl Look {
                     }
                     _ => view.ray(center.x, center.y, aspect()).1,
                 };
-                desk.edit_alike(Light { direction: direction.normalize(), ..light.clone() });
+                desk.edit_primary_and_selection(Light { direction: direction.normalize(), ..light.clone() });
             }
         });
     }

@@ -7,7 +7,7 @@ use crate::scene::{Light, LightKind, Rig};
 /// Applies to `light` the change of another light from `before` to `after`: position, stops and angles by the same
 /// offset, direction by the same rotation, colour, intensity and range by the same ratio. A changed switch takes the
 /// other light's value. Name, kind, group and links do not change.
-pub fn alike(light: &Light, before: &Light, after: &Light) -> Light {
+pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     let mut light = light.clone();
     if light.kind != LightKind::Directional {
         light.position += after.position - before.position;
@@ -56,7 +56,7 @@ fn scaled(x: f64, before: f64, after: f64) -> f64 {
 }
 
 /// Applies the edits in `rig` since `before` to the followers of edited lights, unless they were edited themselves.
-pub fn carry_to_followers(before: &Rig, rig: &mut Rig) {
+pub fn update_followers(before: &Rig, rig: &mut Rig) {
     if before.lights.len() != rig.lights.len() || rig.lights.iter().all(|light| light.follows.is_none()) {
         return;
     }
@@ -65,7 +65,7 @@ pub fn carry_to_followers(before: &Rig, rig: &mut Rig) {
         let Some(leader) = rig.lights[follower].follows else { continue };
         let was = &before.lights[follower];
         if rig.lights[follower] == *was && rig.lights[leader] != before.lights[leader] {
-            rig.lights[follower] = alike(was, &before.lights[leader], &rig.lights[leader]);
+            rig.lights[follower] = apply_change(was, &before.lights[leader], &rig.lights[leader]);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! An open scene: its desk and relighter, and the commands that act on them.
 
-mod compare;
-mod hand;
+mod comparison;
+mod mouse_edits;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,24 +10,26 @@ use std::time::Instant;
 use glam::DVec3;
 use winit::event_loop::EventLoopProxy;
 
+use super::action::Action;
 use super::aids::{self, OverlayInfo};
 use super::autosave::Autosave;
-use super::compare::{Comparison, Overlaid};
-use super::controls::{Action, Dialog, ViewState};
-use super::converge::{Converge, Sharper};
+use super::compare::{Comparison, ComparisonImage};
+use super::converge::Converge;
 use super::describe::rounded;
 use super::desk::selection::Selection;
 use super::desk::snapshots::SLOTS;
 use super::desk::{Desk, Pick};
+use super::detail_control::DetailControl;
+use super::edge_refinement::EdgeRefinement;
 use super::gather::GatherMarks;
 use super::keys::Command;
+use super::light_view::LightView;
 use super::load::LoadEvent;
-use super::look::Look;
-use super::pace::Pace;
 use super::pick::pixel;
 use super::shares::Shares;
 use super::snapshots::Thumbnail;
 use super::still::Still;
+use super::view_state::{Dialog, ViewState};
 use super::views::{Aid, View};
 use super::{Opened, ViewSettings};
 use crate::bake::transfer::Transfer;
@@ -39,20 +41,20 @@ use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, expos
 use crate::scene::{Rig, export_gltf};
 
 /// An open scene with its desk and relighter.
-pub struct Stage {
+pub struct OpenScene {
     pub desk: Desk,
     pub opened: Opened,
     pub shares: Shares,
     relighter: Relighter,
-    shows_look: bool,
+    shows_light_view: bool,
     /// Version of the desk's lights in the relighter, and whether it was unsaved.
-    taken: Option<(u64, bool)>,
+    synced_version: Option<(u64, bool)>,
     /// Layers that the relighter shows.
     layers: Layers,
-    pace: Pace,
+    detail_control: DetailControl,
     converge: Converge,
     /// Whether the picture has extra samples on edges.
-    is_sharp: bool,
+    is_refined: bool,
     /// Version of the desk's lights in the picture.
     drawn: Option<u64>,
     still: Option<Still>,
@@ -60,8 +62,8 @@ pub struct Stage {
     pub overlay: OverlayInfo,
     pub gather_marks: Option<GatherMarks>,
     pub thumbnails: [Option<Thumbnail>; SLOTS],
-    overlaid: Option<Overlaid>,
-    pub look: Look,
+    comparison_image: Option<ComparisonImage>,
+    pub light_view: LightView,
     /// The point whose shadow is being dragged, world space.
     caster: Option<DVec3>,
     autosave: Autosave,
@@ -71,7 +73,7 @@ pub struct Stage {
 
 /// Whether the window stays open after a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Then {
+pub enum Flow {
     Continue,
     Quit,
 }
@@ -84,7 +86,7 @@ pub struct Pointer {
     pub at: Option<[f32; 2]>,
 }
 
-impl Stage {
+impl OpenScene {
     pub fn new(
         context: &Arc<Context>,
         opened: Opened,
@@ -100,19 +102,19 @@ impl Stage {
             desk,
             shares: Shares::default(),
             relighter,
-            shows_look: false,
-            taken: None,
+            shows_light_view: false,
+            synced_version: None,
             layers: Layers::All,
-            pace: Pace::new(settings.frame_budget),
+            detail_control: DetailControl::new(settings.frame_budget),
             converge: Converge::new(context, proxy, &settings.relight, settings.rest_samples),
-            is_sharp: false,
+            is_refined: false,
             drawn: None,
             still: None,
             overlay: OverlayInfo::default(),
             gather_marks: None,
             thumbnails: Default::default(),
-            overlaid: None,
-            look: Look::default(),
+            comparison_image: None,
+            light_view: LightView::default(),
             caster: None,
             autosave: Autosave::new(Autosave::path(settings.rig_path.as_deref(), &scene.path)),
             rig_path: settings.rig_path.clone(),
@@ -132,17 +134,17 @@ impl Stage {
 
     /// Returns the pass times of the last picture.
     pub fn times(&self) -> &[PassTime] {
-        self.sharp().map_or(&self.relighter, |sharp| sharp).times()
+        self.refined().map_or(&self.relighter, |refined| refined).times()
     }
 
     /// Returns the relighter with extra edge samples, if it made the picture.
-    fn sharp(&self) -> Option<&Relighter> {
-        self.converge.relighter().filter(|_| self.is_sharp)
+    fn refined(&self) -> Option<&Relighter> {
+        self.converge.relighter().filter(|_| self.is_refined)
     }
 
     /// Accepts a bake with extra samples on edges.
-    pub fn sharpen(&mut self, sharper: Sharper) {
-        self.converge.take(sharper, &self.opened, self.desk.rig());
+    pub fn accept_refinement(&mut self, refinement: EdgeRefinement) {
+        self.converge.accept(refinement, &self.opened, self.desk.rig());
     }
 
     /// Returns device memory by owner, bytes.
@@ -151,20 +153,20 @@ impl Stage {
     }
 
     /// Updates the relighter if the lights have changed.
-    fn take_lights(&mut self) -> Result<()> {
+    fn sync_lights(&mut self) -> Result<()> {
         let version = Some((self.desk.version(), self.desk.history().is_unsaved()));
-        if self.taken != version {
+        if self.synced_version != version {
             self.relighter.set_rig(self.desk.rig())?;
             self.relighter.select(self.desk.history().focus());
-            self.taken = version;
+            self.synced_version = version;
         }
         Ok(())
     }
 
     /// Replaces the indirect light.
-    pub fn refine(&mut self, transfer: Arc<Transfer>) -> Result<()> {
-        self.shares.forget();
-        self.overlaid.iter_mut().for_each(Overlaid::forget);
+    pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
+        self.shares.invalidate();
+        self.comparison_image.iter_mut().for_each(ComparisonImage::invalidate);
         self.relighter.set_transfer(transfer.clone())?;
         self.opened.transfer = Some(transfer);
         self.still = None;
@@ -173,25 +175,25 @@ impl Stage {
 
     /// Does one short step of idle work: refines the view through the light, or measures shares. Returns whether there
     /// was work.
-    pub fn rest(&mut self) -> Result<bool> {
-        self.note_edits();
-        if self.shows_look
+    pub fn idle_step(&mut self) -> Result<bool> {
+        self.update_autosave();
+        if self.shows_light_view
             && let Some(light) = self.desk.selected_light()
-            && self.look.make(&self.opened, light, true)
+            && self.light_view.make(&self.opened, light, true)
         {
             return Ok(true);
         }
         if self.relighter.is_coarse() || self.layers != Layers::All {
             return Ok(false); // the light images are coarse or lack layers
         }
-        self.take_lights()?;
+        self.sync_lights()?;
         self.shares.measure(self.desk.history().state(), &mut self.relighter)
     }
 
     /// Draws the chosen view and updates [`Self::overlay`] for it.
     pub fn draw(&mut self, view: &ViewState, pointer: Pointer, screen: Screen) -> Result<()> {
-        self.shows_look = view.look;
-        self.note_edits();
+        self.shows_light_view = view.show_light_view;
+        self.update_autosave();
         let size = self.picture_size();
         let under_mouse = pointer.at.and_then(|at| pixel(pointer.placement, size, at));
         let probe = under_mouse.filter(|_| view.views.has(Aid::Probe));
@@ -212,36 +214,36 @@ impl Stage {
             return Ok(());
         };
         let start = Instant::now();
-        let detail = self.pace.detail(start);
+        let detail = self.detail_control.detail(start);
         let edited = self.drawn.replace(self.desk.version()) != Some(self.desk.version());
         if edited {
             self.converge.restart(start);
         } else if !self.relighter.is_coarse() {
-            self.converge.go_on(&self.opened, self.desk.rig())?;
+            self.converge.step(&self.opened, self.desk.rig())?;
         }
         let comparing = self.compare(view, screen.surface.wants_blue_first())?;
         // Both sides of a comparison use the same samples.
-        let sharp = match comparing {
+        let refined = match comparing {
             Some(_) => None,
             None => self.converge.ready(&self.opened, self.desk.rig(), layers)?,
         };
-        self.is_sharp = sharp.is_some();
-        let relighter = match sharp {
-            Some(sharp) => {
-                sharp.select(self.desk.history().focus());
-                sharp
+        self.is_refined = refined.is_some();
+        let relighter = match refined {
+            Some(refined) => {
+                refined.select(self.desk.history().focus());
+                refined
             }
             None => {
-                self.take_lights()?;
+                self.sync_lights()?;
                 self.layers = layers;
                 &mut self.relighter
             }
         };
-        let detail = if self.is_sharp { Detail::Exact } else { detail };
+        let detail = if self.is_refined { Detail::Exact } else { detail };
         let inspection = Inspection { histogram: view.views.has(Aid::Histogram), probe };
         let request = Request { picture, layers, detail, exposure: view.exposure, tone_map: view.curve(), inspection };
-        let over = comparing.and_then(|comparing| Some(self.overlaid.as_ref()?.over(comparing.kind)));
-        relighter.show(request, Screen { over, ..screen })?;
+        let comparison = comparing.and_then(|comparing| Some(self.comparison_image.as_ref()?.overlay(comparing.kind)));
+        relighter.show(request, Screen { comparison, ..screen })?;
         self.overlay.histogram = relighter.histogram().map(<[u32]>::to_vec);
         self.overlay.is_coarse = relighter.is_coarse();
         if let Some((pixel, radiance)) = relighter.probed() {
@@ -249,7 +251,7 @@ impl Stage {
         }
         self.overlay.progress = self.converge.progress(&self.opened, self.desk.rig());
         if self.times().iter().any(|pass| pass.name == "shade light") {
-            self.pace.shown(Instant::now(), edited, detail, start.elapsed());
+            self.detail_control.shown(Instant::now(), edited, detail, start.elapsed());
         }
         Ok(())
     }
@@ -281,15 +283,15 @@ impl Stage {
 
     /// Whether the picture is coarse and not completed yet.
     pub fn is_coarse(&self) -> bool {
-        !self.is_sharp && self.relighter.is_coarse()
+        !self.is_refined && self.relighter.is_coarse()
     }
 
     /// Returns when refinement of the picture continues, if no event comes before; `None` if it is complete.
-    pub fn goes_on_at(&self, view: &ViewState) -> Option<Instant> {
+    pub fn next_step_at(&self, view: &ViewState) -> Option<Instant> {
         view.views.view.picture(None)?;
         match self.is_coarse() {
-            true => self.pace.rests_at(),
-            false => self.converge.goes_on_at(&self.opened, self.desk.rig(), view.panel || view.overlay),
+            true => self.detail_control.exact_due_at(),
+            false => self.converge.next_step_at(&self.opened, self.desk.rig(), view.panel || view.overlay),
         }
     }
 
@@ -303,8 +305,8 @@ impl Stage {
     }
 
     /// Writes edits to the autosave file.
-    pub(super) fn note_edits(&mut self) {
-        if let Err(error) = self.autosave.note(&self.desk) {
+    pub(super) fn update_autosave(&mut self) {
+        if let Err(error) = self.autosave.update(&self.desk) {
             self.desk.message = format!("AUTOSAVE FAILED: {error}");
         }
     }
@@ -328,11 +330,11 @@ impl Stage {
 
     /// Returns the automatic exposure for the current lights, stops.
     pub fn automatic_exposure(&mut self) -> Result<f32> {
-        self.take_lights()?;
+        self.sync_lights()?;
         Ok(exposure::automatic(self.relighter.linear(Picture::Whole)?))
     }
 
-    pub fn act(&mut self, action: &Action, view: &mut ViewState, pointer: Pointer) -> Result<Then> {
+    pub fn act(&mut self, action: &Action, view: &mut ViewState, pointer: Pointer) -> Result<Flow> {
         match action {
             Action::Do(command) => return self.command(*command, view, pointer),
             Action::SaveTo(path) => {
@@ -340,18 +342,18 @@ impl Stage {
             }
             Action::SaveAndQuit => {
                 let saved = self.rig_path.clone().is_some_and(|path| self.save(path));
-                return Ok(if saved { Then::Quit } else { Then::Continue });
+                return Ok(if saved { Flow::Quit } else { Flow::Continue });
             }
-            Action::QuitUnsaved => return Ok(Then::Quit),
+            Action::QuitUnsaved => return Ok(Flow::Quit),
             Action::Recover(rig) => self.desk.recover(Rig::clone(rig)),
-            Action::Forget => self.autosave.forget(),
+            Action::DiscardRecovery => self.autosave.discard_found(),
             Action::Drag(grab) => self.drag(*grab, pointer),
             Action::Show => {}
         }
-        Ok(Then::Continue)
+        Ok(Flow::Continue)
     }
 
-    pub fn command(&mut self, command: Command, view: &mut ViewState, pointer: Pointer) -> Result<Then> {
+    pub fn command(&mut self, command: Command, view: &mut ViewState, pointer: Pointer) -> Result<Flow> {
         let desk = &mut self.desk;
         match command {
             Command::NextLight => desk.select_next(1),
@@ -360,16 +362,18 @@ impl Stage {
             Command::Place => self.with_pick(pointer, Desk::place),
             Command::Aim => self.with_pick(pointer, Desk::aim),
             Command::Highlight => {
-                let free = self.pick(pointer).map(|at| self.opened.free_along(at.position, Desk::highlight_way(at)));
+                let free = self
+                    .pick(pointer)
+                    .map(|at| self.opened.distance_to_surface(at.position, Desk::highlight_direction(at)));
                 self.with_pick(pointer, |desk, at| desk.place_highlight(at, free.unwrap_or(f64::INFINITY)));
             }
             Command::Shadow => self.drag_shadow(pointer),
-            Command::LookThrough => view.look = !view.look,
-            Command::Keep(slot) => self.keep(slot, view)?,
+            Command::LookThrough => view.show_light_view = !view.show_light_view,
+            Command::Store(slot) => self.store_snapshot(slot, view)?,
             Command::Recall(slot) => desk.recall(slot),
             Command::Wipe => self.toggle_comparison(view, Comparison::Wipe { at: 0.5 }),
             Command::Difference => self.toggle_comparison(view, Comparison::Difference),
-            Command::NextLightToo => desk.select_next_too(1),
+            Command::AddNextLight => desk.add_next_to_selection(1),
             Command::AllLights => desk.select_all(),
             Command::EditGroup(edit) => desk.edit_group(edit),
             Command::EndSolo => desk.end_solo(),
@@ -417,7 +421,7 @@ impl Stage {
             Command::Quit if desk.history().is_unsaved() && !matches!(view.dialog, Some(Dialog::Quit)) => {
                 view.dialog = Some(Dialog::Quit);
             }
-            Command::Quit => return Ok(Then::Quit),
+            Command::Quit => return Ok(Flow::Quit),
             Command::OneToOne => {
                 view.one_to_one = !view.one_to_one;
                 desk.message = if view.one_to_one { "picture 1:1" } else { "picture fitted" }.into();
@@ -451,7 +455,7 @@ impl Stage {
             }
             Command::FullScreen => {} // handled by the window
         }
-        Ok(Then::Continue)
+        Ok(Flow::Continue)
     }
 
     fn with_pick(&mut self, pointer: Pointer, edit: impl FnOnce(&mut Desk, Pick)) {

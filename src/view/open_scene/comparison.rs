@@ -1,35 +1,35 @@
 //! Snapshots with thumbnails, and comparison of the picture with them.
 
-use super::Stage;
+use super::OpenScene;
 use crate::error::Result;
 use crate::relight::{Layers, Request};
-use crate::view::compare::{Comparing, Comparison, Overlaid};
-use crate::view::controls::ViewState;
+use crate::view::compare::{Comparing, Comparison, ComparisonImage};
 use crate::view::snapshots::Thumbnail;
+use crate::view::view_state::ViewState;
 use crate::view::views::View;
 
-impl Stage {
-    /// Returns the active comparison if its snapshot exists, and updates the overlaid picture.
+impl OpenScene {
+    /// Returns the active comparison if its snapshot exists, and updates its pixels.
     pub(super) fn compare(&mut self, view: &ViewState, blue_first: bool) -> Result<Option<Comparing>> {
         let is_there = |comparing: &Comparing| self.desk.snapshots().get(comparing.slot).is_some();
         let comparing = view.comparing.filter(|_| view.views.view == View::Beauty).filter(is_there);
         let Some(comparing) = comparing else { return Ok(None) };
-        self.take_lights()?;
-        if self.overlaid.is_none() {
-            self.overlaid = Some(Overlaid::new(self.relighter.context(), self.picture_size())?);
+        self.sync_lights()?;
+        if self.comparison_image.is_none() {
+            self.comparison_image = Some(ComparisonImage::new(self.relighter.context(), self.picture_size())?);
         }
-        let overlaid = self.overlaid.as_mut().expect("made above");
+        let comparison_image = self.comparison_image.as_mut().expect("made above");
         let display = (view.exposure, view.curve(), blue_first);
-        if overlaid.make(comparing, &self.desk, &mut self.relighter, display)? {
-            self.taken = None;
+        if comparison_image.make(comparing, &self.desk, &mut self.relighter, display)? {
+            self.synced_version = None;
         }
         Ok(Some(comparing))
     }
 
     /// Stores the lights in a slot, with a thumbnail.
-    pub(super) fn keep(&mut self, slot: usize, view: &ViewState) -> Result<()> {
-        self.desk.keep(slot);
-        self.take_lights()?;
+    pub(super) fn store_snapshot(&mut self, slot: usize, view: &ViewState) -> Result<()> {
+        self.desk.store(slot);
+        self.sync_lights()?;
         self.layers = Layers::All;
         let size = self.picture_size();
         let request = Request { exposure: view.exposure, tone_map: view.curve(), ..Request::default() };

@@ -1,0 +1,39 @@
+//! Lights whose radiance a pass adds to their images.
+
+use glam::Vec4;
+
+use super::visibility::Visibility;
+use crate::gpu::{Buffer, Pass};
+use crate::shared::gpu_struct::Write;
+use crate::shared::{MAX_LIGHTS_PER_PASS, PackedLight};
+
+/// A light, its visibility, and the buffers to which its radiance is added.
+pub struct LightTarget<'a> {
+    pub light: PackedLight,
+    pub visibility: &'a Visibility,
+    pub image: &'a Buffer<Vec4>,
+    pub extras: &'a Buffer<f32>,
+}
+
+/// One to [`MAX_LIGHTS_PER_PASS`] lights that share one read of the factors.
+pub struct LightTargets<'a> {
+    pub lights: &'a [LightTarget<'a>],
+    pub pixel_stride: u32,
+    pub extra_stride: u32,
+}
+
+impl LightTargets<'_> {
+    /// Missing lights reuse the first light's address.
+    fn addresses<T: Copy>(&self, mut of: impl FnMut(&LightTarget) -> T) -> [T; MAX_LIGHTS_PER_PASS as usize] {
+        let first = of(&self.lights[0]);
+        std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, &mut of) })
+    }
+
+    pub fn images(&self, pass: &mut Pass) -> [Write<f32>; MAX_LIGHTS_PER_PASS as usize] {
+        self.addresses(|target| pass.write_as(target.image))
+    }
+
+    pub fn extras(&self, pass: &mut Pass) -> [Write<f32>; MAX_LIGHTS_PER_PASS as usize] {
+        self.addresses(|target| pass.write(target.extras))
+    }
+}

@@ -1,0 +1,24 @@
+//! Actions that the user requests with keys, mouse or panel.
+
+use std::path::PathBuf;
+
+use super::gizmo::Grab;
+use super::keys::Command;
+use crate::scene::Rig;
+
+/// An action requested by the user.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    Do(Command),
+    SaveTo(PathBuf),
+    SaveAndQuit,
+    QuitUnsaved,
+    /// Recovers the lights that a crash left.
+    Recover(Box<Rig>),
+    /// Discards the lights that a crash left.
+    DiscardRecovery,
+    /// Moves a handle to the mouse.
+    Drag(Grab),
+    /// Only redraws.
+    Show,
+}

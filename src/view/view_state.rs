@@ -1,0 +1,48 @@
+//! Settings of the window, and its open dialog.
+
+use super::compare::Comparing;
+use super::views::{Aid, Views};
+use crate::relight::ToneMap;
+use crate::scene::Rig;
+
+/// The settings of the window that are independent of the lights.
+pub struct ViewState {
+    /// Exposure, stops.
+    pub exposure: f32,
+    pub tone_map: ToneMap,
+    pub one_to_one: bool,
+    pub panel: bool,
+    pub overlay: bool,
+    pub views: Views,
+    pub help: bool,
+    pub dialog: Option<Dialog>,
+    /// Search text for the list of lights.
+    pub search: String,
+    /// Active comparison with a snapshot.
+    pub comparing: Option<Comparing>,
+    /// Whether the view through the selected light is shown.
+    pub show_light_view: bool,
+}
+
+/// An open dialog.
+pub enum Dialog {
+    /// The path as typed so far.
+    SaveAs(String),
+    /// Asks whether to save before quitting.
+    Quit,
+    /// Asks whether to recover these lights, which a crash left.
+    Recover(Box<Rig>),
+}
+
+impl ViewState {
+    /// Whether anything is drawn beside or over the picture.
+    pub fn has_ui(&self) -> bool {
+        let over = self.show_light_view || self.comparing.is_some() || self.views.has_ui();
+        self.panel || self.overlay || self.help || over || self.dialog.is_some()
+    }
+
+    /// Returns the tone curve from scene-linear to the display.
+    pub fn curve(&self) -> ToneMap {
+        if self.views.has(Aid::FalseColor) { ToneMap::FalseColor } else { self.tone_map }
+    }
+}
