@@ -1,7 +1,7 @@
 //! Where pictures go: which passes, as EXR layers or one PNG each.
 
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use relume::gpu::PassTime;
 use relume::image::{Image, exr, png};
