@@ -1,4 +1,4 @@
-// Sums of light images -> exposed, tone-mapped pixels, row by row.
+// Sums of light images -> exposed, tone-mapped pixels, row by row. Twin: src/reference/composite.rs.
 
 #include "lib/color.glsl"
 #include "lib/display.glsl"

@@ -1,4 +1,5 @@
 // Adds the weighted extra view samples of one light to their pixels of its image. One thread per pixel.
+// Twin: src/bake/framebuffer/view_samples.rs.
 
 void main() {
     uint index = thread_index();

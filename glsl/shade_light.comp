@@ -1,4 +1,5 @@
 // Direct light of one light at unit intensity on all view samples. One thread per sample.
+// Twin: src/reference/mod.rs.
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"

@@ -1,4 +1,4 @@
-// Weighted sum of images. Each thread sums four floats.
+// Weighted sum of images. Each thread sums four floats. Twin: src/reference/mod.rs.
 
 void main() {
     uint index = thread_index();

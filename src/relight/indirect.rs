@@ -1,5 +1,14 @@
 //! Indirect light on the device: computes λ0 of a light, applies the chain of block matrices and adds the result to its
-//! image.
+//! image. [`Indirect::add`] records these passes:
+//!
+//! 1. `shade gather samples` (shade_gather.comp): λ0 at points, for each light.
+//! 2. Light rays (add_light_rays.comp) and the Haar transform (haar.comp, haar_sums.comp), if there are any.
+//! 3. `transfer` (multiply_blocks.comp): all matrices of the chain except the last. Reads and writes the vector.
+//! 4. `transfer to pixels` (multiply_blocks.comp): the last matrix. Adds to the images of the lights and to the
+//!    radiance of extra samples. For row wavelets a sparse product (multiply_sparse.comp) takes the place of 3 and 4.
+//!
+//! Each pass declares what it accesses by `pass.read` and `pass.write`; [`LightTargets`] does this for the images.
+//! [`Frame`] derives the barriers.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;

@@ -104,6 +104,9 @@ struct Kernels {
 
 impl Relighter {
     /// Uploads the bake and allocates light images. `transfer`: `None` for direct light only.
+    ///
+    /// The budget holds first the fewest light images that a frame needs, then factors of the transfer, then further
+    /// light images. Factors that do not fit stay in host memory.
     pub fn new(
         context: &Arc<Context>,
         scene: &Arc<TracedScene>,

@@ -1,4 +1,8 @@
 //! Requests to a relighter: all parameters of a picture except the lights.
+//!
+//! [`Picture`] chooses the sources of light, [`Layers`] the parts of their light.
+//! `relighter.linear(Layers::Reflection)` is direct light in mirrors alone. [`Request`] combines both with exposure,
+//! tone curve and detail.
 
 use super::inspect::Inspection;
 use super::light_cache::Detail;
@@ -62,7 +66,7 @@ pub enum Layers {
     All,
     /// Direct light on layer 1 of the deep framebuffer.
     Direct,
-    /// Direct light on the deeper layers, seen through mirrors.
+    /// Direct light on the deeper layers: what mirrors show, without indirect light.
     Reflection,
     /// Direct light on all layers, without indirect light.
     FirstHand,

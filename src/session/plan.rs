@@ -78,7 +78,7 @@ pub struct BakeInput<'a> {
 const DENSE_SAMPLES: usize = 2304;
 /// Gather samples of the compressed form at most; small pictures show less.
 const SAMPLES: usize = 16_384;
-/// Pixels for each of them, at the default error.
+/// Pixels for each gather sample of the compressed form, at the default error or a smaller one.
 const PIXELS_A_SAMPLE: f64 = 4.0;
 /// Rays a row: of the dense form, of small pictures at the default error.
 const RAYS: u32 = 1024;
@@ -164,7 +164,9 @@ impl IndirectSettings {
         }
     }
 
-    /// Gather samples for a picture of `size` pixels, and why.
+    /// Number of gather samples for a picture of `size` pixels, and why. With `--gather`: that number. Dense form and
+    /// thesis: [`DENSE_SAMPLES`]. Else pixels divided by [`PIXELS_A_SAMPLE`], from [`DENSE_SAMPLES`] to [`SAMPLES`]; an
+    /// error above [`ERROR`] divides it further, in proportion.
     fn samples(&self, size: [u32; 2]) -> (usize, String) {
         let (Self::Robust { gather, .. } | Self::Thesis { gather, .. }) = *self;
         if let Some(samples) = gather {
@@ -184,7 +186,8 @@ impl IndirectSettings {
         (samples, format!("one for {pixels_each} of {pixels} pixels{bound}, with --error {error}"))
     }
 
-    /// Rays a row, and why.
+    /// Rays a row, and why. With `--rays`: that number. Dense form: [`RAYS`]. Else inversely proportional to the error,
+    /// within [`RAYS_BY_ERROR`], and fewer in pictures of more than [`RAYS_PIXELS`].
     fn rays(&self, size: [u32; 2]) -> (u32, String) {
         if let Self::Robust { rays: Some(rays), .. } = *self {
             return (rays, "--rays".into());

@@ -1,5 +1,8 @@
 //! Baked data on disk, keyed by content: safetensors files, which NumPy reads too, with a checksum over header and
 //! data. Files are memory-mapped: data that is not copied out is read once, and the system can reclaim its memory.
+//!
+//! [`store`] and [`store_transfer`] name the tensors. Structs are rows of 32-bit words, in the order of their fields in
+//! src/shared/mod.rs; float fields of a tensor of type U32 are stored by their bits.
 
 mod framebuffer;
 mod transfer;
@@ -38,7 +41,9 @@ pub struct Entry {
     pub bytes: u64,
 }
 
-/// Hashes all inputs of a bake. Lights are inputs only if shadow edges are anti-aliased.
+/// Key of the deep framebuffer: a hash of relume's version, `FORMAT`, `settings`, camera, and the scene's space,
+/// materials, mesh and finest texture levels. Lights are hashed only if shadow edges are anti-aliased. The key of a
+/// transfer is [`transfer_key`].
 pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -> Key {
     let mut hasher = blake3::Hasher::new();
     let seen = (camera.position, camera.world_from_camera, camera.projection);

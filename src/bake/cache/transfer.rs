@@ -12,7 +12,8 @@ use crate::bake::transfer::blocks::BlockMatrix;
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
 
-/// Key of a transfer to the bake of `key`; `settings` determine how it is computed.
+/// Key of a transfer to the bake of `key`; `settings` determine how it is computed. A session passes its plan (gather
+/// samples, rays, form with its error, bounces, seed, ...) and the lobe.
 pub fn transfer_key(key: &Key, settings: &impl Serialize) -> Key {
     Key(hash_of(&(&key.0, settings)))
 }

@@ -1,4 +1,8 @@
 //! Gather samples: surface points that represent an area and store its outgoing radiance as a few coefficients.
+//!
+//! [`GatherSamples::place`] also evaluates materials and textures: at each candidate point, by [`Place::surface`] with
+//! footprint 0, which ends in [`Material::evaluate`](crate::scene::Material::evaluate). A sample's BRDF is the
+//! [`average`] over the candidates of its cluster.
 
 mod clusters;
 pub mod light_rays;

@@ -4,6 +4,12 @@
 //! float16, read 16 bytes at a time: eight columns of a row. Rows are adjacent, so that neighbouring threads read
 //! neighbouring bytes. Each panel has a scale, so that its factors are within the range of float16.
 //!
+//! Why float16: it takes half the memory and half the reads of float32. The rounding of a factor, 2^-11, is a twentieth
+//! of the default `--error`. Kernels unpack factors by `unpackHalf2x16`, which needs no device feature. Why eight
+//! columns: eight float16 fill one `uvec4`, the unit of one read. They are also the unit of skipping: the factors of a
+//! column group without light are not read. Eight threads, one for each column, share their inputs through the
+//! subgroup. docs/performance.md has times ("Block products", "Columns without light").
+//!
 //! There are two kinds of columns: with separate factors for R, G and B, and with shared factors, which take a third of
 //! the memory and need a tint of the input.
 

@@ -18,7 +18,9 @@ const MATERIAL: f32 = 0.1;
 
 impl Transfer {
     /// Extends this transfer from the view samples of `from`, one per pixel, to those of `to`, the same view with more
-    /// samples. `radius` is the scene's. `None` for row wavelets, which have no blocks.
+    /// samples. `radius` is the scene's. Returns a new transfer: the rows of the last matrix and the emission are
+    /// taken from the most similar samples of `from`, `coarse` is empty, and everything else is a copy. A sample
+    /// without a similar one gets no indirect light. `None` for row wavelets, which have no blocks.
     pub fn spread(&self, from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Option<Self> {
         let (last, inner) = self.chain.split_last()?;
         let sources = sources(from, to, radius);

@@ -63,6 +63,7 @@ pub struct TransferSettings {
     pub layers: u32,
     /// Number of indirect bounces, counted at the pixel; `None`: all.
     pub bounces: Option<u32>,
+    /// Parts of a bake derive their seeds from it, as `seed ^ n << 32` with small numbers n.
     pub seed: u64,
 }
 
