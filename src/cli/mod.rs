@@ -28,7 +28,8 @@ use std::process::ExitCode;
 use clap::Parser;
 use relume::Error;
 
-/// Interactive relighting: calculates in advance all that the lights do not change. Then every edit of a light shows at once.
+/// Relights a scene while you edit its lights. relume bakes once what does not depend on the lights; then every edit
+/// shows at once.
 #[derive(Parser)]
 #[command(version, propagate_version = true, max_term_width = 120)]
 #[command(after_help = AFTER_HELP)]
@@ -62,10 +63,11 @@ enum Command {
     /// Measures errors and times, and writes them as an HTML page, with its figures as CSV and its pictures as EXR.
     #[command(after_long_help = report::AFTER_HELP)]
     Report(report::Args),
-    /// Tells what the bake of a scene needs, what it leaves out, and whether it fits the memory. Bakes nothing.
+    /// Tells what the bake of a scene needs, what it leaves out, and whether it fits in memory. Bakes nothing.
     #[command(after_long_help = plan::AFTER_HELP)]
     Plan(plan::Args),
-    /// Writes the lights and the camera of a scene as a rig file, or a scene with the lights of a rig.
+    /// Writes the lights and the camera of a scene to a rig file. With --rig: writes the scene with the lights of that
+    /// rig.
     Rig(rig::Args),
     /// Renders an unbiased reference with the path tracer, as two independent halves.
     #[command(after_long_help = reference::AFTER_HELP)]

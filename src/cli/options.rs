@@ -16,18 +16,18 @@ use super::transfer::TransferOptions;
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Scene and bake")]
 pub struct ViewOptions {
-    /// Image size in pixels [default: the size in the scene file; else 480 rows, in the aspect ratio of the camera; else
-    /// 720x480].
+    /// Image size in pixels [default: the size in the scene file; else 480 pixels high, in the aspect ratio of the
+    /// camera; else 720x480].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
     /// Name of the camera to look from [default: the camera of the rig, else the first one of the scene].
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
-    /// Layers of the deep framebuffer: the surface that a pixel sees, then what mirrors show there, one after the other. 1
-    /// shows no mirror reflections.
+    /// Layers of the deep framebuffer. The first layer is the surface that a pixel sees; the next layers are what
+    /// mirrors show there, one after the other. 1 shows no mirror reflections.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
     pub layers: u32,
-    /// Removes the diffuse lobe of every material.
+    /// Removes the diffuse reflection (the diffuse lobe) of every material.
     #[arg(long)]
     pub strip_diffuse: bool,
     /// Seed of all random numbers.
@@ -56,12 +56,13 @@ pub struct CacheOptions {
 pub struct SceneOptions {
     #[command(flatten)]
     pub view: ViewOptions,
-    /// View samples of a pixel on an edge; all other pixels have one [default: 1; `relume view` uses 8 when lights rest].
+    /// Anti-aliasing: number of view samples in a pixel on an edge. All other pixels have one [default: 1; `relume
+    /// view` uses 8 when lights rest].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: Option<u32>,
-    /// Leaves nothing out that the scene does not need: all mirror layers over all pixels, a BRDF and a specular lobe for each
-    /// view sample, direct and indirect light of emitters. The picture is the same. docs/options.md tells what this does not
-    /// cover.
+    /// Also calculates what a bake leaves out because the scene does not need it: all mirror layers over all pixels, a
+    /// BRDF and a specular lobe for each view sample, direct and indirect light of emitters. The picture is the same.
+    /// docs/options.md tells what this does not cover.
     #[arg(long)]
     pub force_all: bool,
     #[command(flatten)]
@@ -91,7 +92,7 @@ pub struct DeviceOptions {
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
     /// Device memory for light images and for the transfer, like 2000000000, 500M or 2G [default: three quarters of the
-    /// device's memory]. A smaller budget gives the same picture, more slowly.
+    /// device's memory]. With a smaller budget the picture is the same, but slower.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub budget: Option<u64>,
 }
@@ -103,7 +104,7 @@ pub struct DisplayOptions {
     /// Tone curve of PNG images and of the window. EXR images are always scene-linear.
     #[arg(long, value_enum, value_name = "CURVE", default_value = "agx")]
     pub tonemap: Tonemap,
-    /// Exposure of PNG images and of the window, in stops. auto: chosen once, from the first rig.
+    /// Exposure of PNG images and of the window, in stops. auto: relume chooses it once, from the first rig.
     #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
     pub exposure: Exposure,
 }
@@ -125,7 +126,7 @@ pub struct RecordOptions {
     /// Writes figures of the run to this file, as JSON: times, sizes, errors.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
-    /// Writes a trace to this file: when each step ran. Perfetto and chrome://tracing open it.
+    /// Writes a trace to this file: when each step ran. Open it in Perfetto or chrome://tracing.
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
 }

@@ -14,14 +14,16 @@ use super::stats::{self, Strange};
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Image to write: .exr or .png. In its name, {rig} is replaced by the name of the rig, {pass} by that of the pass.
+    /// Image to write: .exr or .png. In its name, {rig} stands for the name of the rig, {pass} for the name of the
+    /// pass.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Rig file whose lights replace those of the scene. Give --rig several times to write several images.
     #[arg(long, value_name = "FILE")]
     rig: Vec<PathBuf>,
-    /// Passes to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission, light:NAME; or
-    /// all. They become layers of one EXR file, or a file each if the name has {pass}.
+    /// Passes to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission,
+    /// light:NAME; or all. One EXR file holds them as layers. If the name of the image has {pass}, each pass gets its
+    /// own file.
     #[arg(long, value_name = "LIST", default_value = "beauty", value_parser = output::parse_passes)]
     passes: Passes,
     #[command(flatten)]

@@ -14,7 +14,7 @@ pub struct Args {
     /// Rig file. With it, relume writes the scene with the lights of this rig.
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
-    /// File to write: a rig (.toml); with --rig, a scene (.glb or .gltf).
+    /// File to write. Without --rig: a rig (.toml). With --rig: a scene (.glb or .gltf).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

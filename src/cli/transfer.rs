@@ -9,33 +9,36 @@ use relume::{Error, Result};
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub struct TransferOptions {
-    /// Indirect light. off: none. diffuse: gather samples radiate equally in all directions. glossy: with the gloss of their
-    /// materials.
+    /// Indirect light. off: none. diffuse: gather samples send light equally in all directions. glossy: they send it
+    /// with the gloss of their materials.
     #[arg(long, value_enum, default_value = "glossy", hide_possible_values = true)]
     pub gi: Gi,
-    /// How indirect light is calculated. robust: the method of relume. thesis: as printed in the thesis of Yang, 2007.
+    /// How indirect light is calculated. robust: relume's own method. thesis: the method as printed in the thesis of
+    /// Yang, 2007.
     #[arg(long, value_enum, default_value = "robust", hide_possible_values = true)]
     pub method: MethodName,
-    /// Number of gather samples [default: 2304 to 16384, from the number of pixels and --error; 2304 in dense form. `relume
-    /// plan` gives the reason].
+    /// Number of gather samples: the surface points from which light bounces to the surfaces in the picture [default:
+    /// 2304 to 16384, from the number of pixels and --error; 2304 in dense form. `relume plan` gives the reason].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub gather: Option<u32>,
-    /// Rays for each row of the transfer matrix, with --method robust [default: 128 to 4096, from the number of pixels and
-    /// --error; 1024 in dense form].
+    /// Rays for each row of the transfer matrix, with --method robust. More rays give less noise [default: 128 to 4096,
+    /// from the number of pixels and --error; 1024 in dense form].
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub rays: Option<u32>,
-    /// Basis of the outgoing light of a gather sample. sh1, sh4, sh9, sh16, sh25, sh36, sh49: so many spherical harmonics.
-    /// svdN: N terms of a singular value decomposition, with --method thesis [default: what each material needs].
+    /// Basis of the light that leaves a gather sample. sh1, sh4, sh9, sh16, sh25, sh36, sh49: this number of spherical
+    /// harmonics. svdN: N terms of a singular value decomposition, with --method thesis [default: what each material
+    /// needs].
     #[arg(long, value_name = "BASIS", value_parser = parse_basis)]
     pub basis: Option<Basis>,
-    /// How the transfer matrix is stored and applied.
+    /// How relume stores and applies the transfer matrix. This matrix carries light from gather samples to pixels.
     #[arg(long, value_enum, default_value = "auto")]
     pub transfer: FormName,
-    /// Target for the relative error of the compressed transfer: its mean over point lights that the compression did not learn
-    /// from.
+    /// Target for the relative error of the compressed transfer. The error is the mean over point lights to which the
+    /// compression was not fitted.
     #[arg(long, value_name = "E", default_value_t = ERROR, value_parser = parse_error)]
     pub error: f64,
-    /// Indirect bounces, counted at the pixel: 1 is light, surface, pixel, inf is all [default: inf; 5 with --method thesis].
+    /// Number of indirect bounces, counted at the pixel. 1: from the light to a surface, then to the pixel. inf: all
+    /// bounces [default: inf; 5 with --method thesis].
     #[arg(long, value_name = "N|inf", value_parser = parse_bounces)]
     pub bounces: Option<Bounces>,
 }
@@ -57,7 +60,7 @@ pub enum MethodName {
 pub enum FormName {
     /// The same as nested.
     Auto,
-    /// All elements: for few gather samples and small pictures.
+    /// All elements (dense form): for few gather samples and small pictures.
     Dense,
     /// Nested blocks of low rank.
     Nested,

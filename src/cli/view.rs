@@ -19,14 +19,15 @@ use super::stats;
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Rig file whose lights replace those of the scene. Saving in the window writes this file.
+    /// Rig file whose lights replace those of the scene. Saving in the window writes this file. Without --rig, the
+    /// window asks for a file name when you save.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Plays events of keyboard and mouse from this file. Each line has a time in seconds and an event: `0.5 key Ctrl+Z`,
+    /// Plays keyboard and mouse events from this file. Each line has a time in seconds and an event: `0.5 key Ctrl+Z`,
     /// `1 press A`, `2 release A`, `2 mouse 320 240`.
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
-    /// Writes all events of keyboard and mouse to this file; --script plays it.
+    /// Writes all keyboard and mouse events to this file. --script plays it.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Does not wait for the display: pictures appear sooner, but may tear.
@@ -34,8 +35,8 @@ pub struct Args {
     no_vsync: bool,
     #[command(flatten)]
     files: RecordOptions,
-    /// Time in milliseconds for a frame while a light is dragged. If a frame takes longer, relume shows coarser pictures
-    /// during the drag, and the exact one after it. 0: never coarser.
+    /// Time in milliseconds that a frame may take while a light is dragged. If a frame takes longer, relume shows
+    /// coarser pictures during the drag, and the exact picture after it. 0: never coarser.
     #[arg(long, value_name = "MS", default_value_t = 33.0, value_parser = parse_budget)]
     frame_budget: f64,
     #[command(flatten)]
