@@ -23,7 +23,7 @@
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
 //! - [`image`]: EXR and PNG, and how pictures differ.
 //! - [`report`]: a page of what was measured, errors against run time above all.
-//! - [`reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the truth.
+//! - [`mod@reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the truth.
 //!
 //! ```no_run
 //! use std::path::Path;

@@ -1,4 +1,4 @@
-//! Typed, named buffers that own their memory; [`super::upload`] fills them.
+//! Typed, named buffers that own their memory; `upload.rs` fills them.
 
 use std::marker::PhantomData;
 use std::sync::Arc;

@@ -35,7 +35,7 @@ pub fn write(path: &Path, image: &Image) -> Result<()> {
     write_with_metadata(path, image, None)
 }
 
-/// [`write`], optionally with metadata.
+/// [`write()`], optionally with metadata.
 pub fn write_with_metadata(path: &Path, image: &Image, metadata: Option<&ExrMetadata>) -> Result<()> {
     let bytes =
         encode(image, metadata).map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;

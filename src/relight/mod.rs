@@ -291,7 +291,7 @@ impl Relighter {
         self.finite_check.as_ref().map_or_else(Vec::new, FiniteCheck::counts)
     }
 
-    /// Histogram of the last picture's exposed luminance: pixel counts of [`BINS_PER_STOP`] bins per stop around middle
+    /// Histogram of the last picture's exposed luminance: pixel counts of `BINS_PER_STOP` bins per stop around middle
     /// grey, and of all darker (first bin) and brighter (last bin) pixels. `None` unless [`Request::inspection`]
     /// requested it.
     pub fn histogram(&self) -> Option<&[u32]> {

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! λ̂ are the [Haar terms](haar) of direct light, J the terms that are significant for the supercluster. Most terms are
-//! multiplied by [tints](chain::Chain) first. Differs from [Hasan 2006]: nested bases instead of wavelets chosen per
+//! multiplied by tints first (`chain.rs`). Differs from [Hasan 2006]: nested bases instead of wavelets chosen per
 //! row.
 
 pub mod bounces;
@@ -78,7 +78,7 @@ pub type ValidationSums = Vec<Vec<[f64; 2]>>;
 
 /// The compressed operator.
 pub struct Compressed {
-    /// From Haar terms of direct light to view samples, see [`Chain`].
+    /// From Haar terms of direct light to view samples, see `Chain`.
     pub chain: Vec<BlockMatrix>,
     /// Indirect radiance of emitters at each view sample, uncompressed; empty if there are none.
     pub emission: Vec<Vec3>,

@@ -70,7 +70,7 @@ pub struct TransferReport {
     /// Residual of the light after all bounces: see [`LightTransport::residual`]. `None` for a fixed number of bounces.
     pub residual: Option<f64>,
     /// Share of all reflected light that is removed so that no bounce amplifies light: see
-    /// [`Certificate::capped`](super::Certificate::capped).
+    /// [`Certificate::capped`](crate::bake::transport::Certificate::capped).
     pub capped: f64,
     /// Share of all surface area that no pixel sees, even after bounces.
     pub unseen: f64,
