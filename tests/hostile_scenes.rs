@@ -459,7 +459,7 @@ fn materials() {
         "out of range",
         set("normalTexture", json!({"index": 0, "extensions": {"KHR_texture_transform": {"scale": [1e39, 1]}}})),
     );
-    assert_change_refused("the wrapping mode is none", |g| g.json["samplers"][0]["wrapS"] = 5.into());
+    assert_change_refused("the wrapping mode is not defined by glTF", |g| g.json["samplers"][0]["wrapS"] = 5.into());
 }
 
 #[test]
