@@ -1,5 +1,5 @@
 // λ0 of the thesis: coefficients of one light at unit intensity in gather samples whose BRDFs are factored by SVD
-// [Yang 2007, Section 4.4]. One thread per sample. Twin: src/bake/transport/direct.rs.
+// [Yang 2007, Section 4.4]. One thread per sample. Twin: src/bake/baselines/thesis.rs.
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"

@@ -154,9 +154,29 @@ fn planted_arrows_are_found() {
 #[test]
 fn addresses_come_from_passes_alone() {
     for (path, text) in sources() {
-        let makes = ["Read::from(", "Write::from(", "Read::<", "Write::<"].iter().any(|made| text.contains(made));
+        let kinds = ["Read", "Write", "Exchange"];
+        let makes = |kind| [format!("{kind}::from("), format!("{kind}::<")].iter().any(|made| text.contains(made));
+        let makes = kinds.into_iter().any(makes);
         assert!(!makes || path == Path::new("gpu/frame.rs"), "src/{} makes an address", path.display());
     }
+}
+
+/// Threads of a workgroup read each other's results only through coherent addresses, after a barrier. No device here
+/// shows when one of the two is missing.
+#[test]
+fn barriers_and_coherent_addresses_go_together() {
+    let shared = std::fs::read_to_string("src/shared/mod.rs").unwrap();
+    let mut with_both = 0;
+    for file in std::fs::read_dir("glsl").unwrap().flatten().map(|file| file.path()).filter(|path| path.is_file()) {
+        let kernel = file.file_stem().unwrap().to_string_lossy();
+        let push = shared.split(&format!(" for {kernel}")).nth(1).and_then(|text| text.split("\n        }").next());
+        let exchanges = push.is_some_and(|push| push.contains(": Exchange<"));
+        let text = std::fs::read_to_string(&file).unwrap();
+        let waits = text.contains("memoryBarrierBuffer();\n        barrier();");
+        assert_eq!(exchanges, waits, "{kernel}: exchanges values ({exchanges}), waits for them ({waits})");
+        with_both += usize::from(waits);
+    }
+    assert!(with_both > 0, "haar has both");
 }
 
 /// A module's path below `src`, without `mod`: `["relight", "frame"]`.

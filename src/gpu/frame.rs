@@ -19,7 +19,7 @@ use super::memory::{Access, Buffer, RawBuffer};
 use super::surface::{Presenting, Surface};
 use super::vulkan_error::vulkan;
 use crate::error::Result;
-use crate::shared::gpu_struct::{Compute, Glsl, Push, Read, Write};
+use crate::shared::gpu_struct::{Compute, Exchange, Glsl, Push, Read, Write};
 use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
 
 /// Where a pass ran.
@@ -419,9 +419,14 @@ impl Pass<'_> {
         Read::from(self.frames.touch(self.name, buffer.raw(), Touch::Read))
     }
 
-    /// Declares that the pass writes `buffer`, and perhaps reads it.
+    /// Declares that the pass writes `buffer`, and perhaps reads what earlier passes or the same thread wrote.
     pub fn write<T: Glsl>(&mut self, buffer: &Buffer<T>) -> Write<T> {
         Write::from(self.frames.touch(self.name, buffer.raw(), Touch::Write))
+    }
+
+    /// Declares that the pass writes `buffer`, and that threads of a workgroup read what others of it wrote.
+    pub fn exchange<T: Glsl>(&mut self, buffer: &Buffer<T>) -> Exchange<T> {
+        Exchange::from(self.frames.touch(self.name, buffer.raw(), Touch::Write))
     }
 
     /// Like [`Pass::read`], for a kernel that reinterprets the elements as another type.

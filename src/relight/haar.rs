@@ -80,7 +80,7 @@ impl HaarTransform {
             let push = HaarPush {
                 rotations: pass.read(&self.rotations),
                 ranges: pass.read(&launch.ranges),
-                vector: pass.write(vector),
+                vector: pass.exchange(vector),
                 subtree_count: launch.subtree_count,
                 height_count: launch.height_count,
             };

@@ -50,7 +50,7 @@ macro_rules! primitive {
             }
         })*
 
-        /// GLSL declarations of [`Read`] and [`Write`] for each primitive.
+        /// GLSL declarations of [`Read`], [`Write`] and [`Exchange`] for each primitive.
         pub fn primitive_references() -> String {
             [$(references::<$rust>()),*].concat()
         }
@@ -79,10 +79,16 @@ impl<T: Glsl, const N: usize> Glsl for [T; N] {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Read<T>(u64, PhantomData<T>);
 
-/// Device address of `[T]` that a pass writes, or reads and writes.
+/// Device address of `[T]` that a pass writes. A thread may read what earlier passes or it itself wrote.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Write<T>(u64, PhantomData<T>);
+
+/// Device address of `[T]` through which threads of a workgroup pass values to each other, with a `memoryBarrierBuffer`
+/// and a `barrier` between write and read. It is coherent: otherwise a thread may read what its own cache holds.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Exchange<T>(u64, PhantomData<T>);
 
 macro_rules! address {
     ($name:ident) => {
@@ -102,13 +108,14 @@ macro_rules! address {
 }
 address!(Read);
 address!(Write);
+address!(Exchange);
 
-/// GLSL declarations of `Read<T>` and `Write<T>`.
+/// GLSL declarations of `Read<T>`, `Write<T>` and `Exchange<T>`.
 pub fn references<T: Glsl>() -> String {
     // Buffers start at multiples of 16 bytes, so the alignment of an element is the power of two in its size.
     let align = 1 << size_of::<T>().trailing_zeros().min(4);
     let name = T::name();
-    [("Read", "readonly "), ("Write", "")]
+    [("Read", "readonly "), ("Write", ""), ("Exchange", "coherent ")]
         .map(|(kind, access)| {
             format!(
                 "layout(buffer_reference, scalar, buffer_reference_align = {align}) {access}buffer {kind}_{name} {{ \

@@ -4,7 +4,7 @@ pub mod gpu_struct;
 
 use glam::{Mat4, UVec2, UVec4, Vec2, Vec3, Vec4};
 
-use self::gpu_struct::{Read, Write, gpu_shared};
+use self::gpu_struct::{Exchange, Read, Write, gpu_shared};
 
 gpu_shared! {
     constants {
@@ -443,7 +443,7 @@ gpu_shared! {
             /// Start of each height's rotations, then the end of the last ones: `height_count` + 1 entries per subtree.
             pub ranges: Read<u32>,
             /// RGB and an unused component, interleaved by light.
-            pub vector: Write<Vec4>,
+            pub vector: Exchange<Vec4>,
             /// Number of subtrees, one per workgroup.
             pub subtree_count: u32,
             /// Number of heights, the same for all subtrees.

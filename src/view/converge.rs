@@ -20,11 +20,6 @@ use crate::gpu::Context;
 use crate::relight::{Layers, RelightSettings, Relighter};
 use crate::scene::Rig;
 
-/// Whether both are the same bake.
-fn is_same(a: &Option<Arc<Transfer>>, b: &Option<Arc<Transfer>>) -> bool {
-    a.as_ref().map(Arc::as_ptr) == b.as_ref().map(Arc::as_ptr)
-}
-
 /// Refinement of the picture at rest.
 pub struct Converge {
     /// View samples per pixel on edges; 1 disables refinement.
@@ -100,9 +95,7 @@ impl Converge {
     }
 
     fn is_current(&self, opened: &Opened, rig: &Rig) -> bool {
-        self.has
-            .as_ref()
-            .is_some_and(|(edges_of, of)| is_same(of, &opened.transfer) && *edges_of == edges(&opened.scene, rig))
+        self.has.as_ref().is_some_and(|(edges_of, of)| opened.has(of) && *edges_of == edges(&opened.scene, rig))
     }
 
     /// Returns the relighter with extra samples, if it is complete for `rig`.
@@ -183,7 +176,7 @@ impl Converge {
     /// Accepts a finished bake, unless lights that cast shadows have moved since.
     pub fn accept(&mut self, refinement: EdgeRefinement, opened: &Opened, rig: &Rig) {
         self.baking = None;
-        if !is_same(&refinement.of, &opened.transfer) || refinement.edges != edges(&opened.scene, rig) {
+        if !opened.has(&refinement.of) || refinement.edges != edges(&opened.scene, rig) {
             return;
         }
         let outcome = match &mut self.relighter {

@@ -25,8 +25,7 @@ const SIZES: [(f32, Color32); 2] = [(1.75, Color32::from_black_alpha(170)), (1.0
 impl GatherMarks {
     /// Returns `marks` if they belong to the current transfer, else new marks.
     pub fn get(marks: Option<Self>, opened: &Opened) -> Self {
-        let same = |marks: &Self| marks.transfer.as_ref().map(Arc::as_ptr) == opened.transfer.as_ref().map(Arc::as_ptr);
-        marks.filter(same).unwrap_or_else(|| Self {
+        marks.filter(|marks| opened.has(&marks.transfer)).unwrap_or_else(|| Self {
             transfer: opened.transfer.clone(),
             seen: seen(opened),
             drawn_at: None,

@@ -89,6 +89,13 @@ pub struct Opened {
     pub rig: Rig,
 }
 
+impl Opened {
+    /// Whether `transfer` is the one that is shown, not an equal one.
+    fn has(&self, transfer: &Option<Arc<Transfer>>) -> bool {
+        self.transfer.as_ref().map(Arc::as_ptr) == transfer.as_ref().map(Arc::as_ptr)
+    }
+}
+
 /// Statistics of a window, for `--stats`.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ViewReport {

@@ -38,8 +38,7 @@ pub const fn radials_of(functions: usize) -> usize {
 pub struct Harmonics {
     /// Coefficients of R_lm, ascending powers of z.
     radials: [[f64; DEGREES]; RADIAL_COUNT],
-    single: [[f32; DEGREES]; RADIAL_COUNT],
-    /// The same for every function, by power, padded with zeros.
+    /// The same for every function, in single precision, by power, padded with zeros.
     by_function: [[f32; MAX_FUNCTIONS.next_multiple_of(LANES)]; DEGREES],
 }
 
@@ -90,7 +89,7 @@ impl Harmonics {
         for (function, (radial, ..)) in PARTS_OF.into_iter().enumerate() {
             (0..DEGREES).for_each(|power| by_function[power][function] = radials[radial][power] as f32);
         }
-        Self { radials, single: radials.map(|radial| radial.map(|r| r as f32)), by_function }
+        Self { radials, by_function }
     }
 
     /// The first `values.len()` functions in a unit direction of the local frame. A direction below the horizon is
@@ -127,11 +126,6 @@ impl Harmonics {
         let radial = |i: usize| self.radials[i].iter().rev().fold(0.0, |sum, c| sum * d.z + c);
         spread(&mut values, radial, azimuths(d.x, d.y));
         values
-    }
-
-    /// Coefficients of each radial part, ascending powers of z, for use in kernels.
-    pub fn radial_coefficients(&self) -> &[[f32; DEGREES]; RADIAL_COUNT] {
-        &self.single
     }
 }
 

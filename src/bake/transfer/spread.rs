@@ -30,7 +30,24 @@ impl Transfer {
             true => Vec::new(),
             false => sources.iter().map(|s| s.map_or(Vec3::ZERO, |s| self.emission[s as usize])).collect(),
         };
-        Some(Self { chain, coarse: Vec::new(), emission, ..self.clone() })
+        // Field by field: a clone would copy the factors of the last matrix, too, most of all bytes.
+        Some(Self {
+            samples: self.samples.clone(),
+            projection: self.projection.clone(),
+            factored: self.factored.clone(),
+            tables: self.tables.clone(),
+            points: self.points.clone(),
+            points_per_sample: self.points_per_sample,
+            geometric_normals: self.geometric_normals.clone(),
+            packets: self.packets.clone(),
+            vector_length: self.vector_length,
+            haar: self.haar,
+            chain,
+            coarse: Vec::new(),
+            sparse: None,
+            emission,
+            report: self.report.clone(),
+        })
     }
 }
 
