@@ -11,12 +11,14 @@ use raw_window_handle::HasDisplayHandle;
 
 use super::device::{self, DeviceInfo};
 use super::instance::{Display, Instance, UNPOISONED, Validation};
+use super::measurements::Measurements;
 use super::vulkan_error::vulkan;
 use crate::error::{Error, Result};
 
 /// A Vulkan device with its queue and allocator. Every object created from it holds an `Arc` of it.
 pub struct Context {
     pub info: DeviceInfo,
+    pub measurements: Measurements,
     /// Nanoseconds per timestamp tick.
     pub(super) timestamp_period: f64,
     pub(super) device: ash::Device,
@@ -36,9 +38,10 @@ pub struct Context {
 }
 
 impl Context {
-    /// Opens the device that `wanted` names by index or by part of its name; `None`: the best one.
+    /// Opens the device that `wanted` names by index or by part of its name; `None`: the best one by its kind,
+    /// without a measurement.
     ///
-    /// Compiled pipelines are cached in `cache_dir`.
+    /// Compiled pipelines and measurements are kept in `cache_dir`.
     pub fn new(wanted: Option<&str>, validation: Validation, cache_dir: Option<&Path>) -> Result<Arc<Self>> {
         Self::create(wanted, validation, cache_dir, None)
     }
@@ -106,7 +109,8 @@ impl Context {
             set_layout: vk::DescriptorSetLayout::null(),
             allocator: Mutex::default(),
             memory: Mutex::default(),
-            pipeline_cache_file: cache_dir.map(|dir| dir.join(pipeline_cache_name(&info))),
+            pipeline_cache_file: cache_dir.map(|dir| dir.join(info.file_name("pipelines", "bin"))),
+            measurements: Measurements::of(&info, cache_dir),
             device,
             instance,
             info,
@@ -149,7 +153,7 @@ impl Context {
         Ok(())
     }
 
-    /// Whether kernels run on the CPU. There, tracing shadow rays is faster than rasterising shadow maps.
+    /// Whether kernels run on the CPU.
     pub fn is_cpu(&self) -> bool {
         self.info.kind == "cpu"
     }
@@ -237,11 +241,6 @@ fn warn_of_slow_lavapipe(info: &DeviceInfo) {
             info.driver
         );
     }
-}
-
-fn pipeline_cache_name(info: &DeviceInfo) -> String {
-    let key = blake3::hash(format!("{} {} {}", info.name, info.driver, info.api).as_bytes());
-    format!("pipelines-{}.bin", &key.to_hex()[..16])
 }
 
 fn create_pipeline_cache(device: &ash::Device, file: Option<&Path>) -> Result<vk::PipelineCache> {

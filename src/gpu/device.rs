@@ -1,4 +1,4 @@
-//! Lists Vulkan devices and the required features that each lacks, and chooses one.
+//! Lists Vulkan devices and the required features that each lacks, and finds one by name or kind.
 
 use std::ffi::CStr;
 
@@ -29,6 +29,14 @@ pub struct DeviceInfo {
     pub(super) wide_subgroups: bool,
     #[serde(skip)]
     pub(super) handle: vk::PhysicalDevice,
+}
+
+impl DeviceInfo {
+    /// Name of a file in the cache folder that belongs to this device and this version of its driver.
+    pub(super) fn file_name(&self, what: &str, extension: &str) -> String {
+        let key = blake3::hash(format!("{} {} {}", self.name, self.driver, self.api).as_bytes());
+        format!("{what}-{}.{extension}", &key.to_hex()[..16])
+    }
 }
 
 /// All devices, in Vulkan's order.
