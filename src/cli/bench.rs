@@ -293,7 +293,7 @@ impl<'a> Timing<'a> {
             },
             method: transfer.map(|transfer| transfer.report.method.clone()),
             size: [session.framebuffer.tiling.width, session.framebuffer.tiling.height],
-            visibility: if relighter.traces() { "traced" } else { "map" },
+            visibility: stats::visibility_name(relighter.traces()),
             median_ms: median(&mut all_ms),
             p95_ms: percentile(&mut all_ms, 0.95),
             best_ms: percentile(&mut all_ms, 0.0),

@@ -89,10 +89,11 @@ pub fn run(args: &Args) -> Result<()> {
     let settings = args.options.settings()?;
     let survey = Survey::new(&args.scene, args.rig.as_deref(), &settings, &Terminal::default())?;
     let device = args.device.device.as_deref();
-    let context = device.map(|name| Context::new(Some(name), Validation::Off, None)).transpose()?;
+    let context =
+        device.map(|name| Context::new(Some(name), Validation::Off, settings.cache_dir.as_deref())).transpose()?;
     let traced = match (VisibilityMethod::from(args.shadows.visibility), &context) {
         (VisibilityMethod::Auto, None) => false, // the device decides
-        (method, Some(context)) => method.traces(context, &survey.scene),
+        (method, Some(context)) => method.choose(context, &survey.scene)?.traced,
         (method, None) => method == VisibilityMethod::Traced,
     };
     let of_device = context.as_ref().map(|context| context.info.memory_bytes / 4 * 3);

@@ -27,6 +27,8 @@ pub fn figures(session: &Session, relighter: &Relighter, frame: &[PassTime], str
     let mut figures = figures_of_bake(session, relighter.traces());
     figures["device"] = json!(context.info.name);
     figures["driver"] = json!(context.info.driver);
+    let method = visibility_name(relighter.traces());
+    figures["visibility"] = json!({ "method": method, "reason": relighter.visibility_reason() });
     figures["scene"]["lights"] = json!(relighter.rig().lights.len());
     figures["frame"] = figures_of_frame(frame);
     if let Some(Strange { non_finite, negative }) = strange {
@@ -47,6 +49,7 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
         "relume": env!("CARGO_PKG_VERSION"),
         "device": null,
         "driver": null,
+        "visibility": null,
         "scene": {
             "triangles": session.scene.mesh.triangles.len(),
             "lights": session.rig.lights.len(),
@@ -68,6 +71,11 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
         "memory": null,
         "left_out": left_out(&session.counts(), traced, transfer.map(|t| t.report.unseen)),
     })
+}
+
+/// As `--visibility` calls the method.
+pub fn visibility_name(traced: bool) -> &'static str {
+    if traced { "traced" } else { "map" }
 }
 
 /// What is not computed is null.

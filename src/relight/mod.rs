@@ -22,6 +22,7 @@ mod shadow_map;
 pub mod sheet;
 mod sparse;
 mod visibility;
+mod visibility_method;
 
 use std::sync::Arc;
 
@@ -38,7 +39,8 @@ pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
 use self::sheet::Sheet;
 use self::visibility::VisibilityBuffers;
-pub use self::visibility::VisibilityMethod;
+use self::visibility_method::VisibilityChoice;
+pub use self::visibility_method::{VisibilityMethod, VisibilityTimes};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
@@ -83,6 +85,8 @@ pub struct Relighter {
     extras: Vec<Buffer<f32>>,
     visibility: VisibilityBuffers,
     shadow_maps: Option<ShadowMaps>,
+    /// Why there are shadow maps, or none.
+    visibility_reason: String,
     kernels: Kernels,
     outputs: Outputs,
     /// Layers that the light images contain.
@@ -115,6 +119,8 @@ impl Relighter {
         rig: &Rig,
         settings: &RelightSettings,
     ) -> Result<Self> {
+        let VisibilityChoice { traced, reason } = settings.visibility.choose(context, scene)?;
+        tracing::info!("shadows: {} ({reason})", if traced { "traced" } else { "maps" });
         let pixel_stride = framebuffer.pixel_stride();
         let image_bytes = 12 * pixel_stride as u64;
         let fewest = slot_count(rig, 0);
@@ -130,7 +136,6 @@ impl Relighter {
             tracing::warn!("the budget holds {image_budget} light images; the minimum of {slot_count} is allocated");
         }
         let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
-        let traced = settings.visibility.traces(context, scene);
         let gpu = GpuFramebuffer::new(context, framebuffer, transfer.map(Arc::as_ref))?;
         Ok(Self {
             frames: Frames::new(context)?,
@@ -144,6 +149,7 @@ impl Relighter {
             extras: (0..batch_size(rig)).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?,
             visibility: VisibilityBuffers::new(context, framebuffer, transfer.map(Arc::as_ref), traced)?,
             shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) },
+            visibility_reason: reason,
             kernels: Kernels {
                 shade_light: Kernel::new(context, ShadeLightConstants { specular: framebuffer.has_specular })?,
                 resolve: Kernel::new(context, ())?,
@@ -183,6 +189,11 @@ impl Relighter {
     /// Whether shadow rays are traced on the CPU; otherwise shadow maps are drawn.
     pub fn traces(&self) -> bool {
         self.shadow_maps.is_none()
+    }
+
+    /// Why shadow rays are traced, or shadow maps drawn.
+    pub fn visibility_reason(&self) -> &str {
+        &self.visibility_reason
     }
 
     /// Replaces the lights; the next picture shows them. May allocate memory if there are more lights.

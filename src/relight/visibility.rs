@@ -13,29 +13,6 @@ use crate::trace::bvh::TracedScene;
 use crate::trace::packet::half::HalfPackets;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_all};
 
-/// How visibility is determined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum VisibilityMethod {
-    /// Rays if kernels run on the CPU or a material blends, else maps.
-    Auto,
-    /// Shadow maps with percentage-closer filtering [Reeves 1987].
-    Map,
-    /// Exact rays on the CPU.
-    Traced,
-}
-
-impl VisibilityMethod {
-    /// Whether rays are traced. Shadow maps render blended surfaces stochastically, with noise, so `Auto` traces scenes
-    /// that have any.
-    pub fn traces(self, context: &Context, scene: &TracedScene) -> bool {
-        match self {
-            Self::Auto => context.is_cpu() || scene.bvh.has_blends,
-            Self::Map => false,
-            Self::Traced => true,
-        }
-    }
-}
-
 /// Visibility of one light. Four samples per word, 64 per packet.
 pub struct Visibility {
     pub view_samples: Buffer<u32>,
