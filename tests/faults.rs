@@ -61,6 +61,8 @@ fn result(call: &str) -> &'static str {
 fn render(output: &Path, visibility: &str, fault: &str) -> Run {
     let mut command = relume();
     command.arg("render").arg(scene("balls-2.glb")).arg("-o").arg(output).env("RELUME_FAULT", fault);
+    // Faults are those of one device: the others are not measured.
+    command.args(["--device", "0"]);
     command.args(["--size", "64x48", "--gi", "glossy", "--gather", "64", "--rays", "16", "--visibility", visibility]);
     command.env("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation");
     command.env("VK_LAYER_ENABLES", "VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT");
@@ -138,7 +140,7 @@ fn calls_of_a_window() {
     let edits: String = (1..60).map(|i| format!("{:.1} key D\n", 0.2 * f64::from(i))).collect();
     std::fs::write(&script, edits + "12.5 key Ctrl+Q\n13.0 key Q\n").unwrap();
     let [rig_text, scene, script] = [&rig, &scene, &script].map(|path| path.to_str().unwrap());
-    let arguments = ["view", scene, "--rig", rig_text, "--size", "96x64", "--script", script];
+    let arguments = ["view", scene, "--device", "0", "--rig", rig_text, "--size", "96x64", "--script", script];
     for (call, first) in [
         ("vkCreateSwapchainKHR", 1),
         ("vkGetSwapchainImagesKHR", 1),

@@ -76,7 +76,7 @@ pub struct SceneOptions {
 #[command(next_help_heading = "Light and picture")]
 pub struct ShadowOptions {
     /// How shadows are found. map: shadow maps with percentage-closer filtering. traced: exact rays on the CPU. auto: the
-    /// faster one on the device.
+    /// faster one, measured once on each device; traced if a material blends.
     #[arg(long, value_enum, value_name = "METHOD", default_value = "auto", hide_possible_values = true)]
     pub visibility: Visibility,
     /// Width and height of a shadow map in texels.
@@ -88,7 +88,8 @@ pub struct ShadowOptions {
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Light and picture")]
 pub struct DeviceOptions {
-    /// Vulkan device: its index in `relume devices`, or a part of its name [default: the best GPU, else the CPU].
+    /// Vulkan device: its index in `relume devices`, or a part of its name [default: the fastest
+    /// one, measured once on each device].
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
     /// Device memory for light images and for the transfer, like 2000000000, 500M or 2G [default: three quarters of the

@@ -1,6 +1,7 @@
 //! Relighting: pictures of a baked scene whose lights are edited.
 
 mod cutouts;
+mod device_choice;
 pub mod exposure;
 mod factor_budget;
 mod finite_check;
@@ -28,6 +29,7 @@ use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 
+pub use self::device_choice::{DeviceSpeed, choose_device};
 use self::finite_check::FiniteCheck;
 use self::gpu_framebuffer::{GpuFramebuffer, upload_emission};
 use self::indirect::Indirect;

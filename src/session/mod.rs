@@ -35,7 +35,7 @@ use crate::bake::transport::directions::Lobe;
 use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache, low_priority};
 use crate::error::{Error, Result};
 use crate::gpu::{Context, Validation};
-use crate::relight::{RelightSettings, Relighter};
+use crate::relight::{RelightSettings, Relighter, choose_device};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
 
@@ -304,11 +304,12 @@ impl Session {
         })
     }
 
-    /// A Vulkan device by its index or a part of its name, or the best one; compiled kernels go to the cache. Debug builds turn
-    /// validation layers on.
+    /// A Vulkan device by its index or a part of its name, or the fastest one: see [`choose_device`]. Compiled kernels go to the
+    /// cache. Debug builds turn validation layers on.
     pub fn context(&self, device: Option<&str>) -> Result<Arc<Context>> {
         let validation = if cfg!(debug_assertions) { Validation::On } else { Validation::Off };
-        Context::new(device, validation, self.cache_dir.as_deref())
+        let cache_dir = self.cache_dir.as_deref();
+        Context::new(choose_device(device, cache_dir)?.as_deref(), validation, cache_dir)
     }
 
     /// What makes pictures of the scene under `rig`'s lights, and any edit of these.

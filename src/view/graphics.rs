@@ -11,6 +11,7 @@ use super::ViewSettings;
 use super::controls::PANEL_WIDTH;
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{Context, Frames, Surface, UiRenderer};
+use crate::relight::choose_device;
 
 /// Smallest height at which the panel is usable, points.
 const MIN_HEIGHT: f64 = 700.0;
@@ -34,8 +35,9 @@ impl Graphics {
         let title = format!("{} - relume", settings.name);
         let attributes = Window::default_attributes().with_title(&title).with_inner_size(size);
         let window = Arc::new(event_loop.create_window(attributes).map_err(|e| no_window(e.into()))?);
-        let (device, cache_dir) = (settings.device.as_deref(), settings.cache_dir.as_deref());
-        let context = Context::for_display(device, settings.validation, cache_dir, &*window)?;
+        let cache_dir = settings.cache_dir.as_deref();
+        let device = choose_device(settings.device.as_deref(), cache_dir)?;
+        let context = Context::for_display(device.as_deref(), settings.validation, cache_dir, &*window)?;
         let PhysicalSize { width, height } = window.inner_size();
         let surface = Surface::new(&context, window.clone(), [width, height], settings.vsync)?;
         let egui_context = egui::Context::default();
