@@ -6,7 +6,7 @@ mod command;
 
 use std::path::Path;
 
-use command::{Run, difference, folder, read_exr, relume, shipped};
+use command::{Run, SWIFTSHADER, difference, folder, read_exr, relume, shipped};
 
 /// Lavapipe at 256 bits makes the pictures that others are compared with.
 const USUAL: Driver = Driver { name: "lavapipe, 256 bits", variable: "LP_NATIVE_VECTOR_WIDTH", value: "256" };
@@ -27,9 +27,8 @@ fn others() -> Vec<Driver> {
     } else {
         println!("not run: pictures of lavapipe at 512 bits, which this processor does not have");
     }
-    let swiftshader = concat!(env!("CARGO_MANIFEST_DIR"), "/.deps/swiftshader/vk_swiftshader_icd.json");
-    if Path::new(swiftshader).exists() {
-        drivers.push(Driver { name: "SwiftShader", variable: "VK_DRIVER_FILES", value: swiftshader });
+    if Path::new(SWIFTSHADER).exists() {
+        drivers.push(Driver { name: "SwiftShader", variable: "VK_DRIVER_FILES", value: SWIFTSHADER });
     } else {
         println!("not run: pictures of SwiftShader, which tools/setup found nowhere");
     }

@@ -74,7 +74,8 @@ enum Command {
     Reference(reference::Args),
     /// Measures how an image differs from a reference; prints JSON.
     Compare(compare::Args),
-    /// Lists the Vulkan devices, their drivers, and what each one lacks.
+    /// Lists the Vulkan devices, their drivers, what each one lacks, and what was measured on it.
+    #[command(after_long_help = devices::AFTER_HELP)]
     Devices(devices::Args),
 }
 

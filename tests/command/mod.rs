@@ -124,6 +124,9 @@ pub fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
+/// Manifest of the second Vulkan driver, where tools/setup found it.
+pub const SWIFTSHADER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/.deps/swiftshader/vk_swiftshader_icd.json");
+
 #[track_caller]
 pub fn json(path: &Path) -> Value {
     parse(&std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display())))
