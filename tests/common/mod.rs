@@ -35,7 +35,8 @@ pub fn plain_surface(base_color: Vec3, metallic: f32, roughness: f32) -> Surface
     }
 }
 
-/// The one device of a test program, for one test at a time: its queue belongs to one thread.
+/// The one device of a test program, for one test at a time: its queue belongs to one thread. RELUME_DEVICE names it, as
+/// --device would; default: the best one by its kind.
 ///
 /// When it goes, the validation layer must have said nothing and everything made on the device must be gone; so take
 /// it first.
@@ -51,7 +52,10 @@ pub fn gpu() -> Gpu {
     static CONTEXT: OnceLock<Arc<Context>> = OnceLock::new();
     // A test that panicked leaves nothing half done behind.
     let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-    let open = || Context::new(None, Validation::On, None).expect("tools/setup installs a Vulkan device");
+    let open = || {
+        let wanted = std::env::var("RELUME_DEVICE").ok();
+        Context::new(wanted.as_deref(), Validation::On, None).expect("tools/setup installs a Vulkan device")
+    };
     let context = CONTEXT.get_or_init(open).clone();
     if !context.is_validated() {
         not_run("Vulkan validation: its layer is not installed");
