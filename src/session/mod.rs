@@ -151,8 +151,15 @@ impl Transfers {
         until_cancelled(|| {
             low_priority(|| {
                 if let Some(coarse) = self.plan.coarse() {
-                    let coarse = coarse.bake(seen, Lobe::All, None, &mut report, progress)?;
-                    show(self.forced(coarse, seen.framebuffer));
+                    let BakeInput { scene, framebuffer } = seen;
+                    let small = reduced(seen);
+                    let input = BakeInput { scene, framebuffer: small.as_ref().unwrap_or(framebuffer) };
+                    let coarse = coarse.bake(input, Lobe::All, None, &mut report, progress)?;
+                    let coarse = match &small {
+                        Some(small) => coarse.spread(small, framebuffer, scene.bvh.radius).expect("it has blocks"),
+                        None => coarse,
+                    };
+                    show(self.forced(coarse, framebuffer));
                 }
                 show(self.get(seen, Lobe::All, &mut report, progress)?);
                 Ok(())
@@ -180,6 +187,18 @@ impl Transfers {
         }
         Ok(self.forced(transfer, seen.framebuffer))
     }
+}
+
+/// Pixels of a coarse transfer at most: it takes as long for large pictures.
+const COARSE_PIXELS: f64 = 65_536.0;
+
+/// The same view with at most [`COARSE_PIXELS`] pixels; `None` if it has no more.
+fn reduced(BakeInput { scene, framebuffer }: BakeInput) -> Option<DeepFramebuffer> {
+    let [width, height] = [framebuffer.tiling.width, framebuffer.tiling.height];
+    let scale = (COARSE_PIXELS / (f64::from(width) * f64::from(height))).sqrt();
+    let [width, height] = [width, height].map(|side| ((f64::from(side) * scale) as u32).max(1));
+    let settings = BakeSettings { width, height, layers: framebuffer.asked_layers, samples: 1 };
+    (scale < 1.0).then(|| bake(scene, &framebuffer.camera, &Rig::default(), &settings, &|_| ()))
 }
 
 impl Session {
