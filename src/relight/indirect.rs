@@ -184,7 +184,10 @@ impl GatherShading {
                 kernel: Kernel::new(context, ())?,
             });
         }
-        let degrees = transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0);
+        let degrees = match transfer.all_degrees {
+            true => HARMONIC_DEGREES,
+            false => transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0),
+        };
         Ok(Self::Projected {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
             points_per_sample: transfer.points_per_sample as u32,

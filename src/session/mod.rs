@@ -47,7 +47,7 @@ pub struct SessionSettings {
     pub layers: u32,
     /// View samples of a pixel on an edge.
     pub samples: u32,
-    /// Leaves nothing of the deep framebuffer out, nor the transfer's emission; pictures are the same.
+    /// Leaves nothing of the deep framebuffer out, nor the transfer's emission and harmonics; pictures are the same.
     pub force_all: bool,
     /// Everything random follows from it.
     pub seed: u64,
@@ -115,10 +115,11 @@ pub struct Transfers {
 }
 
 impl Transfers {
-    /// Nothing left out where that is asked for: indirect light of emitters even if there are none.
+    /// Nothing left out where that is asked for: indirect light of emitters and harmonics even if there are none.
     fn forced(&self, mut transfer: Transfer, framebuffer: &DeepFramebuffer) -> Transfer {
         if self.force_all {
             transfer.emission.resize(framebuffer.samples.len(), Vec3::ZERO);
+            transfer.all_degrees = true;
         }
         transfer
     }

@@ -76,17 +76,28 @@ impl FramebufferCounts {
         }
     }
 
-    /// Of a picture of `pixels`, padded, with `area` times as many, from those of `plain` with a sample a pixel and of `smooth`
-    /// with more of them on edges, which are lines.
-    fn scaled(plain: &Self, smooth: &Self, area: f64, pixels: usize) -> Self {
+    /// Counts of a picture of `pixels`, padded, with `area` times as many pixels, from those of `plain` with one sample
+    /// per pixel and of `smooth` with `samples` per pixel on edges.
+    ///
+    /// Edges are lines, so their share of the pixels falls with the side of the picture. But in a small picture many
+    /// lines cross the same pixel: in mirrors all pixels may be edges. If lines lie at random, a pixel has none with
+    /// probability exp(-c / side), c being their length.
+    fn scaled(plain: &Self, smooth: &Self, samples: u32, area: f64, pixels: usize) -> Self {
         let scale = |plain: usize, smooth: usize| {
-            (area * plain as f64 + area.sqrt() * smooth.saturating_sub(plain) as f64).round() as usize
+            let extra = smooth.saturating_sub(plain) as f64;
+            // What all pixels on edges would give. A deep layer may be seen by further samples only.
+            let most = extra.max(plain as f64 * f64::from(samples - 1));
+            let share = if most > 0.0 { 1.0 - (1.0 - extra / most).powf(area.sqrt().recip()) } else { 0.0 };
+            (area * (plain as f64 + share * most)).round() as usize
         };
-        let extra = scale(plain.samples - plain.pixels, smooth.samples - smooth.pixels);
+        let layers: Vec<usize> = plain.layers.iter().zip(&smooth.layers).map(|(p, s)| scale(*p, *s)).collect();
+        // Pixels whose first sample sees a surface; all other samples are extra ones.
+        let first = plain.pixels + plain.layers.iter().sum::<usize>() - plain.samples;
+        let extra = layers.iter().sum::<usize>() - (area * first as f64).round() as usize;
         Self {
             pixels,
             samples: pixels + extra,
-            layers: plain.layers.iter().zip(&smooth.layers).map(|(p, s)| scale(*p, *s)).collect(),
+            layers,
             own_brdfs: scale(plain.own_brdfs, smooth.own_brdfs),
             ..smooth.clone()
         }
@@ -185,7 +196,7 @@ impl View<'_> {
         }
         let plain = if samples > 1 { self.counts(&bake(1)) } else { smooth.clone() };
         let all = Tiling { width: size[0], height: size[1] }.len();
-        let counts = FramebufferCounts::scaled(&plain, &smooth, pixels(size) / pixels(small), all);
+        let counts = FramebufferCounts::scaled(&plain, &smooth, samples, pixels(size) / pixels(small), all);
         (framebuffer, counts, CountedIn::Smaller(small))
     }
 }

@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 
 use super::bounces::Thinned;
 use super::haar::Haar;
-use super::linear::{self, Lu};
 use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
 use super::vector_batch::{self, Compact, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use super::{OUT_OF_BASIS_SHARE, ValidationSums};
 use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::linear::{self, Lu};
 use crate::physics::sequence::Points;
 
 /// Input shared by all superclusters.

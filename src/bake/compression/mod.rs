@@ -20,7 +20,6 @@ pub mod fit;
 pub mod haar;
 pub(super) mod largest;
 pub mod lights;
-pub mod linear;
 mod noise_estimate;
 pub(super) mod report;
 mod terms;

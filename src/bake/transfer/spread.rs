@@ -34,6 +34,7 @@ impl Transfer {
         Some(Self {
             samples: self.samples.clone(),
             projection: self.projection.clone(),
+            all_degrees: self.all_degrees,
             factored: self.factored.clone(),
             tables: self.tables.clone(),
             points: self.points.clone(),

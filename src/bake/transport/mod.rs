@@ -22,7 +22,9 @@ pub mod paths;
 pub mod rows;
 pub mod solve;
 
+use faer::Mat;
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use self::bounces::{Bounce, BounceGatherer};
 use self::directions::Lobe;
@@ -30,6 +32,7 @@ use self::importance::Importance;
 use self::level::Level;
 use self::paths::Paths;
 use self::rows::RowGatherer;
+use self::solve::Resolvent;
 use super::DeepFramebuffer;
 use super::brdf_factors::harmonics::MAX_FUNCTIONS;
 use super::brdf_factors::{ALBEDO_CAP, Projection};
@@ -235,10 +238,19 @@ impl<'a> LightTransport<'a> {
 
     /// S, or with one level G (I - G)⁻¹, as one dense matrix per channel: all further bounces of direct light, or the
     /// fixed number. Only for few samples: takes three matrices of coarse x fine coefficients in double precision.
-    pub fn further_bounces(&self) -> [faer::Mat<f64>; 3] {
+    pub fn further_bounces(&self) -> [Mat<f64>; 3] {
         let right = self.from_fine.as_ref().unwrap_or(&self.bounce_matrix);
-        let terms = self.settings.bounces.map(|bounces| bounces.saturating_sub(1));
-        solve::explicit(&self.bounce_matrix, right, self.fine.coefficient_count(), terms)
+        let resolvents = self.resolvents();
+        let of_channel = |channel: usize| {
+            resolvents[channel].times(right.to_dense(self.fine.coefficient_count(), channel).as_ref(), false)
+        };
+        let channels: Vec<_> = (0..3).into_par_iter().map(of_channel).collect();
+        channels.try_into().expect("there are three")
+    }
+
+    /// Of each channel what maps the second bounce to all further ones, or to the fixed number of them.
+    pub fn resolvents(&self) -> [Resolvent; 3] {
+        Resolvent::new(&self.bounce_matrix, self.settings.bounces.map(|bounces| bounces.saturating_sub(1)))
     }
 
     /// Relative residual of `further`, a solution for all further bounces of [uniform light](Self::even_light): |b - (I
