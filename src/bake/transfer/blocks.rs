@@ -20,6 +20,7 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
+use crate::error::{Error, Result};
 use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, STRIP_ROWS};
 use crate::storage::mapped::Elements;
 
@@ -357,6 +358,21 @@ impl BlockMatrix {
         let tint = |column: usize| self.tints.get(column).map_or(DVec3::ONE, |tint| tint.as_dvec3());
         std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()) * tint(first + k))
     }
+}
+
+/// Maximum bytes of factors: half of what the 32-bit offsets of panels and slices reach, as columns and rows are padded.
+const MAX_BYTES: u64 = 1 << 35;
+
+/// Refuses a transfer whose factors have more bytes than offsets can address.
+pub fn check_addressable(bytes: u64) -> Result<()> {
+    if bytes <= MAX_BYTES {
+        return Ok(());
+    }
+    let most = MAX_BYTES as f64 * 1e-9;
+    let reason = format!(
+        "it has more than {most:.0} GB of factors; choose a larger --error, a smaller --size, or a smaller --gather"
+    );
+    Err(Error::invalid("the transfer", reason))
 }
 
 /// Number of groups of eight factors of a panel.
