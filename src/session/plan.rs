@@ -246,6 +246,23 @@ impl TransferPlan {
         }
     }
 
+    /// Gather samples, points of each, and the most functions of each.
+    pub(super) fn gather(&self) -> (usize, usize, usize) {
+        match self {
+            Self::Robust(TransferSettings { samples, points, outgoing, .. }, _) => {
+                let functions = match outgoing {
+                    Outgoing::Diffuse => 1,
+                    Outgoing::Glossy { functions } => functions.map_or(MAX_FUNCTIONS, usize::from),
+                };
+                (*samples, *points, functions)
+            }
+            // Nobody knows the terms that an error needs.
+            Self::Thesis(ThesisSettings { samples, terms, .. }) => {
+                (*samples, 1, if let Terms::Count(terms) = terms { *terms } else { 1 })
+            }
+        }
+    }
+
     /// Whether rows baked to one sample a pixel can serve further samples.
     pub fn spreads(&self) -> bool {
         !matches!(self, Self::Robust(_, Form::Haar(_)))

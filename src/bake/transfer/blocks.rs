@@ -274,9 +274,15 @@ impl BlockMatrix {
         all
     }
 
-    /// Ranges of panels with at most `bytes` of factors, or of a single panel.
+    /// Ranges of panels with at most `bytes` of factors and indices, or of a single panel.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
-        pieces(self.panels.iter().map(|panel| value_count(panel) * size_of::<UVec4>()), bytes)
+        let of_column = size_of::<u32>() + if self.channels == 3 { size_of::<Vec3>() } else { 0 };
+        let of_panel = |panel: &Panel| {
+            let columns = panel.column_group_count as usize * PANEL_COLUMNS as usize;
+            let indices = columns * of_column + panel.row_count as usize * size_of::<u32>();
+            value_count(panel) * size_of::<UVec4>() + indices + size_of::<Panel>()
+        };
+        pieces(self.panels.iter().map(of_panel), bytes)
     }
 
     /// The given panels as a separate matrix.
