@@ -8,7 +8,7 @@
 
 use std::collections::HashMap;
 use std::ffi::{CStr, c_char};
-use std::sync::{Mutex, OnceLock};
+use std::sync::Mutex;
 
 use ash::vk;
 use ash::vk::{AllocationCallbacks, Device, DeviceMemory};
@@ -24,7 +24,7 @@ struct Small {
     heap: Option<u64>,
 }
 
-/// The driver's functions. Those of a device are found when the device is created.
+/// Functions of the driver.
 #[derive(Clone, Copy)]
 struct Driver {
     get_device_proc_addr: vk::PFN_vkGetDeviceProcAddr,
@@ -32,13 +32,15 @@ struct Driver {
     memory_properties: vk::PFN_vkGetPhysicalDeviceMemoryProperties,
 }
 
-static SMALL: OnceLock<(Small, Driver)> = OnceLock::new();
-static DEVICE: OnceLock<ash::DeviceFnV1_0> = OnceLock::new();
+/// Of the last instance: a driver is unloaded with its instance, and the next instance may load it elsewhere.
+static SMALL: Mutex<Option<(Small, Driver)>> = Mutex::new(None);
+/// The driver's functions of a device of this instance, found when the device is created.
+static DEVICE: Mutex<Option<ash::DeviceFnV1_0>> = Mutex::new(None);
 /// Bytes of each allocation on the device's heap.
 static HELD: Mutex<Option<HashMap<DeviceMemory, u64>>> = Mutex::new(None);
 
-/// If RELUME_LIMITS is set, `instance` and the devices created from it use our functions. As in [`super::faults`], there
-/// may be only one device in the process.
+/// If RELUME_LIMITS is set, `instance` and the devices created from it use our functions. Earlier instances, and devices
+/// of another driver, may not be used any more.
 pub(super) fn install(instance: &mut ash::Instance) -> Result<()> {
     let Some(wanted) = std::env::var_os("RELUME_LIMITS") else { return Ok(()) };
     let wanted = wanted.to_string_lossy();
@@ -52,7 +54,8 @@ pub(super) fn install(instance: &mut ash::Instance) -> Result<()> {
         properties: table_1_1.get_physical_device_properties2,
         memory_properties: table.get_physical_device_memory_properties,
     };
-    SMALL.get_or_init(|| (small, driver));
+    *SMALL.lock().expect(UNPOISONED) = Some((small, driver));
+    *DEVICE.lock().expect(UNPOISONED) = None;
     table.get_device_proc_addr = route;
     table_1_1.get_physical_device_properties2 = properties;
     if small.heap.is_some() {
@@ -78,12 +81,12 @@ fn parse(wanted: &str) -> Option<Small> {
     Some(small)
 }
 
-fn small() -> &'static (Small, Driver) {
-    SMALL.get().expect("set before functions are replaced")
+fn small() -> (Small, Driver) {
+    SMALL.lock().expect(UNPOISONED).expect("set before functions are replaced")
 }
 
-fn device() -> &'static ash::DeviceFnV1_0 {
-    DEVICE.get().expect("found before functions of the device are called")
+fn device() -> ash::DeviceFnV1_0 {
+    DEVICE.lock().expect(UNPOISONED).clone().expect("found before functions of the device are called")
 }
 
 unsafe extern "system" fn properties(handle: vk::PhysicalDevice, to: *mut vk::PhysicalDeviceProperties2) {
@@ -137,7 +140,7 @@ unsafe extern "system" fn route(handle: Device, name: *const c_char) -> vk::PFN_
     let find = driver.get_device_proc_addr;
     // SAFETY: the caller fulfils the driver's requirements, and casts functions back to the signatures of their names.
     unsafe {
-        DEVICE.get_or_init(|| {
+        DEVICE.lock().expect(UNPOISONED).get_or_insert_with(|| {
             ash::DeviceFnV1_0::load(|name| {
                 find(handle, name.as_ptr()).map_or(std::ptr::null(), |found| found as *const _)
             })
