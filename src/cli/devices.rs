@@ -22,7 +22,7 @@ pub fn run(args: &Args) -> Result<()> {
         out!("no Vulkan device; tools/setup installs a driver that runs on the CPU")?;
     }
     for d in devices {
-        let verdict = if d.lacks.is_empty() { "ready".into() } else { format!("lacks {}", d.lacks.join(", ")) };
+        let verdict = d.shortcoming().unwrap_or_else(|| "ready".into());
         let gib = d.memory_bytes as f64 / f64::from(1 << 30);
         out!("{}  {} ({}), {}, Vulkan {}, {gib:.1} GiB: {verdict}", d.index, d.name, d.kind, d.driver, d.api)?;
     }

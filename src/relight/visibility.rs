@@ -7,7 +7,7 @@ use super::light_rays::LightRayHits;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context};
+use crate::gpu::{Access, Buffer, Context, DeviceInfo};
 use crate::shared::PackedLight;
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::half::HalfPackets;
@@ -27,9 +27,9 @@ pub enum VisibilityMethod {
 impl VisibilityMethod {
     /// Whether rays are traced. Shadow maps render blended surfaces stochastically, with noise, so `Auto` traces scenes
     /// that have any.
-    pub fn traces(self, context: &Context, scene: &TracedScene) -> bool {
+    pub fn traces(self, device: &DeviceInfo, scene: &TracedScene) -> bool {
         match self {
-            Self::Auto => context.is_cpu() || scene.bvh.has_blends,
+            Self::Auto => device.is_cpu() || scene.bvh.has_blends,
             Self::Map => false,
             Self::Traced => true,
         }
@@ -63,6 +63,8 @@ pub struct Half {
 
 /// Maximum number of lights with shadows per frame.
 const MAX_SHADOWED_LIGHTS_PER_FRAME: usize = 8;
+/// Number of [`Visibility`]: of those lights, and of all that have no shadows.
+pub const BUFFERS: usize = MAX_SHADOWED_LIGHTS_PER_FRAME + 1;
 
 /// Visibility of the lights of one frame; reused by the next frame.
 pub struct VisibilityBuffers {

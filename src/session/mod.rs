@@ -10,6 +10,7 @@ mod plan;
 mod progress;
 mod report;
 mod survey;
+mod target;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,6 +24,7 @@ pub use self::plan::{BakeInput, ERROR, Form, IndirectSettings, THESIS_BOUNCES, T
 pub use self::progress::Progress;
 pub use self::report::{BakeReport, Stage, cpu_seconds, peak_bytes};
 pub use self::survey::{CountedIn, FramebufferCounts, Survey};
+pub use self::target::Target;
 
 use self::memory::check_memory;
 use self::progress::{advance, until_cancelled};
@@ -55,6 +57,8 @@ pub struct SessionSettings {
     pub cache_dir: Option<PathBuf>,
     /// Indirect light, if there is to be any.
     pub indirect: Option<IndirectSettings>,
+    /// What the pictures are to be made on: what cannot fit there is refused before it is baked. `None`: not asked.
+    pub target: Option<Target>,
 }
 
 impl Default for SessionSettings {
@@ -67,6 +71,7 @@ impl Default for SessionSettings {
             seed: 1,
             cache_dir: user_cache_dir(),
             indirect: Some(IndirectSettings::default()),
+            target: None,
         }
     }
 }
@@ -271,6 +276,11 @@ impl Session {
         check_memory(opened.size, samples, forced, opened.rig.lights.len(), &opened.scene.path)?;
         let Opened { scene, rig, camera, size: [width, height] } = opened;
         let scene = report.stage("build BVH", || build_bvh(scene, progress));
+        let fits = |counts: &FramebufferCounts| match &settings.target {
+            Some(target) => target.check(&scene, &rig, [width, height], counts, plan.as_ref()),
+            None => Ok(()),
+        };
+        fits(&FramebufferCounts::fewest([width, height]))?;
         let of_framebuffer = BakeSettings { width, height, layers, samples };
         let cache_dir = &settings.cache_dir;
         let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, DeepFramebuffer)> {
@@ -300,6 +310,8 @@ impl Session {
             .transpose()?;
         let (key, framebuffer) = framebuffer(&of_framebuffer, &mut report)?;
         let framebuffer = if settings.force_all { framebuffer.into_worst_case() } else { framebuffer };
+        // Only now it is known how much mirrors and edges add. Indirect light takes longest.
+        fits(&FramebufferCounts::new(&framebuffer, scene.materials.len()))?;
         let plain_key = match &plain {
             Some((key, _)) => key.clone(),
             None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),

@@ -6,13 +6,14 @@ use super::open::{Opened, build_bvh};
 use super::plan::TransferPlan;
 use super::progress::{Progress, advance, until_cancelled};
 use super::report::BakeReport;
+use super::target::Target;
 use super::{Session, SessionSettings};
 use crate::bake::framebuffer::view_samples::Tiling;
 use crate::bake::transport::TransferSettings;
 use crate::bake::transport::importance::Importance;
 use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache};
 use crate::error::Result;
-use crate::relight::light_cache::LightCache;
+use crate::relight::footprint::{Footprint, light_image_bytes};
 use crate::scene::{Camera, Rig};
 use crate::trace::bvh::TracedScene;
 
@@ -74,6 +75,12 @@ impl FramebufferCounts {
             has_emission: !framebuffer.emission.is_empty(),
             own_brdfs: framebuffer.brdfs.len().saturating_sub(materials),
         }
+    }
+
+    /// What every picture of `size` has at the least.
+    pub(super) fn fewest([width, height]: [u32; 2]) -> Self {
+        let pixels = Tiling { width, height }.len();
+        Self { pixels, samples: pixels, layers: Vec::new(), has_specular: false, has_emission: false, own_brdfs: 0 }
     }
 
     /// Counts of a picture of `pixels`, padded, with `area` times as many pixels, from those of `plain` with one sample
@@ -143,10 +150,14 @@ impl Survey {
         Ok(Self { size, counts, counted_in, transfer, unseen, scene, rig })
     }
 
+    /// What pictures on `target` take of its memory.
+    pub fn footprint(&self, target: &Target) -> Footprint {
+        target.footprint(&self.scene, &self.rig, self.size, &self.counts, self.transfer.as_ref())
+    }
+
     /// Bytes of all light images of the rig, and of the fewest that work.
     pub fn light_image_bytes(&self) -> [u64; 2] {
-        let (fewest, all) = LightCache::slot_range(self.rig.lights.len());
-        [all, fewest].map(|images| 12 * (images * self.counts.pixels) as u64)
+        light_image_bytes(self.rig.lights.len(), self.counts.pixels)
     }
 }
 

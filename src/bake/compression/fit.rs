@@ -128,6 +128,12 @@ pub struct Factors {
 }
 
 impl Factors {
+    /// Bytes of all factors in float16, without padding.
+    pub fn packed_bytes(&self) -> u64 {
+        let of_tiles: usize = self.tiles.iter().map(|tile| tile.b.len() + tile.u.len()).sum();
+        (size_of::<f16>() * (self.v.len() + of_tiles)) as u64
+    }
+
     /// V of one channel, tints included: rank x list.
     fn v(&self, channel: usize) -> Mat<f32> {
         let (count, tinted) = (self.per_channel_count, self.list.len() - self.per_channel_count);

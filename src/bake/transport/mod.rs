@@ -137,7 +137,7 @@ impl<'a> LightTransport<'a> {
             }
             Level::new(scene, samples, &functions)
         };
-        let limit = MAX_FINE_COEFFICIENTS.max(6 * settings.samples);
+        let limit = max_coefficients(settings.samples, MAX_FUNCTIONS);
         let fine = level(settings.samples, settings.points, settings.seed, &FINE_FUNCTIONS, limit);
         let coarse = (settings.coarse_samples < settings.samples).then(|| {
             let (count, seed) = (settings.coarse_samples.max(1), settings.seed ^ 1 << 32);
@@ -352,6 +352,12 @@ const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
 /// Maximum number of coefficients of the fine level, or six per sample if that is more: hundreds of training lights are
 /// stored, each with this many values.
 const MAX_FINE_COEFFICIENTS: usize = 150_000;
+
+/// Maximum number of coefficients of direct light at `samples` gather samples with at most `functions` functions each.
+pub fn max_coefficients(samples: usize, functions: usize) -> usize {
+    (functions * samples).min(MAX_FINE_COEFFICIENTS.max(6 * samples))
+}
+
 /// Limits of the functions per coarse sample: light is smoother after further bounces.
 const COARSE_FUNCTIONS: [u8; 2] = [9, 1];
 /// Maximum number of coefficients of the coarse level: compression factorizes the matrix among them.

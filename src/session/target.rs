@@ -1,0 +1,66 @@
+//! The device on which a session's pictures are to be made, asked before it bakes for them.
+
+use super::plan::TransferPlan;
+use super::survey::FramebufferCounts;
+use crate::error::{Error, Result};
+use crate::gpu::{DeviceInfo, find_device};
+use crate::relight::RelightSettings;
+use crate::relight::footprint::{Footprint, GatherFootprint, MapFootprint};
+use crate::scene::Rig;
+use crate::trace::bvh::TracedScene;
+
+/// A device, and how pictures are made there.
+#[derive(Clone, Debug)]
+pub struct Target {
+    pub device: DeviceInfo,
+    pub relight: RelightSettings,
+}
+
+impl Target {
+    /// `device`: its index or a part of its name; `None`: the best one.
+    pub fn new(device: Option<&str>, relight: RelightSettings) -> Result<Self> {
+        Ok(Self { device: find_device(device)?, relight })
+    }
+
+    /// Whether shadow rays are traced there.
+    pub fn traces(&self, scene: &TracedScene) -> bool {
+        self.relight.visibility.traces(&self.device, scene)
+    }
+
+    /// What pictures of `size` pixels take of the device's memory.
+    pub(super) fn footprint(
+        &self,
+        scene: &TracedScene,
+        rig: &Rig,
+        size: [u32; 2],
+        counts: &FramebufferCounts,
+        transfer: Option<&TransferPlan>,
+    ) -> Footprint {
+        let gather = transfer.map(|plan| {
+            let (samples, points_per_sample, functions) = plan.gather();
+            GatherFootprint { samples, points_per_sample, functions }
+        });
+        Footprint {
+            size,
+            extra_samples: counts.samples - counts.pixels,
+            brdfs: scene.materials.len() + counts.own_brdfs,
+            emits: counts.has_emission,
+            lights: rig.lights.len(),
+            gather,
+            maps: (!self.traces(scene)).then(|| MapFootprint::new(scene, self.relight.shadow_size)),
+        }
+    }
+
+    /// Refuses what the device has no room for.
+    pub(super) fn check(
+        &self,
+        scene: &TracedScene,
+        rig: &Rig,
+        size: [u32; 2],
+        counts: &FramebufferCounts,
+        transfer: Option<&TransferPlan>,
+    ) -> Result<()> {
+        let refusal = self.footprint(scene, rig, size, counts, transfer).refusal(&self.device);
+        refusal.map_or(Ok(()), |reason| Err(Error::invalid(scene.path.display().to_string(), reason)))
+    }
+}
