@@ -5,16 +5,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use relume::bake::{BakeSettings, DeepFramebuffer, bake};
-use relume::gpu::{Context, Validation};
+use relume::gpu::Context;
 use relume::relight::{Picture, RelightSettings, Relighter, VisibilityMethod};
-use relume::scene::Scene;
-use relume::trace::bvh::TracedScene;
 use relume::trace::packet::{PACKET_SIZE, trace_packets};
+use relume::{Session, SessionSettings};
 
 struct Setup {
-    scene: Arc<TracedScene>,
-    framebuffer: Arc<DeepFramebuffer>,
+    session: Session,
     context: Arc<Context>,
 }
 
@@ -33,17 +30,18 @@ impl Setup {
     }
 
     fn of(name: &str) -> Option<Self> {
-        let scene =
-            TracedScene::new(Scene::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)).ok()?);
-        let settings = BakeSettings { width: 720, height: 480, layers: 4, samples: 1 };
-        let framebuffer = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
-        let context = Context::new(None, Validation::Off, None).expect("a Vulkan device");
-        Some(Self { scene: Arc::new(scene), framebuffer: Arc::new(framebuffer), context })
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
+        let mut settings = SessionSettings { cache_dir: None, indirect: None, ..Default::default() };
+        settings.open.size = Some([720, 480]);
+        let session = Session::open(&path, None, &settings, &()).ok()?;
+        let context = session.context(None).expect("a Vulkan device");
+        Some(Self { session, context })
     }
 
     fn relighter(&self, visibility: VisibilityMethod) -> Relighter {
-        let settings = RelightSettings { visibility, shadow_size: 1024, budget_bytes: None };
-        Relighter::new(&self.context, &self.scene, &self.framebuffer, None, &self.scene.rig, &settings)
+        let settings = RelightSettings { visibility, ..Default::default() };
+        self.session
+            .relighter(&self.context, &self.session.rig, &settings)
             .expect("the device has memory for a small picture")
     }
 }
@@ -92,7 +90,7 @@ fn frames(criterion: &mut Criterion) {
     }
     let mut relighter = setup.relighter(VisibilityMethod::Traced);
     group.bench_function("recolour a light", |bencher| {
-        let mut rig = setup.scene.rig.clone();
+        let mut rig = setup.session.rig.clone();
         bencher.iter(|| {
             rig.lights[0].stops = 1.0 - rig.lights[0].stops;
             relighter.set_rig(&rig).expect("no light was added");
@@ -113,13 +111,13 @@ fn frame_with_moved_light(relighter: &mut Relighter, frame: u64, pass: Option<&s
 
 /// On one thread: the same rays in packets and singly.
 fn shadow_rays(criterion: &mut Criterion) {
-    let setup = Setup::new();
-    let light = setup.scene.rig.lights[0].pack(setup.scene.space);
-    let (scene, packets) = (&*setup.scene, &setup.framebuffer.packets);
+    let Session { scene, framebuffer, rig, .. } = Setup::new().session;
+    let light = rig.lights[0].pack(scene.space);
+    let packets = &framebuffer.packets;
     let mut visibility = vec![0; packets.len() * PACKET_SIZE];
     let mut group = criterion.benchmark_group("shadow rays");
     group.bench_function("packets", |bencher| {
-        bencher.iter(|| trace_packets(scene, &light, packets, &mut visibility));
+        bencher.iter(|| trace_packets(&scene, &light, packets, &mut visibility));
     });
     group.bench_function("singly", |bencher| {
         bencher.iter(|| {

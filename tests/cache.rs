@@ -44,7 +44,7 @@ fn only_whole_files_are_taken() {
     };
     let transfer = LightTransport::new(&scene, &framebuffer, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.1, lights: 32, lobe: Lobe::All, seed: 1 };
-    let transfer = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
+    let transfer = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ()).unwrap();
 
     let key = cache::key(&scene, camera, &scene.rig, &settings);
     cache::store(dir, &key, "a", &framebuffer).unwrap();

@@ -27,7 +27,7 @@ fn stage(name: &str) -> Stage {
         TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(512, 128, 128) };
     let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &settings, &|_| ());
     let settings = CompressionSettings { error: 0.02, lights: 128, lobe: Lobe::All, seed: 1 };
-    let nested = Transfer::nested(&transfer, &settings, &mut Journal::default(), &|_| ()).with_coarse();
+    let nested = Transfer::nested(&transfer, &settings, &mut Journal::default(), &|_| ()).unwrap().with_coarse();
     stage.transfer = Some(Arc::new(nested));
     stage
 }

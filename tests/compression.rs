@@ -64,7 +64,7 @@ impl Stage {
 
     fn compress(&self, transport: &LightTransport, error: f64) -> Transfer {
         let settings = CompressionSettings { error, lights: 192, lobe: Lobe::All, seed: 1 };
-        let transfer = Transfer::nested(transport, &settings, &mut Journal::default(), &|_| ());
+        let transfer = Transfer::nested(transport, &settings, &mut Journal::default(), &|_| ()).unwrap();
         assert!(transfer.is_consistent(self.framebuffer.samples.len()));
         assert!(transfer.chain.iter().flat_map(factors).all(|x| x.is_finite()));
         transfer

@@ -552,7 +552,7 @@ fn compressed_pictures_are_what_the_factors_say() {
     let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
     let transfer = LightTransport::new(&scene, &framebuffer, &settings(900, 200), &|_| ());
     let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
-    let nested = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
+    let nested = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ()).unwrap();
     assert!(nested.is_consistent(framebuffer.samples.len()) && nested.haar && nested.chain.len() == 3);
     let by_emitters = resolved(&stage, &nested.emission.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
     stage.transfer = Some(Arc::new(nested));

@@ -185,7 +185,7 @@ fn cache_files_with_the_right_checksum() {
     };
     let transfer = LightTransport::new(&scene, &framebuffer, &of_transfer, &|_| ());
     let compression = CompressionSettings { error: 0.3, lights: 32, lobe: Lobe::All, seed: 1 };
-    let transfer = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ());
+    let transfer = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ()).unwrap();
     let transfer_key = cache::transfer_key(&key, &"mutants");
     cache::store_transfer(dir, &transfer_key, "a", &framebuffer, &transfer).unwrap();
     let of_transfer = files().into_iter().find(|path| *path != of_framebuffer).unwrap();

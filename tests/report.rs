@@ -5,7 +5,7 @@ mod command;
 use std::collections::HashMap;
 use std::path::Path;
 
-use command::{folder, shipped};
+use command::{Run, folder, relume, shipped};
 use relume::image::compare::{Pictures, Settings};
 use relume::report::conclusions::{exponent, of_scene, path_tracing_seconds};
 use relume::report::growth::{Cost, Growth};
@@ -376,8 +376,20 @@ fn the_thesis_stands_beside_what_was_measured() {
 fn a_quick_report_holds_what_was_measured_and_goes_on_where_it_was() {
     let folder = folder();
     let dir = folder.path().join("report");
-    let run = || run!("report", "--quick", "-o", &dir, "--size", "24x24", shipped("cornell-diffuse.glb")).done();
-    assert_eq!(run().stdout.trim(), dir.join("index.html").display().to_string());
+    // Each option differs from its default, and its effect is looked for below.
+    let (rig, cache) = (folder.path().join("two.toml"), folder.path().join("cache"));
+    let light =
+        |name: &str| format!("[[light]]\nname = \"{name}\"\nkind = \"point\"\nposition = [0, 1, 0]\nintensity = 2\n");
+    std::fs::write(&rig, light("one") + &light("two")).unwrap();
+    let run = || {
+        let mut command = relume();
+        command.args(["report", "--quick", "--size", "24x24", "--visibility", "map", "--budget", "1", "--layers", "2"]);
+        command.args(["--seed", "3", "--threads", "3", "-o"]).arg(&dir).arg("--rig").arg(&rig);
+        Run::of(command.arg("--cache").arg(&cache).arg(shipped("cornell-diffuse.glb"))).done()
+    };
+    let first = run();
+    assert_eq!(first.stdout.trim(), dir.join("index.html").display().to_string());
+    assert!(first.stderr.contains("the budget holds 0 light images"), "{}", first.stderr);
     let page = std::fs::read_to_string(dir.join("index.html")).unwrap();
     assert_charts_hold_their_text(&page);
     assert!(!page.contains("<script") && !page.contains("http"), "needs something else");
@@ -414,7 +426,16 @@ fn a_quick_report_holds_what_was_measured_and_goes_on_where_it_was() {
         assert!(edits.iter().any(|row| row["edit"] == edit && row["pass"] == "all"), "{edit}");
     }
     assert!(edits.iter().all(|row| row["shadows"] != "map" || row["pass"] == "all"), "lavapipe's are wrong");
+    // The shadows that were asked for, and for one edit the others.
+    for row in &edits {
+        assert!(row["shadows"] == "map" || row["edit"] == "move_direct", "{row:?}");
+    }
     assert!(edits.iter().any(|row| row["shadows"] == "map") && edits.iter().any(|row| row["shadows"] == "traced"));
+    let read = |name: &str| std::fs::read_to_string(dir.join(name)).unwrap();
+    assert_eq!(rows(&dir.join("scenes.csv"))[0]["lights"], "2", "--rig");
+    assert!(read("cornell-diffuse.left-out.csv").contains("\"1 layers, "), "--layers");
+    assert!(read("machine.csv").contains("\nthreads used,3\nseed,3\n"), "--threads, --seed");
+    assert!(std::fs::read_dir(&cache).unwrap().count() >= 2, "--cache keeps a deep framebuffer and a transfer");
 
     let stability = rows(&dir.join("stability.csv"));
     for row in &stability {
@@ -439,6 +460,7 @@ fn what_cannot_be_reported_is_one_error() {
     let box_ = shipped("cornell-diffuse.glb");
     run!("report", "-o", folder.path(), &box_, &box_).failed(&["cornell-diffuse.glb", "overwrite"]);
     run!("report", "-o", folder.path(), folder.path().join("none.glb")).failed(&["none.glb"]);
+    run!("report", "-o", folder.path(), "--camera", "behind", &box_).failed(&["behind"]);
     let file = folder.path().join("file");
     std::fs::write(&file, "").unwrap();
     run!("report", "--quick", "-o", &file, &box_).failed(&["file"]);

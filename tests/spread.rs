@@ -18,10 +18,10 @@ fn setup(samples: u32) -> Setup {
     Setup { samples, ..Setup::new(72, 48) }
 }
 
-fn stage(name: &str, samples: u32) -> Stage {
+fn stage(name: &str, setup: &Setup) -> Stage {
     let scene = Scene::load(&shipped(name)).expect("shipped scenes load");
     let (camera, rig) = (scene.cameras[0].clone(), scene.rig.clone());
-    Stage::new(scene, &camera, &rig, &setup(samples))
+    Stage::new(scene, &camera, &rig, setup)
 }
 
 /// Indirect light of `stages`, of one scene, off the same gather samples: those of the first.
@@ -35,9 +35,17 @@ fn transfers<const N: usize>(stages: [&Stage; N]) -> [Arc<Transfer>; N] {
     })
 }
 
+/// Relative root mean square of a - b.
+fn apart(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+    let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
+        a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| f((*a).into(), (*b).into()).powi(2)).sum()
+    };
+    (sum(&|a, b| a - b) / sum(&|_, b| b)).sqrt()
+}
+
 #[test]
 fn rows_come_along_unchanged() {
-    let stage = stage("balls-2.glb", 1);
+    let stage = stage("balls-2.glb", &setup(1));
     let [plain] = transfers([&stage]);
     let light: Vec<DVec3> = {
         let count = plain.first().last().copied().unwrap();
@@ -52,7 +60,7 @@ fn rows_come_along_unchanged() {
 #[test]
 fn edges_get_the_light_of_the_surface_on_either_side() {
     let gpu = gpu();
-    let (one, many) = (stage("balls-2.glb", 1), stage("balls-2.glb", 8));
+    let (one, many) = (stage("balls-2.glb", &setup(1)), stage("balls-2.glb", &setup(8)));
     let [plain, of_its_own] = transfers([&one, &many]);
     let spread = plain.spread(&one.framebuffer, &many.framebuffer, one.scene.bvh.radius).unwrap();
     assert!(spread.is_consistent(many.framebuffer.samples.len()));
@@ -64,15 +72,29 @@ fn edges_get_the_light_of_the_surface_on_either_side() {
         let mut relighter = stage.relighter(&gpu, &rig, &setup(8));
         relighter.linear(Layers::Indirect).unwrap().to_vec()
     };
-    let apart = |a: &[[f32; 3]], b: &[[f32; 3]]| {
-        let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
-            a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| f((*a).into(), (*b).into()).powi(2)).sum()
-        };
-        (sum(&|a, b| a - b) / sum(&|_, b| b)).sqrt()
-    };
     let (want, got, aliased) = (picture(&many, &of_its_own), picture(&many, &spread), picture(&one, &plain));
     let (error, before) = (apart(&got, &want), apart(&aliased, &want));
     println!("indirect light on edges: {error:.4} off, {before:.4} with one sample a pixel");
     // Rows gathered for each sample have noise of their own.
     assert!(error < 0.5 * before, "{error}, {before} with one sample a pixel");
+}
+
+#[test]
+fn larger_pictures_get_the_light_of_the_same_surfaces() {
+    let gpu = gpu();
+    let sizes = [Setup::new(71, 48), Setup::new(181, 120)];
+    let [small, large] = [0, 1].map(|i| stage("balls-2.glb", &sizes[i]));
+    let [plain, of_its_own] = transfers([&small, &large]);
+    let spread = plain.spread(&small.framebuffer, &large.framebuffer, small.scene.bvh.radius).unwrap();
+    assert!(spread.is_consistent(large.framebuffer.samples.len()));
+    let picture = |transfer: &Arc<Transfer>| {
+        let (scene, framebuffer) = (large.scene.clone(), large.framebuffer.clone());
+        let stage = Stage { scene, framebuffer, transfer: Some(transfer.clone()) };
+        let mut relighter = stage.relighter(&gpu, &large.scene.rig, &sizes[1]);
+        relighter.linear(Layers::Indirect).unwrap().to_vec()
+    };
+    let (want, got) = (picture(&of_its_own), picture(&Arc::new(spread)));
+    let error = apart(&got, &want);
+    println!("indirect light of a picture 2.5 times as wide: {error:.4} off");
+    assert!(error < 0.12, "{error}");
 }

@@ -143,7 +143,7 @@ fn compressed_light_against_the_truth() {
         let framebuffer = bake_drawn(&drawn, size);
         let lit = Lit::new(&drawn, &framebuffer, &settings(16_384, 2304));
         let compression = CompressionSettings { error: 0.01, lights: 512, lobe: Lobe::All, seed: 1 };
-        let nested = Transfer::nested(&lit.transfer, &compression, &mut Journal::default(), &|_| ());
+        let nested = Transfer::nested(&lit.transfer, &compression, &mut Journal::default(), &|_| ()).unwrap();
         let direct = lit.direct();
         let mut farther = Vec::new();
         for ((light, rows), direct) in drawn.lights.iter().zip(lit.rows(&direct)).zip(&direct) {

@@ -1,5 +1,6 @@
 //! Sparse RGB matrices in compressed row storage.
 
+use faer::Mat;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -51,6 +52,15 @@ impl CsrMatrix {
             rows.values.extend(part.values);
         }
         rows
+    }
+
+    /// One channel as a dense matrix of `columns` columns.
+    pub fn to_dense(&self, columns: usize, channel: usize) -> Mat<f32> {
+        let mut dense = Mat::zeros(self.len(), columns);
+        for r in 0..self.len() {
+            self.row(r).for_each(|(column, value)| dense[(r, column as usize)] += value[channel]);
+        }
+        dense
     }
 
     /// Removes all rows.

@@ -13,6 +13,7 @@ pub mod compression;
 pub mod csr_matrix;
 pub mod framebuffer;
 pub mod gather_samples;
+mod linear;
 pub mod transfer;
 pub mod transport;
 

@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     args.record.make_parents()?;
     let scene = args.scene.as_ref().expect("clap requires it");
-    let session = args.options.open(scene, args.rig.as_deref())?;
+    let session = args.options.open(scene, args.rig.as_deref(), None)?;
     // Other commands do without a cache that cannot be written; this one is there to fill it.
     if let Some(error) = session.bake.not_stored {
         return Err(error);

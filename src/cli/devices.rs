@@ -21,9 +21,6 @@ Without --device, other commands use the device with the shortest yardstick: a k
 if several can be used. --visibility auto is measured once on each device. Results are kept in the cache folder of the \
 user, and are printed here. Delete the measurements-*.json files there to measure again.";
 
-/// What helps where a device lacks something.
-const REMEDY: &str = "a newer driver may have it; tools/setup installs a driver that runs on the CPU";
-
 pub fn run(args: &Args) -> Result<()> {
     let devices = list_devices()?;
     let cache_dir = user_cache_dir();
@@ -49,8 +46,7 @@ pub fn run(args: &Args) -> Result<()> {
         out!("no Vulkan device; tools/setup installs a driver that runs on the CPU")?;
     }
     for (d, (speed, times)) in devices.iter().zip(measured) {
-        let verdict =
-            if d.lacks.is_empty() { "ready".into() } else { format!("lacks {} ({REMEDY})", d.lacks.join(", ")) };
+        let verdict = d.shortcoming().unwrap_or_else(|| "ready".into());
         let gib = d.memory_bytes as f64 / f64::from(1 << 30);
         out!("{}  {} ({}), {}, Vulkan {}, {gib:.1} GiB: {verdict}", d.index, d.name, d.kind, d.driver, d.api)?;
         if let Some(speed) = speed {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
-use relume::session::{OpenSettings, check_size, user_cache_dir};
+use relume::session::{OpenSettings, Target, check_size, user_cache_dir};
 use relume::{Error, Result, Session, SessionSettings};
 use serde_json::Value;
 
@@ -196,11 +196,20 @@ impl ShadowOptions {
             budget_bytes: device.budget,
         }
     }
+
+    /// Fails if there is no such device.
+    pub fn target(&self, device: &DeviceOptions) -> Result<Target> {
+        Target::new(device.device.as_deref(), self.relight_settings(device))
+    }
 }
 
 impl LightOptions {
     pub fn relight_settings(&self) -> RelightSettings {
         self.shadows.relight_settings(&self.device)
+    }
+
+    pub fn target(&self) -> Result<Target> {
+        self.shadows.target(&self.device)
     }
 }
 
@@ -236,13 +245,14 @@ impl SceneOptions {
             seed: self.view.seed,
             cache_dir: self.cache.dir(),
             indirect: self.transfer.settings()?,
+            target: None,
         })
     }
 
-    /// Opens and bakes all of a scene.
-    pub fn open(&self, path: &Path, rig: Option<&Path>) -> Result<Session> {
+    /// Opens and bakes all of a scene, for pictures on `target`.
+    pub fn open(&self, path: &Path, rig: Option<&Path>, target: Option<Target>) -> Result<Session> {
         self.view.use_threads();
-        Session::open(path, rig, &self.settings()?, &Terminal::default())
+        Session::open(path, rig, &SessionSettings { target, ..self.settings()? }, &Terminal::default())
     }
 }
 

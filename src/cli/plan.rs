@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use relume::Result;
-use relume::gpu::{Context, Validation};
 use relume::relight::VisibilityMethod;
 use relume::session::{CountedIn, FramebufferCounts, Survey, TransferPlan};
 use serde_json::{Value, json};
@@ -41,16 +40,21 @@ struct Memory {
     /// All light images, and the fewest that work.
     images: [u64; 2],
     budget: Option<u64>,
+    /// Why the device has no room.
+    refusal: Option<String>,
 }
 
 impl Memory {
     /// Whether the budget holds at least the light images that relume cannot do without.
     fn fits(&self) -> Option<bool> {
-        Some(self.images[1] <= self.budget?)
+        Some(self.refusal.is_none() && self.images[1] <= self.budget?)
     }
 
     /// What the budget is enough for, and what would be enough for more.
     fn verdict(&self, survey: &Survey) -> Option<String> {
+        if let Some(refusal) = &self.refusal {
+            return Some(format!("does not fit: {refusal}"));
+        }
         let budget = self.budget?;
         let [all, fewest] = self.images;
         let transfer = if survey.transfer.is_some() { ", and the transfer if it has room" } else { "" };
@@ -88,16 +92,17 @@ pub fn run(args: &Args) -> Result<()> {
     args.options.view.use_threads();
     let settings = args.options.settings()?;
     let survey = Survey::new(&args.scene, args.rig.as_deref(), &settings, &Terminal::default())?;
-    let device = args.device.device.as_deref();
-    let context =
-        device.map(|name| Context::new(Some(name), Validation::Off, settings.cache_dir.as_deref())).transpose()?;
-    let traced = match (VisibilityMethod::from(args.shadows.visibility), &context) {
-        (VisibilityMethod::Auto, None) => false, // the device decides
-        (method, Some(context)) => method.choose(context, &survey.scene)?.traced,
-        (method, None) => method == VisibilityMethod::Traced,
+    let target = args.device.device.as_ref().map(|_| args.shadows.target(&args.device)).transpose()?;
+    let traced = match (VisibilityMethod::from(args.shadows.visibility), &target) {
+        (_, Some(target)) => target.traces(&survey.scene),
+        (method, None) => method == VisibilityMethod::Traced, // the device decides
     };
-    let of_device = context.as_ref().map(|context| context.info.memory_bytes / 4 * 3);
-    let memory = Memory { images: survey.light_image_bytes(), budget: args.device.budget.or(of_device) };
+    let of_device = target.as_ref().map(|target| target.device.usable_bytes());
+    let memory = Memory {
+        images: survey.light_image_bytes(),
+        budget: args.device.budget.or(of_device),
+        refusal: target.as_ref().and_then(|target| survey.footprint(target).refusal(&target.device)),
+    };
     let reasons = settings.indirect.map_or(Vec::new(), |indirect| indirect.reasons(survey.size));
     let left_out = left_out(&survey.counts, traced, survey.unseen);
     let [width, height] = survey.size;
@@ -115,7 +120,7 @@ pub fn run(args: &Args) -> Result<()> {
             "samples": { "view": samples, "layers": layers, "counted_in": counted_in(survey.counted_in) },
             "light_image_bytes": memory.images[0],
             "memory": {
-                "device": context.as_ref().map(|context| context.info.name.clone()),
+                "device": target.as_ref().map(|target| target.device.name.clone()),
                 "budget_bytes": memory.budget,
                 "fewest_light_image_bytes": memory.images[1],
                 "fits": memory.fits(),
@@ -142,9 +147,9 @@ pub fn run(args: &Args) -> Result<()> {
     for reason in reasons {
         out!("    {reason}")?;
     }
-    if let Some(context) = &context {
+    if let Some(target) = &target {
         let shadows = if traced { "traced shadows" } else { "shadow maps" };
-        out!("  device: {}, {shadows}", context.info.name)?;
+        out!("  device: {}, {shadows}", target.device.name)?;
     }
     if let Some(verdict) = verdict {
         out!("  memory: {verdict}")?;

@@ -40,7 +40,8 @@ pub fn run(args: &Args) -> Result<()> {
     args.record.make_parents()?;
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
-    let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path))?;
+    let target = args.light_options.target()?;
+    let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
     let first = session.rig.clone();
     let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let rigs: Vec<(String, &Rig)> = match rigs.as_slice() {

@@ -70,7 +70,8 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let (path, rig) = (args.scene.clone(), args.rig.clone());
     args.scene_options.view.use_threads();
-    let settings = SessionSettings { samples: 1, ..args.scene_options.settings()? };
+    let target = Some(args.light_options.target()?);
+    let settings = SessionSettings { samples: 1, target, ..args.scene_options.settings()? };
     let report = relume::view::run(view_settings, move |loader| {
         let session = Session::open_direct(&path, rig.as_deref(), &settings, loader)?;
         let Session { scene, framebuffer, rig, transfers, .. } = session;

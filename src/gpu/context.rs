@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use ash::vk::Handle;
 use ash::{ext, khr, vk};
+use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use raw_window_handle::HasDisplayHandle;
 
@@ -127,7 +128,7 @@ impl Context {
             physical_device: self.info.handle,
             debug_settings: Default::default(),
             buffer_device_address: true,
-            allocation_sizes: Default::default(),
+            allocation_sizes: block_sizes(&self.info),
         })
         .map_err(vulkan("create the allocator"))?;
         self.allocator = Mutex::new(Some(allocator));
@@ -155,7 +156,7 @@ impl Context {
 
     /// Whether kernels run on the CPU.
     pub fn is_cpu(&self) -> bool {
-        self.info.kind == "cpu"
+        self.info.is_cpu()
     }
 
     /// Whether 8 neighbouring threads are always in one subgroup, so that they can share what each of them read.
@@ -232,10 +233,17 @@ impl Drop for Context {
     }
 }
 
+/// Sizes of the blocks that small buffers share: those of the allocator, or less on a device with little memory.
+fn block_sizes(info: &DeviceInfo) -> AllocationSizes {
+    // The allocator wants multiples of 4 MB.
+    let most = (info.memory_bytes / 64).min(info.limits.allocation_bytes) & !((4 << 20) - 1);
+    AllocationSizes::new(most.min(256 << 20), most.min(64 << 20))
+}
+
 fn warn_of_slow_lavapipe(info: &DeviceInfo) {
     // "llvmpipe Mesa 25.0.7-2 (LLVM 15.0.6)"
     let major = info.driver.split_once("Mesa ").and_then(|(_, v)| v.split('.').next()?.parse::<u32>().ok());
-    if info.kind == "cpu" && major.is_some_and(|major| major < 25) {
+    if info.is_cpu() && major.is_some_and(|major| major < 25) {
         tracing::warn!(
             "{} runs relume 8 to 20 times slower than Mesa 25; tools/setup installs a newer one",
             info.driver

@@ -5,6 +5,7 @@ use std::ffi::CStr;
 use ash::vk;
 
 use super::instance::{Instance, Validation};
+use super::limits::Limits;
 use super::vulkan_error::vulkan;
 use crate::error::{Error, Result};
 use crate::shared::PANEL_COLUMNS;
@@ -22,6 +23,7 @@ pub struct DeviceInfo {
     pub api: String,
     /// Size of the largest device-local heap.
     pub memory_bytes: u64,
+    pub limits: Limits,
     /// Required features that the device lacks; empty if it can be used.
     pub lacks: Vec<String>,
     /// Whether a subgroup never has fewer than 8 threads, and any of them can tell all others a value.
@@ -31,12 +33,36 @@ pub struct DeviceInfo {
     pub(super) handle: vk::PhysicalDevice,
 }
 
+/// What may help where a required feature is missing.
+const ADVICE: &str = "a newer graphics driver may have it (NVIDIA 510, Mesa 22.1, AMD or Intel of 2022, or later); tools/setup installs a driver that uses the CPU instead";
+
 impl DeviceInfo {
+    /// Whether kernels run on the CPU.
+    pub fn is_cpu(&self) -> bool {
+        self.kind == "cpu"
+    }
+
+    /// Device memory for buffers and images, bytes: three quarters; the rest is for the driver, for other programs, and
+    /// for gaps between allocations.
+    pub fn usable_bytes(&self) -> u64 {
+        self.memory_bytes / 4 * 3
+    }
+
+    /// What the device lacks, and what may help; `None` if it can be used.
+    pub fn shortcoming(&self) -> Option<String> {
+        (!self.lacks.is_empty()).then(|| format!("lacks {}; {ADVICE}", self.lacks.join(", ")))
+    }
+
     /// Name of a file in the cache folder that belongs to this device and this version of its driver.
     pub(super) fn file_name(&self, what: &str, extension: &str) -> String {
         let key = blake3::hash(format!("{} {} {}", self.name, self.driver, self.api).as_bytes());
         format!("{what}-{}.{extension}", &key.to_hex()[..16])
     }
+}
+
+/// The device that `wanted` names by index or by part of its name; `None`: the best one.
+pub fn find_device(wanted: Option<&str>) -> Result<DeviceInfo> {
+    choose(&Instance::new(Validation::Off, None)?.handle, wanted)
 }
 
 /// All devices, in Vulkan's order.
@@ -58,9 +84,9 @@ pub(super) fn choose(instance: &ash::Instance, wanted: Option<&str>) -> Result<D
             let names: Vec<_> = devices.iter().map(|d| format!("{} {}", d.index, d.name)).collect();
             no_device(format!("none is called {wanted:?}; there are: {}", names.join(", ")))
         })?;
-        return match found.lacks.is_empty() {
-            true => Ok(found.clone()),
-            false => Err(no_device(format!("{} lacks {}", found.name, found.lacks.join(", ")))),
+        return match found.shortcoming() {
+            None => Ok(found.clone()),
+            Some(shortcoming) => Err(no_device(format!("{} {shortcoming}", found.name))),
         };
     }
     let rank =
@@ -70,7 +96,7 @@ pub(super) fn choose(instance: &ash::Instance, wanted: Option<&str>) -> Result<D
             true => "no Vulkan driver is installed; install Mesa's lavapipe (tools/setup) or a GPU driver".into(),
             false => {
                 let each: Vec<_> = devices.iter().map(|d| format!("{} lacks {}", d.name, d.lacks.join(", "))).collect();
-                each.join("; ")
+                format!("{}; {ADVICE}", each.join("; "))
             }
         })
     })
@@ -85,7 +111,11 @@ fn enumerate(instance: &ash::Instance) -> Result<Vec<DeviceInfo>> {
 fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) -> DeviceInfo {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
-    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver).push_next(&mut subgroups);
+    let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default()
+        .push_next(&mut driver)
+        .push_next(&mut subgroups)
+        .push_next(&mut maintenance3);
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
     let mut features13 = vk::PhysicalDeviceVulkan13Features::default();
     // SAFETY: the handle comes from this instance, and the calls fill the chained structs.
@@ -142,6 +172,7 @@ fn describe(instance: &ash::Instance, index: usize, handle: vk::PhysicalDevice) 
             .map(|h| h.size)
             .max()
             .unwrap_or(0),
+        limits: Limits::new(&properties.limits, &maintenance3, &properties13),
         wide_subgroups: has_ballots && properties13.min_subgroup_size >= PANEL_COLUMNS,
         lacks: needs.iter().filter(|(_, has)| !has).map(|(what, _)| what.to_string()).collect(),
         handle,

@@ -4,12 +4,13 @@
 #![allow(non_upper_case_globals, non_snake_case)]
 
 use std::ffi::{CStr, c_char, c_void};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, OnceLock};
 
 use ash::vk;
 use ash::vk::{AllocationCallbacks, CommandBuffer, Device, DeviceSize, Fence, Queue, SwapchainKHR};
 
+use super::instance::UNPOISONED;
 use crate::error::{Error, Result};
 
 struct Fault {
@@ -22,7 +23,8 @@ struct Fault {
 }
 
 static FAULT: OnceLock<Fault> = OnceLock::new();
-static DRIVER: OnceLock<vk::PFN_vkGetDeviceProcAddr> = OnceLock::new();
+/// Of the last instance: a loader is unloaded with its instance, and the next instance may load it elsewhere.
+static DRIVER: Mutex<Option<vk::PFN_vkGetDeviceProcAddr>> = Mutex::new(None);
 
 const RESULTS: [(&str, vk::Result); 3] = [
     ("device-lost", vk::Result::ERROR_DEVICE_LOST),
@@ -41,7 +43,7 @@ pub(super) fn install(instance: &mut ash::Instance) -> Result<()> {
     })?;
     FAULT.get_or_init(|| fault);
     let mut table = instance.fp_v1_0().clone();
-    DRIVER.get_or_init(|| table.get_device_proc_addr);
+    *DRIVER.lock().expect(UNPOISONED) = Some(table.get_device_proc_addr);
     table.get_device_proc_addr = route;
     let (table_1_1, table_1_3) = (instance.fp_v1_1().clone(), instance.fp_v1_3().clone());
     *instance = ash::Instance::from_parts_1_3(instance.handle(), table, table_1_1, table_1_3);
@@ -85,7 +87,7 @@ macro_rules! calls {
 
         /// Replaces vkGetDeviceProcAddr.
         unsafe extern "system" fn route(device: Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
-            let find = DRIVER.get().expect("set before the table is");
+            let find = DRIVER.lock().expect(UNPOISONED).expect("set before the table is");
             // SAFETY: the caller fulfils the driver's requirements.
             let (found, name) = unsafe { (find(device, name)?, CStr::from_ptr(name)) };
             match name.to_str() {

@@ -43,7 +43,7 @@ pub struct PassTime {
 /// Maximum passes per frame. Callers with more work check [`Frame::passes_left`] and use several frames.
 pub const MAX_PASSES: usize = 1024;
 /// Size of the buffer for small per-frame data, such as shadow faces.
-const UPLOAD_BYTES: usize = 1 << 20;
+pub const UPLOAD_BYTES: usize = 1 << 20;
 
 const STAGES: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
     vk::PipelineStageFlags2::COMPUTE_SHADER.as_raw()

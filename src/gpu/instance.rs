@@ -7,8 +7,8 @@ use std::sync::Mutex;
 use ash::{ext, vk};
 use raw_window_handle::HasDisplayHandle;
 
-use super::faults;
 use super::vulkan_error::vulkan;
+use super::{faults, small_device};
 use crate::error::{Error, Result};
 
 /// Whether the Khronos validation layer is enabled, with synchronization validation.
@@ -44,6 +44,7 @@ impl Instance {
             instance.messenger = Some(create_messenger(&instance.entry, &instance.handle, &instance.messages)?);
         }
         faults::install(&mut instance.handle)?;
+        small_device::install(&mut instance.handle)?;
         Ok(instance)
     }
 

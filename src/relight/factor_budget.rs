@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use glam::UVec4;
-
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
+use crate::shared::gpu_struct::Glsl;
 
 /// Bytes of device memory left for factors, and bytes of factors that did not fit.
 pub struct FactorBudget {
@@ -19,12 +18,16 @@ impl FactorBudget {
         Self { left: bytes, streamed: 0 }
     }
 
-    /// Stores factors on the device while there is room, else in host memory, from which kernels stream them.
-    pub fn upload(&mut self, context: &Arc<Context>, name: &str, factors: &[UVec4]) -> Result<Buffer<UVec4>> {
+    /// Stores factors or their indices on the device while there is room, else in host memory, from which kernels
+    /// stream them.
+    pub fn upload<T: Glsl>(&mut self, context: &Arc<Context>, name: &str, factors: &[T]) -> Result<Buffer<T>> {
         let bytes = size_of_val(factors) as u64;
-        if bytes <= self.left {
+        // The device may have less memory than the budget says.
+        if bytes <= self.left
+            && let Ok(buffer) = Buffer::from_slice(context, name, factors)
+        {
             self.left -= bytes;
-            return Buffer::from_slice(context, name, factors);
+            return Ok(buffer);
         }
         self.streamed += bytes;
         Buffer::holding(context, name, Access::Streamed, factors)

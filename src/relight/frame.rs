@@ -155,7 +155,8 @@ impl FrameResources<'_> {
             let taken = match step {
                 _ if room == 0 => break,
                 Step::Shade(_) => {
-                    let most = room.min(visibility.left()).min(self.extras.len());
+                    let at_once = self.indirect.map_or(usize::MAX, |indirect| indirect.lights_at_once);
+                    let most = room.min(visibility.left()).min(self.extras.len()).min(at_once);
                     let shades: Vec<_> = steps.iter().map_while(Step::as_shade).take(most).copied().collect();
                     if shades.is_empty() {
                         break;

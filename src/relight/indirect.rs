@@ -39,6 +39,8 @@ pub struct Indirect {
     pub ray_caster: Option<RayCaster>,
     /// λ0 and the results of the chain, for one light or interleaved for [`MAX_LIGHTS_PER_PASS`] lights.
     vector: Buffer<Vec4>,
+    /// Number of lights that the vector has room for.
+    pub lights_at_once: usize,
     haar: Option<HaarTransform>,
     /// The matrices of the chain except the last.
     inner: Vec<Product>,
@@ -75,13 +77,21 @@ struct Product {
     kernels: Arc<KernelVariants<MultiplyBlocksPush>>,
 }
 
-/// Maximum bytes of factors per buffer: lavapipe's allocations are limited to 2 GiB.
-const PIECE_BYTES: usize = 1 << 30;
+/// Maximum bytes of a part of a matrix that is multiplied at once. Kernels index its factors with 32 bits.
+const PIECE_BYTES: u64 = 1 << 30;
 
 impl Indirect {
     /// Uploads `transfer`. Factors beyond `budget_bytes` stay in host memory; kernels read them from there in every
     /// frame.
     pub fn new(context: &Arc<Context>, transfer: &Transfer, budget_bytes: u64) -> Result<Self> {
+        // What is always needed comes before the factors.
+        let points = Buffer::from_slice(context, "gather samples (points)", &transfer.points)?;
+        let samples = GatherShading::new(context, transfer)?;
+        let ray_caster = (!transfer.samples.is_empty()).then(|| RayCaster::new(context, transfer)).transpose()?;
+        let haar = || HaarTransform::new(context, &transfer.first(), &transfer.needed());
+        let haar = transfer.haar.then(haar).transpose()?;
+        let (vector, lights_at_once) = vector(context, transfer.vector_length)?;
+        let piece_bytes = PIECE_BYTES.min(context.info.limits.largest_buffer()) as usize;
         let budget = &mut FactorBudget::new(budget_bytes);
         let mut kernels: HashMap<(u32, bool), Arc<KernelVariants<_>>> = HashMap::new();
         let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
@@ -101,7 +111,7 @@ impl Indirect {
                         place.insert(Arc::new(kernel)).clone()
                     }
                 };
-                for panels in matrix.pieces(PIECE_BYTES) {
+                for panels in matrix.pieces(piece_bytes) {
                     let name = if are_last { "transfer to pixels" } else { "transfer" };
                     products.push(Product::new(context, name, &matrix.piece(panels), kernel.clone(), budget)?);
                 }
@@ -112,7 +122,7 @@ impl Indirect {
         let (inner, coarse, last) =
             (products(inner, false)?, products(&transfer.coarse, false)?, products(last, true)?);
         let pieces = |m: &SellMatrix| {
-            m.pieces(PIECE_BYTES).into_iter().map(|p| SparseProduct::new(context, &m.piece(p), budget)).collect()
+            m.pieces(piece_bytes).into_iter().map(|p| SparseProduct::new(context, &m.piece(p), budget)).collect()
         };
         let sparse = transfer.sparse.as_ref().map_or(Ok(Vec::new()), pieces)?;
         if budget.streamed > 0 {
@@ -123,19 +133,12 @@ impl Indirect {
         }
         Ok(Self {
             device_bytes: budget_bytes - budget.left,
-            points: Buffer::from_slice(context, "gather samples (points)", &transfer.points)?,
-            samples: GatherShading::new(context, transfer)?,
-            ray_caster: (!transfer.samples.is_empty()).then(|| RayCaster::new(context, transfer)).transpose()?,
-            vector: Buffer::new(
-                context,
-                "transfer (vector)",
-                Access::Device,
-                MAX_LIGHTS_PER_PASS as usize * transfer.vector_length,
-            )?,
-            haar: transfer
-                .haar
-                .then(|| HaarTransform::new(context, &transfer.first(), &transfer.needed()))
-                .transpose()?,
+            points,
+            samples,
+            ray_caster,
+            vector,
+            lights_at_once,
+            haar,
             inner,
             coarse,
             last,
@@ -175,6 +178,15 @@ impl Indirect {
     }
 }
 
+/// The vector for [`MAX_LIGHTS_PER_PASS`] lights; for one if the device has no room for more.
+fn vector(context: &Arc<Context>, length: usize) -> Result<(Buffer<Vec4>, usize)> {
+    let with =
+        |lights: usize| Ok((Buffer::new(context, "transfer (vector)", Access::Device, lights * length)?, lights));
+    let most = MAX_LIGHTS_PER_PASS as usize;
+    let is_allowed = (most * length * size_of::<Vec4>()) as u64 <= context.info.limits.largest_buffer();
+    if is_allowed { with(most).or_else(|_| with(1)) } else { with(1) }
+}
+
 impl GatherShading {
     fn new(context: &Arc<Context>, transfer: &Transfer) -> Result<Self> {
         if !transfer.factored.is_empty() {
@@ -184,7 +196,10 @@ impl GatherShading {
                 kernel: Kernel::new(context, ())?,
             });
         }
-        let degrees = transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0);
+        let degrees = match transfer.all_degrees {
+            true => HARMONIC_DEGREES,
+            false => transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0),
+        };
         Ok(Self::Projected {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
             points_per_sample: transfer.points_per_sample as u32,
@@ -241,11 +256,11 @@ impl Product {
     ) -> Result<Self> {
         Ok(Self {
             name,
-            panels: Buffer::from_slice(context, "transfer (panels)", &matrix.panels)?,
+            panels: budget.upload(context, "transfer (panels)", &matrix.panels)?,
             values: budget.upload(context, "transfer (factors)", matrix.values)?,
-            inputs: Buffer::from_slice(context, "transfer (inputs)", matrix.inputs)?,
-            tints: Buffer::from_slice(context, "transfer (tints)", matrix.tints)?,
-            outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
+            inputs: budget.upload(context, "transfer (inputs)", matrix.inputs)?,
+            tints: budget.upload(context, "transfer (tints)", matrix.tints)?,
+            outputs: budget.upload(context, "transfer (outputs)", matrix.outputs)?,
             kernels,
         })
     }

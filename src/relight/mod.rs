@@ -5,6 +5,7 @@ mod device_choice;
 pub mod exposure;
 mod factor_budget;
 mod finite_check;
+pub mod footprint;
 mod frame;
 mod gpu_framebuffer;
 mod haar;
@@ -25,6 +26,7 @@ mod sparse;
 mod visibility;
 mod visibility_method;
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
@@ -112,7 +114,7 @@ impl Relighter {
     /// Uploads the bake and allocates light images. `transfer`: `None` for direct light only.
     ///
     /// The budget holds first the fewest light images that a frame needs, then factors of the transfer, then further
-    /// light images. Factors that do not fit stay in host memory.
+    /// light images. Factors that do not fit, or for which the device has no room, stay in host memory.
     pub fn new(
         context: &Arc<Context>,
         scene: &Arc<TracedScene>,
@@ -123,34 +125,45 @@ impl Relighter {
     ) -> Result<Self> {
         let VisibilityChoice { traced, reason } = settings.visibility.choose(context, scene)?;
         tracing::info!("shadows: {} ({reason})", if traced { "traced" } else { "maps" });
-        let pixel_stride = framebuffer.pixel_stride();
-        let image_bytes = 12 * pixel_stride as u64;
-        let fewest = slot_count(rig, 0);
+        let image_bytes = 12 * framebuffer.pixel_stride() as u64;
+        let (fewest, _) = LightCache::slot_range(rig.lights.len());
+        let of = transfer.map(Arc::as_ref);
         // Another relighter may already hold memory.
-        let held: u64 = context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum();
-        let budget = settings.budget_bytes.unwrap_or(context.info.memory_bytes / 4 * 3).saturating_sub(held);
+        let budget = settings.budget_bytes.map(|budget| budget.saturating_sub(held(context)));
+        // What the picture cannot do without comes first.
+        let frames = Frames::new(context)?;
+        let gpu = GpuFramebuffer::new(context, framebuffer, of)?;
+        let visibility = VisibilityBuffers::new(context, framebuffer, of, traced)?;
+        let shadow_maps = if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) };
+        let batch = batch_size(rig.lights.len());
+        let extras = (0..batch).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?;
+        let rest = light_image(context, framebuffer, "light images (rest)")?;
+        let mut images = Vec::new();
+        add_images(&mut images, context, framebuffer, fewest..=fewest)?;
+        let budget = budget.unwrap_or_else(|| {
+            let left = context.info.usable_bytes().saturating_sub(held(context));
+            left + fewest as u64 * image_bytes
+        });
         let transfer_budget = budget.saturating_sub(fewest as u64 * image_bytes);
         let indirect = transfer.map(|t| Indirect::new(context, t, transfer_budget)).transpose()?;
         let taken = indirect.as_ref().map_or(0, |indirect| indirect.device_bytes);
         let image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
-        let slot_count = slot_count(rig, image_budget);
-        if image_budget < slot_count {
-            tracing::warn!("the budget holds {image_budget} light images; the minimum of {slot_count} is allocated");
+        if image_budget < fewest {
+            tracing::warn!("the budget holds {image_budget} light images; the minimum of {fewest} is allocated");
         }
-        let image = |name: &str| Buffer::new(context, name, Access::Device, 3 * pixel_stride / 4);
-        let gpu = GpuFramebuffer::new(context, framebuffer, transfer.map(Arc::as_ref))?;
+        add_images(&mut images, context, framebuffer, slot_counts(rig, image_budget))?;
         Ok(Self {
-            frames: Frames::new(context)?,
-            cache: LightCache::new(rig, slot_count, gpu.emission.is_some()),
+            frames,
+            cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
             gpu,
             indirect,
-            images: (0..slot_count).map(|_| image("light images")).collect::<Result<_>>()?,
+            images,
             image_budget,
             transfer_budget,
-            rest: image("light images (rest)")?,
-            extras: (0..batch_size(rig)).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?,
-            visibility: VisibilityBuffers::new(context, framebuffer, transfer.map(Arc::as_ref), traced)?,
-            shadow_maps: if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) },
+            rest,
+            extras,
+            visibility,
+            shadow_maps,
             visibility_reason: reason,
             kernels: Kernels {
                 shade_light: Kernel::new(context, ShadeLightConstants { specular: framebuffer.has_specular })?,
@@ -200,11 +213,9 @@ impl Relighter {
 
     /// Replaces the lights; the next picture shows them. May allocate memory if there are more lights.
     pub fn set_rig(&mut self, rig: &Rig) -> Result<()> {
-        for _ in self.images.len()..slot_count(rig, self.image_budget) {
-            let elements = 3 * self.framebuffer.pixel_stride() / 4;
-            self.images.push(Buffer::new(&self.context, "light images", Access::Device, elements)?);
-        }
-        for _ in self.extras.len()..batch_size(rig) {
+        let counts = slot_counts(rig, self.image_budget);
+        add_images(&mut self.images, &self.context, &self.framebuffer, counts)?;
+        for _ in self.extras.len()..batch_size(rig.lights.len()) {
             self.extras.push(extra_planes(&self.context, &self.framebuffer)?);
         }
         self.cache.set_rig(rig, self.images.len());
@@ -214,9 +225,9 @@ impl Relighter {
     /// Replaces the transfer by another one to the same view samples; the next picture uses it.
     pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.indirect = None; // frees its memory first
-        self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), self.traces())?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
+        self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         self.transfer = Some(transfer);
         self.invalidate_all();
         Ok(())
@@ -238,12 +249,12 @@ impl Relighter {
         }
         let of = transfer.as_deref();
         self.indirect = None; // frees its memory first
-        self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, self.traces())?;
         self.gpu = GpuFramebuffer::new(&self.context, &framebuffer, of)?;
         for extras in &mut self.extras {
             *extras = extra_planes(&self.context, &framebuffer)?;
         }
+        self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
         self.invalidate_all();
         Ok(())
@@ -368,15 +379,43 @@ fn extra_planes(context: &Arc<Context>, framebuffer: &DeepFramebuffer) -> Result
     Buffer::new(context, "extra samples' radiance", Access::Device, 3 * stride)
 }
 
-/// Number of lights of a rig that are shaded in one batch.
-fn batch_size(rig: &Rig) -> usize {
-    rig.lights.len().clamp(1, MAX_LIGHTS_PER_PASS as usize)
+/// Bytes of device memory in use.
+fn held(context: &Context) -> u64 {
+    context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum()
 }
 
-/// Number of light images for a rig, with a budget of `image_budget` images.
-fn slot_count(rig: &Rig, image_budget: usize) -> usize {
+/// Planes R, G, B of a light image.
+fn light_image(context: &Arc<Context>, framebuffer: &DeepFramebuffer, name: &str) -> Result<Buffer<Vec4>> {
+    Buffer::new(context, name, Access::Device, 3 * framebuffer.pixel_stride() / 4)
+}
+
+/// Adds light images until there are as many as the end of `counts`; fewer, but at least as many as its start, if the
+/// device has no room.
+fn add_images(
+    images: &mut Vec<Buffer<Vec4>>,
+    context: &Arc<Context>,
+    framebuffer: &DeepFramebuffer,
+    counts: RangeInclusive<usize>,
+) -> Result<()> {
+    while images.len() < *counts.end() {
+        match light_image(context, framebuffer, "light images") {
+            Ok(image) => images.push(image),
+            Err(_) if images.len() >= *counts.start() => break,
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+/// Number of lights of a rig that are shaded in one batch.
+fn batch_size(light_count: usize) -> usize {
+    light_count.clamp(1, MAX_LIGHTS_PER_PASS as usize)
+}
+
+/// Fewest light images for a rig, and their number with a budget of `image_budget` images.
+fn slot_counts(rig: &Rig, image_budget: usize) -> RangeInclusive<usize> {
     let (fewest, most) = LightCache::slot_range(rig.lights.len());
-    image_budget.clamp(fewest, most.min(MAX_IMAGES.max(fewest)))
+    fewest..=image_budget.clamp(fewest, most.min(MAX_IMAGES.max(fewest)))
 }
 
 /// Maximum number of light images, whatever the budget. For 100,000 lights even small pictures would take gigabytes,

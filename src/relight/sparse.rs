@@ -23,9 +23,9 @@ pub struct SparseProduct {
 impl SparseProduct {
     pub fn new(context: &Arc<Context>, matrix: &Piece, budget: &mut FactorBudget) -> Result<Self> {
         Ok(Self {
-            slices: Buffer::from_slice(context, "transfer (slices)", &matrix.slices)?,
+            slices: budget.upload(context, "transfer (slices)", &matrix.slices)?,
             values: budget.upload(context, "transfer (terms)", matrix.values)?,
-            outputs: Buffer::from_slice(context, "transfer (outputs)", matrix.outputs)?,
+            outputs: budget.upload(context, "transfer (outputs)", matrix.outputs)?,
             kernels: KernelVariants::new(context, |lights| LightsConstants { lights })?,
         })
     }

@@ -40,6 +40,8 @@ pub struct Half {
 
 /// Maximum number of lights with shadows per frame.
 const MAX_SHADOWED_LIGHTS_PER_FRAME: usize = 8;
+/// Number of [`Visibility`]: of those lights, and of all that have no shadows.
+pub const BUFFERS: usize = MAX_SHADOWED_LIGHTS_PER_FRAME + 1;
 
 /// Visibility of the lights of one frame; reused by the next frame.
 pub struct VisibilityBuffers {

@@ -10,6 +10,7 @@ mod plan;
 mod progress;
 mod report;
 mod survey;
+mod target;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,6 +24,7 @@ pub use self::plan::{BakeInput, ERROR, Form, IndirectSettings, THESIS_BOUNCES, T
 pub use self::progress::Progress;
 pub use self::report::{BakeReport, Stage, cpu_seconds, peak_bytes};
 pub use self::survey::{CountedIn, FramebufferCounts, Survey};
+pub use self::target::Target;
 
 use self::memory::check_memory;
 use self::progress::{advance, until_cancelled};
@@ -47,7 +49,7 @@ pub struct SessionSettings {
     pub layers: u32,
     /// View samples of a pixel on an edge.
     pub samples: u32,
-    /// Leaves nothing of the deep framebuffer out, nor the transfer's emission; pictures are the same.
+    /// Leaves nothing of the deep framebuffer out, nor the transfer's emission and harmonics; pictures are the same.
     pub force_all: bool,
     /// Everything random follows from it.
     pub seed: u64,
@@ -55,6 +57,8 @@ pub struct SessionSettings {
     pub cache_dir: Option<PathBuf>,
     /// Indirect light, if there is to be any.
     pub indirect: Option<IndirectSettings>,
+    /// What the pictures are to be made on: what cannot fit there is refused before it is baked. `None`: not asked.
+    pub target: Option<Target>,
 }
 
 impl Default for SessionSettings {
@@ -67,6 +71,7 @@ impl Default for SessionSettings {
             seed: 1,
             cache_dir: user_cache_dir(),
             indirect: Some(IndirectSettings::default()),
+            target: None,
         }
     }
 }
@@ -115,10 +120,11 @@ pub struct Transfers {
 }
 
 impl Transfers {
-    /// Nothing left out where that is asked for: indirect light of emitters even if there are none.
+    /// Nothing left out where that is asked for: indirect light of emitters and harmonics even if there are none.
     fn forced(&self, mut transfer: Transfer, framebuffer: &DeepFramebuffer) -> Transfer {
         if self.force_all {
             transfer.emission.resize(framebuffer.samples.len(), Vec3::ZERO);
+            transfer.all_degrees = true;
         }
         transfer
     }
@@ -151,8 +157,15 @@ impl Transfers {
         until_cancelled(|| {
             low_priority(|| {
                 if let Some(coarse) = self.plan.coarse() {
-                    let coarse = coarse.bake(seen, Lobe::All, None, &mut report, progress)?;
-                    show(self.forced(coarse, seen.framebuffer));
+                    let BakeInput { scene, framebuffer } = seen;
+                    let small = reduced(seen);
+                    let input = BakeInput { scene, framebuffer: small.as_ref().unwrap_or(framebuffer) };
+                    let coarse = coarse.bake(input, Lobe::All, None, &mut report, progress)?;
+                    let coarse = match &small {
+                        Some(small) => coarse.spread(small, framebuffer, scene.bvh.radius).expect("it has blocks"),
+                        None => coarse,
+                    };
+                    show(self.forced(coarse, framebuffer));
                 }
                 show(self.get(seen, Lobe::All, &mut report, progress)?);
                 Ok(())
@@ -180,6 +193,18 @@ impl Transfers {
         }
         Ok(self.forced(transfer, seen.framebuffer))
     }
+}
+
+/// Pixels of a coarse transfer at most: it takes as long for large pictures.
+const COARSE_PIXELS: f64 = 65_536.0;
+
+/// The same view with at most [`COARSE_PIXELS`] pixels; `None` if it has no more.
+fn reduced(BakeInput { scene, framebuffer }: BakeInput) -> Option<DeepFramebuffer> {
+    let [width, height] = [framebuffer.tiling.width, framebuffer.tiling.height];
+    let scale = (COARSE_PIXELS / (f64::from(width) * f64::from(height))).sqrt();
+    let [width, height] = [width, height].map(|side| ((f64::from(side) * scale) as u32).max(1));
+    let settings = BakeSettings { width, height, layers: framebuffer.asked_layers, samples: 1 };
+    (scale < 1.0).then(|| bake(scene, &framebuffer.camera, &Rig::default(), &settings, &|_| ()))
 }
 
 impl Session {
@@ -251,6 +276,11 @@ impl Session {
         check_memory(opened.size, samples, forced, opened.rig.lights.len(), &opened.scene.path)?;
         let Opened { scene, rig, camera, size: [width, height] } = opened;
         let scene = report.stage("build BVH", || build_bvh(scene, progress));
+        let fits = |counts: &FramebufferCounts| match &settings.target {
+            Some(target) => target.check(&scene, &rig, [width, height], counts, plan.as_ref()),
+            None => Ok(()),
+        };
+        fits(&FramebufferCounts::fewest([width, height]))?;
         let of_framebuffer = BakeSettings { width, height, layers, samples };
         let cache_dir = &settings.cache_dir;
         let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, DeepFramebuffer)> {
@@ -280,6 +310,8 @@ impl Session {
             .transpose()?;
         let (key, framebuffer) = framebuffer(&of_framebuffer, &mut report)?;
         let framebuffer = if settings.force_all { framebuffer.into_worst_case() } else { framebuffer };
+        // Only now it is known how much mirrors and edges add. Indirect light takes longest.
+        fits(&FramebufferCounts::new(&framebuffer, scene.materials.len()))?;
         let plain_key = match &plain {
             Some((key, _)) => key.clone(),
             None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),

@@ -15,6 +15,7 @@ use crate::bake::brdf_factors::svd::Terms;
 use crate::bake::compression::CompressionSettings;
 use crate::bake::compression::validation::{self, Validation, ValidationError};
 use crate::bake::transfer::Transfer;
+use crate::bake::transfer::blocks::check_addressable;
 use crate::bake::transport::direct;
 use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::{LightTransport, Outgoing, TransferSettings};
@@ -245,6 +246,23 @@ impl TransferPlan {
         }
     }
 
+    /// Gather samples, points of each, and the most functions of each.
+    pub(super) fn gather(&self) -> (usize, usize, usize) {
+        match self {
+            Self::Robust(TransferSettings { samples, points, outgoing, .. }, _) => {
+                let functions = match outgoing {
+                    Outgoing::Diffuse => 1,
+                    Outgoing::Glossy { functions } => functions.map_or(MAX_FUNCTIONS, usize::from),
+                };
+                (*samples, *points, functions)
+            }
+            // Nobody knows the terms that an error needs.
+            Self::Thesis(ThesisSettings { samples, terms, .. }) => {
+                (*samples, 1, if let Terms::Count(terms) = terms { *terms } else { 1 })
+            }
+        }
+    }
+
     /// Whether rows baked to one sample a pixel can serve further samples.
     pub fn spreads(&self) -> bool {
         !matches!(self, Self::Robust(_, Form::Haar(_)))
@@ -313,7 +331,7 @@ impl TransferPlan {
                 let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
                 let made = report.stage("transfer", || match *form {
                     Form::Dense => Ok(Transfer::dense(&transfer, framebuffer, lobe, &mut journal, &advance)),
-                    Form::Nested(error) => Ok(Transfer::nested(&transfer, &to(error), &mut journal, &advance)),
+                    Form::Nested(error) => Transfer::nested(&transfer, &to(error), &mut journal, &advance),
                     Form::Haar(error) => {
                         let fits = |bytes| check_wavelets(bytes, scene);
                         Transfer::haar(&transfer, &to(error), fits, &mut journal, &advance)
@@ -368,6 +386,7 @@ const RAYS_ANEW: u32 = 8;
 /// Refuses a dense operator that cannot fit this machine: float16 RGB, on the host and on the device, and G* once more.
 fn check_dense(framebuffer: &DeepFramebuffer, columns: usize, scene: &Scene) -> Result<()> {
     let bytes = 12.0 * (framebuffer.samples.len() as f64 + 4.0 * columns as f64) * columns as f64;
+    check_addressable((6 * framebuffer.samples.len() * columns) as u64)?;
     let what =
         format!("a dense transfer of {columns} coefficients to {} view samples takes", framebuffer.samples.len());
     check_free(
@@ -380,6 +399,7 @@ fn check_dense(framebuffer: &DeepFramebuffer, columns: usize, scene: &Scene) -> 
 
 /// Refuses wavelets that cannot fit this machine.
 fn check_wavelets(bytes: f64, scene: &Scene) -> Result<()> {
+    check_addressable(bytes as u64 / 2)?;
     let what = "the wavelets that --error needs take";
     check_free(bytes, what, "choose a larger --error, a smaller --size, or a smaller --gather", &scene.path)
 }

@@ -6,13 +6,14 @@ use super::open::{Opened, build_bvh};
 use super::plan::TransferPlan;
 use super::progress::{Progress, advance, until_cancelled};
 use super::report::BakeReport;
+use super::target::Target;
 use super::{Session, SessionSettings};
 use crate::bake::framebuffer::view_samples::Tiling;
 use crate::bake::transport::TransferSettings;
 use crate::bake::transport::importance::Importance;
 use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache};
 use crate::error::Result;
-use crate::relight::light_cache::LightCache;
+use crate::relight::footprint::{Footprint, light_image_bytes};
 use crate::scene::{Camera, Rig};
 use crate::trace::bvh::TracedScene;
 
@@ -76,17 +77,34 @@ impl FramebufferCounts {
         }
     }
 
-    /// Of a picture of `pixels`, padded, with `area` times as many, from those of `plain` with a sample a pixel and of `smooth`
-    /// with more of them on edges, which are lines.
-    fn scaled(plain: &Self, smooth: &Self, area: f64, pixels: usize) -> Self {
+    /// What every picture of `size` has at the least.
+    pub(super) fn fewest([width, height]: [u32; 2]) -> Self {
+        let pixels = Tiling { width, height }.len();
+        Self { pixels, samples: pixels, layers: Vec::new(), has_specular: false, has_emission: false, own_brdfs: 0 }
+    }
+
+    /// Counts of a picture of `pixels`, padded, with `area` times as many pixels, from those of `plain` with one sample
+    /// per pixel and of `smooth` with `samples` per pixel on edges.
+    ///
+    /// Edges are lines, so their share of the pixels falls with the side of the picture. But in a small picture many
+    /// lines cross the same pixel: in mirrors all pixels may be edges. If lines lie at random, a pixel has none with
+    /// probability exp(-c / side), c being their length.
+    fn scaled(plain: &Self, smooth: &Self, samples: u32, area: f64, pixels: usize) -> Self {
         let scale = |plain: usize, smooth: usize| {
-            (area * plain as f64 + area.sqrt() * smooth.saturating_sub(plain) as f64).round() as usize
+            let extra = smooth.saturating_sub(plain) as f64;
+            // What all pixels on edges would give. A deep layer may be seen by further samples only.
+            let most = extra.max(plain as f64 * f64::from(samples - 1));
+            let share = if most > 0.0 { 1.0 - (1.0 - extra / most).powf(area.sqrt().recip()) } else { 0.0 };
+            (area * (plain as f64 + share * most)).round() as usize
         };
-        let extra = scale(plain.samples - plain.pixels, smooth.samples - smooth.pixels);
+        let layers: Vec<usize> = plain.layers.iter().zip(&smooth.layers).map(|(p, s)| scale(*p, *s)).collect();
+        // Pixels whose first sample sees a surface; all other samples are extra ones.
+        let first = plain.pixels + plain.layers.iter().sum::<usize>() - plain.samples;
+        let extra = layers.iter().sum::<usize>() - (area * first as f64).round() as usize;
         Self {
             pixels,
             samples: pixels + extra,
-            layers: plain.layers.iter().zip(&smooth.layers).map(|(p, s)| scale(*p, *s)).collect(),
+            layers,
             own_brdfs: scale(plain.own_brdfs, smooth.own_brdfs),
             ..smooth.clone()
         }
@@ -132,10 +150,14 @@ impl Survey {
         Ok(Self { size, counts, counted_in, transfer, unseen, scene, rig })
     }
 
+    /// What pictures on `target` take of its memory.
+    pub fn footprint(&self, target: &Target) -> Footprint {
+        target.footprint(&self.scene, &self.rig, self.size, &self.counts, self.transfer.as_ref())
+    }
+
     /// Bytes of all light images of the rig, and of the fewest that work.
     pub fn light_image_bytes(&self) -> [u64; 2] {
-        let (fewest, all) = LightCache::slot_range(self.rig.lights.len());
-        [all, fewest].map(|images| 12 * (images * self.counts.pixels) as u64)
+        light_image_bytes(self.rig.lights.len(), self.counts.pixels)
     }
 }
 
@@ -185,7 +207,7 @@ impl View<'_> {
         }
         let plain = if samples > 1 { self.counts(&bake(1)) } else { smooth.clone() };
         let all = Tiling { width: size[0], height: size[1] }.len();
-        let counts = FramebufferCounts::scaled(&plain, &smooth, pixels(size) / pixels(small), all);
+        let counts = FramebufferCounts::scaled(&plain, &smooth, samples, pixels(size) / pixels(small), all);
         (framebuffer, counts, CountedIn::Smaller(small))
     }
 }

@@ -70,7 +70,7 @@ impl Stage {
 
 pub fn compressed(transfer: &LightTransport, error: f64) -> Transfer {
     let settings = CompressionSettings { error, lights: 64, lobe: Lobe::All, seed: 1 };
-    Transfer::nested(transfer, &settings, &mut Journal::default(), &|_| ())
+    Transfer::nested(transfer, &settings, &mut Journal::default(), &|_| ()).unwrap()
 }
 
 /// Relative errors of indirect light, root mean square over pixels.

@@ -1,29 +1,22 @@
 //! S applied to batches of vectors, and its transpose in Haar terms: T = Φ_f + Φ_c S.
 
-use faer::Mat;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::haar::Haar;
 use super::largest::largest;
-use super::linear::{self, Lu};
 use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::transport::LightTransport;
+use crate::bake::transport::solve::Resolvent;
 
 /// All bounces of direct light beyond the first surface.
 pub struct Bounces<'a> {
     /// One per channel.
-    series: Vec<Series>,
+    resolvents: [Resolvent; 3],
     /// G_cf; with a single level, G.
     first: &'a CsrMatrix,
     operand: Operand,
-}
-
-/// The factorized (I - G)⁻¹, or G and the number of terms of I + G + ...
-enum Series {
-    Infinite(Lu),
-    Terms(Mat<f32>, u32),
 }
 
 /// Layout of the vectors that Φ multiplies.
@@ -38,28 +31,18 @@ struct Operand {
 
 impl<'a> Bounces<'a> {
     pub fn new(transfer: &'a LightTransport) -> Self {
-        let terms = transfer.bounces().map(|bounces| bounces.saturating_sub(1));
-        let series = |channel: usize| {
-            let g = dense(&transfer.bounce_matrix, channel);
-            match terms {
-                None => Series::Infinite(Lu::new(Mat::from_fn(g.nrows(), g.nrows(), |i, j| {
-                    f64::from(u8::from(i == j)) - f64::from(g[(i, j)])
-                }))),
-                Some(terms) => Series::Terms(g, terms),
-            }
-        };
         let operand = Operand {
             two_levels: transfer.from_fine.is_some(),
             fine: transfer.fine.coefficient_count(),
             first: transfer.bounces() != Some(0),
         };
         let first = transfer.from_fine.as_ref().unwrap_or(&transfer.bounce_matrix);
-        Self { series: (0..3).into_par_iter().map(series).collect(), first, operand }
+        Self { resolvents: transfer.resolvents(), first, operand }
     }
 
     /// S `direct`.
     pub fn further(&self, direct: &VectorBatch) -> VectorBatch {
-        vector_batch::multiply(self.first, direct).map(|channel, panel| self.series[channel].times(panel, false))
+        vector_batch::multiply(self.first, direct).map(|channel, panel| times(&self.resolvents[channel], panel, false))
     }
 
     /// See [`LightTransport::residual`].
@@ -102,13 +85,13 @@ impl<'a> Bounces<'a> {
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
         let parts = panels.into_par_iter().map(thin).collect();
-        Thinned { series: self.series, first: Transposed { columns, parts }, operand: self.operand }
+        Thinned { resolvents: self.resolvents, first: Transposed { columns, parts }, operand: self.operand }
     }
 }
 
 /// Tᵀ in Haar terms.
 pub struct Thinned {
-    series: Vec<Series>,
+    resolvents: [Resolvent; 3],
     /// Rows of G_cf in Haar terms.
     first: Transposed,
     operand: Operand,
@@ -123,7 +106,7 @@ impl Thinned {
             let split = |panel: &mut Panel| if two_levels { panel.split_off(fine) } else { panel.clone() };
             further.extend(gathered.iter_mut().map(split));
         }
-        let summed = further.map(|channel, panel| self.series[channel].times(panel, true));
+        let summed = further.map(|channel, panel| times(&self.resolvents[channel], panel, true));
         if first {
             gathered.for_each_mut(|_, panel| haar.transform(panel));
         } else {
@@ -134,31 +117,8 @@ impl Thinned {
     }
 }
 
-impl Series {
-    fn times(&self, panel: &Panel, transposed: bool) -> Panel {
-        match self {
-            Self::Infinite(lu) => {
-                let solution = lu.solve(vector_batch::matrix(panel), transposed);
-                let row = |i: usize| std::array::from_fn(|j| solution[(i, j)] as f32);
-                (0..panel.len()).map(row).collect()
-            }
-            Self::Terms(g, terms) => {
-                let g = if transposed { g.transpose() } else { g.as_ref() };
-                let mut sum = vec![[0.0; WIDTH]; panel.len()];
-                for _ in 0..*terms {
-                    let before = std::mem::replace(&mut sum, panel.clone());
-                    linear::add_product(vector_batch::matrix_mut(&mut sum), g, vector_batch::matrix(&before));
-                }
-                sum
-            }
-        }
-    }
-}
-
-fn dense(g: &CsrMatrix, channel: usize) -> Mat<f32> {
-    let mut dense = Mat::zeros(g.len(), g.len());
-    for r in 0..g.len() {
-        g.row(r).for_each(|(column, value)| dense[(r, column as usize)] += value[channel]);
-    }
-    dense
+fn times(resolvent: &Resolvent, panel: &Panel, transposed: bool) -> Panel {
+    let product = resolvent.times(vector_batch::matrix(panel), transposed);
+    let row = |i: usize| std::array::from_fn(|j| product[(i, j)] as f32);
+    (0..panel.len()).map(row).collect()
 }

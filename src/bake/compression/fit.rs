@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 
 use super::bounces::Thinned;
 use super::haar::Haar;
-use super::linear::{self, Lu};
 use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
 use super::vector_batch::{self, Compact, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use super::{OUT_OF_BASIS_SHARE, ValidationSums};
 use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::linear::{self, Lu};
 use crate::physics::sequence::Points;
 
 /// Input shared by all superclusters.
@@ -128,6 +128,12 @@ pub struct Factors {
 }
 
 impl Factors {
+    /// Bytes of all factors in float16, without padding.
+    pub fn packed_bytes(&self) -> u64 {
+        let of_tiles: usize = self.tiles.iter().map(|tile| tile.b.len() + tile.u.len()).sum();
+        (size_of::<f16>() * (self.v.len() + of_tiles)) as u64
+    }
+
     /// V of one channel, tints included: rank x list.
     fn v(&self, channel: usize) -> Mat<f32> {
         let (count, tinted) = (self.per_channel_count, self.list.len() - self.per_channel_count);
@@ -372,7 +378,7 @@ const NEGLIGIBLE_SHARE: f64 = 0.01;
 /// Block size of the terms in products, so that intermediate results stay in a cache.
 const TERMS: usize = 512;
 /// Ridge regularization against overfitting to few lights, as a share of the sum of their squares.
-const RIDGE: f64 = 1e-3;
+const RIDGE: f64 = 1e-4;
 
 /// The retained part of a basis.
 struct Directions {

@@ -20,7 +20,6 @@ pub mod fit;
 pub mod haar;
 pub(super) mod largest;
 pub mod lights;
-pub mod linear;
 mod noise_estimate;
 pub(super) mod report;
 mod terms;
@@ -45,9 +44,10 @@ use self::lights::Kind;
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
 use self::vector_batch::{Compact, WIDTH};
-use super::transfer::blocks::BlockMatrix;
+use super::transfer::blocks::{BlockMatrix, check_addressable};
 use super::transport::LightTransport;
 use super::transport::directions::Lobe;
+use crate::error::Result;
 use crate::physics::sequence::Points;
 use crate::storage::journal::Journal;
 
@@ -126,15 +126,18 @@ impl<'a> Compressor<'a> {
         self.inputs.residual
     }
 
-    /// Compresses all view samples that reflect light; `progress` counts them. Fits found in `journal` are reused.
-    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> Compressed {
-        let mut fitted = self.fit_all(&self.clusters.superclusters().collect::<Vec<_>>(), journal, progress);
+    /// Compresses all view samples that reflect light; `progress` counts them. Fits found in `journal` are reused. Fails
+    /// once there are more factors than offsets can address.
+    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> Result<Compressed> {
+        let mut bytes = 0;
+        let mut fit_all = |ranges: &[Range<usize>]| self.fit_all(ranges, &mut bytes, journal, progress);
+        let mut fitted = fit_all(&self.clusters.superclusters().collect::<Vec<_>>())?;
         loop {
             let halves = take_halves(&mut fitted);
             if halves.is_empty() {
                 break;
             }
-            fitted.extend(self.fit_all(&halves, journal, progress));
+            fitted.extend(fit_all(&halves)?);
         }
         fitted.sort_by_key(|f| f.tiles.start);
         let view_samples = self.transfer.framebuffer().samples.len();
@@ -150,27 +153,37 @@ impl<'a> Compressor<'a> {
             samples.iter().zip(&fitted.emission).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
             chain.push(&fitted.factors, &self.within(&fitted.tiles), samples);
         }
-        Compressed { chain: chain.finish(), emission, report: errors.report() }
+        Ok(Compressed { chain: chain.finish(), emission, report: errors.report() })
     }
 
-    /// Fits ranges of tiles; `progress` counts the view samples of fits that are accurate enough.
-    fn fit_all(&self, ranges: &[Range<usize>], journal: &mut Journal, progress: &dyn Fn(usize)) -> Vec<Fitted> {
+    /// Fits ranges of tiles and adds the bytes of their factors to `bytes`; `progress` counts the view samples of fits
+    /// that are accurate enough.
+    fn fit_all(
+        &self,
+        ranges: &[Range<usize>],
+        bytes: &mut u64,
+        journal: &mut Journal,
+        progress: &dyn Fn(usize),
+    ) -> Result<Vec<Fitted>> {
         let count =
             |fitted: &Fitted| progress(if fitted.meets_target() { self.clusters.rows(&fitted.tiles).len() } else { 0 });
         let mut all = Vec::new();
         while let Some(fitted) = ranges.get(all.len()).and_then(|tiles| journal.replay(|f| self.is_of(f, tiles))) {
+            *bytes += fitted.factors.packed_bytes();
             count(&fitted);
             all.push(fitted);
         }
         for some in ranges[all.len()..].chunks(rayon::current_num_threads()) {
             let fitted: Vec<Fitted> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
             for fitted in fitted {
+                *bytes += fitted.factors.packed_bytes();
+                check_addressable(*bytes)?;
                 journal.add(&fitted);
                 count(&fitted);
                 all.push(fitted);
             }
         }
-        all
+        Ok(all)
     }
 
     /// Whether a fit read from a file has the shape of these tiles' factors.

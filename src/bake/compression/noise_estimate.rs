@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use faer::{Mat, MatRef};
 
-use super::linear;
 use super::vector_batch::VectorBatch;
+use crate::bake::linear;
 
 /// Images of the deciding lights, and at some pixels the same images with resampled rows.
 ///

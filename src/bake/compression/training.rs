@@ -6,6 +6,7 @@ use super::bounces::Bounces;
 use super::lights::{Kind, RandomLights};
 use super::vector_batch::{self, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::linear;
 use crate::bake::transport::LightTransport;
 use crate::physics::sequence::Points;
 use crate::shared::PackedLight;
@@ -139,7 +140,7 @@ fn combine(lights: &VectorBatch, count: usize, seed: u64) -> VectorBatch {
         for (to, mixture) in mixtures.iter_mut().enumerate() {
             for (from, panel) in lights.iter().enumerate() {
                 let factors = vector_batch::matrix(&factors[from][to]);
-                super::linear::add_product(vector_batch::matrix_mut(mixture), vector_batch::matrix(panel), factors);
+                linear::add_product(vector_batch::matrix_mut(mixture), vector_batch::matrix(panel), factors);
             }
         }
     }

@@ -20,6 +20,7 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
+use crate::error::{Error, Result};
 use crate::shared::{PANEL_COLUMNS, PANEL_ROWS, Panel, STRIP_ROWS};
 use crate::storage::mapped::Elements;
 
@@ -273,9 +274,15 @@ impl BlockMatrix {
         all
     }
 
-    /// Ranges of panels with at most `bytes` of factors, or of a single panel.
+    /// Ranges of panels with at most `bytes` of factors and indices, or of a single panel.
     pub fn pieces(&self, bytes: usize) -> Vec<Range<usize>> {
-        pieces(self.panels.iter().map(|panel| value_count(panel) * size_of::<UVec4>()), bytes)
+        let of_column = size_of::<u32>() + if self.channels == 3 { size_of::<Vec3>() } else { 0 };
+        let of_panel = |panel: &Panel| {
+            let columns = panel.column_group_count as usize * PANEL_COLUMNS as usize;
+            let indices = columns * of_column + panel.row_count as usize * size_of::<u32>();
+            value_count(panel) * size_of::<UVec4>() + indices + size_of::<Panel>()
+        };
+        pieces(self.panels.iter().map(of_panel), bytes)
     }
 
     /// The given panels as a separate matrix.
@@ -357,6 +364,21 @@ impl BlockMatrix {
         let tint = |column: usize| self.tints.get(column).map_or(DVec3::ONE, |tint| tint.as_dvec3());
         std::array::from_fn(|k| DVec3::new(red[k].to_f64(), green[k].to_f64(), blue[k].to_f64()) * tint(first + k))
     }
+}
+
+/// Maximum bytes of factors: half of what the 32-bit offsets of panels and slices reach, as columns and rows are padded.
+const MAX_BYTES: u64 = 1 << 35;
+
+/// Refuses a transfer whose factors have more bytes than offsets can address.
+pub fn check_addressable(bytes: u64) -> Result<()> {
+    if bytes <= MAX_BYTES {
+        return Ok(());
+    }
+    let most = MAX_BYTES as f64 * 1e-9;
+    let reason = format!(
+        "it has more than {most:.0} GB of factors; choose a larger --error, a smaller --size, or a smaller --gather"
+    );
+    Err(Error::invalid("the transfer", reason))
 }
 
 /// Number of groups of eight factors of a panel.

@@ -33,6 +33,8 @@ pub struct Transfer {
     pub samples: Vec<LightSample>,
     /// [`Projection::tables`] for shading these; stored, as computing them takes a second.
     pub projection: Vec<f32>,
+    /// Whether the kernel that shades them handles all harmonics although no sample has so many. Not stored in the cache.
+    pub all_degrees: bool,
     /// Samples of the thesis's method, with the tables of k that they refer to; empty for ours.
     pub factored: Vec<FactoredSample>,
     pub tables: Vec<Vec4>,

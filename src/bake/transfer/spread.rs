@@ -1,8 +1,8 @@
-//! Indirect light for anti-aliasing: the transfer to one sample per pixel is extended to further samples.
+//! Indirect light for more view samples than it was baked to: for anti-aliasing, and for a larger picture.
 //!
 //! Further samples lie on edges. Some of these are shadow edges, which move with the lights, while indirect light is
 //! baked once. At an edge, indirect light is that of the surface on either side: each further sample uses the row of
-//! the most similar sample in its own and the adjacent pixels.
+//! the most similar sample in its own and the adjacent pixels. In a larger picture all samples do.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ const MATERIAL: f32 = 0.1;
 
 impl Transfer {
     /// Extends this transfer from the view samples of `from`, one per pixel, to those of `to`, the same view with more
-    /// samples. `radius` is the scene's. Returns a new transfer: the rows of the last matrix and the emission are
+    /// samples or more pixels. `radius` is the scene's. Returns a new transfer: the rows of the last matrix and the emission are
     /// taken from the most similar samples of `from`, `coarse` is empty, and everything else is a copy. A sample
     /// without a similar one gets no indirect light. `None` for row wavelets, which have no blocks.
     pub fn spread(&self, from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Option<Self> {
@@ -34,6 +34,7 @@ impl Transfer {
         Some(Self {
             samples: self.samples.clone(),
             projection: self.projection.clone(),
+            all_degrees: self.all_degrees,
             factored: self.factored.clone(),
             tables: self.tables.clone(),
             points: self.points.clone(),
@@ -53,45 +54,52 @@ impl Transfer {
 
 /// For each view sample of `to`, the sample of `from` whose indirect light it uses.
 fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Option<u32>> {
-    assert_eq!((from.tiling.width, from.tiling.height), (to.tiling.width, to.tiling.height));
-    let pixels = from.pixel_stride();
-    let mut lists: Vec<&[u32]> = vec![&[]; pixels];
+    let (from_pixels, to_pixels) = (from.pixel_stride() as u32, to.pixel_stride() as u32);
+    let mut lists: Vec<&[u32]> = vec![&[]; from_pixels as usize];
     for p in &from.extra_pixels {
         lists[p.pixel as usize] = &from.extra_indices[p.first as usize..(p.first + p.count) as usize];
     }
-    let mut sources: Vec<Option<u32>> = (0..pixels as u32).map(Some).collect();
-    sources.resize(to.samples.len(), None);
-    let most_similar = |pixel: u32, extra: u32| -> Option<u32> {
-        if to.samples[pixels + extra as usize].brdf == NO_BRDF {
+    let scaled = |at: u32, from: u32, to: u32| ((2 * at + 1) as u64 * u64::from(from) / (2 * u64::from(to))) as u32;
+    let most_similar = |pixel: u32, sample: u32, layer: u32| -> Option<u32> {
+        if to.samples[sample as usize].brdf == NO_BRDF {
             return None;
         }
-        let layer = to.extra_samples[extra as usize].layer;
         let (x, y) = to.tiling.pixel(pixel as usize);
+        let x = scaled(x, from.tiling.width, to.tiling.width);
+        let y = scaled(y, from.tiling.height, to.tiling.height);
         let around =
             (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy))));
-        let places = around.filter(|&at| to.tiling.contains(at)).map(|(x, y)| to.tiling.index(x, y));
+        let places = around.filter(|&at| from.tiling.contains(at)).map(|(x, y)| from.tiling.index(x, y));
         let of_layer = places.flat_map(|place| {
             // Extra samples of layer 1 are behind blending surfaces.
             let deeper = lists[place]
                 .iter()
                 .filter(|&&i| from.extra_samples[i as usize].layer == layer)
-                .map(|&i| (pixels as u32) + i);
+                .map(|&i| from_pixels + i);
             (layer == 0).then_some(place as u32).into_iter().chain(deeper)
         });
         let lit = of_layer.filter(|&i| from.samples[i as usize].brdf != NO_BRDF);
-        let distance = |i: u32| dissimilarity(from, i, to, pixels as u32 + extra, radius);
+        let distance = |i: u32| dissimilarity(from, i, to, sample, radius);
         lit.map(|i| (distance(i), i)).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).map(|(_, i)| i)
     };
+    let is_same_size = (from.tiling.width, from.tiling.height) == (to.tiling.width, to.tiling.height);
+    let of_pixel = |pixel: u32| if is_same_size { Some(pixel) } else { most_similar(pixel, pixel, 0) };
+    let mut sources: Vec<Option<u32>> = (0..to_pixels).into_par_iter().map(of_pixel).collect();
+    sources.resize(to.samples.len(), None);
     let found: Vec<(u32, Option<u32>)> = to
         .extra_pixels
         .par_iter()
         .flat_map_iter(|p| {
             let list = &to.extra_indices[p.first as usize..(p.first + p.count) as usize];
-            list.iter().map(|&extra| (extra, most_similar(p.pixel, extra)))
+            let source = |&extra: &u32| {
+                let layer = to.extra_samples[extra as usize].layer;
+                (extra, most_similar(p.pixel, to_pixels + extra, layer))
+            };
+            list.iter().map(source)
         })
         .collect();
     for (extra, source) in found {
-        sources[pixels + extra as usize] = source;
+        sources[(to_pixels + extra) as usize] = source;
     }
     sources
 }

@@ -22,7 +22,9 @@ pub mod paths;
 pub mod rows;
 pub mod solve;
 
+use faer::Mat;
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use self::bounces::{Bounce, BounceGatherer};
 use self::directions::Lobe;
@@ -30,6 +32,7 @@ use self::importance::Importance;
 use self::level::Level;
 use self::paths::Paths;
 use self::rows::RowGatherer;
+use self::solve::Resolvent;
 use super::DeepFramebuffer;
 use super::brdf_factors::harmonics::MAX_FUNCTIONS;
 use super::brdf_factors::{ALBEDO_CAP, Projection};
@@ -134,7 +137,7 @@ impl<'a> LightTransport<'a> {
             }
             Level::new(scene, samples, &functions)
         };
-        let limit = MAX_FINE_COEFFICIENTS.max(6 * settings.samples);
+        let limit = max_coefficients(settings.samples, MAX_FUNCTIONS);
         let fine = level(settings.samples, settings.points, settings.seed, &FINE_FUNCTIONS, limit);
         let coarse = (settings.coarse_samples < settings.samples).then(|| {
             let (count, seed) = (settings.coarse_samples.max(1), settings.seed ^ 1 << 32);
@@ -235,10 +238,19 @@ impl<'a> LightTransport<'a> {
 
     /// S, or with one level G (I - G)⁻¹, as one dense matrix per channel: all further bounces of direct light, or the
     /// fixed number. Only for few samples: takes three matrices of coarse x fine coefficients in double precision.
-    pub fn further_bounces(&self) -> [faer::Mat<f64>; 3] {
+    pub fn further_bounces(&self) -> [Mat<f64>; 3] {
         let right = self.from_fine.as_ref().unwrap_or(&self.bounce_matrix);
-        let terms = self.settings.bounces.map(|bounces| bounces.saturating_sub(1));
-        solve::explicit(&self.bounce_matrix, right, self.fine.coefficient_count(), terms)
+        let resolvents = self.resolvents();
+        let of_channel = |channel: usize| {
+            resolvents[channel].times(right.to_dense(self.fine.coefficient_count(), channel).as_ref(), false)
+        };
+        let channels: Vec<_> = (0..3).into_par_iter().map(of_channel).collect();
+        channels.try_into().expect("there are three")
+    }
+
+    /// Of each channel what maps the second bounce to all further ones, or to the fixed number of them.
+    pub fn resolvents(&self) -> [Resolvent; 3] {
+        Resolvent::new(&self.bounce_matrix, self.settings.bounces.map(|bounces| bounces.saturating_sub(1)))
     }
 
     /// Relative residual of `further`, a solution for all further bounces of [uniform light](Self::even_light): |b - (I
@@ -340,6 +352,12 @@ const FINE_FUNCTIONS: [u8; 7] = [MAX_FUNCTIONS as u8, 36, 25, 16, 9, 4, 1];
 /// Maximum number of coefficients of the fine level, or six per sample if that is more: hundreds of training lights are
 /// stored, each with this many values.
 const MAX_FINE_COEFFICIENTS: usize = 150_000;
+
+/// Maximum number of coefficients of direct light at `samples` gather samples with at most `functions` functions each.
+pub fn max_coefficients(samples: usize, functions: usize) -> usize {
+    (functions * samples).min(MAX_FINE_COEFFICIENTS.max(6 * samples))
+}
+
 /// Limits of the functions per coarse sample: light is smoother after further bounces.
 const COARSE_FUNCTIONS: [u8; 2] = [9, 1];
 /// Maximum number of coefficients of the coarse level: compression factorizes the matrix among them.

@@ -1,11 +1,11 @@
 //! Solvers for all bounces: x = b + G x, for the three channels in parallel.
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
+use faer::{Mat, MatRef};
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::linear::{self, Lu};
 
 /// Steps between restarts of GMRES.
 const STEPS: usize = 40;
@@ -23,7 +23,8 @@ pub struct Solution {
     pub steps: usize,
 }
 
-/// GMRES with restarts [Saad 1986], to a relative residual of `tolerance` in every channel.
+/// GMRES with restarts [Saad 1986], to a relative residual of `tolerance` in every channel. For one light, and for more
+/// coefficients than a [`Resolvent`] can have.
 ///
 /// Each channel is an independent system. They are solved in parallel, so that G is read once for all three.
 pub fn solve(g: &CsrMatrix, b: &[DVec3], tolerance: f64) -> Solution {
@@ -89,25 +90,43 @@ fn correct(g: &CsrMatrix, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]
     count
 }
 
-/// (I - G)⁻¹ `right`, or the first `terms` terms of (I + G + ...) `right`, as one dense matrix per channel. Only for
-/// few coefficients: takes two n² matrices in double precision per channel. `right` has `columns` columns.
-pub fn explicit(g: &CsrMatrix, right: &CsrMatrix, columns: usize, terms: Option<u32>) -> [Mat<f64>; 3] {
-    let dense = |rows: &CsrMatrix, columns: usize, channel: usize| {
-        let mut matrix = Mat::<f64>::zeros(rows.len(), columns);
-        for r in 0..rows.len() {
-            rows.row(r).for_each(|(column, value)| matrix[(r, column as usize)] += f64::from(value[channel]));
+/// (I - G)⁻¹ = I + G + G² + ... of one channel, factorized; or its first terms, which have no factorization, where the
+/// number of bounces is limited.
+///
+/// For many right sides and for the transpose, but only for few coefficients: takes n² numbers in double precision.
+/// [`solve`] reads nothing but the sparse G, again for each light.
+pub enum Resolvent {
+    Inverse(Lu),
+    /// G, and the number of terms.
+    Terms(Mat<f64>, u32),
+}
+
+impl Resolvent {
+    /// One for each channel. `terms`: `None` for all terms.
+    pub fn new(g: &CsrMatrix, terms: Option<u32>) -> [Self; 3] {
+        let of_channel = |channel: usize| {
+            let g = linear::widened(g.to_dense(g.len(), channel).as_ref());
+            match terms {
+                None => Self::Inverse(Lu::new(Mat::<f64>::identity(g.nrows(), g.nrows()) - g)),
+                Some(terms) => Self::Terms(g, terms),
+            }
+        };
+        let channels: Vec<Self> = (0..3).into_par_iter().map(of_channel).collect();
+        channels.try_into().ok().expect("there are three")
+    }
+
+    /// The operator, or its transpose, times the columns of `right`.
+    pub fn times(&self, right: MatRef<'_, f32>, transposed: bool) -> Mat<f64> {
+        match self {
+            Self::Inverse(lu) => lu.solve(right, transposed),
+            Self::Terms(g, terms) => {
+                let g = if transposed { g.transpose() } else { g.as_ref() };
+                let right = linear::widened(right);
+                let zero = Mat::zeros(right.nrows(), right.ncols());
+                (0..*terms).fold(zero, |sum, _| linear::product(g, sum.as_ref()) + &right)
+            }
         }
-        matrix
-    };
-    let solve = |channel: usize| {
-        let (g_dense, right) = (dense(g, g.len(), channel), dense(right, columns, channel));
-        match terms {
-            None => (Mat::<f64>::identity(g.len(), g.len()) - g_dense).partial_piv_lu().solve(right),
-            Some(terms) => (0..terms).fold(Mat::zeros(g.len(), columns), |sum, _| &g_dense * sum + &right),
-        }
-    };
-    let channels: Vec<_> = (0..3).into_par_iter().map(solve).collect();
-    channels.try_into().expect("there are three")
+    }
 }
 
 /// b + G b + ... + G^(terms - 1) b.
@@ -200,31 +219,48 @@ mod tests {
         assert_eq!(sum_of_powers(&g, &b, 1), b);
     }
 
+    /// The resolvents of `g` times `right` times `b`.
+    fn resolved(g: &CsrMatrix, terms: Option<u32>, right: &CsrMatrix, b: &[DVec3]) -> Vec<DVec3> {
+        let resolvents = Resolvent::new(g, terms);
+        let matrices = [0, 1, 2].map(|c: usize| resolvents[c].times(right.to_dense(b.len(), c).as_ref(), false));
+        let sum = |c: usize, i: usize| (0..b.len()).map(|j| matrices[c][(i, j)] * b[j][c]).sum::<f64>();
+        (0..g.len()).map(|i| DVec3::from_array([0, 1, 2].map(|c| sum(c, i)))).collect()
+    }
+
     #[test]
-    fn the_explicit_matrix_is_what_gmres_applies() {
+    fn the_resolvent_is_what_gmres_applies() {
         let (g, right) = (random(60, [0.999, 0.5, 0.0]), random(60, [0.7, 1.0, 0.2]));
         let b: Vec<DVec3> = (0..60).map(|i| DVec3::new((i % 7) as f64, 1.0, f64::from(i == 3))).collect();
         let solution = solve(&g, &right.multiply(&b), 1e-12);
-        let matrices = explicit(&g, &right, 60, None);
-        for (i, x) in solution.coefficients.iter().enumerate() {
-            for (channel, matrix) in matrices.iter().enumerate() {
-                let got: f64 = (0..60).map(|j| matrix[(i, j)] * b[j][channel]).sum();
-                assert!((got - x[channel]).abs() < 1e-7 * got.abs().max(1.0), "{got} and {}", x[channel]);
-            }
+        for (got, x) in resolved(&g, None, &right, &b).iter().zip(&solution.coefficients) {
+            assert!((got - x).abs().cmplt(1e-7 * got.abs().max(DVec3::ONE)).all(), "{got} and {x}");
         }
     }
 
     #[test]
-    fn explicit_series_are_truncated_like_sums() {
+    fn resolvents_are_truncated_like_sums() {
         let (g, right) = (random(30, [0.9, 0.5, 0.0]), random(30, [0.7, 1.0, 0.2]));
         let b: Vec<DVec3> = (0..30).map(|i| DVec3::new((i % 7) as f64, 1.0, f64::from(i == 3))).collect();
         for terms in [0, 1, 5] {
             let want = sum_of_powers(&g, &right.multiply(&b), terms);
-            let matrices = explicit(&g, &right, 30, Some(terms));
-            for (i, want) in want.iter().enumerate() {
-                let of_channel = |c: usize| (0..30).map(|j| matrices[c][(i, j)] * b[j][c]).sum::<f64>();
-                let got = DVec3::new(of_channel(0), of_channel(1), of_channel(2));
+            for (got, want) in resolved(&g, Some(terms), &right, &b).iter().zip(&want) {
                 assert!((got - want).abs().max_element() < 1e-9, "{terms} terms: {got}, {want}");
+            }
+        }
+    }
+
+    /// x · S y = Sᵀ x · y.
+    #[test]
+    fn transposed_resolvents_are_adjoint() {
+        let (g, x, y) = (random(30, [0.9, 0.5, 0.3]), random(30, [0.7; 3]), random(30, [0.2; 3]));
+        for terms in [None, Some(4)] {
+            for (channel, resolvent) in Resolvent::new(&g, terms).iter().enumerate() {
+                let [x, y] = [&x, &y].map(|matrix| matrix.to_dense(30, channel));
+                let dot =
+                    |a: &Mat<f32>, b: &Mat<f64>| -> f64 { (0..30).map(|i| f64::from(a[(i, 0)]) * b[(i, 0)]).sum() };
+                let forth = dot(&x, &resolvent.times(y.as_ref(), false));
+                let back = dot(&y, &resolvent.times(x.as_ref(), true));
+                assert!((forth - back).abs() < 1e-12 * forth.abs(), "{terms:?}, channel {channel}: {forth}, {back}");
             }
         }
     }

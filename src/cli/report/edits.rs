@@ -46,7 +46,7 @@ impl Lab<'_> {
         let planned = ours(gather, 1024, 0.01, FormName::Auto);
         // Its bake takes minutes and is not timed: a report that was interrupted while it timed edits need not repeat it.
         let cache_dir = self.cache_dir.clone();
-        let settings = SessionSettings { cache_dir, ..session_settings(&view, Some(&planned))? };
+        let settings = SessionSettings { cache_dir, ..session_settings(&view, Some(&planned), self.target())? };
         let session = Session::open(self.path, self.rig_path, &settings, &Terminal::default())?;
         let limits = Measured::new(self, &session)?;
         let mut relighter = session.relighter(&self.context, &session.rig, &self.relight)?;

@@ -8,6 +8,7 @@ use relume::image::compare;
 use relume::relight::{RelightSettings, VisibilityMethod};
 use relume::report::{Floors, Method, Picture, Point, SceneReport, Skipped, significant};
 use relume::scene::Scene;
+use relume::session::Target;
 use relume::{Result, Session, SessionSettings};
 
 use super::measurement_store::MeasurementStore;
@@ -56,7 +57,8 @@ impl<'a> Lab<'a> {
         let size = view.size.unwrap_or_else(|| fit(own, extent.side));
         let (asked, view) = (view.size, ViewOptions { size: Some(size), ..view.clone() });
         let rig_path = args.rig.as_deref();
-        let session = Session::open_direct(path, rig_path, &session_settings(&view, None)?, &Terminal::default())?;
+        let settings = session_settings(&view, None, args.target()?)?;
+        let session = Session::open_direct(path, rig_path, &settings, &Terminal::default())?;
         let context = session.context(args.device.device.as_deref())?;
         let identity = format!(
             "{:?} {:?} {:?} seed {} on {}",
@@ -118,7 +120,13 @@ impl<'a> Lab<'a> {
 
     /// The scene seen as `settings` say, without indirect light.
     pub fn direct(&self, view: &ViewOptions) -> Result<Session> {
-        Session::open_direct(self.path, self.rig_path, &session_settings(view, None)?, &Terminal::default())
+        let settings = session_settings(view, None, self.target())?;
+        Session::open_direct(self.path, self.rig_path, &settings, &Terminal::default())
+    }
+
+    /// Where its edits are relit.
+    pub fn target(&self) -> Target {
+        Target { device: self.context.info.clone(), relight: self.relight.clone() }
     }
 
     /// As edits are relit, but with these shadows.
@@ -172,14 +180,20 @@ impl<'a> Lab<'a> {
     }
 }
 
-/// A scene seen as `view` says, with indirect light as `transfer` says, else none; nothing is read from a cache.
-pub fn session_settings(view: &ViewOptions, transfer: Option<&TransferOptions>) -> Result<SessionSettings> {
+/// A scene seen as `view` says, with indirect light as `transfer` says, else none, for pictures on `target`; nothing is
+/// read from a cache.
+pub fn session_settings(
+    view: &ViewOptions,
+    transfer: Option<&TransferOptions>,
+    target: Target,
+) -> Result<SessionSettings> {
     Ok(SessionSettings {
         open: view.settings(),
         layers: view.layers,
         seed: view.seed,
         cache_dir: None,
         indirect: transfer.map(TransferOptions::settings).transpose()?.flatten(),
+        target: Some(target),
         ..Default::default()
     })
 }

@@ -16,6 +16,7 @@ use relume::relight::RelightSettings;
 use relume::report::thesis::Thesis;
 use relume::report::{self, Report, SceneReport};
 use relume::scene::Scene;
+use relume::session::Target;
 use relume::{Error, Result};
 
 use self::lab::Lab;
@@ -58,6 +59,10 @@ impl Args {
     /// How edits are relit.
     fn relight_settings(&self) -> RelightSettings {
         self.shadows.relight_settings(&self.device)
+    }
+
+    fn target(&self) -> Result<Target> {
+        self.shadows.target(&self.device)
     }
 }
 

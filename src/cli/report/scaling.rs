@@ -84,7 +84,8 @@ impl Lab<'_> {
                 break;
             }
             (0..cuts).for_each(|_| cut_into_four(&mut opened.scene.mesh));
-            let session = Session::of(opened, &session_settings(&self.view, None)?, BakeReport::default(), &progress)?;
+            let settings = session_settings(&self.view, None, self.target())?;
+            let session = Session::of(opened, &settings, BakeReport::default(), &progress)?;
             let rig = light_like_scene(&session, 2, self.view.seed);
             bakes[0].points.push([triangles as f64, stage_ms(&session, "build BVH")]);
             bakes[1].points.push([triangles as f64, stage_ms(&session, "deep framebuffer")]);

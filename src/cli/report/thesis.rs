@@ -94,8 +94,12 @@ fn one(
 ) -> Result<(Preview, Vec<Picture>)> {
     let size = args.view.size.unwrap_or_else(|| fit([720, 480], extent.preview_side));
     let view = ViewOptions { size: Some(size), ..args.view.clone() };
-    let session =
-        Session::open_direct(path, args.rig.as_deref(), &session_settings(&view, None)?, &Terminal::default())?;
+    let session = Session::open_direct(
+        path,
+        args.rig.as_deref(),
+        &session_settings(&view, None, args.target()?)?,
+        &Terminal::default(),
+    )?;
     let name = session.scene.name();
     let [ours, theirs] = ["preview", "final"]
         .map(|what| args.output.join(picture_file(&format!("{name}-{}x{}", size[0], size[1]), what)));

@@ -19,6 +19,11 @@ pub fn product<T: faer::traits::ComplexField>(left: MatRef<'_, T>, right: MatRef
     product
 }
 
+/// The same matrix in double precision.
+pub fn widened(matrix: MatRef<'_, f32>) -> Mat<f64> {
+    Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| f64::from(matrix[(i, j)]))
+}
+
 /// Eigenvalues of a symmetric matrix in descending order, clamped to 0 from below, and their vectors as columns.
 pub fn eigen(matrix: &Mat<f64>) -> (Vec<f64>, Mat<f64>) {
     let n = matrix.nrows();
@@ -72,7 +77,7 @@ impl Lu {
     pub fn solve(&self, right: MatRef<'_, f32>, transposed: bool) -> Mat<f64> {
         let n = right.nrows();
         let rows = PermRef::new_checked(&self.order, &self.back, n);
-        let mut solution = Mat::from_fn(n, right.ncols(), |i, j| f64::from(right[(i, j)]));
+        let mut solution = widened(right);
         let scratch = solve::solve_in_place_scratch::<usize, f64>(n, right.ncols(), Par::Seq);
         let stack = &mut MemBuffer::new(scratch);
         let (lu, x, stack) = (self.factors.as_ref(), solution.as_mut(), MemStack::new(stack));

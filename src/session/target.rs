@@ -1,0 +1,71 @@
+//! The device on which a session's pictures are to be made, asked before it bakes for them.
+
+use super::plan::TransferPlan;
+use super::survey::FramebufferCounts;
+use super::user_cache_dir;
+use crate::error::{Error, Result};
+use crate::gpu::{DeviceInfo, find_device};
+use crate::relight::footprint::{Footprint, GatherFootprint, MapFootprint};
+use crate::relight::{RelightSettings, VisibilityMethod, choose_device};
+use crate::scene::Rig;
+use crate::trace::bvh::TracedScene;
+
+/// A device, and how pictures are made there.
+#[derive(Clone, Debug)]
+pub struct Target {
+    pub device: DeviceInfo,
+    pub relight: RelightSettings,
+}
+
+impl Target {
+    /// `device`: its index or a part of its name; `None`: the fastest one, see [`choose_device`].
+    pub fn new(device: Option<&str>, relight: RelightSettings) -> Result<Self> {
+        let device = choose_device(device, user_cache_dir().as_deref())?;
+        Ok(Self { device: find_device(device.as_deref())?, relight })
+    }
+
+    /// Whether shadow rays are probably traced there: [`VisibilityMethod::Auto`] is measured only later.
+    pub fn traces(&self, scene: &TracedScene) -> bool {
+        match self.relight.visibility {
+            VisibilityMethod::Auto => self.device.is_cpu() || scene.bvh.has_blends,
+            method => method == VisibilityMethod::Traced,
+        }
+    }
+
+    /// What pictures of `size` pixels take of the device's memory.
+    pub(super) fn footprint(
+        &self,
+        scene: &TracedScene,
+        rig: &Rig,
+        size: [u32; 2],
+        counts: &FramebufferCounts,
+        transfer: Option<&TransferPlan>,
+    ) -> Footprint {
+        let gather = transfer.map(|plan| {
+            let (samples, points_per_sample, functions) = plan.gather();
+            GatherFootprint { samples, points_per_sample, functions }
+        });
+        Footprint {
+            size,
+            extra_samples: counts.samples - counts.pixels,
+            brdfs: scene.materials.len() + counts.own_brdfs,
+            emits: counts.has_emission,
+            lights: rig.lights.len(),
+            gather,
+            maps: (!self.traces(scene)).then(|| MapFootprint::new(scene, self.relight.shadow_size)),
+        }
+    }
+
+    /// Refuses what the device has no room for.
+    pub(super) fn check(
+        &self,
+        scene: &TracedScene,
+        rig: &Rig,
+        size: [u32; 2],
+        counts: &FramebufferCounts,
+        transfer: Option<&TransferPlan>,
+    ) -> Result<()> {
+        let refusal = self.footprint(scene, rig, size, counts, transfer).refusal(&self.device);
+        refusal.map_or(Ok(()), |reason| Err(Error::invalid(scene.path.display().to_string(), reason)))
+    }
+}
