@@ -10,8 +10,9 @@ use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use raw_window_handle::HasDisplayHandle;
 
+use super::UNPOISONED;
 use super::device::{self, DeviceInfo};
-use super::instance::{Display, Instance, UNPOISONED, Validation};
+use super::instance::{Display, Instance, Validation};
 use super::measurements::Measurements;
 use super::vulkan_error::vulkan;
 use crate::error::{Error, Result};

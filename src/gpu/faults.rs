@@ -10,7 +10,7 @@ use std::sync::{Mutex, OnceLock};
 use ash::vk;
 use ash::vk::{AllocationCallbacks, CommandBuffer, Device, DeviceSize, Fence, Queue, SwapchainKHR};
 
-use super::instance::UNPOISONED;
+use super::UNPOISONED;
 use crate::error::{Error, Result};
 
 struct Fault {

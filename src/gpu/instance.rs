@@ -8,7 +8,7 @@ use ash::{ext, vk};
 use raw_window_handle::HasDisplayHandle;
 
 use super::vulkan_error::vulkan;
-use super::{faults, small_device};
+use super::{UNPOISONED, faults, small_device};
 use crate::error::{Error, Result};
 
 /// Whether the Khronos validation layer is enabled, with synchronization validation.
@@ -25,9 +25,6 @@ pub(super) struct Instance {
     pub handle: ash::Instance,
     pub entry: ash::Entry,
 }
-
-/// Reason why a lock is never poisoned: no thread panics while it holds one of our locks.
-pub(super) const UNPOISONED: &str = "no thread panics while it holds this lock";
 
 /// Messages of the validation layer.
 #[derive(Default)]

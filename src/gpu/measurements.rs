@@ -8,8 +8,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
+use super::UNPOISONED;
 use super::device::DeviceInfo;
-use super::instance::UNPOISONED;
 use crate::error::{Error, Result};
 use crate::storage::file::write_bytes;
 

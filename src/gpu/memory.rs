@@ -8,8 +8,8 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 
+use super::UNPOISONED;
 use super::context::Context;
-use super::instance::UNPOISONED;
 use super::vulkan_error::vulkan;
 use crate::error::Result;
 use crate::shared::gpu_struct::Glsl;

@@ -13,7 +13,7 @@ use std::sync::Mutex;
 use ash::vk;
 use ash::vk::{AllocationCallbacks, Device, DeviceMemory};
 
-use super::instance::UNPOISONED;
+use super::UNPOISONED;
 use crate::error::{Error, Result};
 
 #[derive(Clone, Copy)]

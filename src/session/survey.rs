@@ -6,14 +6,13 @@ use super::open::{Opened, build_bvh};
 use super::plan::TransferPlan;
 use super::progress::{Progress, advance, until_cancelled};
 use super::report::BakeReport;
-use super::target::Target;
 use super::{Session, SessionSettings};
 use crate::bake::framebuffer::view_samples::Tiling;
 use crate::bake::transport::TransferSettings;
 use crate::bake::transport::importance::Importance;
 use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache};
 use crate::error::Result;
-use crate::relight::footprint::{Footprint, light_image_bytes};
+use crate::relight::footprint::light_image_bytes;
 use crate::scene::{Camera, Rig};
 use crate::trace::bvh::TracedScene;
 
@@ -148,11 +147,6 @@ impl Survey {
             TransferPlan::Thesis(_) => 0.0,
         });
         Ok(Self { size, counts, counted_in, transfer, unseen, scene, rig })
-    }
-
-    /// What pictures on `target` take of its memory.
-    pub fn footprint(&self, target: &Target) -> Footprint {
-        target.footprint(&self.scene, &self.rig, self.size, &self.counts, self.transfer.as_ref())
     }
 
     /// Bytes of all light images of the rig, and of the fewest that work.

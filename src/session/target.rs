@@ -1,7 +1,7 @@
 //! The device on which a session's pictures are to be made, asked before it bakes for them.
 
 use super::plan::TransferPlan;
-use super::survey::FramebufferCounts;
+use super::survey::{FramebufferCounts, Survey};
 use super::user_cache_dir;
 use crate::error::{Error, Result};
 use crate::gpu::{DeviceInfo, find_device};
@@ -67,5 +67,12 @@ impl Target {
     ) -> Result<()> {
         let refusal = self.footprint(scene, rig, size, counts, transfer).refusal(&self.device);
         refusal.map_or(Ok(()), |reason| Err(Error::invalid(scene.path.display().to_string(), reason)))
+    }
+}
+
+impl Survey {
+    /// What pictures on `target` take of its memory.
+    pub fn footprint(&self, target: &Target) -> Footprint {
+        target.footprint(&self.scene, &self.rig, self.size, &self.counts, self.transfer.as_ref())
     }
 }
