@@ -559,7 +559,8 @@ fn stores_not_declared(stores: &[String], kernel: &str, shared: &str) -> Vec<Str
             Some((field, _)) => (field, "["),
             None => (base.strip_prefix("push.").unwrap_or(""), ""),
         };
-        !field.is_empty() && fields.contains(&format!("pub {field}: {array}Write<"))
+        let is_of = |kind: &str| fields.contains(&format!("pub {field}: {array}{kind}<"));
+        !field.is_empty() && (is_of("Write") || is_of("Exchange"))
     };
     stores.iter().filter(|base| !is_written(base)).cloned().collect()
 }

@@ -123,7 +123,7 @@ impl Relighter {
         rig: &Rig,
         settings: &RelightSettings,
     ) -> Result<Self> {
-        let VisibilityChoice { traced, reason } = settings.visibility.choose(context, scene)?;
+        let VisibilityChoice { traced, reason } = settings.visibility.choose(context, scene);
         tracing::info!("shadows: {} ({reason})", if traced { "traced" } else { "maps" });
         let image_bytes = 12 * framebuffer.pixel_stride() as u64;
         let (fewest, _) = LightCache::slot_range(rig.lights.len());

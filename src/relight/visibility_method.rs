@@ -47,19 +47,20 @@ pub struct VisibilityTimes {
 
 impl VisibilityMethod {
     /// Shadow maps render blended surfaces stochastically, with noise, so `Auto` traces scenes that have any.
-    ///
-    /// Fails if the device does while it is measured.
-    pub fn choose(self, context: &Arc<Context>, scene: &TracedScene) -> Result<VisibilityChoice> {
+    pub fn choose(self, context: &Arc<Context>, scene: &TracedScene) -> VisibilityChoice {
         let choice = |traced, reason: &str| VisibilityChoice { traced, reason: reason.into() };
-        Ok(match self {
+        match self {
             Self::Map => choice(false, "as asked"),
             Self::Traced => choice(true, "as asked"),
             Self::Auto if scene.bvh.has_blends => choice(true, "a material blends"),
             Self::Auto => {
-                let times = context.measurements.get(&VisibilityTimes::name(), || VisibilityTimes::measure(context))?;
-                choice(times.traced(), &format!("measured: {times}"))
+                match context.measurements.get(&VisibilityTimes::name(), || VisibilityTimes::measure(context)) {
+                    Ok(times) => choice(times.traced(), &format!("measured: {times}")),
+                    // Its memory may be too small for the measurement, and large enough for the picture.
+                    Err(error) => choice(context.is_cpu(), &format!("by kind of device; not measured: {error}")),
+                }
             }
-        })
+        }
     }
 }
 

@@ -378,7 +378,7 @@ const NEGLIGIBLE_SHARE: f64 = 0.01;
 /// Block size of the terms in products, so that intermediate results stay in a cache.
 const TERMS: usize = 512;
 /// Ridge regularization against overfitting to few lights, as a share of the sum of their squares.
-const RIDGE: f64 = 1e-4;
+const RIDGE: f64 = 1e-3;
 
 /// The retained part of a basis.
 struct Directions {
