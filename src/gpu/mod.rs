@@ -35,6 +35,7 @@ pub use present::{ComparisonOverlay, Pixels, Placement, Screen};
 pub use raster::DepthKernel;
 pub use surface::{Surface, Vsync, Window};
 pub use ui::{UiFrame, UiRenderer};
+pub use vulkan_error::is_out_of_memory;
 
 /// Reason why a lock is never poisoned: no thread panics while it holds one of our locks.
 const UNPOISONED: &str = "no thread panics while it holds this lock";

@@ -43,4 +43,10 @@ fn remedy(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
     }
 }
 
+/// Whether the device had no room for a buffer or an image.
+pub fn is_out_of_memory(error: &Error) -> bool {
+    let Error::Vulkan { source, .. } = error else { return false };
+    source.downcast_ref::<Remedied>().is_some_and(|remedied| remedied.remedy == OUT_OF_MEMORY)
+}
+
 const OUT_OF_MEMORY: &str = "the device is out of memory; reduce the picture size (--size), the memory budget (--budget) or the gather samples (--gather)";

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context};
+use crate::gpu::{Access, Buffer, Context, is_out_of_memory};
 use crate::shared::gpu_struct::Glsl;
 
 /// Bytes of device memory left for factors, and bytes of factors that did not fit.
@@ -22,12 +22,15 @@ impl FactorBudget {
     /// stream them.
     pub fn upload<T: Glsl>(&mut self, context: &Arc<Context>, name: &str, factors: &[T]) -> Result<Buffer<T>> {
         let bytes = size_of_val(factors) as u64;
-        // The device may have less memory than the budget says.
-        if bytes <= self.left
-            && let Ok(buffer) = Buffer::from_slice(context, name, factors)
-        {
-            self.left -= bytes;
-            return Ok(buffer);
+        if bytes <= self.left {
+            match Buffer::from_slice(context, name, factors) {
+                // The device may have less memory than the budget says.
+                Err(error) if is_out_of_memory(&error) => (),
+                uploaded => {
+                    self.left -= bytes;
+                    return uploaded;
+                }
+            }
         }
         self.streamed += bytes;
         Buffer::holding(context, name, Access::Streamed, factors)

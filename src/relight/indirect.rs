@@ -27,7 +27,7 @@ use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
 use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
+use crate::gpu::{Access, Buffer, Context, Frame, Kernel, is_out_of_memory};
 use crate::shared::*;
 
 /// The transfer on the device.
@@ -184,7 +184,10 @@ fn vector(context: &Arc<Context>, length: usize) -> Result<(Buffer<Vec4>, usize)
         |lights: usize| Ok((Buffer::new(context, "transfer (vector)", Access::Device, lights * length)?, lights));
     let most = MAX_LIGHTS_PER_PASS as usize;
     let is_allowed = (most * length * size_of::<Vec4>()) as u64 <= context.info.limits.largest_buffer();
-    if is_allowed { with(most).or_else(|_| with(1)) } else { with(1) }
+    match with(if is_allowed { most } else { 1 }) {
+        Err(error) if is_out_of_memory(&error) => with(1),
+        made => made,
+    }
 }
 
 impl GatherShading {

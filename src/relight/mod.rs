@@ -48,7 +48,7 @@ pub use self::visibility_method::{VisibilityMethod, VisibilityTimes};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
-use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
+use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen, is_out_of_memory};
 use crate::scene::Rig;
 use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
@@ -400,7 +400,7 @@ fn add_images(
     while images.len() < *counts.end() {
         match light_image(context, framebuffer, "light images") {
             Ok(image) => images.push(image),
-            Err(_) if images.len() >= *counts.start() => break,
+            Err(error) if images.len() >= *counts.start() && is_out_of_memory(&error) => break,
             Err(error) => return Err(error),
         }
     }

@@ -276,9 +276,11 @@ impl Session {
         check_memory(opened.size, samples, forced, opened.rig.lights.len(), &opened.scene.path)?;
         let Opened { scene, rig, camera, size: [width, height] } = opened;
         let scene = report.stage("build BVH", || build_bvh(scene, progress));
-        let fits = |counts: &FramebufferCounts| match &settings.target {
-            Some(target) => target.check(&scene, &rig, [width, height], counts, plan.as_ref()),
-            None => Ok(()),
+        let fits = |counts: &FramebufferCounts| {
+            let refusal = settings.target.as_ref().and_then(|target| {
+                target.footprint(&scene, &rig, [width, height], counts, plan.as_ref()).refusal(&target.device)
+            });
+            refusal.map_or(Ok(()), |reason| Err(Error::invalid(scene.path.display().to_string(), reason)))
         };
         fits(&FramebufferCounts::fewest([width, height]))?;
         let of_framebuffer = BakeSettings { width, height, layers, samples };

@@ -3,7 +3,7 @@
 use super::plan::TransferPlan;
 use super::survey::{FramebufferCounts, Survey};
 use super::user_cache_dir;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::gpu::{DeviceInfo, find_device};
 use crate::relight::footprint::{Footprint, GatherFootprint, MapFootprint};
 use crate::relight::{RelightSettings, VisibilityMethod, choose_device};
@@ -54,19 +54,6 @@ impl Target {
             gather,
             maps: (!self.traces(scene)).then(|| MapFootprint::new(scene, self.relight.shadow_size)),
         }
-    }
-
-    /// Refuses what the device has no room for.
-    pub(super) fn check(
-        &self,
-        scene: &TracedScene,
-        rig: &Rig,
-        size: [u32; 2],
-        counts: &FramebufferCounts,
-        transfer: Option<&TransferPlan>,
-    ) -> Result<()> {
-        let refusal = self.footprint(scene, rig, size, counts, transfer).refusal(&self.device);
-        refusal.map_or(Ok(()), |reason| Err(Error::invalid(scene.path.display().to_string(), reason)))
     }
 }
 
