@@ -28,6 +28,8 @@ void main() {
             at += DISC_SIDE * s.terms;
             k = mix(lower, mix(push.tables.at[at], push.tables.at[at + s.terms], along.x), along.y);
         }
-        push.coefficients.at[(s.first + term) * push.stride + push.offset] = vec4(k.w > 0.0 ? light / k.w * k.rgb : vec3(0.0), 0.0);
+        uint at = (s.first + term) * push.stride + push.offset;
+        vec4 before = push.accumulate != 0 ? push.coefficients.at[at] : vec4(0.0);
+        push.coefficients.at[at] = before + vec4(k.w > 0.0 ? light / k.w * k.rgb : vec3(0.0), 0.0);
     }
 }

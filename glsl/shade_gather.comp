@@ -1,4 +1,4 @@
-// λ0: coefficients of one light at unit intensity in gather samples, the mean over each sample's points. One thread per
+// λ0: coefficients of a light without size at unit intensity in gather samples, the mean over each sample's points. One thread per
 // sample. Twin: src/bake/transport/direct.rs.
 
 #include "lib/brdf.glsl"
@@ -73,7 +73,7 @@ void main() {
         return;
     }
     LightSample s = push.samples.at[index];
-    for (uint i = 0; i < s.degrees * s.degrees; ++i) {
+    for (uint i = 0; push.accumulate == 0 && i < s.degrees * s.degrees; ++i) {
         push.coefficients.at[element(s.first + i)] = vec4(0.0);
     }
     vec3 first = vec3(0.0);
@@ -133,5 +133,5 @@ void main() {
             }
         }
     }
-    push.coefficients.at[element(s.first)].rgb = first;
+    add(s.first, first);
 }

@@ -1,4 +1,4 @@
-// Direct light of one light at unit intensity on all view samples. One thread per sample.
+// Direct light of a light without size at unit intensity on all view samples. One thread per sample.
 // Twin: src/reference/mod.rs.
 
 #include "lib/brdf.glsl"
@@ -26,14 +26,22 @@ void main() {
         return;
     }
     vec3 radiance = shade(index);
+    bool is_added = push.accumulate != 0;
     if (index < push.pixel_stride) {
-        push.image.at[index] = radiance.r;
-        push.image.at[index + push.pixel_stride] = radiance.g;
-        push.image.at[index + 2 * push.pixel_stride] = radiance.b;
+        uvec3 at = index + uvec3(0, 1, 2) * push.pixel_stride;
+        if (is_added) {
+            radiance += vec3(push.image.at[at.r], push.image.at[at.g], push.image.at[at.b]);
+        }
+        push.image.at[at.r] = radiance.r;
+        push.image.at[at.g] = radiance.g;
+        push.image.at[at.b] = radiance.b;
     } else {
-        uint extra = index - push.pixel_stride;
-        push.extras.at[extra] = radiance.r;
-        push.extras.at[extra + push.extra_stride] = radiance.g;
-        push.extras.at[extra + 2 * push.extra_stride] = radiance.b;
+        uvec3 at = index - push.pixel_stride + uvec3(0, 1, 2) * push.extra_stride;
+        if (is_added) {
+            radiance += vec3(push.extras.at[at.r], push.extras.at[at.g], push.extras.at[at.b]);
+        }
+        push.extras.at[at.r] = radiance.r;
+        push.extras.at[at.g] = radiance.g;
+        push.extras.at[at.b] = radiance.b;
     }
 }

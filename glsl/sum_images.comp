@@ -6,7 +6,7 @@ void main() {
         return;
     }
     uint plane = uint(index >= push.plane_length) + uint(index >= 2 * push.plane_length);
-    vec4 sum = push.accumulate != 0 ? push.sum.at[index] : vec4(0.0);
+    vec4 sum = push.kept > 0.0 ? push.kept * push.sum.at[index] : vec4(0.0);
     [[unroll]] for (uint i = 0; i < MAX_TERMS; ++i) {
         if (i < push.term_count) {
             sum += push.terms[i].scale[plane] * push.terms[i].image.at[index];

@@ -58,7 +58,8 @@ fn act(desk: &mut Desk, random: &mut Random) {
         16 => desk.place_highlight(pick, random.between(0.5, 4.0)),
         17 => desk.place_shadow(place(random), pick, random.between(0.5, 4.0)),
         18 if count < MOST_LIGHTS => {
-            desk.add(random.pick(&[LightKind::Point, LightKind::Spot, LightKind::Directional]), place(random), 0.0);
+            let kinds = [LightKind::Point, LightKind::Spot, LightKind::Directional, LightKind::Disk, LightKind::Rect];
+            desk.add(random.pick(&kinds), place(random), 0.0);
         }
         19 if count + desk.selection().len() <= MOST_LIGHTS => desk.duplicate(),
         20 if count > 4 && desk.selection().len() < 3 => desk.delete(),

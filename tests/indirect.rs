@@ -399,6 +399,8 @@ fn shade_gather() {
                 stride: 1,
                 offset: 0,
                 per_solid_angle: per_solid_angle(&packed).unwrap_or(0.0),
+                accumulate: 0,
+                unused: 0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
             let contributions = frame.upload(&found);

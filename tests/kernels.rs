@@ -92,7 +92,7 @@ fn sum_images() {
     for (case, &quarter) in RAGGED.iter().enumerate() {
         let stride = 4 * quarter;
         for term_count in 0..=MAX_TERMS as usize {
-            let accumulate = (case + term_count) % 2 == 0;
+            let kept = [0.0, 1.0, 0.375][(case + term_count) % 3];
             let terms: Vec<(Vec3, Vec<f32>)> = (0..term_count)
                 .map(|_| (random.color(), (0..3 * stride).map(|_| random.unit() as f32).collect()))
                 .collect();
@@ -107,14 +107,14 @@ fn sum_images() {
                     sum: pass.write_as(&sum),
                     term_count: term_count as u32,
                     plane_length: quarter as u32,
-                    accumulate: u32::from(accumulate),
+                    kept,
                     unused: 0,
                 };
                 pass.dispatch(&kernel, &push, 3 * push.plane_length);
             });
             let images: Vec<Vec<DVec3>> =
                 terms.iter().map(|(_, image)| (0..stride).map(|i| pixel(image, stride, i)).collect()).collect();
-            let mut want = vec![DVec3::splat(if accumulate { 0.25 } else { 0.0 }); stride];
+            let mut want = vec![DVec3::splat(0.25 * f64::from(kept)); stride];
             let pairs: Vec<(Vec3, &[DVec3])> =
                 terms.iter().zip(&images).map(|((scale, _), image)| (*scale, image.as_slice())).collect();
             reference::sum_images(&pairs, &mut want);
@@ -307,7 +307,7 @@ fn passes_see_what_earlier_ones_wrote() {
                 sum: pass.write(&buffers[(i + 2) % 3]),
                 term_count: 2,
                 plane_length: quarter as u32,
-                accumulate: 0,
+                kept: 0.0,
                 unused: 0,
             };
             pass.dispatch(&kernel, &push, 3 * push.plane_length);

@@ -82,6 +82,31 @@ fn colour_temperature() {
     assert!(refusal(&light("kelvin = 100")).contains("kelvin is 100"));
 }
 
+/// Radiance is intensity over the area that a light shows straight ahead.
+#[test]
+fn radiance_sets_intensity_and_colour() {
+    let read = |kind: &str, size: &str| {
+        let text = format!(
+            "[[light]]\nname = \"a\"\nkind = \"{kind}\"\nposition = [0, 0, 0]\ndirection = [0, 0, -1]\n{size}\nradiance = [6, 3, 0]\n"
+        );
+        Rig::from_toml(&text).unwrap().lights[0].clone()
+    };
+    let pi = std::f64::consts::PI;
+    for (kind, size, area) in [
+        ("sphere", "radius = 2", 4.0 * pi),
+        ("point", "radius = 2", 4.0 * pi),
+        ("disk", "radius = 2", 4.0 * pi),
+        ("rect", "width = 2\nheight = 3", 6.0),
+        ("sun", "angle_deg = 60", pi / 4.0),
+    ] {
+        let light = read(kind, size);
+        assert!((light.intensity / (6.0 * area) - 1.0).abs() < 1e-12, "{kind}: {}", light.intensity);
+        assert_eq!(light.color, Vec3::new(1.0, 0.5, 0.0));
+    }
+    assert_eq!(read("sphere", "radius = 2").kind, LightKind::Point);
+    assert_eq!(read("sun", "angle_deg = 60").kind, LightKind::Directional);
+}
+
 #[test]
 fn wrong_rigs_name_the_line() {
     let light = "[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0, 0, 0]\n";
@@ -89,9 +114,19 @@ fn wrong_rigs_name_the_line() {
     for (text, says) in [
         (format!("{light}brightness = 3\n"), "line 5: unknown field `brightness`"),
         ("\n\n[lamp]\n".into(), "line 3: unknown field `lamp`"),
-        (format!("{light}radius = 0.1\n"), "line 5: light \"a\": `radius` is reserved"),
-        (light.replace("point", "rect"), "line 3: light \"a\": kind `rect` is reserved"),
-        (light.replace("point", "sphere"), "kind `sphere` is reserved"),
+        (format!("{light}radius = -0.1\n"), "line 5: light \"a\": radius is -0.1"),
+        (format!("{light}radius = inf\n"), "line 5: light \"a\": radius is inf"),
+        (spot.replace("spot", "rect"), "line 3: light \"a\": a rect light needs a width"),
+        (spot.replace("spot", "rect") + "width = 1\n", "a rect light needs a height"),
+        (spot.replace("spot", "disk"), "a disk light needs a radius"),
+        (light.replace("point", "disk") + "radius = 1\n", "a disk light needs a direction"),
+        (light.replace("point", "sphere"), "a sphere light needs a radius"),
+        (format!("{light}radiance = [1, 1, 1]\n"), "line 5: light \"a\": a light of this kind has no radiance"),
+        (format!("{light}radius = 1\nradiance = [1, -1, 1]\n"), "line 6: light \"a\": radiance must be finite"),
+        (format!("{light}radius = 1\ncolor = [1, 1, 1]\nradiance = [1, 1, 1]\n"), "radiance and color are both given"),
+        (format!("{spot}spread_deg = 0\n"), "line 6: light \"a\": spread_deg is 0"),
+        (format!("{spot}angle_deg = 181\n"), "line 6: light \"a\": angle_deg is 181"),
+        (format!("{spot}up = [0, nan, 0]\n"), "line 6: light \"a\": up must be finite"),
         (light.replace("point", "dome"), "kind `dome` is reserved"),
         (light.replace("point", "laser"), "line 3: light \"a\": kind `laser` is unknown"),
         (format!("{light}\n{light}"), "line 7: light \"a\" is defined twice"),
@@ -150,16 +185,24 @@ fn color() -> impl Strategy<Value = Vec3> {
 }
 
 fn light() -> impl Strategy<Value = Light> {
-    let kind = prop_oneof![Just(LightKind::Point), Just(LightKind::Spot), Just(LightKind::Directional)];
+    let kinds = [LightKind::Point, LightKind::Spot, LightKind::Directional, LightKind::Disk, LightKind::Rect];
+    let kind = proptest::sample::select(kinds.to_vec());
+    let lengths = [0.0..10.0f64, 0.0..10.0f64, 0.0..10.0f64];
+    let sizes = (lengths, vector(2.0), 0.0..=180.0f64, 0.01..=180.0f64, any::<bool>());
     let intensity = prop_oneof![Just(0.0), Just(1e-20), Just(1e20), 0.0..1e3f64];
     let angles = (0.0..=1.0f64, 0.0..=std::f64::consts::FRAC_PI_2).prop_map(|(share, outer)| (share * outer, outer));
     (
         (kind, vector(1e4), unit(), color(), intensity, -20.0..20.0f64, angles),
         (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 3]>()),
-        (".*", proptest::option::of(0usize..1000)),
+        (".*", proptest::option::of(0usize..1000), sizes),
     )
         .prop_map(
-            |((kind, position, direction, color, intensity, stops, angles), (range, group, flags), (name, node))| {
+            |(
+                (kind, position, direction, color, intensity, stops, angles),
+                (range, group, flags),
+                (name, node, sizes),
+            )| {
+                let ([radius, width, height], up, angle, spread, two_sided) = sizes;
                 let [enabled, shadows, solo] = flags;
                 let (inner_angle, outer_angle) = angles;
                 let name = name.replace('.', "_");
@@ -173,6 +216,12 @@ fn light() -> impl Strategy<Value = Light> {
                     stops,
                     inner_angle,
                     outer_angle,
+                    radius,
+                    size: [width, height],
+                    up,
+                    angle: angle.to_radians(),
+                    spread: spread.to_radians(),
+                    two_sided,
                     range,
                     group,
                     enabled,
@@ -301,6 +350,8 @@ fn assert_same_lights(got: &Rig, want: &Rig) {
         if light.kind != LightKind::Point {
             assert!(read.direction.distance(light.direction) <= 1e-6, "{read:?}\n{light:?}");
         }
+        let size = |light: &Light| (light.radius, light.size, light.up, light.angle, light.spread, light.two_sided);
+        assert_eq!(size(read), size(light));
         if light.kind == LightKind::Spot {
             assert!((read.inner_angle - light.inner_angle).abs() <= 1e-6);
             assert!((read.outer_angle - light.outer_angle).abs() <= 1e-6);
@@ -318,6 +369,30 @@ fn assert_same_geometry(a: &Scene, b: &Scene) {
     };
     assert_eq!(bytes(a), bytes(b));
     assert_eq!((a.space, a.mesh.normals.len()), (b.space, b.mesh.normals.len()));
+}
+
+/// glTF has no lights with a size: other programs read spots and points, relume the exact rig.
+#[test]
+fn lights_with_a_size_come_back() {
+    let gltf = lit();
+    let mut rig = rig_of(&gltf);
+    let added = [LightKind::Point, LightKind::Spot, LightKind::Directional, LightKind::Disk, LightKind::Rect];
+    rig.lights.extend(added.iter().enumerate().map(|(i, &kind)| Light {
+        kind,
+        direction: DVec3::new(0.6, -0.8, 0.0),
+        radius: 0.25,
+        size: [0.5, 1.5],
+        up: DVec3::Z,
+        angle: 0.1,
+        spread: 1.5,
+        two_sided: true,
+        ..Light::point(&format!("sized{i}"), DVec3::new(1.0, 2.0, i as f64))
+    }));
+    let (_, back, json) = export(&gltf, &rig, "out.glb");
+    assert_same_lights(&back.rig, &rig);
+    let types = json["extensions"]["KHR_lights_punctual"]["lights"].as_array().unwrap();
+    let types: Vec<_> = types.iter().rev().take(2).map(|light| light["type"].as_str().unwrap()).collect();
+    assert_eq!(types, ["spot", "spot"]);
 }
 
 #[test]

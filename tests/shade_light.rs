@@ -38,7 +38,8 @@ fn random_surface(random: &mut Random) -> Surface {
 }
 
 /// One of each kind, with and without range, and with the cones that are hard: hair-thin, sharp-edged, a hemisphere.
-fn lights(random: &mut Random) -> Vec<Light> {
+/// Facets are points of lights with a size.
+fn lights(random: &mut Random) -> Vec<PackedLight> {
     let base = || Light::point("light", DVec3::new(0.3, 1.1, -0.2));
     let spot = |inner: f64, outer: f64, direction: DVec3| Light {
         kind: LightKind::Spot,
@@ -47,7 +48,15 @@ fn lights(random: &mut Random) -> Vec<Light> {
         outer_angle: outer.to_radians(),
         ..base()
     };
-    vec![
+    let flat = |two_sided: bool, spread: f64, direction: DVec3| Light {
+        kind: LightKind::Disk,
+        direction,
+        radius: 0.1,
+        two_sided,
+        spread: spread.to_radians(),
+        ..base()
+    };
+    let lights = [
         base(),
         Light { range: Some(1.5), ..base() },
         Light { position: DVec3::new(-40.0, 3.0, 1e3), ..base() },
@@ -58,7 +67,13 @@ fn lights(random: &mut Random) -> Vec<Light> {
         spot(0.0, 0.01, random.direction()),
         spot(0.005, 0.01, random.direction()),
         Light { range: Some(1.2), ..spot(5.0, 60.0, random.direction()) },
-    ]
+        Light { radius: 0.3, ..base() },
+        Light { kind: LightKind::Directional, direction: random.direction(), angle: 1.0, ..base() },
+        flat(false, 180.0, random.direction()),
+        flat(true, 180.0, random.direction()),
+        flat(false, 40.0, random.direction()),
+    ];
+    lights.iter().map(|light| light.pack_point(MeshSpace::WORLD, [0.3, 0.8], Some(16))).collect()
 }
 
 /// A view sample that is as often as not where something is hard: in the mirror direction, at grazing angles, within
@@ -68,8 +83,12 @@ fn random_sample(random: &mut Random, light: &PackedLight, brdf_count: usize) ->
     match random.below(6) {
         0 => position = light.position,
         1 => position = light.position + random.direction().as_vec3() * random.magnitude(1e-6, 1e-2) as f32,
-        2 | 3 if light.kind == LIGHT_SPOT => {
-            let angle = f64::from(2.0 * light.cone_versine).sqrt() * random.between(0.0, 1.2);
+        2 | 3 if light.kind == LIGHT_SPOT || light.narrowing > 0.0 => {
+            let edge = match light.kind {
+                LIGHT_SPOT => f64::from(2.0 * light.cone_versine).sqrt(),
+                _ => 1f64.atan2(light.narrowing.into()),
+            };
+            let angle = edge * random.between(0.0, 1.2);
             let across = random.direction().cross(light.direction.as_dvec3()).normalize();
             let along = light.direction.as_dvec3() * angle.cos() + across * angle.sin();
             position = light.position + (along * random.between(0.1, 3.0)).as_vec3();
@@ -110,15 +129,26 @@ fn shade_bounds(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Pa
     let wi = arriving.wi;
     let ends = |value: f64, by: f64| [value - by, value + by];
 
-    let mut irradiances = [1.0; 2];
+    let mut irradiances = [f64::from(light.strength); 2];
     if light.kind != LIGHT_DIRECTIONAL {
         let d = (light.position.as_dvec3() - sample.position.as_dvec3()).length();
         // The fall to the range is taken from 1, so its rounding is absolute.
-        irradiances = ends(light::window(light, d), ANGLE).map(|window| window.clamp(0.0, 1.0) / (d * d));
+        irradiances = ends(light::window(light, d), ANGLE)
+            .map(|window| window.clamp(0.0, 1.0) * f64::from(light.strength) / (d * d));
     }
     if light.kind == LIGHT_SPOT {
         let [near, far] = ends(light::off_axis(light, wi), ANGLE).map(|chord| light::cone(light, chord.max(0.0)));
         irradiances = [irradiances[0] * near.min(far), irradiances[1] * near.max(far)];
+    }
+    if light.kind >= LIGHT_FACET {
+        let squared = light.position.as_dvec3().distance_squared(sample.position.as_dvec3());
+        let size = (squared / f64::from(light.squared_radius)).min(1.0);
+        // The sine of the angle to the normal is uncertain where the cosine is near 1.
+        let cosine = -wi.dot(light.direction.as_dvec3());
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let slack = ANGLE * (1.0 + f64::from(light.narrowing) * (1.0 / sine.max(ANGLE)).min(1.0 / ANGLE.sqrt()));
+        let emission = ends(light::facet(light, cosine), slack).map(|emission| emission.max(0.0));
+        irradiances = [0, 1].map(|end| irradiances[end] * size * emission[end]);
     }
 
     let (n, wo) = (reference::octahedral(sample.normal), reference::octahedral(sample.wo));
@@ -148,7 +178,6 @@ fn bounds_hold_the_twin_itself() {
     let mut random = Random::new(5);
     let brdfs: Vec<Brdf> = (0..64).map(|_| brdf(&random_surface(&mut random))).collect();
     for light in lights(&mut random) {
-        let light = light.pack(MeshSpace::WORLD);
         let mut lit = 0;
         for _ in 0..2000 {
             let sample = random_sample(&mut random, &light, brdfs.len());
@@ -176,7 +205,7 @@ fn shade_light() {
     let (mut lit, mut tight) = (0, 0);
     for (light_index, light) in lights(&mut random).iter().enumerate() {
         for (size_index, &count) in RAGGED.iter().enumerate() {
-            let light = light.pack(MeshSpace::WORLD);
+            let light = *light;
             let specular = (light_index + size_index) % 4 != 0;
             // All in layer 1, nearly all, few.
             let pixels = [count, count - count / 3, count.min(1)][size_index % 3];
@@ -203,7 +232,7 @@ fn shade_light() {
                     pixel_stride: pixels as u32,
                     extra_stride: extras as u32,
                     layers,
-                    unused: 0,
+                    accumulate: 0,
                 };
                 pass.dispatch(&kernels[usize::from(specular)], &push, push.sample_count);
             });
@@ -259,7 +288,7 @@ fn shaded(gpu: &common::Gpu, samples: &[ViewSample], brdfs: &[Brdf], lights: &[P
                 pixel_stride: count as u32,
                 extra_stride: 0,
                 layers: 1,
-                unused: 0,
+                accumulate: 0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
         });

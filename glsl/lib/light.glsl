@@ -1,10 +1,10 @@
-// Punctual lights [KHR_lights_punctual]. Twin: src/physics/light.rs.
+// Lights without size: punctual lights [KHR_lights_punctual] and facets. Twin: src/physics/light.rs.
 
 // Unit direction towards the light, and irradiance at normal incidence for unit intensity.
 float incident(PackedLight light, vec3 position, out vec3 wi) {
     if (light.kind == LIGHT_DIRECTIONAL) {
         wi = -light.direction;
-        return 1.0;
+        return light.strength;
     }
     vec3 to_light = light.position - position;
     float d2 = dot(to_light, to_light);
@@ -20,6 +20,12 @@ float incident(PackedLight light, vec3 position, out vec3 wi) {
         vec3 chord = wi + light.direction;
         float cone = clamp((light.cone_versine - 0.5 * dot(chord, chord)) * light.cone_scale, 0.0, 1.0);
         irradiance *= cone * cone;
+    } else if (light.kind >= LIGHT_FACET) {
+        float cosine = -dot(wi, light.direction);
+        cosine = light.kind == LIGHT_TWO_SIDED_FACET ? abs(cosine) : cosine;
+        // Nearer than its radius, a facet gives no more than at its surface.
+        irradiance *= d2 < light.squared_radius ? d2 / light.squared_radius : 1.0;
+        irradiance *= max(cosine - light.narrowing * sqrt(max(1.0 - cosine * cosine, 0.0)), 0.0);
     }
     return irradiance;
 }

@@ -1,22 +1,22 @@
-//! Punctual lights [KHR_lights_punctual]. Twin of glsl/lib/light.glsl.
+//! Lights without size: punctual lights [KHR_lights_punctual] and facets. Twin of glsl/lib/light.glsl.
 
 use glam::DVec3;
 
-use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight};
+use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
 /// Light that is incident at a point.
 #[derive(Clone, Copy, Debug)]
 pub struct Incident {
     /// Unit, towards the light.
     pub wi: DVec3,
-    /// At normal incidence, for unit intensity: 1/m² for point and spot lights, 1 for directional lights.
+    /// At normal incidence, for unit intensity: 1/m², or 1 for directional lights.
     pub irradiance: f64,
 }
 
 /// Unoccluded light at `position` (mesh space); `None` at the light itself.
 pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
     if light.kind == LIGHT_DIRECTIONAL {
-        return Some(Incident { wi: -light.direction.as_dvec3().normalize(), irradiance: 1.0 });
+        return Some(Incident { wi: -light.direction.as_dvec3().normalize(), irradiance: light.strength.into() });
     }
     let to_light = light.position.as_dvec3() - position;
     let distance = to_light.length();
@@ -26,10 +26,24 @@ pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
     }
     let wi = to_light * inverse;
     let mut irradiance = f64::from(light.strength) * window(light, distance) * inverse * inverse;
-    if light.kind == LIGHT_SPOT {
-        irradiance *= smooth(light, 0.5 * chord(light, wi).length_squared());
+    match light.kind {
+        LIGHT_SPOT => irradiance *= smooth(light, 0.5 * chord(light, wi).length_squared()),
+        // Nearer than its radius, a facet gives no more than at its surface.
+        LIGHT_FACET | LIGHT_TWO_SIDED_FACET => {
+            let nearness = distance * distance / f64::from(light.squared_radius);
+            irradiance *= facet(light, -wi.dot(axis(light))) * nearness.min(1.0);
+        }
+        _ => {}
     }
     Some(Incident { wi, irradiance })
+}
+
+/// Emission of a facet relative to that along its normal, at `cosine` from it: the cosine, times a factor that falls
+/// linearly with the tangent to zero at the edge of the spread (as in Cycles).
+pub fn facet(light: &PackedLight, cosine: f64) -> f64 {
+    let cosine = if light.kind == LIGHT_TWO_SIDED_FACET { cosine.abs() } else { cosine };
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    (cosine - f64::from(light.narrowing) * sine).max(0.0)
 }
 
 /// Falloff to zero at the light's range, for a distance in mesh space: max(0, min(1, 1 - (d/range)⁴)).
@@ -43,9 +57,13 @@ pub fn off_axis(light: &PackedLight, wi: DVec3) -> f64 {
 }
 
 fn chord(light: &PackedLight, wi: DVec3) -> DVec3 {
+    wi + axis(light)
+}
+
+fn axis(light: &PackedLight) -> DVec3 {
     // Unit in float32, accurate to 1e-7; after a Newton step in double precision, to 1e-14.
     let axis = light.direction.as_dvec3();
-    wi + axis * (1.5 - 0.5 * axis.length_squared())
+    axis * (1.5 - 0.5 * axis.length_squared())
 }
 
 /// Smooth falloff of a spot between its inner and outer cone, from the chord [`off_axis`].

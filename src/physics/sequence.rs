@@ -1,4 +1,5 @@
-//! Low-discrepancy points for all sampling: Sobol points with Owen scrambling [Burley 2020].
+//! Low-discrepancy points for all sampling: Sobol points with Owen scrambling [Burley 2020]; a lattice where their number
+//! is known.
 //!
 //! A point depends only on its stream, set and index, so samples are the same for any number of threads. The first n
 //! points of a set are stratified for any n, best at powers of two; sets and streams are independent.
@@ -80,6 +81,17 @@ impl ShiftedPoints {
     }
 }
 
+/// Point `index` of a lattice of `count` points in the unit square, a power of two: more even than Sobol points of the
+/// same number, also on a sphere [Keinert 2015]. The order is such that the first points are spread out, too.
+pub fn fibonacci_lattice(index: u32, count: u32) -> [f64; 2] {
+    debug_assert!(count.is_power_of_two() && index < count);
+    let row = u64::from(index).reverse_bits() >> (64 - count.trailing_zeros().max(1));
+    let row = if count == 1 { 0.0 } else { row as f64 };
+    [(row + 0.5) / f64::from(count), (row * GOLDEN_RATIO).fract()]
+}
+
+const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
+
 /// The finalizer of [Steele 2014], SplitMix64.
 fn mix(seed: u64) -> u64 {
     let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -102,6 +114,16 @@ mod tests {
                 (start..start + 256).for_each(|i| seen[(points.at(i, set)[dimension] * 256.0) as usize] = true);
                 assert!(seen.iter().all(|&s| s), "dimension {dimension} of set {set}, stream {stream}");
             }
+        }
+    }
+
+    /// All rows of a lattice are met once, and the first points are spread over them.
+    #[test]
+    fn lattices_are_even_from_the_start() {
+        for (count, first) in [(1, 1), (4, 4), (256, 256), (256, 16)] {
+            let mut seen = vec![false; first as usize];
+            (0..first).for_each(|i| seen[(fibonacci_lattice(i, count)[0] * f64::from(first)) as usize] = true);
+            assert!(seen.iter().all(|&s| s), "{first} of {count}");
         }
     }
 

@@ -5,12 +5,12 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::inspect::{Inspection, Inspector};
-use super::light_cache::{Plan, Source, Step, Term};
+use super::light_cache::{POINTS_A_STEP, Plan, Source, Step, Term};
 use super::output::{Output, Outputs};
 use super::passes::FrameResources;
 use super::shadow_map::ShadowMaps;
 use super::sheet::Grid;
-use super::visibility::VisibilityBuffers;
+use super::visibility::{self, VisibilityBuffers};
 use super::{Picture, Relighter, Request};
 use crate::error::Result;
 use crate::gpu::{Frame, PassTime, Pixels, Screen};
@@ -22,6 +22,9 @@ pub(super) struct FinalOutput<'a> {
     output: Output,
     screen: Option<Screen<'a>>,
 }
+
+/// Points of one step fit into a frame.
+const _: () = assert!((POINTS_A_STEP as usize) < visibility::BUFFERS);
 
 /// Passes after the steps: composite, histogram, probe, fit, present, user interface.
 const MAX_FINAL_PASSES: usize = 6;
@@ -95,6 +98,7 @@ impl Relighter {
             gpu: &self.gpu,
             indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),
             images: &self.images,
+            some_points: self.some_points.as_ref(),
             rest: &self.rest,
             extras: &self.extras,
             kernels: &self.kernels,
@@ -154,18 +158,26 @@ impl FrameResources<'_> {
             let room = frame.passes_left().saturating_sub(MAX_FINAL_PASSES) / self.max_passes_per_step();
             let taken = match step {
                 _ if room == 0 => break,
+                Step::Shade(shade) if shade.points.count() > 1 => {
+                    if shade.points.count() > room.min(visibility.left()) {
+                        break;
+                    }
+                    self.shade(frame, visibility, shadow_maps.as_deref_mut(), std::slice::from_ref(shade));
+                    1
+                }
                 Step::Shade(_) => {
                     let at_once = self.indirect.map_or(usize::MAX, |indirect| indirect.lights_at_once);
                     let most = room.min(visibility.left()).min(self.extras.len()).min(at_once);
-                    let shades: Vec<_> = steps.iter().map_while(Step::as_shade).take(most).copied().collect();
+                    let shades = steps.iter().map_while(Step::as_shade).take_while(|shade| shade.points.count() == 1);
+                    let shades: Vec<_> = shades.take(most).copied().collect();
                     if shades.is_empty() {
                         break;
                     }
                     self.shade(frame, visibility, shadow_maps.as_deref_mut(), &shades);
                     shades.len()
                 }
-                Step::Sum { target, terms, accumulate } => {
-                    self.sum(frame, *target, terms, *accumulate);
+                Step::Sum { target, terms, kept } => {
+                    self.sum(frame, *target, terms, *kept);
                     1
                 }
                 Step::Show { cell, term } => {

@@ -158,11 +158,13 @@ impl Indirect {
             return;
         }
         let count = targets.lights.len();
-        for (offset, target) in targets.lights.iter().enumerate() {
+        for (offset, points) in targets.lights.iter().enumerate() {
             let vector = Strided { buffer: &self.vector, stride: vectors(count), offset: offset as u32 };
-            self.samples.shade(frame, target, &self.points, &vector);
+            for (number, point) in points.iter().enumerate() {
+                self.samples.shade(frame, point, &self.points, &vector, number > 0);
+            }
             if let Some(ray_caster) = &self.ray_caster {
-                ray_caster.add(frame, &target.visibility.light_rays, &vector);
+                points.iter().for_each(|point| ray_caster.add(frame, &point.visibility.light_rays, &vector));
             }
         }
         if let Some(haar) = &self.haar {
@@ -211,8 +213,15 @@ impl GatherShading {
         })
     }
 
-    /// Computes λ0 of one light.
-    fn shade(&self, frame: &mut Frame, target: &LightTarget, points: &Buffer<ViewSample>, vector: &Strided) {
+    /// Computes λ0 of one light, or of one of its points. `accumulate` adds to that of other points.
+    fn shade(
+        &self,
+        frame: &mut Frame,
+        target: &LightTarget,
+        points: &Buffer<ViewSample>,
+        vector: &Strided,
+        accumulate: bool,
+    ) {
         let mut pass = frame.pass("shade gather samples");
         match self {
             Self::Projected { samples, points_per_sample, tables, kernel } => {
@@ -228,6 +237,8 @@ impl GatherShading {
                     stride: vector.stride,
                     offset: vector.offset,
                     per_solid_angle: target.visibility.light_rays.per_solid_angle,
+                    accumulate: u32::from(accumulate),
+                    unused: 0,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }
@@ -242,6 +253,8 @@ impl GatherShading {
                     sample_count: samples.len() as u32,
                     stride: vector.stride,
                     offset: vector.offset,
+                    accumulate: u32::from(accumulate),
+                    unused: 0,
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }

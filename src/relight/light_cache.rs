@@ -18,7 +18,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-pub use self::plan::{Detail, Plan, Shade, Source, Step, Term};
+pub use self::plan::{Detail, LightPoints, Plan, Shade, Source, Step, Term};
 use self::slots::Slots;
 use crate::scene::{Light, Rig};
 use crate::shared::MAX_TERMS;
@@ -27,6 +27,11 @@ use crate::shared::MAX_TERMS;
 const MAX_FOCUS: usize = MAX_TERMS as usize - 1;
 /// Maximum images that one pass sums.
 const BATCH: usize = MAX_TERMS as usize;
+/// Points of a light with a size, in exact and in coarse images.
+const EXACT_POINTS: u32 = 256;
+const COARSE_POINTS: u32 = 4;
+/// Points of a light that are shaded in one step.
+pub const POINTS_A_STEP: u32 = 8;
 
 /// Plans which images to compute after each edit of the lights.
 pub struct LightCache {
@@ -43,6 +48,7 @@ pub struct LightCache {
     rest: Option<Vec<Term>>,
     /// Whether any image in the rest is coarse.
     rest_is_coarse: bool,
+    picture_is_coarse: bool,
     /// Nodes edited since the last plan.
     edited: Vec<usize>,
     /// Requested focus of the next plan, whatever is edited; ascending.
@@ -63,8 +69,10 @@ struct Node {
     group: Option<usize>,
     /// Slot of its image; `None` if there is no valid image.
     slot: Option<usize>,
-    /// Whether the image is coarse, or a sum with a coarse part.
+    /// Whether the image is coarse, lacks points of its light, or is a sum with such a part.
     coarse: bool,
+    /// Of a leaf with an image: points of the light that the image has, and those that it shall have.
+    points: [u32; 2],
 }
 
 impl LightCache {
@@ -89,6 +97,7 @@ impl LightCache {
             focus: Vec::new(),
             rest: None,
             rest_is_coarse: false,
+            picture_is_coarse: false,
             edited: Vec::new(),
             selected: None,
             edited_before: Vec::new(),
@@ -137,14 +146,20 @@ impl LightCache {
         }
     }
 
-    /// Sets the accuracy of images computed from now on. `Exact` invalidates coarse images; the focus does not change.
+    /// Sets the accuracy of images computed from now on. The focus does not change.
     pub fn set_detail(&mut self, detail: Detail) {
-        let before = std::mem::replace(&mut self.detail, detail);
-        if before == detail || detail == Detail::Coarse {
-            return;
+        self.detail = detail;
+        if detail != Detail::Coarse {
+            self.release_coarse();
         }
+    }
+
+    /// Invalidates coarse images and sums with them, but not images that lack points of their light.
+    fn release_coarse(&mut self) {
         for node in 0..self.nodes.len() {
-            if self.nodes[node].coarse {
+            let Node { coarse, light, points: [done, of], .. } = self.nodes[node];
+            let goes_on = light.is_some_and(|light| done < of && of == self.point_count(light));
+            if coarse && !goes_on {
                 self.release(node);
             }
         }
@@ -153,9 +168,9 @@ impl LightCache {
         }
     }
 
-    /// Whether any image is coarse.
+    /// Whether an image in the last planned picture is coarse or lacks points of its light.
     pub fn is_coarse(&self) -> bool {
-        self.rest_is_coarse || self.nodes.iter().any(|node| node.coarse)
+        self.picture_is_coarse
     }
 
     /// Invalidates all images. `has_emission`: whether the rest includes emission.
@@ -170,6 +185,9 @@ impl LightCache {
     /// Plans the whole picture.
     pub fn plan(&mut self) -> Plan {
         self.clock += 1;
+        if self.detail != Detail::Coarse {
+            self.release_coarse();
+        }
         let mut plan = Plan::default();
         let mut edited = std::mem::take(&mut self.edited);
         edited.sort_unstable();
@@ -191,8 +209,10 @@ impl LightCache {
             self.split(root, Vec3::ONE, &mut focus_terms, &mut rest_nodes);
         }
         let mut pinned = Vec::new();
+        let mut is_coarse = false;
         for (node, scale) in focus_terms {
             let slot = self.ensure_image(node, &mut plan.steps);
+            is_coarse |= self.nodes[node].coarse;
             self.slots.pin(slot);
             pinned.push(slot);
             plan.picture.push(Term { source: Source::Slot(slot), scale });
@@ -206,6 +226,7 @@ impl LightCache {
         for slot in pinned {
             self.slots.unpin(slot);
         }
+        self.picture_is_coarse = is_coarse || self.rest_is_coarse;
         plan
     }
 
@@ -228,13 +249,17 @@ impl LightCache {
 
     /// Number of lights that a whole picture needs and that no image includes, and the first of them.
     pub fn pending(&self) -> (usize, Option<usize>) {
+        let is_complete = |n: usize| {
+            let Node { slot, light, points: [done, of], .. } = self.nodes[n];
+            slot.is_some() && light.is_none_or(|_| done == of)
+        };
         let held = |node: usize| {
             let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
             // The product can be black though no factor is: a red light in a blue group.
             let mut scale = Vec3::ONE;
             above.any(|n| {
                 scale *= self.scale(n);
-                self.nodes[n].slot.is_some() || scale == Vec3::ZERO
+                is_complete(n) || scale == Vec3::ZERO
             })
         };
         let mut pending = (0..self.leaf_of.len()).filter(|&light| !held(self.leaf_of[light]));
@@ -254,8 +279,17 @@ impl LightCache {
         }
         if scale != Vec3::ZERO {
             let slot = self.ensure_image(self.leaf_of[light], &mut plan.steps);
+            self.picture_is_coarse = self.nodes[self.leaf_of[light]].coarse;
             plan.picture.push(Term { source: Source::Slot(slot), scale });
         }
+        plan
+    }
+
+    /// Plans a part of the image of one light: all of it if the light has no size, else some of its points.
+    pub fn plan_part(&mut self, light: usize) -> Plan {
+        self.clock += 1;
+        let mut plan = Plan::default();
+        self.add_points(self.leaf_of[light], light, 1, &mut plan.steps);
         plan
     }
 
@@ -302,7 +336,7 @@ impl LightCache {
         if nodes.is_empty() {
             return terms;
         }
-        let mut accumulate = false;
+        let mut kept = 0.0;
         for (i, &&(node, scale)) in nodes.iter().enumerate() {
             let slot = self.ensure_image(node, steps);
             self.rest_is_coarse |= self.nodes[node].coarse;
@@ -314,26 +348,68 @@ impl LightCache {
                         self.slots.unpin(slot);
                     }
                 }
-                steps.push(Step::Sum { target: Source::Rest, terms: std::mem::take(&mut terms), accumulate });
-                accumulate = true;
+                steps.push(Step::Sum { target: Source::Rest, terms: std::mem::take(&mut terms), kept });
+                kept = 1.0;
             }
         }
         vec![Term { source: Source::Rest, scale: Vec3::ONE }]
     }
 
+    /// Points of a light in the images that are computed now.
+    fn point_count(&self, light: usize) -> u32 {
+        match self.detail {
+            _ if self.rig.lights[light].is_punctual() => 1,
+            Detail::Exact | Detail::Progressive => EXACT_POINTS,
+            Detail::Coarse => COARSE_POINTS,
+        }
+    }
+
+    /// Plans at most `most` steps towards the image of a light, each with some of its points; returns its slot.
+    fn add_points(&mut self, leaf: usize, light: usize, most: u32, steps: &mut Vec<Step>) -> usize {
+        let slot = match self.nodes[leaf].slot {
+            Some(slot) => {
+                self.slots.use_at(slot, self.clock);
+                slot
+            }
+            None => {
+                self.nodes[leaf].points = [0, self.point_count(light)];
+                self.take_slot(leaf)
+            }
+        };
+        let detail = self.detail;
+        for _ in 0..most {
+            let [first, of] = self.nodes[leaf].points;
+            if first == of {
+                break;
+            }
+            let end = of.min(first + POINTS_A_STEP);
+            let points = LightPoints { first, end, of };
+            self.nodes[leaf].points = [end, of];
+            self.nodes[leaf].coarse = detail == Detail::Coarse || end < of;
+            if first == 0 {
+                steps.push(Step::Shade(Shade { light, target: Source::Slot(slot), detail, points }));
+                continue;
+            }
+            steps.push(Step::Shade(Shade { light, target: Source::SomePoints, detail, points }));
+            let [kept, added] = [first, end - first].map(|points| points as f32 / end as f32);
+            let terms = vec![Term { source: Source::SomePoints, scale: Vec3::splat(added) }];
+            steps.push(Step::Sum { target: Source::Slot(slot), terms, kept });
+        }
+        slot
+    }
+
     /// Plans `node`'s image unless it is valid; returns its slot.
     fn ensure_image(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
-        if let Some(slot) = self.nodes[node].slot {
+        let Node { slot, children, light, .. } = self.nodes[node];
+        if let Some(light) = light {
+            let most = if self.detail == Detail::Progressive { 1 } else { u32::MAX };
+            return self.add_points(node, light, most, steps);
+        }
+        if let Some(slot) = slot {
             self.slots.use_at(slot, self.clock);
             return slot;
         }
-        let Some(children) = self.nodes[node].children else {
-            let slot = self.take_slot(node);
-            let light = self.nodes[node].light.expect("a leaf is a light");
-            steps.push(Step::Shade(Shade { light, slot, detail: self.detail }));
-            self.nodes[node].coarse = self.detail == Detail::Coarse;
-            return slot;
-        };
+        let children = children.expect("a node without light has children");
         let mut terms = Vec::with_capacity(2);
         let mut coarse = false;
         for child in children {
@@ -351,7 +427,7 @@ impl LightCache {
             self.slots.unpin(*slot);
         }
         let terms = terms.into_iter().map(|(slot, scale)| Term { source: Source::Slot(slot), scale }).collect();
-        steps.push(Step::Sum { target: Source::Slot(target), terms, accumulate: false });
+        steps.push(Step::Sum { target: Source::Slot(target), terms, kept: 0.0 });
         target
     }
 
@@ -400,8 +476,15 @@ impl LightCache {
     }
 
     fn build_tree(&mut self) {
-        let leaf =
-            |light| Node { parent: None, children: None, light: Some(light), group: None, slot: None, coarse: false };
+        let leaf = |light| Node {
+            parent: None,
+            children: None,
+            light: Some(light),
+            group: None,
+            slot: None,
+            coarse: false,
+            points: [0; 2],
+        };
         self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
         self.leaf_of = (0..self.rig.lights.len()).collect();
         self.node_of_group = vec![None; self.rig.groups.len()];
@@ -435,6 +518,7 @@ impl LightCache {
                     group: None,
                     slot: None,
                     coarse: false,
+                    points: [0; 2],
                 });
                 for child in children {
                     self.nodes[child].parent = Some(this);
@@ -446,23 +530,24 @@ impl LightCache {
 
     /// Rebuilds the tree after lights are added, removed or change groups. Images of unmoved lights stay valid.
     fn rebuild_tree(&mut self, old: &Rig) {
-        let kept: HashMap<&str, (&Light, usize, bool)> = old
+        let kept: HashMap<&str, (&Light, usize, Node)> = old
             .lights
             .iter()
             .enumerate()
             .filter_map(|(i, light)| {
                 let leaf = &self.nodes[self.leaf_of[i]];
-                Some((light.name.as_str(), (light, leaf.slot?, leaf.coarse)))
+                Some((light.name.as_str(), (light, leaf.slot?, leaf.clone())))
             })
             .collect();
         self.build_tree();
         let mut slots = Slots::new(self.slots.len());
         for (i, light) in self.rig.lights.iter().enumerate() {
-            if let Some(&(was, slot, coarse)) = kept.get(light.name.as_str())
+            if let Some((was, slot, node)) = kept.get(light.name.as_str())
                 && same_image(was, light)
             {
-                let leaf = self.leaf_of[i];
-                (self.nodes[leaf].slot, self.nodes[leaf].coarse) = (Some(slot), coarse);
+                let (leaf, slot) = (self.leaf_of[i], *slot);
+                let Node { coarse, points, .. } = *node;
+                self.nodes[leaf] = Node { slot: Some(slot), coarse, points, ..self.nodes[leaf].clone() };
                 slots.set(slot, leaf, self.slots.last_used(slot));
             }
         }
@@ -478,6 +563,8 @@ impl LightCache {
 /// Whether the image at unit intensity is the same for two states of a light.
 fn same_image(a: &Light, b: &Light) -> bool {
     (a.kind, a.position, a.direction) == (b.kind, b.position, b.direction)
+        && (a.radius, a.size, a.up, a.angle) == (b.radius, b.size, b.up, b.angle)
+        && (a.spread, a.two_sided) == (b.spread, b.two_sided)
         && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)
 }
 

@@ -7,7 +7,7 @@ use crate::gpu::{Buffer, Pass};
 use crate::shared::gpu_struct::Write;
 use crate::shared::{MAX_LIGHTS_PER_PASS, PackedLight};
 
-/// A light, its visibility, and the buffers to which its radiance is added.
+/// A light without size or a point of another one, its visibility, and the buffers to which its radiance is added.
 pub struct LightTarget<'a> {
     pub light: PackedLight,
     pub visibility: &'a Visibility,
@@ -17,7 +17,8 @@ pub struct LightTarget<'a> {
 
 /// One to [`MAX_LIGHTS_PER_PASS`] lights that share one read of the factors.
 pub struct LightTargets<'a> {
-    pub lights: &'a [LightTarget<'a>],
+    /// Points of each light.
+    pub lights: &'a [&'a [LightTarget<'a>]],
     pub pixel_stride: u32,
     pub extra_stride: u32,
 }
@@ -25,8 +26,8 @@ pub struct LightTargets<'a> {
 impl LightTargets<'_> {
     /// Missing lights reuse the first light's address.
     fn addresses<T: Copy>(&self, mut of: impl FnMut(&LightTarget) -> T) -> [T; MAX_LIGHTS_PER_PASS as usize] {
-        let first = of(&self.lights[0]);
-        std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, &mut of) })
+        let first = of(&self.lights[0][0]);
+        std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, |light| of(&light[0])) })
     }
 
     pub fn images(&self, pass: &mut Pass) -> [Write<f32>; MAX_LIGHTS_PER_PASS as usize] {

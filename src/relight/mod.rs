@@ -80,6 +80,8 @@ pub struct Relighter {
     indirect: Option<Indirect>,
     cache: LightCache,
     images: Vec<Buffer<Vec4>>,
+    /// See [`Source::SomePoints`]; `None` if all lights are without size.
+    some_points: Option<Buffer<Vec4>>,
     /// Maximum number of light images within the budget.
     image_budget: usize,
     /// Bytes of device memory for the factors of the transfer.
@@ -152,12 +154,14 @@ impl Relighter {
             tracing::warn!("the budget holds {image_budget} light images; the minimum of {fewest} is allocated");
         }
         add_images(&mut images, context, framebuffer, slot_counts(rig, image_budget))?;
+        let some_points = has_sizes(rig).then(|| light_image(context, framebuffer, SOME_POINTS)).transpose()?;
         Ok(Self {
             frames,
             cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
             gpu,
             indirect,
             images,
+            some_points,
             image_budget,
             transfer_budget,
             rest,
@@ -218,6 +222,9 @@ impl Relighter {
         for _ in self.extras.len()..batch_size(rig.lights.len()) {
             self.extras.push(extra_planes(&self.context, &self.framebuffer)?);
         }
+        if self.some_points.is_none() && has_sizes(rig) {
+            self.some_points = Some(light_image(&self.context, &self.framebuffer, SOME_POINTS)?);
+        }
         self.cache.set_rig(rig, self.images.len());
         Ok(())
     }
@@ -272,11 +279,12 @@ impl Relighter {
         if layers == self.layers { self.cache.pending().0 } else { self.rig().lights.len() }
     }
 
-    /// Renders the exact image of one [pending](Self::pending) light, so that a whole picture takes less time.
+    /// Renders the exact image of one [pending](Self::pending) light, or a part of it if the light has a size, so that a
+    /// whole picture takes less time.
     pub fn prepare(&mut self, layers: Layers) -> Result<()> {
         self.set_layers_and_detail(layers, Detail::Exact);
         let Some(light) = self.cache.pending().1 else { return Ok(()) };
-        let plan = self.cache.plan_light(light);
+        let plan = self.cache.plan_part(light);
         self.execute_or_invalidate(&plan, None)
     }
 
@@ -387,6 +395,14 @@ fn held(context: &Context) -> u64 {
 /// Planes R, G, B of a light image.
 fn light_image(context: &Arc<Context>, framebuffer: &DeepFramebuffer, name: &str) -> Result<Buffer<Vec4>> {
     Buffer::new(context, name, Access::Device, 3 * framebuffer.pixel_stride() / 4)
+}
+
+/// Owner of the memory of [`Source::SomePoints`].
+const SOME_POINTS: &str = "light images (points of a light)";
+
+/// Whether any light has a size.
+fn has_sizes(rig: &Rig) -> bool {
+    rig.lights.iter().any(|light| !light.is_punctual())
 }
 
 /// Adds light images until there are as many as the end of `counts`; fewer, but at least as many as its start, if the

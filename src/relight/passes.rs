@@ -5,7 +5,7 @@ use glam::Vec4;
 use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
 use super::indirect::Indirect;
-use super::light_cache::{Detail, Shade, Source, Term};
+use super::light_cache::{Detail, LightPoints, Shade, Source, Term};
 use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
@@ -14,6 +14,7 @@ use super::{Kernels, Layers};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::gpu::{Buffer, Frame, Pass};
+use crate::physics::sequence::fibonacci_lattice;
 use crate::scene::{Light, Rig};
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
@@ -30,6 +31,8 @@ pub struct FrameResources<'a> {
     /// `None` if no indirect light is shown.
     pub indirect: Option<&'a Indirect>,
     pub images: &'a [Buffer<Vec4>],
+    /// See [`Source::SomePoints`]; `None` if all lights are without size.
+    pub some_points: Option<&'a Buffer<Vec4>>,
     pub rest: &'a Buffer<Vec4>,
     /// Radiance of extra samples, for each light of a batch.
     pub extras: &'a [Buffer<f32>],
@@ -40,7 +43,7 @@ pub struct FrameResources<'a> {
 }
 
 impl FrameResources<'_> {
-    /// Maximum number of passes per step; for a batch of lights, per light.
+    /// Maximum number of passes per step; for a batch of lights, per light, and for points of a light, per point.
     pub fn max_passes_per_step(&self) -> usize {
         let counts = self.finite_check.map_or(0, |_| finite_check::MAX_CHECKS_PER_STEP);
         MAX_PASSES_PER_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
@@ -66,7 +69,9 @@ impl FrameResources<'_> {
                     let words = &mut bytes.view_samples;
                     let half = &mut half.view_samples;
                     frame.cpu("trace shadows", || match detail {
-                        Detail::Exact => trace(words, self.scene, &self.framebuffer.packets, packed),
+                        Detail::Exact | Detail::Progressive => {
+                            trace(words, self.scene, &self.framebuffer.packets, packed)
+                        }
                         Detail::Coarse => trace_half(words, self.scene, half, packed),
                     });
                 }
@@ -74,7 +79,7 @@ impl FrameResources<'_> {
                     let words = &mut bytes.gather_points;
                     let half = &mut half.gather_points;
                     frame.cpu("trace gather samples", || match detail {
-                        Detail::Exact => trace(words, self.scene, &transfer.packets, packed),
+                        Detail::Exact | Detail::Progressive => trace(words, self.scene, &transfer.packets, packed),
                         Detail::Coarse => trace_half(words, self.scene, half, packed),
                     });
                 }
@@ -94,8 +99,8 @@ impl FrameResources<'_> {
         slot
     }
 
-    /// Visibility and shading of one to [`MAX_LIGHTS_PER_PASS`] lights at unit intensity, each into the image of its
-    /// slot.
+    /// Visibility and shading at unit intensity, each into its target: of one to [`MAX_LIGHTS_PER_PASS`] lights without
+    /// size, or of some points of one light.
     pub fn shade(
         &self,
         frame: &mut Frame,
@@ -105,30 +110,49 @@ impl FrameResources<'_> {
     ) {
         let detail = shades[0].detail;
         debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
-        let compute_visibility = |shade: &Shade| {
+        debug_assert!(shades.len() == 1 || shades.iter().all(|shade| shade.points == LightPoints::ONE));
+        let points = shades.iter().enumerate().flat_map(|(i, shade)| {
             let light = &self.rig.lights[shade.light];
-            let packed = light.pack(self.scene.space);
-            (packed, self.compute_visibility(frame, visibility, shadow_maps.as_deref_mut(), (light, &packed), detail))
-        };
-        let seen: Vec<(PackedLight, VisibilitySlot)> = shades.iter().map(compute_visibility).collect();
-        let target = |(i, &(light, seen)): (usize, &(PackedLight, VisibilitySlot))| LightTarget {
+            self.points(light, shade.points).map(move |packed| (i, light, packed))
+        });
+        let seen: Vec<(usize, PackedLight, VisibilitySlot)> = points
+            .map(|(i, light, packed)| {
+                let maps = shadow_maps.as_deref_mut();
+                (i, packed, self.compute_visibility(frame, visibility, maps, (light, &packed), detail))
+            })
+            .collect();
+        let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,
             visibility: visibility.get(seen),
-            image: &self.images[shades[i].slot],
+            image: self.image(shades[i].target),
             extras: &self.extras[i],
         };
-        let lights: Vec<LightTarget> = seen.iter().enumerate().map(target).collect();
-        lights.iter().for_each(|target| self.shade_view_samples(frame, target));
+        let lights: Vec<LightTarget> = seen.iter().map(target).collect();
+        // Points of one light add up in its image.
+        let groups: Vec<&[LightTarget]> = if shades.len() == 1 { vec![&lights] } else { lights.chunks(1).collect() };
+        for target in &groups {
+            (0..).zip(*target).for_each(|(number, point)| self.shade_view_samples(frame, point, number > 0));
+        }
         if let Some(indirect) = self.indirect {
             let (pixel_stride, extra_stride) = (self.framebuffer.pixel_stride() as u32, self.extra_stride());
-            indirect.add(frame, &LightTargets { lights: &lights, pixel_stride, extra_stride }, detail);
-            lights.iter().for_each(|target| self.count(frame, CheckedPass::Transfer, target));
+            indirect.add(frame, &LightTargets { lights: &groups, pixel_stride, extra_stride }, detail);
+            groups.iter().for_each(|points| self.count(frame, CheckedPass::Transfer, &points[0]));
         }
-        lights.iter().for_each(|target| self.resolve(frame, target));
+        groups.iter().for_each(|points| self.resolve(frame, &points[0]));
     }
 
-    /// Direct light of one light on all view samples.
-    fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget) {
+    /// Some points of a light; their sum is the mean over them.
+    fn points(&self, light: &Light, points: LightPoints) -> impl Iterator<Item = PackedLight> {
+        (points.first..points.end).map(move |index| {
+            let at = fibonacci_lattice(index, points.of);
+            let mut packed = light.pack_point(self.scene.space, at, Some(points.of));
+            packed.strength /= points.count() as f32;
+            packed
+        })
+    }
+
+    /// Direct light of one light, or of one of its points, on all view samples. `accumulate` adds to that of other points.
+    fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget, accumulate: bool) {
         let mut pass = frame.pass("shade light");
         let push = ShadeLightPush {
             samples: pass.read(&self.gpu.samples),
@@ -141,7 +165,7 @@ impl FrameResources<'_> {
             pixel_stride: self.framebuffer.pixel_stride() as u32,
             extra_stride: self.extra_stride(),
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
-            unused: 0,
+            accumulate: u32::from(accumulate),
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
         self.count(frame, CheckedPass::ShadeLight, target);
@@ -193,19 +217,20 @@ impl FrameResources<'_> {
         match source {
             Source::Slot(slot) => &self.images[slot],
             Source::Rest => self.rest,
+            Source::SomePoints => self.some_points.expect("a light has a size"),
             Source::Emission => unreachable!("emission is read as floats"),
         }
     }
 
     /// Sums images into one.
-    pub fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], accumulate: bool) {
+    pub fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], kept: f32) {
         let mut pass = frame.pass("sum lights");
         let push = SumImagesPush {
             term_count: terms.len() as u32,
             terms: self.read_terms(&mut pass, terms),
             sum: pass.write(self.image(target)),
             plane_length: (self.framebuffer.pixel_stride() / 4) as u32,
-            accumulate: u32::from(accumulate),
+            kept,
             unused: 0,
         };
         pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);

@@ -65,7 +65,7 @@ impl Roofline {
             sum: pass.write(&self.copy),
             term_count: 1,
             plane_length: COPY_PLANE as u32,
-            accumulate: 0,
+            kept: 0.0,
             unused: 0,
         };
         pass.dispatch(&self.sum_images, &push, 3 * push.plane_length);

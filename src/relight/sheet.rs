@@ -62,15 +62,14 @@ impl Sheet {
         if self.output != Some(output) || self.cells.len() != cells {
             (self.output, self.cells) = (Some(output), vec![None; cells]);
         }
-        let mut shaded = Vec::new();
+        let mut changed = Vec::new();
         plan.steps.retain(|step| match *step {
-            Step::Shade(Shade { slot, .. }) => {
-                shaded.push(Source::Slot(slot));
+            Step::Shade(Shade { target, .. }) | Step::Sum { target, .. } => {
+                changed.push(target);
                 true
             }
-            Step::Sum { .. } => true,
             Step::Show { cell, term } => {
-                let is_new = term.is_some_and(|term| shaded.contains(&term.source));
+                let is_new = term.is_some_and(|term| changed.contains(&term.source));
                 // `None` means never drawn; a drawn cell without light has a term of scale 0.
                 let term = term.unwrap_or(Term { source: Source::Rest, scale: Vec3::ZERO });
                 self.cells[cell].replace(term) != Some(term) || is_new

@@ -1,17 +1,24 @@
 //! Lights as artists edit them: world space, double precision, with colour and intensity separate from the pose.
 
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+
 use glam::{DVec3, Vec3};
 
 use super::MeshSpace;
-use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, PackedLight};
+use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_POINT, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
-/// The light types of `KHR_lights_punctual`.
+/// The light types of `KHR_lights_punctual`, and flat lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LightKind {
+    /// With a radius: a sphere.
     Point,
+    /// With a radius: a disk whose points all shine like the spot.
     Spot,
+    /// With an angle: the sun.
     Directional,
+    Disk,
+    Rect,
 }
 
 /// One light. Its image is linear in `color * intensity * 2^stops`; any other change requires shading it again.
@@ -20,19 +27,31 @@ pub struct Light {
     /// Unique in its rig; contains no dot, because image layers are called `light.NAME`.
     pub name: String,
     pub kind: LightKind,
-    /// World space, metres; ignored for directional lights.
+    /// World space, metres; the middle of lights with a size; ignored for directional lights.
     pub position: DVec3,
-    /// Unit direction of emission of a spot or directional light; ignored for point lights.
+    /// Unit direction of emission; ignored for point lights.
     pub direction: DVec3,
     /// Linear Rec. 709.
     pub color: Vec3,
-    /// Candela; lux for directional lights.
+    /// Candela, straight ahead for flat lights; lux for directional lights. Does not depend on the light's size.
     pub intensity: f64,
     /// Intensity is multiplied by 2^stops.
     pub stops: f64,
     /// Spot half-angles in radians, 0 <= inner <= outer <= pi/2.
     pub inner_angle: f64,
     pub outer_angle: f64,
+    /// Metres, of point, spot and disk; 0: no size.
+    pub radius: f64,
+    /// Width and height of a rectangle in metres.
+    pub size: [f64; 2],
+    /// Axis of a rectangle's height, of any length; only its part perpendicular to `direction` counts.
+    pub up: DVec3,
+    /// Full angle in radians that a directional light fills, as seen from the scene, 0 <= angle <= pi.
+    pub angle: f64,
+    /// Full angle in radians into which a disk or rectangle shines, 0 < spread <= pi.
+    pub spread: f64,
+    /// Whether a disk or rectangle shines on both sides.
+    pub two_sided: bool,
     /// Metres; the light has no effect beyond it.
     pub range: Option<f64>,
     /// Index into the rig's groups.
@@ -72,7 +91,13 @@ impl Light {
             intensity: 1.0,
             stops: 0.0,
             inner_angle: 0.0,
-            outer_angle: std::f64::consts::FRAC_PI_4,
+            outer_angle: FRAC_PI_4,
+            radius: 0.0,
+            size: [1.0; 2],
+            up: DVec3::Y,
+            angle: 0.0,
+            spread: PI,
+            two_sided: false,
             range: None,
             group: None,
             enabled: true,
@@ -90,23 +115,138 @@ impl Light {
 }
 
 impl Light {
-    /// This light in mesh space, white and at unit intensity.
+    /// Whether the light has no size: all its light comes from one point or from one direction.
+    pub fn is_punctual(&self) -> bool {
+        match self.kind {
+            LightKind::Point | LightKind::Spot | LightKind::Disk => self.radius == 0.0,
+            LightKind::Directional => self.angle == 0.0,
+            LightKind::Rect => self.size == [0.0; 2],
+        }
+    }
+
+    /// The middle of this light in mesh space as a light without size, white and at unit intensity.
     pub fn pack(&self, space: MeshSpace) -> PackedLight {
         let (inner, outer) = (self.inner_angle.cos(), self.outer_angle.cos());
-        PackedLight {
+        let mut packed = PackedLight {
             position: space.from_world(self.position).as_vec3(),
             kind: match self.kind {
                 LightKind::Point => LIGHT_POINT,
                 LightKind::Spot => LIGHT_SPOT,
                 LightKind::Directional => LIGHT_DIRECTIONAL,
+                LightKind::Disk | LightKind::Rect if self.two_sided => LIGHT_TWO_SIDED_FACET,
+                LightKind::Disk | LightKind::Rect => LIGHT_FACET,
             },
             direction: self.direction.as_vec3(),
             inverse_range: self.range.map_or(0.0, |range| space.unit / range) as f32,
             cone_scale: (inner - outer).max(0.001).recip() as f32,
             // 1 - cos without cancellation.
             cone_versine: (2.0 * (self.outer_angle / 2.0).sin().powi(2)) as f32,
+            narrowing: 0.0,
+            squared_radius: 0.0,
             strength: space.unit.powi(-2) as f32,
+        };
+        match self.kind {
+            LightKind::Point | LightKind::Spot => {}
+            LightKind::Directional => packed.strength = 1.0,
+            LightKind::Disk | LightKind::Rect => packed.narrowing = (self.spread / 2.0).tan().recip() as f32,
         }
+        packed
+    }
+
+    /// The point of this light at `[u, v]` in the unit square, as a light without size that stands for all of it: the
+    /// mean over the square is the light. White and at unit intensity, in mesh space. Equals [`Self::pack`] for a light
+    /// without size.
+    ///
+    /// If the point is one of `count`, its facet has the size of their share of the surface, which bounds its light
+    /// nearby; with `None` the mean is unbiased.
+    pub fn pack_point(&self, space: MeshSpace, [u, v]: [f64; 2], count: Option<u32>) -> PackedLight {
+        let packed = self.pack(space);
+        if self.is_punctual() {
+            return packed;
+        }
+        let area = self.surface().zip(count).map_or(0.0, |(surface, count)| surface / f64::from(count));
+        let squared_radius = (area / PI * space.unit.powi(-2)) as f32;
+        let at = |offset: DVec3| space.from_world(self.position + offset).as_vec3();
+        let (sin, cos) = (TAU * v).sin_cos();
+        let across = |axis: DVec3, x: f64, y: f64| {
+            let (s, t) = axis.any_orthonormal_pair();
+            s * x + t * y
+        };
+        let disk = || across(self.direction, cos, sin) * (self.radius * u.sqrt());
+        match self.kind {
+            LightKind::Point => {
+                let (z, r) = (1.0 - 2.0 * u, 2.0 * (u * (1.0 - u)).sqrt());
+                let normal = DVec3::new(r * cos, r * sin, z);
+                PackedLight {
+                    kind: LIGHT_FACET,
+                    position: at(normal * self.radius),
+                    direction: normal.as_vec3(),
+                    squared_radius,
+                    // A sphere's surface is four times its cross-section.
+                    strength: 4.0 * packed.strength,
+                    ..packed
+                }
+            }
+            LightKind::Spot => PackedLight { position: at(disk()), ..packed },
+            LightKind::Disk => PackedLight { position: at(disk()), squared_radius, ..packed },
+            LightKind::Rect => {
+                let [along_width, along_height] = self.axes();
+                let [width, height] = self.size;
+                let offset = along_width * ((u - 0.5) * width) + along_height * ((v - 0.5) * height);
+                PackedLight { position: at(offset), squared_radius, ..packed }
+            }
+            LightKind::Directional => {
+                // Uniform over the solid angle; 1 - cos without cancellation.
+                let quarter = self.angle / 4.0;
+                let versine = 2.0 * u * quarter.sin().powi(2);
+                let off = across(self.direction, cos, sin) * (versine * (2.0 - versine)).sqrt();
+                PackedLight {
+                    direction: (self.direction * (1.0 - versine) + off).as_vec3(),
+                    // Directions off the axis contribute less than their radiance to its irradiance.
+                    strength: quarter.cos().powi(-2) as f32,
+                    ..packed
+                }
+            }
+        }
+    }
+
+    /// Area in m² by which radiance is multiplied to give candela straight ahead, or solid angle that gives lux; `None`
+    /// for spots, whose points have no radiance, and for lights without size.
+    pub fn projected_area(&self) -> Option<f64> {
+        let area = match self.kind {
+            LightKind::Point | LightKind::Disk => PI * self.radius * self.radius,
+            LightKind::Rect => self.size[0] * self.size[1],
+            LightKind::Directional => PI * (self.angle / 2.0).sin().powi(2),
+            LightKind::Spot => 0.0,
+        };
+        (area > 0.0 && area.is_finite()).then_some(area)
+    }
+
+    /// Area in m² of the surface on which facets lie.
+    fn surface(&self) -> Option<f64> {
+        match self.kind {
+            LightKind::Point => Some(4.0 * PI * self.radius * self.radius),
+            LightKind::Disk => Some(PI * self.radius * self.radius),
+            LightKind::Rect => Some(self.size[0] * self.size[1]),
+            LightKind::Spot | LightKind::Directional => None,
+        }
+    }
+
+    /// The nearest light of `KHR_lights_punctual`, which has none with a size: flat lights become spots of 180 degrees.
+    pub fn without_size(&self) -> Self {
+        match self.kind {
+            LightKind::Disk | LightKind::Rect => {
+                Self { kind: LightKind::Spot, inner_angle: 0.0, outer_angle: FRAC_PI_2, ..self.clone() }
+            }
+            _ => self.clone(),
+        }
+    }
+
+    /// Unit axes of a rectangle's width and height.
+    pub fn axes(&self) -> [DVec3; 2] {
+        let width = self.direction.cross(self.up).try_normalize();
+        let width = width.unwrap_or_else(|| self.direction.any_orthonormal_vector());
+        [width, width.cross(self.direction)]
     }
 }
 

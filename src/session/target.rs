@@ -51,6 +51,7 @@ impl Target {
             brdfs: scene.materials.len() + counts.own_brdfs,
             emits: counts.has_emission,
             lights: rig.lights.len(),
+            sizes: rig.lights.iter().any(|light| !light.is_punctual()),
             gather,
             maps: (!self.traces(scene)).then(|| MapFootprint::new(scene, self.relight.shadow_size)),
         }

@@ -24,6 +24,10 @@ gpu_shared! {
         pub const LIGHT_SPOT: u32 = 1;
         /// [`PackedLight::kind`]
         pub const LIGHT_DIRECTIONAL: u32 = 2;
+        /// [`PackedLight::kind`]: a small part of a surface, which emits around `direction`.
+        pub const LIGHT_FACET: u32 = 3;
+        /// [`PackedLight::kind`]: a facet that emits around the opposite direction too.
+        pub const LIGHT_TWO_SIDED_FACET: u32 = 4;
 
         /// [`Cutout::first`] without a texture.
         pub const NO_TEXELS: u32 = 0xffff_ffff;
@@ -190,7 +194,7 @@ gpu_shared! {
             pub position: Vec3,
             /// One of the `LIGHT_` constants.
             pub kind: u32,
-            /// Unit, the direction in which the light travels.
+            /// Unit, the direction in which the light travels; a facet's normal.
             pub direction: Vec3,
             /// 1/range in mesh space; 0: no range.
             pub inverse_range: f32,
@@ -198,7 +202,11 @@ gpu_shared! {
             pub cone_scale: f32,
             /// 1 - cos outer, compared with 1 - cos of the angle off the axis; accurate for narrow cones.
             pub cone_versine: f32,
-            /// Irradiance at normal incidence of one candela at one unit of mesh space; unused for directional lights.
+            /// Facet: 1 / tan of half its spread.
+            pub narrowing: f32,
+            /// Facet: squared radius of a disk of its area; mesh space.
+            pub squared_radius: f32,
+            /// Irradiance at normal incidence, at one unit of mesh space unless the light is directional.
             pub strength: f32,
         }
 
@@ -287,8 +295,8 @@ gpu_shared! {
             pub extra_stride: u32,
             /// Bit l: layer l is shown. Layer 0 needs bit 0, extra samples any bit: resolve.comp selects their layers.
             pub layers: u32,
-            /// Padding to a multiple of eight bytes.
-            pub unused: u32,
+            /// Whether to add to `image` and `extras`.
+            pub accumulate: u32,
         }
 
         /// Rows of a block matrix that share their columns.
@@ -388,6 +396,10 @@ gpu_shared! {
             pub offset: u32,
             /// Intensity divided by power, 1/sr, of a light that casts rays; 0 for others.
             pub per_solid_angle: f32,
+            /// Whether to add to `coefficients`.
+            pub accumulate: u32,
+            /// Padding to a multiple of eight bytes.
+            pub unused: u32,
         }
 
         /// A gather sample of the thesis's method; mesh space.
@@ -423,6 +435,10 @@ gpu_shared! {
             pub stride: u32,
             /// Index of the first one.
             pub offset: u32,
+            /// Whether to add to `coefficients`.
+            pub accumulate: u32,
+            /// Padding to a multiple of eight bytes.
+            pub unused: u32,
         }
 
         /// One step of a Haar transform: a plane rotation of two elements of a vector.
@@ -586,8 +602,8 @@ gpu_shared! {
             pub term_count: u32,
             /// vec4s per plane.
             pub plane_length: u32,
-            /// 1: add to the previous contents of `sum`.
-            pub accumulate: u32,
+            /// Factor of the previous contents of `sum`.
+            pub kept: f32,
             /// Padding to a multiple of eight bytes.
             pub unused: u32,
         }

@@ -50,6 +50,8 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
         button(ui, "+ point", Command::New(LightKind::Point), "new point light");
         button(ui, "+ spot", Command::New(LightKind::Spot), "new spot light");
         button(ui, "+ directional", Command::New(LightKind::Directional), "new directional light");
+        button(ui, "+ disk", Command::New(LightKind::Disk), "new disk light");
+        button(ui, "+ rectangle", Command::New(LightKind::Rect), "new rectangle light");
     });
     ui.horizontal(|ui| {
         ui.add_enabled_ui(desk.selected().is_some(), |ui| {

@@ -83,6 +83,15 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
     } else if before.inner_angle != after.inner_angle {
         parts.push(format!("inner cone {}°", rounded(after.inner_angle.to_degrees())));
     }
+    if (before.radius, before.angle, before.size) != (after.radius, after.angle, after.size) {
+        parts.push(size(after));
+    }
+    if before.spread != after.spread {
+        parts.push(format!("spread {}°", rounded(after.spread.to_degrees())));
+    }
+    if before.two_sided != after.two_sided {
+        parts.push(if after.two_sided { "two sides" } else { "one side" }.into());
+    }
     if before.range != after.range {
         parts.push(after.range.map_or("no range".into(), |range| format!("range {} m", rounded(range))));
     }
@@ -112,11 +121,22 @@ fn stops(parts: &mut Vec<String>, before: f64, after: f64) {
     }
 }
 
+fn size(light: &Light) -> String {
+    let [width, height] = light.size.map(rounded);
+    match light.kind {
+        LightKind::Rect => format!("{width} x {height} m"),
+        LightKind::Directional => format!("{}° wide", rounded(light.angle.to_degrees())),
+        _ => format!("radius {} m", rounded(light.radius)),
+    }
+}
+
 pub fn kind_name(kind: LightKind) -> &'static str {
     match kind {
         LightKind::Point => "point",
         LightKind::Spot => "spot",
         LightKind::Directional => "directional",
+        LightKind::Disk => "disk",
+        LightKind::Rect => "rectangle",
     }
 }
 

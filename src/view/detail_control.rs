@@ -27,7 +27,7 @@ impl DetailControl {
     pub fn detail(&self, now: Instant) -> Detail {
         let dragging = self.edited.is_some_and(|edited| now - edited < DRAG_INTERVAL);
         let slow = self.exact.is_some_and(|exact| exact > self.budget);
-        if dragging && slow && !self.budget.is_zero() { Detail::Coarse } else { Detail::Exact }
+        if dragging && slow && !self.budget.is_zero() { Detail::Coarse } else { Detail::Progressive }
     }
 
     /// Records a frame that shaded lights, after an edit or to complete a coarse picture, and its duration `took`.
@@ -35,7 +35,7 @@ impl DetailControl {
         if edited {
             self.edited = Some(now);
         }
-        if detail == Detail::Exact {
+        if detail != Detail::Coarse {
             self.exact = Some(took);
         }
     }
@@ -58,15 +58,15 @@ mod tests {
     fn slow_drags_are_coarse_from_their_second_frame_and_rest_finishes_them() {
         let mut control = DetailControl::new(ms(33));
         let start = Instant::now();
-        assert_eq!(control.detail(start), Detail::Exact, "its duration is not known yet");
-        control.shown(start + ms(80), true, Detail::Exact, ms(80));
+        assert_eq!(control.detail(start), Detail::Progressive, "its duration is not known yet");
+        control.shown(start + ms(80), true, Detail::Progressive, ms(80));
         assert_eq!(control.detail(start + ms(90)), Detail::Coarse);
         control.shown(start + ms(120), true, Detail::Coarse, ms(25));
         assert_eq!(control.detail(start + ms(125)), Detail::Coarse, "the exact picture is still slow");
         assert_eq!(control.exact_due_at(), Some(start + ms(300)));
-        assert_eq!(control.detail(start + ms(300)), Detail::Exact);
-        control.shown(start + ms(390), false, Detail::Exact, ms(85));
-        assert_eq!(control.detail(start + ms(400)), Detail::Exact, "completing a picture is not an edit");
+        assert_eq!(control.detail(start + ms(300)), Detail::Progressive);
+        control.shown(start + ms(390), false, Detail::Progressive, ms(85));
+        assert_eq!(control.detail(start + ms(400)), Detail::Progressive, "completing a picture is not an edit");
     }
 
     #[test]
@@ -74,8 +74,8 @@ mod tests {
         for (budget, took) in [(33, 20), (0, 500)] {
             let mut control = DetailControl::new(ms(budget));
             let start = Instant::now();
-            control.shown(start, true, Detail::Exact, ms(took));
-            assert_eq!(control.detail(start + ms(10)), Detail::Exact);
+            control.shown(start, true, Detail::Progressive, ms(took));
+            assert_eq!(control.detail(start + ms(10)), Detail::Progressive);
         }
     }
 }

@@ -15,6 +15,8 @@ pub enum Handle {
     Position,
     Aim,
     Cone,
+    /// The edge or a corner of a light with a size.
+    Size,
 }
 
 /// A handle that is being dragged.
@@ -86,21 +88,69 @@ impl Gizmos<'_> {
                 let share = if light.outer_angle > 0.0 { light.inner_angle / light.outer_angle } else { 0.0 };
                 (light.outer_angle, light.inner_angle) = (outer, outer * share);
             }
+            Handle::Size => {
+                let there = self.opened.on_parallel_plane(self.placement, at, self.outline(&light).next()?)?;
+                let off = there - light.position;
+                match light.kind {
+                    LightKind::Rect => light.size = light.axes().map(|axis| 2.0 * off.dot(axis).abs()),
+                    _ => light.radius = off.length(),
+                }
+            }
         }
         Some(light)
     }
 
     fn handles(&self, light: &Light) -> Vec<(Handle, DVec3)> {
         match light.kind {
-            LightKind::Point => vec![(Handle::Position, light.position)],
+            LightKind::Point => {
+                [(Handle::Position, light.position)].into_iter().chain(self.size_handle(light)).collect()
+            }
+            LightKind::Disk | LightKind::Rect => {
+                let ends = [(Handle::Position, light.position), (Handle::Aim, self.aim(light))];
+                ends.into_iter().chain(self.size_handle(light)).collect()
+            }
             LightKind::Directional => vec![(Handle::Aim, self.tail(light))],
             LightKind::Spot => {
                 let cone = self.ring(light, light.outer_angle).next();
                 let cone = cone.map(|point| (Handle::Cone, point));
                 let ends = [(Handle::Position, light.position), (Handle::Aim, self.aim(light))];
-                ends.into_iter().chain(cone).collect()
+                ends.into_iter().chain(cone).chain(self.size_handle(light)).collect()
             }
         }
+    }
+
+    fn size_handle(&self, light: &Light) -> Option<(Handle, DVec3)> {
+        Some((Handle::Size, self.outline(light).next()?))
+    }
+
+    /// Returns the outline of a light with a size; its first point is the handle.
+    fn outline(&self, light: &Light) -> impl Iterator<Item = DVec3> {
+        let points = match light.kind {
+            _ if light.is_punctual() => Vec::new(),
+            LightKind::Directional => Vec::new(),
+            LightKind::Rect => {
+                let [u, v] = light.axes();
+                let [u, v] = [u * light.size[0] / 2.0, v * light.size[1] / 2.0];
+                [u + v, v - u, -u - v, u - v].map(|corner| light.position + corner).to_vec()
+            }
+            LightKind::Point => {
+                let axes = self.opened.framebuffer.camera.world_from_camera;
+                circle(light.position, axes.x_axis, axes.y_axis, light.radius).collect()
+            }
+            LightKind::Spot | LightKind::Disk => {
+                let [x, y] = self.across(light);
+                circle(light.position, x, y, light.radius).collect()
+            }
+        };
+        points.into_iter()
+    }
+
+    /// Unit axes perpendicular to the light's direction, the first one towards the camera's right.
+    fn across(&self, light: &Light) -> [DVec3; 2] {
+        let right = self.opened.framebuffer.camera.world_from_camera.x_axis;
+        let x = right - light.direction * right.dot(light.direction);
+        let x = x.try_normalize().unwrap_or_else(|| light.direction.any_orthonormal_vector());
+        [x, light.direction.cross(x)]
     }
 
     /// Returns the first surface point on a spot light's axis.
@@ -118,15 +168,8 @@ impl Gizmos<'_> {
     fn ring(&self, light: &Light, angle: f64) -> impl Iterator<Item = DVec3> {
         let center = self.aim(light);
         let radius = (center - light.position).length() * angle.tan();
-        let right = self.opened.framebuffer.camera.world_from_camera.x_axis;
-        let x = right - light.direction * right.dot(light.direction);
-        let x = x.try_normalize().unwrap_or_else(|| light.direction.any_orthonormal_vector());
-        let y = light.direction.cross(x);
-        let corners = if angle < 1.5 { 0..CORNERS } else { 0..0 };
-        corners.map(move |i| {
-            let (sin, cos) = (std::f64::consts::TAU * i as f64 / CORNERS as f64).sin_cos();
-            center + radius * (cos * x + sin * y)
-        })
+        let [x, y] = self.across(light);
+        circle(center, x, y, radius).take(if angle < 1.5 { CORNERS } else { 0 })
     }
 
     /// Draws marks of all lights and handles of the selected ones; `scale` is physical pixels per point.
@@ -150,6 +193,14 @@ impl Gizmos<'_> {
     }
 }
 
+/// Points of a circle, the first one along `x`.
+fn circle(center: DVec3, x: DVec3, y: DVec3, radius: f64) -> impl Iterator<Item = DVec3> {
+    (0..CORNERS).map(move |i| {
+        let (sin, cos) = (std::f64::consts::TAU * i as f64 / CORNERS as f64).sin_cos();
+        center + radius * (cos * x + sin * y)
+    })
+}
+
 struct Drawing<'a> {
     gizmos: &'a Gizmos<'a>,
     painter: Painter,
@@ -163,8 +214,15 @@ impl Drawing<'_> {
 
     fn gizmo(&self, light: &Light) {
         let gizmos = self.gizmos;
+        let outline: Vec<DVec3> = gizmos.outline(light).collect();
+        self.polygon(&outline, 1.5);
+        outline.first().into_iter().for_each(|point| self.square(*point));
         match light.kind {
             LightKind::Point => {}
+            LightKind::Disk | LightKind::Rect => {
+                self.line(light.position, gizmos.aim(light), 1.0);
+                self.square(gizmos.aim(light));
+            }
             LightKind::Directional => {
                 self.line(gizmos.tail(light), gizmos.opened.pivot(), 2.0);
                 self.square(gizmos.tail(light));
@@ -173,8 +231,7 @@ impl Drawing<'_> {
                 self.line(light.position, gizmos.aim(light), 1.0);
                 for (angle, width) in [(light.outer_angle, 1.5), (light.inner_angle, 0.75)] {
                     let ring: Vec<DVec3> = gizmos.ring(light, angle).collect();
-                    let next = ring.iter().cycle().skip(1);
-                    ring.iter().zip(next).for_each(|(a, b)| self.line(*a, *b, width));
+                    self.polygon(&ring, width);
                     if angle == light.outer_angle {
                         ring.iter().step_by(CORNERS / 4).for_each(|point| self.line(light.position, *point, 0.75));
                         ring.first().into_iter().for_each(|point| self.square(*point));
@@ -183,6 +240,11 @@ impl Drawing<'_> {
                 self.square(gizmos.aim(light));
             }
         }
+    }
+
+    fn polygon(&self, corners: &[DVec3], width: f32) {
+        let next = corners.iter().cycle().skip(1);
+        corners.iter().zip(next).for_each(|(a, b)| self.line(*a, *b, width));
     }
 
     fn line(&self, a: DVec3, b: DVec3, width: f32) {

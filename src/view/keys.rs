@@ -118,6 +118,7 @@ const STOPS: [f64; 3] = [0.1, 0.5, 1.0];
 const MIRED: [f64; 3] = [2.0, 10.0, 50.0];
 const CHANNEL: [f64; 3] = [0.01, 0.05, 0.2];
 const CONE: [f64; 3] = [0.1, 1.0, 5.0];
+const SIZE: [f64; 3] = [0.05, 0.25, 1.0];
 
 /// All key bindings.
 pub const SECTIONS: &[Section] = &[
@@ -135,6 +136,8 @@ pub const SECTIONS: &[Section] = &[
             once(&[(CTRL, Key::Num1)], Command::New(LightKind::Point), "new point light"),
             once(&[(CTRL, Key::Num2)], Command::New(LightKind::Spot), "new spot light"),
             once(&[(CTRL, Key::Num3)], Command::New(LightKind::Directional), "new directional light"),
+            once(&[(CTRL, Key::Num4)], Command::New(LightKind::Disk), "new disk light"),
+            once(&[(CTRL, Key::Num5)], Command::New(LightKind::Rect), "new rectangle light"),
             once(&[(CTRL, Key::D)], Command::Duplicate, "duplicate"),
             once(&[(NONE, Key::Delete)], Command::Delete, "delete"),
         ],
@@ -207,7 +210,7 @@ pub const SECTIONS: &[Section] = &[
         ],
     },
     Section {
-        title: "Intensity, colour, cone",
+        title: "Intensity, colour, cone, size",
         bindings: &[
             steps(&[(NONE, Key::Equals), (NONE, Key::Plus)], LightEdit::Stops(1.0), "brighter by half a stop", STOPS),
             steps(&[(NONE, Key::Minus)], LightEdit::Stops(-1.0), "darker by half a stop", STOPS),
@@ -223,6 +226,8 @@ pub const SECTIONS: &[Section] = &[
             steps(&[(NONE, Key::OpenBracket)], LightEdit::Outer(-1.0), "narrower cone", CONE),
             steps(&[(NONE, Key::Quote)], LightEdit::Inner(1.0), "wider inner cone: a harder edge", CONE),
             steps(&[(NONE, Key::Semicolon)], LightEdit::Inner(-1.0), "narrower inner cone: a softer edge", CONE),
+            steps(&[(NONE, Key::Num6)], LightEdit::Size(1.0), "larger light: softer shadows", SIZE),
+            steps(&[(NONE, Key::Num5)], LightEdit::Size(-1.0), "smaller light: harder shadows", SIZE),
         ],
     },
     Section {
@@ -298,6 +303,7 @@ impl Binding {
                 LightEdit::Channel(channel, by) => LightEdit::Channel(channel, by * step),
                 LightEdit::Outer(by) => LightEdit::Outer(by * step),
                 LightEdit::Inner(by) => LightEdit::Inner(by * step),
+                LightEdit::Size(by) => LightEdit::Size(by * step),
                 LightEdit::Toggle | LightEdit::Solo | LightEdit::Shadows => edit,
             }),
             Command::EditGroup(GroupEdit::Stops(by)) => Command::EditGroup(GroupEdit::Stops(by * step)),

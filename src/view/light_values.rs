@@ -73,6 +73,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
         color(ui, &selected, &mut light);
         pose(ui, &selected, &mut light, desk.step());
         cone(ui, &selected, &mut light);
+        size(ui, &selected, &mut light, desk.step());
         range(ui, &selected, &mut light, desk.step());
     });
     desk.edit_primary_and_selection(light);
@@ -173,6 +174,47 @@ fn cone(ui: &mut Ui, selected: &Selected, light: &mut Light) {
             *(if outer { &mut light.outer_angle } else { &mut light.inner_angle }) = deg.to_radians();
             light.inner_angle = light.inner_angle.min(light.outer_angle);
         }
+        ui.end_row();
+    }
+}
+
+fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
+    use LightKind::{Directional, Disk, Point, Rect, Spot};
+    fn length(field: DragValue<'_>, step: f64) -> DragValue<'_> {
+        field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m")
+    }
+    if selected.all_have(&[Point, Spot, Disk]) {
+        ui.label("radius");
+        ui.add(length(selected.number(&mut light.radius, |light| light.radius), step));
+        ui.end_row();
+    }
+    if selected.all_have(&[Rect]) {
+        ui.label("size");
+        ui.horizontal(|ui| {
+            for side in 0..2 {
+                ui.add(length(selected.number(&mut light.size[side], |light| light.size[side]), step));
+            }
+        });
+        ui.end_row();
+    }
+    let mut angle = |ui: &mut Ui, text: &str, of: fn(&mut Light) -> &mut f64, most: std::ops::RangeInclusive<f64>| {
+        ui.label(text);
+        let before = of(light).to_degrees();
+        let mut deg = before;
+        let field = selected.number(&mut deg, |light| of(&mut light.clone()).to_degrees());
+        ui.add(field.range(most).speed(0.1).max_decimals(2).suffix("°"));
+        if deg != before {
+            *of(light) = deg.to_radians();
+        }
+        ui.end_row();
+    };
+    if selected.all_have(&[Directional]) {
+        angle(ui, "angle", |light| &mut light.angle, 0.0..=180.0);
+    }
+    if selected.all_have(&[Disk, Rect]) {
+        angle(ui, "spread", |light| &mut light.spread, 0.01..=180.0);
+        ui.label("");
+        selected.switch(ui, &mut light.two_sided, "two sides", |light| light.two_sided);
         ui.end_row();
     }
 }

@@ -99,6 +99,9 @@ fn view(opened: &Opened, light: &Light) -> Camera {
             let yfov = (2.2 * light.outer_angle).clamp(0.05, 2.6);
             (light.position, light.direction, Projection::Perspective { yfov })
         }
+        LightKind::Disk | LightKind::Rect => {
+            (light.position, light.direction, Projection::Perspective { yfov: light.spread.clamp(0.05, 1.6) })
+        }
         LightKind::Point => {
             let towards = (middle - light.position).try_normalize().unwrap_or(DVec3::NEG_Y);
             (light.position, towards, Projection::Perspective { yfov: 1.6 })

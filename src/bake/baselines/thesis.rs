@@ -273,6 +273,8 @@ impl<'a> Thesis<'a> {
             inverse_range: 0.0,
             cone_scale: 1.0,
             cone_versine: 1.0,
+            narrowing: 0.0,
+            squared_radius: 0.0,
             strength: 1.0,
         };
         trace_packets(self.scene, &light, &self.packets, &mut scratch.visibility);

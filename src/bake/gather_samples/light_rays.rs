@@ -6,7 +6,7 @@
 //! weights of the two techniques sum to one, as in multiple importance sampling [Veach 1995]. Where many points share
 //! the light, the weight of rays is zero.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -14,8 +14,10 @@ use rayon::prelude::*;
 use super::{carries_light, is_back, normal_length, turned};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
-use crate::physics::light::{cone, window};
-use crate::shared::{EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_SPOT, LightSample, PackedLight};
+use crate::physics::light::{cone, facet, window};
+use crate::shared::{
+    EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, LightSample, PackedLight,
+};
 use crate::trace::bvh::TracedScene;
 use crate::trace::point_tree::{PointTree, point};
 use crate::trace::surface::SurfacePoint;
@@ -106,7 +108,10 @@ impl LightRays {
         let widest = versine(light);
         let versine = widest * (i as f32 + 0.5) / RAYS as f32;
         let (sin, cos) = (GOLDEN_ANGLE * i as f32).sin_cos();
-        let axis = light.direction.try_normalize().unwrap_or(Vec3::NEG_Z);
+        let mut axis = light.direction.try_normalize().unwrap_or(Vec3::NEG_Z);
+        if light.kind == LIGHT_TWO_SIDED_FACET && i % 2 == 1 {
+            axis = -axis;
+        }
         let (s, t) = axis.any_orthonormal_pair();
         let direction = axis * (1.0 - versine) + (s * cos + t * sin) * (versine * (2.0 - versine)).sqrt();
         let hit = scene.closest_hit(light.position, direction, f32::INFINITY)?;
@@ -127,11 +132,16 @@ impl LightRays {
         if distance2 > REACH * REACH * sample.area.max(mean_width * mean_width) {
             return None;
         }
-        let smooth = if light.kind == LIGHT_SPOT { cone(light, (2.0 * f64::from(versine)).sqrt()) } else { 1.0 };
+        let smooth = match light.kind {
+            LIGHT_SPOT => cone(light, (2.0 * f64::from(versine)).sqrt()),
+            LIGHT_FACET | LIGHT_TWO_SIDED_FACET => facet(light, 1.0 - f64::from(versine)),
+            _ => 1.0,
+        };
         let intensity = (smooth * window(light, hit.distance.into())) as f32;
         let area_of_point = sample.area / self.points_per_sample as f32;
         let share = intensity * cosine / (hit.distance * hit.distance) * area_of_point * per_solid_angle;
-        let power = light.strength * intensity * TAU * widest / RAYS as f32;
+        let sides = if light.kind == LIGHT_TWO_SIDED_FACET { 2.0 } else { 1.0 };
+        let power = light.strength * intensity * sides * TAU * widest / RAYS as f32;
         let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MAX_COSINES) / sample.area;
         let [s, t, n] = turned([sample.tangent, sample.normal.cross(sample.tangent), sample.normal], surface.normal);
         let wi = -Vec3::new(s.dot(direction), t.dot(direction), n.dot(direction));
@@ -149,17 +159,38 @@ pub fn weight_of_rays(share: f32) -> f32 {
 /// A light's intensity along its axis divided by its power, in 1/sr. `None` for lights that cast no rays: directional
 /// lights and cones of zero solid angle.
 pub fn per_solid_angle(light: &PackedLight) -> Option<f32> {
-    let widest = versine(light);
-    // The falloff is 1 inside the inner cone, then decreases to 0 along a parabola.
-    let fall = if light.kind == LIGHT_SPOT { widest.min(1.0 / light.cone_scale) } else { 0.0 };
-    let inner = widest - fall;
-    let inverse = 1.0 / (TAU * (inner + (fall * light.cone_scale).powi(2) * fall / 3.0));
-    (light.kind != LIGHT_DIRECTIONAL && inverse.is_finite()).then_some(inverse)
+    let power = match light.kind {
+        LIGHT_DIRECTIONAL => 0.0,
+        LIGHT_FACET | LIGHT_TWO_SIDED_FACET => {
+            let edge = half_spread(light);
+            let (sin, cos) = edge.sin_cos();
+            // Integral of cos - sin / tan(edge) over the cone.
+            let one_side = PI * (sin * sin - light.narrowing * (edge - sin * cos));
+            if light.kind == LIGHT_TWO_SIDED_FACET { 2.0 * one_side } else { one_side }
+        }
+        _ => {
+            let widest = versine(light);
+            // The falloff is 1 inside the inner cone, then decreases to 0 along a parabola.
+            let fall = if light.kind == LIGHT_SPOT { widest.min(1.0 / light.cone_scale) } else { 0.0 };
+            TAU * (widest - fall + (fall * light.cone_scale).powi(2) * fall / 3.0)
+        }
+    };
+    let inverse = 1.0 / power;
+    inverse.is_finite().then_some(inverse)
 }
 
 /// 1 - cos of the angle between a light's axis and the edge of its cone; 2 if it has no cone.
 fn versine(light: &PackedLight) -> f32 {
-    if light.kind == LIGHT_SPOT { light.cone_versine } else { 2.0 }
+    match light.kind {
+        LIGHT_SPOT => light.cone_versine,
+        LIGHT_FACET | LIGHT_TWO_SIDED_FACET => 2.0 * (half_spread(light) / 2.0).sin().powi(2),
+        _ => 2.0,
+    }
+}
+
+/// Half of the angle into which a facet shines, in radians.
+fn half_spread(light: &PackedLight) -> f32 {
+    1f32.atan2(light.narrowing)
 }
 
 #[cfg(test)]

@@ -2,9 +2,10 @@
 
 use glam::{DVec3, Vec3};
 
+use super::light_surface::LightSurface;
 use crate::physics::brdf::reflected;
 use crate::physics::light::{Incident, incident};
-use crate::scene::{Rig, Scene};
+use crate::scene::{Light, Rig, Scene};
 use crate::shared::PackedLight;
 use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::packet::shadow_ray;
@@ -19,10 +20,13 @@ pub(super) struct ActiveLights {
 pub(super) struct ActiveLight {
     /// Index into the rig's lights.
     pub index: usize,
+    light: Light,
+    /// The light, or the middle of a light with a size.
     pub packed: PackedLight,
+    /// `None` if the light has no size.
+    surface: Option<LightSurface>,
     /// Colour times intensity, including the group's.
     pub scale: DVec3,
-    has_shadows: bool,
 }
 
 impl ActiveLights {
@@ -31,26 +35,75 @@ impl ActiveLights {
         let light = |i: usize| ActiveLight {
             index: i,
             packed: rig.lights[i].pack(scene.space),
+            surface: LightSurface::new(&rig.lights[i], scene.space),
+            light: rig.lights[i].clone(),
             scale: rig.scale(i).as_dvec3(),
-            has_shadows: rig.lights[i].shadows,
         };
         Self { all: (0..rig.lights.len()).map(light).filter(|light| light.scale != DVec3::ZERO).collect() }
     }
 
-    /// For each light, its index in the rig and the radiance of its direct light that `point` reflects towards `wo`.
+    /// Lights without size.
+    fn punctual(&self) -> impl Iterator<Item = &ActiveLight> {
+        self.all.iter().filter(|light| light.surface.is_none())
+    }
+
+    /// Lights with a size.
+    fn sized(&self) -> impl Iterator<Item = (&ActiveLight, &LightSurface)> {
+        self.all.iter().filter_map(|light| Some((light, light.surface.as_ref()?)))
+    }
+
+    /// Whether any light has a size.
+    pub fn have_sizes(&self) -> bool {
+        self.sized().next().is_some()
+    }
+
+    /// For each light without size, its index in the rig and the radiance of its direct light that `point` reflects
+    /// towards `wo`.
     pub fn reflect_each(
         &self,
         scene: &TracedScene,
         point: &SurfacePoint,
         wo: DVec3,
     ) -> impl Iterator<Item = (usize, DVec3)> {
-        self.all.iter().filter_map(move |light| {
+        self.punctual().filter_map(move |light| {
             let arriving = incident(&light.packed, point.position.as_dvec3())?;
-            Some((light.index, light.reflect(scene, point, wo, &arriving)))
+            Some((light.index, light.reflect(scene, point, wo, &light.packed, &arriving)))
         })
     }
 
-    /// Estimates their sum from one light, chosen with probability proportional to its unshadowed irradiance. The mean
+    /// For each light with a size, an estimate of the same from the point at `u` in the unit square. `density` is that
+    /// of other directions which may find the light, for the balance heuristic.
+    pub fn reflect_points(
+        &self,
+        scene: &TracedScene,
+        point: &SurfacePoint,
+        wo: DVec3,
+        u: [f64; 2],
+        density: impl Fn(DVec3) -> f64,
+    ) -> impl Iterator<Item = (usize, DVec3)> {
+        self.sized().filter_map(move |(light, surface)| {
+            let packed = light.light.pack_point(scene.space, u, None);
+            let position = point.position.as_dvec3();
+            let arriving = incident(&packed, position)?;
+            let reflected = light.reflect(scene, point, wo, &packed, &arriving);
+            if reflected == DVec3::ZERO {
+                return None;
+            }
+            let own = surface.density(&packed, arriving.wi, packed.position.as_dvec3().distance(position));
+            Some((light.index, reflected * (own / (own + density(arriving.wi)))))
+        })
+    }
+
+    /// Light with a size that a ray in unit `direction` meets before `end`: index in the rig, radiance, and the density
+    /// with which [`Self::reflect_points`] finds it, 1/sr.
+    pub fn met(&self, origin: DVec3, direction: DVec3, end: f64) -> impl Iterator<Item = (usize, DVec3, f64)> {
+        self.sized().filter_map(move |(light, surface)| {
+            let hit = surface.hit(origin, direction)?;
+            (hit.distance <= end).then_some((light.index, light.scale * hit.radiance, hit.density))
+        })
+    }
+
+    /// Estimates the sum of lights without size from one, chosen with probability proportional to its unshadowed irradiance. The mean
     /// over uniform `choice` in [0, 1) is the sum.
     pub fn reflect_one(
         &self,
@@ -59,12 +112,12 @@ impl ActiveLights {
         wo: DVec3,
         choice: f64,
     ) -> Option<(usize, DVec3)> {
-        if self.all.len() <= 1 {
+        if self.punctual().nth(1).is_none() {
             return self.reflect_each(scene, point, wo).next();
         }
         let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
         let (mut total, mut left, mut picked) = (0.0, choice, None);
-        for light in &self.all {
+        for light in self.punctual() {
             let Some(arriving) = incident(&light.packed, position) else { continue };
             let power = light.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
             if power <= 0.0 {
@@ -82,29 +135,37 @@ impl ActiveLights {
             }
         }
         let (light, power, arriving) = picked?;
-        Some((light.index, light.reflect(scene, point, wo, &arriving) * (total / power)))
+        Some((light.index, light.reflect(scene, point, wo, &light.packed, &arriving) * (total / power)))
     }
 }
 
 impl ActiveLight {
-    fn reflect(&self, scene: &TracedScene, point: &SurfacePoint, wo: DVec3, arriving: &Incident) -> DVec3 {
+    /// `packed`: the light, or a point of it.
+    fn reflect(
+        &self,
+        scene: &TracedScene,
+        point: &SurfacePoint,
+        wo: DVec3,
+        packed: &PackedLight,
+        arriving: &Incident,
+    ) -> DVec3 {
         let normal = point.normal.as_dvec3();
         if arriving.irradiance <= 0.0 || normal.dot(arriving.wi) <= 0.0 {
             return DVec3::ZERO;
         }
-        let seen = if self.has_shadows { self.share_seen(scene, point) } else { 1.0 };
+        let seen = if self.light.shadows { share_seen(scene, point, packed) } else { 1.0 };
         if seen <= 0.0 {
             return DVec3::ZERO;
         }
         seen * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
     }
+}
 
-    /// Visible fraction of the light. Blended surfaces attenuate it by their exact transmittance instead of blocking at
-    /// random, since direct light at visible surfaces may be computed only once per pixel.
-    fn share_seen(&self, scene: &TracedScene, point: &SurfacePoint) -> f64 {
-        let ray = shadow_ray(&scene.bvh, &self.packed, point.lifted(), point.normal, point.geometric_normal);
-        ray.map_or(0.0, |ray| scene.transmittance(ray.origin, ray.direction, ray.length).into())
-    }
+/// Visible fraction of a light. Blended surfaces attenuate it by their exact transmittance instead of blocking at
+/// random, since direct light at visible surfaces may be computed only once per pixel.
+fn share_seen(scene: &TracedScene, point: &SurfacePoint, packed: &PackedLight) -> f64 {
+    let ray = shadow_ray(&scene.bvh, packed, point.lifted(), point.normal, point.geometric_normal);
+    ray.map_or(0.0, |ray| scene.transmittance(ray.origin, ray.direction, ray.length).into())
 }
 
 /// Emitting triangles, sampled with probability proportional to area times radiance.

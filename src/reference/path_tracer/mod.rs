@@ -6,18 +6,20 @@
 //! framebuffer, so that direct light and reflections equal those of [`crate::relight`]. A bounced ray sees at most as
 //! many surfaces through mirrors as a ray from the eye.
 //!
-//! Omitted: light of point, spot and directional lights that a perfect mirror reflects onto a surface. A ray cannot hit
-//! a light without area. The gather rows omit it too.
+//! Omitted: light of lights without size that a perfect mirror reflects onto a surface, because a ray cannot hit them.
+//! The gather rows omit it too. The eye does not see lights directly; in mirrors it sees those with a size.
 
 mod aims;
 mod curves;
 mod film;
 mod glossy_mirrors;
+mod light_surface;
 mod lights;
 mod path;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 pub use self::film::{Film, Half, Layer, StandardErrors};
@@ -26,7 +28,8 @@ use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::glossy_mirrors::GlossyMirrors;
 use self::lights::{ActiveLights, Emitters};
 use self::path::{FirstHit, PathRandom};
-use crate::bake::framebuffer::view_samples::{EyeRays, Tiling};
+use crate::bake::framebuffer::view_samples::{EyeRays, PathVertex, Tiling};
+use crate::physics::brdf::mirror;
 use crate::physics::sequence::Points;
 use crate::scene::{Camera, Rig};
 use crate::trace::bvh::TracedScene;
@@ -157,7 +160,8 @@ impl<'a> PathTracer<'a> {
                     sample.copy_from(&direct);
                     for seen in &seen {
                         let points = self.points(seen.number << 40 | stream);
-                        segments += self.follow(seen, PathRandom { points, index }, &mut sample);
+                        let random = PathRandom { points, index };
+                        segments += self.follow(seen, random, &mut sample);
                     }
                     sample.add_to(tile.pixel(half, pixel));
                 }
@@ -165,6 +169,23 @@ impl<'a> PathTracer<'a> {
         }
         tile.counts = tile.counts.map(|count| count + samples.len() as u32);
         self.segments.fetch_add(segments, Ordering::Relaxed);
+    }
+
+    /// Adds the lights with a size that a mirror at `vertex` shows; returns the number of rays.
+    fn see_lights(&self, vertex: &PathVertex, sums: &mut Sample) -> u64 {
+        let PathVertex { point, wo, weight, layer } = vertex;
+        let mirrored = mirror(&point.brdf, point.normal.dot(*wo).into());
+        let is_last = layer + 1 >= self.settings.layers;
+        if !self.lights.have_sizes() || is_last || point.normal.dot(*wo) <= 0.0 || mirrored == DVec3::ZERO {
+            return 0;
+        }
+        let direction = point.mirrored(*wo);
+        let origin = point.leave(direction, self.scene.bvh.shadow_offset(0.0));
+        let end = self.scene.closest_hit(origin, direction, f32::INFINITY).map_or(f32::INFINITY, |hit| hit.distance);
+        for (source, radiance, _) in self.lights.met(origin.as_dvec3(), direction.as_dvec3(), end.into()) {
+            sums.add_light(REFLECTION, source, weight.as_dvec3() * mirrored * radiance);
+        }
+        1
     }
 
     fn points(&self, stream: u64) -> Points {
@@ -181,6 +202,7 @@ impl<'a> PathTracer<'a> {
             segments += 1;
             let (weight, wo) = (vertex.weight.as_dvec3(), vertex.wo.as_dvec3());
             sums[EMISSION] += weight * vertex.point.emission.as_dvec3();
+            segments += self.see_lights(&vertex, sums);
             if vertex.point.normal.dot(vertex.wo) <= 0.0 || !vertex.point.brdf.reflects_directly() {
                 return;
             }

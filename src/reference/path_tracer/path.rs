@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::PathTracer;
 use super::aims::MirrorAims;
-use super::film::{EMISSION, INDIRECT, INDIRECT_GLOSSY, Sample};
+use super::film::{DIRECT, EMISSION, INDIRECT, INDIRECT_GLOSSY, REFLECTION, Sample};
 use crate::bake::framebuffer::view_samples::PathVertex;
 use crate::physics::brdf::{Lobes, mirror};
 use crate::physics::sequence::Points;
@@ -33,6 +33,8 @@ impl PathRandom {
 const DIRECTION: u32 = 0;
 const SURFACE: u32 = 1;
 const EMITTER: u32 = 2;
+/// Points of lights with a size.
+const LIGHT_POINT: u32 = 3;
 
 /// A visible surface and its aims, shared by many paths.
 pub(super) struct FirstHit {
@@ -47,11 +49,16 @@ struct PathSums<'a> {
     sample: &'a mut Sample,
     /// Specular fraction, per channel, of the reflection at the first bounce.
     glossy: DVec3,
+    /// Sum of the direct light of the path's first surface.
+    direct: usize,
 }
 
 impl PathSums<'_> {
-    /// Adds `light` of the light with index `source` in the rig, after `bounce` bounces.
+    /// Adds `light` of the light with index `source` in the rig, after `bounce` bounces; 0: direct light.
     fn add(&mut self, bounce: u32, source: usize, light: DVec3) {
+        if bounce == 0 {
+            return self.sample.add_light(self.direct, source, light);
+        }
         self.sample.add_light(INDIRECT, source, light);
         self.sample[INDIRECT_GLOSSY] += light * self.glossy;
         self.sample.add_bounce(bounce, light);
@@ -59,15 +66,24 @@ impl PathSums<'_> {
 }
 
 impl PathTracer<'_> {
-    /// Traces one path and adds the indirect light that a visible surface reflects to `sample`; returns the number of
+    /// Traces one path and adds the indirect light that a visible surface reflects to `sample`, and the direct light of
+    /// lights with a size; returns the number of
     /// rays without shadow rays.
     pub(super) fn follow(&self, seen: &FirstHit, random: PathRandom, sample: &mut Sample) -> u64 {
-        let mut sums = PathSums { sample, glossy: DVec3::ZERO };
+        let direct = if seen.vertex.layer == 0 { DIRECT } else { REFLECTION };
+        let mut sums = PathSums { sample, glossy: DVec3::ZERO, direct };
         let weight = seen.vertex.weight.as_dvec3();
         let (mut point, mut wo, mut throughput) = (seen.vertex.point, seen.vertex.wo.as_dvec3(), weight);
         let mut segments = 0;
         let mut last_distance = 0.0;
         let mut later = MirrorAims::default();
+        let have_sizes = self.lights.have_sizes();
+        if have_sizes && self.settings.max_bounces == Some(0) {
+            let [u, v, ..] = random.at(LIGHT_POINT, 0, 0);
+            for (source, lit) in self.lights.reflect_points(self.scene, &point, wo, [u, v], |_| 0.0) {
+                sums.add(0, source, throughput * lit);
+            }
+        }
         for bounce in 1..=self.settings.max_bounces.unwrap_or(u32::MAX) {
             let Some(lobes) = Lobes::new(&point.brdf, point.normal.as_dvec3(), wo) else { break };
             let [u, v, choice, survival] = random.at(DIRECTION, bounce, 0);
@@ -87,6 +103,13 @@ impl PathTracer<'_> {
             if !self.emitters.is_empty() {
                 let [a, b, c, _] = random.at(EMITTER, bounce, 0);
                 sums.sample[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, aims, [a, b, c]);
+            }
+            if have_sizes {
+                let [a, b, ..] = random.at(LIGHT_POINT, bounce, 0);
+                let density = |wi| mixture(&lobes, aims, wi).1;
+                for (source, lit) in self.lights.reflect_points(self.scene, &point, wo, [a, b], density) {
+                    sums.add(bounce - 1, source, throughput * lit);
+                }
             }
             let drawn = match choice < aims.share {
                 true => Some(aims.draw(choice / aims.share, u, v)),
@@ -109,9 +132,19 @@ impl PathTracer<'_> {
             // Follows perfect mirrors up to a surface with other reflection.
             loop {
                 segments += 1;
-                let Some(hit) = self.scene.closest_hit(origin, direction, f32::INFINITY) else {
-                    return segments;
-                };
+                let hit = self.scene.closest_hit(origin, direction, f32::INFINITY);
+                if have_sizes {
+                    let end = hit.map_or(f64::INFINITY, |hit| hit.distance.into());
+                    for (source, light, own) in self.lights.met(origin.as_dvec3(), direction.as_dvec3(), end) {
+                        // Sampling lights cannot find those in a mirror; such light counts as indirect.
+                        let (at, share) = match density {
+                            Some(density) => (bounce - 1, density / (density + own)),
+                            None => (bounce, 1.0),
+                        };
+                        sums.add(at, source, throughput * share * light);
+                    }
+                }
+                let Some(hit) = hit else { return segments };
                 last_distance = hit.distance;
                 point = SurfacePoint::new(self.scene, &hit, direction, 0.0);
                 if point.emission.max_element() > 0.0 {
@@ -131,6 +164,12 @@ impl PathTracer<'_> {
                 };
                 if let Some((source, lit)) = self.lights.reflect_one(self.scene, &point, wo, light) {
                     sums.add(bounce, source, throughput * lit);
+                }
+                if have_sizes && self.settings.max_bounces == Some(bounce) {
+                    let [a, b, ..] = random.at(LIGHT_POINT, bounce, surface);
+                    for (source, lit) in self.lights.reflect_points(self.scene, &point, wo, [a, b], |_| 0.0) {
+                        sums.add(bounce, source, throughput * lit);
+                    }
                 }
 
                 let mirrored = mirror(&point.brdf, cosine);

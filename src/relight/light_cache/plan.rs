@@ -12,13 +12,15 @@ pub struct Term {
 }
 
 /// Where an image is stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Source {
     Slot(usize),
     /// The sum of all that is not in the focus.
     Rest,
     /// Emission, which no edit changes.
     Emission,
+    /// The mean over some points of a light with a size, before it joins the image of the light.
+    SomePoints,
 }
 
 /// Accuracy of a light's image.
@@ -26,27 +28,48 @@ pub enum Source {
 pub enum Detail {
     #[default]
     Exact,
+    /// As exact, but each picture adds only some points of the lights with a size: the next one is better.
+    Progressive,
     /// Fast: one shadow ray per four samples if rays are traced, and only a part of the compressed transfer.
     Coarse,
 }
 
-/// Shade `light` at unit intensity into `slot`.
+/// Shade `light` at unit intensity into `target`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shade {
     pub light: usize,
-    pub slot: usize,
+    pub target: Source,
     pub detail: Detail,
+    pub points: LightPoints,
+}
+
+/// Some of the points that a light with a size is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LightPoints {
+    pub first: u32,
+    pub end: u32,
+    /// Points of the whole light; 1 if it has no size.
+    pub of: u32,
+}
+
+impl LightPoints {
+    /// The only point of a light without size.
+    pub const ONE: Self = Self { first: 0, end: 1, of: 1 };
+
+    pub fn count(&self) -> usize {
+        (self.end - self.first) as usize
+    }
 }
 
 /// One step of a [`Plan`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     Shade(Shade),
-    /// Sum `terms` into `target`; `accumulate` adds to its previous contents.
+    /// Sum `terms` into `target`, and `kept` times its previous contents.
     Sum {
         target: Source,
         terms: Vec<Term>,
-        accumulate: bool,
+        kept: f32,
     },
     /// Draw one light's contribution, or an empty cell, on the contact sheet.
     Show {
@@ -73,17 +96,17 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Moves each shade forward past steps that do not touch its slot, so that shades are adjacent. Several lights
+    /// Moves each shade forward past steps that do not touch its target, so that shades are adjacent. Several lights
     /// together take half the time in the transfer that they take one by one.
     pub fn batch_shades(&mut self) {
         let mut together = Vec::with_capacity(self.steps.len());
         let mut later = Vec::new();
-        // Slots that the steps in `later` touch.
+        // Images that the steps in `later` touch.
         let mut touched = HashSet::new();
         for step in self.steps.drain(..) {
             match &step {
                 Step::Shade(shade) => {
-                    if touched.contains(&shade.slot) {
+                    if touched.contains(&shade.target) {
                         together.append(&mut later);
                         touched.clear();
                     }
@@ -91,20 +114,13 @@ impl Plan {
                     continue;
                 }
                 Step::Sum { target, terms, .. } => {
-                    touched.extend(terms.iter().map(|term| term.source).chain([*target]).filter_map(slot));
+                    touched.extend(terms.iter().map(|term| term.source).chain([*target]));
                 }
-                Step::Show { term, .. } => touched.extend(term.iter().filter_map(|term| slot(term.source))),
+                Step::Show { term, .. } => touched.extend(term.iter().map(|term| term.source)),
             }
             later.push(step);
         }
         together.append(&mut later);
         self.steps = together;
-    }
-}
-
-fn slot(source: Source) -> Option<usize> {
-    match source {
-        Source::Slot(slot) => Some(slot),
-        Source::Rest | Source::Emission => None,
     }
 }

@@ -6,10 +6,12 @@ use proptest::prelude::*;
 use super::*;
 use crate::scene::LightGroup;
 
-/// Executes plans with numbers in place of images. A light's image is its x coordinate.
+/// Executes plans with numbers in place of images. A light's image is its x coordinate; each point of a light with a
+/// size contributes another number, and their mean is that.
 struct Numbers {
     slots: Vec<f32>,
     rest: f32,
+    some_points: f32,
     shaded: usize,
 }
 
@@ -23,6 +25,7 @@ impl Numbers {
                 Source::Slot(slot) => self.slots[slot],
                 Source::Rest => self.rest,
                 Source::Emission => 1000.0,
+                Source::SomePoints => self.some_points,
             }
     }
 
@@ -30,18 +33,26 @@ impl Numbers {
         plan.batch_shades();
         for step in &plan.steps {
             match step {
-                Step::Shade(Shade { light, slot, detail }) => {
+                Step::Shade(Shade { light, target, detail, points }) => {
                     let off = if *detail == Detail::Coarse { OFF } else { 0.0 };
-                    self.slots[*slot] = rig.lights[*light].position.x as f32 + off;
+                    let number = |point: u32| 1.0 + (point as f32 - 0.5 * (points.of - 1) as f32) / 256.0;
+                    let mean = (points.first..points.end).map(number).sum::<f32>() / points.count() as f32;
+                    let value = rig.lights[*light].position.x as f32 * mean + off;
+                    match target {
+                        Source::Slot(slot) => self.slots[*slot] = value,
+                        Source::SomePoints => self.some_points = value,
+                        Source::Rest | Source::Emission => unreachable!(),
+                    }
                     self.shaded += 1;
                 }
-                Step::Sum { target, terms, accumulate } => {
-                    let old = if *accumulate { self.rest } else { 0.0 };
+                Step::Sum { target, terms, kept } => {
+                    let term = Term { source: *target, scale: Vec3::splat(*kept) };
+                    let old = if *kept > 0.0 { self.value(&term) } else { 0.0 };
                     let sum = old + terms.iter().map(|t| self.value(t)).sum::<f32>();
                     match target {
                         Source::Slot(slot) => self.slots[*slot] = sum,
                         Source::Rest => self.rest = sum,
-                        Source::Emission => unreachable!(),
+                        Source::Emission | Source::SomePoints => unreachable!(),
                     }
                 }
                 Step::Show { .. } => unreachable!("no sheet is planned"),
@@ -77,13 +88,13 @@ proptest! {
         light_count in 0usize..40,
         group_count in 0usize..4,
         scarce in any::<bool>(),
-        edits in prop::collection::vec((0usize..12, 0usize..1000, 1usize..20), 0..40),
+        edits in prop::collection::vec((0usize..15, 0usize..1000, 1usize..20), 0..40),
     ) {
         let mut rig = rig(light_count, group_count);
         let (fewest, most) = LightCache::slot_range(light_count);
         let slot_count = if scarce { fewest } else { most };
         let mut cache = LightCache::new(&rig, slot_count, true);
-        let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, shaded: 0 };
+        let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, some_points: f32::NAN, shaded: 0 };
         for (kind, which, amount) in edits {
             let lights = rig.lights.len();
             let amount_f = amount as f64;
@@ -109,6 +120,9 @@ proptest! {
                 }
                 10 => cache.set_detail(Detail::Coarse),
                 11 => cache.set_detail(Detail::Exact),
+                14 => cache.set_detail(Detail::Progressive),
+                12 if lights > 0 => rig.lights[which % lights].radius = (amount % 2) as f64,
+                13 if lights > 0 => drop(numbers.run(&rig, cache.plan_part(which % lights))),
                 _ => {}
             }
             let (fewest, most) = LightCache::slot_range(rig.lights.len());
@@ -121,7 +135,7 @@ proptest! {
             }
             let plan = cache.plan();
             let picture = numbers.run(&rig, plan);
-            prop_assert!(cache.is_coarse() || picture == truth(&rig));
+            prop_assert!(cache.is_coarse() || is_near(&rig, picture, truth(&rig)));
             if !rig.lights.is_empty() {
                 let one = which % rig.lights.len();
                 let alone = cache.plan_light(one);
@@ -130,14 +144,20 @@ proptest! {
                 let group = light.group.map_or(1.0, |g| rig.groups[g].scale().x);
                 let want = light.position.x as f32 * light.scale().x * group;
                 let alone = numbers.run(&rig, alone);
-                prop_assert!(cache.is_coarse() || alone == want);
+                prop_assert!(cache.is_coarse() || is_near(&rig, alone, want));
             }
         }
         cache.set_detail(Detail::Exact);
+        prop_assert!(is_near(&rig, numbers.run(&rig, cache.plan()), truth(&rig)));
         prop_assert!(!cache.is_coarse());
-        prop_assert_eq!(numbers.run(&rig, cache.plan()), truth(&rig));
-        prop_assert!(!cache.is_coarse());
+        prop_assert!(scarce || cache.pending().0 == 0);
     }
+}
+
+/// Equal; near if lights have a size, because means over points are rounded.
+fn is_near(rig: &Rig, a: f32, b: f32) -> bool {
+    let allowed = if rig.lights.iter().all(Light::is_punctual) { 0.0 } else { 1e-5 * b };
+    (a - b).abs() <= allowed
 }
 
 #[test]
@@ -201,7 +221,7 @@ fn a_hundred_thousand_lights() {
     rig.lights.iter_mut().for_each(|light| light.position.x = 1.0);
     let slot_count = LightCache::slot_range(rig.lights.len()).1;
     let mut cache = LightCache::new(&rig, slot_count, true);
-    let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, shaded: 0 };
+    let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, some_points: f32::NAN, shaded: 0 };
     assert_eq!(numbers.run(&rig, cache.plan()), truth(&rig));
     rig.lights.iter_mut().for_each(|light| light.position.x = 2.0);
     cache.set_rig(&rig, slot_count);

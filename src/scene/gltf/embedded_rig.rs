@@ -41,7 +41,7 @@ fn with_file_nodes(mut embedded: Rig, loaded: &Rig) -> Option<Rig> {
 
 /// Whether light `index` of `rig` agrees with the glTF light `found`.
 fn is_same(rig: &Rig, index: usize, found: &Light) -> bool {
-    let light = &rig.lights[index];
+    let light = &rig.lights[index].without_size();
     let near = |a: f64, b: f64| (a - b).abs() <= NEAR * a.abs().max(b.abs()).max(NEAR);
     let (want, got) = (rig.scale(index).as_dvec3(), found.scale().as_dvec3());
     let same_strength = want.distance(got) <= NEAR * want.length();
@@ -54,7 +54,7 @@ fn is_same(rig: &Rig, index: usize, found: &Light) -> bool {
     };
     let same_pose = match light.kind {
         LightKind::Point => same_place && same_range,
-        LightKind::Spot => same_place && same_range && same_direction && same_cone,
+        LightKind::Spot | LightKind::Disk | LightKind::Rect => same_place && same_range && same_direction && same_cone,
         LightKind::Directional => same_direction,
     };
     light.kind == found.kind && same_strength && same_pose

@@ -188,7 +188,7 @@ fn declare(root: &mut Object, is_used: bool) {
 
 /// The light's glTF entry, based on the file's old `entry`.
 fn entry(rig: &Rig, index: usize, mut entry: Object) -> Object {
-    let light = &rig.lights[index];
+    let light = &rig.lights[index].without_size();
     let group = light.group.map(|group| &rig.groups[group]);
     let is_on = light.enabled && group.is_none_or(|g| g.enabled);
     let mut color = light.color * group.map_or(Vec3::ONE, |g| g.color);
@@ -201,7 +201,7 @@ fn entry(rig: &Rig, index: usize, mut entry: Object) -> Object {
     }
     let kind = match light.kind {
         LightKind::Point => "point",
-        LightKind::Spot => "spot",
+        LightKind::Spot | LightKind::Disk | LightKind::Rect => "spot",
         LightKind::Directional => "directional",
     };
     entry.insert("type".into(), kind.into());

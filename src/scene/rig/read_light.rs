@@ -25,6 +25,16 @@ pub struct LightEntry {
     pub stops: Option<Spanned<f64>>,
     pub inner_deg: Option<Spanned<f64>>,
     pub outer_deg: Option<Spanned<f64>>,
+    pub radius: Option<Spanned<f64>>,
+    pub width: Option<Spanned<f64>>,
+    pub height: Option<Spanned<f64>>,
+    pub up: Option<Spanned<[f64; 3]>>,
+    pub angle_deg: Option<Spanned<f64>>,
+    pub spread_deg: Option<Spanned<f64>>,
+    #[serde(default)]
+    pub two_sided: bool,
+    /// cd/m² per channel, in place of `color` and `intensity`.
+    pub radiance: Option<Spanned<[f64; 3]>>,
     pub range: Option<Spanned<f64>>,
     pub group: Option<Spanned<String>>,
     #[serde(default = "yes")]
@@ -37,8 +47,6 @@ pub struct LightEntry {
     pub shadows: bool,
     /// Source glTF node of the light.
     pub node: Option<usize>,
-    /// Reserved.
-    pub radius: Option<Spanned<toml::Value>>,
 }
 
 pub fn yes() -> bool {
@@ -56,15 +64,30 @@ pub fn light(
     if name.is_empty() {
         return Err(check.wrong(entry.name.span(), "the name is empty"));
     }
-    if let Some(radius) = entry.radius {
-        return Err(check.wrong(radius.span(), "`radius` is reserved for area lights, which are not supported yet"));
-    }
     let kind = check.kind()?;
     let strength_at = [&entry.intensity, &entry.stops].into_iter().flatten().map(|v| v.span()).next();
+    check.radiance_alone(&entry)?;
     let [inner_angle, outer_angle] = check.cone(entry.inner_deg, entry.outer_deg)?;
     let position = check.vector(entry.position, "position", kind != LightKind::Directional)?;
-    let light = Light {
+    let default = Light::point("", DVec3::ZERO);
+    let radius = match kind {
+        LightKind::Disk => check.needed(entry.radius, "radius")?,
+        _ if entry.kind.get_ref() == "sphere" => check.needed(entry.radius, "radius")?,
+        _ => check.number(entry.radius, 0.0, "radius", SIZES)?,
+    };
+    let size = match kind {
+        LightKind::Rect => [check.needed(entry.width, "width")?, check.needed(entry.height, "height")?],
+        _ => [check.number(entry.width, 1.0, "width", SIZES)?, check.number(entry.height, 1.0, "height", SIZES)?],
+    };
+    let mut light = Light {
         kind,
+        radius,
+        size,
+        up: check.vector(entry.up, "up", false)?.unwrap_or(default.up),
+        angle: check.number(entry.angle_deg, 0.0, "angle_deg", 0.0..=180.0)?.to_radians(),
+        // The smallest is a beam of a hundredth of a degree.
+        spread: check.number(entry.spread_deg, 180.0, "spread_deg", 0.01..=180.0)?.to_radians(),
+        two_sided: entry.two_sided,
         position: position.unwrap_or(DVec3::ZERO),
         direction: check.direction(entry.direction, kind != LightKind::Point)?,
         color: check.color(entry.color, entry.kelvin, entry.tint)?,
@@ -84,6 +107,9 @@ pub fn light(
         node: entry.node,
         name: name.clone(),
     };
+    if let Some(radiance) = entry.radiance {
+        check.set_radiance(&mut light, radiance)?;
+    }
     // Checked even if the light or group is off, so that enabling it later cannot break the picture.
     let own = Light { enabled: true, ..light.clone() }.scale();
     let group = light.group.map_or(Vec3::ONE, |g| LightGroup { enabled: true, ..groups[g].clone() }.scale());
@@ -93,6 +119,10 @@ pub fn light(
     }
     Ok(light)
 }
+
+const KINDS: &str = "`point`, `spot`, `directional`, `sphere`, `disk`, `rect` or `sun`";
+/// Lengths in metres.
+const SIZES: RangeInclusive<f64> = 0.0..=f64::MAX;
 
 /// Validates the values of one light; its errors name the light.
 struct Check<'a> {
@@ -111,10 +141,46 @@ impl Check<'_> {
         match self.kind.get_ref().as_str() {
             "point" => Ok(LightKind::Point),
             "spot" => Ok(LightKind::Spot),
-            "directional" => Ok(LightKind::Directional),
-            kind @ ("rect" | "sphere" | "dome") => wrong(format!("kind `{kind}` is reserved and not supported yet")),
-            kind => wrong(format!("kind `{kind}` is unknown, expected `point`, `spot` or `directional`")),
+            "directional" | "sun" => Ok(LightKind::Directional),
+            "sphere" => Ok(LightKind::Point),
+            "disk" => Ok(LightKind::Disk),
+            "rect" => Ok(LightKind::Rect),
+            kind @ ("dome" | "emitter") => wrong(format!("kind `{kind}` is reserved and not supported yet")),
+            kind => wrong(format!("kind `{kind}` is unknown, expected {KINDS}")),
         }
+    }
+
+    fn needed(&self, value: Option<Spanned<f64>>, what: &str) -> Result<f64, String> {
+        match value {
+            None => Err(self.wrong(self.kind.span(), format!("a {} light needs a {what}", self.kind.get_ref()))),
+            some => self.number(some, 0.0, what, SIZES),
+        }
+    }
+
+    /// `radiance` excludes the keys whose place it takes.
+    fn radiance_alone(&self, entry: &LightEntry) -> Result<(), String> {
+        let Some(radiance) = &entry.radiance else { return Ok(()) };
+        let others = [entry.color.is_some(), entry.kelvin.is_some(), entry.intensity.is_some()];
+        match ["color", "kelvin", "intensity"].iter().zip(others).find(|(_, given)| *given) {
+            Some((other, _)) => Err(self.wrong(radiance.span(), format!("radiance and {other} are both given"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Sets colour and intensity.
+    fn set_radiance(&self, light: &mut Light, radiance: Spanned<[f64; 3]>) -> Result<(), String> {
+        let wrong = |reason: &str| Err(self.wrong(radiance.span(), reason));
+        let value = DVec3::from_array(*radiance.get_ref());
+        if !(value.is_finite() && value.min_element() >= 0.0) {
+            return wrong("radiance must be finite and not negative");
+        }
+        let Some(area) = light.projected_area() else {
+            return wrong("a light of this kind has no radiance, or its size is zero; use intensity");
+        };
+        let brightest = value.max_element();
+        light.intensity = brightest * area;
+        light.color = if brightest > 0.0 { (value / brightest).as_vec3() } else { Vec3::ONE };
+        Ok(())
     }
 
     fn number(

@@ -67,6 +67,8 @@ impl Document {
             LightKind::Point => "point",
             LightKind::Spot => "spot",
             LightKind::Directional => "directional",
+            LightKind::Disk => "disk",
+            LightKind::Rect => "rect",
         };
         self.header("[[light]]");
         self.key("name", string(&light.name));
@@ -85,6 +87,27 @@ impl Document {
         if light.kind == LightKind::Spot || (light.inner_angle, light.outer_angle) != (0.0, FRAC_PI_4) {
             self.key("inner_deg", number(degrees(light.inner_angle)));
             self.key("outer_deg", number(degrees(light.outer_angle)));
+        }
+        if light.kind == LightKind::Disk || light.radius != 0.0 {
+            self.key("radius", number(light.radius));
+        }
+        let default = Light::point("", DVec3::ZERO);
+        let is_rect = light.kind == LightKind::Rect;
+        if is_rect || light.size != default.size {
+            self.key("width", number(light.size[0]));
+            self.key("height", number(light.size[1]));
+        }
+        if is_rect || light.up != default.up {
+            self.key("up", vector(light.up));
+        }
+        if light.angle != default.angle {
+            self.key("angle_deg", number(degrees(light.angle)));
+        }
+        if light.spread != default.spread {
+            self.key("spread_deg", number(degrees(light.spread)));
+        }
+        if light.two_sided {
+            self.key("two_sided", true);
         }
         if let Some(range) = light.range {
             self.key("range", number(range));

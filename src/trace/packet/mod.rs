@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use self::rays::{Rays, any_positive, meets_box, meets_box_along, start_rays};
 use self::triangle::{Edges, attenuate, block};
 use super::bvh::{Bvh, TracedScene, blocked_share};
-use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_SPOT, PackedLight, TILE_SIZE};
+use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, PackedLight, TILE_SIZE};
 
 /// Rays in a packet: one tile of pixels.
 pub const PACKET_SIZE: usize = (TILE_SIZE * TILE_SIZE) as usize;
@@ -199,7 +199,11 @@ fn target<const DIRECTIONAL: bool>(
     let distance = distance2.sqrt();
     let facing = nx * tx + ny * ty + nz * tz > 0.0;
     // Slightly wider than the cone, whose edge is black.
-    let cone = if light.kind == LIGHT_SPOT { 1.0 - light.cone_versine - 1e-5 } else { -2.0 };
+    let cone = match light.kind {
+        LIGHT_SPOT => 1.0 - light.cone_versine - 1e-5,
+        LIGHT_FACET => -1e-5,
+        _ => -2.0,
+    };
     let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
     let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
     let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance.min(FAR_RADII * bvh.radius) });

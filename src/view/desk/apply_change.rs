@@ -5,7 +5,7 @@ use glam::{DQuat, Vec3};
 use crate::scene::{Light, LightKind, Rig};
 
 /// Applies to `light` the change of another light from `before` to `after`: position, stops and angles by the same
-/// offset, direction by the same rotation, colour, intensity and range by the same ratio. A changed switch takes the
+/// offset, direction by the same rotation, colour, intensity, sizes and range by the same ratio. A changed switch takes the
 /// other light's value. Name, kind, group and links do not change.
 pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     let mut light = light.clone();
@@ -28,6 +28,12 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
         let inner = light.inner_angle + (after.inner_angle - before.inner_angle);
         light.inner_angle = inner.clamp(0.0, light.outer_angle);
     }
+    light.radius = scaled(light.radius, before.radius, after.radius).max(0.0);
+    light.angle = scaled(light.angle, before.angle, after.angle).clamp(0.0, std::f64::consts::PI);
+    light.spread = scaled(light.spread, before.spread, after.spread).clamp(f64::MIN_POSITIVE, std::f64::consts::PI);
+    for side in 0..2 {
+        light.size[side] = scaled(light.size[side], before.size[side], after.size[side]).max(0.0);
+    }
     if before.range != after.range {
         light.range = match (light.range, before.range, after.range) {
             (Some(own), Some(before), Some(after)) => Some(scaled(own, before, after)),
@@ -38,6 +44,7 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
         (&mut light.enabled, before.enabled, after.enabled),
         (&mut light.shadows, before.shadows, after.shadows),
         (&mut light.solo, before.solo, after.solo),
+        (&mut light.two_sided, before.two_sided, after.two_sided),
     ] {
         if before != after {
             *own = after;

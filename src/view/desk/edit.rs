@@ -37,6 +37,8 @@ pub enum LightEdit {
     Outer(f64),
     /// Inner half-angle of a spot light, degrees.
     Inner(f64),
+    /// Size, in doublings; a light without size gets one.
+    Size(f64),
     /// Switches: all selected lights take the opposite of the primary light's value.
     Toggle,
     Solo,
@@ -113,6 +115,7 @@ impl Desk {
             LightEdit::Inner(by) => {
                 light.inner_angle = (light.inner_angle + by.to_radians()).clamp(0.0, light.outer_angle);
             }
+            LightEdit::Size(by) => self.resize(&mut light, by.exp2()),
             LightEdit::Toggle => light.enabled = !like.enabled,
             LightEdit::Solo => light.solo = !like.solo,
             LightEdit::Shadows => light.shadows = !like.shadows,
@@ -120,6 +123,25 @@ impl Desk {
         Ok(light)
     }
 }
+
+impl Desk {
+    /// Multiplies a light's size. Smaller than a thousandth of a step, or a thousandth of a degree, is no size.
+    fn resize(&self, light: &mut Light, factor: f64) {
+        let grown = |size: f64, first: f64| match size * factor {
+            0.0 if factor > 1.0 => first,
+            smaller if smaller < 1e-3 * first => 0.0,
+            size => size,
+        };
+        match light.kind {
+            LightKind::Rect => light.size = light.size.map(|side| grown(side, self.step)),
+            LightKind::Directional => light.angle = grown(light.angle, SUN).min(std::f64::consts::PI),
+            LightKind::Point | LightKind::Spot | LightKind::Disk => light.radius = grown(light.radius, self.step),
+        }
+    }
+}
+
+/// Angle of the sun, radians.
+const SUN: f64 = 0.53 * std::f64::consts::PI / 180.0;
 
 /// Shifts the temperature of `color` at the same luminance; a tint off the black-body locus is lost.
 fn shifted(color: Vec3, mired: f64) -> Vec3 {

@@ -26,6 +26,11 @@ impl Desk {
             LightKind::Spot => (15f64.to_radians(), 20f64.to_radians()),
             _ => (light.inner_angle, light.outer_angle),
         };
+        match kind {
+            LightKind::Disk => light.radius = two_digits(0.1 * distance),
+            LightKind::Rect => light.size = [0.25 * distance, 0.125 * distance].map(two_digits),
+            LightKind::Point | LightKind::Spot | LightKind::Directional => {}
+        }
         if kind == LightKind::Directional {
             light.position = DVec3::ZERO;
         }

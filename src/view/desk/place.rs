@@ -35,7 +35,9 @@ impl Desk {
             let direction = match light.kind {
                 LightKind::Point => return Err("a point light shines in all directions and cannot aim"),
                 LightKind::Directional => -at.normal,
-                LightKind::Spot => (at.position - light.position).try_normalize().ok_or("it is at that point")?,
+                LightKind::Spot | LightKind::Disk | LightKind::Rect => {
+                    (at.position - light.position).try_normalize().ok_or("it is at that point")?
+                }
             };
             Ok(Light { direction, ..light.clone() })
         });

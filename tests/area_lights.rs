@@ -1,0 +1,282 @@
+//! Lights with a size where the answer is known: relit, and traced by the path tracer.
+
+mod common;
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use common::stage::{self, Build, Setup, Stage, lambert, look, mirror, rig};
+use common::{assert_near, gpu, shipped, transfer};
+use glam::{DVec3, Vec3};
+use relume::physics::sequence::fibonacci_lattice;
+use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
+use relume::relight::{Detail, Layers, Picture, Request};
+use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
+use relume::trace::bvh::TracedScene;
+
+/// Asked of pictures at rest.
+const AT_REST: f64 = 1e-3;
+const ALBEDO: f64 = 0.6;
+
+/// A grey floor at y = 0 that reaches 4 m in each direction.
+fn floor() -> Build {
+    let mut build = Build::default();
+    let material = build.material(lambert(Vec3::splat(ALBEDO as f32)));
+    build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, material);
+    build
+}
+
+/// A spot of the floor a micrometre wide, from above.
+fn at(point: DVec3) -> Camera {
+    look(point + DVec3::Y, point, DVec3::NEG_Z, Projection::Orthographic { ymag: 1e-6 })
+}
+
+/// A light with a size, and the irradiance that it gives the floor at a point, from a formula.
+struct Case {
+    what: &'static str,
+    light: Light,
+    point: DVec3,
+    irradiance: f64,
+}
+
+/// Irradiance from a disk parallel to the floor, of unit radiance, at `distance` from its axis.
+fn of_disk(radius: f64, height: f64, distance: f64) -> f64 {
+    let (r, h, d) = (radius * radius, height * height, distance * distance);
+    FRAC_PI_2 * (1.0 - (h + d - r) / ((h + d + r).powi(2) - 4.0 * r * d).sqrt())
+}
+
+/// Irradiance at the origin on a floor facing +Y from a polygon of unit radiance above it [Lambert 1760].
+fn of_polygon(corners: &[DVec3]) -> f64 {
+    let edge = |i: usize| {
+        let [a, b] = [corners[i].normalize(), corners[(i + 1) % corners.len()].normalize()];
+        a.dot(b).acos() * a.cross(b).normalize().y
+    };
+    (0.5 * (0..corners.len()).map(edge).sum::<f64>()).abs()
+}
+
+fn cases() -> Vec<Case> {
+    let light = |kind: LightKind, position: DVec3| Light {
+        kind,
+        direction: DVec3::NEG_Y,
+        intensity: 5.0,
+        ..Light::point("l", position)
+    };
+    let mut cases = Vec::new();
+    for (radius, height, distance) in [(0.5, 2.0, 0.0), (0.5, 2.0, 1.5), (1.5, 1.0, 0.7), (0.01, 1.0, 0.3)] {
+        let disk = Light { radius, ..light(LightKind::Disk, DVec3::Y * height) };
+        let irradiance = 5.0 / (PI * radius * radius) * of_disk(radius, height, distance);
+        cases.push(Case { what: "disk", light: disk, point: DVec3::X * distance, irradiance });
+    }
+    for (radius, height, distance) in [(0.3, 1.0, 0.0), (0.3, 1.0, 1.2), (0.001, 2.0, 0.5)] {
+        let sphere = Light { radius, ..light(LightKind::Point, DVec3::Y * height) };
+        let squared: f64 = height * height + distance * distance;
+        let irradiance = 5.0 * height / squared.powf(1.5);
+        cases.push(Case { what: "sphere", light: sphere, point: DVec3::X * distance, irradiance });
+    }
+    for (position, direction, size) in [
+        (DVec3::new(0.0, 2.0, 0.0), DVec3::NEG_Y, [1.0, 0.5]),
+        (DVec3::new(0.5, 1.0, -1.5), DVec3::new(-0.2, -0.3, 1.0).normalize(), [1.0, 0.8]),
+        (DVec3::new(-1.0, 1.5, 0.2), DVec3::X, [2.0, 1.0]),
+    ] {
+        let rect = Light { direction, size, up: DVec3::new(0.1, 0.2, 1.0), ..light(LightKind::Rect, position) };
+        let [u, v] = rect.axes();
+        let [u, v] = [u * size[0] / 2.0, v * size[1] / 2.0];
+        let irradiance = 5.0 / (size[0] * size[1])
+            * of_polygon(&[position - u - v, position + u - v, position + u + v, position - u + v]);
+        cases.push(Case { what: "rectangle", light: rect, point: DVec3::ZERO, irradiance });
+    }
+    for (direction, angle) in
+        [(DVec3::NEG_Y, 0.5f64), (DVec3::new(0.6, -0.8, 0.0), 30.0), (DVec3::new(0.6, -0.8, 0.0), 0.0)]
+    {
+        let sun = Light { direction, angle: angle.to_radians(), ..light(LightKind::Directional, DVec3::ZERO) };
+        cases.push(Case { what: "sun", light: sun, point: DVec3::ZERO, irradiance: -5.0 * direction.y });
+    }
+    let far = Light { radius: 0.2, ..light(LightKind::Disk, DVec3::Y * 200.0) };
+    cases.push(Case { what: "far disk", light: far, point: DVec3::ZERO, irradiance: 5.0 / 4e4 });
+    cases
+}
+
+#[test]
+fn irradiance_at_rest() {
+    let gpu = gpu();
+    for Case { what, light, point, irradiance } in cases() {
+        let setup = Setup::new(1, 1);
+        let all = rig(vec![light.clone()]);
+        let stage = stage::Stage::new(floor().scene(), &at(point), &all, &setup);
+        let mut relighter = stage.relighter(&gpu, &all, &setup);
+        let got = f64::from(relighter.linear(Picture::Light(0)).unwrap()[0][0]);
+        let want = ALBEDO / PI * irradiance;
+        println!("{what}: {got:.6}, want {want:.6}, off by {:+.1e}", got / want - 1.0);
+        assert_near(got, want, AT_REST, format!("{what} {light:?}"));
+    }
+}
+
+#[test]
+fn irradiance_in_the_path_tracer() {
+    for Case { what, light, point, irradiance } in cases() {
+        let settings = Settings {
+            width: 1,
+            height: 1,
+            layers: 4,
+            max_bounces: Some(0),
+            filter: Filter::Box,
+            bounce_layers: 0,
+            light_layers: false,
+            seed: 1,
+        };
+        let scene = TracedScene::new(floor().scene());
+        let (camera, rig) = (at(point), rig(vec![light]));
+        let film = PathTracer::new(&scene, &camera, &rig, &settings).trace(1 << 14, &|| false, &|_| ());
+        let got = f64::from(film.layer(Half::Both, Layer::Direct)[0][0]);
+        assert_near(got, ALBEDO / PI * irradiance, AT_REST, what);
+    }
+}
+
+/// A light without size is the light that it was, to the last bit.
+#[test]
+fn no_size_is_no_change() {
+    let gpu = gpu();
+    let spot = Light {
+        kind: LightKind::Spot,
+        direction: DVec3::new(0.3, -0.9, 0.1).normalize(),
+        ..Light::point("spot", DVec3::new(0.2, 1.0, 0.3))
+    };
+    let sun = Light { kind: LightKind::Directional, direction: DVec3::NEG_Y, ..Light::point("sun", DVec3::ZERO) };
+    let picture = |lights: Vec<Light>| {
+        let setup = Setup::new(32, 32);
+        let all = rig(lights);
+        let camera = look(DVec3::new(0.0, 2.0, 3.0), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.0 });
+        let stage = stage::Stage::new(floor().scene(), &camera, &all, &setup);
+        stage.relighter(&gpu, &all, &setup).linear(Picture::Whole).unwrap().to_vec()
+    };
+    let lights = vec![Light::point("point", DVec3::new(-0.5, 0.7, 0.0)), spot, sun];
+    // What only other kinds use.
+    let others = lights.iter().map(|light| Light { size: [3.0; 2], up: DVec3::X, spread: 0.5, ..light.clone() });
+    assert_eq!(picture(lights.clone()), picture(others.collect()));
+}
+
+/// Where part of a sun is behind a straight edge, the floor gets what the visible segment of its disk gives.
+#[test]
+fn penumbra_of_a_sun() {
+    let gpu = gpu();
+    let angle = 4f64.to_radians();
+    let mut build = floor();
+    let material = build.material(lambert(Vec3::ZERO));
+    // Shades all of x > 0 from straight above.
+    build.quad(DVec3::new(2.0, 1.0, 0.0), 2.0 * DVec3::X, 4.0 * DVec3::NEG_Z, material);
+    let sun = Light {
+        kind: LightKind::Directional,
+        direction: DVec3::NEG_Y,
+        angle,
+        intensity: 2.0,
+        ..Light::point("sun", DVec3::ZERO)
+    };
+    let all = rig(vec![sun]);
+    let radius = (angle / 2.0).tan();
+    for share in [-1.1, -0.8, -0.5, 0.0, 0.4, 0.9, 1.1] {
+        let point = DVec3::X * (share * radius);
+        let setup = Setup::new(1, 1);
+        let mut camera = at(point);
+        camera.position.y = 0.5; // below the edge
+        let stage = stage::Stage::new(build.scene(), &camera, &all, &setup);
+        let got = f64::from(stage.relighter(&gpu, &all, &setup).linear(Picture::Light(0)).unwrap()[0][0]);
+        let x: f64 = f64::clamp(-share, -1.0, 1.0);
+        // Area of the disk's segment, of the disk.
+        let visible = 0.5 + (x * (1.0 - x * x).sqrt() + x.asin()) / PI;
+        let want = ALBEDO / PI * 2.0 * visible;
+        // The share of 256 points that an edge hides.
+        assert!((got - want).abs() < 8e-3 * ALBEDO / PI * 2.0, "{share}: {got}, want {want}");
+    }
+}
+
+/// The path tracer's mirrors show the shape of a light at its radiance, and nothing beside it.
+#[test]
+fn mirrors_show_lights() {
+    let mut build = Build::default();
+    let material = build.material(mirror(Vec3::ONE, 1.0));
+    build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, material);
+    let scene = TracedScene::new(build.scene());
+    let settings = Settings {
+        width: 64,
+        height: 64,
+        layers: 2,
+        max_bounces: Some(0),
+        filter: Filter::Centre,
+        bounce_layers: 0,
+        light_layers: false,
+        seed: 1,
+    };
+    let half = 1.0;
+    let camera = look(DVec3::Y, DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: half });
+    for kind in [LightKind::Point, LightKind::Disk, LightKind::Rect] {
+        let light = Light {
+            kind,
+            direction: DVec3::NEG_Y,
+            radius: 0.4,
+            size: [1.0, 0.5],
+            up: DVec3::Z,
+            ..Light::point("l", DVec3::new(0.0, 2.0, 0.0))
+        };
+        let radiance = 1.0 / light.projected_area().unwrap();
+        let rig = Rig { lights: vec![light], ..Rig::default() };
+        let film = PathTracer::new(&scene, &camera, &rig, &settings).trace(1, &|| false, &|_| ());
+        let picture = film.layer(Half::Both, Layer::Reflection);
+        for (i, pixel) in picture.iter().enumerate() {
+            let [x, z] = [i % 64, i / 64].map(|i| ((i as f64 + 0.5) / 32.0 - 1.0) * half);
+            let is_inside = match kind {
+                LightKind::Rect => x.abs() < 0.5 && z.abs() < 0.25,
+                _ => x.hypot(z) < 0.4,
+            };
+            assert_near(f64::from(pixel[0]), if is_inside { radiance } else { 0.0 }, 1e-5, format!("{kind:?} {x} {z}"));
+        }
+    }
+}
+
+/// Direct, mirrored and indirect light of a spot with a radius is that of 256 spots in its place; and pictures with ever
+/// more of its points end in the same one, to the last bit.
+#[test]
+fn a_light_is_the_mean_of_its_points() {
+    let gpu = gpu();
+    let setup = Setup::new(32, 24);
+    let scene = Scene::load(&shipped("balls-2.glb")).unwrap();
+    let (camera, space) = (scene.cameras[0].clone(), scene.space);
+    let spot = Light {
+        kind: LightKind::Spot,
+        direction: DVec3::new(-0.5, -0.8, -0.3).normalize(),
+        outer_angle: 0.7,
+        radius: 0.2,
+        intensity: 30.0,
+        ..Light::point("spot", DVec3::new(0.6, 1.6, 0.5))
+    };
+    let points = (0..256).map(|i| {
+        let point = spot.pack_point(space, fibonacci_lattice(i, 256), None);
+        let position = space.to_world(point.position);
+        Light { name: format!("spot{i}"), position, radius: 0.0, intensity: 30.0 / 256.0, ..spot.clone() }
+    });
+    let [one, many] = [rig(vec![spot.clone()]), rig(points.collect())];
+    let mut stage = Stage::new(scene, &camera, &one, &setup);
+    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(400, 80, 64)));
+    for layers in [Layers::All, Layers::Indirect] {
+        let picture = |rig: &Rig| stage.relighter(&gpu, rig, &setup).linear(layers).unwrap().to_vec();
+        let (got, want) = (picture(&one), picture(&many));
+        let sum = |of: &dyn Fn(f32, f32) -> f32| {
+            let pairs = got.iter().flatten().zip(want.iter().flatten());
+            pairs.map(|(a, b)| f64::from(of(*a, *b)).powi(2)).sum::<f64>().sqrt()
+        };
+        let (error, all) = (sum(&|a, b| a - b), sum(&|_, b| b));
+        assert!(all > 0.0 && error < 1e-4 * all, "{layers:?}: {error} of {all}");
+    }
+    let mut relighter = stage.relighter(&gpu, &one, &setup);
+    let exact = relighter.linear(Layers::All).unwrap().to_vec();
+    let mut relighter = stage.relighter(&gpu, &one, &setup);
+    let progressive = Request { detail: Detail::Progressive, ..Request::default() };
+    let mut pictures = 0;
+    loop {
+        let picture = relighter.linear(progressive).unwrap().to_vec();
+        pictures += 1;
+        if !relighter.is_coarse() {
+            assert_eq!(picture, exact);
+            break;
+        }
+    }
+    assert!(pictures > 10, "{pictures} pictures");
+}
