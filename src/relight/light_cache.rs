@@ -48,6 +48,7 @@ pub struct LightCache {
     rest: Option<Vec<Term>>,
     /// Whether any image in the rest is coarse.
     rest_is_coarse: bool,
+    /// Whether any image in the last planned picture is coarse.
     picture_is_coarse: bool,
     /// Nodes edited since the last plan.
     edited: Vec<usize>,
@@ -277,6 +278,7 @@ impl LightCache {
             scale *= self.scale(n);
             node = self.nodes[n].parent;
         }
+        self.picture_is_coarse = false;
         if scale != Vec3::ZERO {
             let slot = self.ensure_image(self.leaf_of[light], &mut plan.steps);
             self.picture_is_coarse = self.nodes[self.leaf_of[light]].coarse;
@@ -296,11 +298,14 @@ impl LightCache {
     /// Plans a contact sheet of `cells` cells, one light's contribution per cell.
     pub fn plan_sheet(&mut self, cells: usize) -> Plan {
         let mut plan = Plan::default();
+        let mut is_coarse = false;
         for cell in 0..cells {
             let light = if cell < self.rig.lights.len() { self.plan_light(cell) } else { Plan::default() };
+            is_coarse |= self.picture_is_coarse;
             plan.steps.extend(light.steps);
             plan.steps.push(Step::Show { cell, term: light.picture.first().copied() });
         }
+        self.picture_is_coarse = is_coarse;
         plan
     }
 

@@ -47,24 +47,25 @@ pub fn clusters(scene: &Scene, order: &[[u32; 3]]) -> Vec<Cluster> {
     order.chunks(CLUSTER_SIZE).enumerate().map(cluster).collect()
 }
 
-/// Faces of a light at `position` for a scene of `radius` around the origin; mesh space. `margin` widens them for the
-/// filter.
-pub fn faces_of(light: &Light, position: Vec3, radius: f32, margin: f32) -> Vec<Face> {
+/// Faces of `packed`, which is `light` or a point of it, for a scene of `radius` around the origin; mesh space. `margin`
+/// widens them for the filter.
+pub fn faces_of(light: &Light, packed: &PackedLight, radius: f32, margin: f32) -> Vec<Face> {
     let single = |forward: Vec3, tangent: f32| {
         let (right, up) = forward.any_orthonormal_pair();
         vec![Face { axes: [right, up, forward], tangent }]
     };
     // For a light far enough outside, one face covers the scene.
+    let PackedLight { position, direction, .. } = *packed;
     let distance = position.length();
     let whole =
         (distance > FAR_RADII * radius).then(|| radius / (distance - radius).sqrt() / (distance + radius).sqrt());
     match light.kind {
-        LightKind::Directional => single(light.direction.as_vec3(), 0.0),
+        LightKind::Directional => single(direction, 0.0),
         LightKind::Spot
             if light.outer_angle <= MAX_SINGLE_ANGLE
                 && whole.is_none_or(|whole| light.outer_angle.tan() < f64::from(whole)) =>
         {
-            single(light.direction.as_vec3(), (light.outer_angle.tan() as f32).max(1e-6) * margin)
+            single(direction, (light.outer_angle.tan() as f32).max(1e-6) * margin)
         }
         _ if let Some(whole) = whole => single(-position / distance, whole * margin),
         // Same order as in `cube_face` of shadow_pcf.comp.

@@ -65,7 +65,7 @@ impl ShadowMaps {
         lists: &[(&Buffer<ViewSample>, &Buffer<u32>)],
     ) {
         let margin = 1.0 + 2.0 * FILTER_TEXELS / self.depth.size() as f32;
-        let faces = faces_of(light, packed.position, self.radius, margin);
+        let faces = faces_of(light, packed, self.radius, margin);
         let matrices: Vec<ShadowFace> = faces
             .iter()
             .map(|face| ShadowFace { clip_from_mesh: face.clip_from_mesh(packed.position, self.radius) })
