@@ -240,11 +240,15 @@ fn rigs_that_are_none() {
     refused(b"[[light]]\nname = \"a\"\nbrightness = 3\n", &["brightness", "3"]);
     refused(b"[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0,0,0]\nwattage = 3\n", &["wattage", "line 5"]);
     refused(b"[lights]\n", &["lights"]);
-    for kind in ["rect", "sphere", "dome"] {
+    for kind in ["dome", "emitter"] {
         let text = format!("[[light]]\nname = \"a\"\nkind = \"{kind}\"\nposition = [0,0,0]\nintensity = 1.0\n");
         refused(text.as_bytes(), &[kind, "reserved"]);
     }
-    refused(b"[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0,0,0]\nradius = 1.0\n", &["radius", "reserved"]);
+    refused(
+        b"[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0,0,0]\nradius = -1.0\n",
+        &["radius is -1", "line 5"],
+    );
+    refused(b"[[light]]\nname = \"a\"\nkind = \"sphere\"\nposition = [0,0,0]\n", &["sphere light needs a radius", "3"]);
     refused(b"not TOML", &[]);
     refused(b"\xff\xfe", &["UTF-8"]);
     let none = render!(shipped("balls-2.glb"), &out, "--rig", folder.path().join("none.toml"));
