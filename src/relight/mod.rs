@@ -154,7 +154,7 @@ impl Relighter {
             tracing::warn!("the budget holds {image_budget} light images; the minimum of {fewest} is allocated");
         }
         add_images(&mut images, context, framebuffer, slot_counts(rig, image_budget))?;
-        let some_points = has_sizes(rig).then(|| light_image(context, framebuffer, SOME_POINTS)).transpose()?;
+        let some_points = rig.has_sizes().then(|| light_image(context, framebuffer, SOME_POINTS)).transpose()?;
         Ok(Self {
             frames,
             cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
@@ -222,7 +222,7 @@ impl Relighter {
         for _ in self.extras.len()..batch_size(rig.lights.len()) {
             self.extras.push(extra_planes(&self.context, &self.framebuffer)?);
         }
-        if self.some_points.is_none() && has_sizes(rig) {
+        if self.some_points.is_none() && rig.has_sizes() {
             self.some_points = Some(light_image(&self.context, &self.framebuffer, SOME_POINTS)?);
         }
         self.cache.set_rig(rig, self.images.len());
@@ -399,11 +399,6 @@ fn light_image(context: &Arc<Context>, framebuffer: &DeepFramebuffer, name: &str
 
 /// Owner of the memory of [`Source::SomePoints`].
 const SOME_POINTS: &str = "light images (points of a light)";
-
-/// Whether any light has a size.
-fn has_sizes(rig: &Rig) -> bool {
-    rig.lights.iter().any(|light| !light.is_punctual())
-}
 
 /// Adds light images until there are as many as the end of `counts`; fewer, but at least as many as its start, if the
 /// device has no room.

@@ -51,7 +51,7 @@ impl Target {
             brdfs: scene.materials.len() + counts.own_brdfs,
             emits: counts.has_emission,
             lights: rig.lights.len(),
-            sizes: rig.lights.iter().any(|light| !light.is_punctual()),
+            sizes: rig.has_sizes(),
             gather,
             maps: (!self.traces(scene)).then(|| MapFootprint::new(scene, self.relight.shadow_size)),
         }

@@ -52,6 +52,11 @@ impl Rig {
         file::write_whole(path, |out| out.write_all(self.to_toml().as_bytes()).map_err(Error::io("write", path)))
     }
 
+    /// Whether any light has a size.
+    pub fn has_sizes(&self) -> bool {
+        self.lights.iter().any(|light| !light.is_punctual())
+    }
+
     /// The rig with solo applied: if any light or group is solo, all other lights are off. Disabled lights stay
     /// disabled.
     pub fn with_solo_applied(&self) -> Cow<'_, Self> {
