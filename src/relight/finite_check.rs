@@ -1,4 +1,7 @@
 //! Counts infinite and NaN values in the results of passes. A correct pass writes none; nothing is clamped.
+//!
+//! Sums pass on what is not finite, so only the picture is checked until it has such a value. Then it is rendered again,
+//! and the results of all passes are checked.
 
 use std::sync::Arc;
 
@@ -28,13 +31,26 @@ pub const MAX_CHECKS_PER_STEP: usize = 5;
 pub struct FiniteCheck {
     kernel: Kernel<CountNonFinitePush>,
     counts: Buffer<u32>,
+    /// Whether all passes are checked.
+    is_thorough: bool,
 }
 
 impl FiniteCheck {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let mut counts = Buffer::new(context, "non-finite values", Access::HostWrites, NAMES.len())?;
         counts.host_mut().fill(0);
-        Ok(Self { kernel: Kernel::new(context, ())?, counts })
+        Ok(Self { kernel: Kernel::new(context, ())?, counts, is_thorough: false })
+    }
+
+    /// Checks all passes from now on, with new counts, if only pictures were checked and one had a value that is not
+    /// finite. Returns whether it did. All frames must be finished.
+    pub fn becomes_thorough(&mut self) -> bool {
+        if self.is_thorough || self.counts.host().iter().all(|&count| count == 0) {
+            return false;
+        }
+        self.counts.host_mut().fill(0);
+        self.is_thorough = true;
+        true
     }
 
     /// Number of non-finite values so far, by pass. All frames must be finished.
@@ -51,7 +67,7 @@ impl FiniteCheck {
         length: u32,
         stride: u32,
     ) {
-        if length == 0 {
+        if length == 0 || !(self.is_thorough || checked == CheckedPass::Composite) {
             return;
         }
         let mut pass = frame.pass("count non-finite");

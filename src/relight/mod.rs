@@ -312,7 +312,8 @@ impl Relighter {
         self.cache.set_detail(detail);
     }
 
-    /// Starts to count infinite and NaN values in the results of passes; see [`Self::non_finite`].
+    /// Starts to count infinite and NaN values in scene-linear pictures, and in the results of passes of pictures that
+    /// have any; see [`Self::non_finite`].
     pub fn check_finite(&mut self) -> Result<()> {
         self.finite_check = Some(FiniteCheck::new(&self.context)?);
         Ok(())
@@ -353,7 +354,12 @@ impl Relighter {
 
     /// The picture in scene-linear Rec. 709 radiance, row by row.
     pub fn linear(&mut self, request: impl Into<Request>) -> Result<&[[f32; 3]]> {
-        self.run(&request.into(), Output::Linear, None)?;
+        let request = request.into();
+        self.run(&request, Output::Linear, None)?;
+        if self.finite_check.as_mut().is_some_and(FiniteCheck::becomes_thorough) {
+            self.invalidate_all();
+            self.run(&request, Output::Linear, None)?;
+        }
         Ok(bytemuck::cast_slice(self.outputs.pixels(Output::Linear).host()))
     }
 
