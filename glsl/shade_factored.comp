@@ -13,6 +13,7 @@ void main() {
     uint byte = (push.visibility.at[index / 4] >> (8 * (index & 3))) & 255;
     vec3 wi;
     float irradiance = incident(push.light, push.points.at[index].position, wi) * float(byte) / 255.0;
+    vec3 factor = push.has_factors != 0 ? unpack_factor(push.factors.at[index]) : vec3(1.0);
     float light = irradiance * max(dot(s.normal, wi), 0.0);
     // Bilinear interpolation. Texels outside the disc have w = 0; dividing by the interpolated w leaves them out.
     vec2 on_disc = vec2(dot(s.tangent, wi), dot(cross(s.normal, s.tangent), wi));
@@ -30,6 +31,6 @@ void main() {
         }
         uint at = (s.first + term) * push.stride + push.offset;
         vec4 before = push.accumulate != 0 ? push.coefficients.at[at] : vec4(0.0);
-        push.coefficients.at[at] = before + vec4(k.w > 0.0 ? light / k.w * k.rgb : vec3(0.0), 0.0);
+        push.coefficients.at[at] = before + vec4(k.w > 0.0 ? light / k.w * factor * k.rgb : vec3(0.0), 0.0);
     }
 }

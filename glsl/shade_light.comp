@@ -17,7 +17,9 @@ vec3 shade(uint index) {
     if (irradiance == 0.0) {
         return vec3(0.0);
     }
-    return irradiance * reflected(push.brdfs.at[s.brdf], octahedral(s.normal), wi, octahedral(s.wo), SPECULAR);
+    vec3 factor = push.has_factors != 0 ? unpack_factor(push.factors.at[index]) : vec3(1.0);
+    vec3 normal = octahedral(s.normal);
+    return irradiance * factor * reflected(push.brdfs.at[s.brdf], normal, wi, octahedral(s.wo), SPECULAR);
 }
 
 void main() {

@@ -64,6 +64,13 @@ impl Error {
         Self::Import { path: path.to_owned(), reason: reason.into(), source: Some(source.into()) }
     }
 
+    /// The error and its causes on one line.
+    pub fn chain(&self) -> String {
+        let causes = std::iter::successors(std::error::Error::source(self), |cause| cause.source());
+        let text = causes.fold(self.to_string(), |text, cause| format!("{text}: {cause}"));
+        text.split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+
     /// A request that cannot be carried out: `what` and why.
     pub fn invalid(what: impl Into<String>, reason: impl Into<String>) -> Self {
         Self::Invalid { what: what.into(), reason: reason.into() }

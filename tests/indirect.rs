@@ -8,7 +8,7 @@ use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
 use common::{Gpu, gpu, transfer};
-use glam::{DVec3, UVec4, Vec3, Vec4};
+use glam::{DVec3, UVec2, UVec4, Vec3, Vec4};
 use relume::bake::baselines::thesis::{Thesis, ThesisSettings, shade_thesis};
 use relume::bake::brdf_factors::Projection;
 use relume::bake::brdf_factors::svd::Terms;
@@ -366,17 +366,31 @@ fn shade_gather() {
     let kernel = Kernel::<ShadeGatherPush>::new(&gpu, ShadeGatherConstants::default()).unwrap();
     let add_light_rays = Kernel::<AddLightRaysPush>::new(&gpu, ()).unwrap();
     let mut frames = Frames::new(&gpu).unwrap();
+    // A factor of each sample, by powers of two: they round nothing.
+    let factor = |sample: usize| [0, 1, 2].map(|c| 0.5f32.powi(((sample + c) % 3) as i32));
+    let halves = |p: usize| {
+        let [r, g, b] = factor(p / framebuffer.points_per_sample).map(|x| u32::from(half::f16::from_f32(x).to_bits()));
+        UVec2::new(r | g << 16, b)
+    };
+    let factors: Vec<UVec2> = (0..framebuffer.points.len()).map(halves).collect();
+    let factors = Buffer::from_slice(&gpu, "test factors", &factors).unwrap();
+    let sample_of = |coefficient: usize| level.first.partition_point(|&first| first as usize <= coefficient) - 1;
     let sun = Light {
         kind: LightKind::Directional,
         direction: DVec3::new(0.5, -0.7, 0.1).normalize(),
         ..lights().lights[0].clone()
     };
-    for light in lights_with_rays().lights.iter().chain([&sun]) {
+    for (number, light) in lights_with_rays().lights.iter().chain([&sun]).enumerate() {
+        let has_factors = number % 2 == 1;
+        let factor = |coefficient: usize| match has_factors {
+            true => Vec3::from(factor(sample_of(coefficient))),
+            false => Vec3::ONE,
+        };
         let packed = light.pack(stage.scene.space);
         let projection = Projection::from_tables(&framebuffer.projection);
         let mut found = Vec::new();
-        level.light_rays.shade(&stage.scene, &framebuffer.samples, &projection, &packed, |index, value| {
-            found.push(Contribution { value, index });
+        level.light_rays.shade(&stage.scene, &framebuffer.samples, &projection, &packed, None, |index, value| {
+            found.push(Contribution { value: value * factor(index as usize), index });
         });
         assert_eq!(found.is_empty(), light.kind == LightKind::Directional, "rays of {}", light.name);
         let mut visibility =
@@ -391,6 +405,7 @@ fn shade_gather() {
                 samples: pass.read(&samples),
                 points: pass.read(&points),
                 visibility: pass.read(&visibility),
+                factors: pass.read(&factors),
                 tables: pass.read(&tables),
                 coefficients: pass.write_as(&coefficients),
                 light: packed,
@@ -400,7 +415,7 @@ fn shade_gather() {
                 offset: 0,
                 per_solid_angle: per_solid_angle(&packed).unwrap_or(0.0),
                 accumulate: 0,
-                unused: 0,
+                has_factors: u32::from(has_factors),
             };
             pass.dispatch(&kernel, &push, push.sample_count);
             let contributions = frame.upload(&found);
@@ -418,6 +433,7 @@ fn shade_gather() {
         let want = direct::shade(&stage.scene, level, &packed);
         let largest = want.iter().fold(0.0, |m: f64, v| m.max(v.abs().max_element()));
         for (i, want) in want.iter().enumerate() {
+            let want = *want * factor(i).as_dvec3();
             let got = DVec3::from_slice(&[0, 1, 2].map(|c| f64::from(coefficients.host()[4 * i + c])));
             let error = (got - want).abs().max_element();
             // Normals and tables in float32; where cosines are small the table is steep.

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use proptest::prelude::*;
 use relume::Error;
-use relume::scene::{Camera, Light, LightGroup, LightKind, Projection, Rig, Scene, export_gltf};
+use relume::scene::light_filter::BarnDoors;
+use relume::scene::{Camera, Light, LightFilter, LightGroup, LightKind, Projection, Rig, RigFiles, Scene, export_gltf};
 use serde_json::{Value, json};
 use support::*;
 
@@ -62,7 +63,7 @@ shadows = true
     assert_eq!((light.name.as_str(), light.kind, light.group), ("key_a", LightKind::Spot, Some(0)));
     assert!((light.direction.length() - 1.0).abs() < 1e-15);
     assert_eq!((light.inner_angle, light.outer_angle), (18f64.to_radians(), 28f64.to_radians()));
-    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+    assert_eq!(parse(&rig.to_toml(Path::new(""))).unwrap(), rig);
 }
 
 #[test]
@@ -89,7 +90,7 @@ fn radiance_sets_intensity_and_colour() {
         let text = format!(
             "[[light]]\nname = \"a\"\nkind = \"{kind}\"\nposition = [0, 0, 0]\ndirection = [0, 0, -1]\n{size}\nradiance = [6, 3, 0]\n"
         );
-        Rig::from_toml(&text).unwrap().lights[0].clone()
+        Rig::from_toml(&text, RigFiles::new(Path::new(""))).unwrap().lights[0].clone()
     };
     let pi = std::f64::consts::PI;
     for (kind, size, area) in [
@@ -189,23 +190,29 @@ fn light() -> impl Strategy<Value = Light> {
     let kind = proptest::sample::select(kinds.to_vec());
     let lengths = [0.0..10.0f64, 0.0..10.0f64, 0.0..10.0f64];
     let sizes = (lengths, vector(2.0), 0.0..=180.0f64, 0.01..=180.0f64, any::<bool>());
+    // Whole degrees, which read back to the last bit.
+    let degrees = |low: i32, high: i32| (low..=high).prop_map(|degrees| f64::from(degrees).to_radians());
+    let angles = [degrees(-90, 90), degrees(-90, 90), degrees(-90, 90), degrees(-90, 90)];
+    let doors = (angles, degrees(1, 90)).prop_map(|(angles, softness)| BarnDoors { angles, softness });
+    let doors = (0.0..10.0f64, proptest::option::of(doors));
     let intensity = prop_oneof![Just(0.0), Just(1e-20), Just(1e20), 0.0..1e3f64];
     let angles = (0.0..=1.0f64, 0.0..=std::f64::consts::FRAC_PI_2).prop_map(|(share, outer)| (share * outer, outer));
     (
         (kind, vector(1e4), unit(), color(), intensity, -20.0..20.0f64, angles),
         (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 3]>()),
-        (".*", proptest::option::of(0usize..1000), sizes),
+        (".*", proptest::option::of(0usize..1000), sizes, doors),
     )
         .prop_map(
             |(
                 (kind, position, direction, color, intensity, stops, angles),
                 (range, group, flags),
-                (name, node, sizes),
+                (name, node, sizes, (decay_start, barn_doors)),
             )| {
                 let ([radius, width, height], up, angle, spread, two_sided) = sizes;
                 let [enabled, shadows, solo] = flags;
                 let (inner_angle, outer_angle) = angles;
                 let name = name.replace('.', "_");
+                let filter = LightFilter { barn_doors, ..LightFilter::default() };
                 Light {
                     name,
                     kind,
@@ -223,6 +230,8 @@ fn light() -> impl Strategy<Value = Light> {
                     spread: spread.to_radians(),
                     two_sided,
                     range,
+                    decay_start,
+                    filter,
                     group,
                     enabled,
                     solo,
@@ -262,7 +271,7 @@ proptest! {
             light.name = format!("{}{i}", light.name);
             light.follows = [Some(1), None, Some(0)].get(i).copied().flatten().filter(|_| count > 1);
         }
-        let text = rig.to_toml();
+        let text = rig.to_toml(Path::new(""));
         let mut read = parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
         for (read, light) in read.lights.iter_mut().zip(&rig.lights) {
             prop_assert!((read.inner_angle - light.inner_angle).abs() < 1e-15);

@@ -9,7 +9,7 @@ mod common;
 use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::{gpu, plain_surface};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, UVec2, Vec3};
 use relume::gpu::{Buffer, Frames, Kernel};
 use relume::physics::brdf::{Angles, f_of_angles};
 use relume::physics::light;
@@ -141,14 +141,12 @@ fn shade_bounds(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Pa
         irradiances = [irradiances[0] * near.min(far), irradiances[1] * near.max(far)];
     }
     if light.kind >= LIGHT_FACET {
-        let squared = light.position.as_dvec3().distance_squared(sample.position.as_dvec3());
-        let size = (squared / f64::from(light.squared_radius)).min(1.0);
         // The sine of the angle to the normal is uncertain where the cosine is near 1.
         let cosine = -wi.dot(light.direction.as_dvec3());
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
         let slack = ANGLE * (1.0 + f64::from(light.narrowing) * (1.0 / sine.max(ANGLE)).min(1.0 / ANGLE.sqrt()));
         let emission = ends(light::facet(light, cosine), slack).map(|emission| emission.max(0.0));
-        irradiances = [0, 1].map(|end| irradiances[end] * size * emission[end]);
+        irradiances = [0, 1].map(|end| irradiances[end] * emission[end]);
     }
 
     let (n, wo) = (reference::octahedral(sample.normal), reference::octahedral(sample.wo));
@@ -214,6 +212,12 @@ fn shade_light() {
             let samples: Vec<_> = (0..count).map(|_| random_sample(&mut random, &light, brdfs.len())).collect();
             let mut visibility: Vec<u8> = (0..count).map(|_| random.pick(&[0, 255, 255, 255, 1, 77])).collect();
             visibility.resize(count.next_multiple_of(4), 13);
+            // Powers of two, which round nothing.
+            let has_factors = (light_index + size_index) % 3 == 0;
+            let factors: Vec<[f32; 3]> =
+                (0..count).map(|_| [0; 3].map(|_| random.pick(&[0.0, 0.125, 1.0, 2.0]))).collect();
+            let halves: Vec<UVec2> = factors.iter().map(halves).collect();
+            let factor_buffer = Buffer::from_slice(&gpu, "test factors", &halves).unwrap();
             let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(&visibility);
             let visibility_buffer = Buffer::from_slice(&gpu, "test visibility", &words).unwrap();
@@ -225,6 +229,7 @@ fn shade_light() {
                     samples: pass.read(&sample_buffer),
                     brdfs: pass.read(&brdf_buffer),
                     visibility: pass.read(&visibility_buffer),
+                    factors: pass.read(&factor_buffer),
                     image: pass.write(&image),
                     extras: pass.write(&extra_image),
                     light,
@@ -233,6 +238,8 @@ fn shade_light() {
                     extra_stride: extras as u32,
                     layers,
                     accumulate: 0,
+                    has_factors: u32::from(has_factors),
+                    unused: 0,
                 };
                 pass.dispatch(&kernels[usize::from(specular)], &push, push.sample_count);
             });
@@ -246,6 +253,8 @@ fn shade_light() {
                 let counts = i >= pixels || layers & 1 != 0;
                 let seen = if counts { f64::from(visibility[i]) / 255.0 } else { 0.0 };
                 let (low, high) = shade_bounds(sample, if specular { &brdfs } else { &matt }, seen, &light);
+                let factor = if has_factors { Vec3::from(factors[i]).as_dvec3() } else { DVec3::ONE };
+                let (low, high) = (low * factor, high * factor);
                 // Devices may flush what is below the smallest normal number to zero.
                 let low = DVec3::select(low.cmplt(DVec3::splat(f32::MIN_POSITIVE.into())), DVec3::ZERO, low);
                 assert!(
@@ -262,6 +271,12 @@ fn shade_light() {
     }
     println!("{tight} of {lit} lit samples have bounds closer than 1e-4");
     assert!(tight > lit / 4 && lit > 10_000, "{tight} of {lit} lit samples have bounds that tell anything");
+}
+
+/// RGB in half precision, as kernels read factors.
+fn halves(factor: &[f32; 3]) -> UVec2 {
+    let [r, g, b] = factor.map(|x| u32::from(half::f16::from_f32(x).to_bits()));
+    UVec2::new(r | g << 16, b)
 }
 
 /// What the kernel makes of samples in layer 1 that see all of each light.
@@ -281,6 +296,7 @@ fn shaded(gpu: &common::Gpu, samples: &[ViewSample], brdfs: &[Brdf], lights: &[P
                 samples: pass.read(&samples),
                 brdfs: pass.read(&brdfs),
                 visibility: pass.read(&visibility),
+                factors: pass.read_as(&visibility),
                 image: pass.write(&image),
                 extras: pass.write(&none),
                 light,
@@ -289,6 +305,8 @@ fn shaded(gpu: &common::Gpu, samples: &[ViewSample], brdfs: &[Brdf], lights: &[P
                 extra_stride: 0,
                 layers: 1,
                 accumulate: 0,
+                has_factors: 0,
+                unused: 0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
         });

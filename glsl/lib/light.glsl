@@ -1,5 +1,10 @@
 // Lights without size: punctual lights [KHR_lights_punctual] and facets. Twin: src/physics/light.rs.
 
+// RGB in half precision.
+vec3 unpack_factor(uvec2 halves) {
+    return vec3(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y).x);
+}
+
 // Unit direction towards the light, and irradiance at normal incidence for unit intensity.
 float incident(PackedLight light, vec3 position, out vec3 wi) {
     if (light.kind == LIGHT_DIRECTIONAL) {
@@ -15,6 +20,7 @@ float incident(PackedLight light, vec3 position, out vec3 wi) {
     wi = to_light / sqrt(d2);
     float x2 = d2 * light.inverse_range * light.inverse_range;
     float irradiance = light.strength * clamp(1.0 - x2 * x2, 0.0, 1.0) / d2;
+    irradiance *= d2 < light.squared_radius ? d2 / light.squared_radius : 1.0;
     if (light.kind == LIGHT_SPOT) {
         // 1 - cos of the angle off the axis is half the squared chord: exact for narrow cones.
         vec3 chord = wi + light.direction;
@@ -23,8 +29,6 @@ float incident(PackedLight light, vec3 position, out vec3 wi) {
     } else if (light.kind >= LIGHT_FACET) {
         float cosine = -dot(wi, light.direction);
         cosine = light.kind == LIGHT_TWO_SIDED_FACET ? abs(cosine) : cosine;
-        // Nearer than its radius, a facet gives no more than at its surface.
-        irradiance *= d2 < light.squared_radius ? d2 / light.squared_radius : 1.0;
         irradiance *= max(cosine - light.narrowing * sqrt(max(1.0 - cosine * cosine, 0.0)), 0.0);
     }
     return irradiance;

@@ -26,7 +26,6 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
-use relume::Error;
 
 /// Relights a scene while you edit its lights. relume bakes once what does not depend on the lights; then every edit
 /// shows at once.
@@ -101,17 +100,10 @@ pub fn main() -> ExitCode {
         Err(error) if stdout::reader_has_gone(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // Where stderr is full or closed nobody can be told; the exit status still tells.
-            let _ = writeln!(std::io::stderr(), "relume: {}", chain(&error));
+            let _ = writeln!(std::io::stderr(), "relume: {}", error.chain());
             ExitCode::FAILURE
         }
     }
-}
-
-/// An error and its causes on one line.
-fn chain(error: &Error) -> String {
-    let causes = std::iter::successors(std::error::Error::source(error), |cause| cause.source());
-    let text = causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"));
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn log_to_stderr(quiet: bool, verbose: u8) {

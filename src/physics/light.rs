@@ -28,11 +28,7 @@ pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
     let mut irradiance = f64::from(light.strength) * window(light, distance) * inverse * inverse;
     match light.kind {
         LIGHT_SPOT => irradiance *= smooth(light, 0.5 * chord(light, wi).length_squared()),
-        // Nearer than its radius, a facet gives no more than at its surface.
-        LIGHT_FACET | LIGHT_TWO_SIDED_FACET => {
-            let nearness = distance * distance / f64::from(light.squared_radius);
-            irradiance *= facet(light, -wi.dot(axis(light))) * nearness.min(1.0);
-        }
+        LIGHT_FACET | LIGHT_TWO_SIDED_FACET => irradiance *= facet(light, -wi.dot(axis(light))),
         _ => {}
     }
     Some(Incident { wi, irradiance })
@@ -46,9 +42,11 @@ pub fn facet(light: &PackedLight, cosine: f64) -> f64 {
     (cosine - f64::from(light.narrowing) * sine).max(0.0)
 }
 
-/// Falloff to zero at the light's range, for a distance in mesh space: max(0, min(1, 1 - (d/range)⁴)).
+/// Irradiance at a distance in mesh space relative to that of the inverse square: falls to zero at the light's range,
+/// as max(0, min(1, 1 - (d/range)⁴)), and cancels the increase within [`PackedLight::squared_radius`].
 pub fn window(light: &PackedLight, distance: f64) -> f64 {
-    (1.0 - (distance * f64::from(light.inverse_range)).powi(4)).clamp(0.0, 1.0)
+    let nearness = distance * distance / f64::from(light.squared_radius);
+    (1.0 - (distance * f64::from(light.inverse_range)).powi(4)).clamp(0.0, 1.0) * nearness.min(1.0)
 }
 
 /// Chord between a spot's axis and the direction of emission: 2 sin of half the angle.

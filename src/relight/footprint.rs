@@ -1,6 +1,8 @@
 //! The device memory that a [`Relighter`](super::Relighter) takes whatever its budget, from counts that are known before
 //! a bake; and whether a device has room for it.
 
+use glam::UVec2;
+
 use super::light_cache::LightCache;
 use super::{batch_size, visibility};
 use crate::bake::brdf_factors::Projection;
@@ -26,6 +28,8 @@ pub struct Footprint {
     pub lights: usize,
     /// Whether any light has a size.
     pub sizes: bool,
+    /// Whether any light has a filter.
+    pub filters: bool,
     /// `None` without indirect light.
     pub gather: Option<GatherFootprint>,
     /// `None` if shadow rays are traced.
@@ -138,6 +142,8 @@ impl Footprint {
         part("a picture", Cause::Pixels, 4 * pixels, 1);
         let packed = |samples: usize| samples.next_multiple_of(PACKET_SIZE);
         part("visibility", Cause::Pixels, packed(view_samples), visibility::BUFFERS);
+        let filtered = if self.filters { visibility::BUFFERS - 1 } else { 0 };
+        part("light filters", Cause::Pixels, size_of::<UVec2>() * view_samples, filtered);
         if let Some(GatherFootprint { samples, points_per_sample, functions }) = self.gather {
             let points = samples * points_per_sample;
             let coefficients = max_coefficients(samples, functions);
@@ -145,6 +151,7 @@ impl Footprint {
             part("points of gather samples", Cause::Gather, size_of::<ViewSample>() * points, 1);
             part("tables of gather samples", Cause::Program, 4 * Projection::TABLE_LENGTH, 1);
             part("visibility of gather samples", Cause::Gather, packed(points), visibility::BUFFERS);
+            part("light filters at gather samples", Cause::Gather, size_of::<UVec2>() * points, filtered);
             let hits = RAYS.min(samples) * functions;
             part("light rays", Cause::Gather, size_of::<Contribution>() * hits, visibility::BUFFERS);
             // The Haar transform has a rotation and two indices a coefficient.

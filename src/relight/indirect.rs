@@ -229,6 +229,7 @@ impl GatherShading {
                     samples: pass.read(samples),
                     points: pass.read(points),
                     visibility: pass.read(&target.visibility.gather_points),
+                    factors: pass.read(&target.visibility.factors.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector.buffer),
                     light: target.light,
@@ -238,7 +239,7 @@ impl GatherShading {
                     offset: vector.offset,
                     per_solid_angle: target.visibility.light_rays.per_solid_angle,
                     accumulate: u32::from(accumulate),
-                    unused: 0,
+                    has_factors: u32::from(target.has_factors),
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }
@@ -247,6 +248,7 @@ impl GatherShading {
                     samples: pass.read(samples),
                     points: pass.read(points),
                     visibility: pass.read(&target.visibility.gather_points),
+                    factors: pass.read(&target.visibility.factors.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector.buffer),
                     light: target.light,
@@ -254,7 +256,7 @@ impl GatherShading {
                     stride: vector.stride,
                     offset: vector.offset,
                     accumulate: u32::from(accumulate),
-                    unused: 0,
+                    has_factors: u32::from(target.has_factors),
                 };
                 pass.dispatch(kernel, &push, push.sample_count);
             }

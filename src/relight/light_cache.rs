@@ -571,6 +571,7 @@ fn same_image(a: &Light, b: &Light) -> bool {
         && (a.radius, a.size, a.up, a.angle) == (b.radius, b.size, b.up, b.angle)
         && (a.spread, a.two_sided) == (b.spread, b.two_sided)
         && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)
+        && (a.decay_start, &a.filter) == (b.decay_start, &b.filter)
 }
 
 #[cfg(test)]

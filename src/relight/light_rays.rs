@@ -9,6 +9,7 @@ use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::physics::octahedral;
+use crate::scene::light_filter::PosedFilter;
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 
@@ -39,10 +40,17 @@ impl RayCaster {
     }
 
     /// Casts the rays of `light`. `transfer` is the one that was given to [`Self::new`].
-    pub fn cast(&self, scene: &TracedScene, transfer: &Transfer, light: &PackedLight, hits: &mut LightRayHits) {
+    pub fn cast(
+        &self,
+        scene: &TracedScene,
+        transfer: &Transfer,
+        light: &PackedLight,
+        filter: Option<&PosedFilter>,
+        hits: &mut LightRayHits,
+    ) {
         let contributions = hits.contributions.host_mut();
         let mut count = 0;
-        self.rays.shade(scene, &transfer.samples, &self.projection, light, |index, value| {
+        self.rays.shade(scene, &transfer.samples, &self.projection, light, filter, |index, value| {
             contributions[count] = Contribution { value, index };
             count += 1;
         });
@@ -69,6 +77,11 @@ impl RayCaster {
 }
 
 impl LightRayHits {
+    /// Removes all contributions, and the weight of rays with them.
+    pub fn clear(&mut self) {
+        (self.count, self.per_solid_angle) = (0, 0.0);
+    }
+
     /// No contributions, with capacity for all that the rays of one light can make.
     pub fn empty(context: &Arc<Context>, transfer: Option<&Transfer>) -> Result<Self> {
         let samples = transfer.map_or(&[][..], |t| &t.samples);

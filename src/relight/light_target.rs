@@ -11,6 +11,8 @@ use crate::shared::{MAX_LIGHTS_PER_PASS, PackedLight};
 pub struct LightTarget<'a> {
     pub light: PackedLight,
     pub visibility: &'a Visibility,
+    /// Whether the factors of `visibility` multiply the light.
+    pub has_factors: bool,
     pub image: &'a Buffer<Vec4>,
     pub extras: &'a Buffer<f32>,
 }

@@ -13,6 +13,7 @@ mod indirect;
 pub mod inspect;
 mod interleaved;
 pub mod light_cache;
+mod light_factors;
 mod light_rays;
 mod light_target;
 mod output;
@@ -135,7 +136,7 @@ impl Relighter {
         // What the picture cannot do without comes first.
         let frames = Frames::new(context)?;
         let gpu = GpuFramebuffer::new(context, framebuffer, of)?;
-        let visibility = VisibilityBuffers::new(context, framebuffer, of, traced)?;
+        let visibility = VisibilityBuffers::new(context, framebuffer, of, traced, rig.has_filters())?;
         let shadow_maps = if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) };
         let batch = batch_size(rig.lights.len());
         let extras = (0..batch).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?;
@@ -225,6 +226,9 @@ impl Relighter {
         if self.some_points.is_none() && rig.has_sizes() {
             self.some_points = Some(light_image(&self.context, &self.framebuffer, SOME_POINTS)?);
         }
+        if rig.has_filters() {
+            self.visibility.allow_filters(&self.context, &self.framebuffer, self.transfer.as_deref())?;
+        }
         self.cache.set_rig(rig, self.images.len());
         Ok(())
     }
@@ -232,7 +236,8 @@ impl Relighter {
     /// Replaces the transfer by another one to the same view samples; the next picture uses it.
     pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.indirect = None; // frees its memory first
-        self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), self.traces())?;
+        let (traced, filtered) = (self.traces(), self.visibility.allows_filters());
+        self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, filtered)?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         self.transfer = Some(transfer);
@@ -256,7 +261,8 @@ impl Relighter {
         }
         let of = transfer.as_deref();
         self.indirect = None; // frees its memory first
-        self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, self.traces())?;
+        let (traced, filtered) = (self.traces(), self.visibility.allows_filters());
+        self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, traced, filtered)?;
         self.gpu = GpuFramebuffer::new(&self.context, &framebuffer, of)?;
         for extras in &mut self.extras {
             *extras = extra_planes(&self.context, &framebuffer)?;

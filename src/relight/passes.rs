@@ -6,6 +6,7 @@ use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
 use super::indirect::Indirect;
 use super::light_cache::{Detail, LightPoints, Shade, Source, Term};
+use super::light_factors;
 use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
@@ -15,6 +16,7 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::gpu::{Buffer, Frame, Pass};
 use crate::physics::sequence::fibonacci_lattice;
+use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Light, Rig};
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
@@ -49,20 +51,35 @@ impl FrameResources<'_> {
         MAX_PASSES_PER_LIGHT + counts + self.indirect.map_or(0, Indirect::pass_count)
     }
 
-    /// Determines the visibility of a light from view samples and gather samples. Skips view samples if only indirect
-    /// light is shown.
+    /// Determines the visibility of a light from view samples and gather samples, and what its filter lets through to
+    /// them. Skips view samples if only indirect light is shown.
     fn compute_visibility(
         &self,
         frame: &mut Frame,
         visibility: &mut VisibilityBuffers,
         shadow_maps: Option<&mut ShadowMaps>,
-        (light, packed): (&Light, &PackedLight),
+        (light, packed, filter): (&Light, &PackedLight, Option<&PosedFilter>),
         detail: Detail,
     ) -> VisibilitySlot {
-        if !light.shadows {
+        if !light.shadows && filter.is_none() {
             return VisibilitySlot::ALL_VISIBLE;
         }
         let (slot, bytes, half) = visibility.take();
+        if let Some(filter) = filter {
+            frame.cpu("filter light", || {
+                let factors = &mut bytes.factors;
+                if self.layers.direct() {
+                    light_factors::compute(&mut factors.view_samples, filter, packed, &self.framebuffer.samples);
+                }
+                if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
+                    light_factors::compute(&mut factors.gather_points, filter, packed, &transfer.points);
+                }
+            });
+        }
+        if !light.shadows {
+            bytes.clear();
+            return slot;
+        }
         match shadow_maps {
             None => {
                 if self.layers.direct() {
@@ -94,7 +111,7 @@ impl FrameResources<'_> {
         let ray_caster = self.indirect.and_then(|indirect| indirect.ray_caster.as_ref());
         if let (Some(ray_caster), Some(transfer)) = (ray_caster, self.transfer) {
             let hits = &mut bytes.light_rays;
-            frame.cpu("trace light rays", || ray_caster.cast(self.scene, transfer, packed, hits));
+            frame.cpu("trace light rays", || ray_caster.cast(self.scene, transfer, packed, filter, hits));
         }
         slot
     }
@@ -111,6 +128,8 @@ impl FrameResources<'_> {
         let detail = shades[0].detail;
         debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
         debug_assert!(shades.len() == 1 || shades.iter().all(|shade| shade.points == LightPoints::ONE));
+        let filters: Vec<Option<PosedFilter>> =
+            shades.iter().map(|shade| PosedFilter::new(&self.rig.lights[shade.light])).collect();
         let points = shades.iter().enumerate().flat_map(|(i, shade)| {
             let light = &self.rig.lights[shade.light];
             self.points(light, shade.points).map(move |packed| (i, light, packed))
@@ -118,12 +137,14 @@ impl FrameResources<'_> {
         let seen: Vec<(usize, PackedLight, VisibilitySlot)> = points
             .map(|(i, light, packed)| {
                 let maps = shadow_maps.as_deref_mut();
-                (i, packed, self.compute_visibility(frame, visibility, maps, (light, &packed), detail))
+                let light = (light, &packed, filters[i].as_ref());
+                (i, packed, self.compute_visibility(frame, visibility, maps, light, detail))
             })
             .collect();
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,
             visibility: visibility.get(seen),
+            has_factors: filters[i].is_some(),
             image: self.image(shades[i].target),
             extras: &self.extras[i],
         };
@@ -158,6 +179,7 @@ impl FrameResources<'_> {
             samples: pass.read(&self.gpu.samples),
             brdfs: pass.read(&self.gpu.brdfs),
             visibility: pass.read(&target.visibility.view_samples),
+            factors: pass.read(&target.visibility.factors.view_samples),
             image: pass.write_as(target.image),
             extras: pass.write(target.extras),
             light: target.light,
@@ -166,6 +188,8 @@ impl FrameResources<'_> {
             extra_stride: self.extra_stride(),
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
             accumulate: u32::from(accumulate),
+            has_factors: u32::from(target.has_factors),
+            unused: 0,
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
         self.count(frame, CheckedPass::ShadeLight, target);

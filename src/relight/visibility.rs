@@ -1,8 +1,9 @@
-//! Visibility of lights: one byte per view sample and per point of a gather sample, traced or from shadow maps; and the
-//! hits of light rays.
+//! Visibility of lights: one byte per view sample and per point of a gather sample, traced or from shadow maps; the
+//! hits of light rays; and what the lights' filters let through.
 
 use std::sync::Arc;
 
+use super::light_factors::LightFactors;
 use super::light_rays::LightRayHits;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
@@ -20,6 +21,17 @@ pub struct Visibility {
     pub gather_points: Buffer<u32>,
     /// Contributions of its rays to gather samples.
     pub light_rays: LightRayHits,
+    /// Of a filtered light.
+    pub factors: LightFactors,
+}
+
+impl Visibility {
+    /// Makes everything visible.
+    pub fn clear(&mut self) {
+        self.view_samples.host_mut().fill(u32::MAX);
+        self.gather_points.host_mut().fill(u32::MAX);
+        self.light_rays.clear();
+    }
 }
 
 /// Index of a light's visibility among the buffers of a frame.
@@ -49,6 +61,7 @@ pub struct VisibilityBuffers {
     used: usize,
     half: Half,
     all_visible: Visibility,
+    allows_filters: bool,
 }
 
 impl VisibilityBuffers {
@@ -57,6 +70,7 @@ impl VisibilityBuffers {
         framebuffer: &DeepFramebuffer,
         transfer: Option<&Transfer>,
         traced: bool,
+        allows_filters: bool,
     ) -> Result<Self> {
         let all_visible = |packets: &[SamplePacket]| -> Result<Buffer<u32>> {
             let words = packets.len() * PACKET_SIZE / 4;
@@ -65,11 +79,12 @@ impl VisibilityBuffers {
             Ok(words)
         };
         let gather_packets = transfer.map_or(&[][..], |t| &t.packets);
-        let new = || -> Result<Visibility> {
+        let new = |filtered: bool| -> Result<Visibility> {
             Ok(Visibility {
                 view_samples: all_visible(&framebuffer.packets)?,
                 gather_points: all_visible(gather_packets)?,
                 light_rays: LightRayHits::empty(context, transfer)?,
+                factors: LightFactors::new(context, framebuffer, transfer, filtered)?,
             })
         };
         let half = match traced {
@@ -80,11 +95,32 @@ impl VisibilityBuffers {
             false => Half::default(),
         };
         Ok(Self {
-            buffers: (0..MAX_SHADOWED_LIGHTS_PER_FRAME).map(|_| new()).collect::<Result<_>>()?,
+            buffers: (0..MAX_SHADOWED_LIGHTS_PER_FRAME).map(|_| new(allows_filters)).collect::<Result<_>>()?,
             used: 0,
             half,
-            all_visible: new()?,
+            all_visible: new(false)?,
+            allows_filters,
         })
+    }
+
+    /// Makes room for the factors of filtered lights.
+    pub fn allow_filters(
+        &mut self,
+        context: &Arc<Context>,
+        framebuffer: &DeepFramebuffer,
+        transfer: Option<&Transfer>,
+    ) -> Result<()> {
+        if !self.allows_filters {
+            for buffers in &mut self.buffers {
+                buffers.factors = LightFactors::new(context, framebuffer, transfer, true)?;
+            }
+            self.allows_filters = true;
+        }
+        Ok(())
+    }
+
+    pub fn allows_filters(&self) -> bool {
+        self.allows_filters
     }
 
     /// Begins a new frame: all buffers are free.

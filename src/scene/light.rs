@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use glam::{DVec3, Vec3};
 
-use super::MeshSpace;
+use super::{LightFilter, MeshSpace};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_POINT, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
 /// The light types of `KHR_lights_punctual`, and flat lights.
@@ -54,6 +54,9 @@ pub struct Light {
     pub two_sided: bool,
     /// Metres; the light has no effect beyond it.
     pub range: Option<f64>,
+    /// Metres; nearer than this, light does not increase any more. 0: inverse square everywhere.
+    pub decay_start: f64,
+    pub filter: LightFilter,
     /// Index into the rig's groups.
     pub group: Option<usize>,
     pub enabled: bool,
@@ -99,6 +102,8 @@ impl Light {
             spread: PI,
             two_sided: false,
             range: None,
+            decay_start: 0.0,
+            filter: LightFilter::default(),
             group: None,
             enabled: true,
             solo: false,
@@ -142,7 +147,7 @@ impl Light {
             // 1 - cos without cancellation.
             cone_versine: (2.0 * (self.outer_angle / 2.0).sin().powi(2)) as f32,
             narrowing: 0.0,
-            squared_radius: 0.0,
+            squared_radius: (self.decay_start / space.unit).powi(2) as f32,
             strength: space.unit.powi(-2) as f32,
         };
         match self.kind {
@@ -165,7 +170,7 @@ impl Light {
             return packed;
         }
         let area = self.surface().zip(count).map_or(0.0, |(surface, count)| surface / f64::from(count));
-        let squared_radius = (area / PI * space.unit.powi(-2)) as f32;
+        let squared_radius = packed.squared_radius.max((area / PI * space.unit.powi(-2)) as f32);
         let at = |offset: DVec3| space.from_world(self.position + offset).as_vec3();
         let (sin, cos) = (TAU * v).sin_cos();
         let across = |axis: DVec3, x: f64, y: f64| {

@@ -5,6 +5,7 @@
 
 pub mod camera;
 pub mod light;
+pub mod light_filter;
 pub mod material;
 pub mod texture;
 
@@ -26,6 +27,7 @@ use glam::{Vec2, Vec3, Vec4};
 pub use camera::{Camera, Projection};
 pub use gltf_export::export_gltf;
 pub use light::{Light, LightGroup, LightKind};
+pub use light_filter::{LightFilter, RigFiles};
 pub use material::{AlphaMode, Material, Surface, TextureRef};
 pub use mesh_space::MeshSpace;
 pub use rig::Rig;

@@ -204,7 +204,8 @@ gpu_shared! {
             pub cone_versine: f32,
             /// Facet: 1 / tan of half its spread.
             pub narrowing: f32,
-            /// Facet: squared radius of a disk of its area; mesh space.
+            /// Within this squared distance light does not increase any more; mesh space. Facet: at least the squared
+            /// radius of a disk of its area.
             pub squared_radius: f32,
             /// Irradiance at normal incidence, at one unit of mesh space unless the light is directional.
             pub strength: f32,
@@ -281,6 +282,8 @@ gpu_shared! {
             pub brdfs: Read<Brdf>,
             /// Fraction of the light that each sample sees, 8 bits each, four per word.
             pub visibility: Read<u32>,
+            /// Factor on the light that reaches each sample: RGB in half precision; read if `has_factors`.
+            pub factors: Read<UVec2>,
             /// Planes R, G, B of `pixel_stride` floats: the light's image.
             pub image: Write<f32>,
             /// Planes R, G, B of `extra_stride` floats: radiance of the extra samples.
@@ -297,6 +300,10 @@ gpu_shared! {
             pub layers: u32,
             /// Whether to add to `image` and `extras`.
             pub accumulate: u32,
+            /// Whether `factors` multiply the light.
+            pub has_factors: u32,
+            /// Padding to a multiple of eight bytes.
+            pub unused: u32,
         }
 
         /// Rows of a block matrix that share their columns.
@@ -380,6 +387,8 @@ gpu_shared! {
             pub points: Read<ViewSample>,
             /// Fraction of the light that each point sees, 8 bits each, four per word.
             pub visibility: Read<u32>,
+            /// Factor on the light that reaches each point: RGB in half precision; read if `has_factors`.
+            pub factors: Read<UVec2>,
             /// Tables of k: `Projection::tables`.
             pub tables: Read<f32>,
             /// Coefficients of all samples: RGB and an unused component, interleaved by light.
@@ -398,8 +407,8 @@ gpu_shared! {
             pub per_solid_angle: f32,
             /// Whether to add to `coefficients`.
             pub accumulate: u32,
-            /// Padding to a multiple of eight bytes.
-            pub unused: u32,
+            /// Whether `factors` multiply the light.
+            pub has_factors: u32,
         }
 
         /// A gather sample of the thesis's method; mesh space.
@@ -423,6 +432,8 @@ gpu_shared! {
             pub points: Read<ViewSample>,
             /// Fraction of the light that each sample sees, 8 bits each, four per word.
             pub visibility: Read<u32>,
+            /// Factor on the light that reaches each sample: RGB in half precision; read if `has_factors`.
+            pub factors: Read<UVec2>,
             /// RGB of k; the fourth component is 1 if the texel lies on the disc, else 0.
             pub tables: Read<Vec4>,
             /// Coefficients of all samples: RGB and an unused component, interleaved by light.
@@ -437,8 +448,8 @@ gpu_shared! {
             pub offset: u32,
             /// Whether to add to `coefficients`.
             pub accumulate: u32,
-            /// Padding to a multiple of eight bytes.
-            pub unused: u32,
+            /// Whether `factors` multiply the light.
+            pub has_factors: u32,
         }
 
         /// One step of a Haar transform: a plane rotation of two elements of a vector.

@@ -15,6 +15,7 @@ use super::{carries_light, is_back, normal_length, turned};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::physics::light::{cone, facet, window};
+use crate::scene::light_filter::PosedFilter;
 use crate::shared::{
     EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, LightSample, PackedLight,
 };
@@ -51,7 +52,7 @@ struct LightRayHit {
     /// Unit, towards the light, in the sample's frame.
     wi: Vec3,
     /// At the sample, from a light of unit intensity; mesh space.
-    irradiance: f32,
+    irradiance: Vec3,
 }
 
 const NOTHING: usize = usize::MAX;
@@ -74,12 +75,13 @@ impl LightRays {
         samples: &[LightSample],
         projection: &Projection,
         light: &PackedLight,
+        filter: Option<&PosedFilter>,
         mut add: impl FnMut(u32, Vec3),
     ) {
         let Some(per_solid_angle) = per_solid_angle(light).filter(|_| !samples.is_empty()) else { return };
-        let mut rays = [LightRayHit { sample: NOTHING, wi: Vec3::ZERO, irradiance: 0.0 }; RAYS];
+        let mut rays = [LightRayHit { sample: NOTHING, wi: Vec3::ZERO, irradiance: Vec3::ZERO }; RAYS];
         rays.par_iter_mut().with_min_len(16).enumerate().for_each(|(i, ray)| {
-            if let Some(caught) = self.cast(scene, samples, light, per_solid_angle, i) {
+            if let Some(caught) = self.cast(scene, samples, (light, filter), per_solid_angle, i) {
                 *ray = caught;
             }
         });
@@ -101,7 +103,7 @@ impl LightRays {
         &self,
         scene: &TracedScene,
         samples: &[LightSample],
-        light: &PackedLight,
+        (light, filter): (&PackedLight, Option<&PosedFilter>),
         per_solid_angle: f32,
         i: usize,
     ) -> Option<LightRayHit> {
@@ -145,7 +147,8 @@ impl LightRays {
         let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MAX_COSINES) / sample.area;
         let [s, t, n] = turned([sample.tangent, sample.normal.cross(sample.tangent), sample.normal], surface.normal);
         let wi = -Vec3::new(s.dot(direction), t.dot(direction), n.dot(direction));
-        (irradiance > 0.0).then_some(LightRayHit { sample: index, wi, irradiance })
+        let irradiance = irradiance * filter.map_or(Vec3::ONE, |filter| filter.factor(direction));
+        (irradiance != Vec3::ZERO).then_some(LightRayHit { sample: index, wi, irradiance })
     }
 }
 

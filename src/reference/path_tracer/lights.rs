@@ -5,6 +5,7 @@ use glam::{DVec3, Vec3};
 use super::light_surface::LightSurface;
 use crate::physics::brdf::reflected;
 use crate::physics::light::{Incident, incident};
+use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Light, Rig, Scene};
 use crate::shared::PackedLight;
 use crate::trace::bvh::{Hit, TracedScene};
@@ -25,6 +26,7 @@ pub(super) struct ActiveLight {
     pub packed: PackedLight,
     /// `None` if the light has no size.
     surface: Option<LightSurface>,
+    filter: Option<PosedFilter>,
     /// Colour times intensity, including the group's.
     pub scale: DVec3,
 }
@@ -37,6 +39,7 @@ impl ActiveLights {
             packed: rig.lights[i].pack(scene.space),
             surface: LightSurface::new(&rig.lights[i], scene.space),
             light: rig.lights[i].clone(),
+            filter: PosedFilter::new(&rig.lights[i]),
             scale: rig.scale(i).as_dvec3(),
         };
         Self { all: (0..rig.lights.len()).map(light).filter(|light| light.scale != DVec3::ZERO).collect() }
@@ -99,7 +102,8 @@ impl ActiveLights {
     pub fn met(&self, origin: DVec3, direction: DVec3, end: f64) -> impl Iterator<Item = (usize, DVec3, f64)> {
         self.sized().filter_map(move |(light, surface)| {
             let hit = surface.hit(origin, direction)?;
-            (hit.distance <= end).then_some((light.index, light.scale * hit.radiance, hit.density))
+            let radiance = light.scale * light.filtered(-direction) * hit.radiance;
+            (hit.distance <= end).then_some((light.index, radiance, hit.density))
         })
     }
 
@@ -153,11 +157,20 @@ impl ActiveLight {
         if arriving.irradiance <= 0.0 || normal.dot(arriving.wi) <= 0.0 {
             return DVec3::ZERO;
         }
+        let filtered = self.filtered(-arriving.wi);
+        if filtered == DVec3::ZERO {
+            return DVec3::ZERO;
+        }
         let seen = if self.light.shadows { share_seen(scene, point, packed) } else { 1.0 };
         if seen <= 0.0 {
             return DVec3::ZERO;
         }
-        seen * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
+        seen * filtered * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
+    }
+
+    /// Factor of the light's filter in a unit direction of emission.
+    fn filtered(&self, direction: DVec3) -> DVec3 {
+        self.filter.as_ref().map_or(DVec3::ONE, |filter| filter.factor(direction.as_vec3()).as_dvec3())
     }
 }
 

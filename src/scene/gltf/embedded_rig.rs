@@ -2,9 +2,10 @@
 //! cannot represent. It is used only while the file's lights agree with it.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use super::document::Document;
-use crate::scene::{Light, LightKind, Rig};
+use crate::scene::{Light, LightKind, Rig, RigFiles};
 
 /// Key in the extras of the shown scene; the value is the text of a rig file.
 pub const KEY: &str = "relume_rig";
@@ -17,12 +18,18 @@ pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
     let extras = document.poses.scenes.get(document.shown_scene()).and_then(|scene| scene.extras.as_ref());
     let loaded = Rig { lights, ..Rig::default() };
     let Some(text) = extras.and_then(|extras| extras.get(KEY)).and_then(|text| text.as_str()) else { return loaded };
-    let embedded = Rig::from_toml(text).ok().and_then(|embedded| with_file_nodes(embedded, &loaded));
-    embedded.unwrap_or_else(|| {
-        let path = document.path.display();
-        tracing::info!("{path}: its lights were edited since relume wrote them; groups and links are discarded");
-        loaded
-    })
+    let path = document.path.display();
+    let files = RigFiles::confined(document.path.parent().unwrap_or(Path::new("")));
+    match Rig::from_toml(text, files) {
+        Err(reason) => tracing::warn!("{path}: its exact rig is discarded: {reason}"),
+        Ok(embedded) => match with_file_nodes(embedded, &loaded) {
+            Some(embedded) => return embedded,
+            None => {
+                tracing::info!("{path}: its lights were edited since relume wrote them; groups and links are discarded")
+            }
+        },
+    }
+    loaded
 }
 
 /// `embedded` with the file's node indices, if its lights agree with the file's.

@@ -40,7 +40,7 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
         return Err(Error::import(&scene.path, "is not a JSON object"));
     };
     lights::replace(&mut root, &document, &rig.with_solo_applied())?;
-    embed_rig(&mut root, &document, rig);
+    embed_rig(&mut root, &document, rig, path.parent().unwrap_or(Path::new("")));
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
         tracing::warn!("{}: glTF cannot store that \"{}\" casts no shadows", path.display(), light.name);
     }
@@ -59,11 +59,11 @@ fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
 }
 
 /// Stores the exact rig, for [`embedded_rig`] to find.
-fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig) {
+fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &Path) {
     let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
     if scene.get("extras").is_none_or(serde_json::Value::is_object) {
         let rig = Rig { camera: None, ..rig.clone() };
-        json::object(scene, "extras").insert(embedded_rig::KEY.into(), rig.to_toml().into());
+        json::object(scene, "extras").insert(embedded_rig::KEY.into(), rig.to_toml(folder).into());
     }
 }
 

@@ -15,7 +15,7 @@ use std::path::Path;
 
 pub use blackbody::{KELVIN, kelvin_of, kelvin_to_rgb};
 
-use super::{Camera, Light, LightGroup};
+use super::{Camera, Light, LightGroup, RigFiles};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -28,33 +28,40 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Reads a rig file; errors name the line.
+    /// Reads a rig file and the files that it names; errors name the line.
     pub fn load(path: &Path) -> Result<Self> {
         let text = super::files::read(path)?;
         let text = String::from_utf8(text).map_err(|e| Error::import_from(path, "is not UTF-8 text", e))?;
-        Self::from_toml(&text).map_err(|reason| Error::import(path, reason))
+        let files = RigFiles::new(path.parent().unwrap_or(Path::new("")));
+        Self::from_toml(&text, files).map_err(|reason| Error::import(path, reason))
     }
 
-    /// Parses a TOML document; an error begins with its line.
-    pub fn from_toml(text: &str) -> std::result::Result<Self, String> {
-        read::parse(text)
+    /// Parses a TOML document and reads the files that it names; an error begins with its line.
+    pub fn from_toml(text: &str, files: RigFiles) -> std::result::Result<Self, String> {
+        read::parse(text, files)
     }
 
-    /// The rig as a TOML document that [`Rig::load`] reads back as equal.
+    /// The rig as a TOML document that [`Rig::load`] reads back as equal from a file in `folder`.
     ///
     /// Exactly equal except for angles (1e-15 relative) and the camera's axes (1e-12).
-    pub fn to_toml(&self) -> String {
-        write::to_toml(self)
+    pub fn to_toml(&self, folder: &Path) -> String {
+        write::to_toml(self, folder)
     }
 
     /// Writes [`Rig::to_toml`] to `path` atomically.
     pub fn save(&self, path: &Path) -> Result<()> {
-        file::write_whole(path, |out| out.write_all(self.to_toml().as_bytes()).map_err(Error::io("write", path)))
+        let text = self.to_toml(path.parent().unwrap_or(Path::new("")));
+        file::write_whole(path, |out| out.write_all(text.as_bytes()).map_err(Error::io("write", path)))
     }
 
     /// Whether any light has a size.
     pub fn has_sizes(&self) -> bool {
         self.lights.iter().any(|light| !light.is_punctual())
+    }
+
+    /// Whether any light has a filter.
+    pub fn has_filters(&self) -> bool {
+        self.lights.iter().any(|light| !light.filter.is_none())
     }
 
     /// The rig with solo applied: if any light or group is solo, all other lights are off. Disabled lights stay

@@ -9,7 +9,7 @@ use toml::Spanned;
 use super::read_light::{self, LightEntry, is_color};
 use super::rig_text::RigText;
 use super::{Rig, without_dots};
-use crate::scene::{Camera, LightGroup, Projection};
+use crate::scene::{Camera, LightGroup, Projection, RigFiles};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -57,7 +57,7 @@ fn white() -> [f32; 3] {
 }
 
 /// Errors begin with the line number.
-pub fn parse(source: &str) -> Result<Rig, String> {
+pub fn parse(source: &str, mut files: RigFiles) -> Result<Rig, String> {
     let text = RigText(source);
     let file: File = toml::from_str(source).map_err(|e| {
         let at = e.span().unwrap_or_default();
@@ -80,7 +80,7 @@ pub fn parse(source: &str) -> Result<Rig, String> {
     for mut entry in file.light {
         let at = entry.name.span();
         links.push(entry.follows.take());
-        let light = read_light::light(&text, entry, &group_indices, &rig.groups)?;
+        let light = read_light::light(&text, entry, &group_indices, &rig.groups, &mut files)?;
         if light_indices.insert(light.name.clone(), rig.lights.len()).is_some() {
             return Err(text.line(at, format!("light \"{}\" is defined twice", light.name)));
         }

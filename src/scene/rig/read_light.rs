@@ -9,7 +9,8 @@ use toml::Spanned;
 
 use super::rig_text::{RigText, Span};
 use super::{blackbody, kelvin_to_rgb, without_dots};
-use crate::scene::{Light, LightGroup, LightKind};
+use crate::scene::light_filter::{BarnDoors, Gobo, SOFTNESS_DEG};
+use crate::scene::{Light, LightFilter, LightGroup, LightKind, RigFiles};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -36,6 +37,12 @@ pub struct LightEntry {
     /// cd/m² per channel, in place of `color` and `intensity`.
     pub radiance: Option<Spanned<[f64; 3]>>,
     pub range: Option<Spanned<f64>>,
+    pub decay_start: Option<Spanned<f64>>,
+    pub ies: Option<Spanned<String>>,
+    pub gobo: Option<Spanned<GoboEntry>>,
+    /// Left, right, top, bottom.
+    pub barn_doors_deg: Option<Spanned<[f64; 4]>>,
+    pub barn_doors_soft_deg: Option<Spanned<f64>>,
     pub group: Option<Spanned<String>>,
     #[serde(default = "yes")]
     pub enabled: bool,
@@ -49,6 +56,15 @@ pub struct LightEntry {
     pub node: Option<usize>,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoboEntry {
+    image: Spanned<String>,
+    rotate_deg: Option<Spanned<f64>>,
+    scale: Option<Spanned<f64>>,
+    tint: Option<Spanned<[f32; 3]>>,
+}
+
 pub fn yes() -> bool {
     true
 }
@@ -58,6 +74,7 @@ pub fn light(
     entry: LightEntry,
     group_indices: &HashMap<String, usize>,
     groups: &[LightGroup],
+    files: &mut RigFiles,
 ) -> Result<Light, String> {
     let name = without_dots(entry.name.get_ref());
     let check = Check { text, name: &name, kind: &entry.kind };
@@ -79,6 +96,22 @@ pub fn light(
         LightKind::Rect => [check.needed(entry.width, "width")?, check.needed(entry.height, "height")?],
         _ => [check.number(entry.width, 1.0, "width", SIZES)?, check.number(entry.height, 1.0, "height", SIZES)?],
     };
+    let filter = LightFilter {
+        ies: check.file(entry.ies, |name| files.profile(name))?,
+        gobo: entry.gobo.map(|gobo| check.gobo(gobo.into_inner(), files)).transpose()?,
+        barn_doors: check.barn_doors(entry.barn_doors_deg, entry.barn_doors_soft_deg)?,
+    };
+    // A lamp shines downwards and as brightly as its file says.
+    let (aim, candela) = match &filter.ies {
+        Some(ies) => (DVec3::NEG_Y, ies.max()),
+        None => (DVec3::NEG_Z, 1.0),
+    };
+    if kind == LightKind::Directional && !filter.is_none()
+        || kind == LightKind::Point && (filter.gobo.is_some() || filter.barn_doors.is_some())
+    {
+        let kind = entry.kind.get_ref();
+        tracing::warn!("light \"{name}\": a {kind} light ignores gobo and barn doors; a directional one also ies");
+    }
     let mut light = Light {
         kind,
         radius,
@@ -89,9 +122,9 @@ pub fn light(
         spread: check.number(entry.spread_deg, 180.0, "spread_deg", 0.01..=180.0)?.to_radians(),
         two_sided: entry.two_sided,
         position: position.unwrap_or(DVec3::ZERO),
-        direction: check.direction(entry.direction, kind != LightKind::Point)?,
+        direction: check.direction(entry.direction, aim, kind != LightKind::Point)?,
         color: check.color(entry.color, entry.kelvin, entry.tint)?,
-        intensity: check.number(entry.intensity, 1.0, "intensity", 0.0..=f64::MAX)?,
+        intensity: check.number(entry.intensity, candela, "intensity", 0.0..=f64::MAX)?,
         stops: check.number(entry.stops, 0.0, "stops", f64::MIN..=f64::MAX)?,
         inner_angle,
         outer_angle,
@@ -99,6 +132,8 @@ pub fn light(
             None => None,
             some => Some(check.number(some, 0.0, "range", f64::MIN_POSITIVE..=f64::MAX)?),
         },
+        decay_start: check.number(entry.decay_start, 0.0, "decay_start", SIZES)?,
+        filter,
         group: check.group(entry.group, group_indices)?,
         enabled: entry.enabled,
         solo: entry.solo,
@@ -208,10 +243,10 @@ impl Check<'_> {
         }
     }
 
-    fn direction(&self, value: Option<Spanned<[f64; 3]>>, needed: bool) -> Result<DVec3, String> {
+    fn direction(&self, value: Option<Spanned<[f64; 3]>>, default: DVec3, needed: bool) -> Result<DVec3, String> {
         let at = value.as_ref().map(|v| v.span()).unwrap_or_default();
         match self.vector(value, "direction", needed)? {
-            None => Ok(DVec3::NEG_Z),
+            None => Ok(default),
             // Already unit length, up to rounding: unchanged, so that it reads back as it was written.
             Some(d) if (d.length_squared() - 1.0).abs() < 1e-14 => Ok(d),
             Some(d) => d.try_normalize().ok_or_else(|| self.wrong(at, "direction must not be of zero length")),
@@ -227,17 +262,52 @@ impl Check<'_> {
         match (color, kelvin, tint) {
             (Some(_), Some(kelvin), _) => Err(self.wrong(kelvin.span(), "color and kelvin are both given")),
             (_, None, Some(tint)) => Err(self.wrong(tint.span(), "tint needs kelvin")),
-            (Some(color), None, None) => {
-                let value = Vec3::from_array(*color.get_ref());
-                let wrong = || self.wrong(color.span(), "color must be finite and not negative");
-                is_color(value).then_some(value).ok_or_else(wrong)
-            }
+            (Some(color), None, None) => self.rgb(color, "color"),
             (None, Some(kelvin), tint) => Ok(kelvin_to_rgb(
                 self.number(Some(kelvin), 0.0, "kelvin", blackbody::KELVIN)?,
                 self.number(tint, 0.0, "tint", -1.0..=1.0)?,
             )),
             (None, None, None) => Ok(Vec3::ONE),
         }
+    }
+
+    fn rgb(&self, color: Spanned<[f32; 3]>, what: &str) -> Result<Vec3, String> {
+        let value = Vec3::from_array(*color.get_ref());
+        let wrong = || self.wrong(color.span(), format!("{what} must be finite and not negative"));
+        is_color(value).then_some(value).ok_or_else(wrong)
+    }
+
+    fn file<T>(
+        &self,
+        name: Option<Spanned<String>>,
+        read: impl FnOnce(&str) -> crate::error::Result<T>,
+    ) -> Result<Option<T>, String> {
+        let read = |name: Spanned<String>| read(name.get_ref()).map_err(|e| self.wrong(name.span(), e.chain()));
+        name.map(read).transpose()
+    }
+
+    fn gobo(&self, entry: GoboEntry, files: &mut RigFiles) -> Result<Gobo, String> {
+        let image = self.file(Some(entry.image), |name| files.image(name))?.expect("a name was given");
+        let tint = entry.tint.map(|tint| self.rgb(tint, "tint")).transpose()?;
+        Ok(Gobo {
+            image,
+            rotation: self.number(entry.rotate_deg, 0.0, "rotate_deg", -360.0..=360.0)?.to_radians(),
+            scale: self.number(entry.scale, 1.0, "scale", 1e-3..=1e3)?,
+            tint: tint.unwrap_or(Vec3::ONE),
+        })
+    }
+
+    fn barn_doors(
+        &self,
+        angles: Option<Spanned<[f64; 4]>>,
+        softness: Option<Spanned<f64>>,
+    ) -> Result<Option<BarnDoors>, String> {
+        let softness = self.number(softness, SOFTNESS_DEG, "barn_doors_soft_deg", 0.01..=90.0)?.to_radians();
+        let Some(angles) = angles else { return Ok(None) };
+        if !angles.get_ref().iter().all(|angle| (-90.0..=90.0).contains(angle)) {
+            return Err(self.wrong(angles.span(), "barn_doors_deg must lie in -90.0..=90.0"));
+        }
+        Ok(Some(BarnDoors { angles: angles.get_ref().map(f64::to_radians), softness }))
     }
 
     /// Half-angles in radians, inner and outer.

@@ -2,13 +2,16 @@
 
 use std::f64::consts::FRAC_PI_4;
 use std::fmt::{Display, Write};
+use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 
 use super::Rig;
-use crate::scene::{Camera, Light, LightGroup, LightKind, Projection};
+use crate::scene::light_filter::{Gobo, SOFTNESS_DEG};
+use crate::scene::{Camera, Light, LightFilter, LightGroup, LightKind, Projection};
 
-pub fn to_toml(rig: &Rig) -> String {
+/// `folder`: where the file will be; paths are relative to it.
+pub fn to_toml(rig: &Rig, folder: &Path) -> String {
     let mut out = Document::default();
     if let Some(camera) = &rig.camera {
         out.camera(camera);
@@ -17,7 +20,7 @@ pub fn to_toml(rig: &Rig) -> String {
         out.group(group);
     }
     for light in &rig.lights {
-        out.light(light, rig);
+        out.light(light, rig, folder);
     }
     out.text
 }
@@ -62,7 +65,7 @@ impl Document {
         }
     }
 
-    fn light(&mut self, light: &Light, rig: &Rig) {
+    fn light(&mut self, light: &Light, rig: &Rig, folder: &Path) {
         let kind = match light.kind {
             LightKind::Point => "point",
             LightKind::Spot => "spot",
@@ -78,7 +81,7 @@ impl Document {
         if light.kind != LightKind::Directional || light.position != DVec3::ZERO {
             self.key("position", vector(light.position));
         }
-        if light.kind != LightKind::Point || light.direction != DVec3::NEG_Z {
+        if light.kind != LightKind::Point || light.direction != DVec3::NEG_Z || light.filter.ies.is_some() {
             self.key("direction", vector(light.direction));
         }
         self.key("color", color(light.color));
@@ -112,6 +115,10 @@ impl Document {
         if let Some(range) = light.range {
             self.key("range", number(range));
         }
+        if light.decay_start != default.decay_start {
+            self.key("decay_start", number(light.decay_start));
+        }
+        self.filter(&light.filter, folder);
         if let Some(group) = light.group {
             self.key("group", string(&rig.groups[group].name));
         }
@@ -125,6 +132,27 @@ impl Document {
         self.key("shadows", light.shadows);
         if let Some(node) = light.node {
             self.key("node", node);
+        }
+    }
+}
+
+impl Document {
+    fn filter(&mut self, filter: &LightFilter, folder: &Path) {
+        let path = |path: PathBuf| string(&path.to_string_lossy());
+        if let Some(ies) = &filter.ies {
+            self.key("ies", path(ies.path_from(folder)));
+        }
+        if let Some(Gobo { image, rotation, scale, tint }) = &filter.gobo {
+            let image = path(image.path_from(folder));
+            let (turn, scale, tint) = (number(degrees(*rotation)), number(*scale), color(*tint));
+            self.key("gobo", format!("{{ image = {image}, rotate_deg = {turn}, scale = {scale}, tint = {tint} }}"));
+        }
+        if let Some(doors) = &filter.barn_doors {
+            let angles = doors.angles.map(|angle| number(degrees(angle))).join(", ");
+            self.key("barn_doors_deg", format!("[{angles}]"));
+            if doors.softness != SOFTNESS_DEG.to_radians() {
+                self.key("barn_doors_soft_deg", number(degrees(doors.softness)));
+            }
         }
     }
 }

@@ -1,0 +1,151 @@
+//! Files that a rig refers to: IES profiles and images.
+
+use std::collections::HashMap;
+use std::ops::Deref;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use super::ies::{self, Photometry};
+use crate::error::{Error, Result};
+use crate::scene::files;
+use crate::scene::texture::{Encoding, Image, TexelCount, Texture};
+
+/// A decoded file and where it lies.
+pub struct Attached<T> {
+    /// Absolute, without links.
+    path: PathBuf,
+    hash: blake3::Hash,
+    content: Arc<T>,
+}
+
+impl<T> Attached<T> {
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The path as a rig in `folder` writes it: relative, unless nothing leads there.
+    pub fn path_from(&self, folder: &Path) -> PathBuf {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let Ok(folder) = folder.canonicalize().or_else(|_| std::path::absolute(folder)) else {
+            return self.path.clone();
+        };
+        let common = self.path.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
+        if !matches!(self.path.components().take(common).last(), Some(Component::RootDir | Component::Normal(_))) {
+            return self.path.clone();
+        }
+        let up = folder.components().skip(common).map(|_| Component::ParentDir);
+        up.chain(self.path.components().skip(common)).collect()
+    }
+}
+
+impl<T> Clone for Attached<T> {
+    fn clone(&self) -> Self {
+        Self { path: self.path.clone(), hash: self.hash, content: self.content.clone() }
+    }
+}
+
+/// Equal files.
+impl<T> PartialEq for Attached<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.hash == other.hash && self.path == other.path
+    }
+}
+
+impl<T> std::fmt::Debug for Attached<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        self.path.fmt(f)
+    }
+}
+
+impl<T> Deref for Attached<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.content
+    }
+}
+
+/// Reads the files of one rig, each once.
+pub struct RigFiles<'a> {
+    folder: &'a Path,
+    /// Whether files outside the folder are refused: the rig came with a scene, which is untrusted.
+    confined: bool,
+    profiles: HashMap<PathBuf, Attached<Photometry>>,
+    images: HashMap<PathBuf, Attached<Texture>>,
+}
+
+/// Finer levels of images are discarded: 2048 texels across a spot are finer than its shadows.
+const MAX_SIDE: usize = 2048;
+
+impl<'a> RigFiles<'a> {
+    /// Paths are relative to `folder`.
+    pub fn new(folder: &'a Path) -> Self {
+        Self { folder, confined: false, profiles: HashMap::new(), images: HashMap::new() }
+    }
+
+    /// Files in `folder` or below, and no others.
+    pub fn confined(folder: &'a Path) -> Self {
+        Self { confined: true, ..Self::new(folder) }
+    }
+
+    fn find(&self, name: &str) -> Result<PathBuf> {
+        let path = self.folder.join(name);
+        if self.confined {
+            let inside = files::inside(name).map_err(|reason| Error::import(&path, reason))?;
+            files::below(self.folder, &self.folder.join(inside))?;
+        }
+        path.canonicalize().map_err(Error::io("read", &path))
+    }
+
+    /// Reads an IES profile.
+    pub fn profile(&mut self, name: &str) -> Result<Attached<Photometry>> {
+        let path = self.find(name)?;
+        let decode = |bytes: &[u8]| ies::parse(bytes).map_err(|reason| Error::import(&path, reason));
+        attach(&mut self.profiles, &path, decode)
+    }
+
+    /// Reads an image: PNG, JPEG or WebP; sRGB.
+    pub fn image(&mut self, name: &str) -> Result<Attached<Texture>> {
+        let path = self.find(name)?;
+        let decode = |bytes: &[u8]| {
+            TexelCount::default().add(bytes).map_err(|refusal| refusal.at(&path, "the image"))?;
+            let image = Image::decode(bytes);
+            let image = image.map_err(|cause| Error::import_from(&path, "the image cannot be decoded", cause))?;
+            let mut texture = Texture::of(String::new(), image, Encoding::Srgb);
+            let is_fine = |level: &crate::scene::texture::Level| level.width.max(level.height) > MAX_SIDE;
+            let too_fine = texture.levels.iter().filter(|level| is_fine(level)).count();
+            texture.levels.drain(..too_fine);
+            Ok(texture)
+        };
+        attach(&mut self.images, &path, decode)
+    }
+}
+
+fn attach<T>(
+    known: &mut HashMap<PathBuf, Attached<T>>,
+    path: &Path,
+    decode: impl FnOnce(&[u8]) -> Result<T>,
+) -> Result<Attached<T>> {
+    if let Some(attached) = known.get(path) {
+        return Ok(attached.clone());
+    }
+    let bytes = files::read(path)?;
+    let attached = Attached { path: path.to_owned(), hash: blake3::hash(&bytes), content: Arc::new(decode(&bytes)?) };
+    known.insert(path.to_owned(), attached.clone());
+    Ok(attached)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_relative_to_the_rig() {
+        let at = |path: &str| Attached { path: path.into(), hash: blake3::hash(b""), content: Arc::new(()) };
+        let from = |path: &str, folder: &str| at(path).path_from(Path::new(folder));
+        assert_eq!(from("/a/b/lamp.ies", "/a/b"), Path::new("lamp.ies"));
+        assert_eq!(from("/a/b/c/lamp.ies", "/a/b"), Path::new("c/lamp.ies"));
+        assert_eq!(from("/a/lamp.ies", "/a/b/c"), Path::new("../../lamp.ies"));
+        assert_eq!(from("/z/lamp.ies", "/a/b"), Path::new("../../z/lamp.ies"));
+    }
+}
