@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::UVec2;
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use crate::bake::DeepFramebuffer;
@@ -46,12 +47,13 @@ impl LightFactors {
 
 /// Computes the factor on the light that reaches each of `samples`, on all cores.
 pub fn compute(factors: &mut Buffer<UVec2>, filter: &PosedFilter, light: &PackedLight, samples: &[ViewSample]) {
-    let factors = factors.host_mut().par_chunks_mut(SAMPLES_A_TASK);
-    factors.zip(samples.par_chunks(SAMPLES_A_TASK)).for_each(|(factors, samples)| {
-        for (factor, sample) in factors.iter_mut().zip(samples) {
+    let halves: &mut [f16] = bytemuck::cast_slice_mut(factors.host_mut());
+    halves.par_chunks_mut(4 * SAMPLES_A_TASK).zip(samples.par_chunks(SAMPLES_A_TASK)).for_each(|(halves, samples)| {
+        let mut rgb = [[0.0; 4]; SAMPLES_A_TASK];
+        for (rgb, sample) in rgb.iter_mut().zip(samples) {
             let direction = (sample.position - light.position).normalize_or_zero();
-            let [r, g, b] = filter.factor(direction).to_array().map(|x| u32::from(f16::from_f32(x).to_bits()));
-            *factor = UVec2::new(r | g << 16, b);
+            *rgb = filter.factor(direction).extend(0.0).to_array();
         }
+        halves.convert_from_f32_slice(&rgb.as_flattened()[..halves.len()]);
     });
 }

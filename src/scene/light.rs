@@ -120,6 +120,11 @@ impl Light {
 }
 
 impl Light {
+    /// Whether it matters where the light points.
+    pub fn has_direction(&self) -> bool {
+        self.kind != LightKind::Point || self.filter.ies.is_some()
+    }
+
     /// Whether the light has no size: all its light comes from one point or from one direction.
     pub fn is_punctual(&self) -> bool {
         match self.kind {

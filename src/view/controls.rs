@@ -6,6 +6,7 @@ use egui::{Color32, DragValue, Grid, Key, Modifiers, RichText, ScrollArea, Ui};
 
 use super::action::Action;
 use super::desk::{Desk, GroupEdit, LightEdit};
+use super::filter_values::filter_values;
 use super::keys::{self, Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
@@ -29,6 +30,7 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
 
 /// Draws the panel: lights, values of the selected lights, snapshots, history, picture.
 pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
+    let folder = open_scene.folder();
     let OpenScene { desk, shares, thumbnails, .. } = open_scene;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {
@@ -49,9 +51,9 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     ui.horizontal_wrapped(|ui| {
         button(ui, "+ point", Command::New(LightKind::Point), "new point light");
         button(ui, "+ spot", Command::New(LightKind::Spot), "new spot light");
-        button(ui, "+ directional", Command::New(LightKind::Directional), "new directional light");
+        button(ui, "+ sun", Command::New(LightKind::Directional), "new directional light");
         button(ui, "+ disk", Command::New(LightKind::Disk), "new disk light");
-        button(ui, "+ rectangle", Command::New(LightKind::Rect), "new rectangle light");
+        button(ui, "+ rect", Command::New(LightKind::Rect), "new rectangle light");
     });
     ui.horizontal(|ui| {
         ui.add_enabled_ui(desk.selected().is_some(), |ui| {
@@ -66,6 +68,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk);
+        filter_values(ui, desk, &folder);
         snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);
     });
@@ -91,8 +94,9 @@ fn history_list(ui: &mut Ui, desk: &mut Desk) {
     egui::CollapsingHeader::new("History").default_open(false).show(ui, |ui| {
         let row_height = ui.spacing().interact_size.y;
         let count = desk.history().entries().len();
-        let list = ScrollArea::vertical().id_salt("history").max_height(8.0 * row_height).stick_to_bottom(true);
-        list.auto_shrink([false, true]).show_rows(ui, row_height, count, |ui, rows| {
+        let height = 8.0 * row_height;
+        let list = ScrollArea::vertical().id_salt("history").max_height(height).min_scrolled_height(height);
+        list.stick_to_bottom(true).auto_shrink([false, true]).show_rows(ui, row_height, count, |ui, rows| {
             for index in rows {
                 let current = desk.history().current();
                 let name = RichText::new(&desk.history().entries()[index].name);

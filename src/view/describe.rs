@@ -95,6 +95,15 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
     if before.range != after.range {
         parts.push(after.range.map_or("no range".into(), |range| format!("range {} m", rounded(range))));
     }
+    if before.decay_start != after.decay_start {
+        parts.push(format!("decay from {} m", rounded(after.decay_start)));
+    }
+    let filters = [
+        ("IES", before.filter.ies != after.filter.ies),
+        ("gobo", before.filter.gobo != after.filter.gobo),
+        ("barn doors", before.filter.barn_doors != after.filter.barn_doors),
+    ];
+    parts.extend(filters.iter().filter(|(_, differs)| *differs).map(|(name, _)| (*name).to_owned()));
     if before.group != after.group {
         parts.push("group".into());
     }

@@ -1,6 +1,7 @@
 //! The lighting desk without its window: lights, selection, and all edits.
 
 mod apply_change;
+mod attach;
 mod check;
 mod edit;
 mod groups;

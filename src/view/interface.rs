@@ -34,6 +34,9 @@ impl Interface<'_> {
     pub fn draw(self, ui: &mut Ui, actions: &mut Vec<Action>) {
         let Self { open_scene, view, timings, name, loading, budget_ms, placement, scale } = self;
         let rig_path = open_scene.rig_path().map(ToOwned::to_owned);
+        for file in ui.ctx().input(|input| input.raw.dropped_files.clone()) {
+            open_scene.desk.attach(file.path());
+        }
         if view.panel {
             let side = egui::Panel::right("panel").exact_size(PANEL_WIDTH).resizable(false);
             side.show(ui, |ui| {

@@ -10,17 +10,21 @@ use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
 use crate::scene::{Light, LightGroup, LightKind};
 
 /// The selected lights, the primary last.
-struct Selected<'a> {
+pub struct Selected<'a> {
     lights: Vec<&'a Light>,
 }
 
-impl Selected<'_> {
+impl<'a> Selected<'a> {
+    pub fn of(desk: &'a Desk) -> Self {
+        Self { lights: desk.selection().iter().map(|index| &desk.rig().lights[index]).collect() }
+    }
+
     fn differ<T: PartialEq>(&self, value: impl Fn(&Light) -> T) -> bool {
         self.lights.windows(2).any(|pair| value(pair[0]) != value(pair[1]))
     }
 
     /// Returns a number field, which shows "mixed" if the lights differ.
-    fn number<'v>(&self, value: &'v mut f64, of: impl Fn(&Light) -> f64) -> DragValue<'v> {
+    pub fn number<'v>(&self, value: &'v mut f64, of: impl Fn(&Light) -> f64) -> DragValue<'v> {
         let field = DragValue::new(value);
         match self.differ(&of) {
             true => field.custom_formatter(|_, _| "mixed".into()),
@@ -28,7 +32,7 @@ impl Selected<'_> {
         }
     }
 
-    fn switch(&self, ui: &mut Ui, value: &mut bool, text: &str, of: impl Fn(&Light) -> bool) {
+    pub fn switch(&self, ui: &mut Ui, value: &mut bool, text: &str, of: impl Fn(&Light) -> bool) {
         ui.add(egui::Checkbox::new(value, text).indeterminate(self.differ(of)));
     }
 
@@ -52,7 +56,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
         return;
     };
     let mut light = primary.clone();
-    let selected = Selected { lights: desk.selection().iter().map(|index| &desk.rig().lights[index]).collect() };
+    let selected = Selected::of(desk);
     if selected.lights.len() > 1 {
         ui.label(format!("{} lights; an edit changes all of them", selected.lights.len()));
     }
@@ -134,7 +138,7 @@ fn color(ui: &mut Ui, selected: &Selected, light: &mut Light) {
 }
 
 /// Draws a colour button. Returns `color` exactly unless it was edited, since egui rounds colours.
-fn color_button(ui: &mut Ui, color: Vec3) -> [f32; 3] {
+pub fn color_button(ui: &mut Ui, color: Vec3) -> [f32; 3] {
     let mut edited = color.to_array();
     let is_edited = ui.color_edit_button_rgb(&mut edited).changed();
     if is_edited { edited } else { color.to_array() }
@@ -146,7 +150,7 @@ fn pose(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
         selected.vector(ui, &mut light.position, step * 0.1, |light| light.position);
         ui.end_row();
     }
-    if light.kind != LightKind::Point {
+    if light.has_direction() {
         ui.label("direction");
         let mut direction = light.direction;
         selected.vector(ui, &mut direction, 0.005, |light| light.direction);

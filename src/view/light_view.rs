@@ -5,6 +5,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::Opened;
 use super::desk::Desk;
+use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Camera, Light, LightKind, MeshSpace, Projection};
 use crate::trace::surface::SurfacePoint;
 
@@ -65,7 +66,7 @@ impl LightView {
                 ui.painter().with_clip_rect(response.rect).circle_stroke(response.rect.center(), radius, stroke);
             }
             let by = response.drag_delta();
-            if by != egui::Vec2::ZERO && light.kind != LightKind::Point {
+            if by != egui::Vec2::ZERO && light.has_direction() {
                 let center = DVec2::splat(0.5) - DVec2::new((by.x / SHOWN[0]).into(), (by.y / SHOWN[1]).into());
                 // The point under the mouse follows the mouse.
                 let view = view(opened, &light);
@@ -115,6 +116,7 @@ fn view(opened: &Opened, light: &Light) -> Camera {
 fn cast(opened: &Opened, light: &Light, [width, height]: [usize; 2]) -> Vec<Color32> {
     let view = view(opened, light);
     let scene = &*opened.scene;
+    let filter = PosedFilter::new(light);
     let pixel = |i: usize| {
         let share = |at: usize, of: usize| (at as f64 + 0.5) / of as f64;
         let (origin, direction) = view.ray(share(i % width, width), share(i / width, height), aspect());
@@ -122,7 +124,8 @@ fn cast(opened: &Opened, light: &Light, [width, height]: [usize; 2]) -> Vec<Colo
         let Some(hit) = scene.closest_solid_hit(from, along) else { return Color32::BLACK };
         let point = SurfacePoint::new(scene, &hit, along, 0.0);
         let base = scene.materials[point.material as usize].base_color.truncate();
-        let lit = base * (0.15 + 0.85 * point.normal.dot(-along).max(0.0));
+        let passed = filter.as_ref().map_or(Vec3::ONE, |filter| filter.factor(along));
+        let lit = base * (0.15 + 0.85 * passed * point.normal.dot(-along).max(0.0));
         let [r, g, b] = lit.max(Vec3::ZERO).powf(1.0 / 2.2).to_array().map(|c| (255.0 * c.min(1.0)).round() as u8);
         Color32::from_rgb(r, g, b)
     };

@@ -14,6 +14,7 @@ mod describe;
 pub mod desk;
 mod detail_control;
 mod edge_refinement;
+mod filter_values;
 mod gather;
 mod gizmo;
 mod graphics;

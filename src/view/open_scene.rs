@@ -128,6 +128,12 @@ impl OpenScene {
         [self.opened.framebuffer.tiling.width, self.opened.framebuffer.tiling.height]
     }
 
+    /// Returns the folder of the rig, or of the scene if there is no rig.
+    pub fn folder(&self) -> PathBuf {
+        let file = self.rig_path.as_ref().unwrap_or(&self.opened.scene.path);
+        file.parent().unwrap_or(Path::new("")).to_owned()
+    }
+
     pub fn rig_path(&self) -> Option<&Path> {
         self.rig_path.as_deref()
     }

@@ -36,6 +36,9 @@ pub struct BarnDoors {
     pub softness: f64,
 }
 
+/// Rounding of a cosine.
+const SLACK: f32 = 1e-5;
+
 /// Default width of the soft edge of barn doors in degrees.
 pub const SOFTNESS_DEG: f64 = 4.0;
 
@@ -55,6 +58,8 @@ pub struct PosedFilter {
     doors: Vec<Door>,
     /// Whether the rear of the light shines as its front.
     two_sided: bool,
+    /// Least z of directions into which the light shines.
+    least_z: f32,
 }
 
 /// One barn door: its direction across the light's axis, and the tangents at which it begins to dim and is black.
@@ -77,7 +82,12 @@ impl PosedFilter {
             let most = ies.max();
             (ies.clone(), if most > 0.0 { most.recip() } else { 0.0 })
         };
+        let least_z = match light.kind {
+            LightKind::Spot => light.outer_angle.cos() as f32 - SLACK,
+            _ => -1.0 - SLACK,
+        };
         Some(Self {
+            least_z,
             axes: [width, height, light.direction].map(DVec3::as_vec3),
             ies: ies.as_ref().map(relative),
             gobo: gobo.as_ref().filter(|_| is_flat).map(|gobo| PosedGobo::new(gobo, light)),
@@ -89,6 +99,9 @@ impl PosedFilter {
     /// RGB factor on radiance that is emitted in unit `direction`.
     pub fn factor(&self, direction: Vec3) -> Vec3 {
         let [x, y, mut z] = self.axes.map(|axis| axis.dot(direction));
+        if z < self.least_z {
+            return Vec3::ZERO;
+        }
         let mut factor = Vec3::ONE;
         if let Some((ies, scale)) = &self.ies {
             factor *= (ies.candela([x, y, z].map(f64::from)) * scale) as f32;

@@ -81,7 +81,7 @@ impl Document {
         if light.kind != LightKind::Directional || light.position != DVec3::ZERO {
             self.key("position", vector(light.position));
         }
-        if light.kind != LightKind::Point || light.direction != DVec3::NEG_Z || light.filter.ies.is_some() {
+        if light.has_direction() || light.direction != DVec3::NEG_Z {
             self.key("direction", vector(light.direction));
         }
         self.key("color", color(light.color));

@@ -5,14 +5,14 @@ use glam::{DQuat, Vec3};
 use crate::scene::{Light, LightKind, Rig};
 
 /// Applies to `light` the change of another light from `before` to `after`: position, stops and angles by the same
-/// offset, direction by the same rotation, colour, intensity, sizes and range by the same ratio. A changed switch takes the
-/// other light's value. Name, kind, group and links do not change.
+/// offset, direction by the same rotation, colour, intensity, sizes and range by the same ratio. A changed switch or filter
+/// takes the other light's value. Name, kind, group and links do not change.
 pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     let mut light = light.clone();
     if light.kind != LightKind::Directional {
         light.position += after.position - before.position;
     }
-    if light.kind != LightKind::Point && before.direction != after.direction {
+    if light.has_direction() && before.direction != after.direction {
         let turn = DQuat::from_rotation_arc(before.direction, after.direction);
         light.direction = (turn * light.direction).normalize();
     }
@@ -40,17 +40,26 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
             (_, _, after) => after,
         };
     }
+    light.decay_start = scaled(light.decay_start, before.decay_start, after.decay_start).max(0.0);
+    take(&mut light.filter.ies, &before.filter.ies, &after.filter.ies);
+    take(&mut light.filter.gobo, &before.filter.gobo, &after.filter.gobo);
+    take(&mut light.filter.barn_doors, &before.filter.barn_doors, &after.filter.barn_doors);
     for (own, before, after) in [
         (&mut light.enabled, before.enabled, after.enabled),
         (&mut light.shadows, before.shadows, after.shadows),
         (&mut light.solo, before.solo, after.solo),
         (&mut light.two_sided, before.two_sided, after.two_sided),
     ] {
-        if before != after {
-            *own = after;
-        }
+        take(own, &before, &after);
     }
     light
+}
+
+/// Sets a value to `after` if that differs from `before`.
+fn take<T: Clone + PartialEq>(own: &mut T, before: &T, after: &T) {
+    if before != after {
+        own.clone_from(after);
+    }
 }
 
 /// Returns `x * after / before`, or `x + after` if `before` is zero.

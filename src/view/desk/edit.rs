@@ -94,7 +94,7 @@ impl Desk {
             }
             LightEdit::Move { frame: Frame::Camera, axis } => light.position += axes * (axis * self.step),
             LightEdit::Move { frame: Frame::World, axis } => light.position += axis * self.step,
-            LightEdit::Turn { .. } if light.kind == LightKind::Point => {
+            LightEdit::Turn { .. } if !light.has_direction() => {
                 return Err("a point light shines in all directions and cannot turn");
             }
             LightEdit::Turn { right, up } => {

@@ -33,9 +33,9 @@ impl Desk {
     pub fn aim(&mut self, at: Pick) {
         self.edit_each(|_, light| {
             let direction = match light.kind {
-                LightKind::Point => return Err("a point light shines in all directions and cannot aim"),
+                _ if !light.has_direction() => return Err("a point light shines in all directions and cannot aim"),
                 LightKind::Directional => -at.normal,
-                LightKind::Spot | LightKind::Disk | LightKind::Rect => {
+                LightKind::Point | LightKind::Spot | LightKind::Disk | LightKind::Rect => {
                     (at.position - light.position).try_normalize().ok_or("it is at that point")?
                 }
             };
@@ -85,7 +85,7 @@ fn moved_to(light: &Light, point: DVec3, direction: DVec3, free: f64) -> Light {
     if light.kind != LightKind::Directional {
         light.position = point + direction * (light.position - point).length().min((1.0 - MARGIN) * free);
     }
-    if light.kind != LightKind::Point {
+    if light.has_direction() {
         light.direction = -direction;
     }
     light

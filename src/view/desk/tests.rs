@@ -356,3 +356,35 @@ fn snapshots_are_kept_recalled_and_undone() {
     let again = desk.snapshots().get(3).unwrap();
     assert!(Some(again.id) != id && again.note == "cold" && desk.snapshot_rig(3).as_ref() == Some(&other));
 }
+
+#[test]
+fn files_become_filters_of_the_selected_lights() {
+    let folder = tempfile::tempdir().unwrap();
+    let lamp = folder.path().join("lamp.IES");
+    std::fs::write(&lamp, "TILT=NONE\n1 -1 1 1 1 1 2 0 0 0 1 1 9 0 0 250\n").unwrap();
+    let leaves = folder.path().join("leaves.png");
+    image::RgbImage::new(2, 2).save(&leaves).unwrap();
+    let mut desk = desk(1);
+    desk.end_gesture();
+    desk.attach(&lamp);
+    let light = desk.selected_light().unwrap();
+    assert!(light.filter.ies.is_some() && light.intensity == 250.0, "{}", desk.message);
+    desk.attach(&leaves);
+    assert_eq!(desk.message, "key_0: only spots, disks and rectangles have a gobo");
+    desk.end_gesture();
+    desk.add(LightKind::Spot, DVec3::ZERO, 0.0);
+    desk.add_next_to_selection(-1);
+    desk.end_gesture();
+    desk.attach_gobo(folder.path(), "leaves.png");
+    let gobos: Vec<bool> = desk.rig().lights.iter().map(|light| light.filter.gobo.is_some()).collect();
+    assert_eq!(gobos, [false, true], "{}", desk.message);
+    desk.attach_gobo(folder.path(), "none.png");
+    assert!(desk.message.contains("none.png"), "{}", desk.message);
+    desk.end_gesture();
+    desk.attach_gobo(folder.path(), "");
+    assert!(desk.rig().lights[1].filter.is_none(), "{}", desk.message);
+    desk.undo();
+    assert!(desk.rig().lights[1].filter.gobo.is_some(), "{}", desk.message);
+    desk.go_to(0);
+    assert!(desk.rig().lights[0].filter.is_none() && desk.rig().lights[0].intensity == 1.0);
+}

@@ -1,0 +1,109 @@
+//! Filters of the selected lights: IES profile, gobo, barn doors and decay start.
+
+use std::path::Path;
+
+use egui::{CollapsingHeader, Grid, Ui};
+use glam::Vec3;
+
+use super::desk::Desk;
+use super::light_values::{Selected, color_button};
+use crate::scene::light_filter::{Attached, BarnDoors, SOFTNESS_DEG};
+use crate::scene::{Light, LightKind};
+
+/// `folder`: of the rig; file names are relative to it.
+pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
+    let Some(primary) = desk.selected_light() else { return };
+    let mut light = primary.clone();
+    let mut files = [None, None];
+    CollapsingHeader::new("Filters").default_open(!light.filter.is_none()).show(ui, |ui| {
+        let selected = Selected::of(desk);
+        let step = desk.step();
+        Grid::new("filters").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
+            if light.kind != LightKind::Directional {
+                ui.label("IES");
+                files[0] = file(ui, light.filter.ies.as_ref().map(Attached::path), folder, "file.ies");
+                ui.end_row();
+            }
+            if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
+                ui.label("gobo");
+                files[1] = file(ui, light.filter.gobo.as_ref().map(|gobo| gobo.image.path()), folder, "image.png");
+                ui.end_row();
+                gobo(ui, &mut light);
+                doors(ui, &selected, &mut light);
+            }
+            ui.label("decay from");
+            let field = selected.number(&mut light.decay_start, |light| light.decay_start);
+            ui.add(field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m"));
+            ui.end_row();
+        });
+    });
+    desk.edit_primary_and_selection(light);
+    let [ies, gobo] = files;
+    if let Some(name) = ies {
+        desk.attach_profile(folder, &name);
+    }
+    if let Some(name) = gobo {
+        desk.attach_gobo(folder, &name);
+    }
+}
+
+/// Draws the field of a file's name. Returns what was typed once the field loses focus; empty: no file.
+fn file(ui: &mut Ui, path: Option<&Path>, folder: &Path, hint: &str) -> Option<String> {
+    let relative = |path: &Path| path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
+    let shown = path.map(relative).unwrap_or_default();
+    let id = ui.id().with((hint, &shown));
+    let mut typed = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_else(|| shown.clone());
+    let field = ui.add(egui::TextEdit::singleline(&mut typed).hint_text(hint).desired_width(150.0));
+    if field.lost_focus() {
+        ui.data_mut(|data| data.remove::<String>(id));
+        return (typed != shown).then_some(typed);
+    }
+    if field.changed() {
+        ui.data_mut(|data| data.insert_temp(id, typed));
+    }
+    None
+}
+
+fn gobo(ui: &mut Ui, light: &mut Light) {
+    let Some(gobo) = &mut light.filter.gobo else { return };
+    ui.label("");
+    ui.horizontal(|ui| {
+        let before = gobo.rotation.to_degrees();
+        let mut deg = before;
+        ui.add(egui::DragValue::new(&mut deg).speed(0.5).range(-360.0..=360.0).max_decimals(1).suffix("°"));
+        if deg != before {
+            gobo.rotation = deg.to_radians();
+        }
+        ui.add(egui::DragValue::new(&mut gobo.scale).speed(0.01).range(1e-3..=1e3).max_decimals(3).prefix("x "));
+        gobo.tint = Vec3::from_array(color_button(ui, gobo.tint));
+    });
+    ui.end_row();
+}
+
+fn doors(ui: &mut Ui, selected: &Selected, light: &mut Light) {
+    ui.label("doors");
+    let mut has_doors = light.filter.barn_doors.is_some();
+    selected.switch(ui, &mut has_doors, "", |light| light.filter.barn_doors.is_some());
+    ui.end_row();
+    let closed = BarnDoors { angles: [30f64.to_radians(); 4], softness: SOFTNESS_DEG.to_radians() };
+    light.filter.barn_doors = has_doors.then(|| light.filter.barn_doors.unwrap_or(closed));
+    let Some(doors) = &mut light.filter.barn_doors else { return };
+    let mut row = |text: &str, values: &mut [f64], range: std::ops::RangeInclusive<f64>| {
+        ui.label(text);
+        ui.horizontal(|ui| {
+            for value in values {
+                let before = value.to_degrees();
+                let mut deg = before;
+                ui.add(egui::DragValue::new(&mut deg).speed(0.2).range(range.clone()).max_decimals(2).suffix("°"));
+                if deg != before {
+                    *value = deg.to_radians();
+                }
+            }
+        });
+        ui.end_row();
+    };
+    let (sides, ends) = doors.angles.split_at_mut(2);
+    row("left, right", sides, -90.0..=90.0);
+    row("top, bottom", ends, -90.0..=90.0);
+    row("soft edge", std::slice::from_mut(&mut doors.softness), 0.01..=90.0);
+}
