@@ -8,7 +8,10 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 use proptest::prelude::*;
 use relume::Error;
 use relume::scene::light_filter::BarnDoors;
-use relume::scene::{Camera, Light, LightFilter, LightGroup, LightKind, Projection, Rig, RigFiles, Scene, export_gltf};
+use relume::scene::links::MAX_FACTOR;
+use relume::scene::{
+    Camera, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, Projection, Rig, RigFiles, Scene, export_gltf,
+};
 use serde_json::{Value, json};
 use support::*;
 
@@ -158,6 +161,15 @@ fn wrong_rigs_name_the_line() {
         (format!("{spot}outer_deg = 91\n"), "outer_deg is 91"),
         ("[[group]]\nname = \"g\"\n[[group]]\nname = \"g\"\n".into(), "line 4: group \"g\" is defined twice"),
         ("[[group]]\nname = \"g\"\nstops = nan\n".into(), "line 2: group \"g\""),
+        (format!("{light}factor = {{ a = -0.1 }}\n"), "line 5: light \"a\": factor of \"a\" is -0.1, must lie in"),
+        (format!("{light}factor = {{ a = 1, b = nan }}\n"), "line 5: light \"a\": factor of \"b\" is NaN"),
+        (format!("{light}only = []\n"), "line 5: light \"a\": only is empty"),
+        (format!("{light}only = \"a\"\n"), "line 5"),
+        ("[[set]]\nname = \"s\"\nitem = []\n".into(), "line 3: unknown field `item`"),
+        (
+            "[[set]]\nname = \"s\"\nitems = []\n[[set]]\nname = \"s\"\nitems = []\n".into(),
+            "line 5: set \"s\" is defined",
+        ),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 0]\nyfov_deg = 40\n".into(), "line 1: camera"),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\nyfov_deg = 180\n".into(), "yfov_deg"),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\n".into(), "needs one of yfov_deg and ymag"),
@@ -185,6 +197,20 @@ fn color() -> impl Strategy<Value = Vec3> {
     [0f32..2.0, 0f32..2.0, 0f32..2.0].prop_map(Vec3::from_array)
 }
 
+fn names() -> impl Strategy<Value = Vec<String>> {
+    proptest::collection::vec(".*", 0..3)
+}
+
+fn links() -> impl Strategy<Value = Links> {
+    let factor = proptest::collection::btree_map(".*", 0.0..=MAX_FACTOR, 0..3);
+    (names(), names(), factor, names()).prop_map(|(only, except, factor, no_shadow_from)| Links {
+        only,
+        except,
+        factor,
+        no_shadow_from,
+    })
+}
+
 fn light() -> impl Strategy<Value = Light> {
     let kinds = [LightKind::Point, LightKind::Spot, LightKind::Directional, LightKind::Disk, LightKind::Rect];
     let kind = proptest::sample::select(kinds.to_vec());
@@ -200,13 +226,13 @@ fn light() -> impl Strategy<Value = Light> {
     (
         (kind, vector(1e4), unit(), color(), intensity, -20.0..20.0f64, angles),
         (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 3]>()),
-        (".*", proptest::option::of(0usize..1000), sizes, doors),
+        (".*", proptest::option::of(0usize..1000), sizes, (doors, links())),
     )
         .prop_map(
             |(
                 (kind, position, direction, color, intensity, stops, angles),
                 (range, group, flags),
-                (name, node, sizes, (decay_start, barn_doors)),
+                (name, node, sizes, ((decay_start, barn_doors), links)),
             )| {
                 let ([radius, width, height], up, angle, spread, two_sided) = sizes;
                 let [enabled, shadows, solo] = flags;
@@ -237,6 +263,7 @@ fn light() -> impl Strategy<Value = Light> {
                     solo,
                     follows: None,
                     shadows,
+                    links,
                     node,
                 }
             },
@@ -261,11 +288,13 @@ proptest! {
         camera in proptest::option::of(camera()),
         tints in [color(), color()],
         stops in -9.0..9.0f64,
+        items in names(),
     ) {
         let group = |i: usize| LightGroup {
             name: format!("g \"{i}\"\n"), stops: stops * i as f64, color: tints[i], enabled: i == 0, solo: i == 1,
         };
-        let mut rig = Rig { camera, groups: vec![group(0), group(1)], lights };
+        let sets = vec![ObjectSet { name: "set\n".into(), items }];
+        let mut rig = Rig { camera, groups: vec![group(0), group(1)], sets, lights };
         let count = rig.lights.len();
         for (i, light) in rig.lights.iter_mut().enumerate() {
             light.name = format!("{}{i}", light.name);
@@ -608,4 +637,65 @@ fn what_we_export_we_read_back_to_the_last_bit() {
             assert!(moved.groups.is_empty() && moved.lights.iter().any(|light| light.position.x == 5.0));
         }
     }
+}
+
+/// Two floors, one on an unnamed node below a named one.
+fn linked() -> (Scene, [u32; 2]) {
+    let mut gltf = Gltf::square();
+    let unnamed = gltf.node(json!({"mesh": 0, "translation": [0.0, 0.0, 1.0]}));
+    let child = gltf.node(json!({"name": "seat", "children": [unnamed]}));
+    gltf.root(json!({"name": "sofa", "children": [child]}));
+    gltf.json["nodes"][0]["name"] = json!("table");
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Scene::load(&gltf.write(folder.path(), "linked.glb")).unwrap();
+    let last = scene.mesh.triangles.len() as u32 - 1;
+    (scene, [0, last])
+}
+
+fn links_of(text: &str) -> Rig {
+    let light = "[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0, 0, 0]\n";
+    let set = "[[set]]\nname = \"all\"\nitems = [\"table\", \"sofa\", \"seat\"]\n";
+    Rig::from_toml(&format!("{set}{light}{text}\n")).unwrap()
+}
+
+#[test]
+fn links_name_nodes_their_descendants_materials_and_sets() {
+    let (scene, triangles) = linked();
+    let material = scene.materials[0].name.clone();
+    for (text, factors, casts) in [
+        ("only = [\"sofa\"]", [0.0, 1.0], [true; 2]),
+        ("only = [\"seat\"]", [0.0, 1.0], [true; 2]),
+        ("only = [\"all\"]\nexcept = [\"table\"]", [0.0, 1.0], [true; 2]),
+        ("except = [\"MATERIAL\"]", [0.0; 2], [true; 2]),
+        ("factor = { sofa = 3, seat = 0.5, table = 0 }", [0.0, 1.5], [true; 2]),
+        ("factor = { all = 0.5 }", [0.5; 2], [true; 2]),
+        ("factor = { MATERIAL = 2, table = 2 }", [4.0, 2.0], [true; 2]),
+        ("no_shadow_from = [\"seat\"]", [1.0; 2], [true, false]),
+        ("no_shadow_from = [\"MATERIAL\"]", [1.0; 2], [false; 2]),
+    ] {
+        let rig = links_of(&text.replace("MATERIAL", &material));
+        let links = &rig.resolve_links(&scene).unwrap()[&0];
+        assert_eq!(triangles.map(|t| links.factor(&scene.mesh, t)), factors, "{text}");
+        assert_eq!(triangles.map(|t| links.casts_shadow(&scene.mesh, t)), casts, "{text}");
+    }
+    assert!(links_of("").resolve_links(&scene).unwrap().is_empty());
+}
+
+#[test]
+fn unknown_names_in_links_are_refused_with_the_nearest() {
+    let (scene, _) = linked();
+    let refusal = |text: &str| links_of(text).resolve_links(&scene).err().unwrap();
+    let says = "light \"a\": only: the scene has no node or material \"sofas\"; did you mean \"sofa\"?";
+    assert_eq!(refusal("only = [\"sofas\"]"), says);
+    let says = "light \"a\": factor: the scene has no node or material \"x\"";
+    assert_eq!(refusal("factor = { x = 0.5 }"), says);
+    assert!(refusal("no_shadow_from = [\"\"]").contains("no_shadow_from: the scene has no node or material \"\""));
+}
+
+#[test]
+fn links_survive_export() {
+    let mut rig = links_of("only = [\"all\"]\nfactor = { \"table\" = 0.25 }\nno_shadow_from = [\"sofa\"]");
+    let (_, read, _) = export(&lit(), &rig, "linked.glb");
+    rig.lights[0].node = read.rig.lights[0].node;
+    assert_eq!(read.rig, rig);
 }

@@ -20,7 +20,7 @@ use glam::Vec3;
 
 pub use self::plan::{Detail, LightPoints, Plan, Shade, Source, Step, Term};
 use self::slots::Slots;
-use crate::scene::{Light, Rig};
+use crate::scene::{Light, Links, Rig};
 use crate::shared::MAX_TERMS;
 
 /// Maximum nodes in the focus. If more are edited, the focus is empty and the picture is the rest alone.
@@ -123,6 +123,7 @@ impl LightCache {
         let same_tree = self.rig.groups.len() == rig.groups.len()
             && self.rig.lights.len() == rig.lights.len()
             && self.rig.lights.iter().zip(&rig.lights).all(|(a, b)| a.group == b.group && a.name == b.name);
+        let same_sets = self.rig.sets == rig.sets;
         let old = std::mem::replace(&mut self.rig, rig.with_solo_applied().into_owned());
         if !same_tree {
             self.rebuild_tree(&old);
@@ -130,7 +131,7 @@ impl LightCache {
         }
         for (i, old) in old.lights.iter().enumerate() {
             let new = &self.rig.lights[i];
-            let (same_image, same_scale) = (same_image(old, new), old.scale() == new.scale());
+            let (same_image, same_scale) = (same_image(old, new, same_sets), old.scale() == new.scale());
             if !same_image {
                 self.release(self.leaf_of[i]);
             }
@@ -545,10 +546,11 @@ impl LightCache {
             })
             .collect();
         self.build_tree();
+        let same_sets = self.rig.sets == old.sets;
         let mut slots = Slots::new(self.slots.len());
         for (i, light) in self.rig.lights.iter().enumerate() {
             if let Some((was, slot, node)) = kept.get(light.name.as_str())
-                && same_image(was, light)
+                && same_image(was, light, same_sets)
             {
                 let (leaf, slot) = (self.leaf_of[i], *slot);
                 let Node { coarse, points, .. } = *node;
@@ -565,13 +567,16 @@ impl LightCache {
     }
 }
 
-/// Whether the image at unit intensity is the same for two states of a light.
-fn same_image(a: &Light, b: &Light) -> bool {
+/// Whether the image at unit intensity is the same for two states of a light. `same_sets`: the sets that links may name
+/// did not change.
+fn same_image(a: &Light, b: &Light, same_sets: bool) -> bool {
     (a.kind, a.position, a.direction) == (b.kind, b.position, b.direction)
         && (a.radius, a.size, a.up, a.angle) == (b.radius, b.size, b.up, b.angle)
         && (a.spread, a.two_sided) == (b.spread, b.two_sided)
         && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)
         && (a.decay_start, &a.filter) == (b.decay_start, &b.filter)
+        && a.links == b.links
+        && (same_sets || a.links == Links::default())
 }
 
 #[cfg(test)]

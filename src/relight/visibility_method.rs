@@ -13,7 +13,7 @@ use crate::bake::{BakeSettings, bake};
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Measurements};
 use crate::physics::sequence::Points;
-use crate::scene::{Camera, Light, Material, Mesh, MeshSpace, Projection, Rig, Scene};
+use crate::scene::{Camera, Light, Material, Mesh, MeshSpace, Object, Projection, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::PACKET_SIZE;
 
@@ -160,6 +160,7 @@ fn room() -> Scene {
         mesh,
         space: MeshSpace::WORLD,
         materials: vec![Material::default()],
+        objects: vec![Object::default()],
         textures: Vec::new(),
         cameras: Vec::new(),
         rig: Rig::default(),

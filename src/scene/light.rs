@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use glam::{DVec3, Vec3};
 
-use super::{LightFilter, MeshSpace};
+use super::{LightFilter, Links, MeshSpace};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_POINT, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
 /// The light types of `KHR_lights_punctual`, and flat lights.
@@ -67,6 +67,7 @@ pub struct Light {
     pub follows: Option<usize>,
     /// Whether geometry blocks its light.
     pub shadows: bool,
+    pub links: Links,
     /// Source glTF node.
     pub node: Option<usize>,
 }
@@ -109,6 +110,7 @@ impl Light {
             solo: false,
             follows: None,
             shadows: true,
+            links: Links::default(),
             node: None,
         }
     }

@@ -74,6 +74,7 @@ impl MeshBuilder {
         mesh.normals.extend(part.normals.into_iter().map(without_rounding));
         mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first as u32)));
         mesh.triangle_materials.resize(mesh.triangles.len(), part.material);
+        mesh.triangle_objects.resize(mesh.triangles.len(), part.object);
     }
 
     /// Returns the mesh and its space, or why there is none.
@@ -102,6 +103,9 @@ impl MeshBuilder {
         if self.mesh.colors.iter().all(|&c| c == Vec4::ONE) {
             self.mesh.colors = Vec::new();
         }
+        if self.mesh.triangle_objects.iter().all(|&object| object == 0) {
+            self.mesh.triangle_objects = Vec::new();
+        }
         drop_unused_vertices(&mut self.mesh);
         if self.dropped > 0 {
             tracing::info!("dropped {} triangles of zero area", self.dropped);
@@ -120,8 +124,10 @@ impl MeshBuilder {
         let given = mesh.triangles.len();
         let mut kept = keep.iter();
         mesh.triangles.retain(|_| *kept.next().expect("one flag per triangle"));
-        let mut kept = keep.iter();
-        mesh.triangle_materials.retain(|_| *kept.next().expect("one flag per triangle"));
+        for values in [&mut mesh.triangle_materials, &mut mesh.triangle_objects] {
+            let mut kept = keep.iter();
+            values.retain(|_| *kept.next().expect("one flag per triangle"));
+        }
         self.dropped += given - mesh.triangles.len();
     }
 }

@@ -1,8 +1,8 @@
-//! One part of a mesh before it is built: the triangles of one material.
+//! One part of a mesh before it is built: the triangles of one material and object.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-/// Triangles of one material in world space. Optional attributes are empty, or as long as `positions`.
+/// Triangles of one material and object in world space. Optional attributes are empty, or as long as `positions`.
 #[derive(Default)]
 pub struct MeshPart {
     /// Finite.
@@ -15,6 +15,8 @@ pub struct MeshPart {
     /// Counter-clockwise from the front; indices in range.
     pub triangles: Vec<[u32; 3]>,
     pub material: u32,
+    /// Index into [`Scene::objects`](super::Scene::objects).
+    pub object: u32,
     /// Texture coordinate set of the material's normal map, if it has one.
     pub tangents_from: Option<usize>,
 }

@@ -6,6 +6,7 @@
 pub mod camera;
 pub mod light;
 pub mod light_filter;
+pub mod links;
 pub mod material;
 pub mod texture;
 
@@ -28,6 +29,7 @@ pub use camera::{Camera, Projection};
 pub use gltf_export::export_gltf;
 pub use light::{Light, LightGroup, LightKind};
 pub use light_filter::{LightFilter, RigFiles};
+pub use links::{Links, ObjectSet, ResolvedLinks};
 pub use material::{AlphaMode, Material, Surface, TextureRef};
 pub use mesh_space::MeshSpace;
 pub use rig::Rig;
@@ -47,6 +49,8 @@ pub struct Scene {
     pub space: MeshSpace,
     /// Never empty: index 0 is glTF's default material if the file has none.
     pub materials: Vec<Material>,
+    /// Never empty: the first is the scene itself, without a name. Parents precede their children.
+    pub objects: Vec<Object>,
     pub textures: Vec<Texture>,
     /// In file order; may be empty.
     pub cameras: Vec<Camera>,
@@ -74,6 +78,17 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// Per triangle, an index into [`Scene::materials`].
     pub triangle_materials: Vec<u32>,
+    /// Per triangle, an index into [`Scene::objects`]; empty if all are of the first.
+    pub triangle_objects: Vec<u32>,
+}
+
+/// A named node. Nodes that no name distinguishes are one object: those with equal names and one parent. A node without
+/// a name belongs to its parent's object.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Object {
+    pub name: String,
+    /// Index into [`Scene::objects`].
+    pub parent: u32,
 }
 
 impl Scene {
@@ -107,5 +122,10 @@ impl Mesh {
         let mut used = self.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
         let Some(first) = used.next() else { return (Vec3::ZERO, Vec3::ZERO) };
         used.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)))
+    }
+
+    /// Index of a triangle's object.
+    pub fn object(&self, triangle: u32) -> usize {
+        self.triangle_objects.get(triangle as usize).map_or(0, |&object| object as usize)
     }
 }

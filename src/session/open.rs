@@ -48,6 +48,7 @@ impl Opened {
             let so = if emits { "only emissive materials shine" } else { "the picture is black" };
             tracing::warn!("{}: no lights: {so}", rig_path.unwrap_or(path).display());
         }
+        rig.resolve_links(&scene).map_err(|reason| Error::import(rig_path.unwrap_or(path), reason))?;
         let camera = choose_camera(&scene, &rig, settings)?;
         let size = settings.size.unwrap_or_else(|| scene.default_size(Some(&camera)));
         if let (None, None, Some(aspect)) = (settings.size, scene.image_size, camera.aspect) {

@@ -8,7 +8,7 @@ use relume::bake::transfer::Transfer;
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::relight::{Layers, RelightSettings, Relighter, VisibilityMethod};
 use relume::scene::rig::Rig;
-use relume::scene::{Camera, Light, Material, MeshSpace, Projection, Scene, Texture, TextureRef, Wrap};
+use relume::scene::{Camera, Light, Material, MeshSpace, Object, Projection, Scene, Texture, TextureRef, Wrap};
 use relume::trace::bvh::TracedScene;
 
 use super::Gpu;
@@ -60,6 +60,7 @@ impl Build {
             mesh: Default::default(),
             space: MeshSpace::around(low, high),
             materials: self.materials.clone(),
+            objects: vec![Object::default()],
             textures: self.textures.clone(),
             cameras: Vec::new(),
             rig: rig(Vec::new()),
@@ -123,7 +124,7 @@ pub fn emitter(radiance: Vec3) -> Material {
 }
 
 pub fn rig(lights: Vec<Light>) -> Rig {
-    Rig { camera: None, groups: Vec::new(), lights }
+    Rig { lights, ..Rig::default() }
 }
 
 pub fn look(from: DVec3, to: DVec3, up: DVec3, projection: Projection) -> Camera {

@@ -177,7 +177,9 @@ fn cut_into_four(mesh: &mut Mesh) {
         cut.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
     }
     mesh.triangles = cut;
-    mesh.triangle_materials = mesh.triangle_materials.iter().flat_map(|&material| [material; 4]).collect();
+    for values in [&mut mesh.triangle_materials, &mut mesh.triangle_objects] {
+        *values = values.iter().flat_map(|&index| [index; 4]).collect();
+    }
 }
 
 /// A new vertex between two.

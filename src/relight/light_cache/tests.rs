@@ -77,7 +77,11 @@ fn rig(light_count: usize, group_count: usize) -> Rig {
         let group = (!i.is_multiple_of(3) && group_count > 0).then(|| i % group_count.max(1));
         Light { group, ..Light::point(&format!("l{i}"), DVec3::new(i as f64, 0.0, 0.0)) }
     };
-    Rig { camera: None, groups: (0..group_count).map(group).collect(), lights: (0..light_count).map(light).collect() }
+    Rig {
+        groups: (0..group_count).map(group).collect(),
+        lights: (0..light_count).map(light).collect(),
+        ..Rig::default()
+    }
 }
 
 proptest! {

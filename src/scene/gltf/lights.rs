@@ -15,7 +15,7 @@ impl Document {
         let mut names = UniqueNames::default();
         let mut lights = Vec::new();
         let mut without_direction = 0;
-        for Placed { node, world_from_node } in placed {
+        for Placed { node, world_from_node, .. } in placed {
             let Some(index) = self.poses.nodes[*node].light() else { continue };
             let entry = self.item(self.lights(), index, "light", &self.node_name(*node))?;
             let names_of = [&self.poses.nodes[*node].name, &entry.name];
@@ -101,7 +101,7 @@ impl Document {
     pub fn import_cameras(&self, placed: &[Placed]) -> Result<Vec<Camera>> {
         let mut names = UniqueNames::default();
         let mut cameras = Vec::new();
-        for Placed { node, world_from_node } in placed {
+        for Placed { node, world_from_node, .. } in placed {
             let Some(index) = self.poses.nodes[*node].camera else { continue };
             let entry = self.item(&self.poses.cameras, index, "camera", &self.node_name(*node))?;
             let wrong = |reason: &str| self.error(format!("camera {index} of {}: {reason}", self.node_name(*node)));

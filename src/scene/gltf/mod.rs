@@ -33,7 +33,7 @@ use crate::error::Result;
 pub fn load(path: &Path) -> Result<Scene> {
     let mut document = Document::parse(path, &Container::read(path)?)?;
     document.unpack()?;
-    let placed = document.placed_nodes()?;
+    let (placed, objects) = document.placed_nodes()?;
     let mut materials = Materials::new(&document);
     let mut builder = MeshBuilder::default();
     let ignored = primitives::import_meshes(&document, &placed, &mut materials, &mut builder)?;
@@ -57,7 +57,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     }
     mark_opaque(&mut materials, &textures, &mesh);
     let image_size = image_size(&document);
-    Ok(Scene { path: path.to_owned(), mesh, space, materials, textures, cameras, rig, image_size })
+    Ok(Scene { path: path.to_owned(), mesh, space, materials, objects, textures, cameras, rig, image_size })
 }
 
 /// Blending materials with full alpha, as many exporters write them, become opaque, which is cheaper.

@@ -1,28 +1,35 @@
 //! The node hierarchy, flattened.
 
+use std::collections::HashMap;
+
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 
 use super::document::{Document, Node};
 use crate::error::Result;
+use crate::scene::Object;
 
 /// A node of the scene and its world transform.
 pub struct Placed {
     pub node: usize,
+    /// Index into the objects.
+    pub object: u32,
     pub world_from_node: DAffine3,
 }
 
 impl Document {
-    /// All nodes of the shown scene, sorted by index.
+    /// All nodes of the shown scene, sorted by index, and the objects that they form.
     ///
     /// Uses an explicit stack, because files may nest nodes deeper than the call stack allows.
-    pub fn placed_nodes(&self) -> Result<Vec<Placed>> {
+    pub fn placed_nodes(&self) -> Result<(Vec<Placed>, Vec<Object>)> {
         let nodes = &self.poses.nodes;
         let mut seen = vec![false; nodes.len()];
         let mut placed = Vec::new();
-        let mut open: Vec<(usize, DAffine3, Option<usize>)> =
-            self.roots()?.into_iter().rev().map(|root| (root, DAffine3::IDENTITY, None)).collect();
-        while let Some((index, world_from_parent, parent)) = open.pop() {
-            let asked_by = parent.map_or("the scene".into(), |parent| self.node_name(parent));
+        let mut objects = vec![Object::default()];
+        let mut object_indices = HashMap::new();
+        let mut open: Vec<_> =
+            self.roots()?.into_iter().rev().map(|root| (root, DAffine3::IDENTITY, None, 0)).collect();
+        while let Some((index, world_from_parent, parent_node, parent)) = open.pop() {
+            let asked_by = parent_node.map_or("the scene".into(), |parent| self.node_name(parent));
             let node = self.item(nodes, index, "node", &asked_by)?;
             // Also prevents a small file from describing exponentially many nodes.
             if std::mem::replace(&mut seen[index], true) {
@@ -30,11 +37,18 @@ impl Document {
                 return Err(self.error(format!("{name} is its own ancestor or has two parents")));
             }
             let world_from_node = world_from_parent * self.parent_from_node(index, node)?;
-            open.extend(node.children.iter().rev().map(|&child| (child, world_from_node, Some(index))));
-            placed.push(Placed { node: index, world_from_node });
+            let object = match node.name.as_deref().unwrap_or_default() {
+                "" => parent,
+                name => *object_indices.entry((name, parent)).or_insert_with(|| {
+                    objects.push(Object { name: name.into(), parent });
+                    objects.len() as u32 - 1
+                }),
+            };
+            open.extend(node.children.iter().rev().map(|&child| (child, world_from_node, Some(index), object)));
+            placed.push(Placed { node: index, object, world_from_node });
         }
         placed.sort_by_key(|p| p.node);
-        Ok(placed)
+        Ok((placed, objects))
     }
 
     /// Index of the shown scene: the default one, else the first.

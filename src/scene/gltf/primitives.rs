@@ -13,6 +13,7 @@ use super::skins;
 use super::vertices::Pose;
 use crate::error::Result;
 use crate::scene::mesh_builder::MeshBuilder;
+use crate::scene::mesh_part::MeshPart;
 
 // Many nodes may show one mesh, so a small file can require more memory than there is. 2^27 corners are 45 million
 // triangles: 150 times our largest scene, and 6 GB.
@@ -28,21 +29,21 @@ pub fn import_meshes(
     check_size(document, placed)?;
     let mut ignored = IgnoredCounts::default();
     let by_node = skins::by_node(placed);
-    for Placed { node, world_from_node } in placed {
-        if document.poses.nodes[*node].mesh.is_none() {
+    for &Placed { node, object, world_from_node } in placed {
+        if document.poses.nodes[node].mesh.is_none() {
             continue;
         }
-        let node_mesh = NodeMesh { document, node: *node };
-        if let Some(joints) = document.joints(*node, &by_node)? {
-            node_mesh.add(*world_from_node, Some(&joints), materials, builder, &mut ignored)?;
+        let node_mesh = NodeMesh { document, node, object };
+        if let Some(joints) = document.joints(node, &by_node)? {
+            node_mesh.add(world_from_node, Some(&joints), materials, builder, &mut ignored)?;
             continue;
         }
-        let copies = match document.poses.nodes[*node].instances() {
-            Some(attributes) => document.instances(*node, attributes)?,
+        let copies = match document.poses.nodes[node].instances() {
+            Some(attributes) => document.instances(node, attributes)?,
             None => vec![DAffine3::IDENTITY],
         };
         for node_from_mesh in copies {
-            node_mesh.add(*world_from_node * node_from_mesh, None, materials, builder, &mut ignored)?;
+            node_mesh.add(world_from_node * node_from_mesh, None, materials, builder, &mut ignored)?;
         }
     }
     Ok(ignored)
@@ -51,18 +52,18 @@ pub fn import_meshes(
 /// Refuses more corners than fit in memory, before any is read.
 fn check_size(document: &Document, placed: &[Placed]) -> Result<()> {
     let mut corners = 0usize;
-    for Placed { node, .. } in placed {
-        if document.poses.nodes[*node].mesh.is_none() {
+    for &Placed { node, object, .. } in placed {
+        if document.poses.nodes[node].mesh.is_none() {
             continue;
         }
         let mut of_mesh = 0usize;
-        NodeMesh { document, node: *node }.for_triangles(&mut 0, |source, mode| {
+        NodeMesh { document, node, object }.for_triangles(&mut 0, |source, mode| {
             of_mesh = of_mesh.saturating_add(source.corner_count(mode)?);
             Ok(())
         })?;
-        corners = corners.saturating_add(of_mesh.saturating_mul(document.instance_count(*node)?));
+        corners = corners.saturating_add(of_mesh.saturating_mul(document.instance_count(node)?));
         if corners > MAX_CORNERS {
-            let name = document.node_name(*node);
+            let name = document.node_name(node);
             return Err(document.error(format!("{name}: more than {MAX_CORNERS} corners of triangles")));
         }
     }
@@ -73,6 +74,7 @@ fn check_size(document: &Document, placed: &[Placed]) -> Result<()> {
 struct NodeMesh<'a> {
     document: &'a Document,
     node: usize,
+    object: u32,
 }
 
 impl NodeMesh<'_> {
@@ -131,7 +133,7 @@ impl NodeMesh<'_> {
                 None => None,
             };
             match part {
-                Some(part) => builder.add(part),
+                Some(part) => builder.add(MeshPart { object: self.object, ..part }),
                 None => has_vanished = true,
             }
             Ok(())

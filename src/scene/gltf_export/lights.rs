@@ -56,7 +56,7 @@ struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     fn new(document: &'a Document) -> Result<Self> {
-        let placed = document.placed_nodes()?;
+        let (placed, _) = document.placed_nodes()?;
         let nodes = document.poses.nodes.iter().enumerate();
         Ok(Self {
             document,

@@ -19,7 +19,7 @@ use tobj::{LoadOptions, Mesh};
 
 use super::mesh_builder::MeshBuilder;
 use super::mesh_part::MeshPart;
-use super::{Material, Rig, Scene, files};
+use super::{Material, Object, Rig, Scene, files};
 use crate::error::{Error, Result};
 use materials::Library;
 use sanitize::Face;
@@ -86,6 +86,7 @@ pub fn load(path: &Path) -> Result<Scene> {
         mesh,
         space,
         materials,
+        objects: vec![Object::default()],
         textures,
         cameras: Vec::new(),
         rig: Rig::default(),

@@ -15,7 +15,7 @@ use std::path::Path;
 
 pub use blackbody::{KELVIN, kelvin_of, kelvin_to_rgb};
 
-use super::{Camera, Light, LightGroup, RigFiles};
+use super::{Camera, Light, LightGroup, ObjectSet, RigFiles};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -24,6 +24,8 @@ use crate::storage::file;
 pub struct Rig {
     pub camera: Option<Camera>,
     pub groups: Vec<LightGroup>,
+    /// Names that lights' links use.
+    pub sets: Vec<ObjectSet>,
     pub lights: Vec<Light>,
 }
 

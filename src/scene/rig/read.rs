@@ -9,7 +9,7 @@ use toml::Spanned;
 use super::read_light::{self, LightEntry, is_color};
 use super::rig_text::RigText;
 use super::{Rig, without_dots};
-use crate::scene::{Camera, LightGroup, Projection, RigFiles};
+use crate::scene::{Camera, LightGroup, ObjectSet, Projection, RigFiles};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -17,6 +17,8 @@ struct File {
     camera: Option<Spanned<CameraEntry>>,
     #[serde(default)]
     group: Vec<GroupEntry>,
+    #[serde(default)]
+    set: Vec<SetEntry>,
     #[serde(default)]
     light: Vec<LightEntry>,
 }
@@ -48,6 +50,13 @@ struct GroupEntry {
     solo: bool,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SetEntry {
+    name: Spanned<String>,
+    items: Vec<String>,
+}
+
 fn up() -> [f64; 3] {
     [0.0, 1.0, 0.0]
 }
@@ -75,18 +84,25 @@ pub fn parse(source: &str, mut files: RigFiles) -> Result<Rig, String> {
         }
         rig.groups.push(group);
     }
+    for SetEntry { name, items } in file.set {
+        let wrong = |reason: &str| Err(text.line(name.span(), format!("set \"{}\" {reason}", name.get_ref())));
+        if rig.sets.iter().any(|set| set.name == *name.get_ref()) {
+            return wrong("is defined twice");
+        }
+        rig.sets.push(ObjectSet { name: name.into_inner(), items });
+    }
     let mut light_indices = HashMap::new();
-    let mut links = Vec::new();
+    let mut leaders = Vec::new();
     for mut entry in file.light {
         let at = entry.name.span();
-        links.push(entry.follows.take());
+        leaders.push(entry.follows.take());
         let light = read_light::light(&text, entry, &group_indices, &rig.groups, &mut files)?;
         if light_indices.insert(light.name.clone(), rig.lights.len()).is_some() {
             return Err(text.line(at, format!("light \"{}\" is defined twice", light.name)));
         }
         rig.lights.push(light);
     }
-    text.links(&mut rig, &links, &light_indices)?;
+    text.follow(&mut rig, &leaders, &light_indices)?;
     Ok(rig)
 }
 
@@ -112,18 +128,18 @@ impl RigText<'_> {
     }
 
     /// Resolves `follows` by name; a light may follow a later one.
-    fn links(
+    fn follow(
         &self,
         rig: &mut Rig,
-        links: &[Option<Spanned<String>>],
+        leaders: &[Option<Spanned<String>>],
         light_indices: &HashMap<String, usize>,
     ) -> Result<(), String> {
         let wrong = |index: usize, rig: &Rig, reason: String| {
-            let at = links[index].as_ref().map(Spanned::span).unwrap_or_default();
+            let at = leaders[index].as_ref().map(Spanned::span).unwrap_or_default();
             Err(self.line(at, format!("light \"{}\": {reason}", rig.lights[index].name)))
         };
-        for (index, link) in links.iter().enumerate() {
-            let Some(name) = link else { continue };
+        for (index, leader) in leaders.iter().enumerate() {
+            let Some(name) = leader else { continue };
             let leader = light_indices.get(&without_dots(name.get_ref()));
             if leader.is_none() {
                 return wrong(index, rig, format!("there is no light \"{}\" to follow", name.get_ref()));

@@ -1,6 +1,6 @@
 //! One `[[light]]` of a rig file.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::RangeInclusive;
 
 use glam::{DVec3, Vec3};
@@ -10,7 +10,8 @@ use toml::Spanned;
 use super::rig_text::{RigText, Span};
 use super::{blackbody, kelvin_to_rgb, without_dots};
 use crate::scene::light_filter::{BarnDoors, Gobo, SOFTNESS_DEG};
-use crate::scene::{Light, LightFilter, LightGroup, LightKind, RigFiles};
+use crate::scene::links::MAX_FACTOR;
+use crate::scene::{Light, LightFilter, LightGroup, LightKind, Links, RigFiles};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -52,6 +53,14 @@ pub struct LightEntry {
     pub follows: Option<Spanned<String>>,
     #[serde(default = "yes")]
     pub shadows: bool,
+    /// Names of nodes, materials or sets.
+    pub only: Option<Spanned<Vec<String>>>,
+    #[serde(default)]
+    pub except: Vec<String>,
+    #[serde(default)]
+    pub factor: BTreeMap<String, Spanned<f64>>,
+    #[serde(default)]
+    pub no_shadow_from: Vec<String>,
     /// Source glTF node of the light.
     pub node: Option<usize>,
 }
@@ -139,6 +148,7 @@ pub fn light(
         solo: entry.solo,
         follows: None, // resolved once all names are known
         shadows: entry.shadows,
+        links: check.links(entry.only, entry.except, entry.factor, entry.no_shadow_from)?,
         node: entry.node,
         name: name.clone(),
     };
@@ -319,6 +329,26 @@ impl Check<'_> {
             return Err(self.wrong(at, format!("inner_deg is {inner_deg}, more than outer_deg, {outer_deg}")));
         }
         Ok([inner_deg.to_radians(), outer_deg.to_radians()])
+    }
+
+    fn links(
+        &self,
+        only: Option<Spanned<Vec<String>>>,
+        except: Vec<String>,
+        factor: BTreeMap<String, Spanned<f64>>,
+        no_shadow_from: Vec<String>,
+    ) -> Result<Links, String> {
+        if let Some(only) = only.as_ref().filter(|only| only.get_ref().is_empty()) {
+            return Err(self.wrong(only.span(), "only is empty; to light nothing, use enabled = false"));
+        }
+        let factor = factor
+            .into_iter()
+            .map(|(name, value)| {
+                let what = format!("factor of \"{name}\"");
+                Ok((name, self.number(Some(value), 1.0, &what, 0.0..=MAX_FACTOR)?))
+            })
+            .collect::<Result<_, String>>()?;
+        Ok(Links { only: only.map(Spanned::into_inner).unwrap_or_default(), except, factor, no_shadow_from })
     }
 
     fn group(&self, name: Option<Spanned<String>>, indices: &HashMap<String, usize>) -> Result<Option<usize>, String> {

@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 
 use super::Rig;
 use crate::scene::light_filter::{Gobo, SOFTNESS_DEG};
-use crate::scene::{Camera, Light, LightFilter, LightGroup, LightKind, Projection};
+use crate::scene::{Camera, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, Projection};
 
 /// `folder`: where the file will be; paths are relative to it.
 pub fn to_toml(rig: &Rig, folder: &Path) -> String {
@@ -18,6 +18,9 @@ pub fn to_toml(rig: &Rig, folder: &Path) -> String {
     }
     for group in &rig.groups {
         out.group(group);
+    }
+    for set in &rig.sets {
+        out.set(set);
     }
     for light in &rig.lights {
         out.light(light, rig, folder);
@@ -63,6 +66,12 @@ impl Document {
         if group.solo {
             self.key("solo", true);
         }
+    }
+
+    fn set(&mut self, set: &ObjectSet) {
+        self.header("[[set]]");
+        self.key("name", string(&set.name));
+        self.key("items", toml_value(&set.items));
     }
 
     fn light(&mut self, light: &Light, rig: &Rig, folder: &Path) {
@@ -130,6 +139,15 @@ impl Document {
             self.key("solo", true);
         }
         self.key("shadows", light.shadows);
+        let Links { only, except, factor, no_shadow_from } = &light.links;
+        for (key, names) in [("only", only), ("except", except), ("no_shadow_from", no_shadow_from)] {
+            if !names.is_empty() {
+                self.key(key, toml_value(names));
+            }
+        }
+        if !factor.is_empty() {
+            self.key("factor", toml_value(factor));
+        }
         if let Some(node) = light.node {
             self.key("node", node);
         }
@@ -169,6 +187,10 @@ fn vector(v: DVec3) -> String {
 /// f32's shortest digits: 0.95, not 0.949999988079071.
 fn color(c: Vec3) -> String {
     format!("[{:?}, {:?}, {:?}]", c.x, c.y, c.z)
+}
+
+fn toml_value(of: impl serde::Serialize) -> toml::Value {
+    toml::Value::try_from(of).expect("plain data is serialized in memory")
 }
 
 fn string(s: &str) -> String {

@@ -85,7 +85,7 @@ impl Desk {
     /// Returns the lights of a snapshot.
     pub fn snapshot_rig(&self, slot: usize) -> Option<Rig> {
         let snapshot = self.snapshots.get(slot)?;
-        let mut rig = Rig { camera: self.rig.camera.clone(), ..Rig::default() };
+        let mut rig = Rig { camera: self.rig.camera.clone(), sets: self.rig.sets.clone(), ..Rig::default() };
         snapshot.state.put_into(&mut rig);
         Some(rig)
     }
