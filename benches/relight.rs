@@ -117,7 +117,7 @@ fn shadow_rays(criterion: &mut Criterion) {
     let mut visibility = vec![0; packets.len() * PACKET_SIZE];
     let mut group = criterion.benchmark_group("shadow rays");
     group.bench_function("packets", |bencher| {
-        bencher.iter(|| trace_packets(&scene, &light, packets, &mut visibility));
+        bencher.iter(|| trace_packets(&*scene, &light, packets, &mut visibility));
     });
     group.bench_function("singly", |bencher| {
         bencher.iter(|| {

@@ -655,7 +655,7 @@ fn linked() -> (Scene, [u32; 2]) {
 fn links_of(text: &str) -> Rig {
     let light = "[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0, 0, 0]\n";
     let set = "[[set]]\nname = \"all\"\nitems = [\"table\", \"sofa\", \"seat\"]\n";
-    Rig::from_toml(&format!("{set}{light}{text}\n")).unwrap()
+    Rig::from_toml(&format!("{set}{light}{text}\n"), RigFiles::new(Path::new(""))).unwrap()
 }
 
 #[test]

@@ -28,8 +28,8 @@ pub struct Footprint {
     pub lights: usize,
     /// Whether any light has a size.
     pub sizes: bool,
-    /// Whether any light has a filter.
-    pub filters: bool,
+    /// Whether any light has a filter, or links that scale its light.
+    pub factors: bool,
     /// `None` without indirect light.
     pub gather: Option<GatherFootprint>,
     /// `None` if shadow rays are traced.
@@ -142,7 +142,7 @@ impl Footprint {
         part("a picture", Cause::Pixels, 4 * pixels, 1);
         let packed = |samples: usize| samples.next_multiple_of(PACKET_SIZE);
         part("visibility", Cause::Pixels, packed(view_samples), visibility::BUFFERS);
-        let filtered = if self.filters { visibility::BUFFERS - 1 } else { 0 };
+        let filtered = if self.factors { visibility::BUFFERS - 1 } else { 0 };
         part("light filters", Cause::Pixels, size_of::<UVec2>() * view_samples, filtered);
         if let Some(GatherFootprint { samples, points_per_sample, functions }) = self.gather {
             let points = samples * points_per_sample;

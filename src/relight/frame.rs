@@ -103,6 +103,8 @@ impl Relighter {
             extras: &self.extras,
             kernels: &self.kernels,
             rig: self.cache.rig(),
+            links: &self.links,
+            triangles: self.triangles.as_ref(),
             layers: self.layers,
             finite_check: self.finite_check.as_ref(),
         };

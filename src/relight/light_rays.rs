@@ -11,7 +11,7 @@ use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::physics::octahedral;
 use crate::scene::light_filter::PosedFilter;
 use crate::shared::*;
-use crate::trace::bvh::TracedScene;
+use crate::trace::linked::LinkedScene;
 
 /// Casts rays from lights and adds their contributions to λ0.
 pub struct RayCaster {
@@ -42,7 +42,7 @@ impl RayCaster {
     /// Casts the rays of `light`. `transfer` is the one that was given to [`Self::new`].
     pub fn cast(
         &self,
-        scene: &TracedScene,
+        scene: LinkedScene,
         transfer: &Transfer,
         light: &PackedLight,
         filter: Option<&PosedFilter>,

@@ -27,6 +27,7 @@ mod sparse;
 mod visibility;
 mod visibility_method;
 
+use std::collections::HashMap;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
@@ -39,6 +40,7 @@ use self::indirect::Indirect;
 use self::inspect::Inspector;
 pub use self::light_cache::Detail;
 use self::light_cache::{LightCache, Term};
+use self::light_factors::SampleTriangles;
 use self::output::{Output, Outputs};
 pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
@@ -48,9 +50,9 @@ use self::visibility_method::VisibilityChoice;
 pub use self::visibility_method::{VisibilityMethod, VisibilityTimes};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen, is_out_of_memory};
-use crate::scene::Rig;
+use crate::scene::{ResolvedLinks, Rig};
 use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
@@ -80,6 +82,10 @@ pub struct Relighter {
     gpu: GpuFramebuffer,
     indirect: Option<Indirect>,
     cache: LightCache,
+    /// Of the lights that have any, by index.
+    links: HashMap<usize, ResolvedLinks>,
+    /// `None` as long as no light has links that scale its light.
+    triangles: Option<SampleTriangles>,
     images: Vec<Buffer<Vec4>>,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     some_points: Option<Buffer<Vec4>>,
@@ -126,6 +132,7 @@ impl Relighter {
         rig: &Rig,
         settings: &RelightSettings,
     ) -> Result<Self> {
+        let links = resolved(rig, scene)?;
         let VisibilityChoice { traced, reason } = settings.visibility.choose(context, scene);
         tracing::info!("shadows: {} ({reason})", if traced { "traced" } else { "maps" });
         let image_bytes = 12 * framebuffer.pixel_stride() as u64;
@@ -136,7 +143,7 @@ impl Relighter {
         // What the picture cannot do without comes first.
         let frames = Frames::new(context)?;
         let gpu = GpuFramebuffer::new(context, framebuffer, of)?;
-        let visibility = VisibilityBuffers::new(context, framebuffer, of, traced, rig.has_filters())?;
+        let visibility = VisibilityBuffers::new(context, framebuffer, of, traced, rig.has_factors())?;
         let shadow_maps = if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) };
         let batch = batch_size(rig.lights.len());
         let extras = (0..batch).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?;
@@ -159,6 +166,8 @@ impl Relighter {
         Ok(Self {
             frames,
             cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
+            triangles: scales(&links).then(|| SampleTriangles::find(scene, framebuffer, of)),
+            links,
             gpu,
             indirect,
             images,
@@ -218,6 +227,13 @@ impl Relighter {
 
     /// Replaces the lights; the next picture shows them. May allocate memory if there are more lights.
     pub fn set_rig(&mut self, rig: &Rig) -> Result<()> {
+        let old = self.rig();
+        if rig.sets != old.sets || !rig.lights.iter().map(|l| &l.links).eq(old.lights.iter().map(|l| &l.links)) {
+            self.links = resolved(rig, &self.scene)?;
+            if self.triangles.is_none() && scales(&self.links) {
+                self.find_triangles();
+            }
+        }
         let counts = slot_counts(rig, self.image_budget);
         add_images(&mut self.images, &self.context, &self.framebuffer, counts)?;
         for _ in self.extras.len()..batch_size(rig.lights.len()) {
@@ -226,8 +242,8 @@ impl Relighter {
         if self.some_points.is_none() && rig.has_sizes() {
             self.some_points = Some(light_image(&self.context, &self.framebuffer, SOME_POINTS)?);
         }
-        if rig.has_filters() {
-            self.visibility.allow_filters(&self.context, &self.framebuffer, self.transfer.as_deref())?;
+        if rig.has_factors() {
+            self.visibility.allow_factors(&self.context, &self.framebuffer, self.transfer.as_deref())?;
         }
         self.cache.set_rig(rig, self.images.len());
         Ok(())
@@ -236,11 +252,14 @@ impl Relighter {
     /// Replaces the transfer by another one to the same view samples; the next picture uses it.
     pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.indirect = None; // frees its memory first
-        let (traced, filtered) = (self.traces(), self.visibility.allows_filters());
+        let (traced, filtered) = (self.traces(), self.visibility.allows_factors());
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, filtered)?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         self.transfer = Some(transfer);
+        if self.triangles.is_some() {
+            self.find_triangles();
+        }
         self.invalidate_all();
         Ok(())
     }
@@ -261,7 +280,7 @@ impl Relighter {
         }
         let of = transfer.as_deref();
         self.indirect = None; // frees its memory first
-        let (traced, filtered) = (self.traces(), self.visibility.allows_filters());
+        let (traced, filtered) = (self.traces(), self.visibility.allows_factors());
         self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, traced, filtered)?;
         self.gpu = GpuFramebuffer::new(&self.context, &framebuffer, of)?;
         for extras in &mut self.extras {
@@ -269,8 +288,16 @@ impl Relighter {
         }
         self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
+        if self.triangles.is_some() {
+            self.find_triangles();
+        }
         self.invalidate_all();
         Ok(())
+    }
+
+    fn find_triangles(&mut self) {
+        let transfer = self.transfer.as_deref();
+        self.triangles = Some(SampleTriangles::find(&self.scene, &self.framebuffer, transfer));
     }
 
     /// Invalidates all images.
@@ -391,6 +418,16 @@ impl Relighter {
             self.invalidate_all();
         }
     }
+}
+
+/// Whether any links scale the light of their light.
+fn scales(links: &HashMap<usize, ResolvedLinks>) -> bool {
+    !links.values().all(ResolvedLinks::light_evenly)
+}
+
+/// Links of the lights that have any; an error names the light.
+fn resolved(rig: &Rig, scene: &TracedScene) -> Result<HashMap<usize, ResolvedLinks>> {
+    rig.resolve_links(scene).map_err(|reason| Error::invalid("rig", reason))
 }
 
 /// Planes R, G, B for the radiance of extra samples.

@@ -1,12 +1,14 @@
 //! The passes of a frame: visibility and shading of one light, sums of light images, the picture.
 
+use std::collections::HashMap;
+
 use glam::Vec4;
 
 use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
 use super::indirect::Indirect;
 use super::light_cache::{Detail, LightPoints, Shade, Source, Term};
-use super::light_factors;
+use super::light_factors::{self, LightFactors, SampleTriangles};
 use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
@@ -17,9 +19,10 @@ use crate::bake::transfer::Transfer;
 use crate::gpu::{Buffer, Frame, Pass};
 use crate::physics::sequence::fibonacci_lattice;
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, Rig};
+use crate::scene::{Light, ResolvedLinks, Rig};
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
+use crate::trace::linked::LinkedScene;
 
 /// Draw a shadow map, look it up for view and for gather samples, shade, resolve.
 const MAX_PASSES_PER_LIGHT: usize = 5;
@@ -40,6 +43,10 @@ pub struct FrameResources<'a> {
     pub extras: &'a [Buffer<f32>],
     pub kernels: &'a Kernels,
     pub rig: &'a Rig,
+    /// Of the lights that have any.
+    pub links: &'a HashMap<usize, ResolvedLinks>,
+    /// `None` if no light has links that scale its light.
+    pub triangles: Option<&'a SampleTriangles>,
     pub layers: Layers,
     pub finite_check: Option<&'a FiniteCheck>,
 }
@@ -58,46 +65,42 @@ impl FrameResources<'_> {
         frame: &mut Frame,
         visibility: &mut VisibilityBuffers,
         shadow_maps: Option<&mut ShadowMaps>,
-        (light, packed, filter): (&Light, &PackedLight, Option<&PosedFilter>),
+        (index, packed): (usize, &PackedLight),
+        filter: Option<&PosedFilter>,
         detail: Detail,
     ) -> VisibilitySlot {
-        if !light.shadows && filter.is_none() {
+        let light = &self.rig.lights[index];
+        if !light.shadows && !self.has_factors(index) {
             return VisibilitySlot::ALL_VISIBLE;
         }
+        let scene = self.scene.linked(self.links.get(&index));
+        // Half packets exist only if all lights are traced.
+        let detail = if shadow_maps.is_some() { Detail::Exact } else { detail };
         let (slot, bytes, half) = visibility.take();
-        if let Some(filter) = filter {
-            frame.cpu("filter light", || {
-                let factors = &mut bytes.factors;
-                if self.layers.direct() {
-                    light_factors::compute(&mut factors.view_samples, filter, packed, &self.framebuffer.samples);
-                }
-                if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
-                    light_factors::compute(&mut factors.gather_points, filter, packed, &transfer.points);
-                }
-            });
+        if self.has_factors(index) {
+            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, packed));
         }
         if !light.shadows {
             bytes.clear();
             return slot;
         }
-        match shadow_maps {
+        // A shadow map has the shadows of all objects.
+        match shadow_maps.filter(|_| scene.everything_casts_shadow()) {
             None => {
                 if self.layers.direct() {
                     let words = &mut bytes.view_samples;
                     let half = &mut half.view_samples;
                     frame.cpu("trace shadows", || match detail {
-                        Detail::Exact | Detail::Progressive => {
-                            trace(words, self.scene, &self.framebuffer.packets, packed)
-                        }
-                        Detail::Coarse => trace_half(words, self.scene, half, packed),
+                        Detail::Exact | Detail::Progressive => trace(words, scene, &self.framebuffer.packets, packed),
+                        Detail::Coarse => trace_half(words, scene, half, packed),
                     });
                 }
                 if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
                     let words = &mut bytes.gather_points;
                     let half = &mut half.gather_points;
                     frame.cpu("trace gather samples", || match detail {
-                        Detail::Exact | Detail::Progressive => trace(words, self.scene, &transfer.packets, packed),
-                        Detail::Coarse => trace_half(words, self.scene, half, packed),
+                        Detail::Exact | Detail::Progressive => trace(words, scene, &transfer.packets, packed),
+                        Detail::Coarse => trace_half(words, scene, half, packed),
                     });
                 }
             }
@@ -111,9 +114,33 @@ impl FrameResources<'_> {
         let ray_caster = self.indirect.and_then(|indirect| indirect.ray_caster.as_ref());
         if let (Some(ray_caster), Some(transfer)) = (ray_caster, self.transfer) {
             let hits = &mut bytes.light_rays;
-            frame.cpu("trace light rays", || ray_caster.cast(self.scene, transfer, packed, filter, hits));
+            frame.cpu("trace light rays", || ray_caster.cast(scene, transfer, packed, filter, hits));
         }
         slot
+    }
+
+    /// Whether a light has a filter, or links that scale its light.
+    fn has_factors(&self, light: usize) -> bool {
+        !self.rig.lights[light].filter.is_none() || self.rig.lights[light].links.scale_light()
+    }
+
+    /// Computes what multiplies a light at view samples and points of gather samples.
+    fn compute_factors(
+        &self,
+        factors: &mut LightFactors,
+        scene: LinkedScene,
+        filter: Option<&PosedFilter>,
+        light: &PackedLight,
+    ) {
+        if self.layers.direct() {
+            let triangles = self.triangles.map(|triangles| &triangles.view_samples[..]);
+            let samples = &self.framebuffer.samples;
+            light_factors::compute(&mut factors.view_samples, filter, scene, light, samples, triangles);
+        }
+        if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
+            let triangles = self.triangles.map(|triangles| &triangles.gather_points[..]);
+            light_factors::compute(&mut factors.gather_points, filter, scene, light, &transfer.points, triangles);
+        }
     }
 
     /// Visibility and shading at unit intensity, each into its target: of one to [`MAX_LIGHTS_PER_PASS`] lights without
@@ -131,20 +158,19 @@ impl FrameResources<'_> {
         let filters: Vec<Option<PosedFilter>> =
             shades.iter().map(|shade| PosedFilter::new(&self.rig.lights[shade.light])).collect();
         let points = shades.iter().enumerate().flat_map(|(i, shade)| {
-            let light = &self.rig.lights[shade.light];
-            self.points(light, shade.points).map(move |packed| (i, light, packed))
+            self.points(&self.rig.lights[shade.light], shade.points).map(move |packed| (i, packed))
         });
         let seen: Vec<(usize, PackedLight, VisibilitySlot)> = points
-            .map(|(i, light, packed)| {
+            .map(|(i, packed)| {
                 let maps = shadow_maps.as_deref_mut();
-                let light = (light, &packed, filters[i].as_ref());
-                (i, packed, self.compute_visibility(frame, visibility, maps, light, detail))
+                let light = (shades[i].light, &packed);
+                (i, packed, self.compute_visibility(frame, visibility, maps, light, filters[i].as_ref(), detail))
             })
             .collect();
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,
             visibility: visibility.get(seen),
-            has_factors: filters[i].is_some(),
+            has_factors: self.has_factors(shades[i].light),
             image: self.image(shades[i].target),
             extras: &self.extras[i],
         };

@@ -10,7 +10,7 @@ use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
 use crate::shared::PackedLight;
-use crate::trace::bvh::TracedScene;
+use crate::trace::linked::LinkedScene;
 use crate::trace::packet::half::HalfPackets;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_all};
 
@@ -61,7 +61,7 @@ pub struct VisibilityBuffers {
     used: usize,
     half: Half,
     all_visible: Visibility,
-    allows_filters: bool,
+    allows_factors: bool,
 }
 
 impl VisibilityBuffers {
@@ -70,7 +70,7 @@ impl VisibilityBuffers {
         framebuffer: &DeepFramebuffer,
         transfer: Option<&Transfer>,
         traced: bool,
-        allows_filters: bool,
+        allows_factors: bool,
     ) -> Result<Self> {
         let all_visible = |packets: &[SamplePacket]| -> Result<Buffer<u32>> {
             let words = packets.len() * PACKET_SIZE / 4;
@@ -79,12 +79,12 @@ impl VisibilityBuffers {
             Ok(words)
         };
         let gather_packets = transfer.map_or(&[][..], |t| &t.packets);
-        let new = |filtered: bool| -> Result<Visibility> {
+        let new = |wanted: bool| -> Result<Visibility> {
             Ok(Visibility {
                 view_samples: all_visible(&framebuffer.packets)?,
                 gather_points: all_visible(gather_packets)?,
                 light_rays: LightRayHits::empty(context, transfer)?,
-                factors: LightFactors::new(context, framebuffer, transfer, filtered)?,
+                factors: LightFactors::new(context, framebuffer, transfer, wanted)?,
             })
         };
         let half = match traced {
@@ -95,32 +95,32 @@ impl VisibilityBuffers {
             false => Half::default(),
         };
         Ok(Self {
-            buffers: (0..MAX_SHADOWED_LIGHTS_PER_FRAME).map(|_| new(allows_filters)).collect::<Result<_>>()?,
+            buffers: (0..MAX_SHADOWED_LIGHTS_PER_FRAME).map(|_| new(allows_factors)).collect::<Result<_>>()?,
             used: 0,
             half,
             all_visible: new(false)?,
-            allows_filters,
+            allows_factors,
         })
     }
 
     /// Makes room for the factors of filtered lights.
-    pub fn allow_filters(
+    pub fn allow_factors(
         &mut self,
         context: &Arc<Context>,
         framebuffer: &DeepFramebuffer,
         transfer: Option<&Transfer>,
     ) -> Result<()> {
-        if !self.allows_filters {
+        if !self.allows_factors {
             for buffers in &mut self.buffers {
                 buffers.factors = LightFactors::new(context, framebuffer, transfer, true)?;
             }
-            self.allows_filters = true;
+            self.allows_factors = true;
         }
         Ok(())
     }
 
-    pub fn allows_filters(&self) -> bool {
-        self.allows_filters
+    pub fn allows_factors(&self) -> bool {
+        self.allows_factors
     }
 
     /// Begins a new frame: all buffers are free.
@@ -146,11 +146,11 @@ impl VisibilityBuffers {
 }
 
 /// Traces one of four samples towards `light`, on all cores.
-pub fn trace_half(words: &mut Buffer<u32>, scene: &TracedScene, half: &mut HalfPackets, light: &PackedLight) {
+pub fn trace_half(words: &mut Buffer<u32>, scene: LinkedScene, half: &mut HalfPackets, light: &PackedLight) {
     half.trace(scene, light, bytemuck::cast_slice_mut(words.host_mut()));
 }
 
 /// Traces `packets` towards `light`, on all cores.
-pub fn trace(words: &mut Buffer<u32>, scene: &TracedScene, packets: &[SamplePacket], light: &PackedLight) {
+pub fn trace(words: &mut Buffer<u32>, scene: LinkedScene, packets: &[SamplePacket], light: &PackedLight) {
     trace_all(scene, light, packets, bytemuck::cast_slice_mut(words.host_mut()));
 }

@@ -17,6 +17,13 @@ pub struct Links {
     pub no_shadow_from: Vec<String>,
 }
 
+impl Links {
+    /// Whether they scale the light that any object receives.
+    pub fn scale_light(&self) -> bool {
+        !(self.only.is_empty() && self.except.is_empty() && self.factor.is_empty())
+    }
+}
+
 /// A name for several nodes and materials.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ObjectSet {
@@ -62,6 +69,11 @@ impl ResolvedLinks {
             return 0.0;
         }
         self.factors.iter().filter(|(cover, _)| cover.has(mesh, triangle)).map(|(_, factor)| factor).product()
+    }
+
+    /// Whether everything receives all of the light.
+    pub fn light_evenly(&self) -> bool {
+        self.only.is_none() && self.factors.is_empty()
     }
 
     /// Whether a triangle casts a shadow.

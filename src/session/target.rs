@@ -52,7 +52,7 @@ impl Target {
             emits: counts.has_emission,
             lights: rig.lights.len(),
             sizes: rig.has_sizes(),
-            filters: rig.has_filters(),
+            factors: rig.has_factors(),
             gather,
             maps: (!self.traces(scene)).then(|| MapFootprint::new(scene, self.relight.shadow_size)),
         }

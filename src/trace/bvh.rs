@@ -1,7 +1,6 @@
 //! Bounding volume hierarchies: obvhs behind `closest_hit()` and `occluded()`; packets of shadow rays are in
 //! [`super::packet`].
 
-use std::cell::Cell;
 use std::ops::Deref;
 
 use glam::{BVec4A, Vec2, Vec3, Vec3A, Vec4, Vec4Swizzles};
@@ -90,16 +89,14 @@ impl TracedScene {
     /// hits.
     pub fn closest_hit(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
         let passes = |hit: &Hit| passes_by_chance(self, hit.triangle, hit.barycentric, [origin, direction]);
-        // Compiled for the machine's widest registers: a quarter faster. Products and sums are still rounded
-        // separately.
-        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
+        let may_pass = self.bvh.has_masks;
+        SingleRay { bvh: &self.bvh, origin, direction, max_distance, may_pass, passes }.closest_hit()
     }
 
-    /// First surface along the ray that the ray does not pass. `passes` is called in any order, and never if all
-    /// materials are opaque.
+    /// First surface along the ray that the ray does not pass. `passes` is called in any order.
     pub fn closest_hit_unless(&self, origin: Vec3, direction: Vec3, passes: impl Fn(&Hit) -> bool) -> Option<Hit> {
         let max_distance = f32::INFINITY;
-        pulp::Arch::new().dispatch(ClosestHit(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
+        SingleRay { bvh: &self.bvh, origin, direction, max_distance, may_pass: true, passes }.closest_hit()
     }
 
     /// First surface along the ray with a coverage of at least one half.
@@ -111,19 +108,14 @@ impl TracedScene {
     /// [`Self::closest_hit`].
     pub fn occluded(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
         let passes = |hit: &Hit| passes_by_chance(self, hit.triangle, hit.barycentric, [origin, direction]);
-        pulp::Arch::new().dispatch(Occluded(SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes }))
+        let may_pass = self.bvh.has_masks;
+        SingleRay { bvh: &self.bvh, origin, direction, max_distance, may_pass, passes }.occluded()
     }
 
     /// Share of light that passes along the ray from its origin to `max_distance`, through all blending surfaces: 0 or
     /// 1 if no surface blends.
     pub fn transmittance(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
-        let left = Cell::new(1.0f32);
-        let passes = |hit: &Hit| {
-            left.set(left.get() * (1.0 - blocked_share(self, hit.triangle, hit.barycentric)));
-            left.get() >= MIN_TRANSMITTANCE
-        };
-        let ray = SingleRay { bvh: &self.bvh, origin, direction, max_distance, passes };
-        if pulp::Arch::new().dispatch(Occluded(ray)) { 0.0 } else { left.get() }
+        self.linked(None).transmittance(origin, direction, max_distance)
     }
 
     /// Whether the material of a triangle is not opaque.
@@ -157,14 +149,14 @@ impl Bvh {
             .collect();
         let params = BvhBuildParams::medium_build();
         let boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
-        // Key of opaque triangles of one material with equal corners and winding.
+        // Key of opaque triangles of one material and object with equal corners and winding.
         let same = |i: u32| {
             let material = *mesh.triangle_materials.get(i as usize)?;
             let is_opaque = scene.materials[material as usize].alpha_mode == AlphaMode::Opaque;
             let mut corners = corners[i as usize].v.map(|v| v.to_array().map(|x| (x + 0.0).to_bits()));
             let first = (0..3).min_by_key(|&k| corners[k])?;
             corners.rotate_left(first);
-            is_opaque.then_some((corners, material))
+            is_opaque.then_some((corners, material, mesh.object(i)))
         };
         let coincident = CoincidentSets::find(&boxes, same);
         let leaves = coincident.as_ref().map_or(&boxes, |coincident| &coincident.boxes);
@@ -236,7 +228,7 @@ impl Bvh {
         // NaN, from a ray within the triangle's plane, is no hit.
         let within = distance > 0.0 && distance < max_distance && barycentric.is_finite();
         let hit = Hit { triangle: corners.triangle, barycentric, distance };
-        (within && !(self.has_masks && passes(&hit))).then_some(hit)
+        (within && !passes(&hit)).then_some(hit)
     }
 
     /// The mesh's triangles in leaf order, so that neighbours are close together.
@@ -260,13 +252,28 @@ impl Lanes {
     }
 }
 
-struct SingleRay<'a, P> {
-    bvh: &'a Bvh,
-    origin: Vec3,
-    direction: Vec3,
-    max_distance: f32,
-    /// Whether the ray passes a surface that is not opaque.
-    passes: P,
+pub(super) struct SingleRay<'a, P> {
+    pub bvh: &'a Bvh,
+    pub origin: Vec3,
+    pub direction: Vec3,
+    pub max_distance: f32,
+    /// Whether the ray may pass any surface; otherwise `passes` is not called.
+    pub may_pass: bool,
+    /// Whether the ray passes a surface.
+    pub passes: P,
+}
+
+impl<P: Fn(&Hit) -> bool> SingleRay<'_, P> {
+    // Both are compiled for the machine's widest registers: a quarter faster. Products and sums are still rounded
+    // separately.
+
+    pub fn closest_hit(self) -> Option<Hit> {
+        pulp::Arch::new().dispatch(ClosestHit(self))
+    }
+
+    pub fn occluded(self) -> bool {
+        pulp::Arch::new().dispatch(Occluded(self))
+    }
 }
 
 struct ClosestHit<'a, P>(SingleRay<'a, P>);
@@ -276,11 +283,12 @@ impl<P: Fn(&Hit) -> bool> WithSimd for ClosestHit<'_, P> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<Hit> {
-        let SingleRay { bvh, origin, direction, max_distance, passes } = self.0;
+        let SingleRay { bvh, origin, direction, max_distance, may_pass, passes } = self.0;
+        let passes = |hit: &Hit| may_pass && passes(hit);
         let mut closest: Option<Hit> = None;
         bvh.wide.ray_traverse(wide_ray(origin, direction, max_distance), &mut RayHit::none(), |ray, primitive| {
             let max_distance = ray.tmax / WIDE_UNIT;
-            let candidate = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, &passes);
+            let candidate = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, passes);
             closest = candidate.or(closest);
             candidate.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         });
@@ -295,9 +303,10 @@ impl<P: Fn(&Hit) -> bool> WithSimd for Occluded<'_, P> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> bool {
-        let SingleRay { bvh, origin, direction, max_distance, passes } = self.0;
+        let SingleRay { bvh, origin, direction, max_distance, may_pass, passes } = self.0;
+        let passes = |hit: &Hit| may_pass && passes(hit);
         !bvh.wide.ray_traverse_miss(wide_ray(origin, direction, max_distance), |_, primitive| {
-            let hit = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, &passes);
+            let hit = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, passes);
             hit.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         })
     }

@@ -3,6 +3,8 @@
 
 pub mod bvh;
 mod coincident;
+pub mod linked;
 pub mod packet;
 pub mod point_tree;
 pub mod surface;
+pub mod triangle_lookup;

@@ -25,6 +25,8 @@ pub struct SurfacePoint {
     pub emission: Vec3,
     /// Coverage of a blending surface in [0, 1], averaged over the footprint; else 1.
     pub coverage: f32,
+    /// Index into the mesh's triangles.
+    pub triangle: u32,
     /// Index into the scene's materials.
     pub material: u32,
     /// Whether the BRDF is constant over the material.
@@ -71,7 +73,18 @@ impl SurfacePoint {
         let coverage = if m.alpha_mode == AlphaMode::Blend { AlphaMode::Blend.coverage(surface.alpha) } else { 1.0 };
         let position = p0 * weights[0] + p1 * weights[1] + p2 * weights[2];
         let lift = lift(scene, corners, weights, position, geometric_normal);
-        Self { position, lift, normal, geometric_normal, brdf: brdf(&surface), emission, coverage, material, uniform }
+        Self {
+            position,
+            lift,
+            normal,
+            geometric_normal,
+            brdf: brdf(&surface),
+            emission,
+            coverage,
+            triangle: hit.triangle,
+            material,
+            uniform,
+        }
     }
 
     /// Replaces the shading normal by the geometric normal if both are on the same side of the surface, but only the shading

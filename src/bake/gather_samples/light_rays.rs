@@ -19,7 +19,7 @@ use crate::scene::light_filter::PosedFilter;
 use crate::shared::{
     EVEN_SHARE, LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, LightSample, PackedLight,
 };
-use crate::trace::bvh::TracedScene;
+use crate::trace::linked::LinkedScene;
 use crate::trace::point_tree::{PointTree, point};
 use crate::trace::surface::SurfacePoint;
 
@@ -47,15 +47,12 @@ pub struct LightRays {
 /// The contribution of a ray to a gather sample.
 #[derive(Clone, Copy)]
 struct LightRayHit {
-    /// [`NOTHING`] if the ray contributes to no sample.
     sample: usize,
     /// Unit, towards the light, in the sample's frame.
     wi: Vec3,
     /// At the sample, from a light of unit intensity; mesh space.
     irradiance: Vec3,
 }
-
-const NOTHING: usize = usize::MAX;
 
 impl LightRays {
     /// `points` lists position and unit normal of each point, sample by sample; all samples have equally many points.
@@ -69,9 +66,9 @@ impl LightRays {
 
     /// Computes the coefficients of `samples` due to rays of `light` at unit intensity. Calls `add` with the index of
     /// each nonzero coefficient, in ascending order within a sample.
-    pub fn shade(
+    pub fn shade<'a>(
         &self,
-        scene: &TracedScene,
+        scene: impl Into<LinkedScene<'a>>,
         samples: &[LightSample],
         projection: &Projection,
         light: &PackedLight,
@@ -79,15 +76,13 @@ impl LightRays {
         mut add: impl FnMut(u32, Vec3),
     ) {
         let Some(per_solid_angle) = per_solid_angle(light).filter(|_| !samples.is_empty()) else { return };
-        let mut rays = [LightRayHit { sample: NOTHING, wi: Vec3::ZERO, irradiance: Vec3::ZERO }; RAYS];
-        rays.par_iter_mut().with_min_len(16).enumerate().for_each(|(i, ray)| {
-            if let Some(caught) = self.cast(scene, samples, (light, filter), per_solid_angle, i) {
-                *ray = caught;
-            }
-        });
+        let scene = scene.into();
+        let cast = |i| self.cast(scene, samples, (light, filter), per_solid_angle, i);
+        let mut rays: Vec<LightRayHit> = (0..RAYS).into_par_iter().with_min_len(16).flat_map_iter(cast).collect();
         rays.sort_by_key(|ray| ray.sample);
-        for of_sample in rays.chunk_by(|a, b| a.sample == b.sample) {
-            let Some(sample) = samples.get(of_sample[0].sample) else { break };
+        // More samples than rays would need several surfaces along most rays.
+        for of_sample in rays.chunk_by(|a, b| a.sample == b.sample).take(RAYS) {
+            let sample = &samples[of_sample[0].sample];
             let (mut k, mut sums) = ([Vec3::ZERO; MAX_FUNCTIONS], [Vec3::ZERO; MAX_FUNCTIONS]);
             let count = (sample.degrees * sample.degrees) as usize;
             for ray in of_sample {
@@ -98,15 +93,16 @@ impl LightRays {
         }
     }
 
-    /// Ray `i` of a spherical Fibonacci lattice [Keinert 2015]: all rays represent equal solid angles.
+    /// Ray `i` of a spherical Fibonacci lattice [Keinert 2015]: all rays represent equal solid angles. Contributes to each
+    /// surface up to the first that casts a shadow.
     fn cast(
         &self,
-        scene: &TracedScene,
+        scene: LinkedScene,
         samples: &[LightSample],
         (light, filter): (&PackedLight, Option<&PosedFilter>),
         per_solid_angle: f32,
         i: usize,
-    ) -> Option<LightRayHit> {
+    ) -> impl Iterator<Item = LightRayHit> {
         let widest = versine(light);
         let versine = widest * (i as f32 + 0.5) / RAYS as f32;
         let (sin, cos) = (GOLDEN_ANGLE * i as f32).sin_cos();
@@ -116,39 +112,41 @@ impl LightRays {
         }
         let (s, t) = axis.any_orthonormal_pair();
         let direction = axis * (1.0 - versine) + (s * cos + t * sin) * (versine * (2.0 - versine)).sqrt();
-        let hit = scene.closest_hit(light.position, direction, f32::INFINITY)?;
-        if is_back(scene, &hit, direction) {
-            return None;
-        }
-        let surface = SurfacePoint::new(scene, &hit, direction, self.normal_length / 2.0);
-        let [cosine, geometric] = [surface.normal, surface.geometric_normal].map(|normal| -normal.dot(direction));
-        if cosine <= 0.0 || geometric <= 0.0 || !carries_light(&surface) {
-            return None;
-        }
-        let place = point(surface.position, surface.normal, self.normal_length);
-        let nearest = self.tree.nearest::<1>(&place, |i| self.normals[i as usize].dot(surface.normal) > 0.0);
-        let &(distance2, nearest) = nearest.items().first()?;
-        let index = nearest as usize / self.points_per_sample;
-        let sample = &samples[index];
-        let mean_width = 0.5 * self.normal_length;
-        if distance2 > REACH * REACH * sample.area.max(mean_width * mean_width) {
-            return None;
-        }
-        let smooth = match light.kind {
-            LIGHT_SPOT => cone(light, (2.0 * f64::from(versine)).sqrt()),
-            LIGHT_FACET | LIGHT_TWO_SIDED_FACET => facet(light, 1.0 - f64::from(versine)),
-            _ => 1.0,
-        };
-        let intensity = (smooth * window(light, hit.distance.into())) as f32;
-        let area_of_point = sample.area / self.points_per_sample as f32;
-        let share = intensity * cosine / (hit.distance * hit.distance) * area_of_point * per_solid_angle;
-        let sides = if light.kind == LIGHT_TWO_SIDED_FACET { 2.0 } else { 1.0 };
-        let power = light.strength * intensity * sides * TAU * widest / RAYS as f32;
-        let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MAX_COSINES) / sample.area;
-        let [s, t, n] = turned([sample.tangent, sample.normal.cross(sample.tangent), sample.normal], surface.normal);
-        let wi = -Vec3::new(s.dot(direction), t.dot(direction), n.dot(direction));
-        let irradiance = irradiance * filter.map_or(Vec3::ONE, |filter| filter.factor(direction));
-        (irradiance != Vec3::ZERO).then_some(LightRayHit { sample: index, wi, irradiance })
+        scene.surfaces_met(light.position, direction).filter_map(move |hit| {
+            if is_back(&scene, &hit, direction) {
+                return None;
+            }
+            let surface = SurfacePoint::new(&scene, &hit, direction, self.normal_length / 2.0);
+            let [cosine, geometric] = [surface.normal, surface.geometric_normal].map(|normal| -normal.dot(direction));
+            if cosine <= 0.0 || geometric <= 0.0 || !carries_light(&surface) {
+                return None;
+            }
+            let place = point(surface.position, surface.normal, self.normal_length);
+            let nearest = self.tree.nearest::<1>(&place, |i| self.normals[i as usize].dot(surface.normal) > 0.0);
+            let &(distance2, nearest) = nearest.items().first()?;
+            let index = nearest as usize / self.points_per_sample;
+            let sample = &samples[index];
+            let mean_width = 0.5 * self.normal_length;
+            if distance2 > REACH * REACH * sample.area.max(mean_width * mean_width) {
+                return None;
+            }
+            let smooth = match light.kind {
+                LIGHT_SPOT => cone(light, (2.0 * f64::from(versine)).sqrt()),
+                LIGHT_FACET | LIGHT_TWO_SIDED_FACET => facet(light, 1.0 - f64::from(versine)),
+                _ => 1.0,
+            };
+            let intensity = (smooth * window(light, hit.distance.into())) as f32;
+            let area_of_point = sample.area / self.points_per_sample as f32;
+            let share = intensity * cosine / (hit.distance * hit.distance) * area_of_point * per_solid_angle;
+            let sides = if light.kind == LIGHT_TWO_SIDED_FACET { 2.0 } else { 1.0 };
+            let power = light.strength * intensity * sides * TAU * widest / RAYS as f32 * scene.factor(hit.triangle);
+            let irradiance = weight_of_rays(share) * power * (cosine / geometric).min(MAX_COSINES) / sample.area;
+            let [s, t, n] =
+                turned([sample.tangent, sample.normal.cross(sample.tangent), sample.normal], surface.normal);
+            let wi = -Vec3::new(s.dot(direction), t.dot(direction), n.dot(direction));
+            let irradiance = irradiance * filter.map_or(Vec3::ONE, |filter| filter.factor(direction));
+            (irradiance != Vec3::ZERO).then_some(LightRayHit { sample: index, wi, irradiance })
+        })
     }
 }
 

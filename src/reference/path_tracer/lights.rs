@@ -6,9 +6,10 @@ use super::light_surface::LightSurface;
 use crate::physics::brdf::reflected;
 use crate::physics::light::{Incident, incident};
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, Rig, Scene};
+use crate::scene::{Light, ResolvedLinks, Rig, Scene};
 use crate::shared::PackedLight;
 use crate::trace::bvh::{Hit, TracedScene};
+use crate::trace::linked::LinkedScene;
 use crate::trace::packet::shadow_ray;
 use crate::trace::surface::SurfacePoint;
 
@@ -22,6 +23,7 @@ pub(super) struct ActiveLight {
     /// Index into the rig's lights.
     pub index: usize,
     light: Light,
+    links: Option<ResolvedLinks>,
     /// The light, or the middle of a light with a size.
     pub packed: PackedLight,
     /// `None` if the light has no size.
@@ -34,12 +36,14 @@ pub(super) struct ActiveLight {
 impl ActiveLights {
     pub fn new(scene: &Scene, rig: &Rig) -> Self {
         let rig = &*rig.with_solo_applied();
+        let mut links = rig.resolve_links(scene).unwrap_or_else(|reason| panic!("{reason}"));
         let light = |i: usize| ActiveLight {
             index: i,
             packed: rig.lights[i].pack(scene.space),
             surface: LightSurface::new(&rig.lights[i], scene.space),
             light: rig.lights[i].clone(),
             filter: PosedFilter::new(&rig.lights[i]),
+            links: links.remove(&i),
             scale: rig.scale(i).as_dvec3(),
         };
         Self { all: (0..rig.lights.len()).map(light).filter(|light| light.scale != DVec3::ZERO).collect() }
@@ -97,13 +101,24 @@ impl ActiveLights {
         })
     }
 
-    /// Light with a size that a ray in unit `direction` meets before `end`: index in the rig, radiance, and the density
-    /// with which [`Self::reflect_points`] finds it, 1/sr.
-    pub fn met(&self, origin: DVec3, direction: DVec3, end: f64) -> impl Iterator<Item = (usize, DVec3, f64)> {
+    /// Lights with a size that a ray from `point` meets, given by origin and unit direction, which no surface stops
+    /// before `end`: index in the rig, radiance, and the density with which [`Self::reflect_points`] finds it, 1/sr.
+    pub fn met(
+        &self,
+        scene: &TracedScene,
+        point: &SurfacePoint,
+        [origin, direction]: [Vec3; 2],
+        end: f32,
+    ) -> impl Iterator<Item = (usize, DVec3, f64)> {
         self.sized().filter_map(move |(light, surface)| {
-            let hit = surface.hit(origin, direction)?;
-            let radiance = light.scale * light.filtered(-direction) * hit.radiance;
-            (hit.distance <= end).then_some((light.index, radiance, hit.density))
+            let hit = surface.hit(origin.as_dvec3(), direction.as_dvec3())?;
+            let scene = light.linked(scene);
+            let seen = match scene.everything_casts_shadow() {
+                true => f32::from(u8::from(hit.distance <= end.into())),
+                false => scene.transmittance(origin, direction, hit.distance as f32),
+            };
+            let lit = f64::from(seen * scene.factor(point.triangle)) * light.filtered(-direction.as_dvec3());
+            (lit != DVec3::ZERO).then(|| (light.index, lit * light.scale * hit.radiance, hit.density))
         })
     }
 
@@ -123,7 +138,8 @@ impl ActiveLights {
         let (mut total, mut left, mut picked) = (0.0, choice, None);
         for light in self.punctual() {
             let Some(arriving) = incident(&light.packed, position) else { continue };
-            let power = light.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
+            let factor = f64::from(light.linked(scene).factor(point.triangle));
+            let power = factor * light.scale.max_element() * arriving.irradiance * normal.dot(arriving.wi);
             if power <= 0.0 {
                 continue;
             }
@@ -144,6 +160,10 @@ impl ActiveLights {
 }
 
 impl ActiveLight {
+    fn linked<'a>(&'a self, scene: &'a TracedScene) -> LinkedScene<'a> {
+        scene.linked(self.links.as_ref())
+    }
+
     /// `packed`: the light, or a point of it.
     fn reflect(
         &self,
@@ -157,15 +177,16 @@ impl ActiveLight {
         if arriving.irradiance <= 0.0 || normal.dot(arriving.wi) <= 0.0 {
             return DVec3::ZERO;
         }
-        let filtered = self.filtered(-arriving.wi);
-        if filtered == DVec3::ZERO {
+        let scene = self.linked(scene);
+        let factor = f64::from(scene.factor(point.triangle)) * self.filtered(-arriving.wi);
+        if factor == DVec3::ZERO {
             return DVec3::ZERO;
         }
         let seen = if self.light.shadows { share_seen(scene, point, packed) } else { 1.0 };
         if seen <= 0.0 {
             return DVec3::ZERO;
         }
-        seen * filtered * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
+        factor * seen * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
     }
 
     /// Factor of the light's filter in a unit direction of emission.
@@ -176,7 +197,7 @@ impl ActiveLight {
 
 /// Visible fraction of a light. Blended surfaces attenuate it by their exact transmittance instead of blocking at
 /// random, since direct light at visible surfaces may be computed only once per pixel.
-fn share_seen(scene: &TracedScene, point: &SurfacePoint, packed: &PackedLight) -> f64 {
+fn share_seen(scene: LinkedScene, point: &SurfacePoint, packed: &PackedLight) -> f64 {
     let ray = shadow_ray(&scene.bvh, packed, point.lifted(), point.normal, point.geometric_normal);
     ray.map_or(0.0, |ray| scene.transmittance(ray.origin, ray.direction, ray.length).into())
 }

@@ -79,6 +79,8 @@ pub struct PathTracer<'a> {
 
 impl<'a> PathTracer<'a> {
     /// Prepares lights, emitters and aims.
+    ///
+    /// Panics if links of a light name what the scene lacks: see [`Rig::resolve_links`].
     pub fn new(scene: &'a TracedScene, camera: &'a Camera, rig: &Rig, settings: &Settings) -> Self {
         let tiling = Tiling { width: settings.width, height: settings.height };
         let lights = ActiveLights::new(scene, rig);
@@ -182,7 +184,7 @@ impl<'a> PathTracer<'a> {
         let direction = point.mirrored(*wo);
         let origin = point.leave(direction, self.scene.bvh.shadow_offset(0.0));
         let end = self.scene.closest_hit(origin, direction, f32::INFINITY).map_or(f32::INFINITY, |hit| hit.distance);
-        for (source, radiance, _) in self.lights.met(origin.as_dvec3(), direction.as_dvec3(), end.into()) {
+        for (source, radiance, _) in self.lights.met(self.scene, point, [origin, direction], end) {
             sums.add_light(REFLECTION, source, weight.as_dvec3() * mirrored * radiance);
         }
         1

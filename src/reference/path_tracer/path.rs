@@ -134,8 +134,8 @@ impl PathTracer<'_> {
                 segments += 1;
                 let hit = self.scene.closest_hit(origin, direction, f32::INFINITY);
                 if have_sizes {
-                    let end = hit.map_or(f64::INFINITY, |hit| hit.distance.into());
-                    for (source, light, own) in self.lights.met(origin.as_dvec3(), direction.as_dvec3(), end) {
+                    let end = hit.map_or(f32::INFINITY, |hit| hit.distance);
+                    for (source, light, own) in self.lights.met(self.scene, &point, [origin, direction], end) {
                         // Sampling lights cannot find those in a mirror; such light counts as indirect.
                         let (at, share) = match density {
                             Some(density) => (bounce - 1, density / (density + own)),

@@ -61,9 +61,9 @@ impl Rig {
         self.lights.iter().any(|light| !light.is_punctual())
     }
 
-    /// Whether any light has a filter.
-    pub fn has_filters(&self) -> bool {
-        self.lights.iter().any(|light| !light.filter.is_none())
+    /// Whether any light has a filter, or links that scale its light.
+    pub fn has_factors(&self) -> bool {
+        self.lights.iter().any(|light| !light.filter.is_none() || light.links.scale_light())
     }
 
     /// The rig with solo applied: if any light or group is solo, all other lights are off. Disabled lights stay

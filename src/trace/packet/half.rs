@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::{PACKET_SIZE, SamplePacket, trace_all};
 use crate::shared::{PackedLight, TILE_SIZE};
-use crate::trace::bvh::TracedScene;
+use crate::trace::linked::LinkedScene;
 
 /// One sample of each block of 2x2 pixels in a tile, or of each four in a list, as separate packets.
 #[derive(Default)]
@@ -50,7 +50,7 @@ impl HalfPackets {
     }
 
     /// Traces them towards `light`, on all cores; `visibility` receives 64 values for each of the original packets.
-    pub fn trace(&mut self, scene: &TracedScene, light: &PackedLight, visibility: &mut [u8]) {
+    pub fn trace(&mut self, scene: LinkedScene, light: &PackedLight, visibility: &mut [u8]) {
         trace_all(scene, light, &self.packets, &mut self.seen);
         for (packet, seen) in visibility.chunks_mut(PACKET_SIZE).zip(self.seen.chunks(BLOCKS)) {
             for (block, &seen) in seen.iter().enumerate() {

@@ -18,7 +18,8 @@ use rayon::prelude::*;
 
 use self::rays::{Rays, any_positive, meets_box, meets_box_along, start_rays};
 use self::triangle::{Edges, attenuate, block};
-use super::bvh::{Bvh, TracedScene, blocked_share};
+use super::bvh::{Bvh, blocked_share};
+use super::linked::LinkedScene;
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, PackedLight, TILE_SIZE};
 
 /// Rays in a packet: one tile of pixels.
@@ -52,12 +53,23 @@ impl Default for SamplePacket {
 
 /// Traces `packets` towards `light`. `visibility` receives 64 values per packet: 255 for samples that face the light
 /// and see it, 0 for those that do not, and values in between behind blending surfaces.
-pub fn trace_packets(scene: &TracedScene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
-    pulp::Arch::new().dispatch(TracePackets { scene, light, packets, visibility });
+pub fn trace_packets<'a>(
+    scene: impl Into<LinkedScene<'a>>,
+    light: &PackedLight,
+    packets: &[SamplePacket],
+    visibility: &mut [u8],
+) {
+    pulp::Arch::new().dispatch(TracePackets { scene: scene.into(), light, packets, visibility });
 }
 
 /// [`trace_packets`] on all cores.
-pub fn trace_all(scene: &TracedScene, light: &PackedLight, packets: &[SamplePacket], visibility: &mut [u8]) {
+pub fn trace_all<'a>(
+    scene: impl Into<LinkedScene<'a>>,
+    light: &PackedLight,
+    packets: &[SamplePacket],
+    visibility: &mut [u8],
+) {
+    let scene = scene.into();
     visibility
         .par_chunks_mut(PACKETS_A_TASK * PACKET_SIZE)
         .zip(packets.par_chunks(PACKETS_A_TASK))
@@ -65,7 +77,7 @@ pub fn trace_all(scene: &TracedScene, light: &PackedLight, packets: &[SamplePack
 }
 
 struct TracePackets<'a> {
-    scene: &'a TracedScene,
+    scene: LinkedScene<'a>,
     light: &'a PackedLight,
     packets: &'a [SamplePacket],
     visibility: &'a mut [u8],
@@ -167,6 +179,12 @@ pub fn shadow_ray(
 }
 
 impl SamplePacket {
+    /// Position and geometric normal of one lane.
+    pub fn lane(&self, lane: usize) -> (Vec3, Vec3) {
+        let [position, normal] = [&self.position, &self.geometric_normal].map(|v| v.map(|axis| axis[lane]).into());
+        (position, normal)
+    }
+
     /// The ray that [`trace_packets`] traces for one lane; `None` if the sample faces away from the light or is outside
     /// its cone or range.
     pub fn shadow_ray(&self, bvh: &Bvh, light: &PackedLight, lane: usize) -> Option<ShadowRay> {
@@ -215,7 +233,7 @@ fn target<const DIRECTIONAL: bool>(
 #[inline(always)]
 fn traverse<S: Simd, const DIRECTIONAL: bool>(
     simd: S,
-    scene: &TracedScene,
+    scene: LinkedScene,
     shared: Vec3,
     (rays, left_of_light): (&mut Rays, &mut Lanes),
     mut alive: u64,
@@ -255,6 +273,9 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
             continue;
         }
         for corners in &scene.bvh.binary_corners[first as usize..(first + node.prim_count) as usize] {
+            if !scene.casts_shadow(corners.triangle) {
+                continue;
+            }
             let edges = Edges::new::<DIRECTIONAL>(shared, corners.v);
             let is_masked = scene.is_masked(corners.triangle);
             let mut left = met;
@@ -262,7 +283,7 @@ fn traverse<S: Simd, const DIRECTIONAL: bool>(
                 let register = left.trailing_zeros() as usize;
                 left &= left - 1;
                 let some_left = if is_masked {
-                    let blocked_share = |barycentric| blocked_share(scene, corners.triangle, barycentric);
+                    let blocked_share = |barycentric| blocked_share(&scene, corners.triangle, barycentric);
                     attenuate::<DIRECTIONAL>(&edges, rays, left_of_light, register, S::F32_LANES, blocked_share)
                 } else {
                     block::<S, DIRECTIONAL>(simd, &edges, rays, register)
