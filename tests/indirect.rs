@@ -389,14 +389,14 @@ fn shade_gather() {
         let packed = light.pack(stage.scene.space);
         let projection = Projection::from_tables(&framebuffer.projection);
         let mut found = Vec::new();
-        level.light_rays.shade(&stage.scene, &framebuffer.samples, &projection, &packed, None, |index, value| {
+        level.light_rays.shade(&*stage.scene, &framebuffer.samples, &projection, &packed, None, |index, value| {
             found.push(Contribution { value: value * factor(index as usize), index });
         });
         assert_eq!(found.is_empty(), light.kind == LightKind::Directional, "rays of {}", light.name);
         let mut visibility =
             Buffer::new(&gpu, "test visibility", Access::HostWrites, framebuffer.packets.len() * PACKET_SIZE / 4)
                 .unwrap();
-        trace_all(&stage.scene, &packed, &framebuffer.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
+        trace_all(&*stage.scene, &packed, &framebuffer.packets, bytemuck::cast_slice_mut(visibility.host_mut()));
         let mut coefficients = output(&gpu, 4 * length);
         coefficients.host_mut()[..4 * length].fill(SENTINEL);
         run(&mut frames, |frame| {

@@ -89,7 +89,7 @@ fn edges(path: &Path, setup: &Setup) -> Vec<bool> {
     for light in stage.scene.rig.lights.iter().map(|light| light.pack(stage.scene.space)) {
         let [lifted, flat] = [lifted, &flat].map(|packets| {
             let mut visibility = vec![0u8; packets.len() * PACKET_SIZE];
-            trace_packets(&stage.scene, &light, packets, &mut visibility);
+            trace_packets(&*stage.scene, &light, packets, &mut visibility);
             visibility
         });
         (0..stage.framebuffer.pixel_stride()).filter(|&i| lifted[i] != flat[i]).for_each(&mut mark);
@@ -229,7 +229,7 @@ fn packets_see_what_single_rays_see() {
             let light_name = &light.name;
             let light = light.pack(scene.space);
             let mut visibility = vec![7u8; framebuffer.packets.len() * PACKET_SIZE];
-            trace_packets(scene, &light, &framebuffer.packets, &mut visibility);
+            trace_packets(&**scene, &light, &framebuffer.packets, &mut visibility);
             let lanes = (framebuffer.packets.par_iter().zip(visibility.par_chunks(PACKET_SIZE))).flat_map_iter(
                 |(packet, seen)| {
                     (0..PACKET_SIZE).filter_map(|lane| {
