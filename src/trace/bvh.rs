@@ -208,7 +208,7 @@ impl Bvh {
         origin: Vec3,
         direction: Vec3,
         max_distance: f32,
-        passes: impl Fn(&Hit) -> bool,
+        (may_pass, passes): (bool, impl Fn(&Hit) -> bool),
     ) -> Option<Hit> {
         let [x, y, z] = corners.axes;
         let (x, y, z) = (x - origin.x, y - origin.y, z - origin.z);
@@ -228,7 +228,7 @@ impl Bvh {
         // NaN, from a ray within the triangle's plane, is no hit.
         let within = distance > 0.0 && distance < max_distance && barycentric.is_finite();
         let hit = Hit { triangle: corners.triangle, barycentric, distance };
-        (within && !passes(&hit)).then_some(hit)
+        (within && !(may_pass && passes(&hit))).then_some(hit)
     }
 
     /// The mesh's triangles in leaf order, so that neighbours are close together.
@@ -284,11 +284,11 @@ impl<P: Fn(&Hit) -> bool> WithSimd for ClosestHit<'_, P> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<Hit> {
         let SingleRay { bvh, origin, direction, max_distance, may_pass, passes } = self.0;
-        let passes = |hit: &Hit| may_pass && passes(hit);
         let mut closest: Option<Hit> = None;
         bvh.wide.ray_traverse(wide_ray(origin, direction, max_distance), &mut RayHit::none(), |ray, primitive| {
             let max_distance = ray.tmax / WIDE_UNIT;
-            let candidate = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, passes);
+            let candidate =
+                bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, (may_pass, &passes));
             closest = candidate.or(closest);
             candidate.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         });
@@ -304,9 +304,8 @@ impl<P: Fn(&Hit) -> bool> WithSimd for Occluded<'_, P> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> bool {
         let SingleRay { bvh, origin, direction, max_distance, may_pass, passes } = self.0;
-        let passes = |hit: &Hit| may_pass && passes(hit);
         !bvh.wide.ray_traverse_miss(wide_ray(origin, direction, max_distance), |_, primitive| {
-            let hit = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, passes);
+            let hit = bvh.intersect(&bvh.wide_corners[primitive], origin, direction, max_distance, (may_pass, &passes));
             hit.map_or(f32::INFINITY, |hit| hit.distance * WIDE_UNIT)
         })
     }

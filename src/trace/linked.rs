@@ -63,9 +63,7 @@ impl<'a> LinkedScene<'a> {
     pub fn transmittance(self, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
         let left = Cell::new(1.0f32);
         let passes = |hit: &Hit| {
-            if self.casts_shadow(hit.triangle) {
-                left.set(left.get() * (1.0 - blocked_share(&self, hit.triangle, hit.barycentric)));
-            }
+            left.set(left.get() * (1.0 - self.blocked_share(hit)));
             left.get() >= MIN_TRANSMITTANCE
         };
         let (bvh, may_pass) = (&self.scene.bvh, self.may_pass());
@@ -86,6 +84,12 @@ impl<'a> LinkedScene<'a> {
         };
         let next = move |hit: &Hit| (!self.casts_shadow(hit.triangle)).then(|| beyond(hit.distance))?;
         std::iter::successors(beyond(0.0), next)
+    }
+
+    /// Share of light that a surface blocks at a point.
+    #[inline(never)] // inlined, it would slow rays down that pass nothing
+    fn blocked_share(self, hit: &Hit) -> f32 {
+        if self.casts_shadow(hit.triangle) { blocked_share(&self, hit.triangle, hit.barycentric) } else { 0.0 }
     }
 
     fn may_pass(self) -> bool {
