@@ -10,12 +10,13 @@ use super::filter_values::filter_values;
 use super::keys::{self, Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
+use super::linking_values::linking_values;
 use super::open_scene::OpenScene;
 use super::snapshots::snapshots;
 use super::view_menu::view_menu;
 use super::view_state::{Dialog, ViewState};
 use crate::relight::ToneMap;
-use crate::scene::LightKind;
+use crate::scene::{LightKind, Links};
 
 /// Width of the panel, points.
 pub const PANEL_WIDTH: f32 = 290.0;
@@ -68,7 +69,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk);
-        filter_values(ui, desk, &folder);
+        light_extras(ui, desk, &folder);
         snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);
     });
@@ -86,6 +87,16 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
         });
         picture_values(ui, view, actions);
         ui.separator();
+    });
+}
+
+/// Draws what few lights have: filters, and links to objects.
+fn light_extras(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
+    let Some(light) = desk.selected_light() else { return };
+    let is_open = !light.filter.is_none() || light.links != Links::default();
+    egui::CollapsingHeader::new("Filters and objects").default_open(is_open).show(ui, |ui| {
+        filter_values(ui, desk, folder);
+        linking_values(ui, desk);
     });
 }
 

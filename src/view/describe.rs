@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::rig_state::RigState;
-use crate::scene::{Light, LightGroup, LightKind};
+use crate::scene::{Light, LightGroup, LightKind, Links};
 
 /// Describes a change: "key: +0.5 stop", "key and 2 more: moved 0.1 m", "group rim: off".
 pub fn change(before: &RigState, after: &RigState) -> String {
@@ -98,12 +98,13 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
     if before.decay_start != after.decay_start {
         parts.push(format!("decay from {} m", rounded(after.decay_start)));
     }
-    let filters = [
+    let others = [
         ("IES", before.filter.ies != after.filter.ies),
         ("gobo", before.filter.gobo != after.filter.gobo),
         ("barn doors", before.filter.barn_doors != after.filter.barn_doors),
     ];
-    parts.extend(filters.iter().filter(|(_, differs)| *differs).map(|(name, _)| (*name).to_owned()));
+    parts.extend(others.iter().filter(|(_, differs)| *differs).map(|(name, _)| (*name).to_owned()));
+    parts.extend(linking(&before.links, &after.links));
     if before.group != after.group {
         parts.push("group".into());
     }
@@ -111,6 +112,23 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
         parts.push(if after.follows.is_some() { "follows another light" } else { "follows no light" }.into());
     }
     parts.join(", ")
+}
+
+/// What is lit or casts a shadow from now on, or no longer.
+fn linking(before: &Links, after: &Links) -> Vec<String> {
+    let mut parts = Vec::new();
+    let mut compare = |before: &[String], after: &[String], added: &str, removed: &str| {
+        let new = |from: &[String], to: &[String]| to.iter().find(|name| !from.contains(name)).cloned();
+        parts.extend(new(before, after).map(|name| format!("{added} {name}")));
+        parts.extend(new(after, before).map(|name| format!("{removed} {name}")));
+    };
+    compare(&before.only, &after.only, "lights", "does not light");
+    compare(&before.except, &after.except, "does not light", "lights");
+    compare(&before.no_shadow_from, &after.no_shadow_from, "no shadow from", "shadow from");
+    if before.factor != after.factor {
+        parts.push("light on objects".into());
+    }
+    parts
 }
 
 fn switches(parts: &mut Vec<String>, enabled: [bool; 2], solo: [bool; 2]) {

@@ -5,6 +5,7 @@ mod attach;
 mod check;
 mod edit;
 mod groups;
+mod linking;
 mod lists;
 mod place;
 pub mod selection;
@@ -12,6 +13,7 @@ pub mod snapshots;
 
 pub use self::edit::{Frame, LightEdit, luminance};
 pub use self::groups::GroupEdit;
+pub use self::linking::LinkEdit;
 pub use self::place::Pick;
 use self::selection::Selection;
 use self::snapshots::Snapshots;

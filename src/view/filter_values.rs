@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use egui::{CollapsingHeader, Grid, Ui};
+use egui::{Grid, Ui};
 use glam::Vec3;
 
 use super::desk::Desk;
@@ -15,27 +15,25 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
     let Some(primary) = desk.selected_light() else { return };
     let mut light = primary.clone();
     let mut files = [None, None];
-    CollapsingHeader::new("Filters").default_open(!light.filter.is_none()).show(ui, |ui| {
-        let selected = Selected::of(desk);
-        let step = desk.step();
-        Grid::new("filters").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
-            if light.kind != LightKind::Directional {
-                ui.label("IES");
-                files[0] = file(ui, light.filter.ies.as_ref().map(Attached::path), folder, "file.ies");
-                ui.end_row();
-            }
-            if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
-                ui.label("gobo");
-                files[1] = file(ui, light.filter.gobo.as_ref().map(|gobo| gobo.image.path()), folder, "image.png");
-                ui.end_row();
-                gobo(ui, &mut light);
-                doors(ui, &selected, &mut light);
-            }
-            ui.label("decay from");
-            let field = selected.number(&mut light.decay_start, |light| light.decay_start);
-            ui.add(field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m"));
+    let selected = Selected::of(desk);
+    let step = desk.step();
+    Grid::new("filters").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
+        if light.kind != LightKind::Directional {
+            ui.label("IES");
+            files[0] = file(ui, light.filter.ies.as_ref().map(Attached::path), folder, "file.ies");
             ui.end_row();
-        });
+        }
+        if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
+            ui.label("gobo");
+            files[1] = file(ui, light.filter.gobo.as_ref().map(|gobo| gobo.image.path()), folder, "image.png");
+            ui.end_row();
+            gobo(ui, &mut light);
+            doors(ui, &selected, &mut light);
+        }
+        ui.label("decay from");
+        let field = selected.number(&mut light.decay_start, |light| light.decay_start);
+        ui.add(field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m"));
+        ui.end_row();
     });
     desk.edit_primary_and_selection(light);
     let [ies, gobo] = files;

@@ -4,7 +4,7 @@ use egui::{Key, Modifiers};
 use glam::DVec3;
 
 use super::desk::snapshots::SLOTS;
-use super::desk::{Frame, GroupEdit, LightEdit};
+use super::desk::{Frame, GroupEdit, LightEdit, LinkEdit};
 use super::views::{Aid, View};
 use crate::scene::LightKind;
 
@@ -36,6 +36,7 @@ pub enum Command {
     Ungroup,
     Link,
     Unlink,
+    EditLinks(LinkEdit),
     New(LightKind),
     Duplicate,
     Delete,
@@ -153,6 +154,8 @@ pub const SECTIONS: &[Section] = &[
             once(&[(CTRL, Key::N)], Command::EditGroup(GroupEdit::Solo), "group solo"),
             once(&[(CTRL, Key::L)], Command::Link, "the others follow the light selected last"),
             once(&[(CTRL_SHIFT, Key::L)], Command::Unlink, "they follow no light"),
+            once(&[(NONE, Key::Z)], Command::EditLinks(LinkEdit::Light), "light the object under the mouse, or not"),
+            once(&[(Modifiers::SHIFT, Key::Z)], Command::EditLinks(LinkEdit::Shadow), "its shadow, on or off"),
         ],
     },
     Section {

@@ -25,6 +25,7 @@ pub mod keys;
 mod light_values;
 mod light_view;
 mod lights_list;
+mod linking_values;
 mod load;
 mod open_scene;
 mod overlay;

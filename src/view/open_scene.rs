@@ -387,6 +387,10 @@ impl OpenScene {
             Command::Ungroup => desk.set_group(None),
             Command::Link => desk.link(),
             Command::Unlink => desk.unlink(),
+            Command::EditLinks(edit) => match pointer.at.and_then(|at| self.opened.object_at(pointer.placement, at)) {
+                Some(name) => desk.edit_links(edit, name),
+                None => desk.message = "there is no object with a name under the mouse".into(),
+            },
             Command::New(kind) => {
                 let target = self.target(pointer);
                 self.desk.add(kind, target, view.exposure);

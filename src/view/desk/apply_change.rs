@@ -5,8 +5,8 @@ use glam::{DQuat, Vec3};
 use crate::scene::{Light, LightKind, Rig};
 
 /// Applies to `light` the change of another light from `before` to `after`: position, stops and angles by the same
-/// offset, direction by the same rotation, colour, intensity, sizes and range by the same ratio. A changed switch or filter
-/// takes the other light's value. Name, kind, group and links do not change.
+/// offset, direction by the same rotation, colour, intensity, sizes and range by the same ratio. Changed switches,
+/// filters and links are the other light's. Name, kind, group and leader do not change.
 pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     let mut light = light.clone();
     if light.kind != LightKind::Directional {
@@ -44,6 +44,7 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     take(&mut light.filter.ies, &before.filter.ies, &after.filter.ies);
     take(&mut light.filter.gobo, &before.filter.gobo, &after.filter.gobo);
     take(&mut light.filter.barn_doors, &before.filter.barn_doors, &after.filter.barn_doors);
+    take(&mut light.links, &before.links, &after.links);
     for (own, before, after) in [
         (&mut light.enabled, before.enabled, after.enabled),
         (&mut light.shadows, before.shadows, after.shadows),

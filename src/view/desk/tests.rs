@@ -1,7 +1,7 @@
 use glam::{DVec3, Vec3};
 
 use super::*;
-use crate::scene::{LightGroup, LightKind, Projection};
+use crate::scene::{LightGroup, LightKind, Links, Projection};
 
 fn desk(count: usize) -> Desk {
     let light = |i: usize| Light::point(&format!("key_{i}"), DVec3::new(i as f64, 1.0, 0.0));
@@ -387,4 +387,28 @@ fn files_become_filters_of_the_selected_lights() {
     assert!(desk.rig().lights[1].filter.gobo.is_some(), "{}", desk.message);
     desk.go_to(0);
     assert!(desk.rig().lights[0].filter.is_none() && desk.rig().lights[0].intensity == 1.0);
+}
+
+#[test]
+fn objects_are_lit_or_not() {
+    let mut desk = desk(2);
+    desk.select_all();
+    let links = |desk: &Desk| desk.rig().lights.iter().map(|light| light.links.clone()).collect::<Vec<_>>();
+    let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+    desk.edit_links(LinkEdit::Light, "chair");
+    desk.edit_links(LinkEdit::Shadow, "curtain");
+    let linked = Links { except: names(&["chair"]), no_shadow_from: names(&["curtain"]), ..Links::default() };
+    assert_eq!(links(&desk), [linked.clone(), linked]);
+    desk.edit_links(LinkEdit::Light, "chair");
+    desk.edit_links(LinkEdit::Shadow, "curtain");
+    assert_eq!(links(&desk), [Links::default(), Links::default()]);
+    let mut light = desk.selected_light().unwrap().clone();
+    light.links = Links { only: names(&["sofa"]), factor: [("table".into(), 0.3)].into(), ..Links::default() };
+    desk.edit_primary_and_selection(light);
+    desk.edit_links(LinkEdit::Light, "table");
+    assert_eq!(links(&desk)[0], Links { only: names(&["sofa", "table"]), ..Links::default() });
+    desk.edit_links(LinkEdit::Light, "sofa");
+    desk.edit_links(LinkEdit::Light, "table");
+    assert!(desk.message.ends_with("it lights nothing else; switch it off"), "{}", desk.message);
+    assert_eq!(links(&desk), vec![Links { only: names(&["table"]), ..Links::default() }; 2]);
 }
