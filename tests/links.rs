@@ -206,13 +206,16 @@ fn the_path_tracer_passes_what_casts_no_shadow() {
     };
     for light in [point.clone(), Light { radius: 0.2, ..point }, sun] {
         let size = (light.radius, light.angle);
-        let [open, linked, hidden] = [(false, true), (true, true), (true, false)].map(|(board, is_linked)| {
-            let links = if is_linked { light.links.clone() } else { Links::default() };
-            let rig = rig(vec![Light { links, ..light.clone() }]);
+        let plain = Light { links: Links::default(), ..light.clone() };
+        let shadowless = Light { shadows: false, ..plain.clone() };
+        let cases = [(false, &light), (true, &light), (true, &shadowless), (true, &plain)];
+        let [open, linked, shadowless, hidden] = cases.map(|(board, light)| {
+            let rig = rig(vec![light.clone()]);
             let scene = if board { scene(true) } else { Scene { materials: scene(true).materials, ..scene(false) } };
             mean(&trace(&scene, &camera, &rig, &settings(16, Some(1)), 256), Layer::Direct)
         });
-        assert_near(linked, open, 5e-3, format!("{size:?}"));
+        assert_near(linked, open, 5e-3, format!("{size:?}, links"));
+        assert_near(shadowless, open, 5e-3, format!("{size:?}, no shadows"));
         assert!(hidden < 0.8 * open, "{size:?}: the board hides the light: {hidden}, {open}");
     }
 }

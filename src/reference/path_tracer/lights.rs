@@ -113,9 +113,12 @@ impl ActiveLights {
         self.sized().filter_map(move |(light, surface)| {
             let hit = surface.hit(origin.as_dvec3(), direction.as_dvec3())?;
             let scene = light.linked(scene);
-            let seen = match scene.everything_casts_shadow() {
-                true => f32::from(u8::from(hit.distance <= end.into())),
-                false => scene.transmittance(origin, direction, hit.distance as f32),
+            let seen = if !light.light.shadows {
+                1.0
+            } else if scene.everything_casts_shadow() {
+                f32::from(u8::from(hit.distance <= end.into()))
+            } else {
+                scene.transmittance(origin, direction, hit.distance as f32)
             };
             let lit = f64::from(seen * scene.factor(point.triangle)) * light.filtered(-direction.as_dvec3());
             (lit != DVec3::ZERO).then(|| (light.index, lit * light.scale * hit.radiance, hit.density))
