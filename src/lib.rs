@@ -65,6 +65,7 @@
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
 //! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
+//! - [IES 2002] ANSI/IESNA LM-63-02, the version before the next.
 //! - [IES 2019] ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data.
 //! - [Keinert 2015] Keinert et al., Spherical Fibonacci mapping, ACM Transactions on Graphics 34(6).
 //! - [Keller 2017] Keller et al., The Iray light transport simulation and rendering system, SIGGRAPH talks.

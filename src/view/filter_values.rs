@@ -5,6 +5,7 @@ use std::path::Path;
 use egui::{Grid, Ui};
 use glam::Vec3;
 
+use super::describe::rounded;
 use super::desk::Desk;
 use super::light_values::{Selected, color_button};
 use crate::scene::light_filter::{Attached, BarnDoors, SOFTNESS_DEG};
@@ -22,6 +23,12 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
             ui.label("IES");
             files[0] = file(ui, light.filter.ies.as_ref().map(Attached::path), folder, "file.ies");
             ui.end_row();
+            if let Some(ies) = &light.filter.ies {
+                let lumens = ies.flux() / ies.max() * light.intensity * light.stops.exp2();
+                ui.label("");
+                ui.label(format!("{} lm", rounded(lumens)));
+                ui.end_row();
+            }
         }
         if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
             ui.label("gobo");

@@ -256,3 +256,29 @@ fn history_is_a_list_to_click() {
 
 /// Where the panel's heading "History" lies: from the window's right edge, from its top.
 const HISTORY: [i32; 2] = [-245, 451];
+
+#[test]
+fn objects_are_linked_under_the_mouse() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let window = open_scene(&desktop, "balls-2.glb", &rig);
+    let shot = window.screenshot();
+    window.mouse_to(shot.width as i32 / 2, shot.height as i32 / 2); // the ball in the middle
+    let opened = picture(&window);
+    window.key("z", "point0: does not light ball_diffuse");
+    let unlit = picture(&window);
+    assert!(difference(&opened, &unlit) > 0.0);
+    window.key("shift+z", "point0: no shadow from ball_diffuse");
+    let light = saved_is_rendered(&window, &rig).lights.remove(0);
+    assert_eq!(
+        (light.links.except, light.links.no_shadow_from),
+        (vec!["ball_diffuse".into()], vec!["ball_diffuse".into()])
+    );
+    assert!(difference(&unlit, &picture(&window)) > 0.0);
+    window.key("z", "point0: lights ball_diffuse");
+    window.key("ctrl+z", "undone");
+    window.key("ctrl+z", "undone");
+    assert_eq!(difference(&picture(&window), &unlit), 0.0, "bit for bit");
+    window.quits_unsaved();
+}

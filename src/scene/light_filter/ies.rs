@@ -1,9 +1,6 @@
 //! IES photometric files: the luminous intensity of a luminaire by direction.
 //!
-//! [IES 2019]: ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data and Related
-//! Information. The versions of 1986, 1991, 1995 and 2002 are read too.
-//!
-//! [IES 2002]: ANSI/IESNA LM-63-02, the version before.
+//! The format is that of [IES 2019]; the versions of 1986, 1991, 1995 and 2002 are read too.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
