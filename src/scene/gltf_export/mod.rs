@@ -11,7 +11,7 @@ use std::path::Path;
 use super::gltf::container::{Container, MAGIC};
 use super::gltf::document::Document;
 use super::gltf::embedded_rig;
-use super::{Rig, Scene};
+use super::{Light, Links, Rig, Scene};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -19,8 +19,8 @@ use crate::storage::file;
 /// buffers and images.
 ///
 /// A light with a source node returns to it, in the space of the node's parent; others get new nodes. Groups, stops,
-/// switches and solo are folded into intensity and colour; `shadows` has no counterpart in glTF. The exact rig is
-/// stored too: relume restores it unless the file's lights have been edited since.
+/// switches and solo are folded into intensity and colour; `shadows`, filters and links have no counterpart in glTF. The
+/// exact rig is stored too: relume restores it unless the file's lights have been edited since.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
@@ -43,6 +43,11 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     embed_rig(&mut root, &document, rig, path.parent().unwrap_or(Path::new("")));
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
         tracing::warn!("{}: glTF cannot store that \"{}\" casts no shadows", path.display(), light.name);
+    }
+    let is_more = |light: &&Light| light.links != Links::default() || !light.filter.is_none();
+    if let Some(light) = rig.lights.iter().find(is_more) {
+        let path = path.display();
+        tracing::warn!("{path}: glTF cannot store filters and links of \"{}\"; relume restores them", light.name);
     }
     let bytes = if is_glb {
         let bin = pack::into_one_buffer(&mut root, &document)?;
