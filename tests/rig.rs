@@ -159,6 +159,7 @@ fn wrong_rigs_name_the_line() {
         (spot.replace("-1", "0"), "line 5: light \"a\": direction must not be of zero length"),
         (format!("{spot}inner_deg = 30\nouter_deg = 20\n"), "line 7: light \"a\": inner_deg is 30, more than"),
         (format!("{spot}outer_deg = 91\n"), "outer_deg is 91"),
+        (format!("{spot}visible = true\n"), "line 6: light \"a\": lights that the camera sees are not supported yet"),
         ("[[group]]\nname = \"g\"\n[[group]]\nname = \"g\"\n".into(), "line 4: group \"g\" is defined twice"),
         ("[[group]]\nname = \"g\"\nstops = nan\n".into(), "line 2: group \"g\""),
         (format!("{light}factor = {{ a = -0.1 }}\n"), "line 5: light \"a\": factor of \"a\" is -0.1, must lie in"),

@@ -1,5 +1,7 @@
 //! What a scene does not pay for.
 
+use glam::UVec2;
+use relume::scene::Rig;
 use relume::session::FramebufferCounts;
 use relume::shared::{Brdf, ViewSample};
 
@@ -16,7 +18,7 @@ const LITTLE: f64 = 0.01;
 
 /// `traced`: shadow rays are traced, no maps are drawn. `unseen`: share of surfaces that no pixel sees, even over bounces, if
 /// there is, or will be, indirect light.
-pub fn left_out(counts: &FramebufferCounts, traced: bool, unseen: Option<f64>) -> Vec<LeftOut> {
+pub fn left_out(counts: &FramebufferCounts, rig: &Rig, traced: bool, unseen: Option<f64>) -> Vec<LeftOut> {
     let mut list = Vec::new();
     let mut add = |what, why: &str, saves: String| list.push(LeftOut { what, why: why.into(), saves });
     let megabytes = |bytes: usize| format!("{:.1} MB", bytes as f64 * 1e-6);
@@ -49,6 +51,10 @@ pub fn left_out(counts: &FramebufferCounts, traced: bool, unseen: Option<f64>) -
     if counts.own_brdfs == 0 {
         let saves = megabytes(counts.pixels * size_of::<Brdf>());
         add("BRDFs of single samples", "no texture or vertex colour is visible", saves);
+    }
+    if !rig.has_factors() {
+        let saves = format!("{} for each light that moves", megabytes(counts.samples * size_of::<UVec2>()));
+        add("factors on light", "no light has filters, or links that scale its light", saves);
     }
     if traced {
         add("shadow maps", "rays are traced on the CPU", "drawing, and 24 MB at 1024 texels".into());

@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     fn spot(filter: LightFilter) -> Light {
-        Light { kind: LightKind::Spot, filter, ..Light::point("spot", DVec3::ZERO) }
+        Light { kind: LightKind::Spot, outer_angle: FRAC_PI_2, filter, ..Light::point("spot", DVec3::ZERO) }
     }
 
     /// Direction in the frame of a light that looks along -z with +y up, in degrees to the right and upwards.
