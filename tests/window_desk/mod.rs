@@ -282,3 +282,34 @@ fn objects_are_linked_under_the_mouse() {
     assert_eq!(difference(&picture(&window), &unlit), 0.0, "bit for bit");
     window.quits_unsaved();
 }
+
+#[test]
+fn a_light_with_a_size_is_made_resized_and_saved() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let window = open_scene(&desktop, "balls-2.glb", &rig);
+    let shot = window.screenshot();
+    window.mouse_to(shot.width as i32 / 2, shot.height as i32 / 2);
+    window.key("ctrl+5", "new");
+    let small = picture(&window);
+    window.key("6", " x ");
+    window.key("6", " x ");
+    assert!(difference(&small, &picture(&window)) > 0.0);
+    window.key("ctrl+s", "saved");
+    // All points of the light are in the picture after some seconds.
+    let headless = render(&scene("balls-2.glb"), Some(&rig), &rig.with_extension("png"));
+    let is_finished = || {
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        difference(&picture(&window), &headless) == 0.0
+    };
+    assert!((0..100).any(|_| is_finished()), "the picture at rest is the one that `render` makes");
+    let saved = Rig::load(&rig).unwrap();
+    let light = saved.lights.last().unwrap();
+    assert_eq!(light.kind, relume::scene::LightKind::Rect);
+    window.key("ctrl+z", "undone");
+    window.key("ctrl+s", "saved");
+    let undone = Rig::load(&rig).unwrap();
+    assert!(undone.lights.last().unwrap().size < light.size, "{undone:?}");
+    window.quits_unsaved();
+}
