@@ -229,6 +229,7 @@ fn bad_filters_are_refused() {
         ("gobo = { image = \"broken.png\" }", "broken.png: the image cannot be decoded"),
         ("gobo = { image = \"white.png\", scale = 0 }", "scale is 0"),
         ("gobo = { image = \"white.png\", tint = [1, -1, 1] }", "tint must be finite and not negative"),
+        ("gobo = { image = \"white.png\", tint = [1e5, 1, 1] }", "tint must lie in 0..=1"),
         ("gobo = { image = \"white.png\", blur = 1 }", "unknown field `blur`"),
         ("barn_doors_deg = [1, 2, 3, 91]", "barn_doors_deg must lie in -90.0..=90.0"),
         ("barn_doors_soft_deg = 0", "barn_doors_soft_deg is 0"),

@@ -143,7 +143,7 @@ impl Footprint {
         let packed = |samples: usize| samples.next_multiple_of(PACKET_SIZE);
         part("visibility", Cause::Pixels, packed(view_samples), visibility::BUFFERS);
         let filtered = if self.factors { visibility::BUFFERS - 1 } else { 0 };
-        part("light filters", Cause::Pixels, size_of::<UVec2>() * view_samples, filtered);
+        part("light factors", Cause::Pixels, size_of::<UVec2>() * view_samples, filtered);
         if let Some(GatherFootprint { samples, points_per_sample, functions }) = self.gather {
             let points = samples * points_per_sample;
             let coefficients = max_coefficients(samples, functions);
@@ -151,7 +151,7 @@ impl Footprint {
             part("points of gather samples", Cause::Gather, size_of::<ViewSample>() * points, 1);
             part("tables of gather samples", Cause::Program, 4 * Projection::TABLE_LENGTH, 1);
             part("visibility of gather samples", Cause::Gather, packed(points), visibility::BUFFERS);
-            part("light filters at gather samples", Cause::Gather, size_of::<UVec2>() * points, filtered);
+            part("light factors at gather samples", Cause::Gather, size_of::<UVec2>() * points, filtered);
             let hits = RAYS.min(samples) * functions;
             part("light rays", Cause::Gather, size_of::<Contribution>() * hits, visibility::BUFFERS);
             // The Haar transform has a rotation and two indices a coefficient.

@@ -38,7 +38,7 @@ impl LightFactors {
     ) -> Result<Self> {
         let room = |samples: usize| -> Result<Buffer<UVec2>> {
             let count = if wanted { samples } else { 0 };
-            let mut factors = Buffer::new(context, "light filters", Access::HostWrites, count)?;
+            let mut factors = Buffer::new(context, "light factors", Access::HostWrites, count)?;
             factors.host_mut().fill(UVec2::ZERO);
             Ok(factors)
         };

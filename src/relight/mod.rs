@@ -252,8 +252,8 @@ impl Relighter {
     /// Replaces the transfer by another one to the same view samples; the next picture uses it.
     pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.indirect = None; // frees its memory first
-        let (traced, filtered) = (self.traces(), self.visibility.allows_factors());
-        self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, filtered)?;
+        let (traced, factors) = (self.traces(), self.visibility.allows_factors());
+        self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, factors)?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         self.transfer = Some(transfer);
@@ -280,8 +280,8 @@ impl Relighter {
         }
         let of = transfer.as_deref();
         self.indirect = None; // frees its memory first
-        let (traced, filtered) = (self.traces(), self.visibility.allows_factors());
-        self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, traced, filtered)?;
+        let (traced, factors) = (self.traces(), self.visibility.allows_factors());
+        self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, traced, factors)?;
         self.gpu = GpuFramebuffer::new(&self.context, &framebuffer, of)?;
         for extras in &mut self.extras {
             *extras = extra_planes(&self.context, &framebuffer)?;

@@ -21,7 +21,7 @@ pub struct Visibility {
     pub gather_points: Buffer<u32>,
     /// Contributions of its rays to gather samples.
     pub light_rays: LightRayHits,
-    /// Of a filtered light.
+    /// Of a light with a filter, or links that scale its light.
     pub factors: LightFactors,
 }
 
@@ -103,7 +103,7 @@ impl VisibilityBuffers {
         })
     }
 
-    /// Makes room for the factors of filtered lights.
+    /// Makes room for factors on lights.
     pub fn allow_factors(
         &mut self,
         context: &Arc<Context>,

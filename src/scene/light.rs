@@ -254,10 +254,11 @@ impl Light {
         }
     }
 
-    /// Unit axes of a rectangle's width and height.
+    /// Unit axes of width and height: of rectangles and filters. If `up` is along the direction, -z is up.
     pub fn axes(&self) -> [DVec3; 2] {
         let width = self.direction.cross(self.up).try_normalize();
-        let width = width.unwrap_or_else(|| self.direction.any_orthonormal_vector());
+        let to_back = || self.direction.cross(DVec3::NEG_Z).try_normalize();
+        let width = width.or_else(to_back).unwrap_or_else(|| self.direction.any_orthonormal_vector());
         [width, width.cross(self.direction)]
     }
 }

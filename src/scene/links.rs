@@ -63,12 +63,13 @@ impl ResolvedLinks {
         })
     }
 
-    /// Factor on the light that a triangle receives; 0 if it is not lit.
+    /// Factor on the light that a triangle receives, at most [`MAX_FACTOR`]; 0 if it is not lit.
     pub fn factor(&self, mesh: &Mesh, triangle: u32) -> f32 {
         if self.only.as_ref().is_some_and(|only| !only.has(mesh, triangle)) {
             return 0.0;
         }
-        self.factors.iter().filter(|(cover, _)| cover.has(mesh, triangle)).map(|(_, factor)| factor).product()
+        let factors = self.factors.iter().filter(|(cover, _)| cover.has(mesh, triangle)).map(|(_, factor)| factor);
+        factors.product::<f32>().min(MAX_FACTOR as f32)
     }
 
     /// Whether everything receives all of the light.

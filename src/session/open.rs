@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::progress::Progress;
 use crate::error::{Error, Result};
 use crate::scene::rig::without_dots;
-use crate::scene::{Camera, Rig, Scene};
+use crate::scene::{Camera, Links, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 
 /// How a scene is looked at.
@@ -39,7 +39,7 @@ impl Opened {
         if settings.strip_diffuse {
             scene.materials.iter_mut().for_each(|m| m.strip_diffuse = true);
         }
-        let rig = match rig_path {
+        let mut rig = match rig_path {
             Some(path) => Rig::load(path)?,
             None => scene.rig.clone(),
         };
@@ -48,7 +48,16 @@ impl Opened {
             let so = if emits { "only emissive materials shine" } else { "the picture is black" };
             tracing::warn!("{}: no lights: {so}", rig_path.unwrap_or(path).display());
         }
-        rig.resolve_links(&scene).map_err(|reason| Error::import(rig_path.unwrap_or(path), reason))?;
+        if let Err(reason) = rig.resolve_links(&scene) {
+            match rig_path {
+                Some(rig_path) => return Err(Error::import(rig_path, reason)),
+                // The scene was edited since relume wrote its lights into it.
+                None => {
+                    tracing::warn!("{}: links to objects are discarded: {reason}", path.display());
+                    rig.lights.iter_mut().for_each(|light| light.links = Links::default());
+                }
+            }
+        }
         let camera = choose_camera(&scene, &rig, settings)?;
         let size = settings.size.unwrap_or_else(|| scene.default_size(Some(&camera)));
         if let (None, None, Some(aspect)) = (settings.size, scene.image_size, camera.aspect) {

@@ -1,6 +1,6 @@
 //! Filters of the selected lights: IES profile, gobo, barn doors and decay start.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use egui::{Grid, Ui};
 use glam::Vec3;
@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::describe::rounded;
 use super::desk::Desk;
 use super::light_values::{Selected, color_button};
-use crate::scene::light_filter::{Attached, BarnDoors, SOFTNESS_DEG};
+use crate::scene::light_filter::{BarnDoors, SOFTNESS_DEG};
 use crate::scene::{Light, LightKind};
 
 /// `folder`: of the rig; file names are relative to it.
@@ -21,9 +21,10 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
     Grid::new("filters").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
         if light.kind != LightKind::Directional {
             ui.label("IES");
-            files[0] = file(ui, light.filter.ies.as_ref().map(Attached::path), folder, "file.ies");
+            let shown = light.filter.ies.as_ref().map(|ies| ies.path_from(folder));
+            files[0] = file(ui, &light.name, shown, "file.ies");
             ui.end_row();
-            if let Some(ies) = &light.filter.ies {
+            if let (LightKind::Point, Some(ies)) = (light.kind, &light.filter.ies) {
                 let lumens = ies.flux() / ies.max() * light.intensity * light.stops.exp2();
                 ui.label("");
                 ui.label(format!("{} lm", rounded(lumens)));
@@ -32,15 +33,18 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
         }
         if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
             ui.label("gobo");
-            files[1] = file(ui, light.filter.gobo.as_ref().map(|gobo| gobo.image.path()), folder, "image.png");
+            let shown = light.filter.gobo.as_ref().map(|gobo| gobo.image.path_from(folder));
+            files[1] = file(ui, &light.name, shown, "image.png");
             ui.end_row();
             gobo(ui, &mut light);
             doors(ui, &selected, &mut light);
         }
-        ui.label("decay from");
-        let field = selected.number(&mut light.decay_start, |light| light.decay_start);
-        ui.add(field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m"));
-        ui.end_row();
+        if light.kind != LightKind::Directional {
+            ui.label("decay from");
+            let field = selected.number(&mut light.decay_start, |light| light.decay_start);
+            ui.add(field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m"));
+            ui.end_row();
+        }
     });
     desk.edit_primary_and_selection(light);
     let [ies, gobo] = files;
@@ -53,10 +57,9 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
 }
 
 /// Draws the field of a file's name. Returns what was typed once the field loses focus; empty: no file.
-fn file(ui: &mut Ui, path: Option<&Path>, folder: &Path, hint: &str) -> Option<String> {
-    let relative = |path: &Path| path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
-    let shown = path.map(relative).unwrap_or_default();
-    let id = ui.id().with((hint, &shown));
+fn file(ui: &mut Ui, light: &str, path: Option<PathBuf>, hint: &str) -> Option<String> {
+    let shown = path.map(|path| path.to_string_lossy().into_owned()).unwrap_or_default();
+    let id = ui.id().with((light, hint, &shown));
     let mut typed = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_else(|| shown.clone());
     let field = ui.add(egui::TextEdit::singleline(&mut typed).hint_text(hint).desired_width(150.0));
     if field.lost_focus() {

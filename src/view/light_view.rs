@@ -42,7 +42,7 @@ impl LightView {
     /// Draws the window with the image; a drag in it turns the light.
     pub fn show(&mut self, ui: &mut Ui, opened: &Opened, desk: &mut Desk) {
         let Some(light) = desk.selected_light().cloned() else { return };
-        if light.kind == LightKind::Point {
+        if !light.has_direction() {
             self.made_for = None;
         }
         self.make(opened, &light, false);
@@ -102,6 +102,9 @@ fn view(opened: &Opened, light: &Light) -> Camera {
         }
         LightKind::Disk | LightKind::Rect => {
             (light.position, light.direction, Projection::Perspective { yfov: light.spread.clamp(0.05, 1.6) })
+        }
+        LightKind::Point if light.has_direction() => {
+            (light.position, light.direction, Projection::Perspective { yfov: 1.6 })
         }
         LightKind::Point => {
             let towards = (middle - light.position).try_normalize().unwrap_or(DVec3::NEG_Y);

@@ -30,12 +30,9 @@ fn names(ui: &mut Ui, text: &str, names: &mut Vec<String>) {
 
 /// Objects that are lit by a factor; those that are not lit have the factor 0.
 fn factors(ui: &mut Ui, links: &mut Links) {
-    let listed: Vec<(String, f64)> = links
-        .except
-        .iter()
-        .map(|name| (name.clone(), 0.0))
-        .chain(links.factor.iter().map(|(name, factor)| (name.clone(), *factor)))
-        .collect();
+    // By name, so that a row stays where it is when its factor changes.
+    let mut listed = links.factor.clone();
+    listed.extend(links.except.iter().map(|name| (name.clone(), 0.0)));
     for (name, before) in listed {
         let mut factor = before;
         ui.add(DragValue::new(&mut factor).speed(0.01).range(0.0..=MAX_FACTOR).max_decimals(3).prefix("x "));

@@ -322,6 +322,10 @@ impl OpenScene {
         match self.autosave.found(self.desk.rig()) {
             None => {}
             Some(Ok(rig)) => {
+                if let Err(reason) = rig.resolve_links(&self.opened.scene) {
+                    self.desk.message = format!("unsaved edits were found but do not fit the scene: {reason}");
+                    return;
+                }
                 self.desk.message = "unsaved edits were found".into();
                 view.dialog = Some(Dialog::Recover(Box::new(rig)));
             }

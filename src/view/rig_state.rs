@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use crate::scene::{Light, LightGroup, Rig};
+use crate::scene::{Light, LightGroup, ObjectSet, Rig};
 
 /// One state of the lights. States share lights, so each state costs little more than a list of pointers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigState {
     pub lights: Vec<Arc<Light>>,
     pub groups: Vec<Arc<LightGroup>>,
+    pub sets: Arc<Vec<ObjectSet>>,
 }
 
 impl RigState {
@@ -16,6 +17,7 @@ impl RigState {
         Self {
             lights: rig.lights.iter().cloned().map(Arc::new).collect(),
             groups: rig.groups.iter().cloned().map(Arc::new).collect(),
+            sets: Arc::new(rig.sets.clone()),
         }
     }
 
@@ -24,13 +26,15 @@ impl RigState {
         Self {
             lights: shared(&self.lights, &rig.lights, |light| &light.name),
             groups: shared(&self.groups, &rig.groups, |group| &group.name),
+            sets: if *self.sets == rig.sets { self.sets.clone() } else { Arc::new(rig.sets.clone()) },
         }
     }
 
-    /// Replaces the lights and groups of `rig` by those of this state.
+    /// Replaces the lights, groups and sets of `rig` by those of this state.
     pub fn put_into(&self, rig: &mut Rig) {
         rig.lights = self.lights.iter().map(|light| Light::clone(light)).collect();
         rig.groups = self.groups.iter().map(|group| LightGroup::clone(group)).collect();
+        rig.sets.clone_from(&self.sets);
     }
 
     pub fn has_lists_of(&self, other: &Self) -> bool {

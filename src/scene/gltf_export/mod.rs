@@ -67,7 +67,15 @@ fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
 fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &Path) {
     let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
     if scene.get("extras").is_none_or(serde_json::Value::is_object) {
-        let rig = Rig { camera: None, ..rig.clone() };
+        let mut rig = Rig { camera: None, ..rig.clone() };
+        for light in &mut rig.lights {
+            let within = light.filter.within(folder);
+            if within != light.filter {
+                let name = &light.name;
+                tracing::warn!("a file of \"{name}\" lies outside the folder of the scene and is not restored");
+                light.filter = within;
+            }
+        }
         json::object(scene, "extras").insert(embedded_rig::KEY.into(), rig.to_toml(folder).into());
     }
 }

@@ -8,13 +8,14 @@ mod gobo;
 pub mod ies;
 
 use std::f64::consts::FRAC_PI_2;
+use std::path::{Component, Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 
 pub use self::attached::{Attached, RigFiles};
 pub use self::gobo::Gobo;
 use self::gobo::PosedGobo;
-use self::ies::Photometry;
+use self::ies::{PhotometricType, Photometry};
 use super::{Light, LightKind};
 
 /// The filters of a light; the default has none.
@@ -43,6 +44,16 @@ const SLACK: f32 = 1e-5;
 pub const SOFTNESS_DEG: f64 = 4.0;
 
 impl LightFilter {
+    /// The filters without those whose files lie neither in `folder` nor below.
+    pub fn within(&self, folder: &Path) -> Self {
+        let is_within = |path: PathBuf| path.components().all(|part| matches!(part, Component::Normal(_)));
+        Self {
+            ies: self.ies.clone().filter(|ies| is_within(ies.path_from(folder))),
+            gobo: self.gobo.clone().filter(|gobo| is_within(gobo.image.path_from(folder))),
+            barn_doors: self.barn_doors,
+        }
+    }
+
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }
@@ -56,7 +67,7 @@ pub struct PosedFilter {
     ies: Option<(Attached<Photometry>, f64)>,
     gobo: Option<PosedGobo>,
     doors: Vec<Door>,
-    /// Whether the rear of the light shines as its front.
+    /// Whether gobo and doors are before the rear of the light, too.
     two_sided: bool,
     /// Least z of directions into which the light shines.
     least_z: f32,
@@ -104,7 +115,12 @@ impl PosedFilter {
         }
         let mut factor = Vec3::ONE;
         if let Some((ies, scale)) = &self.ies {
-            factor *= (ies.candela([x, y, z].map(f64::from)) * scale) as f32;
+            let direction = match ies.photometric_type {
+                PhotometricType::C => [x, y, z],
+                // Their +x is up.
+                PhotometricType::A | PhotometricType::B => [y, -x, z],
+            };
+            factor *= (ies.candela(direction.map(f64::from)) * scale) as f32;
         }
         if self.two_sided {
             z = z.abs();
@@ -180,6 +196,19 @@ mod tests {
         let edge = filter.factor(towards(-8.0, 0.0)).x;
         assert!((edge - 0.5).abs() < 0.02, "{edge}");
         assert_eq!(filter.factor(Vec3::Z), Vec3::ZERO, "behind the light");
+    }
+
+    /// A headlamp that shines upwards only: +x of type A is up.
+    #[test]
+    fn profiles_of_type_a_stand_upright() {
+        let folder = tempfile::tempdir().expect("there is room");
+        let text = "TILT=NONE\n1 -1 1 3 2 3 2 0 0 0 1 1 9 -90 0 90 -90 90 0 0 5 0 0 5\n";
+        std::fs::write(folder.path().join("a.ies"), text).expect("there is room");
+        let ies = RigFiles::new(folder.path()).profile("a.ies").expect("it is a profile");
+        let filter = PosedFilter::new(&spot(LightFilter { ies: Some(ies), ..LightFilter::default() })).unwrap();
+        let [up, down] = [20.0, -20.0].map(|up| filter.factor(towards(0.0, up)).x);
+        assert!(up > 0.2 && down == 0.0, "{up} {down}");
+        assert!((filter.factor(towards(20.0, 20.0)).x - filter.factor(towards(-20.0, 20.0)).x).abs() < 1e-6);
     }
 
     #[test]

@@ -292,6 +292,13 @@ impl Check<'_> {
         is_color(value).then_some(value).ok_or_else(wrong)
     }
 
+    /// Transmits at most all light.
+    fn tint(&self, tint: Spanned<[f32; 3]>) -> Result<Vec3, String> {
+        let at = tint.span();
+        let tint = self.rgb(tint, "tint")?;
+        if tint.max_element() <= 1.0 { Ok(tint) } else { Err(self.wrong(at, "tint must lie in 0..=1")) }
+    }
+
     fn file<T>(
         &self,
         name: Option<Spanned<String>>,
@@ -303,7 +310,7 @@ impl Check<'_> {
 
     fn gobo(&self, entry: GoboEntry, files: &mut RigFiles) -> Result<Gobo, String> {
         let image = self.file(Some(entry.image), |name| files.image(name))?.expect("a name was given");
-        let tint = entry.tint.map(|tint| self.rgb(tint, "tint")).transpose()?;
+        let tint = entry.tint.map(|tint| self.tint(tint)).transpose()?;
         Ok(Gobo {
             image,
             rotation: self.number(entry.rotate_deg, 0.0, "rotate_deg", -360.0..=360.0)?.to_radians(),

@@ -2,6 +2,7 @@
 
 use glam::{DQuat, Vec3};
 
+use crate::scene::light_filter::Gobo;
 use crate::scene::{Light, LightKind, Rig};
 
 /// Applies to `light` the change of another light from `before` to `after`: position, stops and angles by the same
@@ -41,10 +42,17 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
         };
     }
     light.decay_start = scaled(light.decay_start, before.decay_start, after.decay_start).max(0.0);
-    take(&mut light.filter.ies, &before.filter.ies, &after.filter.ies);
-    take(&mut light.filter.gobo, &before.filter.gobo, &after.filter.gobo);
-    take(&mut light.filter.barn_doors, &before.filter.barn_doors, &after.filter.barn_doors);
-    take(&mut light.links, &before.links, &after.links);
+    if light.kind != LightKind::Directional {
+        take(&mut light.filter.ies, &before.filter.ies, &after.filter.ies);
+    }
+    if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
+        take_gobo(&mut light.filter.gobo, &before.filter.gobo, &after.filter.gobo);
+        take(&mut light.filter.barn_doors, &before.filter.barn_doors, &after.filter.barn_doors);
+    }
+    take(&mut light.links.only, &before.links.only, &after.links.only);
+    take(&mut light.links.except, &before.links.except, &after.links.except);
+    take(&mut light.links.factor, &before.links.factor, &after.links.factor);
+    take(&mut light.links.no_shadow_from, &before.links.no_shadow_from, &after.links.no_shadow_from);
     for (own, before, after) in [
         (&mut light.enabled, before.enabled, after.enabled),
         (&mut light.shadows, before.shadows, after.shadows),
@@ -60,6 +68,19 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
 fn take<T: Clone + PartialEq>(own: &mut T, before: &T, after: &T) {
     if before != after {
         own.clone_from(after);
+    }
+}
+
+/// As [`take`], for each value of a gobo by itself.
+fn take_gobo(own: &mut Option<Gobo>, before: &Option<Gobo>, after: &Option<Gobo>) {
+    match (own, before, after) {
+        (Some(own), Some(before), Some(after)) => {
+            take(&mut own.image, &before.image, &after.image);
+            take(&mut own.rotation, &before.rotation, &after.rotation);
+            take(&mut own.scale, &before.scale, &after.scale);
+            take(&mut own.tint, &before.tint, &after.tint);
+        }
+        (own, before, after) => take(own, before, after),
     }
 }
 

@@ -46,6 +46,9 @@ fn check_light(light: &Light, group: Option<&LightGroup>) -> Result<(), &'static
     if light.range.is_some_and(|range| !range.is_finite() || range <= 0.0) {
         return Err("its range must be greater than zero");
     }
+    if !light.decay_start.is_finite() {
+        return Err("its decay start would be out of range");
+    }
     Ok(())
 }
 

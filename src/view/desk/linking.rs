@@ -27,7 +27,6 @@ impl Desk {
         self.edit_each(|_, light| {
             let mut light = light.clone();
             match edit {
-                LinkEdit::Light if light.links.only == [name] => return Err("it lights nothing else; switch it off"),
                 LinkEdit::Light => set_light(&mut light.links, name, on),
                 LinkEdit::Shadow => set(&mut light.links.no_shadow_from, name, !on),
             }
@@ -41,12 +40,12 @@ fn lights(links: &Links, name: &str) -> bool {
     !has(&links.except) && (links.only.is_empty() || has(&links.only)) && links.factor.get(name) != Some(&0.0)
 }
 
-/// If a light lights only some objects, those are switched, else the exceptions.
+/// Exceptions count more than what a light lights only, by whatever name that is listed.
 fn set_light(links: &mut Links, name: &str, on: bool) {
     links.factor.remove(name);
-    set(&mut links.except, name, !on && links.only.is_empty());
-    if !links.only.is_empty() {
-        set(&mut links.only, name, on);
+    set(&mut links.except, name, !on);
+    if on && !links.only.is_empty() {
+        set(&mut links.only, name, true);
     }
 }
 
