@@ -70,14 +70,14 @@ impl FrameResources<'_> {
         detail: Detail,
     ) -> VisibilitySlot {
         let light = &self.rig.lights[index];
-        if !light.shadows && !self.has_factors(index) {
+        if !light.shadows && !light.has_factors() {
             return VisibilitySlot::ALL_VISIBLE;
         }
         let scene = self.scene.linked(self.links.get(&index));
         // Half packets exist only if all lights are traced.
         let detail = if shadow_maps.is_some() { Detail::Exact } else { detail };
         let (slot, bytes, half) = visibility.take();
-        if self.has_factors(index) {
+        if light.has_factors() {
             frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, packed));
         }
         if !light.shadows {
@@ -117,11 +117,6 @@ impl FrameResources<'_> {
             frame.cpu("trace light rays", || ray_caster.cast(scene, transfer, packed, filter, hits));
         }
         slot
-    }
-
-    /// Whether a light has a filter, or links that scale its light.
-    fn has_factors(&self, light: usize) -> bool {
-        !self.rig.lights[light].filter.is_none() || self.rig.lights[light].links.scale_light()
     }
 
     /// Computes what multiplies a light at view samples and points of gather samples.
@@ -170,7 +165,7 @@ impl FrameResources<'_> {
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,
             visibility: visibility.get(seen),
-            has_factors: self.has_factors(shades[i].light),
+            has_factors: self.rig.lights[shades[i].light].has_factors(),
             image: self.image(shades[i].target),
             extras: &self.extras[i],
         };

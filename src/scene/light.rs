@@ -122,6 +122,11 @@ impl Light {
 }
 
 impl Light {
+    /// Whether what reaches a surface has a factor besides visibility: by a filter, or by links that scale the light.
+    pub fn has_factors(&self) -> bool {
+        !self.filter.is_none() || self.links.scale_light()
+    }
+
     /// Whether it matters where the light points.
     pub fn has_direction(&self) -> bool {
         self.kind != LightKind::Point || self.filter.ies.is_some()

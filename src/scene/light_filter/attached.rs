@@ -19,10 +19,6 @@ pub struct Attached<T> {
 }
 
 impl<T> Attached<T> {
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// The path as a rig in `folder` writes it: relative, unless nothing leads there.
     pub fn path_from(&self, folder: &Path) -> PathBuf {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };

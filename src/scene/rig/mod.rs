@@ -63,7 +63,7 @@ impl Rig {
 
     /// Whether any light has a filter, or links that scale its light.
     pub fn has_factors(&self) -> bool {
-        self.lights.iter().any(|light| !light.filter.is_none() || light.links.scale_light())
+        self.lights.iter().any(Light::has_factors)
     }
 
     /// The rig with solo applied: if any light or group is solo, all other lights are off. Disabled lights stay
