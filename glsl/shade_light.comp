@@ -4,6 +4,16 @@
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
 
+// Weight of a light's point beside the directions drawn from a narrow lobe: balance heuristic [Veach 1995, Eq. 14].
+float point_share(float alpha, vec3 position, vec3 normal, vec3 wi, vec3 wo) {
+    float solid_angle = push.drawn_area;
+    if (push.light.kind != LIGHT_DIRECTIONAL) {
+        vec3 to_light = push.light.position - position;
+        solid_angle *= abs(dot(wi, push.light.direction)) / dot(to_light, to_light);
+    }
+    return dot(normal, wo) > 0.0 ? 1.0 / (1.0 + solid_angle * lobe_density(alpha, normal, wi, wo)) : 1.0;
+}
+
 vec3 shade(uint index) {
     ViewSample s = push.samples.at[index];
     uint word = push.visibility.at[index / 4];
@@ -18,8 +28,14 @@ vec3 shade(uint index) {
         return vec3(0.0);
     }
     vec3 factor = push.has_factors != 0 ? unpack_factor(push.factors.at[index]) : vec3(1.0);
+    Brdf brdf = push.brdfs.at[s.brdf];
     vec3 normal = octahedral(s.normal);
-    return irradiance * factor * reflected(push.brdfs.at[s.brdf], normal, wi, octahedral(s.wo), SPECULAR);
+    vec3 wo = octahedral(s.wo);
+    vec3 radiance = irradiance * factor * reflected(brdf, normal, wi, wo, SPECULAR);
+    if (SPECULAR && push.drawn_area > 0.0 && brdf.alpha > 0.0 && brdf.alpha < NARROW_ALPHA) {
+        radiance *= point_share(brdf.alpha, s.position, normal, wi, wo);
+    }
+    return radiance;
 }
 
 void main() {

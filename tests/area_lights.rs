@@ -5,12 +5,12 @@ mod common;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use common::stage::{self, Build, Setup, Stage, lambert, look, mirror, rig};
-use common::{assert_near, gpu, shipped, transfer};
+use common::{Gpu, assert_near, gpu, shipped, transfer};
 use glam::{DVec3, Vec3};
 use relume::physics::sequence::fibonacci_lattice;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight::{Detail, Layers, Picture, Request, VisibilityMethod};
-use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
+use relume::scene::{Camera, Light, LightKind, Material, Projection, Rig, Scene};
 use relume::trace::bvh::TracedScene;
 
 /// Asked of pictures at rest.
@@ -190,45 +190,118 @@ fn penumbra_of_a_sun() {
     }
 }
 
-/// The path tracer's mirrors show the shape of a light at its radiance, and nothing beside it.
-#[test]
-fn mirrors_show_lights() {
-    let mut build = Build::default();
-    let material = build.material(mirror(Vec3::ONE, 1.0));
-    build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, material);
-    let scene = TracedScene::new(build.scene());
+/// Pixels along each side of the pictures below.
+const SIDE: u32 = 64;
+
+/// A layer of a scene under one light of unit intensity, relit and traced.
+fn both(gpu: &Gpu, scene: Scene, camera: &Camera, light: &Light, layer: Layer) -> [Vec<[f32; 3]>; 2] {
+    let setup = Setup { layers: 2, ..Setup::new(SIDE, SIDE) };
+    let all = rig(vec![light.clone()]);
+    let stage = Stage::new(scene, camera, &all, &setup);
+    let layers = if layer == Layer::Direct { Layers::Direct } else { Layers::Reflection };
+    let relit = stage.relighter(gpu, &all, &setup).linear(layers).unwrap().to_vec();
     let settings = Settings {
-        width: 64,
-        height: 64,
+        width: SIDE,
+        height: SIDE,
         layers: 2,
-        max_bounces: Some(0),
+        max_bounces: Some(1),
         filter: Filter::Centre,
         bounce_layers: 0,
         light_layers: false,
         seed: 1,
     };
-    let half = 1.0;
-    let camera = look(DVec3::Y, DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: half });
-    for kind in [LightKind::Point, LightKind::Disk, LightKind::Rect] {
-        let light = Light {
-            kind,
-            direction: DVec3::NEG_Y,
-            radius: 0.4,
-            size: [1.0, 0.5],
-            up: DVec3::Z,
-            ..Light::point("l", DVec3::new(0.0, 2.0, 0.0))
-        };
+    let film = PathTracer::new(&stage.scene, camera, &all, &settings).trace(512, &|| false, &|_| ());
+    [relit, film.layer(Half::Both, layer)]
+}
+
+/// Lights of unit intensity that shine down from two metres.
+fn shapes() -> impl Iterator<Item = Light> {
+    [LightKind::Point, LightKind::Disk, LightKind::Rect].into_iter().map(|kind| Light {
+        kind,
+        direction: DVec3::NEG_Y,
+        radius: 0.4,
+        size: [1.0, 0.5],
+        up: DVec3::Z,
+        ..Light::point("l", DVec3::new(0.0, 2.0, 0.0))
+    })
+}
+
+/// Whether a light of [`shapes`] covers a point of its plane.
+fn is_inside(light: &Light, x: f64, z: f64) -> bool {
+    match light.kind {
+        LightKind::Rect => x.abs() < 0.5 && z.abs() < 0.25,
+        _ => x.hypot(z) < 0.4,
+    }
+}
+
+/// Mirrors show the shape of a light at its radiance, and nothing beside it.
+#[test]
+fn mirrors_show_lights() {
+    let gpu = gpu();
+    let mut build = Build::default();
+    let material = build.material(mirror(Vec3::ONE, 1.0));
+    build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, material);
+    let camera = look(DVec3::Y, DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: 1.0 });
+    for light in shapes() {
         let radiance = 1.0 / light.projected_area().unwrap();
-        let rig = Rig { lights: vec![light], ..Rig::default() };
-        let film = PathTracer::new(&scene, &camera, &rig, &settings).trace(1, &|| false, &|_| ());
-        let picture = film.layer(Half::Both, Layer::Reflection);
-        for (i, pixel) in picture.iter().enumerate() {
-            let [x, z] = [i % 64, i / 64].map(|i| ((i as f64 + 0.5) / 32.0 - 1.0) * half);
-            let is_inside = match kind {
-                LightKind::Rect => x.abs() < 0.5 && z.abs() < 0.25,
-                _ => x.hypot(z) < 0.4,
-            };
-            assert_near(f64::from(pixel[0]), if is_inside { radiance } else { 0.0 }, 1e-5, format!("{kind:?} {x} {z}"));
+        for picture in both(&gpu, build.scene(), &camera, &light, Layer::Reflection) {
+            for (i, pixel) in picture.iter().enumerate() {
+                let [x, z] = [i as u32 % SIDE, i as u32 / SIDE].map(|i| (f64::from(i) + 0.5) / 32.0 - 1.0);
+                let want = if is_inside(&light, x, z) { radiance } else { 0.0 };
+                assert_near(f64::from(pixel[0]), want, 1e-5, format!("{:?} {x} {z}", light.kind));
+            }
+        }
+    }
+}
+
+/// The camera sees a light that is visible, at its radiance, where no surface is before it; no other light.
+#[test]
+fn visible_lights_are_seen() {
+    let gpu = gpu();
+    let mut build = floor();
+    let material = build.material(lambert(Vec3::ZERO));
+    // Hides all of x > 0.2.
+    build.quad(DVec3::new(2.2, 1.0, 0.0), 2.0 * DVec3::X, 4.0 * DVec3::Z, material);
+    let camera = look(DVec3::Y * 0.5, DVec3::Y * 4.0, DVec3::Z, Projection::Orthographic { ymag: 1.0 });
+    for (light, visible) in shapes().flat_map(|light| [(light.clone(), true), (light, false)]) {
+        let light = Light { visible, ..light };
+        let radiance = 1.0 / light.projected_area().unwrap();
+        for picture in both(&gpu, build.scene(), &camera, &light, Layer::Direct) {
+            for (i, pixel) in picture.iter().enumerate() {
+                let [x, down] = [i as u32 % SIDE, i as u32 / SIDE].map(|i| (f64::from(i) + 0.5) / 32.0 - 1.0);
+                let z = -down;
+                let want = if visible && x < 0.2 && is_inside(&light, x, z) { radiance } else { 0.0 };
+                assert_near(f64::from(pixel[0]), want, 1e-5, format!("{:?} {x} {z}", light.kind));
+            }
+        }
+    }
+}
+
+/// Highlights have the shape of the light, also in lobes much narrower than the distance between the points of a light.
+#[test]
+fn highlights_have_the_shape_of_the_light() {
+    let gpu = gpu();
+    for roughness in [0.03, 0.1, 0.2, 0.29, 0.35] {
+        let mut build = Build::default();
+        let material = build.material(Material { roughness, ..mirror(Vec3::splat(0.9), 1.0) });
+        build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, material);
+        let camera = look(DVec3::new(0.3, 1.0, 2.0), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.0 });
+        let sun = Light {
+            kind: LightKind::Directional,
+            direction: DVec3::new(0.0, -1.0, 2.0).normalize(),
+            angle: 0.3,
+            ..Light::point("sun", DVec3::ZERO)
+        };
+        for light in shapes().chain([sun]) {
+            let [relit, traced] = both(&gpu, build.scene(), &camera, &light, Layer::Direct);
+            let pairs =
+                || relit.iter().flatten().zip(traced.iter().flatten()).map(|(a, b)| (f64::from(*a), f64::from(*b)));
+            let all: f64 = pairs().map(|(_, b)| b).sum();
+            let squares: f64 = pairs().map(|(_, b)| b * b).sum();
+            let error = (pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>() / squares).sqrt();
+            let bias = pairs().map(|(a, b)| a - b).sum::<f64>() / all;
+            println!("{:?}, roughness {roughness}: {error:.4}, bias {bias:+.5}", light.kind);
+            assert!(all > 0.0 && error < 0.02 && bias.abs() < 2e-3, "{light:?} at {roughness}: {error}, bias {bias}");
         }
     }
 }

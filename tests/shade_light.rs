@@ -11,7 +11,7 @@ use common::random::Random;
 use common::{gpu, plain_surface};
 use glam::{DVec3, UVec2, Vec3};
 use relume::gpu::{Buffer, Frames, Kernel};
-use relume::physics::brdf::{Angles, f_of_angles};
+use relume::physics::brdf::{Angles, f_of_angles, ggx};
 use relume::physics::light;
 use relume::physics::octahedral;
 use relume::reference;
@@ -21,6 +21,9 @@ use relume::trace::surface::brdf;
 
 /// Relative error of some 30 float32 operations on the way to a radiance: square roots and divisions included.
 const ARITHMETIC: f64 = 30.0 * ROUNDING;
+
+/// Of the facets; 0: no directions are drawn.
+const DRAWN_AREAS: [f64; 3] = [0.0, 1.0 / 1024.0, 0.25];
 
 fn random_surface(random: &mut Random) -> Surface {
     Surface {
@@ -119,8 +122,14 @@ fn random_sample(random: &mut Random, light: &PackedLight, brdf_count: usize) ->
     }
 }
 
-/// Least and greatest radiance that float32 angles may give.
-fn shade_bounds(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &PackedLight) -> (DVec3, DVec3) {
+/// Least and greatest radiance that float32 angles may give. `drawn_area`: see [`ShadeLightPush::drawn_area`].
+fn shade_bounds(
+    sample: &ViewSample,
+    brdfs: &[Brdf],
+    visibility: f64,
+    light: &PackedLight,
+    drawn_area: f64,
+) -> (DVec3, DVec3) {
     let black = (DVec3::ZERO, DVec3::ZERO);
     if sample.brdf == NO_BRDF {
         return black;
@@ -153,6 +162,17 @@ fn shade_bounds(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Pa
     let a = Angles::new(n, wi, wo);
     // Two nearly opposite directions leave a short sum, whose direction is the more uncertain.
     let half_angle = ANGLE / (wi + wo).length().max(ANGLE);
+    let brdf = &brdfs[sample.brdf as usize];
+    // Solid angle that a drawn direction stands for.
+    let drawn = match light.kind {
+        _ if brdf.alpha >= NARROW_ALPHA => [0.0; 2],
+        LIGHT_DIRECTIONAL => [drawn_area; 2],
+        _ => {
+            let d = (light.position.as_dvec3() - sample.position.as_dvec3()).length();
+            let cosine = wi.dot(light.direction.as_dvec3()).abs();
+            ends(cosine, ANGLE).map(|cosine| drawn_area * cosine.max(0.0) / (d * d))
+        }
+    };
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::ZERO;
     for ni in ends(a.ni, ANGLE) {
@@ -160,15 +180,25 @@ fn shade_bounds(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Pa
             for sine_nh in ends(a.sine_nh, half_angle) {
                 for oh in ends(a.oh, half_angle) {
                     let angles = Angles { ni, no, nh: a.nh, sine_nh: sine_nh.max(0.0), oh: oh.clamp(0.0, 1.0) };
-                    let value = f_of_angles(&brdfs[sample.brdf as usize], &angles) * ni.max(0.0);
-                    low = low.min(value);
-                    high = high.max(value);
+                    let value = f_of_angles(brdf, &angles) * ni.max(0.0);
+                    let shares = drawn.map(|solid_angle| 1.0 / (1.0 + solid_angle * lobe_density(brdf, &angles)));
+                    low = low.min(value * shares[1]);
+                    high = high.max(value * shares[0]);
                 }
             }
         }
     }
     let scale = |end: usize, slack: f64| visibility * irradiances[end] * (1.0 + slack);
     (low * scale(0, -ARITHMETIC), high * scale(1, ARITHMETIC))
+}
+
+/// Density of directions mirrored at visible normals [Heitz 2018, Eq. 17].
+fn lobe_density(brdf: &Brdf, a: &Angles) -> f64 {
+    let (alpha, no) = (f64::from(brdf.alpha), a.no.max(0.0));
+    if !brdf.has_lobe() {
+        return 0.0;
+    }
+    ggx(a.nh, a.sine_nh, alpha) * 0.5 / (no + (alpha * alpha + (1.0 - alpha * alpha) * no * no).sqrt())
 }
 
 #[test]
@@ -179,8 +209,9 @@ fn bounds_hold_the_twin_itself() {
         let mut lit = 0;
         for _ in 0..2000 {
             let sample = random_sample(&mut random, &light, brdfs.len());
-            let value = reference::shade(&sample, &brdfs, 0.5, &light);
-            let (low, high) = shade_bounds(&sample, &brdfs, 0.5, &light);
+            let drawn_area = random.pick(&DRAWN_AREAS);
+            let value = reference::shade(&sample, &brdfs, 0.5, &light, drawn_area);
+            let (low, high) = shade_bounds(&sample, &brdfs, 0.5, &light, drawn_area);
             assert!(low.cmple(value).all() && value.cmple(high).all(), "{value} is not in {low} .. {high}: {sample:?}");
             lit += usize::from(value != DVec3::ZERO);
         }
@@ -217,6 +248,7 @@ fn shade_light() {
             let factors: Vec<[f32; 3]> =
                 (0..count).map(|_| [0; 3].map(|_| random.pick(&[0.0, 0.125, 1.0, 2.0]))).collect();
             let halves: Vec<UVec2> = factors.iter().map(halves).collect();
+            let drawn_area = DRAWN_AREAS[(light_index + size_index) % DRAWN_AREAS.len()];
             let factor_buffer = Buffer::from_slice(&gpu, "test factors", &halves).unwrap();
             let sample_buffer = Buffer::from_slice(&gpu, "test samples", &samples).unwrap();
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(&visibility);
@@ -239,7 +271,7 @@ fn shade_light() {
                     layers,
                     accumulate: 0,
                     has_factors: u32::from(has_factors),
-                    unused: 0,
+                    drawn_area: drawn_area as f32,
                 };
                 pass.dispatch(&kernels[usize::from(specular)], &push, push.sample_count);
             });
@@ -252,7 +284,7 @@ fn shade_light() {
                 };
                 let counts = i >= pixels || layers & 1 != 0;
                 let seen = if counts { f64::from(visibility[i]) / 255.0 } else { 0.0 };
-                let (low, high) = shade_bounds(sample, if specular { &brdfs } else { &matt }, seen, &light);
+                let (low, high) = shade_bounds(sample, if specular { &brdfs } else { &matt }, seen, &light, drawn_area);
                 let factor = if has_factors { Vec3::from(factors[i]).as_dvec3() } else { DVec3::ONE };
                 let (low, high) = (low * factor, high * factor);
                 // Devices may flush what is below the smallest normal number to zero.
@@ -306,7 +338,7 @@ fn shaded(gpu: &common::Gpu, samples: &[ViewSample], brdfs: &[Brdf], lights: &[P
                 layers: 1,
                 accumulate: 0,
                 has_factors: 0,
-                unused: 0,
+                drawn_area: 0.0,
             };
             pass.dispatch(&kernel, &push, push.sample_count);
         });
@@ -339,7 +371,7 @@ fn shade_light_is_exact_where_nothing_is_narrow() {
         .collect();
     let shaded = shaded(&gpu, &samples, &brdfs, &[light]).remove(0);
     for (sample, got) in samples.iter().zip(shaded) {
-        let want = reference::shade(sample, &brdfs, 1.0, &light);
+        let want = reference::shade(sample, &brdfs, 1.0, &light, 0.0);
         // Cosines are above 0.3 or so and lobes 0.16 wide: 2 / 0.16 times the angles' rounding, four times over.
         let error = ((got - want) / want.max(DVec3::splat(1e-30))).abs().max_element();
         assert!(error < 4.0 * ANGLE / 0.08, "{sample:?}: {got}, not {want}, off by {error:.1e}");
@@ -386,7 +418,7 @@ fn shade_light_over_a_grid_of_angles_and_roughness() {
     for (light, shaded) in lights.iter().zip(shaded(&gpu, &samples, &brdfs, &lights)) {
         for (sample, got) in samples.iter().zip(shaded) {
             let of = || format!("{sample:?}, {:?}, {light:?}", brdfs[sample.brdf as usize]);
-            let (low, high) = shade_bounds(sample, &brdfs, 1.0, light);
+            let (low, high) = shade_bounds(sample, &brdfs, 1.0, light, 0.0);
             assert!(low.cmple(got).all() && got.cmple(high).all(), "{got} is not in {low} .. {high}: {}", of());
             // Off the axes, decoded directions lie on the horizon to rounding only.
             let on_axis = sample.wo.x * sample.wo.y == 0.0;

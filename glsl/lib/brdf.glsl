@@ -27,6 +27,15 @@ float smith(float ni, float no, float alpha) {
     return 0.5 / (ni * sqrt(no * no * (1.0 - a2) + a2) + no * sqrt(ni * ni * (1.0 - a2) + a2));
 }
 
+// Density of directions mirrored at visible normals [Heitz 2018, Eq. 17], rearranged to stay finite at the horizon.
+float lobe_density(float alpha, vec3 n, vec3 wi, vec3 wo) {
+    float no = dot(n, wo);
+    vec3 h = wi + wo;
+    h /= sqrt(max(dot(h, h), 1e-20));
+    float root = sqrt(alpha * alpha + (1.0 - alpha * alpha) * no * no);
+    return ggx(n, h, dot(n, h), alpha) * 0.5 / (no + root);
+}
+
 // BRDF times the cosine at wi; zero below either horizon.
 vec3 reflected(Brdf brdf, vec3 n, vec3 wi, vec3 wo, bool specular) {
     float ni = dot(n, wi);

@@ -9,16 +9,30 @@ pub mod path_tracer;
 use glam::{DVec3, Vec2, Vec3};
 
 use crate::physics::{brdf, light};
-use crate::shared::{Brdf, NO_BRDF, PackedLight, ViewSample};
+use crate::shared::{Brdf, LIGHT_DIRECTIONAL, NARROW_ALPHA, NO_BRDF, PackedLight, ViewSample};
 
-/// Radiance of one view sample under one light at unit intensity; `visibility` in [0, 1]. Twin of shade_light.comp.
-pub fn shade(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &PackedLight) -> DVec3 {
+/// Radiance of one view sample under one light at unit intensity; `visibility` in [0, 1]; `drawn_area` as
+/// [`ShadeLightPush::drawn_area`]. Twin of shade_light.comp.
+pub fn shade(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &PackedLight, drawn_area: f64) -> DVec3 {
     if sample.brdf == NO_BRDF {
         return DVec3::ZERO;
     }
     let Some(arriving) = light::incident(light, sample.position.as_dvec3()) else { return DVec3::ZERO };
     let (n, wo) = (octahedral(sample.normal), octahedral(sample.wo));
-    visibility * arriving.irradiance * brdf::reflected(&brdfs[sample.brdf as usize], n, arriving.wi, wo)
+    let (brdf, wi) = (&brdfs[sample.brdf as usize], arriving.wi);
+    let mut share = 1.0;
+    if drawn_area > 0.0
+        && brdf.alpha < NARROW_ALPHA
+        && let Some(lobe) = brdf::Lobes::of_specular_lobe(brdf, n, wo)
+    {
+        let to_light = light.position.as_dvec3() - sample.position.as_dvec3();
+        let solid_angle = match light.kind {
+            LIGHT_DIRECTIONAL => drawn_area,
+            _ => drawn_area * wi.dot(light.direction.as_dvec3()).abs() / to_light.length_squared(),
+        };
+        share = 1.0 / (1.0 + solid_angle * lobe.at(wi).density);
+    }
+    visibility * share * arriving.irradiance * brdf::reflected(brdf, n, wi, wo)
 }
 
 /// Weighted sum of images, by pixel. Twin of sum_images.comp, and of composite.comp up to the tone map.

@@ -16,16 +16,17 @@ pub enum CheckedPass {
     ShadeLight,
     Transfer,
     Resolve,
+    SeenLights,
     SumLights,
     /// Only to scene-linear pixels.
     Composite,
 }
 
 /// Names of [`CheckedPass`], in its order.
-const NAMES: [&str; 5] = ["shade light", "transfer", "resolve", "sum lights", "composite"];
-/// Maximum number of counting passes per light: pixels and extra samples after shading and after transfer, and resolved
-/// pixels.
-pub const MAX_CHECKS_PER_STEP: usize = 5;
+const NAMES: [&str; 6] = ["shade light", "transfer", "resolve", "seen lights", "sum lights", "composite"];
+/// Maximum number of counting passes per light: pixels and extra samples after shading, after transfer and after seen
+/// lights, and resolved pixels.
+pub const MAX_CHECKS_PER_STEP: usize = 7;
 
 /// Kernel and counters.
 pub struct FiniteCheck {

@@ -6,11 +6,11 @@ use glam::Vec3;
 
 use super::inspect::{Inspection, Inspector};
 use super::light_cache::{POINTS_A_STEP, Plan, Source, Step, Term};
+use super::light_sights::LightSights;
 use super::output::{Output, Outputs};
-use super::passes::FrameResources;
-use super::shadow_map::ShadowMaps;
+use super::passes::{FrameResources, Seeing};
 use super::sheet::Grid;
-use super::visibility::{self, VisibilityBuffers};
+use super::visibility;
 use super::{Picture, Relighter, Request};
 use crate::error::Result;
 use crate::gpu::{Frame, PassTime, Pixels, Screen};
@@ -90,7 +90,7 @@ impl Relighter {
         }
         self.shown = None;
         let began = Instant::now();
-        let Self { frames, times, visibility, shadow_maps, outputs, inspector, .. } = self;
+        let Self { frames, times, visibility, shadow_maps, sights, outputs, inspector, .. } = self;
         let resources = FrameResources {
             scene: &self.scene,
             framebuffer: &self.framebuffer,
@@ -111,10 +111,12 @@ impl Relighter {
         let mut steps = &plan.steps[..];
         loop {
             visibility.restart();
+            sights.iter_mut().for_each(LightSights::restart);
             let begin_ms = began.elapsed().as_secs_f64() * 1e3;
             let mut frame = frames.begin()?;
             let output = last.as_ref().map(|last| last.output);
-            steps = resources.record_steps(&mut frame, steps, visibility, shadow_maps.as_mut(), outputs, output);
+            let mut seeing = Seeing { visibility, shadow_maps: shadow_maps.as_mut(), sights: sights.as_mut() };
+            steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output);
             let is_done = steps.is_empty();
             let mut surface = None;
             if let Some(FinalOutput { picture, inspection, output, screen }) = last.as_mut().filter(|_| is_done) {
@@ -151,8 +153,7 @@ impl FrameResources<'_> {
         &self,
         frame: &mut Frame,
         mut steps: &'p [Step],
-        visibility: &mut VisibilityBuffers,
-        mut shadow_maps: Option<&mut ShadowMaps>,
+        seeing: &mut Seeing,
         outputs: &Outputs,
         output: Option<Output>,
     ) -> &'p [Step] {
@@ -161,21 +162,21 @@ impl FrameResources<'_> {
             let taken = match step {
                 _ if room == 0 => break,
                 Step::Shade(shade) if shade.points.count() > 1 => {
-                    if shade.points.count() > room.min(visibility.left()) {
+                    if shade.points.count() > room.min(seeing.visibility.left()) || !seeing.has_room_for_sights() {
                         break;
                     }
-                    self.shade(frame, visibility, shadow_maps.as_deref_mut(), std::slice::from_ref(shade));
+                    self.shade(frame, seeing, std::slice::from_ref(shade));
                     1
                 }
                 Step::Shade(_) => {
                     let at_once = self.indirect.map_or(usize::MAX, |indirect| indirect.lights_at_once);
-                    let most = room.min(visibility.left()).min(self.extras.len()).min(at_once);
+                    let most = room.min(seeing.visibility.left()).min(self.extras.len()).min(at_once);
                     let shades = steps.iter().map_while(Step::as_shade).take_while(|shade| shade.points.count() == 1);
                     let shades: Vec<_> = shades.take(most).copied().collect();
                     if shades.is_empty() {
                         break;
                     }
-                    self.shade(frame, visibility, shadow_maps.as_deref_mut(), &shades);
+                    self.shade(frame, seeing, &shades);
                     shades.len()
                 }
                 Step::Sum { target, terms, kept } => {

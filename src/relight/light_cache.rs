@@ -572,7 +572,7 @@ impl LightCache {
 fn same_image(a: &Light, b: &Light, same_sets: bool) -> bool {
     (a.kind, a.position, a.direction) == (b.kind, b.position, b.direction)
         && (a.radius, a.size, a.up, a.angle) == (b.radius, b.size, b.up, b.angle)
-        && (a.spread, a.two_sided) == (b.spread, b.two_sided)
+        && (a.spread, a.two_sided, a.visible) == (b.spread, b.two_sided, b.visible)
         && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)
         && (a.decay_start, &a.filter) == (b.decay_start, &b.filter)
         && a.links == b.links

@@ -13,6 +13,8 @@ pub struct LightTarget<'a> {
     pub visibility: &'a Visibility,
     /// Whether the factors of `visibility` multiply the light.
     pub has_factors: bool,
+    /// See [`ShadeLightPush::drawn_area`](crate::shared::ShadeLightPush::drawn_area).
+    pub drawn_area: f32,
     pub image: &'a Buffer<Vec4>,
     pub extras: &'a Buffer<f32>,
 }

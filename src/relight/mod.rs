@@ -15,6 +15,7 @@ mod interleaved;
 pub mod light_cache;
 mod light_factors;
 mod light_rays;
+mod light_sights;
 mod light_target;
 mod output;
 mod passes;
@@ -41,6 +42,7 @@ use self::inspect::Inspector;
 pub use self::light_cache::Detail;
 use self::light_cache::{LightCache, Term};
 use self::light_factors::SampleTriangles;
+use self::light_sights::LightSights;
 use self::output::{Output, Outputs};
 pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
@@ -86,6 +88,8 @@ pub struct Relighter {
     links: HashMap<usize, ResolvedLinks>,
     /// `None` as long as no light has links that scale its light.
     triangles: Option<SampleTriangles>,
+    /// `None` as long as no light has a size.
+    sights: Option<LightSights>,
     images: Vec<Buffer<Vec4>>,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     some_points: Option<Buffer<Vec4>>,
@@ -167,6 +171,7 @@ impl Relighter {
             frames,
             cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
             triangles: scales(&links).then(|| SampleTriangles::find(scene, framebuffer, of)),
+            sights: LightSights::find(context, scene, framebuffer, rig)?,
             links,
             gpu,
             indirect,
@@ -242,6 +247,10 @@ impl Relighter {
         if self.some_points.is_none() && rig.has_sizes() {
             self.some_points = Some(light_image(&self.context, &self.framebuffer, SOME_POINTS)?);
         }
+        let suffices = |sights: &LightSights| sights.suffice(rig);
+        if rig.has_sizes() && !self.sights.as_ref().is_some_and(suffices) {
+            self.sights = LightSights::find(&self.context, &self.scene, &self.framebuffer, rig)?;
+        }
         if rig.has_factors() {
             self.visibility.allow_factors(&self.context, &self.framebuffer, self.transfer.as_deref())?;
         }
@@ -287,6 +296,7 @@ impl Relighter {
             *extras = extra_planes(&self.context, &framebuffer)?;
         }
         self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
+        self.sights = LightSights::find(&self.context, &self.scene, &framebuffer, self.cache.rig())?;
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
         if self.triangles.is_some() {
             self.find_triangles();

@@ -9,6 +9,7 @@ use super::gpu_framebuffer::GpuFramebuffer;
 use super::indirect::Indirect;
 use super::light_cache::{Detail, LightPoints, Shade, Source, Term};
 use super::light_factors::{self, LightFactors, SampleTriangles};
+use super::light_sights::LightSights;
 use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
@@ -22,10 +23,11 @@ use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Light, ResolvedLinks, Rig};
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
+use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
 
-/// Draw a shadow map, look it up for view and for gather samples, shade, resolve.
-const MAX_PASSES_PER_LIGHT: usize = 5;
+/// Draw a shadow map, look it up for view and for gather samples, shade, resolve, add seen lights.
+const MAX_PASSES_PER_LIGHT: usize = 6;
 
 /// Resources of the passes, borrowed for one frame.
 pub struct FrameResources<'a> {
@@ -51,6 +53,19 @@ pub struct FrameResources<'a> {
     pub finite_check: Option<&'a FiniteCheck>,
 }
 
+/// Buffers that a frame fills with what surfaces see of its lights.
+pub struct Seeing<'a> {
+    pub visibility: &'a mut VisibilityBuffers,
+    pub shadow_maps: Option<&'a mut ShadowMaps>,
+    pub sights: Option<&'a mut LightSights>,
+}
+
+impl Seeing<'_> {
+    pub fn has_room_for_sights(&self) -> bool {
+        self.sights.as_ref().is_none_or(|sights| sights.has_room())
+    }
+}
+
 impl FrameResources<'_> {
     /// Maximum number of passes per step; for a batch of lights, per light, and for points of a light, per point.
     pub fn max_passes_per_step(&self) -> usize {
@@ -63,8 +78,7 @@ impl FrameResources<'_> {
     fn compute_visibility(
         &self,
         frame: &mut Frame,
-        visibility: &mut VisibilityBuffers,
-        shadow_maps: Option<&mut ShadowMaps>,
+        Seeing { visibility, shadow_maps, .. }: &mut Seeing,
         (index, packed): (usize, &PackedLight),
         filter: Option<&PosedFilter>,
         detail: Detail,
@@ -85,7 +99,7 @@ impl FrameResources<'_> {
             return slot;
         }
         // A shadow map has the shadows of all objects.
-        match shadow_maps.filter(|_| scene.everything_casts_shadow()) {
+        match shadow_maps.as_mut().filter(|_| scene.everything_casts_shadow()) {
             None => {
                 if self.layers.direct() {
                     let words = &mut bytes.view_samples;
@@ -140,13 +154,7 @@ impl FrameResources<'_> {
 
     /// Visibility and shading at unit intensity, each into its target: of one to [`MAX_LIGHTS_PER_PASS`] lights without
     /// size, or of some points of one light.
-    pub fn shade(
-        &self,
-        frame: &mut Frame,
-        visibility: &mut VisibilityBuffers,
-        mut shadow_maps: Option<&mut ShadowMaps>,
-        shades: &[Shade],
-    ) {
+    pub fn shade(&self, frame: &mut Frame, seeing: &mut Seeing, shades: &[Shade]) {
         let detail = shades[0].detail;
         debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
         debug_assert!(shades.len() == 1 || shades.iter().all(|shade| shade.points == LightPoints::ONE));
@@ -157,15 +165,23 @@ impl FrameResources<'_> {
         });
         let seen: Vec<(usize, PackedLight, VisibilitySlot)> = points
             .map(|(i, packed)| {
-                let maps = shadow_maps.as_deref_mut();
                 let light = (shades[i].light, &packed);
-                (i, packed, self.compute_visibility(frame, visibility, maps, light, filters[i].as_ref(), detail))
+                (i, packed, self.compute_visibility(frame, seeing, light, filters[i].as_ref(), detail))
             })
             .collect();
+        let surface = LightSurface::new(&self.rig.lights[shades[0].light], self.scene.space);
+        let sight = seeing.sights.as_deref_mut().zip(surface.as_ref()).filter(|_| self.layers.direct());
+        let drawn_area = sight.as_ref().map_or(0.0, |(_, surface)| surface.size() as f32);
+        let seen_light = sight.and_then(|(sights, surface)| {
+            let filter = filters[0].as_ref();
+            frame.cpu("look for lights", || self.look(sights, shades[0], surface, filter))
+        });
+        let visibility = &*seeing.visibility;
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,
             visibility: visibility.get(seen),
             has_factors: self.rig.lights[shades[i].light].has_factors(),
+            drawn_area,
             image: self.image(shades[i].target),
             extras: &self.extras[i],
         };
@@ -181,6 +197,25 @@ impl FrameResources<'_> {
             groups.iter().for_each(|points| self.count(frame, CheckedPass::Transfer, &points[0]));
         }
         groups.iter().for_each(|points| self.resolve(frame, &points[0]));
+        if let (Some(index), Some(sights)) = (seen_light, &seeing.sights) {
+            let pixel_stride = self.framebuffer.pixel_stride() as u32;
+            sights.add(frame, index, lights[0].image, pixel_stride);
+            self.count(frame, CheckedPass::SeenLights, &lights[0]);
+        }
+    }
+
+    /// Looks for a light with a size where the eye may see it; see [`LightSights::look`].
+    fn look(
+        &self,
+        sights: &mut LightSights,
+        shade: Shade,
+        surface: &LightSurface,
+        filter: Option<&PosedFilter>,
+    ) -> Option<usize> {
+        let scene = self.scene.linked(self.links.get(&shade.light));
+        let light = LightInScene { light: &self.rig.lights[shade.light], surface, filter, scene };
+        let triangles = self.triangles.map(|triangles| &triangles.view_samples[..]);
+        sights.look(self.framebuffer, light, shade.points, self.layers, triangles)
     }
 
     /// Some points of a light; their sum is the mean over them.
@@ -210,7 +245,7 @@ impl FrameResources<'_> {
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
             accumulate: u32::from(accumulate),
             has_factors: u32::from(target.has_factors),
-            unused: 0,
+            drawn_area: target.drawn_area,
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
         self.count(frame, CheckedPass::ShadeLight, target);

@@ -52,6 +52,8 @@ pub struct Light {
     pub spread: f64,
     /// Whether a disk or rectangle shines on both sides.
     pub two_sided: bool,
+    /// Whether the camera sees a light with a size. Mirrors and gloss show it in any case.
+    pub visible: bool,
     /// Metres; the light has no effect beyond it.
     pub range: Option<f64>,
     /// Metres; nearer than this, light does not increase any more. 0: inverse square everywhere.
@@ -102,6 +104,7 @@ impl Light {
             angle: 0.0,
             spread: PI,
             two_sided: false,
+            visible: false,
             range: None,
             decay_start: 0.0,
             filter: LightFilter::default(),

@@ -85,6 +85,9 @@ gpu_shared! {
     }
 
     floats {
+        /// Lobes with a smaller alpha (roughness 0.3) are narrow: lights with a size are found by directions drawn from
+        /// them, too, as their highlights would show the points of the light.
+        pub const NARROW_ALPHA: f32 = 0.09;
         /// Maximum albedo of a gather sample for light from any direction: the albedo of glTF's BRDF exceeds 1 near
         /// grazing angles. At this value single precision resolves 1 - albedo to a relative error of 0.001.
         pub const ALBEDO_CAP: f32 = 0.9999;
@@ -302,8 +305,9 @@ gpu_shared! {
             pub accumulate: u32,
             /// Whether `factors` multiply the light.
             pub has_factors: u32,
-            /// Padding to a multiple of eight bytes.
-            pub unused: u32,
+            /// Area of the light that one direction drawn from a narrow lobe stands for: area (of suns solid angle) times the
+            /// number of such directions, over that of points. 0: none are drawn.
+            pub drawn_area: f32,
         }
 
         /// Rows of a block matrix that share their columns.
@@ -363,6 +367,19 @@ gpu_shared! {
             pub value: Vec3,
             /// Index of the coefficient.
             pub index: u32,
+        }
+
+        pub push AddSightsPush for add_sights {
+            /// In tile order.
+            pub pixels: Read<u32>,
+            /// RGB of each of these pixels.
+            pub values: Read<Vec3>,
+            /// Planes R, G, B of `pixel_stride` floats: the light's image.
+            pub image: Write<f32>,
+            /// Number of pixels.
+            pub count: u32,
+            /// As [`ShadeLightPush::pixel_stride`].
+            pub pixel_stride: u32,
         }
 
         pub push AddLightRaysPush for add_light_rays {

@@ -3,6 +3,7 @@
 
 pub mod bvh;
 mod coincident;
+pub mod light_surface;
 pub mod linked;
 pub mod packet;
 pub mod point_tree;

@@ -89,6 +89,9 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
     if before.spread != after.spread {
         parts.push(format!("spread {}°", rounded(after.spread.to_degrees())));
     }
+    if before.visible != after.visible {
+        parts.push(if after.visible { "visible" } else { "not visible" }.into());
+    }
     if before.two_sided != after.two_sided {
         parts.push(if after.two_sided { "two sides" } else { "one side" }.into());
     }

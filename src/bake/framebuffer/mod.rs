@@ -51,6 +51,10 @@ pub struct DeepFramebuffer {
     pub extra_indices: Vec<u32>,
     /// Pixels with extra samples, and pixels on edges.
     pub extra_pixels: Vec<ExtraPixel>,
+    /// Pixels on edges, in tile order.
+    pub edges: Vec<u32>,
+    /// Number of eye paths of a pixel on an edge.
+    pub samples_on_edges: u32,
     /// Directly visible radiance of emitters, resolved to pixels: planes R, G, B in tile order. Empty if there are no
     /// emitters.
     pub emission: Vec<f32>,
@@ -77,6 +81,8 @@ impl DeepFramebuffer {
             && self.samples.iter().all(brdf_exists)
             && self.extra_pixels.iter().all(list_exists)
             && self.extra_indices.iter().all(|&i| (i as usize) < extras)
+            && self.edges.is_sorted()
+            && self.edges.last().is_none_or(|&pixel| (pixel as usize) < pixels)
             && (self.emission.is_empty() || self.emission.len() == 3 * pixels)
     }
 

@@ -41,7 +41,29 @@ pub struct PathVertex {
     pub layer: u32,
 }
 
-/// A straight segment of an eye path.
+/// A straight part of an eye path between two surfaces, where a light can be seen; mesh space.
+#[derive(Clone, Copy)]
+pub struct PathSegment {
+    pub origin: Vec3,
+    /// Unit.
+    pub direction: Vec3,
+    /// Distances from the origin at which it begins and ends. The eye may lie before the origin.
+    pub range: [f32; 2],
+    /// Like [`PathVertex::weight`], of what is seen here.
+    pub weight: Vec3,
+    /// Number of mirrors before it.
+    pub layer: u32,
+    /// Triangle of the mirror at its origin; `None` if the eye sees it directly.
+    pub mirror: Option<u32>,
+}
+
+/// What [`EyeRays::follow`] visits, in order along the path.
+pub enum PathPart {
+    Segment(PathSegment),
+    Vertex(PathVertex),
+}
+
+/// A ray of an eye path.
 #[derive(Clone, Copy)]
 struct Segment {
     origin: Vec3,
@@ -52,6 +74,7 @@ struct Segment {
     before: f32,
     weight: Vec3,
     layer: u32,
+    mirror: Option<u32>,
 }
 
 /// Image points and pixels in tile order.
@@ -103,8 +126,8 @@ pub struct EyeRays<'a> {
 
 impl EyeRays<'_> {
     /// Follows the ray through image point (x, y), in pixels, through perfect mirrors and blending surfaces. Calls
-    /// `visit` at each surface, the frontmost first.
-    pub fn follow(&self, x: f64, y: f64, mut visit: impl FnMut(PathVertex)) {
+    /// `visit` for each segment and the surface at its end, the frontmost first.
+    pub fn follow(&self, x: f64, y: f64, mut visit: impl FnMut(PathPart)) {
         let (width, height) = (f64::from(self.tiling.width), f64::from(self.tiling.height));
         let (origin, direction) = self.camera.ray(x / width, y / height, width / height);
         // Moves the origin close to the scene in double precision, so that a distant camera costs no precision.
@@ -123,13 +146,16 @@ impl EyeRays<'_> {
             before: start as f32,
             weight: Vec3::ONE,
             layer: 0,
+            mirror: None,
         });
         // Segments that continue behind blending surfaces.
         let mut behind: Vec<Segment> = Vec::new();
         let (mut met, mut steps) = (0, 0);
         while let Some(segment) = next.take().or_else(|| behind.pop()) {
             let in_a_row = met < MAX_BLENDS && steps < MAX_STEPS && segment.weight.max_element() >= MIN_WEIGHT_BEHIND;
-            let Some(hit) = self.first_hit(&segment, in_a_row) else { continue };
+            let hit = self.first_hit(&segment, in_a_row);
+            visit(PathPart::Segment(segment.until(hit)));
+            let Some(hit) = hit else { continue };
             let distance = segment.before + hit.distance;
             let point = SurfacePoint::new(self.scene, &hit, segment.direction, fixed + growing * distance)
                 .facing(-segment.direction);
@@ -144,7 +170,7 @@ impl EyeRays<'_> {
                 weight *= point.coverage;
                 met += 1;
             }
-            visit(PathVertex { point, wo: -segment.direction, weight, layer: segment.layer });
+            visit(PathPart::Vertex(PathVertex { point, wo: -segment.direction, weight, layer: segment.layer }));
             next = self.mirrored(&segment, &point, hit.distance, weight);
         }
     }
@@ -182,7 +208,19 @@ impl EyeRays<'_> {
         let direction = point.mirrored(wo);
         let origin = point.leave(direction, self.scene.bvh.shadow_offset(distance));
         let before = segment.before + distance;
-        Some(Segment { origin, direction, passed: None, before, weight, layer: segment.layer + 1 })
+        let (layer, mirror) = (segment.layer + 1, Some(point.triangle));
+        Some(Segment { origin, direction, passed: None, before, weight, layer, mirror })
+    }
+}
+
+impl Segment {
+    /// The segment from the surface that the path passed last to `hit`.
+    fn until(&self, hit: Option<Hit>) -> PathSegment {
+        let Self { origin, direction, weight, layer, mirror, .. } = *self;
+        let eye = if layer == 0 { -self.before } else { 0.0 };
+        let begin = self.passed.map_or(eye, |(_, beyond)| beyond);
+        let range = [begin, hit.map_or(f32::INFINITY, |hit| hit.distance)];
+        PathSegment { origin, direction, range, weight, layer, mirror }
     }
 }
 
@@ -267,7 +305,7 @@ fn collect_tile(eye: &EyeRays, pixels: std::ops::Range<u32>, edges: &[u32], samp
         let index = tile.first.samples.len();
         if eye.tiling.contains((x, y)) {
             let share = if edges.binary_search(&pixel).is_ok() { 1.0 / samples as f32 } else { 1.0 };
-            eye.follow(f64::from(x) + 0.5, f64::from(y) + 0.5, |vertex| tile.add(&vertex, pixel, share, Some(index)));
+            eye.follow(f64::from(x) + 0.5, f64::from(y) + 0.5, |part| tile.add(&part, pixel, share, Some(index)));
         }
         if tile.first.samples.len() == index {
             tile.first.push_empty();
@@ -276,10 +314,9 @@ fn collect_tile(eye: &EyeRays, pixels: std::ops::Range<u32>, edges: &[u32], samp
     }
     for &pixel in edges {
         let (x, y) = eye.tiling.pixel(pixel as usize);
-        for i in 1..samples {
-            let (u, v) = (radical_inverse(2, i), radical_inverse(3, i));
+        for (u, v) in image_points(samples).skip(1) {
             let share = 1.0 / samples as f32;
-            eye.follow(f64::from(x) + u, f64::from(y) + v, |vertex| tile.add(&vertex, pixel, share, None));
+            eye.follow(f64::from(x) + u, f64::from(y) + v, |part| tile.add(&part, pixel, share, None));
         }
     }
     tile
@@ -287,7 +324,8 @@ fn collect_tile(eye: &EyeRays, pixels: std::ops::Range<u32>, edges: &[u32], samp
 
 impl Tile {
     /// The first vertex of a path through a pixel's centre becomes sample `first` of the tile's layer 1.
-    fn add(&mut self, vertex: &PathVertex, pixel: u32, share: f32, first: Option<usize>) {
+    fn add(&mut self, part: &PathPart, pixel: u32, share: f32, first: Option<usize>) {
+        let PathPart::Vertex(vertex) = part else { return };
         if vertex.point.emission != Vec3::ZERO {
             self.emission.push((pixel, vertex.weight * share * vertex.point.emission));
         }
@@ -301,6 +339,40 @@ impl Tile {
             self.extra_of.push((pixel, ExtraSample { weight: vertex.weight * share, layer: vertex.layer }));
         }
     }
+}
+
+/// Where the eye paths of a pixel meet it: the first in its centre.
+fn image_points(samples: u32) -> impl Iterator<Item = (f64, f64)> {
+    std::iter::once((0.5, 0.5)).chain((1..samples).map(|i| (radical_inverse(2, i), radical_inverse(3, i))))
+}
+
+/// The segments of the eye paths of a baked view that are `wanted`, each with its pixel, in tile order. Weights include
+/// the share of the path in its pixel.
+pub fn segments(
+    scene: &TracedScene,
+    framebuffer: &DeepFramebuffer,
+    wanted: impl Fn(&PathSegment) -> bool + Sync,
+) -> Vec<(u32, PathSegment)> {
+    let DeepFramebuffer { camera, tiling, asked_layers, edges, samples_on_edges, .. } = framebuffer;
+    let eye = EyeRays { scene, camera, tiling: *tiling, layers: *asked_layers };
+    let of_pixel = |pixel: usize| {
+        let (x, y) = tiling.pixel(pixel);
+        let is_on_edge = edges.binary_search(&(pixel as u32)).is_ok();
+        let samples = if is_on_edge { *samples_on_edges } else { 1 };
+        let mut segments = Vec::new();
+        for (u, v) in image_points(samples).filter(|_| tiling.contains((x, y))) {
+            eye.follow(f64::from(x) + u, f64::from(y) + v, |part| {
+                if let PathPart::Segment(segment) = part
+                    && wanted(&segment)
+                {
+                    let weight = segment.weight / samples as f32;
+                    segments.push((pixel as u32, PathSegment { weight, ..segment }));
+                }
+            });
+        }
+        segments
+    };
+    (0..tiling.len()).into_par_iter().flat_map_iter(of_pixel).collect()
 }
 
 /// [van der Corput 1935; Halton 1960].
@@ -417,6 +489,8 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         extra_samples,
         extra_indices: owners.into_iter().map(|(_, extra)| extra).collect(),
         extra_pixels,
+        edges: edges.to_vec(),
+        samples_on_edges: settings.samples,
         emission,
         layers,
         asked_layers: eye.layers,

@@ -60,6 +60,12 @@ impl<'a> Lobes<'a> {
         Some(Self { brdf, world_from_local: basis(normal), wo, specular })
     }
 
+    /// The same with directions of the specular lobe alone.
+    #[inline]
+    pub fn of_specular_lobe(brdf: &'a Brdf, normal: DVec3, wo: DVec3) -> Option<Self> {
+        Self::new(brdf, normal, wo).filter(|_| brdf.has_lobe()).map(|lobes| Self { specular: 1.0, ..lobes })
+    }
+
     /// Probability of sampling the specular lobe.
     pub fn specular_share(&self) -> f64 {
         self.specular

@@ -2,13 +2,14 @@
 
 use glam::{DVec3, Vec3};
 
-use super::light_surface::LightSurface;
+use crate::bake::framebuffer::view_samples::PathSegment;
 use crate::physics::brdf::reflected;
 use crate::physics::light::{Incident, incident};
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Light, ResolvedLinks, Rig, Scene};
 use crate::shared::PackedLight;
 use crate::trace::bvh::{Hit, TracedScene};
+use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
 use crate::trace::packet::shadow_ray;
 use crate::trace::surface::SurfacePoint;
@@ -111,17 +112,17 @@ impl ActiveLights {
         end: f32,
     ) -> impl Iterator<Item = (usize, DVec3, f64)> {
         self.sized().filter_map(move |(light, surface)| {
-            let hit = surface.hit(origin.as_dvec3(), direction.as_dvec3())?;
-            let scene = light.linked(scene);
-            let seen = if !light.light.shadows {
-                1.0
-            } else if scene.everything_casts_shadow() {
-                f32::from(u8::from(hit.distance <= end.into()))
-            } else {
-                scene.transmittance(origin, direction, hit.distance as f32)
-            };
-            let lit = f64::from(seen * scene.factor(point.triangle)) * light.filtered(-direction.as_dvec3());
-            (lit != DVec3::ZERO).then(|| (light.index, lit * light.scale * hit.radiance, hit.density))
+            let arriving = light.in_scene(scene, surface).arriving(point.triangle, [origin, direction], Some(end))?;
+            Some((light.index, light.scale * arriving.radiance, arriving.density))
+        })
+    }
+
+    /// Lights with a size that a segment of an eye path shows: index in the rig and radiance.
+    pub fn seen(&self, scene: &TracedScene, segment: &PathSegment) -> impl Iterator<Item = (usize, DVec3)> {
+        let PathSegment { origin, direction, range, mirror, .. } = *segment;
+        self.sized().filter_map(move |(light, surface)| {
+            let radiance = light.in_scene(scene, surface).seen(mirror, [origin, direction], range)?;
+            Some((light.index, light.scale * radiance))
         })
     }
 
@@ -165,6 +166,10 @@ impl ActiveLights {
 impl ActiveLight {
     fn linked<'a>(&'a self, scene: &'a TracedScene) -> LinkedScene<'a> {
         scene.linked(self.links.as_ref())
+    }
+
+    fn in_scene<'a>(&'a self, scene: &'a TracedScene, surface: &'a LightSurface) -> LightInScene<'a> {
+        LightInScene { light: &self.light, surface, filter: self.filter.as_ref(), scene: self.linked(scene) }
     }
 
     /// `packed`: the light, or a point of it.

@@ -7,19 +7,17 @@
 //! many surfaces through mirrors as a ray from the eye.
 //!
 //! Omitted: light of lights without size that a perfect mirror reflects onto a surface, because a ray cannot hit them.
-//! The gather rows omit it too. The eye does not see lights directly; in mirrors it sees those with a size.
+//! The gather rows omit it too. In mirrors the eye sees lights with a size; directly it sees those that are visible.
 
 mod aims;
 mod curves;
 mod film;
 mod glossy_mirrors;
-mod light_surface;
 mod lights;
 mod path;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 pub use self::film::{Film, Half, Layer, StandardErrors};
@@ -28,8 +26,7 @@ use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::glossy_mirrors::GlossyMirrors;
 use self::lights::{ActiveLights, Emitters};
 use self::path::{FirstHit, PathRandom};
-use crate::bake::framebuffer::view_samples::{EyeRays, PathVertex, Tiling};
-use crate::physics::brdf::mirror;
+use crate::bake::framebuffer::view_samples::{EyeRays, PathPart, Tiling};
 use crate::physics::sequence::Points;
 use crate::scene::{Camera, Rig};
 use crate::trace::bvh::TracedScene;
@@ -173,23 +170,6 @@ impl<'a> PathTracer<'a> {
         self.segments.fetch_add(segments, Ordering::Relaxed);
     }
 
-    /// Adds the lights with a size that a mirror at `vertex` shows; returns the number of rays.
-    fn see_lights(&self, vertex: &PathVertex, sums: &mut Sample) -> u64 {
-        let PathVertex { point, wo, weight, layer } = vertex;
-        let mirrored = mirror(&point.brdf, point.normal.dot(*wo).into());
-        let is_last = layer + 1 >= self.settings.layers;
-        if !self.lights.have_sizes() || is_last || point.normal.dot(*wo) <= 0.0 || mirrored == DVec3::ZERO {
-            return 0;
-        }
-        let direction = point.mirrored(*wo);
-        let origin = point.leave(direction, self.scene.bvh.shadow_offset(0.0));
-        let end = self.scene.closest_hit(origin, direction, f32::INFINITY).map_or(f32::INFINITY, |hit| hit.distance);
-        for (source, radiance, _) in self.lights.met(self.scene, point, [origin, direction], end) {
-            sums.add_light(REFLECTION, source, weight.as_dvec3() * mirrored * radiance);
-        }
-        1
-    }
-
     fn points(&self, stream: u64) -> Points {
         Points::new(self.settings.seed, stream)
     }
@@ -199,12 +179,21 @@ impl<'a> PathTracer<'a> {
     fn look(&self, x: f64, y: f64, seen: &mut Vec<FirstHit>, sums: &mut Sample) -> u64 {
         seen.clear();
         let mut segments = 0;
-        self.eye.follow(x, y, |vertex| {
+        self.eye.follow(x, y, |part| {
+            let vertex = match part {
+                PathPart::Vertex(vertex) => vertex,
+                PathPart::Segment(segment) => {
+                    let layer = if segment.layer == 0 { DIRECT } else { REFLECTION };
+                    for (source, seen) in self.lights.seen(self.scene, &segment) {
+                        sums.add_light(layer, source, segment.weight.as_dvec3() * seen);
+                    }
+                    return;
+                }
+            };
             let number = segments;
             segments += 1;
             let (weight, wo) = (vertex.weight.as_dvec3(), vertex.wo.as_dvec3());
             sums[EMISSION] += weight * vertex.point.emission.as_dvec3();
-            segments += self.see_lights(&vertex, sums);
             if vertex.point.normal.dot(vertex.wo) <= 0.0 || !vertex.point.brdf.reflects_directly() {
                 return;
             }

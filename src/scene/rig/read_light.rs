@@ -37,8 +37,8 @@ pub struct LightEntry {
     pub two_sided: bool,
     /// cd/m² per channel, in place of `color` and `intensity`.
     pub radiance: Option<Spanned<[f64; 3]>>,
-    /// To the camera; only `false` is supported.
-    pub visible: Option<Spanned<bool>>,
+    #[serde(default)]
+    pub visible: bool,
     pub range: Option<Spanned<f64>>,
     pub decay_start: Option<Spanned<f64>>,
     pub ies: Option<Spanned<String>>,
@@ -95,9 +95,6 @@ pub fn light(
     let kind = check.kind()?;
     let strength_at = [&entry.intensity, &entry.stops].into_iter().flatten().map(|v| v.span()).next();
     check.radiance_alone(&entry)?;
-    if let Some(visible) = entry.visible.as_ref().filter(|visible| *visible.get_ref()) {
-        return Err(check.wrong(visible.span(), "lights that the camera sees are not supported yet"));
-    }
     let [inner_angle, outer_angle] = check.cone(entry.inner_deg, entry.outer_deg)?;
     let position = check.vector(entry.position, "position", kind != LightKind::Directional)?;
     let default = Light::point("", DVec3::ZERO);
@@ -135,6 +132,7 @@ pub fn light(
         // The smallest is a beam of a hundredth of a degree.
         spread: check.number(entry.spread_deg, 180.0, "spread_deg", 0.01..=180.0)?.to_radians(),
         two_sided: entry.two_sided,
+        visible: entry.visible,
         position: position.unwrap_or(DVec3::ZERO),
         direction: check.direction(entry.direction, aim, kind != LightKind::Point)?,
         color: check.color(entry.color, entry.kelvin, entry.tint)?,

@@ -118,6 +118,9 @@ impl Document {
         if light.spread != default.spread {
             self.key("spread_deg", number(degrees(light.spread)));
         }
+        if light.visible {
+            self.key("visible", true);
+        }
         if light.two_sided {
             self.key("two_sided", true);
         }

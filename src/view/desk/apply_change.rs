@@ -58,6 +58,7 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
         (&mut light.shadows, before.shadows, after.shadows),
         (&mut light.solo, before.solo, after.solo),
         (&mut light.two_sided, before.two_sided, after.two_sided),
+        (&mut light.visible, before.visible, after.visible),
     ] {
         take(own, &before, &after);
     }

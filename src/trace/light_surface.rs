@@ -2,14 +2,26 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
+use super::linked::LinkedScene;
 use crate::physics::light::{cone, facet, off_axis, window};
+use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Light, LightKind, MeshSpace};
 use crate::shared::{LIGHT_SPOT, PackedLight};
 
+/// A light with a size and what lies between it and a ray's origin.
+#[derive(Clone, Copy)]
+pub struct LightInScene<'a> {
+    pub light: &'a Light,
+    pub surface: &'a LightSurface,
+    pub filter: Option<&'a PosedFilter>,
+    /// With the links of the light.
+    pub scene: LinkedScene<'a>,
+}
+
 /// Surface of a light with a size, at unit intensity; mesh space.
-pub(super) struct LightSurface {
+pub struct LightSurface {
     shape: Shape,
     /// Middle of the light as a light without size.
     packed: PackedLight,
@@ -28,17 +40,79 @@ enum Shape {
 
 /// A point of a light's surface, as a ray sees it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LightHit {
+struct LightHit {
     /// In units of the unit direction.
-    pub distance: f64,
+    distance: f64,
     /// cd/m² from a light of unit intensity.
-    pub radiance: f64,
+    radiance: f64,
     /// Density with which sampling the light finds the direction, 1/sr.
+    density: f64,
+}
+
+/// Light that arrives along a ray from a light of unit intensity.
+#[derive(Clone, Copy, Debug)]
+pub struct ArrivingLight {
+    /// RGB, cd/m².
+    pub radiance: DVec3,
+    /// Density with which sampling the light's surface finds the direction, 1/sr.
     pub density: f64,
 }
 
+impl LightInScene<'_> {
+    /// Light along a ray from the surface of `triangle`, given by origin and unit direction. `end`: where the next surface
+    /// stops the ray, if that is known.
+    pub fn arriving(&self, triangle: u32, [origin, direction]: [Vec3; 2], end: Option<f32>) -> Option<ArrivingLight> {
+        self.between(triangle, [origin, direction], [0.0, end.unwrap_or(f32::INFINITY)], end.is_some())
+    }
+
+    /// Light along a part of an eye path, between two distances from the origin. `mirror`: triangle at the origin; `None`
+    /// if the eye looks directly.
+    pub fn seen(&self, mirror: Option<u32>, [origin, direction]: [Vec3; 2], range: [f32; 2]) -> Option<DVec3> {
+        if let Some(mirror) = mirror {
+            return self.between(mirror, [origin, direction], range, true).map(|arriving| arriving.radiance);
+        }
+        if !self.light.visible {
+            return None;
+        }
+        let hit = self.surface.hit(origin.as_dvec3(), direction.as_dvec3(), range[0].into())?;
+        let radiance = self.filtered(-direction) * hit.radiance;
+        (hit.distance <= range[1].into() && radiance != DVec3::ZERO).then_some(radiance)
+    }
+
+    /// `is_free`: whether nothing stops the ray within `range`.
+    fn between(
+        &self,
+        triangle: u32,
+        [origin, direction]: [Vec3; 2],
+        [begin, end]: [f32; 2],
+        is_free: bool,
+    ) -> Option<ArrivingLight> {
+        let LightHit { distance, radiance, density } =
+            self.surface.hit(origin.as_dvec3(), direction.as_dvec3(), begin.into())?;
+        let factor = f64::from(self.scene.factor(triangle)) * self.filtered(-direction);
+        if factor == DVec3::ZERO {
+            return None;
+        }
+        let passes = if !self.light.shadows {
+            1.0
+        } else if is_free && self.scene.everything_casts_shadow() {
+            f32::from(u8::from(distance <= end.into()))
+        } else {
+            self.scene.transmittance(origin, direction, distance as f32)
+        };
+        let falloff = if distance.is_finite() { window(&self.surface.packed, distance) } else { 1.0 };
+        let radiance = f64::from(passes) * factor * radiance * falloff;
+        (radiance != DVec3::ZERO).then_some(ArrivingLight { radiance, density })
+    }
+
+    /// Factor of the light's filter in a unit direction of emission.
+    fn filtered(&self, direction: Vec3) -> DVec3 {
+        self.filter.map_or(DVec3::ONE, |filter| filter.factor(direction).as_dvec3())
+    }
+}
+
 impl LightSurface {
-    /// `None` if the light has no size.
+    /// `None` if the light has no size, or one too small for a finite radiance.
     pub fn new(light: &Light, space: MeshSpace) -> Option<Self> {
         if light.is_punctual() {
             return None;
@@ -59,16 +133,22 @@ impl LightSurface {
             LightKind::Spot => PI * light.radius * light.radius,
             _ => light.projected_area().unwrap_or(0.0),
         };
-        Some(Self { shape, packed: light.pack(space), radiance: projected.recip(), density: area.recip() })
+        let surface = Self { shape, packed: light.pack(space), radiance: projected.recip(), density: area.recip() };
+        (surface.radiance.is_finite() && surface.density.is_finite()).then_some(surface)
     }
 
-    /// What a ray in unit `direction` sees of the light.
-    pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<LightHit> {
+    /// Area in mesh space, or solid angle of a sun.
+    pub fn size(&self) -> f64 {
+        self.density.recip()
+    }
+
+    /// What a ray in unit `direction` sees of the light beyond the distance `begin`.
+    fn hit(&self, origin: DVec3, direction: DVec3, begin: f64) -> Option<LightHit> {
         let axis = self.packed.direction.as_dvec3().normalize();
         let to_middle = self.packed.position.as_dvec3() - origin;
         let on_plane = || {
             let distance = to_middle.dot(axis) / direction.dot(axis);
-            (distance > 0.0 && distance.is_finite()).then(|| (distance, distance * direction - to_middle))
+            (distance > begin && distance.is_finite()).then(|| (distance, distance * direction - to_middle))
         };
         match &self.shape {
             Shape::Sun { versine } => {
@@ -85,7 +165,7 @@ impl LightSurface {
                 let half_chord = (radius * radius - off).max(0.0).sqrt();
                 let distance = along - half_chord;
                 // From inside it is dark.
-                (half_chord > 0.0 && distance > 0.0).then(|| self.seen(distance, half_chord / radius, 1.0))
+                (half_chord > 0.0 && distance > begin).then(|| self.seen(distance, half_chord / radius, 1.0))
             }
             Shape::Disk { radius } => {
                 let (distance, at) = on_plane()?;
@@ -110,11 +190,7 @@ impl LightSurface {
 
     /// `relative`: radiance relative to that straight ahead.
     fn seen(&self, distance: f64, cosine: f64, relative: f64) -> LightHit {
-        LightHit {
-            distance,
-            radiance: self.radiance * relative * window(&self.packed, distance),
-            density: self.density * distance * distance / cosine,
-        }
+        LightHit { distance, radiance: self.radiance * relative, density: self.density * distance * distance / cosine }
     }
 
     /// Density with which sampling finds `point` of the light from unit `wi` at `distance`, 1/sr.
