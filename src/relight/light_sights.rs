@@ -66,8 +66,7 @@ impl LightSights {
         }
         let from_eye = has_visible(rig);
         let mut sights = narrow_lobes(framebuffer);
-        let has_mirrors = scene.materials.iter().any(|material| material.least_roughness(&scene.textures) == 0.0);
-        if from_eye || has_mirrors {
+        if from_eye || scene.has_mirrors() {
             let wanted = |segment: &PathSegment| from_eye || segment.mirror.is_some();
             let segments = segments(scene, framebuffer, wanted);
             sights.extend(segments.into_iter().map(|(pixel, segment)| (pixel, Sight::Segment(segment))));

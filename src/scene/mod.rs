@@ -102,6 +102,11 @@ impl Scene {
         }
     }
 
+    /// Whether any surface is a perfect mirror somewhere.
+    pub fn has_mirrors(&self) -> bool {
+        self.materials.iter().any(|material| material.least_roughness(&self.textures) == 0.0)
+    }
+
     /// Default image size through `camera`: the scene's own, else 480 rows with the camera's aspect ratio, else
     /// 720x480.
     pub fn default_size(&self, camera: Option<&Camera>) -> [u32; 2] {

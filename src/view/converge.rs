@@ -1,8 +1,8 @@
 //! Refinement of the picture at rest: extra view samples on edges, up to the quality of `relume render`.
 //!
-//! The positions of shadow edges depend on the lights. Once the lights rest, a low-priority thread therefore bakes the
+//! The positions of the edges of shadows and lights depend on the lights. Once the lights rest, a low-priority thread therefore bakes the
 //! deep framebuffer again with more samples. A second relighter uses it and shades one light at a time, so that an edit
-//! waits for one light at most. When a light that casts shadows moves, the first relighter continues.
+//! waits for one light at most. When a light that has edges moves, the first relighter continues.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
-use super::edge_refinement::{EdgeRefinement, Edges, edges};
+use super::edge_refinement::EdgeRefinement;
 use super::load::LoadEvent;
+use crate::bake::framebuffer::edges::edge_lights;
 use crate::bake::transfer::Transfer;
 use crate::bake::{BakeSettings, bake, low_priority};
 use crate::error::Result;
@@ -29,7 +30,7 @@ pub struct Converge {
     proxy: EventLoopProxy<LoadEvent>,
     relighter: Option<Relighter>,
     /// Edges and source transfer of the relighter's bake.
-    has: Option<(Edges, Option<Arc<Transfer>>)>,
+    has: Option<(Vec<u8>, Option<Arc<Transfer>>)>,
     /// Layers that were requested last.
     layers: Layers,
     baking: Option<Baking>,
@@ -95,7 +96,9 @@ impl Converge {
     }
 
     fn is_current(&self, opened: &Opened, rig: &Rig) -> bool {
-        self.has.as_ref().is_some_and(|(edges_of, of)| opened.has(of) && *edges_of == edges(&opened.scene, rig))
+        self.has
+            .as_ref()
+            .is_some_and(|(edges_of, of)| opened.has(of) && *edges_of == edge_lights(opened.scene.space, rig))
     }
 
     /// Returns the relighter with extra samples, if it is complete for `rig`.
@@ -167,7 +170,7 @@ impl Converge {
                 let transfer = of.as_ref().and_then(|of| of.spread(&plain, &framebuffer, scene.bvh.radius));
                 (Arc::new(framebuffer), transfer.map(Arc::new))
             });
-            let refinement = EdgeRefinement { edges: edges(&scene, &rig), of, framebuffer, transfer };
+            let refinement = EdgeRefinement { edges: edge_lights(scene.space, &rig), of, framebuffer, transfer };
             // Fails only after the window is closed.
             let _ = proxy.send_event(LoadEvent::EdgesRefined(Box::new(refinement)));
         });
@@ -176,7 +179,7 @@ impl Converge {
     /// Accepts a finished bake, unless lights that cast shadows have moved since.
     pub fn accept(&mut self, refinement: EdgeRefinement, opened: &Opened, rig: &Rig) {
         self.baking = None;
-        if !opened.has(&refinement.of) || refinement.edges != edges(&opened.scene, rig) {
+        if !opened.has(&refinement.of) || refinement.edges != edge_lights(opened.scene.space, rig) {
             return;
         }
         let outcome = match &mut self.relighter {

@@ -18,6 +18,7 @@ pub use self::framebuffer::{load, store};
 pub use self::transfer::{load_transfer, store_transfer, transfer_key};
 
 use super::BakeSettings;
+use super::framebuffer::edges::edge_lights;
 use crate::error::{Cause, Error, Result};
 use crate::scene::{Camera, Rig, Scene};
 use crate::storage::file::{is_temporary, open, write_whole};
@@ -42,16 +43,14 @@ pub struct Entry {
 }
 
 /// Key of the deep framebuffer: a hash of relume's version, `FORMAT`, `settings`, camera, and the scene's space,
-/// materials, mesh and finest texture levels. Lights are hashed only if shadow edges are anti-aliased. The key of a
+/// materials, mesh and finest texture levels. Lights are hashed only if their edges are anti-aliased. The key of a
 /// transfer is [`transfer_key`].
 pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -> Key {
     let mut hasher = blake3::Hasher::new();
     let seen = (camera.position, camera.world_from_camera, camera.projection);
     hasher.update(&serialized(&(env!("CARGO_PKG_VERSION"), FORMAT, settings, scene.space, seen, &scene.materials)));
     if settings.samples > 1 {
-        for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
-            hasher.update(bytemuck::bytes_of(&light.pack(scene.space)));
-        }
+        hasher.update(&edge_lights(scene.space, rig));
     }
     let mesh = &scene.mesh;
     let arrays: [&[u8]; 8] = [

@@ -1,13 +1,15 @@
-//! Pixels that need more than one sample: surface, normal or visibility differs between neighbouring pixels.
+//! Pixels that need more than one sample: surface, normal or visibility differs between neighbouring pixels, or only one
+//! of them shows a light itself.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::DeepFramebuffer;
-use super::view_samples::EyeRays;
+use super::view_samples::{EyeRays, PathSegment, segments};
 use crate::physics::octahedral::decode;
-use crate::scene::Rig;
+use crate::scene::{Light, MeshSpace, Rig};
 use crate::shared::NO_BRDF;
+use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::packet::{PACKET_SIZE, trace_all};
 
 /// Normals that differ by more than this form an edge: 8 degrees.
@@ -18,7 +20,23 @@ const PLANE_SLOPE: f32 = 0.2;
 /// Visibility differences above this, of 255, form an edge: light through a patterned curtain mostly does not.
 const VISIBLE_STEP: u8 = 16;
 
-/// Pixels on edges, in tile order, sorted. Visibility edges are those of `rig`'s lights.
+/// What the edges of a rig's lights depend on.
+pub fn edge_lights(space: MeshSpace, rig: &Rig) -> Vec<u8> {
+    let shows_edges = |light: &&Light| light.enabled && (light.shadows || !light.is_punctual());
+    let mut bytes = Vec::new();
+    for light in rig.lights.iter().filter(shows_edges) {
+        bytes.extend_from_slice(bytemuck::bytes_of(&light.pack(space)));
+        if !light.is_punctual() {
+            let Light { radius, size: [width, height], angle, spread, .. } = *light;
+            bytes.extend_from_slice(bytemuck::bytes_of(&[radius, width, height, angle, spread]));
+            bytes.extend_from_slice(bytemuck::bytes_of(&light.axes().map(|axis| axis.to_array())));
+            bytes.extend([light.shadows, light.two_sided, light.visible].map(u8::from));
+        }
+    }
+    bytes
+}
+
+/// Pixels on edges, in tile order, sorted. Edges of visibility and of lights are those of `rig`'s lights.
 pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<u32> {
     let mut visible: Vec<Vec<u8>> = Vec::new();
     for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
@@ -27,6 +45,7 @@ pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> V
         trace_all(eye.scene, &light, &framebuffer.packets, &mut visibility);
         visible.push(visibility);
     }
+    let shown = lights_shown(eye, framebuffer, rig);
     // Extra samples of each pixel: one in each layer, and those behind surfaces that blend.
     let pixel_count = framebuffer.pixel_stride();
     let mut extras: Vec<&[u32]> = vec![&[]; pixel_count];
@@ -50,7 +69,11 @@ pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> V
                     )
             })
         };
-        samples_differ(framebuffer, materials, &visible, a, b) || extra_a.len() != extra_b.len() || deeper()
+        let shows_other_lights = shown.iter().any(|pixels| pixels[a] != pixels[b]);
+        shows_other_lights
+            || samples_differ(framebuffer, materials, &visible, a, b)
+            || extra_a.len() != extra_b.len()
+            || deeper()
     };
     let mut on_edge: Vec<u32> = (0..pixel_count)
         .into_par_iter()
@@ -69,6 +92,27 @@ pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> V
         .collect();
     on_edge.sort_unstable();
     on_edge
+}
+
+/// For each light with a size, whether the eye sees the light itself in each pixel, directly or in mirrors.
+fn lights_shown(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<Vec<bool>> {
+    let lights = rig.lights.iter().filter(|light| light.enabled);
+    let lights: Vec<(&Light, LightSurface)> =
+        lights.filter_map(|light| Some((light, LightSurface::new(light, eye.scene.space)?))).collect();
+    let from_eye = lights.iter().any(|(light, _)| light.visible);
+    if lights.is_empty() || !(from_eye || eye.scene.has_mirrors()) {
+        return Vec::new();
+    }
+    let segments = segments(eye.scene, framebuffer, |segment| from_eye || segment.mirror.is_some());
+    let shown = |(light, surface): &(&Light, LightSurface)| {
+        let light = LightInScene { light, surface, filter: None, scene: eye.scene.into() };
+        let mut pixels = vec![false; framebuffer.pixel_stride()];
+        for (pixel, PathSegment { origin, direction, range, mirror, .. }) in &segments {
+            pixels[*pixel as usize] |= light.seen(*mirror, [*origin, *direction], *range).is_some();
+        }
+        pixels
+    };
+    lights.par_iter().map(shown).collect()
 }
 
 fn samples_differ(framebuffer: &DeepFramebuffer, materials: u32, visible: &[Vec<u8>], a: usize, b: usize) -> bool {

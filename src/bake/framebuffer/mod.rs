@@ -1,6 +1,6 @@
 //! The layered deep framebuffer: which surfaces each pixel sees, also in mirrors.
 
-mod edges;
+pub mod edges;
 pub mod view_samples;
 mod worst_case;
 
