@@ -82,7 +82,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
     });
     desk.edit_primary_and_selection(light);
     group_values(ui, desk);
-    link_values(ui, desk);
+    follow_values(ui, desk);
 }
 
 /// Draws a name field. The name is applied only when the field loses focus, so that typing is one edit.
@@ -291,12 +291,12 @@ fn group_values(ui: &mut Ui, desk: &mut Desk) {
 }
 
 /// Draws which light the primary light follows.
-fn link_values(ui: &mut Ui, desk: &mut Desk) {
+fn follow_values(ui: &mut Ui, desk: &mut Desk) {
     let Some(leader) = desk.selected_light().and_then(|light| light.follows) else { return };
     ui.horizontal(|ui| {
         ui.label(format!("follows {}", desk.rig().lights[leader].name));
-        if ui.button("unlink").clicked() {
-            desk.unlink();
+        if ui.button("unfollow").clicked() {
+            desk.unfollow();
         }
     });
 }

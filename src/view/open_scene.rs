@@ -389,8 +389,8 @@ impl OpenScene {
             Command::EndSolo => desk.end_solo(),
             Command::Group => desk.group_selected(),
             Command::Ungroup => desk.set_group(None),
-            Command::Link => desk.link(),
-            Command::Unlink => desk.unlink(),
+            Command::Follow => desk.follow(),
+            Command::Unfollow => desk.unfollow(),
             Command::EditLinks(edit) => match pointer.at.and_then(|at| self.opened.object_at(pointer.placement, at)) {
                 Some(name) => desk.edit_links(edit, name),
                 None => desk.message = "there is no object with a name under the mouse".into(),

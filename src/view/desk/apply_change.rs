@@ -98,7 +98,7 @@ pub fn update_followers(before: &Rig, rig: &mut Rig) {
     if before.lights.len() != rig.lights.len() || rig.lights.iter().all(|light| light.follows.is_none()) {
         return;
     }
-    let order = rig.leaders_first().expect("links are checked when they are created");
+    let order = rig.leaders_first().expect("cycles are refused when a light begins to follow");
     for follower in order {
         let Some(leader) = rig.lights[follower].follows else { continue };
         let was = &before.lights[follower];

@@ -43,9 +43,9 @@ fn every_edit_can_be_undone_and_redone_exactly() {
         Box::new(|d| d.edit_group(GroupEdit::Stops(-1.0))),
         Box::new(|d| d.edit_group(GroupEdit::Solo)),
         Box::new(Desk::end_solo),
-        Box::new(Desk::link),
+        Box::new(Desk::follow),
         Box::new(|d| d.edit(RIGHT)),
-        Box::new(Desk::unlink),
+        Box::new(Desk::unfollow),
         Box::new(|d| d.set_group(None)),
     ];
     for edit in &edits {
@@ -263,11 +263,11 @@ fn off_beats_solo() {
 fn followers_go_where_their_leader_goes() {
     let mut desk = several();
     desk.select(Selection::of([2, 1]));
-    desk.link(); // 2 follows 1
+    desk.follow(); // 2 follows 1
     desk.select(Selection::of([1, 0]));
-    desk.link(); // 1 follows 0
+    desk.follow(); // 1 follows 0
     desk.select(Selection::of([0, 2]));
-    desk.link();
+    desk.follow();
     assert_eq!(desk.message, "key_2 already follows one of them");
     let before = desk.rig().lights.clone();
     desk.select(Selection::only(0));
