@@ -68,7 +68,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     });
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
-        light_values(ui, desk);
+        light_values(ui, desk, &mut view.light_unit);
         light_extras(ui, desk, &folder);
         snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);

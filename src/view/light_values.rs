@@ -4,10 +4,9 @@
 use egui::{DragValue, Grid, Ui};
 use glam::{DVec3, Vec3};
 
-use super::describe::intensity_unit;
 use super::desk::{Desk, luminance};
 use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
-use crate::scene::{Light, LightGroup, LightKind};
+use crate::scene::{Light, LightGroup, LightKind, LightUnit};
 
 /// The selected lights, the primary last.
 pub struct Selected<'a> {
@@ -20,7 +19,8 @@ impl<'a> Selected<'a> {
     }
 
     fn differ<T: PartialEq>(&self, value: impl Fn(&Light) -> T) -> bool {
-        self.lights.windows(2).any(|pair| value(pair[0]) != value(pair[1]))
+        let mut values = self.lights.iter().map(|light| value(light));
+        values.next().is_some_and(|first| values.any(|other| other != first))
     }
 
     /// Returns a number field, which shows "mixed" if the lights differ.
@@ -50,7 +50,8 @@ impl<'a> Selected<'a> {
     }
 }
 
-pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
+/// `unit`: in which intensity is shown, where it fits.
+pub fn light_values(ui: &mut Ui, desk: &mut Desk, unit: &mut LightUnit) {
     let Some(primary) = desk.selected_light() else {
         ui.label("no light is selected");
         return;
@@ -73,7 +74,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
         });
         ui.end_row();
 
-        strength(ui, &selected, &mut light);
+        strength(ui, &selected, &mut light, unit);
         color(ui, &selected, &mut light);
         pose(ui, &selected, &mut light, desk.step());
         cone(ui, &selected, &mut light);
@@ -98,13 +99,29 @@ fn name(ui: &mut Ui, name: &mut String) {
     }
 }
 
-fn strength(ui: &mut Ui, selected: &Selected, light: &mut Light) {
+fn strength(ui: &mut Ui, selected: &Selected, light: &mut Light, unit: &mut LightUnit) {
     ui.label("intensity");
-    let speed = (light.intensity * 0.01).max(1e-6);
-    let unit = intensity_unit(light.kind);
-    let range = 0.0..=f64::from(f32::MAX);
-    let field = selected.number(&mut light.intensity, |light| light.intensity);
-    ui.add(field.speed(speed).range(range).suffix(format!(" {unit}")));
+    ui.horizontal(|ui| {
+        let shown = light.fitting(*unit);
+        let factor = |light: &Light| light.per_intensity(light.fitting(*unit)).unwrap_or(1.0);
+        let per_intensity = factor(light);
+        let before = light.intensity * per_intensity;
+        let mut strength = before;
+        let range = 0.0..=f64::from(f32::MAX) * per_intensity;
+        let field = selected.number(&mut strength, |light| light.intensity * factor(light));
+        ui.add(field.speed((before * 0.01).max(1e-6)).range(range));
+        if strength != before {
+            light.intensity = strength / per_intensity;
+        }
+        let menu = egui::ComboBox::from_id_salt("unit").width(56.0).selected_text(shown.symbol(light.kind));
+        menu.show_ui(ui, |ui| {
+            for fitting in light.units() {
+                if ui.selectable_label(fitting == shown, fitting.symbol(light.kind)).clicked() {
+                    *unit = fitting;
+                }
+            }
+        });
+    });
     ui.end_row();
     ui.label("stops");
     let field = selected.number(&mut light.stops, |light| light.stops);
