@@ -5,7 +5,7 @@ use egui::{DragValue, Grid, Ui};
 use glam::{DVec3, Vec3};
 
 use super::desk::{Desk, luminance};
-use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
+use crate::scene::rig::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
 use crate::scene::{Light, LightGroup, LightKind, LightUnit};
 
 /// The selected lights, the primary last.
@@ -131,13 +131,19 @@ fn strength(ui: &mut Ui, selected: &Selected, light: &mut Light, unit: &mut Ligh
 
 fn color(ui: &mut Ui, selected: &Selected, light: &mut Light) {
     ui.label("kelvin");
-    let before = kelvin_of(light.color);
-    let mut kelvin = before;
-    let field = selected.number(&mut kelvin, |light| kelvin_of(light.color));
-    ui.add(field.speed(20.0).range(KELVIN).max_decimals(0).suffix(" K"));
-    if kelvin != before {
-        light.color = kelvin_to_rgb(kelvin, 0.0) * luminance(light.color);
-    }
+    ui.horizontal(|ui| {
+        let before = kelvin_and_tint_of(light.color);
+        let (mut kelvin, mut tint) = before;
+        let field = selected.number(&mut kelvin, |light| kelvin_and_tint_of(light.color).0);
+        ui.add(field.speed(20.0).range(KELVIN).max_decimals(0).suffix(" K"));
+        ui.label("tint");
+        let field = selected.number(&mut tint, |light| kelvin_and_tint_of(light.color).1);
+        let shown = ui.add(field.speed(0.005).range(TINT).max_decimals(3));
+        shown.on_hover_text("green above zero, magenta below");
+        if (kelvin, tint) != before {
+            light.color = kelvin_to_rgb(kelvin, tint) * luminance(light.color);
+        }
+    });
     ui.end_row();
     ui.label("colour");
     ui.horizontal(|ui| {

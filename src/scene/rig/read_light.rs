@@ -314,7 +314,7 @@ impl Check<'_> {
             (Some(color), None, None) => self.rgb(color, "color"),
             (None, Some(kelvin), tint) => Ok(kelvin_to_rgb(
                 self.number(Some(kelvin), 0.0, "kelvin", blackbody::KELVIN)?,
-                self.number(tint, 0.0, "tint", -1.0..=1.0)?,
+                self.number(tint, 0.0, "tint", blackbody::TINT)?,
             )),
             (None, None, None) => Ok(Vec3::ONE),
         }

@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3, Vec3};
 
 use super::Desk;
 use super::apply_change::apply_change;
-use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
+use crate::scene::rig::{KELVIN, kelvin_and_tint_of, kelvin_to_rgb};
 use crate::scene::{Light, LightKind};
 
 /// The axes along which a light moves.
@@ -143,10 +143,11 @@ impl Desk {
 /// Angle of the sun, radians.
 const SUN: f64 = 0.53 * std::f64::consts::PI / 180.0;
 
-/// Shifts the temperature of `color` at the same luminance; a tint off the black-body locus is lost.
+/// Shifts the temperature of `color` at the same luminance and tint.
 fn shifted(color: Vec3, mired: f64) -> Vec3 {
-    let mired = (1e6 / kelvin_of(color) - mired).clamp(1e6 / KELVIN.end(), 1e6 / KELVIN.start());
-    kelvin_to_rgb(1e6 / mired, 0.0) * luminance(color)
+    let (kelvin, tint) = kelvin_and_tint_of(color);
+    let mired = (1e6 / kelvin - mired).clamp(1e6 / KELVIN.end(), 1e6 / KELVIN.start());
+    kelvin_to_rgb(1e6 / mired, tint) * luminance(color)
 }
 
 /// Returns the luminance of linear Rec. 709 RGB.
