@@ -21,6 +21,15 @@ use super::describe::{kind_name, rounded};
 use super::history::History;
 use crate::scene::{Camera, Light, Rig};
 
+/// What a light keeps when its size changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SizeKeeps {
+    /// The intensity.
+    Power,
+    /// The intensity per area that the light shows; lights without radiance keep their intensity.
+    Radiance,
+}
+
 /// The lighting desk: rig, selection, history and snapshots.
 pub struct Desk {
     rig: Rig,
@@ -34,6 +43,7 @@ pub struct Desk {
     step: f64,
     /// Distance from a surface at which a light is placed, metres.
     lift: f64,
+    pub size_keeps: SizeKeeps,
     /// Message to the user about the last action.
     pub message: String,
 }
@@ -50,6 +60,7 @@ impl Desk {
             camera,
             step: nice(radius / 100.0),
             lift: radius / 20.0,
+            size_keeps: SizeKeeps::Power,
             message: String::new(),
         };
         desk.message = match desk.selection.is_empty() {
@@ -151,7 +162,7 @@ impl Desk {
         self.history.end_gesture();
     }
 
-    /// Replaces the lights by those of `rig` and updates followers. Refused with a message if a rig file cannot store
+    /// Replaces the lights by those of `rig`, updates followers and applies [`SizeKeeps`]. Refused with a message if a rig file cannot store
     /// them.
     fn commit(&mut self, rig: Rig) {
         self.commit_as(rig, self.selection.clone(), None);
@@ -160,10 +171,13 @@ impl Desk {
     /// [`Self::commit`] with a new selection, and an optional name for the history.
     fn commit_as(&mut self, mut rig: Rig, selection: Selection, name: Option<String>) {
         apply_change::update_followers(&self.rig, &mut rig);
+        if self.size_keeps == SizeKeeps::Radiance {
+            apply_change::keep_radiance(&self.rig, &mut rig);
+        }
         self.replace_rig(rig, selection, name);
     }
 
-    /// [`Self::commit_as`] without updating followers.
+    /// [`Self::commit_as`] with the lights as they are in `rig`.
     fn replace_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
         if rig == self.rig {
             return;

@@ -37,6 +37,7 @@ pub enum Command {
     Follow,
     Unfollow,
     EditLinks(LinkEdit),
+    SizeKeeps,
     New(LightKind),
     Duplicate,
     Delete,
@@ -231,6 +232,7 @@ pub const SECTIONS: &[Section] = &[
             steps(&[(NONE, Key::Semicolon)], LightEdit::Inner(-1.0), "narrower inner cone: a softer edge", CONE),
             steps(&[(NONE, Key::Num6)], LightEdit::Size(1.0), "larger light: softer shadows", SIZE),
             steps(&[(NONE, Key::Num5)], LightEdit::Size(-1.0), "smaller light: harder shadows", SIZE),
+            once(&[(NONE, Key::Num4)], Command::SizeKeeps, "a change of size keeps radiance, or power"),
         ],
     },
     Section {

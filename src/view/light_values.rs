@@ -4,7 +4,7 @@
 use egui::{DragValue, Grid, Ui};
 use glam::{DVec3, Vec3};
 
-use super::desk::{Desk, luminance};
+use super::desk::{Desk, SizeKeeps, luminance};
 use crate::scene::rig::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
 use crate::scene::{Light, LightGroup, LightKind, LightUnit};
 
@@ -57,6 +57,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk, unit: &mut LightUnit) {
         return;
     };
     let mut light = primary.clone();
+    let mut size_keeps = desk.size_keeps;
     let selected = Selected::of(desk);
     if selected.lights.len() > 1 {
         ui.label(format!("{} lights; an edit changes all of them", selected.lights.len()));
@@ -78,9 +79,10 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk, unit: &mut LightUnit) {
         color(ui, &selected, &mut light);
         pose(ui, &selected, &mut light, desk.step());
         cone(ui, &selected, &mut light);
-        size(ui, &selected, &mut light, desk.step());
+        size(ui, &selected, &mut light, desk.step(), &mut size_keeps);
         range(ui, &selected, &mut light, desk.step());
     });
+    desk.size_keeps = size_keeps;
     desk.edit_primary_and_selection(light);
     group_values(ui, desk);
     follow_values(ui, desk);
@@ -205,14 +207,25 @@ fn cone(ui: &mut Ui, selected: &Selected, light: &mut Light) {
     }
 }
 
-fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
+fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64, keeps: &mut SizeKeeps) {
     use LightKind::{Directional, Disk, Point, Rect, Spot};
+    let mut keep_radiance = |ui: &mut Ui| {
+        let mut radiance = *keeps == SizeKeeps::Radiance;
+        let shown = ui.checkbox(&mut radiance, "keep nit");
+        shown.on_hover_text("a change of size keeps the radiance (nit); else it keeps the power");
+        *keeps = if radiance { SizeKeeps::Radiance } else { SizeKeeps::Power };
+    };
     fn length(field: DragValue<'_>, step: f64) -> DragValue<'_> {
         field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m")
     }
     if selected.all_have(&[Point, Spot, Disk]) {
         ui.label("radius");
-        ui.add(length(selected.number(&mut light.radius, |light| light.radius), step));
+        ui.horizontal(|ui| {
+            ui.add(length(selected.number(&mut light.radius, |light| light.radius), step));
+            if light.kind != Spot {
+                keep_radiance(ui);
+            }
+        });
         ui.end_row();
     }
     if selected.all_have(&[Rect]) {
@@ -221,11 +234,11 @@ fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
             for side in 0..2 {
                 ui.add(length(selected.number(&mut light.size[side], |light| light.size[side]), step));
             }
+            keep_radiance(ui);
         });
         ui.end_row();
     }
-    let mut angle = |ui: &mut Ui, text: &str, of: fn(&mut Light) -> &mut f64, most: std::ops::RangeInclusive<f64>| {
-        ui.label(text);
+    let mut angle = |ui: &mut Ui, of: fn(&mut Light) -> &mut f64, most: std::ops::RangeInclusive<f64>| {
         let before = of(light).to_degrees();
         let mut deg = before;
         let field = selected.number(&mut deg, |light| of(&mut light.clone()).to_degrees());
@@ -233,13 +246,19 @@ fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
         if deg != before {
             *of(light) = deg.to_radians();
         }
-        ui.end_row();
     };
     if selected.all_have(&[Directional]) {
-        angle(ui, "angle", |light| &mut light.angle, 0.0..=180.0);
+        ui.label("angle");
+        ui.horizontal(|ui| {
+            angle(ui, |light| &mut light.angle, 0.0..=180.0);
+            keep_radiance(ui);
+        });
+        ui.end_row();
     }
     if selected.all_have(&[Disk, Rect]) {
-        angle(ui, "spread", |light| &mut light.spread, 0.01..=180.0);
+        ui.label("spread");
+        angle(ui, |light| &mut light.spread, 0.01..=180.0);
+        ui.end_row();
         ui.label("");
         selected.switch(ui, &mut light.two_sided, "two sides", |light| light.two_sided);
         ui.end_row();

@@ -395,6 +395,7 @@ impl OpenScene {
                 Some(name) => desk.edit_links(edit, name),
                 None => desk.message = "there is no object with a name under the mouse".into(),
             },
+            Command::SizeKeeps => desk.toggle_size_keeps(),
             Command::New(kind) => {
                 let target = self.target(pointer);
                 self.desk.add(kind, target, view.exposure);

@@ -107,3 +107,17 @@ pub fn update_followers(before: &Rig, rig: &mut Rig) {
         }
     }
 }
+
+/// Multiplies the intensity of lights whose size changed since `before`, so that their radiance is the same.
+pub fn keep_radiance(before: &Rig, rig: &mut Rig) {
+    if before.lights.len() != rig.lights.len() {
+        return;
+    }
+    for (light, before) in rig.lights.iter_mut().zip(&before.lights) {
+        if let (Some(was), Some(is)) = (before.projected_area(), light.projected_area())
+            && was != is
+        {
+            light.intensity *= is / was;
+        }
+    }
+}

@@ -2,8 +2,8 @@
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::Desk;
 use super::apply_change::apply_change;
+use super::{Desk, SizeKeeps};
 use crate::scene::rig::{KELVIN, kelvin_and_tint_of, kelvin_to_rgb};
 use crate::scene::{Light, LightKind};
 
@@ -125,6 +125,14 @@ impl Desk {
 }
 
 impl Desk {
+    /// Changes what lights keep when their size changes.
+    pub fn toggle_size_keeps(&mut self) {
+        (self.size_keeps, self.message) = match self.size_keeps {
+            SizeKeeps::Power => (SizeKeeps::Radiance, "a change of size keeps the radiance".into()),
+            SizeKeeps::Radiance => (SizeKeeps::Power, "a change of size keeps the power".into()),
+        };
+    }
+
     /// Multiplies a light's size. Smaller than a thousandth of a step, or a thousandth of a degree, is no size.
     fn resize(&self, light: &mut Light, factor: f64) {
         let grown = |size: f64, first: f64| match size * factor {

@@ -411,3 +411,39 @@ fn objects_are_lit_or_not() {
     let linked = Links { only: names(&["sofa", "table"]), except: names(&["sofa"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
 }
+
+#[test]
+fn a_change_of_size_keeps_power_or_radiance() {
+    let mut desk = desk(3);
+    for light in &mut desk.rig.lights {
+        (light.kind, light.radius, light.intensity) = (LightKind::Disk, 0.5, 8.0);
+    }
+    desk.rig.lights[1].radius = 0.0;
+    desk.rig.lights[2].follows = Some(0);
+    desk.history = History::new(&desk.rig);
+    let first = desk.rig().clone();
+    let strengths = |desk: &Desk| [0, 1, 2].map(|i| (desk.rig().lights[i].radius, desk.rig().lights[i].intensity));
+    // By key, as the power stays.
+    desk.edit(LightEdit::Size(1.0));
+    assert_eq!(strengths(&desk), [(1.0, 8.0), (0.0, 8.0), (1.0, 8.0)]);
+    desk.undo();
+    desk.toggle_size_keeps();
+    assert_eq!(desk.message, "a change of size keeps the radiance");
+    desk.edit(LightEdit::Size(1.0));
+    assert_eq!(strengths(&desk), [(1.0, 32.0), (0.0, 8.0), (1.0, 32.0)], "the follower has its own radiance");
+    desk.undo();
+    assert_eq!(desk.rig(), &first, "size and intensity are one edit");
+    desk.redo();
+    assert_eq!(desk.rig().lights[0].intensity, 32.0, "redone, not applied again");
+    desk.undo();
+    // By number or handle, several lights; a light without a size has no radiance.
+    desk.select(Selection::of([1, 0]));
+    desk.edit_primary_and_selection(Light { radius: 0.25, ..desk.rig().lights[0].clone() });
+    assert_eq!(strengths(&desk), [(0.25, 2.0), (0.0, 8.0), (0.25, 2.0)]);
+    desk.edit_primary_and_selection(Light { radius: 0.0, ..desk.rig().lights[0].clone() });
+    assert_eq!(strengths(&desk)[0], (0.0, 2.0));
+    // Another intensity is another radiance.
+    desk.go_to(0);
+    desk.edit_primary_and_selection(Light { intensity: 4.0, ..desk.rig().lights[0].clone() });
+    assert_eq!(strengths(&desk), [(0.5, 4.0), (0.0, 4.0), (0.5, 4.0)]);
+}
