@@ -182,6 +182,15 @@ fn wrong_rigs_name_the_line() {
             "line 5: set \"s\" is defined",
         ),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 0]\nyfov_deg = 40\n".into(), "line 1: camera"),
+        ("[[snapshot]]\nnote = \"a\"\n".into(), "line 1: missing field `slot`"),
+        ("[[snapshot]]\nslot = 0\n".into(), "line 2: snapshot 0 is not in the range 1 to 9"),
+        ("[[snapshot]]\nslot = -1\n".into(), "line 2"),
+        ("[[snapshot]]\nslot = 2\n[[snapshot]]\nslot = 2\n".into(), "line 4: snapshot 2 is defined twice"),
+        ("[[snapshot]]\nslot = 2\n[snapshot.camera]\nyfov_deg = 1\n".into(), "line 3: unknown field `camera`"),
+        (
+            format!("{light}[[snapshot]]\nslot = 2\n") + &light.replace("light", "snapshot.light") + "group = \"x\"\n",
+            "line 11: light \"a\": there is no group \"x\"",
+        ),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\nyfov_deg = 180\n".into(), "yfov_deg"),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\n".into(), "needs one of yfov_deg and ymag"),
         ("[[light]\n".into(), "line 1"),
@@ -305,7 +314,7 @@ proptest! {
             name: format!("g \"{i}\"\n"), stops: stops * i as f64, color: tints[i], enabled: i == 0, solo: i == 1,
         };
         let sets = vec![ObjectSet { name: "set\n".into(), items }];
-        let mut rig = Rig { camera, groups: vec![group(0), group(1)], sets, lights };
+        let mut rig = Rig { camera, groups: vec![group(0), group(1)], sets, lights, ..Rig::default() };
         let count = rig.lights.len();
         for (i, light) in rig.lights.iter_mut().enumerate() {
             light.name = format!("{}{i}", light.name);
@@ -328,6 +337,23 @@ proptest! {
         }
         prop_assert_eq!(read, rig, "{}", text);
     }
+}
+
+/// A snapshot has its own lights, of the same names, and its own groups and sets.
+#[test]
+fn snapshots_are_read_as_the_rig_is() {
+    let light = "name = \"a\"\nkind = \"point\"\nposition = [0, 0, 0]\n";
+    let rig = parse(&format!(
+        "[[snapshot]]\nslot = 3\nnote = \"cold\\n\"\n[[snapshot.group]]\nname = \"g\"\n\
+        [[snapshot.light]]\n{light}group = \"g\"\nintensity = 0.1\n[[snapshot]]\nslot = 1\n[[light]]\n{light}"
+    ))
+    .unwrap();
+    assert_eq!((rig.lights.len(), rig.lights[0].intensity, rig.groups.len()), (1, 1.0, 0));
+    let [cold, empty] = &rig.snapshots[..] else { panic!("{rig:?}") };
+    assert_eq!((cold.slot, cold.note.as_str(), empty.slot), (2, "cold\n", 0));
+    assert_eq!((cold.rig.lights[0].intensity, cold.rig.lights[0].group), (0.1, Some(0)));
+    assert_eq!(parse(&rig.to_toml(Path::new(""))).unwrap(), rig);
+    assert!(!Rig { snapshots: Vec::new(), ..rig }.to_toml(Path::new("")).contains("snapshot"));
 }
 
 #[test]

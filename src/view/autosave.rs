@@ -13,8 +13,8 @@ use crate::scene::Rig;
 /// Writer of the autosave file.
 pub struct Autosave {
     path: PathBuf,
-    /// Version of the desk last sent to the writer, and whether it was unsaved.
-    written: (u64, bool),
+    /// Versions of lights and snapshots last sent to the writer, and whether they were unsaved.
+    written: ([u64; 2], bool),
     /// Whether the writer has not answered yet.
     busy: bool,
     /// Whether a failure of the writer has been reported.
@@ -35,8 +35,8 @@ impl Autosave {
         rig.unwrap_or(scene).with_extension("autosave.toml")
     }
 
-    /// Starts the writer thread for the file at `path`.
-    pub fn new(path: PathBuf) -> Self {
+    /// Starts the writer thread for the file at `path`. The current state of `desk` is not written.
+    pub fn new(path: PathBuf, desk: &Desk) -> Self {
         let (jobs, taken) = channel();
         let (answer, outcomes) = channel();
         let target = path.clone();
@@ -53,7 +53,7 @@ impl Autosave {
         });
         Self {
             path,
-            written: (0, false),
+            written: (versions(desk), false),
             busy: false,
             error_reported: false,
             jobs: Some(jobs),
@@ -68,7 +68,7 @@ impl Autosave {
             return None;
         }
         let found = Rig::load(&self.path);
-        let differs = |found: &Rig| (&found.lights, &found.groups) != (&rig.lights, &rig.groups);
+        let differs = |found: &Rig| Rig { camera: rig.camera.clone(), ..found.clone() } != *rig;
         Some(found).filter(|found| found.as_ref().map_or(true, differs))
     }
 
@@ -81,9 +81,9 @@ impl Autosave {
             }
             Err(TryRecvError::Empty | TryRecvError::Disconnected) => Ok(()),
         };
-        let state = (desk.version(), desk.history().is_unsaved());
+        let state = (versions(desk), desk.is_unsaved());
         if !self.busy && self.written != state {
-            let job = if state.1 { Job::Write(Box::new(desk.rig().clone())) } else { Job::Remove };
+            let job = if state.1 { Job::Write(Box::new(desk.rig_to_save())) } else { Job::Remove };
             self.busy = self.jobs.as_ref().is_some_and(|jobs| jobs.send(job).is_ok());
             self.written = state;
         }
@@ -94,7 +94,7 @@ impl Autosave {
 
     /// Discards the file that was found: the next [`Self::update`] overwrites or removes it.
     pub fn discard_found(&mut self) {
-        self.written = (u64::MAX, true);
+        self.written = ([u64::MAX; 2], true);
     }
 
     /// Stops the writer and removes the file.
@@ -114,6 +114,10 @@ impl Drop for Autosave {
     fn drop(&mut self) {
         self.end();
     }
+}
+
+fn versions(desk: &Desk) -> [u64; 2] {
+    [desk.version(), desk.snapshots().version()]
 }
 
 fn remove(path: &Path) -> Result<()> {

@@ -40,7 +40,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     };
     ui.add_space(4.0);
     ui.horizontal(|ui| {
-        let star = if desk.history().is_unsaved() { " *" } else { "" };
+        let star = if desk.is_unsaved() { " *" } else { "" };
         ui.label(RichText::new(format!("{scene}{star}")).strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             button(ui, "?", Command::Help, "show all keys");

@@ -50,11 +50,12 @@ pub struct Desk {
 
 impl Desk {
     /// Selects the first light. `radius` is the radius of the scene, metres.
-    pub fn new(rig: Rig, camera: Camera, radius: f64) -> Self {
+    pub fn new(mut rig: Rig, camera: Camera, radius: f64) -> Self {
+        let snapshots = Snapshots::loaded(std::mem::take(&mut rig.snapshots));
         let mut desk = Self {
             selection: Selection::of((!rig.lights.is_empty()).then_some(0)),
             history: History::new(&rig),
-            snapshots: Snapshots::default(),
+            snapshots,
             rig,
             version: 0,
             camera,
@@ -70,6 +71,7 @@ impl Desk {
         desk
     }
 
+    /// The current lights, without snapshots.
     pub fn rig(&self) -> &Rig {
         &self.rig
     }
@@ -216,9 +218,15 @@ impl Desk {
         self.message = self.history.entries()[entry].name.clone();
     }
 
+    /// Whether lights or snapshots differ from what was loaded or last saved.
+    pub fn is_unsaved(&self) -> bool {
+        self.history.is_unsaved() || self.snapshots.are_unsaved()
+    }
+
     /// Marks the current state as saved.
     pub fn mark_saved(&mut self) {
         self.history.mark_saved();
+        self.snapshots.mark_saved();
     }
 }
 

@@ -3,10 +3,10 @@
 use egui::{Key, Modifiers};
 use glam::DVec3;
 
-use super::desk::snapshots::SLOTS;
 use super::desk::{Frame, GroupEdit, LightEdit, LinkEdit};
 use super::views::{Aid, View};
 use crate::scene::LightKind;
+use crate::scene::rig::SLOTS;
 
 /// A command that a key is bound to.
 #[derive(Clone, Copy, Debug, PartialEq)]

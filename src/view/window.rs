@@ -365,7 +365,7 @@ impl App {
                 coarse = open_scene.is_coarse();
                 overlay_changed = open_scene.overlay != overlay;
                 passes = Some(open_scene.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
-                let star = if open_scene.desk.history().is_unsaved() { "*" } else { "" };
+                let star = if open_scene.desk.is_unsaved() { "*" } else { "" };
                 let message = &open_scene.desk.message;
                 graphics.set_title(format!("{}{star} - {message} - relume", self.settings.name));
                 if self.first_picture.is_none() {

@@ -134,6 +134,29 @@ fn snapshots_are_recalled_and_compared() {
 }
 
 #[test]
+fn snapshots_come_back_with_the_rig() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let window = open(&desktop, &rig);
+    let first = picture(&window);
+    window.key("ctrl+alt+1", "balls-16* - stored in slot 1");
+    window.key("d", "moved");
+    let saved = saved_is_rendered(&window, &rig);
+    assert_eq!(saved.snapshots.len(), 1);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+
+    let window = open(&desktop, &rig);
+    let moved = picture(&window);
+    window.key("alt+1", "recalled 1");
+    assert!(difference(&picture(&window), &first) < 1e-3 && difference(&moved, &first) > 0.0);
+    window.key("ctrl+z", "balls-16 - undone: recalled 1");
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+}
+
+#[test]
 fn what_was_not_saved_survives_a_crash() {
     let Some(desktop) = Desktop::start() else { return };
     let folder = tempfile::tempdir().unwrap();

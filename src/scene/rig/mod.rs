@@ -27,6 +27,22 @@ pub struct Rig {
     /// Names that lights' links use.
     pub sets: Vec<ObjectSet>,
     pub lights: Vec<Light>,
+    /// Other states of the lights, for the lighting desk; renders ignore them.
+    pub snapshots: Vec<RigSnapshot>,
+}
+
+/// Number of snapshots that a rig can have.
+pub const SLOTS: usize = 9;
+
+/// A stored state of a rig's lights.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RigSnapshot {
+    /// Unique in its rig, below [`SLOTS`]; files count from 1.
+    pub slot: usize,
+    /// Note of the user.
+    pub note: String,
+    /// Groups, sets and lights; without camera and snapshots.
+    pub rig: Rig,
 }
 
 impl Rig {

@@ -358,6 +358,36 @@ fn snapshots_are_kept_recalled_and_undone() {
 }
 
 #[test]
+fn snapshots_and_notes_are_saved_with_the_rig() {
+    let mut desk = several();
+    assert!(!desk.is_unsaved());
+    desk.store(3);
+    assert!(desk.is_unsaved() && !desk.history().is_unsaved(), "a snapshot is to be saved, too");
+    desk.mark_saved();
+    desk.annotate(3, "cold".into());
+    assert!(desk.is_unsaved());
+    desk.group_selected();
+    desk.store(0);
+    desk.select_all();
+    desk.delete();
+    let saved = desk.rig_to_save();
+    let slots: Vec<_> = saved.snapshots.iter().map(|snapshot| (snapshot.slot, snapshot.note.as_str())).collect();
+    assert_eq!(slots, [(0, ""), (3, "cold")]);
+    let text = saved.to_toml(std::path::Path::new(""));
+    let read = Rig::from_toml(&text, crate::scene::RigFiles::new(std::path::Path::new(""))).unwrap();
+    assert_eq!(read, saved, "{text}");
+
+    let mut again = Desk::new(read, desk.camera.clone(), 10.0);
+    assert!(!again.is_unsaved() && again.rig().snapshots.is_empty() && again.rig_to_save() == saved);
+    assert_eq!(again.snapshots().last(), Some(3));
+    again.recall(3);
+    assert_eq!((again.rig().lights.len(), again.message.as_str()), (3, "recalled 4: cold"));
+    assert_eq!(again.snapshot_rig(3), desk.snapshot_rig(3));
+    again.recover(desk.rig().clone());
+    assert!(again.snapshots().get(3).is_none() && again.is_unsaved(), "what a crash left had no snapshots");
+}
+
+#[test]
 fn files_become_filters_of_the_selected_lights() {
     let folder = tempfile::tempdir().unwrap();
     let lamp = folder.path().join("lamp.IES");
