@@ -68,7 +68,11 @@ pub fn snapshots(
                     }
                     Some(snapshot) => {
                         let label = snapshot.label(slot);
-                        ui.vertical(|ui| stored(ui, slot, &label, thumbnail.as_mut(), view, actions));
+                        // The size decides whether it is still in this row.
+                        let size = egui::vec2(WIDTH as f32 + 8.0, HEIGHT + 24.0);
+                        ui.allocate_ui(size, |ui| {
+                            ui.vertical(|ui| stored(ui, slot, &label, thumbnail.as_mut(), view, actions));
+                        });
                     }
                 }
             }
@@ -94,7 +98,7 @@ fn stored(
 ) {
     let button = match thumbnail {
         Some(thumbnail) => egui::Button::image(egui::Image::new(thumbnail.texture(ui)).max_width(WIDTH as f32)),
-        None => egui::Button::new(label).wrap().min_size(egui::vec2(WIDTH as f32, HEIGHT)),
+        None => egui::Button::new(format!("{}", slot + 1)).min_size(egui::vec2(WIDTH as f32, HEIGHT)),
     };
     if ui.add(button).on_hover_text(format!("{label}: click to recall")).clicked() {
         actions.push(Action::Do(Command::Recall(slot)));
