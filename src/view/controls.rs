@@ -198,7 +198,7 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
             });
         }
         Dialog::Recover(rig) => {
-            ui.label("Unsaved edits were found. Another window has crashed or is still open.");
+            ui.label("Unsaved edits were found. A window of this rig has crashed.");
             ui.label(format!("The recovered rig has {} lights.", rig.lights.len()));
             ui.horizontal(|ui| {
                 let pressed = |ui: &Ui, key| ui.input(|input| input.key_pressed(key));

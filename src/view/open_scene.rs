@@ -99,7 +99,7 @@ impl OpenScene {
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self {
-            autosave: Autosave::new(Autosave::path(settings.rig_path.as_deref(), &scene.path), &desk),
+            autosave: Autosave::new(settings.rig_path.as_ref().unwrap_or(&scene.path), &desk),
             desk,
             shares: Shares::default(),
             relighter,
@@ -506,7 +506,8 @@ impl OpenScene {
         match self.desk.rig_to_save().save(&path) {
             Ok(()) => {
                 if self.rig_path.as_deref() != Some(&*path) {
-                    let beside_it = Autosave::new(Autosave::path(Some(&path), &self.opened.scene.path), &self.desk);
+                    let mut beside_it = Autosave::new(&path, &self.desk);
+                    beside_it.discard_found();
                     if let Err(error) = std::mem::replace(&mut self.autosave, beside_it).remove() {
                         tracing::warn!("{error}");
                     }

@@ -168,11 +168,7 @@ fn what_was_not_saved_survives_a_crash() {
     window.key("w", "moved");
     window.key("ctrl+g", "new");
     let lost = picture(&window);
-    let is_kept = || Rig::load(&kept).is_ok_and(|rig| rig.groups.len() == 1);
-    assert!((0..500).any(|_| is_kept() || {
-        std::thread::sleep(std::time::Duration::from_millis(20));
-        false
-    }));
+    wait_for_groups(&kept, 1);
     window.kill();
     assert_eq!(Rig::load(&rig).unwrap(), saved, "the rig itself is what was saved");
 
@@ -194,6 +190,42 @@ fn what_was_not_saved_survives_a_crash() {
     window.key("d", "moved");
     window.quits_unsaved();
     assert!(!kept.exists(), "who quits has decided");
+}
+
+/// Waits until the autosave file `kept` holds `count` groups.
+fn wait_for_groups(kept: &Path, count: usize) {
+    let is_kept = || Rig::load(kept).is_ok_and(|rig| rig.groups.len() == count);
+    assert!((0..500).any(|_| is_kept() || {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        false
+    }));
+}
+
+#[test]
+fn two_windows_on_one_rig_keep_their_own_edits() {
+    let (Some(left), Some(right)) = (Desktop::start(), Desktop::start()) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let [one, two] = ["autosave.toml", "autosave.2.toml"].map(|extension| rig.with_extension(extension));
+    let first = open(&left, &rig);
+    first.key("ctrl+g", "group: new");
+    wait_for_groups(&one, 1);
+    let second = open(&right, &rig); // and asks nothing
+    second.key("ctrl+g", "group: new");
+    second.key("Tab", "2 of 16");
+    second.key("ctrl+g", "group_2: new");
+    wait_for_groups(&two, 2);
+    second.quits_unsaved();
+    assert!(!two.exists());
+    wait_for_groups(&one, 1);
+    first.kill();
+    let scene = scene("balls-16.glb");
+    let mut again =
+        left.relume(&["view", scene.to_str().unwrap(), "--rig", rig.to_str().unwrap(), "--size", "360x240"]);
+    again.wait_for_window_saying("unsaved edits were found");
+    again.key("r", "recovered");
+    again.quits_unsaved();
+    assert!(!one.exists());
 }
 
 #[test]
