@@ -79,6 +79,13 @@ impl Light {
         self.per_intensity(unit).map_or(LightUnit::of_intensity(self.kind), |_| unit)
     }
 
+    /// The next unit that fits the light, in the order of [`LightUnit::ALL`], after `unit` or the one in its place.
+    pub fn unit_after(&self, unit: LightUnit) -> LightUnit {
+        let shown = self.fitting(unit);
+        let later = self.units().skip_while(|other| *other != shown).nth(1);
+        later.unwrap_or(LightUnit::of_intensity(self.kind))
+    }
+
     /// Lumens at one candela: the integral of [`Self::emission`] times the profile over all directions.
     fn flux(&self) -> f64 {
         let sides = if self.two_sided { 2.0 } else { 1.0 };
@@ -265,6 +272,11 @@ mod tests {
                 assert_near(Some(read.lights[0].intensity), 12.5, 1e-14);
             }
             assert_eq!(shown.fitting(Candela), LightUnit::of_intensity(kind));
+            let cycle = (1..units.len()).scan(units[0], |unit, _| {
+                *unit = shown.unit_after(*unit);
+                Some(*unit)
+            });
+            assert!(cycle.eq(units[1..].iter().copied()) && shown.unit_after(Watt) == units[0]);
         }
     }
 }

@@ -38,6 +38,8 @@ pub enum Command {
     Unfollow,
     EditLinks(LinkEdit),
     SizeKeeps,
+    /// Shows the intensity in the next unit that fits the primary light.
+    NextUnit,
     New(LightKind),
     Duplicate,
     Delete,
@@ -232,6 +234,7 @@ pub const SECTIONS: &[Section] = &[
             steps(&[(NONE, Key::Semicolon)], LightEdit::Inner(-1.0), "narrower inner cone: a softer edge", CONE),
             steps(&[(NONE, Key::Num6)], LightEdit::Size(1.0), "larger light: softer shadows", SIZE),
             steps(&[(NONE, Key::Num5)], LightEdit::Size(-1.0), "smaller light: harder shadows", SIZE),
+            once(&[(NONE, Key::Num3)], Command::NextUnit, "intensity in the next unit: lumen, nit, watt"),
             once(&[(NONE, Key::Num4)], Command::SizeKeeps, "a change of size keeps radiance, or power"),
         ],
     },

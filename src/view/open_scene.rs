@@ -399,6 +399,14 @@ impl OpenScene {
                 None => desk.message = "there is no object with a name under the mouse".into(),
             },
             Command::SizeKeeps => desk.toggle_size_keeps(),
+            Command::NextUnit => match desk.selected_light() {
+                Some(light) => {
+                    view.light_unit = light.unit_after(view.light_unit);
+                    let symbol = view.light_unit.symbol(light.kind);
+                    desk.message = format!("intensity in {symbol}");
+                }
+                None => desk.message = "no light is selected".into(),
+            },
             Command::New(kind) => {
                 let target = self.target(pointer);
                 self.desk.add(kind, target, view.exposure);

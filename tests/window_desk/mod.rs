@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::command;
 use crate::desktop::pictures::{cut, difference, render, scene};
 use crate::desktop::{App, Desktop};
-use relume::scene::Rig;
+use relume::scene::{Light, Rig};
 
 const SIZE: [usize; 2] = [360, 240];
 
@@ -365,6 +365,15 @@ fn a_light_with_a_size_is_made_resized_and_saved() {
     window.key("ctrl+z", "undone");
     window.key("ctrl+s", "saved");
     let undone = Rig::load(&rig).unwrap();
-    assert!(undone.lights.last().unwrap().size < light.size, "{undone:?}");
+    let before = undone.lights.last().unwrap();
+    assert!(before.size < light.size, "{undone:?}");
+    window.key("3", "intensity in lm");
+    window.key("4", "a change of size keeps the radiance");
+    window.key("6", " cd, ");
+    window.key("ctrl+s", "saved");
+    let larger = Rig::load(&rig).unwrap();
+    let after = larger.lights.last().unwrap();
+    let radiance = |light: &Light| light.intensity / light.projected_area().unwrap();
+    assert!(after.size > before.size && (radiance(after) / radiance(before) - 1.0).abs() < 1e-12, "{after:?}");
     window.quits_unsaved();
 }
