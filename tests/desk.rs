@@ -75,7 +75,7 @@ fn act(desk: &mut Desk, random: &mut Random) {
             let group = random.below(desk.rig().groups.len());
             desk.replace_group(group, LightGroup { color: random.color(), ..desk.rig().groups[group].clone() });
         }
-        25 => random.pick(&[Desk::link as fn(&mut Desk), Desk::unlink, Desk::end_solo])(desk),
+        25 => random.pick(&[Desk::follow as fn(&mut Desk), Desk::unfollow, Desk::end_solo])(desk),
         26 => desk.store(slot),
         27 => desk.recall(slot),
         28 => desk.undo(),

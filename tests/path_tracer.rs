@@ -10,7 +10,7 @@ use common::drawn::tracing;
 use common::stage::{Setup, Stage, pixels};
 use common::{gpu, not_run, shared, shipped};
 use rayon::ThreadPoolBuilder;
-use relume::bake::framebuffer::view_samples::{EyeRays, Tiling};
+use relume::bake::framebuffer::view_samples::{EyeRays, PathPart, Tiling};
 use relume::image::{Layer as Picture, exr};
 use relume::reference::path_tracer::{Film, Half, Layer, PathTracer, Settings};
 use relume::relight::Layers;
@@ -118,7 +118,11 @@ fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
     let lights: Vec<_> = scene.rig.lights.iter().map(|light| light.pack(scene.space)).collect();
     let seen = |x: f64, y: f64| {
         let mut seen = None;
-        eye.follow(x, y, |vertex| seen = Some(vertex.point));
+        eye.follow(x, y, |part| {
+            if let PathPart::Vertex(vertex) = part {
+                seen = Some(vertex.point);
+            }
+        });
         seen
     };
     let is_lit = |point: &SurfacePoint, light| {

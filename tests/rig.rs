@@ -128,6 +128,16 @@ fn wrong_rigs_name_the_line() {
         (format!("{light}radiance = [1, 1, 1]\n"), "line 5: light \"a\": a light of this kind has no radiance"),
         (format!("{light}radius = 1\nradiance = [1, -1, 1]\n"), "line 6: light \"a\": radiance must be finite"),
         (format!("{light}radius = 1\ncolor = [1, 1, 1]\nradiance = [1, 1, 1]\n"), "radiance and color are both given"),
+        (format!("{light}lumen = 800\nintensity = 1\n"), "line 5: light \"a\": lumen and intensity are both given"),
+        (format!("{light}watt = 1\nlumen = 8\n"), "line 5: light \"a\": watt and lumen are both given"),
+        (
+            format!("{light}radius = 1\nnit = 1\nradiance = [1, 1, 1]\n"),
+            "line 7: light \"a\": radiance and nit are both",
+        ),
+        (format!("{light}nit = 1\n"), "line 5: light \"a\": a point light of this size has no nit; use intensity"),
+        (format!("{light}lumen = -1\n"), "line 5: light \"a\": lumen is -1"),
+        (format!("{light}watt = 1e300\n"), "line 5: light \"a\": color * intensity * 2^stops"),
+        (spot.replace("spot", "sun") + "lumen = 1\n", "line 6: light \"a\": a sun light of this size has no lumen"),
         (format!("{spot}spread_deg = 0\n"), "line 6: light \"a\": spread_deg is 0"),
         (format!("{spot}angle_deg = 181\n"), "line 6: light \"a\": angle_deg is 181"),
         (format!("{spot}up = [0, nan, 0]\n"), "line 6: light \"a\": up must be finite"),
@@ -159,7 +169,7 @@ fn wrong_rigs_name_the_line() {
         (spot.replace("-1", "0"), "line 5: light \"a\": direction must not be of zero length"),
         (format!("{spot}inner_deg = 30\nouter_deg = 20\n"), "line 7: light \"a\": inner_deg is 30, more than"),
         (format!("{spot}outer_deg = 91\n"), "outer_deg is 91"),
-        (format!("{spot}visible = true\n"), "line 6: light \"a\": lights that the camera sees are not supported yet"),
+        (format!("{spot}visible = 1\n"), "line 6"),
         ("[[group]]\nname = \"g\"\n[[group]]\nname = \"g\"\n".into(), "line 4: group \"g\" is defined twice"),
         ("[[group]]\nname = \"g\"\nstops = nan\n".into(), "line 2: group \"g\""),
         (format!("{light}factor = {{ a = -0.1 }}\n"), "line 5: light \"a\": factor of \"a\" is -0.1, must lie in"),
@@ -172,6 +182,15 @@ fn wrong_rigs_name_the_line() {
             "line 5: set \"s\" is defined",
         ),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 0]\nyfov_deg = 40\n".into(), "line 1: camera"),
+        ("[[snapshot]]\nnote = \"a\"\n".into(), "line 1: missing field `slot`"),
+        ("[[snapshot]]\nslot = 0\n".into(), "line 2: snapshot 0 is not in the range 1 to 9"),
+        ("[[snapshot]]\nslot = -1\n".into(), "line 2"),
+        ("[[snapshot]]\nslot = 2\n[[snapshot]]\nslot = 2\n".into(), "line 4: snapshot 2 is defined twice"),
+        ("[[snapshot]]\nslot = 2\n[snapshot.camera]\nyfov_deg = 1\n".into(), "line 3: unknown field `camera`"),
+        (
+            format!("{light}[[snapshot]]\nslot = 2\n") + &light.replace("light", "snapshot.light") + "group = \"x\"\n",
+            "line 11: light \"a\": there is no group \"x\"",
+        ),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\nyfov_deg = 180\n".into(), "yfov_deg"),
         ("[camera]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\n".into(), "needs one of yfov_deg and ymag"),
         ("[[light]\n".into(), "line 1"),
@@ -226,7 +245,7 @@ fn light() -> impl Strategy<Value = Light> {
     let angles = (0.0..=1.0f64, 0.0..=std::f64::consts::FRAC_PI_2).prop_map(|(share, outer)| (share * outer, outer));
     (
         (kind, vector(1e4), unit(), color(), intensity, -20.0..20.0f64, angles),
-        (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 3]>()),
+        (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 4]>()),
         (".*", proptest::option::of(0usize..1000), sizes, (doors, links())),
     )
         .prop_map(
@@ -236,7 +255,7 @@ fn light() -> impl Strategy<Value = Light> {
                 (name, node, sizes, ((decay_start, barn_doors), links)),
             )| {
                 let ([radius, width, height], up, angle, spread, two_sided) = sizes;
-                let [enabled, shadows, solo] = flags;
+                let [enabled, shadows, solo, visible] = flags;
                 let (inner_angle, outer_angle) = angles;
                 let name = name.replace('.', "_");
                 let filter = LightFilter { barn_doors, ..LightFilter::default() };
@@ -256,6 +275,7 @@ fn light() -> impl Strategy<Value = Light> {
                     angle: angle.to_radians(),
                     spread: spread.to_radians(),
                     two_sided,
+                    visible,
                     range,
                     decay_start,
                     filter,
@@ -295,7 +315,7 @@ proptest! {
             name: format!("g \"{i}\"\n"), stops: stops * i as f64, color: tints[i], enabled: i == 0, solo: i == 1,
         };
         let sets = vec![ObjectSet { name: "set\n".into(), items }];
-        let mut rig = Rig { camera, groups: vec![group(0), group(1)], sets, lights };
+        let mut rig = Rig { camera, groups: vec![group(0), group(1)], sets, lights, ..Rig::default() };
         let count = rig.lights.len();
         for (i, light) in rig.lights.iter_mut().enumerate() {
             light.name = format!("{}{i}", light.name);
@@ -318,6 +338,23 @@ proptest! {
         }
         prop_assert_eq!(read, rig, "{}", text);
     }
+}
+
+/// A snapshot has its own lights, of the same names, and its own groups and sets.
+#[test]
+fn snapshots_are_read_as_the_rig_is() {
+    let light = "name = \"a\"\nkind = \"point\"\nposition = [0, 0, 0]\n";
+    let rig = parse(&format!(
+        "[[snapshot]]\nslot = 3\nnote = \"cold\\n\"\n[[snapshot.group]]\nname = \"g\"\n\
+        [[snapshot.light]]\n{light}group = \"g\"\nintensity = 0.1\n[[snapshot]]\nslot = 1\n[[light]]\n{light}"
+    ))
+    .unwrap();
+    assert_eq!((rig.lights.len(), rig.lights[0].intensity, rig.groups.len()), (1, 1.0, 0));
+    let [cold, empty] = &rig.snapshots[..] else { panic!("{rig:?}") };
+    assert_eq!((cold.slot, cold.note.as_str(), empty.slot), (2, "cold\n", 0));
+    assert_eq!((cold.rig.lights[0].intensity, cold.rig.lights[0].group), (0.1, Some(0)));
+    assert_eq!(parse(&rig.to_toml(Path::new(""))).unwrap(), rig);
+    assert!(!Rig { snapshots: Vec::new(), ..rig }.to_toml(Path::new("")).contains("snapshot"));
 }
 
 #[test]
@@ -389,8 +426,9 @@ fn assert_same_lights(got: &Rig, want: &Rig) {
         if light.kind != LightKind::Point {
             assert!(read.direction.distance(light.direction) <= 1e-6, "{read:?}\n{light:?}");
         }
-        let size = |light: &Light| (light.radius, light.size, light.up, light.angle, light.spread, light.two_sided);
+        let size = |light: &Light| (light.radius, light.size, light.up, light.angle, light.spread);
         assert_eq!(size(read), size(light));
+        assert_eq!((read.two_sided, read.visible), (light.two_sided, light.visible));
         if light.kind == LightKind::Spot {
             assert!((read.inner_angle - light.inner_angle).abs() <= 1e-6);
             assert!((read.outer_angle - light.outer_angle).abs() <= 1e-6);
@@ -425,6 +463,7 @@ fn lights_with_a_size_come_back() {
         angle: 0.1,
         spread: 1.5,
         two_sided: true,
+        visible: true,
         ..Light::point(&format!("sized{i}"), DVec3::new(1.0, 2.0, i as f64))
     }));
     let (_, back, json) = export(&gltf, &rig, "out.glb");

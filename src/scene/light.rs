@@ -4,6 +4,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use glam::{DVec3, Vec3};
 
+use super::light_unit::LEAST_FALLOFF;
 use super::{LightFilter, Links, MeshSpace};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_POINT, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
@@ -158,7 +159,7 @@ impl Light {
             },
             direction: self.direction.as_vec3(),
             inverse_range: self.range.map_or(0.0, |range| space.unit / range) as f32,
-            cone_scale: (inner - outer).max(0.001).recip() as f32,
+            cone_scale: (inner - outer).max(LEAST_FALLOFF).recip() as f32,
             // 1 - cos without cancellation.
             cone_versine: (2.0 * (self.outer_angle / 2.0).sin().powi(2)) as f32,
             narrowing: 0.0,

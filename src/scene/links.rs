@@ -99,6 +99,15 @@ impl Rig {
             })
             .collect()
     }
+
+    /// Whether `scene` has all names that lights' links use, those of snapshots too. An error names the light.
+    pub fn check_links(&self, scene: &Scene) -> Result<(), String> {
+        self.resolve_links(scene)?;
+        self.snapshots.iter().try_for_each(|snapshot| {
+            let resolved = snapshot.rig.resolve_links(scene);
+            resolved.map(drop).map_err(|reason| format!("snapshot {}: {reason}", snapshot.slot + 1))
+        })
+    }
 }
 
 /// What some names stand for.

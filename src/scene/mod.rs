@@ -6,6 +6,7 @@
 pub mod camera;
 pub mod light;
 pub mod light_filter;
+pub mod light_unit;
 pub mod links;
 pub mod material;
 pub mod texture;
@@ -29,6 +30,7 @@ pub use camera::{Camera, Projection};
 pub use gltf_export::export_gltf;
 pub use light::{Light, LightGroup, LightKind};
 pub use light_filter::{LightFilter, RigFiles};
+pub use light_unit::LightUnit;
 pub use links::{Links, ObjectSet, ResolvedLinks};
 pub use material::{AlphaMode, Material, Surface, TextureRef};
 pub use mesh_space::MeshSpace;

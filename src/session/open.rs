@@ -48,13 +48,14 @@ impl Opened {
             let so = if emits { "only emissive materials shine" } else { "the picture is black" };
             tracing::warn!("{}: no lights: {so}", rig_path.unwrap_or(path).display());
         }
-        if let Err(reason) = rig.resolve_links(&scene) {
+        if let Err(reason) = rig.check_links(&scene) {
             match rig_path {
                 Some(rig_path) => return Err(Error::import(rig_path, reason)),
                 // The scene was edited since relume wrote its lights into it.
                 None => {
                     tracing::warn!("{}: links to objects are discarded: {reason}", path.display());
                     rig.lights.iter_mut().for_each(|light| light.links = Links::default());
+                    rig.snapshots.clear();
                 }
             }
         }

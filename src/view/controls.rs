@@ -40,7 +40,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     };
     ui.add_space(4.0);
     ui.horizontal(|ui| {
-        let star = if desk.history().is_unsaved() { " *" } else { "" };
+        let star = if desk.is_unsaved() { " *" } else { "" };
         ui.label(RichText::new(format!("{scene}{star}")).strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             button(ui, "?", Command::Help, "show all keys");
@@ -68,7 +68,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     });
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
-        light_values(ui, desk);
+        light_values(ui, desk, &mut view.light_unit);
         light_extras(ui, desk, &folder);
         snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);
@@ -198,7 +198,7 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
             });
         }
         Dialog::Recover(rig) => {
-            ui.label("Unsaved edits were found. Another window has crashed or is still open.");
+            ui.label("Unsaved edits were found. A window of this rig has crashed.");
             ui.label(format!("The recovered rig has {} lights.", rig.lights.len()));
             ui.horizontal(|ui| {
                 let pressed = |ui: &Ui, key| ui.input(|input| input.key_pressed(key));

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::rig_state::RigState;
-use crate::scene::{Light, LightGroup, LightKind, Links};
+use crate::scene::{Light, LightGroup, LightKind, LightUnit, Links};
 
 /// Describes a change: "key: +0.5 stop", "key and 2 more: moved 0.1 m", "group rim: off".
 pub fn change(before: &RigState, after: &RigState) -> String {
@@ -73,7 +73,7 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
     }
     stops(&mut parts, before.stops, after.stops);
     if before.intensity != after.intensity {
-        parts.push(format!("{} {}", rounded(after.intensity), intensity_unit(after.kind)));
+        parts.push(format!("{} {}", rounded(after.intensity), LightUnit::of_intensity(after.kind).symbol(after.kind)));
     }
     if before.color != after.color {
         parts.push("colour".into());
@@ -168,10 +168,6 @@ pub fn kind_name(kind: LightKind) -> &'static str {
         LightKind::Disk => "disk",
         LightKind::Rect => "rectangle",
     }
-}
-
-pub fn intensity_unit(kind: LightKind) -> &'static str {
-    if kind == LightKind::Directional { "lx" } else { "cd" }
 }
 
 /// Formats a number with three significant digits, without trailing zeros.

@@ -21,6 +21,15 @@ use super::describe::{kind_name, rounded};
 use super::history::History;
 use crate::scene::{Camera, Light, Rig};
 
+/// What a light keeps when its size changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SizeKeeps {
+    /// The intensity.
+    Power,
+    /// The intensity per area that the light shows; lights without radiance keep their intensity.
+    Radiance,
+}
+
 /// The lighting desk: rig, selection, history and snapshots.
 pub struct Desk {
     rig: Rig,
@@ -34,22 +43,25 @@ pub struct Desk {
     step: f64,
     /// Distance from a surface at which a light is placed, metres.
     lift: f64,
+    pub size_keeps: SizeKeeps,
     /// Message to the user about the last action.
     pub message: String,
 }
 
 impl Desk {
     /// Selects the first light. `radius` is the radius of the scene, metres.
-    pub fn new(rig: Rig, camera: Camera, radius: f64) -> Self {
+    pub fn new(mut rig: Rig, camera: Camera, radius: f64) -> Self {
+        let snapshots = Snapshots::loaded(std::mem::take(&mut rig.snapshots));
         let mut desk = Self {
             selection: Selection::of((!rig.lights.is_empty()).then_some(0)),
             history: History::new(&rig),
-            snapshots: Snapshots::default(),
+            snapshots,
             rig,
             version: 0,
             camera,
             step: nice(radius / 100.0),
             lift: radius / 20.0,
+            size_keeps: SizeKeeps::Power,
             message: String::new(),
         };
         desk.message = match desk.selection.is_empty() {
@@ -59,6 +71,7 @@ impl Desk {
         desk
     }
 
+    /// The current lights, without snapshots.
     pub fn rig(&self) -> &Rig {
         &self.rig
     }
@@ -151,7 +164,7 @@ impl Desk {
         self.history.end_gesture();
     }
 
-    /// Replaces the lights by those of `rig` and updates followers. Refused with a message if a rig file cannot store
+    /// Replaces the lights by those of `rig`, updates followers and applies [`SizeKeeps`]. Refused with a message if a rig file cannot store
     /// them.
     fn commit(&mut self, rig: Rig) {
         self.commit_as(rig, self.selection.clone(), None);
@@ -160,10 +173,13 @@ impl Desk {
     /// [`Self::commit`] with a new selection, and an optional name for the history.
     fn commit_as(&mut self, mut rig: Rig, selection: Selection, name: Option<String>) {
         apply_change::update_followers(&self.rig, &mut rig);
+        if self.size_keeps == SizeKeeps::Radiance {
+            apply_change::keep_radiance(&self.rig, &mut rig);
+        }
         self.replace_rig(rig, selection, name);
     }
 
-    /// [`Self::commit_as`] without updating followers.
+    /// [`Self::commit_as`] with the lights as they are in `rig`.
     fn replace_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
         if rig == self.rig {
             return;
@@ -202,9 +218,15 @@ impl Desk {
         self.message = self.history.entries()[entry].name.clone();
     }
 
+    /// Whether lights or snapshots differ from what was loaded or last saved.
+    pub fn is_unsaved(&self) -> bool {
+        self.history.is_unsaved() || self.snapshots.are_unsaved()
+    }
+
     /// Marks the current state as saved.
     pub fn mark_saved(&mut self) {
         self.history.mark_saved();
+        self.snapshots.mark_saved();
     }
 }
 

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use egui::{Grid, Ui};
 use glam::Vec3;
 
-use super::describe::rounded;
 use super::desk::Desk;
 use super::light_values::{Selected, color_button};
 use crate::scene::light_filter::{BarnDoors, SOFTNESS_DEG};
@@ -24,12 +23,6 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
             let shown = light.filter.ies.as_ref().map(|ies| ies.path_from(folder));
             files[0] = file(ui, &light.name, shown, "file.ies");
             ui.end_row();
-            if let (LightKind::Point, Some(ies)) = (light.kind, &light.filter.ies) {
-                let lumens = ies.flux() / ies.max() * light.intensity * light.stops.exp2();
-                ui.label("");
-                ui.label(format!("{} lm", rounded(lumens)));
-                ui.end_row();
-            }
         }
         if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
             ui.label("gobo");

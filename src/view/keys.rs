@@ -3,10 +3,10 @@
 use egui::{Key, Modifiers};
 use glam::DVec3;
 
-use super::desk::snapshots::SLOTS;
 use super::desk::{Frame, GroupEdit, LightEdit, LinkEdit};
 use super::views::{Aid, View};
 use crate::scene::LightKind;
+use crate::scene::rig::SLOTS;
 
 /// A command that a key is bound to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,9 +34,12 @@ pub enum Command {
     EndSolo,
     Group,
     Ungroup,
-    Link,
-    Unlink,
+    Follow,
+    Unfollow,
     EditLinks(LinkEdit),
+    SizeKeeps,
+    /// Shows the intensity in the next unit that fits the primary light.
+    NextUnit,
     New(LightKind),
     Duplicate,
     Delete,
@@ -144,7 +147,7 @@ pub const SECTIONS: &[Section] = &[
         ],
     },
     Section {
-        title: "Groups and links",
+        title: "Groups, followers and links",
         bindings: &[
             once(&[(CTRL, Key::G)], Command::Group, "group the selected lights"),
             once(&[(CTRL_SHIFT, Key::G)], Command::Ungroup, "remove them from their groups"),
@@ -152,8 +155,8 @@ pub const SECTIONS: &[Section] = &[
             master(&[(CTRL, Key::Minus)], -1.0, "group master down half a stop"),
             once(&[(CTRL, Key::M)], Command::EditGroup(GroupEdit::Toggle), "group on, off"),
             once(&[(CTRL, Key::N)], Command::EditGroup(GroupEdit::Solo), "group solo"),
-            once(&[(CTRL, Key::L)], Command::Link, "the others follow the light selected last"),
-            once(&[(CTRL_SHIFT, Key::L)], Command::Unlink, "they follow no light"),
+            once(&[(CTRL, Key::L)], Command::Follow, "the others follow the light selected last"),
+            once(&[(CTRL_SHIFT, Key::L)], Command::Unfollow, "they follow no light"),
             once(&[(NONE, Key::Z)], Command::EditLinks(LinkEdit::Light), "light the object under the mouse, or not"),
             once(&[(Modifiers::SHIFT, Key::Z)], Command::EditLinks(LinkEdit::Shadow), "its shadow, on or off"),
         ],
@@ -231,6 +234,8 @@ pub const SECTIONS: &[Section] = &[
             steps(&[(NONE, Key::Semicolon)], LightEdit::Inner(-1.0), "narrower inner cone: a softer edge", CONE),
             steps(&[(NONE, Key::Num6)], LightEdit::Size(1.0), "larger light: softer shadows", SIZE),
             steps(&[(NONE, Key::Num5)], LightEdit::Size(-1.0), "smaller light: harder shadows", SIZE),
+            once(&[(NONE, Key::Num3)], Command::NextUnit, "intensity in the next unit: lumen, nit, watt"),
+            once(&[(NONE, Key::Num4)], Command::SizeKeeps, "a change of size keeps radiance, or power"),
         ],
     },
     Section {

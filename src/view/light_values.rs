@@ -4,10 +4,9 @@
 use egui::{DragValue, Grid, Ui};
 use glam::{DVec3, Vec3};
 
-use super::describe::intensity_unit;
-use super::desk::{Desk, luminance};
-use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
-use crate::scene::{Light, LightGroup, LightKind};
+use super::desk::{Desk, SizeKeeps, luminance};
+use crate::scene::rig::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
+use crate::scene::{Light, LightGroup, LightKind, LightUnit};
 
 /// The selected lights, the primary last.
 pub struct Selected<'a> {
@@ -20,7 +19,8 @@ impl<'a> Selected<'a> {
     }
 
     fn differ<T: PartialEq>(&self, value: impl Fn(&Light) -> T) -> bool {
-        self.lights.windows(2).any(|pair| value(pair[0]) != value(pair[1]))
+        let mut values = self.lights.iter().map(|light| value(light));
+        values.next().is_some_and(|first| values.any(|other| other != first))
     }
 
     /// Returns a number field, which shows "mixed" if the lights differ.
@@ -50,12 +50,14 @@ impl<'a> Selected<'a> {
     }
 }
 
-pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
+/// `unit`: in which intensity is shown, where it fits.
+pub fn light_values(ui: &mut Ui, desk: &mut Desk, unit: &mut LightUnit) {
     let Some(primary) = desk.selected_light() else {
         ui.label("no light is selected");
         return;
     };
     let mut light = primary.clone();
+    let mut size_keeps = desk.size_keeps;
     let selected = Selected::of(desk);
     if selected.lights.len() > 1 {
         ui.label(format!("{} lights; an edit changes all of them", selected.lights.len()));
@@ -70,19 +72,23 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk) {
             selected.switch(ui, &mut light.enabled, "on", |light| light.enabled);
             selected.switch(ui, &mut light.solo, "solo", |light| light.solo);
             selected.switch(ui, &mut light.shadows, "shadows", |light| light.shadows);
+            if !light.is_punctual() {
+                selected.switch(ui, &mut light.visible, "visible", |light| light.visible);
+            }
         });
         ui.end_row();
 
-        strength(ui, &selected, &mut light);
+        strength(ui, &selected, &mut light, unit);
         color(ui, &selected, &mut light);
         pose(ui, &selected, &mut light, desk.step());
         cone(ui, &selected, &mut light);
-        size(ui, &selected, &mut light, desk.step());
+        size(ui, &selected, &mut light, desk.step(), &mut size_keeps);
         range(ui, &selected, &mut light, desk.step());
     });
+    desk.size_keeps = size_keeps;
     desk.edit_primary_and_selection(light);
     group_values(ui, desk);
-    link_values(ui, desk);
+    follow_values(ui, desk);
 }
 
 /// Draws a name field. The name is applied only when the field loses focus, so that typing is one edit.
@@ -98,13 +104,29 @@ fn name(ui: &mut Ui, name: &mut String) {
     }
 }
 
-fn strength(ui: &mut Ui, selected: &Selected, light: &mut Light) {
+fn strength(ui: &mut Ui, selected: &Selected, light: &mut Light, unit: &mut LightUnit) {
     ui.label("intensity");
-    let speed = (light.intensity * 0.01).max(1e-6);
-    let unit = intensity_unit(light.kind);
-    let range = 0.0..=f64::from(f32::MAX);
-    let field = selected.number(&mut light.intensity, |light| light.intensity);
-    ui.add(field.speed(speed).range(range).suffix(format!(" {unit}")));
+    ui.horizontal(|ui| {
+        let shown = light.fitting(*unit);
+        let factor = |light: &Light| light.per_intensity(light.fitting(*unit)).unwrap_or(1.0);
+        let per_intensity = factor(light);
+        let before = light.intensity * per_intensity;
+        let mut strength = before;
+        let range = 0.0..=f64::from(f32::MAX) * per_intensity;
+        let field = selected.number(&mut strength, |light| light.intensity * factor(light));
+        ui.add(field.speed((before * 0.01).max(1e-6)).range(range));
+        if strength != before {
+            light.intensity = strength / per_intensity;
+        }
+        let menu = egui::ComboBox::from_id_salt("unit").width(56.0).selected_text(shown.symbol(light.kind));
+        menu.show_ui(ui, |ui| {
+            for fitting in light.units() {
+                if ui.selectable_label(fitting == shown, fitting.symbol(light.kind)).clicked() {
+                    *unit = fitting;
+                }
+            }
+        });
+    });
     ui.end_row();
     ui.label("stops");
     let field = selected.number(&mut light.stops, |light| light.stops);
@@ -114,13 +136,19 @@ fn strength(ui: &mut Ui, selected: &Selected, light: &mut Light) {
 
 fn color(ui: &mut Ui, selected: &Selected, light: &mut Light) {
     ui.label("kelvin");
-    let before = kelvin_of(light.color);
-    let mut kelvin = before;
-    let field = selected.number(&mut kelvin, |light| kelvin_of(light.color));
-    ui.add(field.speed(20.0).range(KELVIN).max_decimals(0).suffix(" K"));
-    if kelvin != before {
-        light.color = kelvin_to_rgb(kelvin, 0.0) * luminance(light.color);
-    }
+    ui.horizontal(|ui| {
+        let before = kelvin_and_tint_of(light.color);
+        let (mut kelvin, mut tint) = before;
+        let field = selected.number(&mut kelvin, |light| kelvin_and_tint_of(light.color).0);
+        ui.add(field.speed(20.0).range(KELVIN).max_decimals(0).suffix(" K"));
+        ui.label("tint");
+        let field = selected.number(&mut tint, |light| kelvin_and_tint_of(light.color).1);
+        let shown = ui.add(field.speed(0.005).range(TINT).max_decimals(3));
+        shown.on_hover_text("green above zero, magenta below");
+        if (kelvin, tint) != before {
+            light.color = kelvin_to_rgb(kelvin, tint) * luminance(light.color);
+        }
+    });
     ui.end_row();
     ui.label("colour");
     ui.horizontal(|ui| {
@@ -182,14 +210,25 @@ fn cone(ui: &mut Ui, selected: &Selected, light: &mut Light) {
     }
 }
 
-fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
+fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64, keeps: &mut SizeKeeps) {
     use LightKind::{Directional, Disk, Point, Rect, Spot};
+    let mut keep_radiance = |ui: &mut Ui| {
+        let mut radiance = *keeps == SizeKeeps::Radiance;
+        let shown = ui.checkbox(&mut radiance, "keep nit");
+        shown.on_hover_text("a change of size keeps the radiance (nit); else it keeps the power");
+        *keeps = if radiance { SizeKeeps::Radiance } else { SizeKeeps::Power };
+    };
     fn length(field: DragValue<'_>, step: f64) -> DragValue<'_> {
         field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m")
     }
     if selected.all_have(&[Point, Spot, Disk]) {
         ui.label("radius");
-        ui.add(length(selected.number(&mut light.radius, |light| light.radius), step));
+        ui.horizontal(|ui| {
+            ui.add(length(selected.number(&mut light.radius, |light| light.radius), step));
+            if light.kind != Spot {
+                keep_radiance(ui);
+            }
+        });
         ui.end_row();
     }
     if selected.all_have(&[Rect]) {
@@ -198,11 +237,11 @@ fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
             for side in 0..2 {
                 ui.add(length(selected.number(&mut light.size[side], |light| light.size[side]), step));
             }
+            keep_radiance(ui);
         });
         ui.end_row();
     }
-    let mut angle = |ui: &mut Ui, text: &str, of: fn(&mut Light) -> &mut f64, most: std::ops::RangeInclusive<f64>| {
-        ui.label(text);
+    let mut angle = |ui: &mut Ui, of: fn(&mut Light) -> &mut f64, most: std::ops::RangeInclusive<f64>| {
         let before = of(light).to_degrees();
         let mut deg = before;
         let field = selected.number(&mut deg, |light| of(&mut light.clone()).to_degrees());
@@ -210,13 +249,19 @@ fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
         if deg != before {
             *of(light) = deg.to_radians();
         }
-        ui.end_row();
     };
     if selected.all_have(&[Directional]) {
-        angle(ui, "angle", |light| &mut light.angle, 0.0..=180.0);
+        ui.label("angle");
+        ui.horizontal(|ui| {
+            angle(ui, |light| &mut light.angle, 0.0..=180.0);
+            keep_radiance(ui);
+        });
+        ui.end_row();
     }
     if selected.all_have(&[Disk, Rect]) {
-        angle(ui, "spread", |light| &mut light.spread, 0.01..=180.0);
+        ui.label("spread");
+        angle(ui, |light| &mut light.spread, 0.01..=180.0);
+        ui.end_row();
         ui.label("");
         selected.switch(ui, &mut light.two_sided, "two sides", |light| light.two_sided);
         ui.end_row();
@@ -291,12 +336,12 @@ fn group_values(ui: &mut Ui, desk: &mut Desk) {
 }
 
 /// Draws which light the primary light follows.
-fn link_values(ui: &mut Ui, desk: &mut Desk) {
+fn follow_values(ui: &mut Ui, desk: &mut Desk) {
     let Some(leader) = desk.selected_light().and_then(|light| light.follows) else { return };
     ui.horizontal(|ui| {
         ui.label(format!("follows {}", desk.rig().lights[leader].name));
-        if ui.button("unlink").clicked() {
-            desk.unlink();
+        if ui.button("unfollow").clicked() {
+            desk.unfollow();
         }
     });
 }

@@ -17,7 +17,6 @@ use super::compare::{Comparison, ComparisonImage};
 use super::converge::Converge;
 use super::describe::rounded;
 use super::desk::selection::Selection;
-use super::desk::snapshots::SLOTS;
 use super::desk::{Desk, Pick};
 use super::detail_control::DetailControl;
 use super::edge_refinement::EdgeRefinement;
@@ -38,6 +37,7 @@ use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
 use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
+use crate::scene::rig::SLOTS;
 use crate::scene::{Rig, export_gltf};
 
 /// An open scene with its desk and relighter.
@@ -99,6 +99,7 @@ impl OpenScene {
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self {
+            autosave: Autosave::new(settings.rig_path.as_ref().unwrap_or(&scene.path), &desk),
             desk,
             shares: Shares::default(),
             relighter,
@@ -116,7 +117,6 @@ impl OpenScene {
             comparison_image: None,
             light_view: LightView::default(),
             caster: None,
-            autosave: Autosave::new(Autosave::path(settings.rig_path.as_deref(), &scene.path)),
             rig_path: settings.rig_path.clone(),
             suggested_path,
             opened,
@@ -319,10 +319,10 @@ impl OpenScene {
 
     /// If a crash left an autosave file, asks whether to recover it.
     pub fn ask_to_recover(&mut self, view: &mut ViewState) {
-        match self.autosave.found(self.desk.rig()) {
+        match self.autosave.found(&self.desk.rig_to_save()) {
             None => {}
             Some(Ok(rig)) => {
-                if let Err(reason) = rig.resolve_links(&self.opened.scene) {
+                if let Err(reason) = rig.check_links(&self.opened.scene) {
                     self.desk.message = format!("unsaved edits were found but do not fit the scene: {reason}");
                     return;
                 }
@@ -355,7 +355,10 @@ impl OpenScene {
                 return Ok(if saved { Flow::Quit } else { Flow::Continue });
             }
             Action::QuitUnsaved => return Ok(Flow::Quit),
-            Action::Recover(rig) => self.desk.recover(Rig::clone(rig)),
+            Action::Recover(rig) => {
+                self.desk.recover(Rig::clone(rig));
+                self.thumbnails = Default::default();
+            }
             Action::DiscardRecovery => self.autosave.discard_found(),
             Action::Drag(grab) => self.drag(*grab, pointer),
             Action::Show => {}
@@ -380,7 +383,7 @@ impl OpenScene {
             Command::Shadow => self.drag_shadow(pointer),
             Command::LookThrough => view.show_light_view = !view.show_light_view,
             Command::Store(slot) => self.store_snapshot(slot, view)?,
-            Command::Recall(slot) => desk.recall(slot),
+            Command::Recall(slot) => self.recall_snapshot(slot, view)?,
             Command::Wipe => self.toggle_comparison(view, Comparison::Wipe { at: 0.5 }),
             Command::Difference => self.toggle_comparison(view, Comparison::Difference),
             Command::AddNextLight => desk.add_next_to_selection(1),
@@ -389,11 +392,20 @@ impl OpenScene {
             Command::EndSolo => desk.end_solo(),
             Command::Group => desk.group_selected(),
             Command::Ungroup => desk.set_group(None),
-            Command::Link => desk.link(),
-            Command::Unlink => desk.unlink(),
+            Command::Follow => desk.follow(),
+            Command::Unfollow => desk.unfollow(),
             Command::EditLinks(edit) => match pointer.at.and_then(|at| self.opened.object_at(pointer.placement, at)) {
                 Some(name) => desk.edit_links(edit, name),
                 None => desk.message = "there is no object with a name under the mouse".into(),
+            },
+            Command::SizeKeeps => desk.toggle_size_keeps(),
+            Command::NextUnit => match desk.selected_light() {
+                Some(light) => {
+                    view.light_unit = light.unit_after(view.light_unit);
+                    let symbol = view.light_unit.symbol(light.kind);
+                    desk.message = format!("intensity in {symbol}");
+                }
+                None => desk.message = "no light is selected".into(),
             },
             Command::New(kind) => {
                 let target = self.target(pointer);
@@ -432,7 +444,7 @@ impl OpenScene {
                 let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 view.dialog = Some(Dialog::SaveAs(name));
             }
-            Command::Quit if desk.history().is_unsaved() && !matches!(view.dialog, Some(Dialog::Quit)) => {
+            Command::Quit if desk.is_unsaved() && !matches!(view.dialog, Some(Dialog::Quit)) => {
                 view.dialog = Some(Dialog::Quit);
             }
             Command::Quit => return Ok(Flow::Quit),
@@ -499,10 +511,11 @@ impl OpenScene {
             };
             return exported.is_ok();
         }
-        match self.desk.rig().save(&path) {
+        match self.desk.rig_to_save().save(&path) {
             Ok(()) => {
                 if self.rig_path.as_deref() != Some(&*path) {
-                    let beside_it = Autosave::new(Autosave::path(Some(&path), &self.opened.scene.path));
+                    let mut beside_it = Autosave::new(&path, &self.desk);
+                    beside_it.discard_found();
                     if let Err(error) = std::mem::replace(&mut self.autosave, beside_it).remove() {
                         tracing::warn!("{error}");
                     }

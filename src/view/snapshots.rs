@@ -5,14 +5,16 @@ use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui};
 use super::action::Action;
 use super::compare::{Comparing, Comparison};
 use super::desk::Desk;
-use super::desk::snapshots::SLOTS;
 use super::keys::Command;
 use super::view_state::ViewState;
+use crate::scene::rig::SLOTS;
 
 /// Width of a thumbnail, pixels.
 const WIDTH: usize = 84;
+/// Height of the button of a snapshot without a thumbnail, points.
+const HEIGHT: f32 = 56.0;
 
-/// Small picture of a snapshot from when it was stored.
+/// Small picture of a snapshot from when it was stored or recalled.
 pub enum Thumbnail {
     Fresh(ColorImage),
     Loaded(TextureHandle),
@@ -58,14 +60,19 @@ pub fn snapshots(
     egui::CollapsingHeader::new("Snapshots").default_open(true).show(ui, |ui| {
         ui.horizontal_wrapped(|ui| {
             for (slot, thumbnail) in thumbnails.iter_mut().enumerate() {
-                match thumbnail {
+                match desk.snapshots().get(slot) {
                     None => {
                         if ui.button(format!("{}", slot + 1)).on_hover_text("store the current lights").clicked() {
                             actions.push(Action::Do(Command::Store(slot)));
                         }
                     }
-                    Some(thumbnail) => {
-                        ui.vertical(|ui| stored(ui, desk, slot, thumbnail, view, actions));
+                    Some(snapshot) => {
+                        let label = snapshot.label(slot);
+                        // The size decides whether it is still in this row.
+                        let size = egui::vec2(WIDTH as f32 + 8.0, HEIGHT + 24.0);
+                        ui.allocate_ui(size, |ui| {
+                            ui.vertical(|ui| stored(ui, slot, &label, thumbnail.as_mut(), view, actions));
+                        });
                     }
                 }
             }
@@ -83,16 +90,17 @@ pub fn snapshots(
 
 fn stored(
     ui: &mut Ui,
-    desk: &Desk,
     slot: usize,
-    thumbnail: &mut Thumbnail,
+    label: &str,
+    thumbnail: Option<&mut Thumbnail>,
     view: &mut ViewState,
     actions: &mut Vec<Action>,
 ) {
-    let Some(snapshot) = desk.snapshots().get(slot) else { return };
-    let image = egui::Image::new(thumbnail.texture(ui)).max_width(WIDTH as f32);
-    let label = format!("{}: click to recall", snapshot.label(slot));
-    if ui.add(egui::Button::image(image)).on_hover_text(label).clicked() {
+    let button = match thumbnail {
+        Some(thumbnail) => egui::Button::image(egui::Image::new(thumbnail.texture(ui)).max_width(WIDTH as f32)),
+        None => egui::Button::new(format!("{}", slot + 1)).min_size(egui::vec2(WIDTH as f32, HEIGHT)),
+    };
+    if ui.add(button).on_hover_text(format!("{label}: click to recall")).clicked() {
         actions.push(Action::Do(Command::Recall(slot)));
     }
     ui.horizontal(|ui| {

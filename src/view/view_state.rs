@@ -3,7 +3,7 @@
 use super::compare::Comparing;
 use super::views::{Aid, Views};
 use crate::relight::ToneMap;
-use crate::scene::Rig;
+use crate::scene::{LightUnit, Rig};
 
 /// The settings of the window that are independent of the lights.
 pub struct ViewState {
@@ -18,6 +18,8 @@ pub struct ViewState {
     pub dialog: Option<Dialog>,
     /// Search text for the list of lights.
     pub search: String,
+    /// Unit in which the panel shows the intensity of lights that it fits.
+    pub light_unit: LightUnit,
     /// Active comparison with a snapshot.
     pub comparing: Option<Comparing>,
     /// Whether the view through the selected light is shown.

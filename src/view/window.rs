@@ -26,6 +26,7 @@ use super::{Latency, Opened, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 use crate::relight::ToneMap;
+use crate::scene::LightUnit;
 
 /// Opens a window and runs it until it is closed. `load` runs on its own thread and sends its results to the window.
 /// Fails if no window can be opened or the scene cannot be loaded.
@@ -101,6 +102,7 @@ impl App {
             help: false,
             dialog: None,
             search: String::new(),
+            light_unit: LightUnit::Candela,
             comparing: None,
             show_light_view: false,
         };
@@ -363,7 +365,7 @@ impl App {
                 coarse = open_scene.is_coarse();
                 overlay_changed = open_scene.overlay != overlay;
                 passes = Some(open_scene.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
-                let star = if open_scene.desk.history().is_unsaved() { "*" } else { "" };
+                let star = if open_scene.desk.is_unsaved() { "*" } else { "" };
                 let message = &open_scene.desk.message;
                 graphics.set_title(format!("{}{star} - {message} - relume", self.settings.name));
                 if self.first_picture.is_none() {

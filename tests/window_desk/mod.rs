@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::command;
 use crate::desktop::pictures::{cut, difference, render, scene};
 use crate::desktop::{App, Desktop};
-use relume::scene::Rig;
+use relume::scene::{Light, Rig};
 
 const SIZE: [usize; 2] = [360, 240];
 
@@ -134,6 +134,29 @@ fn snapshots_are_recalled_and_compared() {
 }
 
 #[test]
+fn snapshots_come_back_with_the_rig() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let window = open(&desktop, &rig);
+    let first = picture(&window);
+    window.key("ctrl+alt+1", "balls-16* - stored in slot 1");
+    window.key("d", "moved");
+    let saved = saved_is_rendered(&window, &rig);
+    assert_eq!(saved.snapshots.len(), 1);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+
+    let window = open(&desktop, &rig);
+    let moved = picture(&window);
+    window.key("alt+1", "recalled 1");
+    assert!(difference(&picture(&window), &first) < 1e-3 && difference(&moved, &first) > 0.0);
+    window.key("ctrl+z", "balls-16 - undone: recalled 1");
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+}
+
+#[test]
 fn what_was_not_saved_survives_a_crash() {
     let Some(desktop) = Desktop::start() else { return };
     let folder = tempfile::tempdir().unwrap();
@@ -145,11 +168,7 @@ fn what_was_not_saved_survives_a_crash() {
     window.key("w", "moved");
     window.key("ctrl+g", "new");
     let lost = picture(&window);
-    let is_kept = || Rig::load(&kept).is_ok_and(|rig| rig.groups.len() == 1);
-    assert!((0..500).any(|_| is_kept() || {
-        std::thread::sleep(std::time::Duration::from_millis(20));
-        false
-    }));
+    wait_for_groups(&kept, 1);
     window.kill();
     assert_eq!(Rig::load(&rig).unwrap(), saved, "the rig itself is what was saved");
 
@@ -171,6 +190,42 @@ fn what_was_not_saved_survives_a_crash() {
     window.key("d", "moved");
     window.quits_unsaved();
     assert!(!kept.exists(), "who quits has decided");
+}
+
+/// Waits until the autosave file `kept` holds `count` groups.
+fn wait_for_groups(kept: &Path, count: usize) {
+    let is_kept = || Rig::load(kept).is_ok_and(|rig| rig.groups.len() == count);
+    assert!((0..500).any(|_| is_kept() || {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        false
+    }));
+}
+
+#[test]
+fn two_windows_on_one_rig_keep_their_own_edits() {
+    let (Some(left), Some(right)) = (Desktop::start(), Desktop::start()) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let [one, two] = ["autosave.toml", "autosave.2.toml"].map(|extension| rig.with_extension(extension));
+    let first = open(&left, &rig);
+    first.key("ctrl+g", "group: new");
+    wait_for_groups(&one, 1);
+    let second = open(&right, &rig); // and asks nothing
+    second.key("ctrl+g", "group: new");
+    second.key("Tab", "2 of 16");
+    second.key("ctrl+g", "group_2: new");
+    wait_for_groups(&two, 2);
+    second.quits_unsaved();
+    assert!(!two.exists());
+    wait_for_groups(&one, 1);
+    first.kill();
+    let scene = scene("balls-16.glb");
+    let mut again =
+        left.relume(&["view", scene.to_str().unwrap(), "--rig", rig.to_str().unwrap(), "--size", "360x240"]);
+    again.wait_for_window_saying("unsaved edits were found");
+    again.key("r", "recovered");
+    again.quits_unsaved();
+    assert!(!one.exists());
 }
 
 #[test]
@@ -310,6 +365,15 @@ fn a_light_with_a_size_is_made_resized_and_saved() {
     window.key("ctrl+z", "undone");
     window.key("ctrl+s", "saved");
     let undone = Rig::load(&rig).unwrap();
-    assert!(undone.lights.last().unwrap().size < light.size, "{undone:?}");
+    let before = undone.lights.last().unwrap();
+    assert!(before.size < light.size, "{undone:?}");
+    window.key("3", "intensity in lm");
+    window.key("4", "a change of size keeps the radiance");
+    window.key("6", " cd, ");
+    window.key("ctrl+s", "saved");
+    let larger = Rig::load(&rig).unwrap();
+    let after = larger.lights.last().unwrap();
+    let radiance = |light: &Light| light.intensity / light.projected_area().unwrap();
+    assert!(after.size > before.size && (radiance(after) / radiance(before) - 1.0).abs() < 1e-12, "{after:?}");
     window.quits_unsaved();
 }

@@ -202,7 +202,7 @@ mod tests {
 
     use super::*;
     use crate::physics::light::incident;
-    use crate::scene::{Light, LightKind, MeshSpace};
+    use crate::scene::{Light, LightKind, LightUnit, MeshSpace};
 
     /// Compares with the irradiance integrated over a sphere around the light.
     #[test]
@@ -225,6 +225,8 @@ mod tests {
             let want = sum * 2.0 * PI * f64::from(versine(&packed)) / f64::from(steps);
             let got = f64::from(packed.strength) / f64::from(per_solid_angle(&packed).unwrap());
             assert!((got / want - 1.0).abs() < 1e-3, "{light:?}: {got}, want {want}");
+            let lumens = light.per_intensity(LightUnit::Lumen).unwrap() * f64::from(packed.strength);
+            assert!((got / lumens - 1.0).abs() < 1e-3, "{light:?}: {got}, lumens {lumens}");
         }
         assert!((1.0 / per_solid_angle(&point.pack(space)).unwrap() - 4.0 * PI as f32).abs() < 1e-5);
         // A narrow spot in a scene so large that its power overflows or underflows in single precision.

@@ -1,5 +1,5 @@
-//! The exact rig that export stores next to the glTF lights: groups, links, switches and everything else that glTF
-//! cannot represent. It is used only while the file's lights agree with it.
+//! The exact rig that export stores next to the glTF lights: groups, followers, links, switches and everything else that
+//! glTF cannot represent. It is used only while the file's lights agree with it.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -25,7 +25,8 @@ pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
         Ok(embedded) => match with_file_nodes(embedded, &loaded) {
             Some(embedded) => return embedded,
             None => {
-                tracing::info!("{path}: its lights were edited since relume wrote them; groups and links are discarded")
+                let lost = "groups, followers and links are discarded";
+                tracing::info!("{path}: its lights were edited since relume wrote them; {lost}")
             }
         },
     }

@@ -20,7 +20,8 @@ use crate::storage::file;
 ///
 /// A light with a source node returns to it, in the space of the node's parent; others get new nodes. Groups, stops,
 /// switches and solo are folded into intensity and colour; `shadows`, filters and links have no counterpart in glTF. The
-/// exact rig is stored too: relume restores it unless the file's lights have been edited since.
+/// exact rig is stored too, except camera and snapshots: relume restores it unless the file's lights have been edited
+/// since.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
@@ -67,7 +68,7 @@ fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
 fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &Path) {
     let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
     if scene.get("extras").is_none_or(serde_json::Value::is_object) {
-        let mut rig = Rig { camera: None, ..rig.clone() };
+        let mut rig = Rig { camera: None, snapshots: Vec::new(), ..rig.clone() };
         for light in &mut rig.lights {
             let within = light.filter.within(folder);
             if within != light.filter {

@@ -13,7 +13,7 @@ use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-pub use blackbody::{KELVIN, kelvin_of, kelvin_to_rgb};
+pub use blackbody::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
 
 use super::{Camera, Light, LightGroup, ObjectSet, RigFiles};
 use crate::error::{Error, Result};
@@ -27,6 +27,22 @@ pub struct Rig {
     /// Names that lights' links use.
     pub sets: Vec<ObjectSet>,
     pub lights: Vec<Light>,
+    /// Other states of the lights, for the lighting desk; renders ignore them.
+    pub snapshots: Vec<RigSnapshot>,
+}
+
+/// Number of snapshots that a rig can have.
+pub const SLOTS: usize = 9;
+
+/// A stored state of a rig's lights.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RigSnapshot {
+    /// Unique in its rig, below [`SLOTS`]; files count from 1.
+    pub slot: usize,
+    /// Note of the user.
+    pub note: String,
+    /// Groups, sets and lights; without camera and snapshots.
+    pub rig: Rig,
 }
 
 impl Rig {

@@ -8,13 +8,29 @@ use toml::Spanned;
 
 use super::read_light::{self, LightEntry, is_color};
 use super::rig_text::RigText;
-use super::{Rig, without_dots};
+use super::{Rig, RigSnapshot, SLOTS, without_dots};
 use crate::scene::{Camera, LightGroup, ObjectSet, Projection, RigFiles};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
     camera: Option<Spanned<CameraEntry>>,
+    #[serde(default)]
+    group: Vec<GroupEntry>,
+    #[serde(default)]
+    set: Vec<SetEntry>,
+    #[serde(default)]
+    light: Vec<LightEntry>,
+    #[serde(default)]
+    snapshot: Vec<SnapshotEntry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SnapshotEntry {
+    slot: Spanned<usize>,
+    #[serde(default)]
+    note: String,
     #[serde(default)]
     group: Vec<GroupEntry>,
     #[serde(default)]
@@ -74,39 +90,61 @@ pub fn parse(source: &str, mut files: RigFiles) -> Result<Rig, String> {
         text.line(at, message)
     })?;
     let camera = file.camera.map(|camera| text.camera(camera)).transpose()?;
-    let mut rig = Rig { camera, ..Rig::default() };
-    let mut group_indices = HashMap::new();
-    for entry in file.group {
-        let at = entry.name.span();
-        let group = text.group(entry)?;
-        if group_indices.insert(group.name.clone(), rig.groups.len()).is_some() {
-            return Err(text.line(at, format!("group \"{}\" is defined twice", group.name)));
+    let mut rig = Rig { camera, ..text.lists(file.group, file.set, file.light, &mut files)? };
+    for SnapshotEntry { slot, note, group, set, light } in file.snapshot {
+        let wrong = |reason: &str| Err(text.line(slot.span(), format!("snapshot {} {reason}", slot.get_ref())));
+        if !(1..=SLOTS).contains(slot.get_ref()) {
+            return wrong(&format!("is not in the range 1 to {SLOTS}"));
         }
-        rig.groups.push(group);
-    }
-    for SetEntry { name, items } in file.set {
-        let wrong = |reason: &str| Err(text.line(name.span(), format!("set \"{}\" {reason}", name.get_ref())));
-        if rig.sets.iter().any(|set| set.name == *name.get_ref()) {
+        let index = slot.get_ref() - 1;
+        if rig.snapshots.iter().any(|snapshot| snapshot.slot == index) {
             return wrong("is defined twice");
         }
-        rig.sets.push(ObjectSet { name: name.into_inner(), items });
+        rig.snapshots.push(RigSnapshot { slot: index, note, rig: text.lists(group, set, light, &mut files)? });
     }
-    let mut light_indices = HashMap::new();
-    let mut leaders = Vec::new();
-    for mut entry in file.light {
-        let at = entry.name.span();
-        leaders.push(entry.follows.take());
-        let light = read_light::light(&text, entry, &group_indices, &rig.groups, &mut files)?;
-        if light_indices.insert(light.name.clone(), rig.lights.len()).is_some() {
-            return Err(text.line(at, format!("light \"{}\" is defined twice", light.name)));
-        }
-        rig.lights.push(light);
-    }
-    text.follow(&mut rig, &leaders, &light_indices)?;
     Ok(rig)
 }
 
 impl RigText<'_> {
+    fn lists(
+        &self,
+        groups: Vec<GroupEntry>,
+        sets: Vec<SetEntry>,
+        lights: Vec<LightEntry>,
+        files: &mut RigFiles,
+    ) -> Result<Rig, String> {
+        let mut rig = Rig::default();
+        let mut group_indices = HashMap::new();
+        for entry in groups {
+            let at = entry.name.span();
+            let group = self.group(entry)?;
+            if group_indices.insert(group.name.clone(), rig.groups.len()).is_some() {
+                return Err(self.line(at, format!("group \"{}\" is defined twice", group.name)));
+            }
+            rig.groups.push(group);
+        }
+        for SetEntry { name, items } in sets {
+            let wrong = |reason: &str| Err(self.line(name.span(), format!("set \"{}\" {reason}", name.get_ref())));
+            if rig.sets.iter().any(|set| set.name == *name.get_ref()) {
+                return wrong("is defined twice");
+            }
+            rig.sets.push(ObjectSet { name: name.into_inner(), items });
+        }
+        let mut light_indices = HashMap::new();
+        let mut leaders = Vec::new();
+        for mut entry in lights {
+            let at = entry.name.span();
+            leaders.push(entry.follows.take());
+            let light = read_light::light(self, entry, &group_indices, &rig.groups, files)?;
+            if light_indices.insert(light.name.clone(), rig.lights.len()).is_some() {
+                return Err(self.line(at, format!("light \"{}\" is defined twice", light.name)));
+            }
+            rig.lights.push(light);
+        }
+        self.follow(&mut rig, &leaders, &light_indices)?;
+        Ok(rig)
+    }
+
     fn camera(&self, entry: Spanned<CameraEntry>) -> Result<Camera, String> {
         let at = entry.span();
         let wrong = |reason: &str| self.line(at.clone(), format!("camera: {reason}"));

@@ -11,7 +11,7 @@ use super::rig_text::{RigText, Span};
 use super::{blackbody, kelvin_to_rgb, without_dots};
 use crate::scene::light_filter::{BarnDoors, Gobo, SOFTNESS_DEG};
 use crate::scene::links::MAX_FACTOR;
-use crate::scene::{Light, LightFilter, LightGroup, LightKind, Links, RigFiles};
+use crate::scene::{Light, LightFilter, LightGroup, LightKind, LightUnit, Links, RigFiles};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -24,6 +24,11 @@ pub struct LightEntry {
     pub kelvin: Option<Spanned<f64>>,
     pub tint: Option<Spanned<f64>>,
     pub intensity: Option<Spanned<f64>>,
+    /// These three in place of `intensity`.
+    pub lumen: Option<Spanned<f64>>,
+    pub nit: Option<Spanned<f64>>,
+    /// W/m² of directional lights.
+    pub watt: Option<Spanned<f64>>,
     pub stops: Option<Spanned<f64>>,
     pub inner_deg: Option<Spanned<f64>>,
     pub outer_deg: Option<Spanned<f64>>,
@@ -93,8 +98,9 @@ pub fn light(
         return Err(check.wrong(entry.name.span(), "the name is empty"));
     }
     let kind = check.kind()?;
-    let strength_at = [&entry.intensity, &entry.stops].into_iter().flatten().map(|v| v.span()).next();
-    check.radiance_alone(&entry)?;
+    let strengths = [&entry.intensity, &entry.lumen, &entry.nit, &entry.watt];
+    let strength_at = strengths.into_iter().chain([&entry.stops]).flatten().map(|v| v.span()).next();
+    check.one_strength(&entry)?;
     let [inner_angle, outer_angle] = check.cone(entry.inner_deg, entry.outer_deg)?;
     let position = check.vector(entry.position, "position", kind != LightKind::Directional)?;
     let default = Light::point("", DVec3::ZERO);
@@ -158,6 +164,15 @@ pub fn light(
     if let Some(radiance) = entry.radiance {
         check.set_radiance(&mut light, radiance)?;
     }
+    for (key, unit, value) in [
+        ("lumen", LightUnit::Lumen, entry.lumen),
+        ("nit", LightUnit::Nit, entry.nit),
+        ("watt", LightUnit::Watt, entry.watt),
+    ] {
+        if let Some(value) = value {
+            light.intensity = check.intensity(&light, key, unit, value)?;
+        }
+    }
     // Checked even if the light or group is off, so that enabling it later cannot break the picture.
     let own = Light { enabled: true, ..light.clone() }.scale();
     let group = light.group.map_or(Vec3::ONE, |g| LightGroup { enabled: true, ..groups[g].clone() }.scale());
@@ -205,14 +220,33 @@ impl Check<'_> {
         }
     }
 
-    /// `radiance` excludes the keys whose place it takes.
-    fn radiance_alone(&self, entry: &LightEntry) -> Result<(), String> {
+    /// The keys of a light's strength exclude each other, and `radiance` excludes those of its colour.
+    fn one_strength(&self, entry: &LightEntry) -> Result<(), String> {
+        let both = |at: Span, key: &str, other: &str| Err(self.wrong(at, format!("{key} and {other} are both given")));
+        let strengths =
+            [("intensity", &entry.intensity), ("lumen", &entry.lumen), ("nit", &entry.nit), ("watt", &entry.watt)];
+        let mut given = strengths.iter().filter_map(|(key, value)| value.as_ref().map(|value| (*key, value.span())));
+        let (first, second) = (given.next(), given.next());
+        if let (Some((other, _)), Some((key, at))) = (&first, second) {
+            return both(at, key, other);
+        }
         let Some(radiance) = &entry.radiance else { return Ok(()) };
-        let others = [entry.color.is_some(), entry.kelvin.is_some(), entry.intensity.is_some()];
-        match ["color", "kelvin", "intensity"].iter().zip(others).find(|(_, given)| *given) {
-            Some((other, _)) => Err(self.wrong(radiance.span(), format!("radiance and {other} are both given"))),
+        let colors = [("color", entry.color.is_some()), ("kelvin", entry.kelvin.is_some())];
+        let color = colors.into_iter().find(|(_, given)| *given).map(|(key, _)| key);
+        match color.or(first.map(|(key, _)| key)) {
+            Some(other) => both(radiance.span(), "radiance", other),
             None => Ok(()),
         }
+    }
+
+    /// The intensity of a light whose strength is given in `unit`.
+    fn intensity(&self, light: &Light, key: &str, unit: LightUnit, value: Spanned<f64>) -> Result<f64, String> {
+        let at = value.span();
+        let Some(per_intensity) = light.per_intensity(unit) else {
+            let kind = self.kind.get_ref();
+            return Err(self.wrong(at, format!("a {kind} light of this size has no {key}; use intensity")));
+        };
+        Ok(self.number(Some(value), 0.0, key, 0.0..=f64::MAX)? / per_intensity)
     }
 
     /// Sets colour and intensity.
@@ -278,7 +312,7 @@ impl Check<'_> {
             (Some(color), None, None) => self.rgb(color, "color"),
             (None, Some(kelvin), tint) => Ok(kelvin_to_rgb(
                 self.number(Some(kelvin), 0.0, "kelvin", blackbody::KELVIN)?,
-                self.number(tint, 0.0, "tint", -1.0..=1.0)?,
+                self.number(tint, 0.0, "tint", blackbody::TINT)?,
             )),
             (None, None, None) => Ok(Vec3::ONE),
         }

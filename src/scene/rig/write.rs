@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 
-use super::Rig;
+use super::{Rig, RigSnapshot};
 use crate::scene::light_filter::{Gobo, SOFTNESS_DEG};
 use crate::scene::{Camera, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, Projection};
 
@@ -16,14 +16,16 @@ pub fn to_toml(rig: &Rig, folder: &Path) -> String {
     if let Some(camera) = &rig.camera {
         out.camera(camera);
     }
-    for group in &rig.groups {
-        out.group(group);
-    }
-    for set in &rig.sets {
-        out.set(set);
-    }
-    for light in &rig.lights {
-        out.light(light, rig, folder);
+    out.lists(rig, folder);
+    for RigSnapshot { slot, note, rig } in &rig.snapshots {
+        out.table = "";
+        out.header("snapshot");
+        out.key("slot", slot + 1);
+        if !note.is_empty() {
+            out.key("note", string(note));
+        }
+        out.table = "snapshot.";
+        out.lists(rig, folder);
     }
     out.text
 }
@@ -31,12 +33,22 @@ pub fn to_toml(rig: &Rig, folder: &Path) -> String {
 #[derive(Default)]
 struct Document {
     text: String,
+    /// Before the names of tables: "snapshot." within a snapshot.
+    table: &'static str,
 }
 
 impl Document {
-    fn header(&mut self, header: &str) {
+    /// Begins an entry of a list.
+    fn header(&mut self, list: &str) {
         let gap = if self.text.is_empty() { "" } else { "\n" };
-        writeln!(self.text, "{gap}{header}").expect("writing to a string cannot fail");
+        let table = self.table;
+        writeln!(self.text, "{gap}[[{table}{list}]]").expect("writing to a string cannot fail");
+    }
+
+    fn lists(&mut self, rig: &Rig, folder: &Path) {
+        rig.groups.iter().for_each(|group| self.group(group));
+        rig.sets.iter().for_each(|set| self.set(set));
+        rig.lights.iter().for_each(|light| self.light(light, rig, folder));
     }
 
     fn key(&mut self, key: &str, value: impl Display) {
@@ -44,7 +56,7 @@ impl Document {
     }
 
     fn camera(&mut self, camera: &Camera) {
-        self.header("[camera]");
+        self.text.push_str("[camera]\n");
         self.key("name", string(&camera.name));
         self.key("position", vector(camera.position));
         // As far away as the position is from the origin, so that their difference retains its digits.
@@ -58,7 +70,7 @@ impl Document {
     }
 
     fn group(&mut self, group: &LightGroup) {
-        self.header("[[group]]");
+        self.header("group");
         self.key("name", string(&group.name));
         self.key("stops", number(group.stops));
         self.key("color", color(group.color));
@@ -69,7 +81,7 @@ impl Document {
     }
 
     fn set(&mut self, set: &ObjectSet) {
-        self.header("[[set]]");
+        self.header("set");
         self.key("name", string(&set.name));
         self.key("items", toml_value(&set.items));
     }
@@ -82,7 +94,7 @@ impl Document {
             LightKind::Disk => "disk",
             LightKind::Rect => "rect",
         };
-        self.header("[[light]]");
+        self.header("light");
         self.key("name", string(&light.name));
         self.key("kind", string(kind));
         // Values that a kind ignores are written only if they are not the defaults: they apply again if the kind

@@ -99,12 +99,26 @@ pub fn update_followers(before: &Rig, rig: &mut Rig) {
     if before.lights.len() != rig.lights.len() || rig.lights.iter().all(|light| light.follows.is_none()) {
         return;
     }
-    let order = rig.leaders_first().expect("links are checked when they are created");
+    let order = rig.leaders_first().expect("cycles are refused when a light begins to follow");
     for follower in order {
         let Some(leader) = rig.lights[follower].follows else { continue };
         let was = &before.lights[follower];
         if rig.lights[follower] == *was && rig.lights[leader] != before.lights[leader] {
             rig.lights[follower] = apply_change(was, &before.lights[leader], &rig.lights[leader]);
+        }
+    }
+}
+
+/// Multiplies the intensity of lights whose size changed since `before`, so that their radiance is the same.
+pub fn keep_radiance(before: &Rig, rig: &mut Rig) {
+    if before.lights.len() != rig.lights.len() {
+        return;
+    }
+    for (light, before) in rig.lights.iter_mut().zip(&before.lights) {
+        if let (Some(was), Some(is)) = (before.projected_area(), light.projected_area())
+            && was != is
+        {
+            light.intensity *= is / was;
         }
     }
 }

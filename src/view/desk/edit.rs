@@ -2,9 +2,9 @@
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::Desk;
 use super::apply_change::apply_change;
-use crate::scene::rig::{KELVIN, kelvin_of, kelvin_to_rgb};
+use super::{Desk, SizeKeeps};
+use crate::scene::rig::{KELVIN, kelvin_and_tint_of, kelvin_to_rgb};
 use crate::scene::{Light, LightKind};
 
 /// The axes along which a light moves.
@@ -125,6 +125,14 @@ impl Desk {
 }
 
 impl Desk {
+    /// Changes what lights keep when their size changes.
+    pub fn toggle_size_keeps(&mut self) {
+        (self.size_keeps, self.message) = match self.size_keeps {
+            SizeKeeps::Power => (SizeKeeps::Radiance, "a change of size keeps the radiance".into()),
+            SizeKeeps::Radiance => (SizeKeeps::Power, "a change of size keeps the power".into()),
+        };
+    }
+
     /// Multiplies a light's size. Smaller than a thousandth of a step, or a thousandth of a degree, is no size.
     fn resize(&self, light: &mut Light, factor: f64) {
         let grown = |size: f64, first: f64| match size * factor {
@@ -143,10 +151,11 @@ impl Desk {
 /// Angle of the sun, radians.
 const SUN: f64 = 0.53 * std::f64::consts::PI / 180.0;
 
-/// Shifts the temperature of `color` at the same luminance; a tint off the black-body locus is lost.
+/// Shifts the temperature of `color` at the same luminance and tint.
 fn shifted(color: Vec3, mired: f64) -> Vec3 {
-    let mired = (1e6 / kelvin_of(color) - mired).clamp(1e6 / KELVIN.end(), 1e6 / KELVIN.start());
-    kelvin_to_rgb(1e6 / mired, 0.0) * luminance(color)
+    let (kelvin, tint) = kelvin_and_tint_of(color);
+    let mired = (1e6 / kelvin - mired).clamp(1e6 / KELVIN.end(), 1e6 / KELVIN.start());
+    kelvin_to_rgb(1e6 / mired, tint) * luminance(color)
 }
 
 /// Returns the luminance of linear Rec. 709 RGB.

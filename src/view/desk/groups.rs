@@ -1,4 +1,4 @@
-//! Groups with a master, and links between lights.
+//! Groups with a master, and lights that follow another.
 
 use super::Desk;
 use super::selection::Selection;
@@ -91,7 +91,7 @@ impl Desk {
     }
 
     /// Makes the other selected lights follow the primary light.
-    pub fn link(&mut self) {
+    pub fn follow(&mut self) {
         let Some(leader) = self.selected().filter(|_| self.selection.len() > 1) else {
             self.message = "select the followers first, then the light that they are to follow".into();
             return;
@@ -106,8 +106,8 @@ impl Desk {
         }
     }
 
-    /// Ends the links of the selected lights to the lights that they follow.
-    pub fn unlink(&mut self) {
+    /// Makes the selected lights follow no light.
+    pub fn unfollow(&mut self) {
         self.history.end_gesture();
         let mut rig = self.rig.clone();
         self.selection.iter().for_each(|light| rig.lights[light].follows = None);

@@ -65,7 +65,7 @@ impl Desk {
         self.history.end_gesture();
     }
 
-    /// Deletes the selected lights; the links of their followers end.
+    /// Deletes the selected lights; their followers follow no light any more.
     pub fn delete(&mut self) {
         let Some(first) = self.selection.iter().min() else {
             self.message = "no light is selected".into();

@@ -3,10 +3,8 @@
 use super::Desk;
 use super::selection::Selection;
 use crate::scene::Rig;
+use crate::scene::rig::{RigSnapshot, SLOTS};
 use crate::view::rig_state::RigState;
-
-/// Number of snapshots that can be stored.
-pub const SLOTS: usize = 9;
 
 /// A stored state of the lights.
 pub struct Snapshot {
@@ -23,10 +21,45 @@ pub struct Snapshots {
     slots: [Option<Snapshot>; SLOTS],
     /// Slot that was stored or recalled last.
     last: Option<usize>,
-    stored_count: u64,
+    /// Number of changes.
+    version: u64,
+    /// Version that was loaded or last saved.
+    saved: u64,
 }
 
 impl Snapshots {
+    /// The snapshots of a rig file. The one of the highest slot counts as the last.
+    pub fn loaded(stored: Vec<RigSnapshot>) -> Self {
+        let mut snapshots = Self::default();
+        snapshots.replace(stored);
+        snapshots.mark_saved();
+        snapshots
+    }
+
+    fn replace(&mut self, stored: Vec<RigSnapshot>) {
+        self.slots = Default::default();
+        self.last = stored.iter().map(|snapshot| snapshot.slot).max();
+        for RigSnapshot { slot, note, rig } in stored {
+            self.version += 1;
+            self.slots[slot] = Some(Snapshot { note, state: RigState::of(&rig), id: self.version });
+        }
+        self.version += 1;
+    }
+
+    /// Changes whenever a snapshot or note does.
+    pub fn version(&self) -> u64 {
+        self.version
+    }
+
+    /// Whether a snapshot or note differs from what was loaded or last saved.
+    pub fn are_unsaved(&self) -> bool {
+        self.version != self.saved
+    }
+
+    pub fn mark_saved(&mut self) {
+        self.saved = self.version;
+    }
+
     pub fn get(&self, slot: usize) -> Option<&Snapshot> {
         self.slots[slot].as_ref()
     }
@@ -52,10 +85,10 @@ impl Desk {
     /// Stores the current lights in a slot, in place of its snapshot. The note of the slot is retained.
     pub fn store(&mut self, slot: usize) {
         self.history.end_gesture();
-        let Snapshots { slots, last, stored_count } = &mut self.snapshots;
-        *stored_count += 1;
+        let Snapshots { slots, last, version, .. } = &mut self.snapshots;
+        *version += 1;
         let note = slots[slot].take().map(|old| old.note).unwrap_or_default();
-        slots[slot] = Some(Snapshot { note, state: self.history.state().clone(), id: *stored_count });
+        slots[slot] = Some(Snapshot { note, state: self.history.state().clone(), id: *version });
         *last = Some(slot);
         self.message = format!("stored in slot {}", slot + 1);
     }
@@ -79,6 +112,7 @@ impl Desk {
     pub fn annotate(&mut self, slot: usize, note: String) {
         if let Some(snapshot) = &mut self.snapshots.slots[slot] {
             snapshot.note = note;
+            self.snapshots.version += 1;
         }
     }
 
@@ -90,8 +124,20 @@ impl Desk {
         Some(rig)
     }
 
-    /// Replaces the lights by those that a crash left.
-    pub fn recover(&mut self, rig: Rig) {
+    /// Returns the rig with its snapshots, as a file stores it.
+    pub fn rig_to_save(&self) -> Rig {
+        let stored = self.snapshots.slots.iter().enumerate().filter_map(|(slot, snapshot)| {
+            let snapshot = snapshot.as_ref()?;
+            let mut rig = Rig::default();
+            snapshot.state.put_into(&mut rig);
+            Some(RigSnapshot { slot, note: snapshot.note.clone(), rig })
+        });
+        Rig { snapshots: stored.collect(), ..self.rig.clone() }
+    }
+
+    /// Replaces lights and snapshots by those that a crash left.
+    pub fn recover(&mut self, mut rig: Rig) {
+        self.snapshots.replace(std::mem::take(&mut rig.snapshots));
         let count = rig.lights.len();
         let selection = match count {
             0 => Selection::default(),

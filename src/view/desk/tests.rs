@@ -43,9 +43,9 @@ fn every_edit_can_be_undone_and_redone_exactly() {
         Box::new(|d| d.edit_group(GroupEdit::Stops(-1.0))),
         Box::new(|d| d.edit_group(GroupEdit::Solo)),
         Box::new(Desk::end_solo),
-        Box::new(Desk::link),
+        Box::new(Desk::follow),
         Box::new(|d| d.edit(RIGHT)),
-        Box::new(Desk::unlink),
+        Box::new(Desk::unfollow),
         Box::new(|d| d.set_group(None)),
     ];
     for edit in &edits {
@@ -263,11 +263,11 @@ fn off_beats_solo() {
 fn followers_go_where_their_leader_goes() {
     let mut desk = several();
     desk.select(Selection::of([2, 1]));
-    desk.link(); // 2 follows 1
+    desk.follow(); // 2 follows 1
     desk.select(Selection::of([1, 0]));
-    desk.link(); // 1 follows 0
+    desk.follow(); // 1 follows 0
     desk.select(Selection::of([0, 2]));
-    desk.link();
+    desk.follow();
     assert_eq!(desk.message, "key_2 already follows one of them");
     let before = desk.rig().lights.clone();
     desk.select(Selection::only(0));
@@ -358,6 +358,36 @@ fn snapshots_are_kept_recalled_and_undone() {
 }
 
 #[test]
+fn snapshots_and_notes_are_saved_with_the_rig() {
+    let mut desk = several();
+    assert!(!desk.is_unsaved());
+    desk.store(3);
+    assert!(desk.is_unsaved() && !desk.history().is_unsaved(), "a snapshot is to be saved, too");
+    desk.mark_saved();
+    desk.annotate(3, "cold".into());
+    assert!(desk.is_unsaved());
+    desk.group_selected();
+    desk.store(0);
+    desk.select_all();
+    desk.delete();
+    let saved = desk.rig_to_save();
+    let slots: Vec<_> = saved.snapshots.iter().map(|snapshot| (snapshot.slot, snapshot.note.as_str())).collect();
+    assert_eq!(slots, [(0, ""), (3, "cold")]);
+    let text = saved.to_toml(std::path::Path::new(""));
+    let read = Rig::from_toml(&text, crate::scene::RigFiles::new(std::path::Path::new(""))).unwrap();
+    assert_eq!(read, saved, "{text}");
+
+    let mut again = Desk::new(read, desk.camera.clone(), 10.0);
+    assert!(!again.is_unsaved() && again.rig().snapshots.is_empty() && again.rig_to_save() == saved);
+    assert_eq!(again.snapshots().last(), Some(3));
+    again.recall(3);
+    assert_eq!((again.rig().lights.len(), again.message.as_str()), (3, "recalled 4: cold"));
+    assert_eq!(again.snapshot_rig(3), desk.snapshot_rig(3));
+    again.recover(desk.rig().clone());
+    assert!(again.snapshots().get(3).is_none() && again.is_unsaved(), "what a crash left had no snapshots");
+}
+
+#[test]
 fn files_become_filters_of_the_selected_lights() {
     let folder = tempfile::tempdir().unwrap();
     let lamp = folder.path().join("lamp.IES");
@@ -410,4 +440,40 @@ fn objects_are_lit_or_not() {
     desk.edit_links(LinkEdit::Light, "sofa");
     let linked = Links { only: names(&["sofa", "table"]), except: names(&["sofa"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
+}
+
+#[test]
+fn a_change_of_size_keeps_power_or_radiance() {
+    let mut desk = desk(3);
+    for light in &mut desk.rig.lights {
+        (light.kind, light.radius, light.intensity) = (LightKind::Disk, 0.5, 8.0);
+    }
+    desk.rig.lights[1].radius = 0.0;
+    desk.rig.lights[2].follows = Some(0);
+    desk.history = History::new(&desk.rig);
+    let first = desk.rig().clone();
+    let strengths = |desk: &Desk| [0, 1, 2].map(|i| (desk.rig().lights[i].radius, desk.rig().lights[i].intensity));
+    // By key, as the power stays.
+    desk.edit(LightEdit::Size(1.0));
+    assert_eq!(strengths(&desk), [(1.0, 8.0), (0.0, 8.0), (1.0, 8.0)]);
+    desk.undo();
+    desk.toggle_size_keeps();
+    assert_eq!(desk.message, "a change of size keeps the radiance");
+    desk.edit(LightEdit::Size(1.0));
+    assert_eq!(strengths(&desk), [(1.0, 32.0), (0.0, 8.0), (1.0, 32.0)], "the follower has its own radiance");
+    desk.undo();
+    assert_eq!(desk.rig(), &first, "size and intensity are one edit");
+    desk.redo();
+    assert_eq!(desk.rig().lights[0].intensity, 32.0, "redone, not applied again");
+    desk.undo();
+    // By number or handle, several lights; a light without a size has no radiance.
+    desk.select(Selection::of([1, 0]));
+    desk.edit_primary_and_selection(Light { radius: 0.25, ..desk.rig().lights[0].clone() });
+    assert_eq!(strengths(&desk), [(0.25, 2.0), (0.0, 8.0), (0.25, 2.0)]);
+    desk.edit_primary_and_selection(Light { radius: 0.0, ..desk.rig().lights[0].clone() });
+    assert_eq!(strengths(&desk)[0], (0.0, 2.0));
+    // Another intensity is another radiance.
+    desk.go_to(0);
+    desk.edit_primary_and_selection(Light { intensity: 4.0, ..desk.rig().lights[0].clone() });
+    assert_eq!(strengths(&desk), [(0.5, 4.0), (0.0, 4.0), (0.5, 4.0)]);
 }

@@ -29,12 +29,26 @@ impl OpenScene {
     /// Stores the lights in a slot, with a thumbnail.
     pub(super) fn store_snapshot(&mut self, slot: usize, view: &ViewState) -> Result<()> {
         self.desk.store(slot);
+        self.thumbnails[slot] = Some(self.thumbnail(view)?);
+        Ok(())
+    }
+
+    /// Recalls the lights of a slot. A snapshot from a file gets its thumbnail.
+    pub(super) fn recall_snapshot(&mut self, slot: usize, view: &ViewState) -> Result<()> {
+        self.desk.recall(slot);
+        if self.desk.snapshots().get(slot).is_some() && self.thumbnails[slot].is_none() {
+            self.thumbnails[slot] = Some(self.thumbnail(view)?);
+        }
+        Ok(())
+    }
+
+    /// A small picture of the current lights.
+    fn thumbnail(&mut self, view: &ViewState) -> Result<Thumbnail> {
         self.sync_lights()?;
         self.layers = Layers::All;
         let size = self.picture_size();
         let request = Request { exposure: view.exposure, tone_map: view.curve(), ..Request::default() };
-        self.thumbnails[slot] = Some(Thumbnail::of(self.relighter.display(request)?, size));
-        Ok(())
+        Ok(Thumbnail::of(self.relighter.display(request)?, size))
     }
 
     /// Starts a comparison with the snapshot that was stored or recalled last, or ends it.
