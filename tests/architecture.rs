@@ -11,7 +11,7 @@ const ALLOWED: [(&str, &[&str]); 15] = [
     ("storage", &["error"]),
     ("image", &["error", "storage"]),
     ("scene", &["error", "shared", "storage"]),
-    ("trace", &["scene", "shared"]),
+    ("trace", &["physics", "scene", "shared"]),
     ("bake", &["error", "physics", "scene", "shared", "storage", "trace"]),
     ("gpu", &["error", "shared", "storage"]),
     ("relight", &["bake", "error", "gpu", "physics", "scene", "shared", "trace"]),
