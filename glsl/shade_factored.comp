@@ -3,6 +3,7 @@
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
+#include "lib/soft.glsl"
 
 void main() {
     uint index = thread_index();
@@ -12,7 +13,11 @@ void main() {
     FactoredSample s = push.samples.at[index];
     uint byte = (push.visibility.at[index / 4] >> (8 * (index & 3))) & 255;
     vec3 wi;
-    float irradiance = incident(push.light, push.points.at[index].position, wi) * float(byte) / 255.0;
+    PackedLight from = push.light;
+    if (SOFT) {
+        from = push.lights.at[point_in_list(index)];
+    }
+    float irradiance = incident(from, push.points.at[index].position, wi) * float(byte) / 255.0;
     vec3 factor = push.has_factors != 0 ? unpack_factor(push.factors.at[index]) : vec3(1.0);
     float light = irradiance * max(dot(s.normal, wi), 0.0);
     // Bilinear interpolation. Texels outside the disc have w = 0; dividing by the interpolated w leaves them out.

@@ -1,8 +1,9 @@
-// λ0: coefficients of a light without size at unit intensity in gather samples, the mean over each sample's points. One thread per
-// sample. Twin: src/bake/transport/direct.rs.
+// λ0: coefficients of a light without size at unit intensity in gather samples, the mean over each sample's points; or
+// of a light with a size, of which each point sees another point. One thread per sample. Twin: src/bake/transport/direct.rs.
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
+#include "lib/soft.glsl"
 
 const uint RADIALS = HARMONIC_DEGREES * (HARMONIC_DEGREES + 1) / 2;
 const uint SCHLICK = TABLE_ROUGHNESSES * TABLE_COSINES * RADIALS * 2;
@@ -73,29 +74,33 @@ void main() {
         return;
     }
     LightSample s = push.samples.at[index];
-    for (uint i = 0; push.accumulate == 0 && i < s.degrees * s.degrees; ++i) {
+    for (uint i = 0; (push.flags & ACCUMULATE) == 0 && i < s.degrees * s.degrees; ++i) {
         push.coefficients.at[element(s.first + i)] = vec4(0.0);
     }
     vec3 first = vec3(0.0);
     Lookup at;
     at.row = place(s.roughness, TABLE_ROUGHNESSES, at.across);
     vec3 bitangent = cross(s.normal, s.tangent);
-    for (uint p = index * push.points_per_sample; p < (index + 1) * push.points_per_sample; ++p) {
+    for (uint p = index * POINTS_PER_SAMPLE; p < (index + 1) * POINTS_PER_SAMPLE; ++p) {
         uint byte = (push.visibility.at[p / 4] >> (8 * (p & 3))) & 255;
         if (byte == 0) {
             continue;
         }
         vec3 normal = octahedral(push.points.at[p].normal);
         vec3 wi;
-        float irradiance = incident(push.light, push.points.at[p].position, wi);
+        PackedLight from = push.light;
+        if (SOFT) {
+            from = push.lights.at[point_in_list(p)];
+        }
+        float irradiance = incident(from, push.points.at[p].position, wi);
         float cosine = dot(normal, wi);
         if (irradiance == 0.0 || cosine <= 0.0) {
             continue;
         }
-        irradiance *= cosine / float(push.points_per_sample);
+        irradiance *= cosine / float(POINTS_PER_SAMPLE);
         if (push.per_solid_angle > 0.0) {
             // If the point stands for much of the light's power, rays replace it: `weight_of_rays` in light_rays.rs.
-            float share = irradiance / push.light.strength * s.area * push.per_solid_angle;
+            float share = irradiance / from.strength * s.area * push.per_solid_angle;
             float rays = smoothstep(0.5 * EVEN_SHARE, 1.5 * EVEN_SHARE, share);
             if (rays == 1.0) { // so near that irradiance may be unbounded
                 continue;
@@ -106,7 +111,7 @@ void main() {
         at.column = place(sqrt(min(cosine, 1.0)), TABLE_COSINES, at.along);
         vec3 lowest = radial(s.brdf, at, 0);
         vec3 cap = max(vec3(ALBEDO_CAP) - mirror(s.brdf, cosine), vec3(0.0));
-        vec3 factor = push.has_factors != 0 ? unpack_factor(push.factors.at[p]) : vec3(1.0);
+        vec3 factor = (push.flags & HAS_FACTORS) != 0 ? unpack_factor(push.factors.at[p]) : vec3(1.0);
         vec3 light = irradiance * factor * min(cap / max(lowest * sqrt(PI), vec3(1e-6)), vec3(1.0));
         first += light * lowest;
         if (DEGREES < 2 || s.degrees < 2) {

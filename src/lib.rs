@@ -62,12 +62,14 @@
 //! - [Hasan 2006] Hašan, Pellacini, Bala, Direct-to-indirect transfer for cinematic relighting, SIGGRAPH.
 //! - [Heitz 2014] Heitz, Understanding the masking-shadowing function in microfacet-based BRDFs, JCGT 3(2).
 //! - [Heitz 2018] Heitz, Sampling the GGX distribution of visible normals, JCGT 7(4).
+//! - [Heitz 2018b] Heitz, Hill, McGuire, Combining analytic direct illumination and stochastic shadows, I3D.
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
 //! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
 //! - [IES 2002] ANSI/IESNA LM-63-02, the version before the next.
 //! - [IES 2019] ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data.
 //! - [Keinert 2015] Keinert et al., Spherical Fibonacci mapping, ACM Transactions on Graphics 34(6).
+//! - [Keller 2001] Keller, Heidrich, Interleaved sampling, Eurographics Workshop on Rendering.
 //! - [Keller 2017] Keller et al., The Iray light transport simulation and rendering system, SIGGRAPH talks.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.

@@ -15,6 +15,8 @@ use relume::trace::bvh::TracedScene;
 
 /// Asked of pictures at rest.
 const AT_REST: f64 = 1e-3;
+/// Asked of pictures while a light moves.
+const MOVING: f64 = 3e-2;
 const ALBEDO: f64 = 0.6;
 
 /// A grey floor at y = 0 that reaches 4 m in each direction.
@@ -107,6 +109,68 @@ fn irradiance_at_rest() {
         let want = ALBEDO / PI * irradiance;
         println!("{what}: {got:.6}, want {want:.6}, off by {:+.1e}", got / want - 1.0);
         assert_near(got, want, AT_REST, format!("{what} {light:?}"));
+    }
+}
+
+/// While a light moves, few points shade: where nothing shades, its light is almost that at rest.
+#[test]
+fn irradiance_while_moving() {
+    let gpu = gpu();
+    for Case { what, light, point, irradiance } in cases() {
+        let setup = Setup::new(1, 1);
+        let all = rig(vec![light.clone()]);
+        let stage = stage::Stage::new(floor().scene(), &at(point), &all, &setup);
+        let mut relighter = stage.relighter(&gpu, &all, &setup);
+        let request = Request { detail: Detail::Coarse, ..Picture::Light(0).into() };
+        let got = f64::from(relighter.linear(request).unwrap()[0][0]);
+        let want = ALBEDO / PI * irradiance;
+        println!("{what}: {got:.6}, want {want:.6}, off by {:+.1e}", got / want - 1.0);
+        assert_near(got, want, MOVING, format!("{what} {light:?}"));
+    }
+}
+
+/// Pictures of lights that move, all light of them, beside those at rest. The worst 0.1 % of pixels are left out.
+#[test]
+fn pictures_while_moving() {
+    let gpu = gpu();
+    let setup = Setup::new(180, 120);
+    let scene = Scene::load(&shipped("balls-2.glb")).unwrap();
+    let camera = scene.cameras[0].clone();
+    let base = Light {
+        radius: 0.3,
+        size: [1.2, 0.6],
+        up: DVec3::Z,
+        outer_angle: 0.8,
+        angle: 0.1,
+        direction: DVec3::new(-0.3, -0.9, -0.2).normalize(),
+        intensity: 20.0,
+        ..Light::point("l", DVec3::new(0.6, 2.2, 0.8))
+    };
+    let kinds = [LightKind::Point, LightKind::Spot, LightKind::Disk, LightKind::Rect, LightKind::Directional];
+    let mut lights: Vec<Light> = kinds.map(|kind| Light { kind, ..base.clone() }).to_vec();
+    // A beam: what the light's parts send to a place differs much, and all count as much for its shadow.
+    lights.push(Light { kind: LightKind::Rect, spread: 1.0, two_sided: true, ..base.clone() });
+    let mut stage = Stage::new(scene, &camera, &rig(lights.clone()), &setup);
+    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(400, 80, 64)));
+    for light in lights {
+        let all = rig(vec![light.clone()]);
+        let picture = |detail: Detail| {
+            let request = Request { detail, ..Request::default() };
+            stage.relighter(&gpu, &all, &setup).linear(request).unwrap().to_vec()
+        };
+        let (moving, exact) = (picture(Detail::Coarse), picture(Detail::Exact));
+        let difference = |(a, b): (&[f32; 3], &[f32; 3])| Vec3::from(*a).as_dvec3() - Vec3::from(*b).as_dvec3();
+        let pairs = || moving.iter().zip(&exact);
+        let mut errors: Vec<f64> = pairs().map(difference).map(DVec3::length_squared).collect();
+        errors.sort_by(f64::total_cmp);
+        let error: f64 = errors[..errors.len() * 999 / 1000].iter().sum();
+        let values = || exact.iter().flatten().map(|x| f64::from(*x));
+        let sum: f64 = values().sum();
+        let error = (error / values().map(|x| x * x).sum::<f64>()).sqrt();
+        let bias = pairs().map(difference).map(DVec3::element_sum).sum::<f64>() / sum;
+        println!("{:?}: error {error:.4}, bias {bias:+.4}", light.kind);
+        let largest = if light.two_sided { 0.1 } else { 0.06 };
+        assert!(sum > 0.0 && error < largest && bias.abs() < 0.01, "{:?}: error {error}, bias {bias}", light.kind);
     }
 }
 

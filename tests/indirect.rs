@@ -363,7 +363,11 @@ fn shade_gather() {
     let samples = Buffer::from_slice(&gpu, "test samples", &framebuffer.samples).unwrap();
     let points = Buffer::from_slice(&gpu, "test points", &framebuffer.points).unwrap();
     let tables = Buffer::from_slice(&gpu, "test tables", &Projection::get().tables()).unwrap();
-    let kernel = Kernel::<ShadeGatherPush>::new(&gpu, ShadeGatherConstants::default()).unwrap();
+    let points_per_sample = framebuffer.points_per_sample as u32;
+    let kernels = [false, true].map(|soft| {
+        let constants = ShadeGatherConstants { points_per_sample, soft, ..ShadeGatherConstants::default() };
+        Kernel::<ShadeGatherPush>::new(&gpu, constants).unwrap()
+    });
     let add_light_rays = Kernel::<AddLightRaysPush>::new(&gpu, ()).unwrap();
     let mut frames = Frames::new(&gpu).unwrap();
     // A factor of each sample, by powers of two: they round nothing.
@@ -389,10 +393,11 @@ fn shade_gather() {
         let packed = light.pack(stage.scene.space);
         let projection = Projection::from_tables(&framebuffer.projection);
         let mut found = Vec::new();
-        level.light_rays.shade(&*stage.scene, &framebuffer.samples, &projection, &packed, None, |index, value| {
+        level.light_rays.shade(&*stage.scene, &framebuffer.samples, &projection, &[packed], None, |index, value| {
             found.push(Contribution { value: value * factor(index as usize), index });
         });
         assert_eq!(found.is_empty(), light.kind == LightKind::Directional, "rays of {}", light.name);
+        let copies = Buffer::from_slice(&gpu, "test points of a light", &[packed; SOFT_POINTS as usize]).unwrap();
         let mut visibility =
             Buffer::new(&gpu, "test visibility", Access::HostWrites, framebuffer.packets.len() * PACKET_SIZE / 4)
                 .unwrap();
@@ -408,16 +413,16 @@ fn shade_gather() {
                 factors: pass.read(&factors),
                 tables: pass.read(&tables),
                 coefficients: pass.write_as(&coefficients),
+                lights: pass.read(&copies),
                 light: packed,
                 sample_count: samples.len() as u32,
-                points_per_sample: framebuffer.points_per_sample as u32,
                 stride: 1,
                 offset: 0,
                 per_solid_angle: per_solid_angle(&packed).unwrap_or(0.0),
-                accumulate: 0,
-                has_factors: u32::from(has_factors),
+                flags: u32::from(has_factors) * HAS_FACTORS,
             };
-            pass.dispatch(&kernel, &push, push.sample_count);
+            // Interleaved points that are all the same are one.
+            pass.dispatch(&kernels[number / 2 % 2], &push, push.sample_count);
             let contributions = frame.upload(&found);
             let mut pass = frame.pass("add light rays");
             let push = AddLightRaysPush {

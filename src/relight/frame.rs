@@ -5,7 +5,7 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::inspect::{Inspection, Inspector};
-use super::light_cache::{POINTS_A_STEP, Plan, Source, Step, Term};
+use super::light_cache::{LightPoints, POINTS_A_STEP, Plan, Source, Step, Term};
 use super::light_sights::LightSights;
 use super::output::{Output, Outputs};
 use super::passes::{FrameResources, Seeing};
@@ -90,7 +90,7 @@ impl Relighter {
         }
         self.shown = None;
         let began = Instant::now();
-        let Self { frames, times, visibility, shadow_maps, sights, outputs, inspector, .. } = self;
+        let Self { frames, times, visibility, shadow_maps, sights, soft, outputs, inspector, .. } = self;
         let resources = FrameResources {
             scene: &self.scene,
             framebuffer: &self.framebuffer,
@@ -115,7 +115,8 @@ impl Relighter {
             let begin_ms = began.elapsed().as_secs_f64() * 1e3;
             let mut frame = frames.begin()?;
             let output = last.as_ref().map(|last| last.output);
-            let mut seeing = Seeing { visibility, shadow_maps: shadow_maps.as_mut(), sights: sights.as_mut() };
+            let mut seeing =
+                Seeing { visibility, shadow_maps: shadow_maps.as_mut(), sights: sights.as_mut(), soft: soft.as_mut() };
             steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output);
             let is_done = steps.is_empty();
             let mut surface = None;
@@ -161,7 +162,7 @@ impl FrameResources<'_> {
             let room = frame.passes_left().saturating_sub(MAX_FINAL_PASSES) / self.max_passes_per_step();
             let taken = match step {
                 _ if room == 0 => break,
-                Step::Shade(shade) if shade.points.count() > 1 => {
+                Step::Shade(shade) if shade.points != LightPoints::One => {
                     if shade.points.count() > room.min(seeing.visibility.left()) || !seeing.has_room_for_sights() {
                         break;
                     }
@@ -171,7 +172,8 @@ impl FrameResources<'_> {
                 Step::Shade(_) => {
                     let at_once = self.indirect.map_or(usize::MAX, |indirect| indirect.lights_at_once);
                     let most = room.min(seeing.visibility.left()).min(self.extras.len()).min(at_once);
-                    let shades = steps.iter().map_while(Step::as_shade).take_while(|shade| shade.points.count() == 1);
+                    let shades =
+                        steps.iter().map_while(Step::as_shade).take_while(|shade| shade.points == LightPoints::One);
                     let shades: Vec<_> = shades.take(most).copied().collect();
                     if shades.is_empty() {
                         break;

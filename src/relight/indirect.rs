@@ -58,12 +58,12 @@ pub struct Indirect {
 enum GatherShading {
     Projected {
         samples: Buffer<LightSample>,
-        points_per_sample: u32,
         tables: Buffer<f32>,
-        kernel: Kernel<ShadeGatherPush>,
+        /// For one point of a light, and for interleaved points.
+        kernels: [Kernel<ShadeGatherPush>; 2],
     },
     /// Those of the thesis's method.
-    Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernel: Kernel<ShadeFactoredPush> },
+    Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernels: [Kernel<ShadeFactoredPush>; 2] },
 }
 
 /// A block matrix on the device, or some of its rows.
@@ -198,18 +198,22 @@ impl GatherShading {
             return Ok(Self::Factored {
                 samples: Buffer::from_slice(context, "gather samples", &transfer.factored)?,
                 tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.tables)?,
-                kernel: Kernel::new(context, ())?,
+                kernels: [
+                    Kernel::new(context, ShadeFactoredConstants { soft: false })?,
+                    Kernel::new(context, ShadeFactoredConstants { soft: true })?,
+                ],
             });
         }
         let degrees = match transfer.all_degrees {
             true => HARMONIC_DEGREES,
             false => transfer.samples.iter().map(|s| s.degrees).max().unwrap_or(0),
         };
+        let points_per_sample = transfer.points_per_sample as u32;
+        let kernel = |soft| Kernel::new(context, ShadeGatherConstants { degrees, points_per_sample, soft });
         Ok(Self::Projected {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
-            points_per_sample: transfer.points_per_sample as u32,
             tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.projection)?,
-            kernel: Kernel::new(context, ShadeGatherConstants { degrees })?,
+            kernels: [kernel(false)?, kernel(true)?],
         })
     }
 
@@ -224,7 +228,7 @@ impl GatherShading {
     ) {
         let mut pass = frame.pass("shade gather samples");
         match self {
-            Self::Projected { samples, points_per_sample, tables, kernel } => {
+            Self::Projected { samples, tables, kernels } => {
                 let push = ShadeGatherPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
@@ -232,18 +236,17 @@ impl GatherShading {
                     factors: pass.read(&target.visibility.factors.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector.buffer),
+                    lights: pass.read(&target.visibility.points),
                     light: target.light,
                     sample_count: samples.len() as u32,
-                    points_per_sample: *points_per_sample,
                     stride: vector.stride,
                     offset: vector.offset,
                     per_solid_angle: target.visibility.light_rays.per_solid_angle,
-                    accumulate: u32::from(accumulate),
-                    has_factors: u32::from(target.has_factors),
+                    flags: u32::from(accumulate) * ACCUMULATE + u32::from(target.has_factors) * HAS_FACTORS,
                 };
-                pass.dispatch(kernel, &push, push.sample_count);
+                pass.dispatch(&kernels[usize::from(target.soft.is_some())], &push, push.sample_count);
             }
-            Self::Factored { samples, tables, kernel } => {
+            Self::Factored { samples, tables, kernels } => {
                 let push = ShadeFactoredPush {
                     samples: pass.read(samples),
                     points: pass.read(points),
@@ -251,6 +254,7 @@ impl GatherShading {
                     factors: pass.read(&target.visibility.factors.gather_points),
                     tables: pass.read(tables),
                     coefficients: pass.write(vector.buffer),
+                    lights: pass.read(&target.visibility.points),
                     light: target.light,
                     sample_count: samples.len() as u32,
                     stride: vector.stride,
@@ -258,7 +262,7 @@ impl GatherShading {
                     accumulate: u32::from(accumulate),
                     has_factors: u32::from(target.has_factors),
                 };
-                pass.dispatch(kernel, &push, push.sample_count);
+                pass.dispatch(&kernels[usize::from(target.soft.is_some())], &push, push.sample_count);
             }
         }
     }

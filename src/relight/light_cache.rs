@@ -27,9 +27,10 @@ use crate::shared::MAX_TERMS;
 const MAX_FOCUS: usize = MAX_TERMS as usize - 1;
 /// Maximum images that one pass sums.
 const BATCH: usize = MAX_TERMS as usize;
-/// Points of a light with a size, in exact and in coarse images.
+/// Points of a light with a size in exact images.
 const EXACT_POINTS: u32 = 256;
-const COARSE_POINTS: u32 = 4;
+/// Points of which the mean is better than interleaved points.
+const SHOWN_POINTS: u32 = 32;
 /// Points of a light that are shaded in one step.
 pub const POINTS_A_STEP: u32 = 8;
 
@@ -72,8 +73,12 @@ struct Node {
     slot: Option<usize>,
     /// Whether the image is coarse, lacks points of its light, or is a sum with such a part.
     coarse: bool,
-    /// Of a leaf with an image: points of the light that the image has, and those that it shall have.
-    points: [u32; 2],
+    /// Of a leaf whose image has interleaved points: slot of the image that will replace it; `None` if it is not begun.
+    growing: Option<usize>,
+    /// Of a leaf: whether its image has interleaved points.
+    is_interleaved: bool,
+    /// Of a leaf: points of the light that its image has, or the one that grows.
+    points: u32,
 }
 
 impl LightCache {
@@ -159,8 +164,8 @@ impl LightCache {
     /// Invalidates coarse images and sums with them, but not images that lack points of their light.
     fn release_coarse(&mut self) {
         for node in 0..self.nodes.len() {
-            let Node { coarse, light, points: [done, of], .. } = self.nodes[node];
-            let goes_on = light.is_some_and(|light| done < of && of == self.point_count(light));
+            let Node { coarse, light, .. } = self.nodes[node];
+            let goes_on = light.is_some_and(|light| !self.rig.lights[light].is_punctual());
             if coarse && !goes_on {
                 self.release(node);
             }
@@ -252,8 +257,8 @@ impl LightCache {
     /// Number of lights that a whole picture needs and that no image includes, and the first of them.
     pub fn pending(&self) -> (usize, Option<usize>) {
         let is_complete = |n: usize| {
-            let Node { slot, light, points: [done, of], .. } = self.nodes[n];
-            slot.is_some() && light.is_none_or(|_| done == of)
+            let Node { slot, light, points, .. } = self.nodes[n];
+            slot.is_some() && light.is_none_or(|light| points == self.point_count(light))
         };
         let held = |node: usize| {
             let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
@@ -361,47 +366,76 @@ impl LightCache {
         vec![Term { source: Source::Rest, scale: Vec3::ONE }]
     }
 
-    /// Points of a light in the images that are computed now.
+    /// Points of a light in an exact image.
     fn point_count(&self, light: usize) -> u32 {
-        match self.detail {
-            _ if self.rig.lights[light].is_punctual() => 1,
-            Detail::Exact | Detail::Progressive => EXACT_POINTS,
-            Detail::Coarse => COARSE_POINTS,
-        }
+        if self.rig.lights[light].is_punctual() { 1 } else { EXACT_POINTS }
     }
 
-    /// Plans at most `most` steps towards the image of a light, each with some of its points; returns its slot.
+    /// Plans at most `most` steps towards the exact image of a light, each with some of its points; returns the slot of
+    /// the image to show.
     fn add_points(&mut self, leaf: usize, light: usize, most: u32, steps: &mut Vec<Step>) -> usize {
+        let (of, detail) = (self.point_count(light), self.detail);
         let slot = match self.nodes[leaf].slot {
             Some(slot) => {
                 self.slots.use_at(slot, self.clock);
                 slot
             }
             None => {
-                self.nodes[leaf].points = [0, self.point_count(light)];
-                self.take_slot(leaf)
+                let slot = self.take_slot(leaf);
+                let is_interleaved = of > 1 && detail != Detail::Exact;
+                let node = &mut self.nodes[leaf];
+                (node.points, node.is_interleaved) = (0, is_interleaved);
+                if of == 1 || is_interleaved {
+                    (node.points, node.coarse) = (u32::from(of == 1), detail == Detail::Coarse || is_interleaved);
+                    let points = if of == 1 { LightPoints::One } else { LightPoints::Interleaved };
+                    steps.push(Step::Shade(Shade { light, target: Source::Slot(slot), detail, points }));
+                    return slot;
+                }
+                slot
             }
         };
-        let detail = self.detail;
+        if detail == Detail::Coarse || self.nodes[leaf].points == of {
+            return slot;
+        }
+        let target = self.growing_slot(leaf, slot);
         for _ in 0..most {
-            let [first, of] = self.nodes[leaf].points;
+            let first = self.nodes[leaf].points;
             if first == of {
                 break;
             }
             let end = of.min(first + POINTS_A_STEP);
-            let points = LightPoints { first, end, of };
-            self.nodes[leaf].points = [end, of];
-            self.nodes[leaf].coarse = detail == Detail::Coarse || end < of;
+            let points = LightPoints::Some { first, end, of };
+            self.nodes[leaf].points = end;
+            self.nodes[leaf].coarse = end < of;
             if first == 0 {
-                steps.push(Step::Shade(Shade { light, target: Source::Slot(slot), detail, points }));
+                steps.push(Step::Shade(Shade { light, target: Source::Slot(target), detail, points }));
                 continue;
             }
             steps.push(Step::Shade(Shade { light, target: Source::SomePoints, detail, points }));
             let [kept, added] = [first, end - first].map(|points| points as f32 / end as f32);
             let terms = vec![Term { source: Source::SomePoints, scale: Vec3::splat(added) }];
-            steps.push(Step::Sum { target: Source::Slot(slot), terms, kept });
+            steps.push(Step::Sum { target: Source::Slot(target), terms, kept });
         }
-        slot
+        if target != slot && self.nodes[leaf].points < SHOWN_POINTS {
+            return slot;
+        }
+        if target != slot {
+            self.slots.clear(slot);
+        }
+        let node = &mut self.nodes[leaf];
+        (node.slot, node.growing, node.is_interleaved) = (Some(target), None, false);
+        target
+    }
+
+    /// Slot in which the exact image of a leaf grows: another one than that of the image to show, `shown`, if that has
+    /// interleaved points and a slot is empty.
+    fn growing_slot(&mut self, leaf: usize, shown: usize) -> usize {
+        if !self.nodes[leaf].is_interleaved {
+            return shown;
+        }
+        let growing = self.nodes[leaf].growing.or_else(|| self.slots.take_empty(leaf, self.clock));
+        self.nodes[leaf].growing = growing;
+        growing.inspect(|&slot| self.slots.use_at(slot, self.clock)).unwrap_or(shown)
     }
 
     /// Plans `node`'s image unless it is valid; returns its slot.
@@ -441,7 +475,10 @@ impl LightCache {
     fn take_slot(&mut self, node: usize) -> usize {
         let (slot, evicted) = self.slots.take(node, self.clock);
         if let Some(evicted) = evicted {
-            (self.nodes[evicted].slot, self.nodes[evicted].coarse) = (None, false);
+            if self.nodes[evicted].slot == Some(slot) {
+                (self.nodes[evicted].slot, self.nodes[evicted].coarse) = (None, false);
+            }
+            self.stop_growing(evicted, slot);
         }
         self.nodes[node].slot = Some(slot);
         slot
@@ -452,6 +489,17 @@ impl LightCache {
         self.nodes[node].coarse = false;
         if let Some(slot) = self.nodes[node].slot.take() {
             self.slots.clear(slot);
+            self.stop_growing(node, slot);
+        }
+    }
+
+    /// Discards the image that grows, after `node` lost `slot`.
+    fn stop_growing(&mut self, node: usize, slot: usize) {
+        if let Some(growing) = self.nodes[node].growing.take() {
+            self.nodes[node].points = 0;
+            if growing != slot {
+                self.slots.clear(growing);
+            }
         }
     }
 
@@ -489,7 +537,9 @@ impl LightCache {
             group: None,
             slot: None,
             coarse: false,
-            points: [0; 2],
+            growing: None,
+            is_interleaved: false,
+            points: 0,
         };
         self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
         self.leaf_of = (0..self.rig.lights.len()).collect();
@@ -524,7 +574,9 @@ impl LightCache {
                     group: None,
                     slot: None,
                     coarse: false,
-                    points: [0; 2],
+                    growing: None,
+                    is_interleaved: false,
+                    points: 0,
                 });
                 for child in children {
                     self.nodes[child].parent = Some(this);
@@ -553,8 +605,11 @@ impl LightCache {
                 && same_image(was, light, same_sets)
             {
                 let (leaf, slot) = (self.leaf_of[i], *slot);
-                let Node { coarse, points, .. } = *node;
-                self.nodes[leaf] = Node { slot: Some(slot), coarse, points, ..self.nodes[leaf].clone() };
+                let Node { coarse, is_interleaved, .. } = *node;
+                // An image that grows begins again.
+                let points = if is_interleaved { 0 } else { node.points };
+                self.nodes[leaf] =
+                    Node { slot: Some(slot), coarse, is_interleaved, points, ..self.nodes[leaf].clone() };
                 slots.set(slot, leaf, self.slots.last_used(slot));
             }
         }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use glam::UVec2;
+use glam::{UVec2, Vec3};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
 use crate::scene::light_filter::PosedFilter;
-use crate::shared::{PackedLight, ViewSample};
+use crate::shared::ViewSample;
 use crate::trace::bvh::TracedScene;
 use crate::trace::linked::LinkedScene;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket};
@@ -67,13 +67,13 @@ impl SampleTriangles {
     }
 }
 
-/// Computes the factor on the light that reaches each of `samples`, on all cores. `triangles`: of the samples; needed
-/// if links scale the light.
+/// Computes the factor on the light that reaches each of `samples` from a point of the light, on all cores. `origin`:
+/// position of the point, by index of the sample. `triangles`: of the samples; needed if links scale the light.
 pub fn compute(
     factors: &mut Buffer<UVec2>,
     filter: Option<&PosedFilter>,
     scene: LinkedScene,
-    light: &PackedLight,
+    origin: impl Fn(usize) -> Vec3 + Sync,
     samples: &[ViewSample],
     triangles: Option<&[u32]>,
 ) {
@@ -83,8 +83,8 @@ pub fn compute(
         |(task, (halves, samples))| {
             let mut rgb = [[1.0; 4]; SAMPLES_A_TASK];
             if let Some(filter) = filter {
-                for (rgb, sample) in rgb.iter_mut().zip(samples) {
-                    let direction = (sample.position - light.position).normalize_or_zero();
+                for ((rgb, sample), index) in rgb.iter_mut().zip(samples).zip(task * SAMPLES_A_TASK..) {
+                    let direction = (sample.position - origin(index)).normalize_or_zero();
                     *rgb = filter.factor(direction).extend(0.0).to_array();
                 }
             }

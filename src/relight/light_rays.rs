@@ -39,23 +39,23 @@ impl RayCaster {
         })
     }
 
-    /// Casts the rays of `light`. `transfer` is the one that was given to [`Self::new`].
+    /// Casts the rays of a light, from its points `lights` in turn. `transfer` is the one that was given to [`Self::new`].
     pub fn cast(
         &self,
         scene: LinkedScene,
         transfer: &Transfer,
-        light: &PackedLight,
+        lights: &[PackedLight],
         filter: Option<&PosedFilter>,
         hits: &mut LightRayHits,
     ) {
         let contributions = hits.contributions.host_mut();
         let mut count = 0;
-        self.rays.shade(scene, &transfer.samples, &self.projection, light, filter, |index, value| {
+        self.rays.shade(scene, &transfer.samples, &self.projection, lights, filter, |index, value| {
             contributions[count] = Contribution { value, index };
             count += 1;
         });
         hits.count = count;
-        hits.per_solid_angle = per_solid_angle(light).unwrap_or(0.0);
+        hits.per_solid_angle = per_solid_angle(&lights[0]).unwrap_or(0.0);
     }
 
     /// Adds the contributions to λ0.

@@ -3,8 +3,9 @@
 //!
 //! Directly and in mirrors a light is met by the segments of the eye paths, which no edit of the lights changes. In a
 //! narrow lobe it is found twice: by its points, in shade_light.comp, and here by directions that are drawn from the
-//! lobe, as many as points. The balance heuristic [Veach 1995, Eq. 14] weighs both.
+//! lobe. The balance heuristic [Veach 1995, Eq. 14] weighs both.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
@@ -20,7 +21,7 @@ use crate::physics::brdf::Lobes;
 use crate::physics::octahedral::decode;
 use crate::physics::sequence::{Points, fibonacci_lattice};
 use crate::scene::Rig;
-use crate::shared::{AddSightsPush, Brdf, NARROW_ALPHA, NO_BRDF};
+use crate::shared::{AddSightsPush, Brdf, DIRECTIONS_PER_POINT, NARROW_ALPHA, NO_BRDF};
 use crate::trace::bvh::TracedScene;
 use crate::trace::light_surface::{ArrivingLight, LightInScene};
 
@@ -48,6 +49,8 @@ enum Sight {
 
 /// Number of lights with a size whose images one frame renders.
 const LIGHTS_A_FRAME: usize = 2;
+/// Directions drawn from a narrow lobe if the light's points are interleaved.
+const INTERLEAVED_DIRECTIONS: u32 = 4;
 /// Pixels of one task.
 const PIXELS_A_TASK: usize = 256;
 /// Brightest light in a pixel, from a light of unit intensity: it remains finite times any intensity up to 1e8.
@@ -194,10 +197,12 @@ impl Look<'_> {
         let offset = self.light.scene.bvh.shadow_offset(0.0);
         let triangle = self.triangles.map_or(0, |triangles| triangles[index]);
         let [shift_u, shift_v, ..] = Points::new(0, index as u64).at(0, 0);
-        let count = self.points.count() as f64;
+        let (drawn, of) = drawn_directions(self.points);
+        let count = f64::from(drawn.end - drawn.start);
+        let points_per_direction = 1.0 / f64::from(directions_per_point(self.points));
         let mut sum = DVec3::ZERO;
-        for i in self.points.first..self.points.end {
-            let [u, v] = fibonacci_lattice(i, self.points.of);
+        for i in drawn {
+            let [u, v] = fibonacci_lattice(i, of);
             let Some(wi) = lobe.sample([(u + shift_u).fract(), (v + shift_v).fract(), 0.0]) else { continue };
             let direction = wi.as_vec3();
             let side = offset.copysign(geometric_normal.dot(direction));
@@ -207,9 +212,26 @@ impl Look<'_> {
                 continue;
             };
             let reflected = lobe.at(wi);
-            sum += reflected.sum() * radiance / (count * (reflected.density + density));
+            sum += reflected.sum() * radiance / (count * (reflected.density + density * points_per_direction));
         }
         sum
+    }
+}
+
+/// Directions to draw from a narrow lobe together with `points` of a light, of how many.
+fn drawn_directions(points: LightPoints) -> (Range<u32>, u32) {
+    match points {
+        LightPoints::One => (0..0, 1),
+        LightPoints::Interleaved => (0..INTERLEAVED_DIRECTIONS, INTERLEAVED_DIRECTIONS),
+        LightPoints::Some { first, end, of } => (first..end, of),
+    }
+}
+
+/// Directions drawn from a narrow lobe per point of the light that shades it.
+pub fn directions_per_point(points: LightPoints) -> f32 {
+    match points {
+        LightPoints::Interleaved => DIRECTIONS_PER_POINT,
+        _ => 1.0,
     }
 }
 

@@ -2,14 +2,18 @@
 
 use glam::Vec4;
 
+use super::soft_light::{SoftLight, SoftLights};
 use super::visibility::Visibility;
 use crate::gpu::{Buffer, Pass};
 use crate::shared::gpu_struct::Write;
 use crate::shared::{MAX_LIGHTS_PER_PASS, PackedLight};
 
-/// A light without size or a point of another one, its visibility, and the buffers to which its radiance is added.
+/// A light without size, a point of another one or its interleaved points, with its visibility, and the buffers to which
+/// its radiance is added.
 pub struct LightTarget<'a> {
     pub light: PackedLight,
+    /// If its points are interleaved; they are in `visibility`, too.
+    pub soft: Option<(&'a SoftLight, &'a SoftLights)>,
     pub visibility: &'a Visibility,
     /// Whether the factors of `visibility` multiply the light.
     pub has_factors: bool,

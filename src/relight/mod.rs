@@ -24,6 +24,7 @@ pub mod roofline;
 mod shadow_culling;
 mod shadow_map;
 pub mod sheet;
+mod soft_light;
 mod sparse;
 mod visibility;
 mod visibility_method;
@@ -47,6 +48,7 @@ use self::output::{Output, Outputs};
 pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
 use self::sheet::Sheet;
+use self::soft_light::SoftLights;
 use self::visibility::VisibilityBuffers;
 use self::visibility_method::VisibilityChoice;
 pub use self::visibility_method::{VisibilityMethod, VisibilityTimes};
@@ -90,6 +92,8 @@ pub struct Relighter {
     triangles: Option<SampleTriangles>,
     /// `None` as long as no light has a size.
     sights: Option<LightSights>,
+    /// `None` as long as no light has a size.
+    soft: Option<SoftLights>,
     images: Vec<Buffer<Vec4>>,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     some_points: Option<Buffer<Vec4>>,
@@ -172,6 +176,7 @@ impl Relighter {
             cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
             triangles: scales(&links).then(|| SampleTriangles::find(scene, framebuffer, of)),
             sights: LightSights::find(context, scene, framebuffer, rig)?,
+            soft: SoftLights::find(context, framebuffer, of, rig)?,
             links,
             gpu,
             indirect,
@@ -251,6 +256,10 @@ impl Relighter {
         if rig.has_sizes() && !self.sights.as_ref().is_some_and(suffices) {
             self.sights = LightSights::find(&self.context, &self.scene, &self.framebuffer, rig)?;
         }
+        match &mut self.soft {
+            Some(soft) => soft.allow(&self.context, &self.framebuffer, rig)?,
+            None => self.soft = SoftLights::find(&self.context, &self.framebuffer, self.transfer.as_deref(), rig)?,
+        }
         if rig.has_factors() {
             self.visibility.allow_factors(&self.context, &self.framebuffer, self.transfer.as_deref())?;
         }
@@ -265,6 +274,7 @@ impl Relighter {
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, factors)?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
+        self.soft = SoftLights::find(&self.context, &self.framebuffer, Some(&transfer), self.cache.rig())?;
         self.transfer = Some(transfer);
         if self.triangles.is_some() {
             self.find_triangles();
@@ -297,6 +307,7 @@ impl Relighter {
         }
         self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         self.sights = LightSights::find(&self.context, &self.scene, &framebuffer, self.cache.rig())?;
+        self.soft = SoftLights::find(&self.context, &framebuffer, of, self.cache.rig())?;
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
         if self.triangles.is_some() {
             self.find_triangles();
@@ -420,7 +431,8 @@ impl Relighter {
     #[cfg(feature = "hot-reload")]
     fn reload_changed_kernels(&mut self) {
         let Kernels { shade_light, resolve, sum_images } = &mut self.kernels;
-        let changed = shade_light.reload_if_changed()
+        let changed = self.soft.as_mut().is_some_and(SoftLights::reload_changed_kernels)
+            | shade_light.reload_if_changed()
             | resolve.reload_if_changed()
             | sum_images.reload_if_changed()
             | self.outputs.reload_changed_kernels();

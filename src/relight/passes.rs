@@ -9,11 +9,12 @@ use super::gpu_framebuffer::GpuFramebuffer;
 use super::indirect::Indirect;
 use super::light_cache::{Detail, LightPoints, Shade, Source, Term};
 use super::light_factors::{self, LightFactors, SampleTriangles};
-use super::light_sights::LightSights;
+use super::light_sights::{LightSights, directions_per_point};
 use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
-use super::visibility::{VisibilityBuffers, VisibilitySlot, trace, trace_half};
+use super::soft_light::{SoftLight, SoftLights};
+use super::visibility::{Rays, VisibilityBuffers, VisibilitySlot, trace};
 use super::{Kernels, Layers};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
@@ -25,6 +26,8 @@ use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
+use crate::trace::packet::PACKET_SIZE;
+use crate::trace::packet::interleaved::{point_in_list, point_of_pixel};
 
 /// Draw a shadow map, look it up for view and for gather samples, shade, resolve, add seen lights.
 const MAX_PASSES_PER_LIGHT: usize = 6;
@@ -58,6 +61,8 @@ pub struct Seeing<'a> {
     pub visibility: &'a mut VisibilityBuffers,
     pub shadow_maps: Option<&'a mut ShadowMaps>,
     pub sights: Option<&'a mut LightSights>,
+    /// Of lights with a size.
+    pub soft: Option<&'a mut SoftLights>,
 }
 
 impl Seeing<'_> {
@@ -74,111 +79,128 @@ impl FrameResources<'_> {
     }
 
     /// Determines the visibility of a light from view samples and gather samples, and what its filter lets through to
-    /// them. Skips view samples if only indirect light is shown.
+    /// them. Skips view samples if only indirect light is shown. `points`: one, or `light`'s interleaved ones.
     fn compute_visibility(
         &self,
         frame: &mut Frame,
-        Seeing { visibility, shadow_maps, .. }: &mut Seeing,
-        (index, packed): (usize, &PackedLight),
+        Seeing { visibility, shadow_maps, soft, .. }: &mut Seeing,
+        (index, packed, light): (usize, &PackedLight, Option<&SoftLight>),
         filter: Option<&PosedFilter>,
         detail: Detail,
     ) -> VisibilitySlot {
-        let light = &self.rig.lights[index];
-        if !light.shadows && !light.has_factors() {
+        let Light { shadows, .. } = self.rig.lights[index];
+        let has_factors = self.rig.lights[index].has_factors();
+        if !shadows && !has_factors && light.is_none() {
             return VisibilitySlot::ALL_VISIBLE;
         }
         let scene = self.scene.linked(self.links.get(&index));
-        // Half packets exist only if all lights are traced.
-        let detail = if shadow_maps.is_some() { Detail::Exact } else { detail };
         let (slot, bytes, half) = visibility.take();
-        if light.has_factors() {
-            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, packed));
+        if let Some(light) = light {
+            bytes.set_points(light);
         }
-        if !light.shadows {
+        let points = light.map_or(std::slice::from_ref(packed), |light| &light.points);
+        if has_factors {
+            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, points));
+        }
+        if !shadows {
             bytes.clear();
             return slot;
         }
-        // A shadow map has the shadows of all objects.
-        match shadow_maps.as_mut().filter(|_| scene.everything_casts_shadow()) {
+        let direct = self.layers.direct();
+        let transfer = self.transfer.filter(|_| self.indirect.is_some());
+        // A shadow map has the shadows of all objects, and one point of a light.
+        match shadow_maps.as_mut().filter(|_| scene.everything_casts_shadow() && light.is_none()) {
             None => {
-                if self.layers.direct() {
-                    let words = &mut bytes.view_samples;
-                    let half = &mut half.view_samples;
-                    frame.cpu("trace shadows", || match detail {
-                        Detail::Exact | Detail::Progressive => trace(words, scene, &self.framebuffer.packets, packed),
-                        Detail::Coarse => trace_half(words, scene, half, packed),
-                    });
+                // Half packets exist only if all lights are traced.
+                let is_half = detail == Detail::Coarse && !half.view_samples.is_empty();
+                let soft = soft.as_deref_mut().filter(|_| light.is_some());
+                let [view_rays, gather_rays] = match soft {
+                    Some(SoftLights { view_samples, gather_points, similar, .. }) => {
+                        [Rays::Interleaved(view_samples, Some(similar)), Rays::Interleaved(gather_points, None)]
+                    }
+                    None if is_half => [&mut half.view_samples, &mut half.gather_points].map(Rays::Half),
+                    None => [&self.framebuffer.packets[..], transfer.map_or(&[], |t| &t.packets)].map(Rays::Each),
+                };
+                if direct {
+                    frame.cpu("trace shadows", || trace(&mut bytes.view_samples, scene, view_rays, points));
                 }
-                if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
-                    let words = &mut bytes.gather_points;
-                    let half = &mut half.gather_points;
-                    frame.cpu("trace gather samples", || match detail {
-                        Detail::Exact | Detail::Progressive => trace(words, scene, &transfer.packets, packed),
-                        Detail::Coarse => trace_half(words, scene, half, packed),
-                    });
+                if transfer.is_some() {
+                    frame.cpu("trace gather samples", || trace(&mut bytes.gather_points, scene, gather_rays, points));
                 }
             }
             Some(maps) => {
-                let view = self.layers.direct().then_some((&self.gpu.samples, &bytes.view_samples));
+                let view = direct.then_some((&self.gpu.samples, &bytes.view_samples));
                 let gather = self.indirect.map(|indirect| (&indirect.points, &bytes.gather_points));
                 let lists: Vec<_> = view.into_iter().chain(gather).collect();
-                maps.run(frame, light, packed, &lists);
+                maps.run(frame, &self.rig.lights[index], packed, &lists);
             }
         }
         let ray_caster = self.indirect.and_then(|indirect| indirect.ray_caster.as_ref());
-        if let (Some(ray_caster), Some(transfer)) = (ray_caster, self.transfer) {
+        if let (Some(ray_caster), Some(transfer)) = (ray_caster, transfer) {
             let hits = &mut bytes.light_rays;
-            frame.cpu("trace light rays", || ray_caster.cast(scene, transfer, packed, filter, hits));
+            frame.cpu("trace light rays", || ray_caster.cast(scene, transfer, points, filter, hits));
         }
         slot
     }
 
-    /// Computes what multiplies a light at view samples and points of gather samples.
+    /// Computes what multiplies a light at view samples and points of gather samples. `points`: of the light; one, or all
+    /// that are interleaved.
     fn compute_factors(
         &self,
         factors: &mut LightFactors,
         scene: LinkedScene,
         filter: Option<&PosedFilter>,
-        light: &PackedLight,
+        points: &[PackedLight],
     ) {
+        let is_one = points.len() == 1;
+        let in_list = |index: usize| points[if is_one { 0 } else { point_in_list(index % PACKET_SIZE) }].position;
+        let pixel_stride = self.framebuffer.pixel_stride();
+        let of_sample = |index: usize| match is_one || index >= pixel_stride {
+            true => in_list(index),
+            false => points[point_of_pixel(index % PACKET_SIZE)].position,
+        };
         if self.layers.direct() {
             let triangles = self.triangles.map(|triangles| &triangles.view_samples[..]);
             let samples = &self.framebuffer.samples;
-            light_factors::compute(&mut factors.view_samples, filter, scene, light, samples, triangles);
+            light_factors::compute(&mut factors.view_samples, filter, scene, of_sample, samples, triangles);
         }
         if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
             let triangles = self.triangles.map(|triangles| &triangles.gather_points[..]);
-            light_factors::compute(&mut factors.gather_points, filter, scene, light, &transfer.points, triangles);
+            light_factors::compute(&mut factors.gather_points, filter, scene, in_list, &transfer.points, triangles);
         }
     }
 
     /// Visibility and shading at unit intensity, each into its target: of one to [`MAX_LIGHTS_PER_PASS`] lights without
-    /// size, or of some points of one light.
+    /// size, or of points of one light.
     pub fn shade(&self, frame: &mut Frame, seeing: &mut Seeing, shades: &[Shade]) {
         let detail = shades[0].detail;
         debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
-        debug_assert!(shades.len() == 1 || shades.iter().all(|shade| shade.points == LightPoints::ONE));
+        debug_assert!(shades.len() == 1 || shades.iter().all(|shade| shade.points == LightPoints::One));
         let filters: Vec<Option<PosedFilter>> =
             shades.iter().map(|shade| PosedFilter::new(&self.rig.lights[shade.light])).collect();
+        let surface = LightSurface::new(&self.rig.lights[shades[0].light], self.scene.space);
+        let soft = (shades[0].points == LightPoints::Interleaved)
+            .then(|| SoftLight::new(&self.rig.lights[shades[0].light], self.scene.space));
         let points = shades.iter().enumerate().flat_map(|(i, shade)| {
             self.points(&self.rig.lights[shade.light], shade.points).map(move |packed| (i, packed))
         });
         let seen: Vec<(usize, PackedLight, VisibilitySlot)> = points
             .map(|(i, packed)| {
-                let light = (shades[i].light, &packed);
+                let light = (shades[i].light, &packed, soft.as_ref());
                 (i, packed, self.compute_visibility(frame, seeing, light, filters[i].as_ref(), detail))
             })
             .collect();
-        let surface = LightSurface::new(&self.rig.lights[shades[0].light], self.scene.space);
         let sight = seeing.sights.as_deref_mut().zip(surface.as_ref()).filter(|_| self.layers.direct());
-        let drawn_area = sight.as_ref().map_or(0.0, |(_, surface)| surface.size() as f32);
+        let per_point = directions_per_point(shades[0].points);
+        let drawn_area = sight.as_ref().map_or(0.0, |(_, surface)| surface.size() as f32 * per_point);
         let seen_light = sight.and_then(|(sights, surface)| {
             let filter = filters[0].as_ref();
             frame.cpu("look for lights", || self.look(sights, shades[0], surface, filter))
         });
-        let visibility = &*seeing.visibility;
+        let (visibility, soft_kernel) = (&*seeing.visibility, seeing.soft.as_deref());
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,
+            soft: soft.as_ref().zip(soft_kernel),
             visibility: visibility.get(seen),
             has_factors: self.rig.lights[shades[i].light].has_factors(),
             drawn_area,
@@ -220,16 +242,26 @@ impl FrameResources<'_> {
 
     /// Some points of a light; their sum is the mean over them.
     fn points(&self, light: &Light, points: LightPoints) -> impl Iterator<Item = PackedLight> {
-        (points.first..points.end).map(move |index| {
-            let at = fibonacci_lattice(index, points.of);
-            let mut packed = light.pack_point(self.scene.space, at, Some(points.of));
-            packed.strength /= points.count() as f32;
-            packed
+        let (range, of) = match points {
+            LightPoints::Some { first, end, of } => (first..end, of),
+            LightPoints::One | LightPoints::Interleaved => (0..1, 1),
+        };
+        range.map(move |index| match points {
+            LightPoints::One | LightPoints::Interleaved => light.pack(self.scene.space),
+            LightPoints::Some { .. } => {
+                let at = fibonacci_lattice(index, of);
+                let mut packed = light.pack_point(self.scene.space, at, Some(of));
+                packed.strength /= points.count() as f32;
+                packed
+            }
         })
     }
 
     /// Direct light of one light, or of one of its points, on all view samples. `accumulate` adds to that of other points.
     fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget, accumulate: bool) {
+        if let Some((light, lights)) = target.soft {
+            return self.shade_softly(frame, target, light, lights);
+        }
         let mut pass = frame.pass("shade light");
         let push = ShadeLightPush {
             samples: pass.read(&self.gpu.samples),
@@ -248,6 +280,27 @@ impl FrameResources<'_> {
             drawn_area: target.drawn_area,
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
+        self.count(frame, CheckedPass::ShadeLight, target);
+    }
+
+    /// Direct light of a light with interleaved points on all view samples.
+    fn shade_softly(&self, frame: &mut Frame, target: &LightTarget, light: &SoftLight, lights: &SoftLights) {
+        let mut pass = frame.pass("shade light");
+        let push = ShadeSoftPush {
+            samples: pass.read(&self.gpu.samples),
+            brdfs: pass.read(&self.gpu.brdfs),
+            visibility: pass.read(&target.visibility.view_samples),
+            factors: pass.read(&target.visibility.factors.view_samples),
+            image: pass.write_as(target.image),
+            extras: pass.write(target.extras),
+            light: light.middle,
+            across: light.across,
+            half_height: light.half_height,
+            sample_count: self.framebuffer.samples.len() as u32,
+            pixel_stride: self.framebuffer.pixel_stride() as u32,
+            layers: if self.layers.direct() { self.layers.mask() } else { 0 },
+        };
+        pass.dispatch(lights.kernel(light), &push, push.sample_count);
         self.count(frame, CheckedPass::ShadeLight, target);
     }
 

@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use super::light_factors::LightFactors;
 use super::light_rays::LightRayHits;
+use super::soft_light::SoftLight;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
-use crate::shared::PackedLight;
+use crate::shared::{PackedLight, SOFT_POINTS};
 use crate::trace::linked::LinkedScene;
 use crate::trace::packet::half::HalfPackets;
+use crate::trace::packet::interleaved::InterleavedPackets;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_all};
 
 /// Visibility of one light. Four samples per word, 64 per packet.
@@ -23,6 +25,8 @@ pub struct Visibility {
     pub light_rays: LightRayHits,
     /// Of a light with a filter, or links that scale its light.
     pub factors: LightFactors,
+    /// Points of a light with a size that moves.
+    pub points: Buffer<PackedLight>,
 }
 
 impl Visibility {
@@ -31,6 +35,11 @@ impl Visibility {
         self.view_samples.host_mut().fill(u32::MAX);
         self.gather_points.host_mut().fill(u32::MAX);
         self.light_rays.clear();
+    }
+
+    /// Sets the points of a light that is sampled by interleaved points.
+    pub fn set_points(&mut self, light: &SoftLight) {
+        self.points.host_mut().copy_from_slice(&light.points);
     }
 }
 
@@ -80,11 +89,14 @@ impl VisibilityBuffers {
         };
         let gather_packets = transfer.map_or(&[][..], |t| &t.packets);
         let new = |wanted: bool| -> Result<Visibility> {
+            let mut points = Buffer::new(context, "points of a light", Access::HostWrites, SOFT_POINTS as usize)?;
+            points.host_mut().fill(bytemuck::Zeroable::zeroed());
             Ok(Visibility {
                 view_samples: all_visible(&framebuffer.packets)?,
                 gather_points: all_visible(gather_packets)?,
                 light_rays: LightRayHits::empty(context, transfer)?,
                 factors: LightFactors::new(context, framebuffer, transfer, wanted)?,
+                points,
             })
         };
         let half = match traced {
@@ -145,12 +157,22 @@ impl VisibilityBuffers {
     }
 }
 
-/// Traces one of four samples towards `light`, on all cores.
-pub fn trace_half(words: &mut Buffer<u32>, scene: LinkedScene, half: &mut HalfPackets, light: &PackedLight) {
-    half.trace(scene, light, bytemuck::cast_slice_mut(words.host_mut()));
+/// How the samples of a list are traced towards a light, on all cores.
+pub enum Rays<'a> {
+    /// All of them.
+    Each(&'a [SamplePacket]),
+    /// One of four.
+    Half(&'a mut HalfPackets),
+    /// Each towards another point of the light; filtered among similar ones, if they are given.
+    Interleaved(&'a mut InterleavedPackets, Option<&'a [u16]>),
 }
 
-/// Traces `packets` towards `light`, on all cores.
-pub fn trace(words: &mut Buffer<u32>, scene: LinkedScene, packets: &[SamplePacket], light: &PackedLight) {
-    trace_all(scene, light, packets, bytemuck::cast_slice_mut(words.host_mut()));
+/// Traces samples towards `points` of a light: one, or all that are interleaved.
+pub fn trace(words: &mut Buffer<u32>, scene: LinkedScene, rays: Rays, points: &[PackedLight]) {
+    let visibility = bytemuck::cast_slice_mut(words.host_mut());
+    match rays {
+        Rays::Each(packets) => trace_all(scene, &points[0], packets, visibility),
+        Rays::Half(half) => half.trace(scene, &points[0], visibility),
+        Rays::Interleaved(interleaved, similar) => interleaved.trace(scene, points, similar, visibility),
+    }
 }

@@ -8,14 +8,13 @@ use serde::{Deserialize, Serialize};
 
 use super::RelightSettings;
 use super::shadow_map::ShadowMaps;
-use super::visibility::trace;
 use crate::bake::{BakeSettings, bake};
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frames, Measurements};
 use crate::physics::sequence::Points;
 use crate::scene::{Camera, Light, Material, Mesh, MeshSpace, Object, Projection, Rig, Scene};
 use crate::trace::bvh::TracedScene;
-use crate::trace::packet::PACKET_SIZE;
+use crate::trace::packet::{PACKET_SIZE, trace_all};
 
 /// How visibility is determined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,7 +100,9 @@ impl VisibilityTimes {
             frame.finish()?;
             times.map_ms = times.map_ms.min(1e3 * start.elapsed().as_secs_f64());
             let start = Instant::now();
-            (0..REPEATS).for_each(|_| trace(&mut visibility, scene.linked(None), &framebuffer.packets, &packed));
+            (0..REPEATS).for_each(|_| {
+                trace_all(&scene, &packed, &framebuffer.packets, bytemuck::cast_slice_mut(visibility.host_mut()))
+            });
             times.traced_ms = times.traced_ms.min(1e3 * start.elapsed().as_secs_f64());
         }
         Ok(times)

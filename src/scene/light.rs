@@ -231,6 +231,16 @@ impl Light {
         }
     }
 
+    /// A point inside of a sphere light as a point light that stands for all of it, in mesh space. Such points, seen from
+    /// anywhere, are spread evenly over the disk that the sphere looks like: the density in the ball falls with the
+    /// radius r as 1/sqrt(R² - r²). `[u, v, w]`: in the unit cube.
+    pub fn pack_in_ball(&self, space: MeshSpace, [u, v, w]: [f64; 3]) -> PackedLight {
+        let (sin, cos) = (TAU * v).sin_cos();
+        let along = (1.0 - u).sqrt() * (PI * (w - 0.5)).sin();
+        let offset = DVec3::new(u.sqrt() * cos, u.sqrt() * sin, along) * self.radius;
+        PackedLight { position: space.from_world(self.position + offset).as_vec3(), ..self.pack(space) }
+    }
+
     /// Area in m² by which radiance is multiplied to give candela straight ahead, or solid angle that gives lux; `None`
     /// for spots, whose points have no radiance, and for lights without size.
     pub fn projected_area(&self) -> Option<f64> {

@@ -29,6 +29,23 @@ gpu_shared! {
         /// [`PackedLight::kind`]: a facet that emits around the opposite direction too.
         pub const LIGHT_TWO_SIDED_FACET: u32 = 4;
 
+        /// [`ShadeGatherPush::flags`]
+        pub const ACCUMULATE: u32 = 1;
+        /// [`ShadeGatherPush::flags`]
+        pub const HAS_FACTORS: u32 = 2;
+
+        /// [`ShadeSoftConstants::shape`]
+        pub const SHAPE_BALL: u32 = 0;
+        /// [`ShadeSoftConstants::shape`]
+        pub const SHAPE_SPOT: u32 = 1;
+        /// [`ShadeSoftConstants::shape`]
+        pub const SHAPE_SUN: u32 = 2;
+        /// [`ShadeSoftConstants::shape`]
+        pub const SHAPE_DISK: u32 = 3;
+        /// [`ShadeSoftConstants::shape`]
+        pub const SHAPE_RECT: u32 = 4;
+        /// Points of a light with a size that moves: each sample sees one of them.
+        pub const SOFT_POINTS: u32 = 64;
         /// [`Cutout::first`] without a texture.
         pub const NO_TEXELS: u32 = 0xffff_ffff;
         /// [`Cutout::wrap_u`]
@@ -91,6 +108,8 @@ gpu_shared! {
         /// Maximum albedo of a gather sample for light from any direction: the albedo of glTF's BRDF exceeds 1 near
         /// grazing angles. At this value single precision resolves 1 - albedo to a relative error of 0.001.
         pub const ALBEDO_CAP: f32 = 0.9999;
+        /// Directions drawn from a narrow lobe for each point of a light with a size that moves, where it shades such a lobe.
+        pub const DIRECTIONS_PER_POINT: f32 = 0.25;
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
         /// Share of a light's power at which a point of a gather sample and light rays have equal weight. Below half of
@@ -114,10 +133,30 @@ gpu_shared! {
             pub specular: bool = true,
         }
 
+        /// Constants of shade_soft.comp.
+        pub struct ShadeSoftConstants {
+            /// Whether any BRDF of the scene has a specular lobe.
+            pub specular: bool = true,
+            /// One of the `SHAPE_` constants.
+            pub shape: u32 = SHAPE_RECT,
+            /// Whether `factors` multiply the light.
+            pub factors: bool = false,
+        }
+
         /// Constants of shade_gather.comp.
         pub struct ShadeGatherConstants {
             /// Maximum number of degrees of any sample.
             pub degrees: u32 = HARMONIC_DEGREES,
+            /// Points per sample.
+            pub points_per_sample: u32 = 8,
+            /// Whether each point sees another point of the light.
+            pub soft: bool = false,
+        }
+
+        /// Constants of shade_factored.comp.
+        pub struct ShadeFactoredConstants {
+            /// As [`ShadeGatherConstants::soft`].
+            pub soft: bool = false,
         }
 
         /// Constants of multiply_blocks.comp.
@@ -310,6 +349,34 @@ gpu_shared! {
             pub drawn_area: f32,
         }
 
+        pub push ShadeSoftPush for shade_soft(ShadeSoftConstants) {
+            /// View samples, layer 1 first.
+            pub samples: Read<ViewSample>,
+            /// Indexed by [`ViewSample::brdf`].
+            pub brdfs: Read<Brdf>,
+            /// As [`ShadeLightPush::visibility`].
+            pub visibility: Read<u32>,
+            /// As [`ShadeLightPush::factors`].
+            pub factors: Read<UVec2>,
+            /// As [`ShadeLightPush::image`].
+            pub image: Write<f32>,
+            /// As [`ShadeLightPush::extras`].
+            pub extras: Write<f32>,
+            /// The middle of the light; at unit intensity.
+            pub light: PackedLight,
+            /// Of a rectangle: half its width, along it; mesh space. Of others: radius, along any direction across the axis;
+            /// of suns, at unit distance.
+            pub across: Vec3,
+            /// Of a rectangle: half its height. Of others: the radius.
+            pub half_height: f32,
+            /// Number of view samples.
+            pub sample_count: u32,
+            /// As [`ShadeLightPush::pixel_stride`].
+            pub pixel_stride: u32,
+            /// As [`ShadeLightPush::layers`].
+            pub layers: u32,
+        }
+
         /// Rows of a block matrix that share their columns.
         pub struct Panel {
             /// Start of its factors, in units of eight. Order, outermost first: strip of [`STRIP_ROWS`], column group,
@@ -400,32 +467,30 @@ gpu_shared! {
         pub push ShadeGatherPush for shade_gather(ShadeGatherConstants) {
             /// Gather samples.
             pub samples: Read<LightSample>,
-            /// Position and normal of `points_per_sample` points per sample, sample by sample.
+            /// Position and normal of [`ShadeGatherConstants::points_per_sample`] points, sample by sample.
             pub points: Read<ViewSample>,
             /// Fraction of the light that each point sees, 8 bits each, four per word.
             pub visibility: Read<u32>,
-            /// Factor on the light that reaches each point: RGB in half precision; read if `has_factors`.
+            /// Factor on the light that reaches each point: RGB in half precision; read with [`HAS_FACTORS`].
             pub factors: Read<UVec2>,
             /// Tables of k: `Projection::tables`.
             pub tables: Read<f32>,
             /// Coefficients of all samples: RGB and an unused component, interleaved by light.
             pub coefficients: Write<Vec4>,
+            /// Points of a light with a size that moves, [`SOFT_POINTS`]; else unused.
+            pub lights: Read<PackedLight>,
             /// At unit intensity.
             pub light: PackedLight,
             /// Number of samples.
             pub sample_count: u32,
-            /// Points per sample.
-            pub points_per_sample: u32,
             /// Distance from one coefficient of this light to the next, in elements.
             pub stride: u32,
             /// Index of the first one.
             pub offset: u32,
             /// Intensity divided by power, 1/sr, of a light that casts rays; 0 for others.
             pub per_solid_angle: f32,
-            /// Whether to add to `coefficients`.
-            pub accumulate: u32,
-            /// Whether `factors` multiply the light.
-            pub has_factors: u32,
+            /// [`ACCUMULATE`]: add to `coefficients`. [`HAS_FACTORS`]: `factors` multiply the light.
+            pub flags: u32,
         }
 
         /// A gather sample of the thesis's method; mesh space.
@@ -442,7 +507,7 @@ gpu_shared! {
             pub first: u32,
         }
 
-        pub push ShadeFactoredPush for shade_factored {
+        pub push ShadeFactoredPush for shade_factored(ShadeFactoredConstants) {
             /// Gather samples.
             pub samples: Read<FactoredSample>,
             /// Their positions.
@@ -455,6 +520,8 @@ gpu_shared! {
             pub tables: Read<Vec4>,
             /// Coefficients of all samples: RGB and an unused component, interleaved by light.
             pub coefficients: Write<Vec4>,
+            /// Points of a light with a size that moves, [`SOFT_POINTS`]; else unused.
+            pub lights: Read<PackedLight>,
             /// At unit intensity.
             pub light: PackedLight,
             /// Number of samples.

@@ -64,20 +64,21 @@ impl LightRays {
         Self { tree: PointTree::new(&places), normals, normal_length, points_per_sample }
     }
 
-    /// Computes the coefficients of `samples` due to rays of `light` at unit intensity. Calls `add` with the index of
+    /// Computes the coefficients of `samples` due to rays of a light at unit intensity, which start at its points
+    /// `lights` in turn. Calls `add` with the index of
     /// each nonzero coefficient, in ascending order within a sample.
     pub fn shade<'a>(
         &self,
         scene: impl Into<LinkedScene<'a>>,
         samples: &[LightSample],
         projection: &Projection,
-        light: &PackedLight,
+        lights: &[PackedLight],
         filter: Option<&PosedFilter>,
         mut add: impl FnMut(u32, Vec3),
     ) {
-        let Some(per_solid_angle) = per_solid_angle(light).filter(|_| !samples.is_empty()) else { return };
+        let Some(per_solid_angle) = per_solid_angle(&lights[0]).filter(|_| !samples.is_empty()) else { return };
         let scene = scene.into();
-        let cast = |i| self.cast(scene, samples, (light, filter), per_solid_angle, i);
+        let cast = |i| self.cast(scene, samples, (lights, filter), per_solid_angle, i);
         let mut rays: Vec<LightRayHit> = (0..RAYS).into_par_iter().with_min_len(16).flat_map_iter(cast).collect();
         rays.sort_by_key(|ray| ray.sample);
         // More samples than rays would need several surfaces along most rays.
@@ -99,15 +100,16 @@ impl LightRays {
         &self,
         scene: LinkedScene,
         samples: &[LightSample],
-        (light, filter): (&PackedLight, Option<&PosedFilter>),
+        (lights, filter): (&[PackedLight], Option<&PosedFilter>),
         per_solid_angle: f32,
         i: usize,
     ) -> impl Iterator<Item = LightRayHit> {
+        let light = &lights[i % lights.len()];
         let widest = versine(light);
         let versine = widest * (i as f32 + 0.5) / RAYS as f32;
         let (sin, cos) = (GOLDEN_ANGLE * i as f32).sin_cos();
         let mut axis = light.direction.try_normalize().unwrap_or(Vec3::NEG_Z);
-        if light.kind == LIGHT_TWO_SIDED_FACET && i % 2 == 1 {
+        if light.kind == LIGHT_TWO_SIDED_FACET && i / lights.len() % 2 == 1 {
             axis = -axis;
         }
         let (s, t) = axis.any_orthonormal_pair();

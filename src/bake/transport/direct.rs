@@ -24,9 +24,16 @@ pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVe
         values.iter_mut().for_each(|k| *k *= 1.0 - rays);
     };
     let mut coefficients = shade_with(scene, &level.samples, &level.first, project, light);
-    level.light_rays.shade(scene, &level.light_samples, Projection::get(), light, None, |index, value| {
-        coefficients[index as usize] += value.as_dvec3();
-    });
+    level.light_rays.shade(
+        scene,
+        &level.light_samples,
+        Projection::get(),
+        std::slice::from_ref(light),
+        None,
+        |index, value| {
+            coefficients[index as usize] += value.as_dvec3();
+        },
+    );
     coefficients
 }
 

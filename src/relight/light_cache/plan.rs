@@ -28,9 +28,11 @@ pub enum Source {
 pub enum Detail {
     #[default]
     Exact,
-    /// As exact, but each picture adds only some points of the lights with a size: the next one is better.
+    /// As exact, but lights with a size begin with interleaved points, and each picture adds some points: the next one is
+    /// better.
     Progressive,
-    /// Fast: one shadow ray per four samples if rays are traced, and only a part of the compressed transfer.
+    /// Fast: one shadow ray per four samples if rays are traced, interleaved points, and only a part of the compressed
+    /// transfer.
     Coarse,
 }
 
@@ -43,21 +45,24 @@ pub struct Shade {
     pub points: LightPoints,
 }
 
-/// Some of the points that a light with a size is made of.
+/// The points by which a light is shaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LightPoints {
-    pub first: u32,
-    pub end: u32,
-    /// Points of the whole light; 1 if it has no size.
-    pub of: u32,
+pub enum LightPoints {
+    /// The only one, of a light without size.
+    One,
+    /// Some for all view samples together, of a light with a size that moves: each sample sees another one.
+    Interleaved,
+    /// `first..end` of the `of` points that a light with a size is made of, for each view sample.
+    Some { first: u32, end: u32, of: u32 },
 }
 
 impl LightPoints {
-    /// The only point of a light without size.
-    pub const ONE: Self = Self { first: 0, end: 1, of: 1 };
-
+    /// Points that one view sample sees.
     pub fn count(&self) -> usize {
-        (self.end - self.first) as usize
+        match *self {
+            Self::One | Self::Interleaved => 1,
+            Self::Some { first, end, .. } => (end - first) as usize,
+        }
     }
 }
 

@@ -71,6 +71,13 @@ impl Slots {
         (slot, evicted)
     }
 
+    /// Assigns `node` an empty slot, if there is any.
+    pub fn take_empty(&mut self, node: usize, clock: u64) -> Option<usize> {
+        let &(is_used, _, slot) = self.free.first()?;
+        (!is_used).then(|| self.set(slot, node, clock))?;
+        Some(slot)
+    }
+
     fn key(&self, slot: usize) -> (bool, u64, usize) {
         let Slot { node, last_used, .. } = self.slots[slot];
         (node.is_some(), last_used, slot)

@@ -17,6 +17,8 @@ struct Numbers {
 
 /// Error of coarse images.
 const OFF: f32 = 0.25;
+/// Relative error of interleaved points.
+const INTERLEAVED_OFF: f32 = 0.125;
 
 impl Numbers {
     fn value(&self, term: &Term) -> f32 {
@@ -35,8 +37,14 @@ impl Numbers {
             match step {
                 Step::Shade(Shade { light, target, detail, points }) => {
                     let off = if *detail == Detail::Coarse { OFF } else { 0.0 };
-                    let number = |point: u32| 1.0 + (point as f32 - 0.5 * (points.of - 1) as f32) / 256.0;
-                    let mean = (points.first..points.end).map(number).sum::<f32>() / points.count() as f32;
+                    let mean = match *points {
+                        LightPoints::One => 1.0,
+                        LightPoints::Interleaved => 1.0 + INTERLEAVED_OFF,
+                        LightPoints::Some { first, end, of } => {
+                            let number = |point: u32| 1.0 + (point as f32 - 0.5 * (of - 1) as f32) / 256.0;
+                            (first..end).map(number).sum::<f32>() / points.count() as f32
+                        }
+                    };
                     let value = rig.lights[*light].position.x as f32 * mean + off;
                     match target {
                         Source::Slot(slot) => self.slots[*slot] = value,

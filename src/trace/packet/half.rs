@@ -49,6 +49,10 @@ impl HalfPackets {
         Self { seen: vec![0; packets.len() * PACKET_SIZE], packets }
     }
 
+    pub fn is_empty(&self) -> bool {
+        self.packets.is_empty()
+    }
+
     /// Traces them towards `light`, on all cores; `visibility` receives 64 values for each of the original packets.
     pub fn trace(&mut self, scene: LinkedScene, light: &PackedLight, visibility: &mut [u8]) {
         trace_all(scene, light, &self.packets, &mut self.seen);

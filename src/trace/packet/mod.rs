@@ -8,6 +8,7 @@
 
 pub mod common_origin;
 pub mod half;
+pub mod interleaved;
 mod rays;
 mod triangle;
 
@@ -20,7 +21,7 @@ use self::rays::{Rays, any_positive, meets_box, meets_box_along, start_rays};
 use self::triangle::{Edges, attenuate, block};
 use super::bvh::{Bvh, blocked_share};
 use super::linked::LinkedScene;
-use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, PackedLight, TILE_SIZE};
+use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight, TILE_SIZE};
 
 /// Rays in a packet: one tile of pixels.
 pub const PACKET_SIZE: usize = (TILE_SIZE * TILE_SIZE) as usize;
@@ -59,7 +60,20 @@ pub fn trace_packets<'a>(
     packets: &[SamplePacket],
     visibility: &mut [u8],
 ) {
-    pulp::Arch::new().dispatch(TracePackets { scene: scene.into(), light, packets, visibility });
+    let lights = std::slice::from_ref(light);
+    pulp::Arch::new().dispatch(TracePackets { scene: scene.into(), lights, packets, visibility, facing: &mut [] });
+}
+
+/// As [`trace_packets`], but traces packet `i` towards light `i % lights.len()`: points of one light. `facing` receives
+/// for each packet which samples face the light.
+pub fn trace_in_turn<'a>(
+    scene: impl Into<LinkedScene<'a>>,
+    lights: &[PackedLight],
+    packets: &[SamplePacket],
+    visibility: &mut [u8],
+    facing: &mut [u64],
+) {
+    pulp::Arch::new().dispatch(TracePackets { scene: scene.into(), lights, packets, visibility, facing });
 }
 
 /// [`trace_packets`] on all cores.
@@ -78,9 +92,11 @@ pub fn trace_all<'a>(
 
 struct TracePackets<'a> {
     scene: LinkedScene<'a>,
-    light: &'a PackedLight,
+    lights: &'a [PackedLight],
     packets: &'a [SamplePacket],
     visibility: &'a mut [u8],
+    /// Empty if not wanted.
+    facing: &'a mut [u64],
 }
 
 impl WithSimd for TracePackets<'_> {
@@ -88,9 +104,9 @@ impl WithSimd for TracePackets<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        if is_far(&self.scene.bvh, self.light) {
+        if self.lights.iter().any(|light| is_far(&self.scene.bvh, light)) {
             self.trace_singly();
-        } else if self.light.kind == LIGHT_DIRECTIONAL {
+        } else if self.lights[0].kind == LIGHT_DIRECTIONAL {
             self.trace::<S, true>(simd);
         } else {
             self.trace::<S, false>(simd);
@@ -104,25 +120,36 @@ fn is_far(bvh: &Bvh, light: &PackedLight) -> bool {
 
 impl TracePackets<'_> {
     fn trace_singly(self) {
-        let Self { scene, light, packets, visibility } = self;
-        for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
+        let Self { scene, lights, packets, visibility, facing } = self;
+        let mut facing = facing.iter_mut();
+        let visibility = visibility.chunks_exact_mut(PACKET_SIZE);
+        for ((packet, visibility), light) in packets.iter().zip(visibility).zip(lights.iter().cycle()) {
+            let mut faces = 0;
             for (lane, visible) in visibility.iter_mut().enumerate() {
+                let ray = packet.shadow_ray(&scene.bvh, light, lane);
+                faces |= u64::from(ray.is_some()) << lane;
                 let share = |ray: ShadowRay| scene.transmittance(ray.origin, ray.direction, ray.length);
-                *visible = in_8_bits(packet.shadow_ray(&scene.bvh, light, lane).map_or(0.0, share));
+                *visible = in_8_bits(ray.map_or(0.0, share));
             }
+            facing.next().into_iter().for_each(|facing| *facing = faces);
         }
     }
 
     #[inline(always)]
     fn trace<S: Simd, const DIRECTIONAL: bool>(self, simd: S) {
-        let Self { scene, light, packets, visibility } = self;
-        let shared = if DIRECTIONAL { -light.direction } else { light.position };
+        let Self { scene, lights, packets, visibility, facing } = self;
+        let mut facing = facing.iter_mut();
         let mut stack = Vec::with_capacity(128);
         let zero = [[0.0; PACKET_SIZE]; 3];
         let mut rays = Rays { q: zero, inverse_q: zero, end: [-1.0; PACKET_SIZE] };
         let mut left = [1.0; PACKET_SIZE];
-        for (packet, visibility) in packets.iter().zip(visibility.chunks_exact_mut(PACKET_SIZE)) {
+        let visibility = visibility.chunks_exact_mut(PACKET_SIZE);
+        for ((packet, visibility), light) in packets.iter().zip(visibility).zip(lights.iter().cycle()) {
+            let shared = if DIRECTIONAL { -light.direction } else { light.position };
             start_rays::<S, DIRECTIONAL>(simd, &scene.bvh, light, packet, &mut rays);
+            if let Some(facing) = facing.next() {
+                *facing = rays.end.iter().rev().fold(0, |bits, end| bits << 1 | u64::from(*end > 0.0));
+            }
             let mut alive = 0;
             for (register, end) in S::as_simd_f32s(&rays.end).0.iter().enumerate() {
                 alive |= u64::from(any_positive(simd, *end)) << register;
@@ -216,13 +243,15 @@ fn target<const DIRECTIONAL: bool>(
     let distance2 = tx * tx + ty * ty + tz * tz;
     let distance = distance2.sqrt();
     let facing = nx * tx + ny * ty + nz * tz > 0.0;
-    // Slightly wider than the cone, whose edge is black.
+    // Slightly wider than the cone or spread, whose edge is black.
     let cone = match light.kind {
         LIGHT_SPOT => 1.0 - light.cone_versine - 1e-5,
-        LIGHT_FACET => -1e-5,
+        LIGHT_FACET | LIGHT_TWO_SIDED_FACET => (1.0 + light.narrowing.powi(-2)).sqrt().recip() - 1e-5,
         _ => -2.0,
     };
-    let inside = DIRECTIONAL | (-(tx * d.x + ty * d.y + tz * d.z) >= cone * distance);
+    let along_axis = -(tx * d.x + ty * d.y + tz * d.z);
+    let along_axis = if light.kind == LIGHT_TWO_SIDED_FACET { along_axis.abs() } else { along_axis };
+    let inside = DIRECTIONAL | (along_axis >= cone * distance);
     let in_range = DIRECTIONAL | (distance * light.inverse_range < 1.0);
     let offset = bvh.shadow_offset(if DIRECTIONAL { 0.0 } else { distance.min(FAR_RADII * bvh.radius) });
     let offset = if gx * tx + gy * ty + gz * tz < 0.0 { -offset } else { offset };

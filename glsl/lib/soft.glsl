@@ -1,0 +1,6 @@
+// Interleaved sampling of lights with a size [Keller 2001]: which of the light's points a point of a gather sample
+// sees. Twin: src/trace/packet/interleaved.rs.
+
+uint point_in_list(uint index) {
+    return ((5 * index) & 15) + (index & 48);
+}
