@@ -53,7 +53,7 @@
 //! - [Enderton 2010] Enderton et al., Stochastic transparency, I3D.
 //! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
-//!   KHR_lights_punctual, KHR_materials_specular, KHR_materials_ior, ...
+//!   KHR_lights_punctual, EXT_lights_area (draft), EXT_lights_ies, KHR_materials_specular, KHR_materials_ior, ...
 //! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik 101.
 //! - [Grassmann 1985] Grassmann, Taksar, Heyman, Regenerative analysis and steady state distributions for Markov chains,
 //!   Operations Research 33(5).

@@ -75,11 +75,25 @@ fn full() -> Gltf {
     gltf
 }
 
+/// The same, with a rectangle and a point with an IES profile.
+fn full_of_lights() -> Gltf {
+    let mut gltf = full();
+    gltf.light_of("EXT_lights_area", json!({"type": "rect", "intensity": 5.0, "size": 2.0, "rect": {"aspect": 0.5}}));
+    gltf.root(json!({"name": "panel", "extensions": {"EXT_lights_area": {"light": 0}}}));
+    let ies = gltf.view(b"TILT=NONE\n1 -1 1 3 1 1 2 0 0 0 1 1 9 0 45 90 0 250 200 10\n");
+    gltf.light_of("EXT_lights_ies", json!({"bufferView": ies, "mimeType": "application/x-ies-lm-63"}));
+    let ies = json!({"EXT_lights_ies": {"light": 0, "multiplier": 2.0, "color": [1.0, 0.5, 0.25]}});
+    gltf.root(json!({"name": "downlight", "extensions": ies}));
+    gltf
+}
+
 #[test]
 fn the_good_files_are_good() {
     let folder = tempfile::tempdir().unwrap();
     let scene = Scene::load(&full().write(folder.path(), "good.glb")).unwrap();
     assert_eq!((scene.mesh.triangles.len(), scene.textures.len(), scene.rig.lights.len()), (2, 2, 1));
+    let scene = Scene::load(&full_of_lights().write(folder.path(), "good.glb")).unwrap();
+    assert_eq!(scene.rig.lights.len(), 3);
     write(folder.path(), "x.mtl", MTL.as_bytes());
     write(folder.path(), "x.png", &png(1, 1, &[[1, 2, 3, 4]]));
     let scene = Scene::load(&write(folder.path(), "x.obj", OBJ.as_bytes())).unwrap();
@@ -548,6 +562,53 @@ fn lights_and_cameras() {
 }
 
 #[test]
+fn area_and_ies_lights() {
+    let refused = |says: &str, change: &dyn Fn(&mut Gltf)| {
+        let mut gltf = full_of_lights();
+        change(&mut gltf);
+        assert_bytes_refused("hostile.glb", &gltf.to_glb(), says);
+    };
+    let area = |value: Value| move |g: &mut Gltf| g.json["extensions"]["EXT_lights_area"]["lights"][0] = value.clone();
+    let what = "area light 0 of node 3 \"panel\": ";
+    refused(&format!("{what}type \"sphere\""), &area(json!({"type": "sphere"})));
+    refused(&format!("{what}its intensity"), &area(json!({"type": "rect", "intensity": 1e300})));
+    refused(&format!("{what}its colour"), &area(json!({"type": "disk", "color": [1, -1, 1]})));
+    for rect in [json!({"size": 0}), json!({"size": -1.0}), json!({"rect": {"aspect": -2.0}})] {
+        let mut value = json!({"type": "rect"});
+        value.as_object_mut().unwrap().extend(rect.as_object().unwrap().clone());
+        refused(&format!("{what}its size or aspect is not positive"), &area(value));
+    }
+    for size in [1e-200, 1e200] {
+        let value = json!({"type": "disk", "size": size});
+        refused(&format!("{what}its size is too small or too large"), &area(value));
+    }
+    refused("node 3 \"panel\" names area light 7, there are 1", &|g| {
+        g.json["nodes"][3]["extensions"]["EXT_lights_area"]["light"] = 7.into();
+    });
+    let ies = |value: Value| move |g: &mut Gltf| g.json["extensions"]["EXT_lights_ies"]["lights"][0] = value.clone();
+    refused("IES light 0 has neither a URI nor a buffer view", &ies(json!({})));
+    refused("IES light 0: cannot read \"none.ies\"", &ies(json!({"uri": "none.ies"})));
+    refused("IES light 0: URI \"../lamp.ies\" leads out", &ies(json!({"uri": "../lamp.ies"})));
+    refused("IES light 0: the file has no line", &ies(json!({"uri": "data:,TILT"})));
+    refused("IES light 0 names buffer view 99", &ies(json!({"bufferView": 99})));
+    let instance =
+        |value: Value| move |g: &mut Gltf| g.json["nodes"][4]["extensions"]["EXT_lights_ies"] = value.clone();
+    let what = "IES light 0 of node 4 \"downlight\": ";
+    refused(&format!("{what}its intensity"), &instance(json!({"light": 0, "multiplier": 1e300})));
+    refused(&format!("{what}its colour"), &instance(json!({"light": 0, "color": [-1, 0, 0]})));
+    refused("node 4 \"downlight\" names IES light 1, there are 1", &instance(json!({"light": 1})));
+    let folder = tempfile::tempdir().unwrap();
+    let mut gltf = full_of_lights();
+    gltf.json["extensions"]["EXT_lights_area"]["lights"][0]["intensity"] = json!(-5.0);
+    gltf.json["nodes"][4]["extensions"]["EXT_lights_ies"]["multiplier"] = json!(-1.0);
+    let rig = Scene::load(&gltf.write(folder.path(), "dark.glb")).unwrap().rig;
+    assert_eq!(rig.lights[1..].iter().map(|light| light.intensity).collect::<Vec<_>>(), [0.0, 0.0]);
+    gltf.json["nodes"][3]["scale"] = json!([1, 1, 0]);
+    gltf.json["nodes"][4]["scale"] = json!([0, 0, 0]);
+    assert_eq!(Scene::load(&gltf.write(folder.path(), "flat.glb")).unwrap().rig.lights.len(), 1);
+}
+
+#[test]
 fn obj() {
     let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\n";
     for (text, says) in [
@@ -662,7 +723,7 @@ proptest! {
         flips in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 0..6),
         cut in proptest::option::of(any::<proptest::sample::Index>()),
     ) {
-        let mut bytes = full().to_glb();
+        let mut bytes = full_of_lights().to_glb();
         for (at, value) in flips {
             let at = at.index(bytes.len());
             bytes[at] = value;
@@ -693,7 +754,7 @@ proptest! {
             json!(null), json!(-1), json!(0), json!(1), json!(7), json!(255), json!(u32::MAX), json!(u64::MAX),
             json!(1e300), json!(-1e-300), json!(0.5), json!(""), json!([]), json!({}), json!([0, 0, 0]), json!(5121),
         ];
-        let mut gltf = full();
+        let mut gltf = full_of_lights();
         gltf.json["buffers"] = json!([{"byteLength": gltf.bin.len()}]);
         for (at, value) in edits {
             let mut leaves = Vec::new();

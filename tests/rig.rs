@@ -448,7 +448,7 @@ fn assert_same_geometry(a: &Scene, b: &Scene) {
     assert_eq!((a.space, a.mesh.normals.len()), (b.space, b.mesh.normals.len()));
 }
 
-/// glTF has no lights with a size: other programs read spots and points, relume the exact rig.
+/// Other programs read rectangles and disks of the nearest shape, and points; relume the exact rig.
 #[test]
 fn lights_with_a_size_come_back() {
     let gltf = lit();
@@ -468,9 +468,9 @@ fn lights_with_a_size_come_back() {
     }));
     let (_, back, json) = export(&gltf, &rig, "out.glb");
     assert_same_lights(&back.rig, &rig);
-    let types = json["extensions"]["KHR_lights_punctual"]["lights"].as_array().unwrap();
-    let types: Vec<_> = types.iter().rev().take(2).map(|light| light["type"].as_str().unwrap()).collect();
-    assert_eq!(types, ["spot", "spot"]);
+    let lights = json["extensions"]["EXT_lights_area"]["lights"].as_array().unwrap();
+    let types: Vec<_> = lights.iter().map(|light| light["type"].as_str().unwrap()).collect();
+    assert_eq!(types, ["disk", "rect"]);
 }
 
 #[test]

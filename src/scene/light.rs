@@ -1,6 +1,6 @@
 //! Lights as artists edit them: world space, double precision, with colour and intensity separate from the pose.
 
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
 use glam::{DVec3, Vec3};
 
@@ -260,16 +260,6 @@ impl Light {
             LightKind::Disk => Some(PI * self.radius * self.radius),
             LightKind::Rect => Some(self.size[0] * self.size[1]),
             LightKind::Spot | LightKind::Directional => None,
-        }
-    }
-
-    /// The nearest light of `KHR_lights_punctual`, which has none with a size: flat lights become spots of 180 degrees.
-    pub fn without_size(&self) -> Self {
-        match self.kind {
-            LightKind::Disk | LightKind::Rect => {
-                Self { kind: LightKind::Spot, inner_angle: 0.0, outer_angle: FRAC_PI_2, ..self.clone() }
-            }
-            _ => self.clone(),
         }
     }
 

@@ -9,8 +9,9 @@ use relume::bake::baselines::thesis::shade_thesis;
 use relume::bake::transfer::Transfer;
 use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
-use relume::relight::{Layers, Picture, Request};
+use relume::relight::{Layers, Picture, Relighter, Request};
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
+use relume::trace::bvh::TracedScene;
 
 use crate::common::stage::{self, Build, Setup, lambert, look, rig};
 use crate::common::{Gpu, gpu};
@@ -45,9 +46,17 @@ impl Relit {
         (Arc::make_mut(&mut self.stage.framebuffer), Arc::make_mut(transfer))
     }
 
+    pub fn scene(&self) -> &TracedScene {
+        &self.stage.scene
+    }
+
+    pub fn relighter(&self, gpu: &Gpu, rig: &Rig) -> Relighter {
+        self.stage.relighter(gpu, rig, &self.setup)
+    }
+
     /// What each pass leaves that is not finite.
     pub fn non_finite(&self, gpu: &Gpu, rig: &Rig) -> Vec<(&'static str, u32)> {
-        let mut relighter = self.stage.relighter(gpu, rig, &self.setup);
+        let mut relighter = self.relighter(gpu, rig);
         relighter.check_finite().unwrap();
         relighter.linear(Picture::Whole).unwrap();
         relighter.non_finite()
@@ -61,13 +70,13 @@ impl Relit {
 
     /// First-hand and indirect light of all lights.
     pub fn pictures(&self, gpu: &Gpu, rig: &Rig) -> [Vec<[f32; 3]>; 2] {
-        let mut relighter = self.stage.relighter(gpu, rig, &self.setup);
+        let mut relighter = self.relighter(gpu, rig);
         [Layers::FirstHand, Layers::Indirect].map(|layers| stage::pixels(&mut relighter, layers))
     }
 
     /// The same of each light alone.
     pub fn by_light(&self, gpu: &Gpu, lights: &[Light]) -> Vec<[Vec<[f32; 3]>; 2]> {
-        let mut relighter = self.stage.relighter(gpu, &rig(lights.to_vec()), &self.setup);
+        let mut relighter = self.relighter(gpu, &rig(lights.to_vec()));
         let mut of = |layers: Layers| -> Vec<Vec<[f32; 3]>> {
             let of = |i| Request { layers, ..Picture::Light(i).into() };
             (0..lights.len()).map(|i| relighter.linear(of(i)).unwrap().to_vec()).collect()
@@ -85,11 +94,11 @@ pub fn negative(pixels: &[[f32; 3]]) -> f64 {
 }
 
 /// The largest value; NaN if there is one.
-fn largest(pixels: &[[f32; 3]]) -> f64 {
+pub fn largest(pixels: &[[f32; 3]]) -> f64 {
     pixels.iter().flatten().fold(0.0, |most, &x| if x.is_nan() { f64::NAN } else { f64::from(x).max(most) })
 }
 
-fn over(pixels: &[[f32; 3]], scale: f64) -> Vec<DVec3> {
+pub fn over(pixels: &[[f32; 3]], scale: f64) -> Vec<DVec3> {
     pixels.iter().map(|p| Vec3::from(*p).as_dvec3() / scale).collect()
 }
 

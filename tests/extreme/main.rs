@@ -10,4 +10,5 @@ mod geometry;
 mod lights;
 mod pictures;
 mod place;
+mod sized;
 mod table;

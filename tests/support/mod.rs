@@ -97,12 +97,16 @@ impl Gltf {
 
     /// Adds a punctual light.
     pub fn light(&mut self, light: Value) -> usize {
-        let lights = &mut self.json["extensions"]["KHR_lights_punctual"]["lights"];
-        if lights.is_null() {
-            *lights = json!([]);
-            self.uses("KHR_lights_punctual");
+        self.light_of("KHR_lights_punctual", light)
+    }
+
+    /// Adds a light to the list of `extension`.
+    pub fn light_of(&mut self, extension: &str, light: Value) -> usize {
+        if self.json["extensions"][extension]["lights"].is_null() {
+            self.json["extensions"][extension]["lights"] = json!([]);
+            self.uses(extension);
         }
-        let lights = self.json["extensions"]["KHR_lights_punctual"]["lights"].as_array_mut().unwrap();
+        let lights = self.json["extensions"][extension]["lights"].as_array_mut().unwrap();
         lights.push(light);
         lights.len() - 1
     }

@@ -16,6 +16,8 @@ use gltf::json::validation::Checked;
 use serde::Deserialize;
 
 use super::container::{Container, buffer_bytes};
+use super::light_entries::{AreaLightEntry, LightEntry, ProfileEntry, ProfileInstance};
+use super::light_extension::LightExtension;
 use super::mend::mended;
 use crate::error::{Error, Result};
 use crate::scene::files;
@@ -117,20 +119,34 @@ pub struct Orthographic {
 
 #[derive(Deserialize, Default)]
 struct RootExtensions {
-    #[serde(rename = "KHR_lights_punctual")]
-    lights: Option<Lights>,
+    #[serde(rename = "KHR_lights_punctual", default)]
+    lights: Lights<LightEntry>,
+    #[serde(rename = "EXT_lights_area", default)]
+    area_lights: Lights<AreaLightEntry>,
+    #[serde(rename = "EXT_lights_ies", default)]
+    profiles: Lights<ProfileEntry>,
 }
 
 #[derive(Deserialize)]
-struct Lights {
-    #[serde(default)]
-    lights: Vec<LightEntry>,
+struct Lights<Entry> {
+    #[serde(default = "Vec::new")]
+    lights: Vec<Entry>,
+}
+
+impl<Entry> Default for Lights<Entry> {
+    fn default() -> Self {
+        Self { lights: Vec::new() }
+    }
 }
 
 #[derive(Deserialize, Default)]
 struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     light: Option<LightIndex>,
+    #[serde(rename = "EXT_lights_area")]
+    area_light: Option<LightIndex>,
+    #[serde(rename = "EXT_lights_ies")]
+    profile: Option<ProfileInstance>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     instances: Option<Instances>,
 }
@@ -156,26 +172,6 @@ pub struct InstanceAttributes {
     pub scale: Option<usize>,
 }
 
-/// `KHR_lights_punctual`.
-#[derive(Deserialize)]
-pub struct LightEntry {
-    pub name: Option<String>,
-    #[serde(rename = "type")]
-    pub kind: String,
-    pub color: Option<[f32; 3]>,
-    pub intensity: Option<f64>,
-    pub range: Option<f64>,
-    #[serde(default)]
-    pub spot: Spot,
-}
-
-#[derive(Deserialize, Default)]
-#[serde(rename_all = "camelCase")]
-pub struct Spot {
-    pub inner_cone_angle: Option<f64>,
-    pub outer_cone_angle: Option<f64>,
-}
-
 /// Names of the extension for compressed buffer views.
 pub const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
@@ -184,6 +180,8 @@ const MAX_BUFFER_BYTES: usize = 1 << 32;
 
 /// Supported entries of `extensionsRequired`.
 const SUPPORTED: &[&str] = &[
+    "EXT_lights_area",
+    "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -266,7 +264,15 @@ impl Document {
     }
 
     pub fn lights(&self) -> &[LightEntry] {
-        self.poses.extensions.lights.as_ref().map_or(&[], |l| &l.lights)
+        &self.poses.extensions.lights.lights
+    }
+
+    pub fn area_lights(&self) -> &[AreaLightEntry] {
+        &self.poses.extensions.area_lights.lights
+    }
+
+    pub fn profiles(&self) -> &[ProfileEntry] {
+        &self.poses.extensions.profiles.lights
     }
 
     /// Whether the file declares `extension`.
@@ -315,8 +321,22 @@ fn parsed(path: &Path, json: &[u8]) -> Result<(json::Root, Poses)> {
 }
 
 impl Node {
-    pub fn light(&self) -> Option<usize> {
-        self.extensions.light.as_ref().map(|l| l.light)
+    /// Index of the node's light in an extension.
+    pub fn light(&self, extension: LightExtension) -> Option<usize> {
+        match extension {
+            LightExtension::Punctual => self.extensions.light.as_ref().map(|l| l.light),
+            LightExtension::Area => self.extensions.area_light.as_ref().map(|l| l.light),
+            LightExtension::Profile => self.profile().map(|l| l.light),
+        }
+    }
+
+    /// The extensions in which the node has a light.
+    pub fn light_extensions(&self) -> impl Iterator<Item = LightExtension> {
+        LightExtension::ALL.into_iter().filter(|&extension| self.light(extension).is_some())
+    }
+
+    pub fn profile(&self) -> Option<&ProfileInstance> {
+        self.extensions.profile.as_ref()
     }
 
     pub fn instances(&self) -> Option<&InstanceAttributes> {

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::document::Document;
+use super::light_extension::LightExtension;
 use crate::scene::{Light, LightKind, Rig, RigFiles};
 
 /// Key in the extras of the shown scene; the value is the text of a rig file.
@@ -39,31 +40,46 @@ fn with_file_nodes(mut embedded: Rig, loaded: &Rig) -> Option<Rig> {
     if embedded.lights.len() != loaded.lights.len() {
         return None;
     }
-    let active = embedded.with_solo_applied().into_owned();
-    for (index, light) in embedded.lights.iter_mut().enumerate() {
-        let found = by_name.get(light.name.as_str()).filter(|found| is_same(&active, index, found))?;
+    for light in &mut embedded.lights {
+        let found = by_name.get(light.name.as_str())?;
         light.node = found.node;
+        // Profiles are stored once, by their extension.
+        if light.kind == LightKind::Point {
+            light.filter.ies = found.filter.ies.clone();
+        }
     }
-    Some(embedded)
+    let active = embedded.with_solo_applied();
+    let is_same = (0..active.lights.len()).all(|i| is_same(&active, i, by_name[active.lights[i].name.as_str()]));
+    is_same.then_some(embedded)
 }
 
 /// Whether light `index` of `rig` agrees with the glTF light `found`.
 fn is_same(rig: &Rig, index: usize, found: &Light) -> bool {
-    let light = &rig.lights[index].without_size();
+    let light = &rig.lights[index].nearest_in_gltf();
     let near = |a: f64, b: f64| (a - b).abs() <= NEAR * a.abs().max(b.abs()).max(NEAR);
     let (want, got) = (rig.scale(index).as_dvec3(), found.scale().as_dvec3());
     let same_strength = want.distance(got) <= NEAR * want.length();
     let same_place = light.position.distance(found.position) <= NEAR * (1.0 + light.position.length());
-    let same_direction = light.direction.distance(found.direction) <= NEAR;
+    let same_direction = !light.has_direction() || light.direction.distance(found.direction) <= NEAR;
     let same_cone = near(light.outer_angle, found.outer_angle) && (light.inner_angle - found.inner_angle).abs() <= NEAR;
     let same_range = match (light.range, found.range) {
         (Some(a), Some(b)) => near(a, b),
         (a, b) => a == b,
     };
-    let same_pose = match light.kind {
-        LightKind::Point => same_place && same_range,
-        LightKind::Spot | LightKind::Disk | LightKind::Rect => same_place && same_range && same_direction && same_cone,
-        LightKind::Directional => same_direction,
+    let same_up = light.up_axis_in_gltf().is_none() || light.axes()[1].distance(found.axes()[1]) <= NEAR;
+    let extension = LightExtension::of(light);
+    let same_shape = match (light.kind, extension) {
+        (LightKind::Rect, _) => same_place && near(light.size[0], found.size[0]) && near(light.size[1], found.size[1]),
+        (LightKind::Disk, _) => same_place && near(light.radius, found.radius),
+        (LightKind::Point, LightExtension::Profile) => same_place,
+        (LightKind::Point, _) => same_place && same_range,
+        (LightKind::Spot, _) => same_place && same_range && same_cone,
+        (LightKind::Directional, _) => true,
     };
-    light.kind == found.kind && same_strength && same_pose
+    light.kind == found.kind
+        && extension == LightExtension::of(found)
+        && same_strength
+        && same_direction
+        && same_up
+        && same_shape
 }

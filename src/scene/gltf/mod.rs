@@ -1,12 +1,15 @@
 //! glTF 2.0: `.gltf` and `.glb` into a [`Scene`].
 
 mod accessor;
+pub mod area_lights;
 pub mod container;
 pub mod document;
 mod draco;
 pub mod embedded_rig;
 mod ignored_counts;
 mod instances;
+mod light_entries;
+pub mod light_extension;
 mod lights;
 mod material_extensions;
 mod materials;
@@ -16,6 +19,8 @@ mod morph;
 mod node_primitive;
 pub mod nodes;
 mod primitives;
+pub mod profile_files;
+mod profile_lights;
 mod skins;
 pub mod unpack;
 mod vertices;

@@ -11,7 +11,8 @@ use std::path::Path;
 use super::gltf::container::{Container, MAGIC};
 use super::gltf::document::Document;
 use super::gltf::embedded_rig;
-use super::{Light, Links, Rig, Scene};
+use super::gltf::light_extension::LightExtension;
+use super::{Light, LightFilter, Links, Rig, Scene};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -19,9 +20,10 @@ use crate::storage::file;
 /// buffers and images.
 ///
 /// A light with a source node returns to it, in the space of the node's parent; others get new nodes. Groups, stops,
-/// switches and solo are folded into intensity and colour; `shadows`, filters and links have no counterpart in glTF. The
-/// exact rig is stored too, except camera and snapshots: relume restores it unless the file's lights have been edited
-/// since.
+/// switches and solo are folded into intensity and colour. Rectangles and disks are written as `EXT_lights_area`, points
+/// with a profile as `EXT_lights_ies`, all others as `KHR_lights_punctual`. Other sizes and filters, `shadows` and links
+/// have no counterpart in glTF. The exact rig is stored too, except camera and snapshots: relume restores it unless the
+/// file's lights have been edited since.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
@@ -45,7 +47,7 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
         tracing::warn!("{}: glTF cannot store that \"{}\" casts no shadows", path.display(), light.name);
     }
-    let is_more = |light: &&Light| light.links != Links::default() || !light.filter.is_none();
+    let is_more = |light: &&Light| light.links != Links::default() || !outside_extension(light).is_none();
     if let Some(light) = rig.lights.iter().find(is_more) {
         let path = path.display();
         tracing::warn!("{path}: glTF cannot store filters and links of \"{}\"; relume restores them", light.name);
@@ -64,12 +66,19 @@ fn serialized(root: &json::Object, path: &Path) -> Result<Vec<u8>> {
     serde_json::to_vec(root).map_err(|e| Error::Export { path: path.to_owned(), source: e.into() })
 }
 
+/// The filters of `light` that its extension does not hold.
+fn outside_extension(light: &Light) -> LightFilter {
+    let ies = light.filter.ies.clone().filter(|_| LightExtension::of(light) != LightExtension::Profile);
+    LightFilter { ies, ..light.filter.clone() }
+}
+
 /// Stores the exact rig, for [`embedded_rig`] to find.
 fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &Path) {
     let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
     if scene.get("extras").is_none_or(serde_json::Value::is_object) {
         let mut rig = Rig { camera: None, snapshots: Vec::new(), ..rig.clone() };
         for light in &mut rig.lights {
+            light.filter = outside_extension(light);
             let within = light.filter.within(folder);
             if within != light.filter {
                 let name = &light.name;

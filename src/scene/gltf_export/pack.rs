@@ -121,6 +121,6 @@ fn mime_type(bytes: &[u8]) -> &'static str {
     image::guess_format(bytes).map_or("application/octet-stream", |format| format.to_mime_type())
 }
 
-fn data_uri(mime_type: &str, bytes: &[u8]) -> String {
+pub fn data_uri(mime_type: &str, bytes: &[u8]) -> String {
     format!("data:{mime_type};base64,{}", STANDARD.encode(bytes))
 }

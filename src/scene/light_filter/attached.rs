@@ -5,20 +5,29 @@ use std::ops::Deref;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-use super::ies::{self, Photometry};
+use super::Profile;
 use crate::error::{Error, Result};
 use crate::scene::files;
+use crate::scene::gltf::profile_files::{file_and_index, path_in_file, read_profile};
 use crate::scene::texture::{Encoding, Image, TexelCount, Texture};
 
 /// A decoded file and where it lies.
 pub struct Attached<T> {
-    /// Absolute, without links.
+    /// Absolute, without links. Ends in `#` and a number if the file is one of those in a glTF file.
     path: PathBuf,
     hash: blake3::Hash,
     content: Arc<T>,
 }
 
 impl<T> Attached<T> {
+    /// `path` may be relative to the current folder.
+    pub fn new(path: &Path, bytes: &[u8], content: T) -> Self {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let in_folder = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
+        let path = path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned());
+        Self { path, hash: blake3::hash(bytes), content: Arc::new(content) }
+    }
+
     /// The path as a rig in `folder` writes it: relative, unless nothing leads there.
     pub fn path_from(&self, folder: &Path) -> PathBuf {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
@@ -66,7 +75,7 @@ pub struct RigFiles<'a> {
     folder: &'a Path,
     /// Whether files outside the folder are refused: the rig came with a scene, which is untrusted.
     confined: bool,
-    profiles: HashMap<PathBuf, Attached<Photometry>>,
+    profiles: HashMap<PathBuf, Attached<Profile>>,
     images: HashMap<PathBuf, Attached<Texture>>,
 }
 
@@ -93,11 +102,18 @@ impl<'a> RigFiles<'a> {
         path.canonicalize().map_err(Error::io("read", &path))
     }
 
-    /// Reads an IES profile.
-    pub fn profile(&mut self, name: &str) -> Result<Attached<Photometry>> {
-        let path = self.find(name)?;
-        let decode = |bytes: &[u8]| ies::parse(bytes).map_err(|reason| Error::import(&path, reason));
-        attach(&mut self.profiles, &path, decode)
+    /// Reads an IES profile: a file, or `scene.glb#0` for the first of `EXT_lights_ies` in a glTF file.
+    pub fn profile(&mut self, name: &str) -> Result<Attached<Profile>> {
+        let in_gltf = file_and_index(name).filter(|_| !self.folder.join(name).exists());
+        let path = self.find(in_gltf.map_or(name, |(file, _)| file))?;
+        let decode = |bytes: &[u8]| Profile::parse(bytes).map_err(|reason| Error::import(&path, reason));
+        match in_gltf {
+            Some((_, index)) => {
+                let named = path_in_file(&path, index);
+                attach(&mut self.profiles, &named, || read_profile(&path, index), decode)
+            }
+            None => attach(&mut self.profiles, &path, || files::read(&path), decode),
+        }
     }
 
     /// Reads an image: PNG, JPEG or WebP; sRGB.
@@ -113,20 +129,21 @@ impl<'a> RigFiles<'a> {
             texture.levels.drain(..too_fine);
             Ok(texture)
         };
-        attach(&mut self.images, &path, decode)
+        attach(&mut self.images, &path, || files::read(&path), decode)
     }
 }
 
 fn attach<T>(
     known: &mut HashMap<PathBuf, Attached<T>>,
     path: &Path,
+    read: impl FnOnce() -> Result<Vec<u8>>,
     decode: impl FnOnce(&[u8]) -> Result<T>,
 ) -> Result<Attached<T>> {
     if let Some(attached) = known.get(path) {
         return Ok(attached.clone());
     }
-    let bytes = files::read(path)?;
-    let attached = Attached { path: path.to_owned(), hash: blake3::hash(&bytes), content: Arc::new(decode(&bytes)?) };
+    let bytes = read()?;
+    let attached = Attached::new(path, &bytes, decode(&bytes)?);
     known.insert(path.to_owned(), attached.clone());
     Ok(attached)
 }

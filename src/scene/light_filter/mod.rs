@@ -6,6 +6,7 @@
 mod attached;
 mod gobo;
 pub mod ies;
+mod profile;
 
 use std::f64::consts::FRAC_PI_2;
 use std::path::{Component, Path, PathBuf};
@@ -15,14 +16,15 @@ use glam::{DVec3, Vec3};
 pub use self::attached::{Attached, RigFiles};
 pub use self::gobo::Gobo;
 use self::gobo::PosedGobo;
-use self::ies::{PhotometricType, Photometry};
+use self::ies::PhotometricType;
+pub use self::profile::Profile;
 use super::{Light, LightKind};
 
 /// The filters of a light; the default has none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightFilter {
     /// Its candela, relative to their maximum, multiply the light's intensity.
-    pub ies: Option<Attached<Photometry>>,
+    pub ies: Option<Attached<Profile>>,
     pub gobo: Option<Gobo>,
     pub barn_doors: Option<BarnDoors>,
 }
@@ -63,8 +65,8 @@ impl LightFilter {
 pub struct PosedFilter {
     /// Unit axes of the light's frame.
     axes: [Vec3; 3],
-    /// Photometry, and 1 / its maximum in candela.
-    ies: Option<(Attached<Photometry>, f64)>,
+    /// The profile, and 1 / its maximum in candela.
+    ies: Option<(Attached<Profile>, f64)>,
     gobo: Option<PosedGobo>,
     doors: Vec<Door>,
     /// Whether gobo and doors are before the rear of the light, too.
@@ -89,7 +91,7 @@ impl PosedFilter {
         }
         let is_flat = light.kind != LightKind::Point;
         let [width, height] = light.axes();
-        let relative = |ies: &Attached<Photometry>| {
+        let relative = |ies: &Attached<Profile>| {
             let most = ies.max();
             (ies.clone(), if most > 0.0 { most.recip() } else { 0.0 })
         };
