@@ -1,6 +1,8 @@
 use glam::{DVec3, Vec3};
 
 use super::*;
+use crate::scene::light_filter::BarnDoors;
+use crate::scene::rig::kelvin_and_tint_of;
 use crate::scene::{LightGroup, LightKind, Links, Projection};
 
 fn desk(count: usize) -> Desk {
@@ -440,6 +442,39 @@ fn objects_are_lit_or_not() {
     desk.edit_links(LinkEdit::Light, "sofa");
     let linked = Links { only: names(&["sofa", "table"]), except: names(&["sofa"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
+}
+
+#[test]
+fn tint_spread_and_doors_are_edited_in_steps() {
+    let mut desk = desk(1);
+    desk.edit(LightEdit::Tint(0.1));
+    desk.edit(LightEdit::Tint(-0.3));
+    let (kelvin, tint) = kelvin_and_tint_of(desk.selected_light().unwrap().color);
+    let (before, was) = kelvin_and_tint_of(Vec3::ONE);
+    assert!((kelvin / before - 1.0).abs() < 2e-3 && (tint - was + 0.2).abs() < 2e-3, "{kelvin} {tint}");
+    assert!((luminance(desk.selected_light().unwrap().color) - 1.0).abs() < 1e-5);
+    desk.edit(LightEdit::Outer(1.0));
+    assert_eq!(desk.message, "key_0: only spots have a cone, only disks and rectangles a spread");
+    desk.add(LightKind::Rect, DVec3::ZERO, 0.0);
+    desk.edit(LightEdit::Outer(-10.0));
+    assert!((desk.selected_light().unwrap().spread.to_degrees() - 160.0).abs() < 1e-9, "{}", desk.message);
+    desk.edit(LightEdit::Outer(-500.0));
+    assert_eq!(desk.selected_light().unwrap().spread, LEAST_SPREAD);
+    desk.edit(LightEdit::Inner(1.0));
+    assert_eq!(desk.message, "rectangle: only a spot light has an inner cone");
+    desk.edit(LightEdit::Doors(1.0));
+    assert_eq!(desk.message, "rectangle: it has no barn doors; switch them on in the panel");
+    let doors = BarnDoors { angles: [30f64, 89.5, -20.0, 0.0].map(f64::to_radians), softness: 0.1 };
+    let mut light = desk.selected_light().unwrap().clone();
+    light.filter.barn_doors = Some(doors);
+    desk.edit_primary_and_selection(light);
+    desk.end_gesture();
+    desk.edit(LightEdit::Doors(1.0));
+    desk.edit(LightEdit::Doors(1.0));
+    let angles = desk.selected_light().unwrap().filter.barn_doors.unwrap().angles.map(f64::to_degrees);
+    assert!(angles.iter().zip([32.0, 90.0, -18.0, 2.0]).all(|(is, want)| (is - want).abs() < 1e-9), "{angles:?}");
+    desk.undo();
+    assert_eq!(desk.selected_light().unwrap().filter.barn_doors, Some(doors), "a held key is one edit");
 }
 
 #[test]
