@@ -13,7 +13,7 @@ pub mod snapshots;
 
 pub use self::edit::{Frame, LEAST_SPREAD, LightEdit, luminance};
 pub use self::groups::GroupEdit;
-pub use self::linking::LinkEdit;
+pub use self::linking::{LinkEdit, PickedObject};
 pub use self::place::Pick;
 use self::selection::Selection;
 use self::snapshots::Snapshots;

@@ -395,7 +395,7 @@ impl OpenScene {
             Command::Follow => desk.follow(),
             Command::Unfollow => desk.unfollow(),
             Command::EditLinks(edit) => match pointer.at.and_then(|at| self.opened.object_at(pointer.placement, at)) {
-                Some(name) => desk.edit_links(edit, name),
+                Some(object) => desk.edit_links(edit, object),
                 None => desk.message = "there is no object with a name under the mouse".into(),
             },
             Command::SizeKeeps => desk.toggle_size_keeps(),

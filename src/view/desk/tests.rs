@@ -3,7 +3,7 @@ use glam::{DVec3, Vec3};
 use super::*;
 use crate::scene::light_filter::BarnDoors;
 use crate::scene::rig::kelvin_and_tint_of;
-use crate::scene::{LightGroup, LightKind, Links, Projection};
+use crate::scene::{LightGroup, LightKind, Links, ObjectSet, Projection, Scene};
 
 fn desk(count: usize) -> Desk {
     let light = |i: usize| Light::point(&format!("key_{i}"), DVec3::new(i as f64, 1.0, 0.0));
@@ -421,27 +421,81 @@ fn files_become_filters_of_the_selected_lights() {
     assert!(desk.rig().lights[0].filter.is_none() && desk.rig().lights[0].intensity == 1.0);
 }
 
+/// A ball, or the ground, of a scene in which every node has a material of its own.
+fn object<'a>(scene: &'a Scene, name: &'a str) -> PickedObject<'a> {
+    let triangles = 0..scene.mesh.triangles.len() as u32;
+    let has_name = |triangle: &u32| scene.objects[scene.mesh.object(*triangle)].name == name;
+    PickedObject { scene, name, triangle: triangles.into_iter().find(has_name).unwrap() }
+}
+
+fn balls() -> Scene {
+    Scene::load(std::path::Path::new("scenes/balls-2.glb")).unwrap()
+}
+
+fn names(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
+
 #[test]
 fn objects_are_lit_or_not() {
+    let scene = balls();
+    let [gold, silver, steel] = ["ball_gold", "ball_silver", "ball_steel"].map(|name| object(&scene, name));
     let mut desk = desk(2);
     desk.select_all();
     let links = |desk: &Desk| desk.rig().lights.iter().map(|light| light.links.clone()).collect::<Vec<_>>();
-    let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-    desk.edit_links(LinkEdit::Light, "chair");
-    desk.edit_links(LinkEdit::Shadow, "curtain");
-    let linked = Links { except: names(&["chair"]), no_shadow_from: names(&["curtain"]), ..Links::default() };
+    desk.edit_links(LinkEdit::Light, gold);
+    desk.edit_links(LinkEdit::Shadow, silver);
+    let linked = Links { except: names(&["ball_gold"]), no_shadow_from: names(&["ball_silver"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
-    desk.edit_links(LinkEdit::Light, "chair");
-    desk.edit_links(LinkEdit::Shadow, "curtain");
+    desk.edit_links(LinkEdit::Light, gold);
+    desk.edit_links(LinkEdit::Shadow, silver);
     assert_eq!(links(&desk), [Links::default(), Links::default()]);
     let mut light = desk.selected_light().unwrap().clone();
-    light.links = Links { only: names(&["sofa"]), factor: [("table".into(), 0.3)].into(), ..Links::default() };
+    light.links =
+        Links { only: names(&["ball_gold"]), factor: [("ball_steel".into(), 0.3)].into(), ..Links::default() };
     desk.edit_primary_and_selection(light);
-    desk.edit_links(LinkEdit::Light, "table");
-    assert_eq!(links(&desk)[0], Links { only: names(&["sofa", "table"]), ..Links::default() });
-    desk.edit_links(LinkEdit::Light, "sofa");
-    let linked = Links { only: names(&["sofa", "table"]), except: names(&["sofa"]), ..Links::default() };
+    desk.edit_links(LinkEdit::Light, steel);
+    assert_eq!(links(&desk)[0], Links { only: names(&["ball_gold", "ball_steel"]), ..Links::default() });
+    desk.edit_links(LinkEdit::Light, gold);
+    let linked = Links { only: names(&["ball_gold", "ball_steel"]), except: names(&["ball_gold"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
+}
+
+/// One edit switches an object, by whatever name the links include it.
+#[test]
+fn objects_in_sets_are_lit_or_not() {
+    let scene = balls();
+    let [gold, silver] = ["ball_gold", "ball_silver"].map(|name| object(&scene, name));
+    let mut desk = desk(1);
+    let set = |name: &str, items: &[&str]| ObjectSet { name: name.into(), items: names(items) };
+    desk.rig.sets = vec![set("metals", &["ball_gold", "silver", "ball_steel"]), set("ground", &["ball_gold"])];
+    let metals = || names(&["metals"]);
+    let mut edited = |links: Links, edit, object| {
+        desk.rig.lights[0].links = links;
+        desk.edit_links(edit, object);
+        desk.rig.lights[0].links.clone()
+    };
+    // What a set lights goes dark, what a set leaves dark is lit.
+    let only = Links { only: metals(), ..Links::default() };
+    let dark = Links { except: names(&["ball_gold"]), ..only.clone() };
+    assert_eq!(edited(only.clone(), LinkEdit::Light, gold), dark);
+    assert_eq!(edited(dark, LinkEdit::Light, gold), only);
+    let except = Links { except: metals(), ..Links::default() };
+    let others = names(&["silver", "ball_steel"]);
+    let lit = Links { except: others.clone(), ..Links::default() };
+    assert_eq!(edited(except, LinkEdit::Light, gold), lit);
+    // By the name of its material.
+    let lit = Links { except: names(&["ball_steel"]), ..Links::default() };
+    assert_eq!(edited(Links { except: others.clone(), ..Links::default() }, LinkEdit::Light, silver), lit);
+    let factor = |names: &[String]| names.iter().map(|name| (name.clone(), 0.0)).collect();
+    let zero = Links { factor: factor(&metals()), ..Links::default() };
+    assert_eq!(edited(zero, LinkEdit::Light, gold), Links { factor: factor(&others), ..Links::default() });
+    let shadowless = Links { no_shadow_from: metals(), ..Links::default() };
+    let cast = Links { no_shadow_from: others, ..Links::default() };
+    assert_eq!(edited(shadowless, LinkEdit::Shadow, gold), cast);
+    // This name is that of a set without the object.
+    assert_eq!(edited(Links::default(), LinkEdit::Light, object(&scene, "ground")), Links::default());
+    assert_eq!(desk.message, "key_0: a set has the name of this object; edit the links in the rig file");
 }
 
 #[test]
