@@ -435,3 +435,63 @@ fn a_light_with_a_size_is_made_resized_and_saved() {
     assert!(after.size > before.size && (radiance(after) / radiance(before) - 1.0).abs() < 1e-12, "{after:?}");
     window.quits_unsaved();
 }
+
+/// From the first key to the next start of the program, by hand.
+#[test]
+fn a_light_with_a_size_is_dragged_linked_saved_and_opened_again() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let camera = relume::scene::Scene::load(&scene("balls-2.glb")).unwrap().cameras[0].clone();
+    let window = open_scene(&desktop, "balls-2.glb", &rig);
+    window.key("F2", "picture 1:1"); // the panel, and with it the handles
+    let corner = corner(&window);
+    let ball = pixels([0, 1].map(|axis| corner[axis] + SIZE[axis] as f64 / 2.0));
+    let saved = || {
+        window.key("ctrl+s", "saved");
+        Rig::load(&rig).unwrap().lights.pop().unwrap()
+    };
+    let point = |at| {
+        let [x, y] = camera.project(at, SIZE[0] as f64 / SIZE[1] as f64).unwrap();
+        [corner[0] + x * SIZE[0] as f64, corner[1] + y * SIZE[1] as f64]
+    };
+    let drag = |from: [f64; 2], [x, y]: [f64; 2]| window.drag(pixels(from), pixels([from[0] + x, from[1] + y]));
+
+    window.mouse_to(ball[0], ball[1]);
+    window.key("ctrl+5", "new");
+    window.key("p", "moved");
+    let placed = saved();
+    drag(point(placed.position), [30.0, -20.0]);
+    window.wait_for_title("moved");
+    let moved = saved();
+    let by = [0, 1].map(|axis| point(moved.position)[axis] - point(placed.position)[axis]);
+    assert!((by[0] - 30.0).abs() < 1.5 && (by[1] + 20.0).abs() < 1.5, "{by:?}");
+
+    let [width, height] = moved.axes();
+    let edge = moved.position + width * (moved.size[0] / 2.0) + height * (moved.size[1] / 2.0);
+    let outwards = [0, 1].map(|axis| 0.5 * (point(edge)[axis] - point(moved.position)[axis]));
+    drag(point(edge), outwards);
+    window.wait_for_title(" m - relume");
+    let resized = saved();
+    assert!(resized.size != moved.size, "{resized:?}");
+
+    window.mouse_to(ball[0], ball[1]);
+    window.key("z", "rectangle: does not light ball_diffuse");
+    let linked = saved();
+    assert_eq!(linked.links.except, ["ball_diffuse"]);
+    window.key("ctrl+z", "undone");
+    assert_eq!(saved(), resized);
+    window.key("ctrl+y", "does not light ball_diffuse");
+    assert_eq!(saved(), linked);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+
+    let again = open_scene(&desktop, "balls-2.glb", &rig);
+    let headless = render(&scene("balls-2.glb"), Some(&rig), &rig.with_extension("png"));
+    assert!((0..100).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        difference(&picture(&again), &headless) == 0.0
+    }));
+    again.keys(&["ctrl+q"]);
+    again.ends_silently();
+}
