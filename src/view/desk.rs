@@ -65,7 +65,7 @@ impl Desk {
             message: String::new(),
         };
         desk.message = match desk.selection.is_empty() {
-            true => "no lights yet: press Ctrl+1, 2 or 3 to add one".into(),
+            true => "no lights yet: press Ctrl+1 to Ctrl+5 to add one".into(),
             false => desk.summary(),
         };
         desk

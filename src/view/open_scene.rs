@@ -409,7 +409,8 @@ impl OpenScene {
             },
             Command::New(kind) => {
                 let target = self.target(pointer);
-                self.desk.add(kind, target, view.exposure);
+                let free = self.opened.distance_to_surface(target, self.desk.offset_of_new(target).normalize());
+                self.desk.add(kind, target, view.exposure, free);
             }
             Command::Duplicate => desk.duplicate(),
             Command::Delete => desk.delete(),

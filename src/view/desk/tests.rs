@@ -29,7 +29,7 @@ fn every_edit_can_be_undone_and_redone_exactly() {
         Box::new(|d| d.edit(LightEdit::Mired(-10.0))),
         Box::new(|d| d.edit(LightEdit::Channel(2, -0.05))),
         Box::new(|d| d.edit(LightEdit::Toggle)),
-        Box::new(|d| d.add(LightKind::Spot, DVec3::ZERO, 0.0)),
+        Box::new(|d| d.add(LightKind::Spot, DVec3::ZERO, 0.0, f64::INFINITY)),
         Box::new(|d| d.edit(LightEdit::Turn { right: 2.0, up: 1.0 })),
         Box::new(|d| d.edit(LightEdit::Outer(-10.0))),
         Box::new(move |d| d.place(pick)),
@@ -121,7 +121,7 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
     desk.delete();
     desk.duplicate();
     desk.select_next(1);
-    desk.add(LightKind::Directional, DVec3::ZERO, 0.0);
+    desk.add(LightKind::Directional, DVec3::ZERO, 0.0, f64::INFINITY);
     assert_eq!((desk.rig().lights.len(), desk.selected()), (1, Some(0)));
     desk.edit(RIGHT);
     assert!(desk.message.contains("no position"), "{}", desk.message);
@@ -146,11 +146,22 @@ fn a_new_light_is_as_bright_at_its_target_whatever_the_scale() {
     for scale in [1e-3, 1.0, 1e3] {
         let mut desk = desk(0);
         desk.camera.position *= scale;
-        desk.add(LightKind::Point, DVec3::ZERO, 1.0);
+        desk.add(LightKind::Point, DVec3::ZERO, 1.0, f64::INFINITY);
         let light = &desk.rig().lights[0];
         let lux = light.intensity / light.position.length_squared();
         assert!((lux / (std::f64::consts::FRAC_PI_2 / 2.0) - 1.0).abs() < 0.05, "{scale}: {lux}");
     }
+}
+
+/// In a room the light stands inside of it.
+#[test]
+fn a_new_light_stands_before_what_is_in_its_way() {
+    let mut desk = desk(0);
+    desk.add(LightKind::Rect, DVec3::ZERO, 0.0, f64::INFINITY);
+    desk.add(LightKind::Rect, DVec3::ZERO, 0.0, 2.0);
+    let [far, near] = &desk.rig().lights[..] else { panic!("{:?}", desk.rig()) };
+    assert!(far.position.length() > 5.0 && (near.position.length() - 1.8).abs() < 1e-12, "{:?}", near.position);
+    assert!((near.direction - far.direction).length() < 1e-12);
 }
 
 /// Three different lights, all selected, the first one as the primary.
@@ -347,7 +358,7 @@ fn snapshots_are_kept_recalled_and_undone() {
     desk.annotate(3, "cold".into());
     desk.select_all();
     desk.delete();
-    desk.add(LightKind::Point, DVec3::ZERO, 0.0);
+    desk.add(LightKind::Point, DVec3::ZERO, 0.0, f64::INFINITY);
     let other = desk.rig().clone();
     desk.recall(3);
     assert_eq!((desk.rig(), desk.message.as_str()), (&kept, "recalled 4: cold"));
@@ -404,7 +415,7 @@ fn files_become_filters_of_the_selected_lights() {
     desk.attach(&leaves);
     assert_eq!(desk.message, "key_0: only spots, disks and rectangles have a gobo");
     desk.end_gesture();
-    desk.add(LightKind::Spot, DVec3::ZERO, 0.0);
+    desk.add(LightKind::Spot, DVec3::ZERO, 0.0, f64::INFINITY);
     desk.add_next_to_selection(-1);
     desk.end_gesture();
     desk.attach_gobo(folder.path(), "leaves.png");
@@ -509,7 +520,7 @@ fn tint_spread_and_doors_are_edited_in_steps() {
     assert!((luminance(desk.selected_light().unwrap().color) - 1.0).abs() < 1e-5);
     desk.edit(LightEdit::Outer(1.0));
     assert_eq!(desk.message, "key_0: only spots have a cone, only disks and rectangles a spread");
-    desk.add(LightKind::Rect, DVec3::ZERO, 0.0);
+    desk.add(LightKind::Rect, DVec3::ZERO, 0.0, f64::INFINITY);
     desk.edit(LightEdit::Outer(-10.0));
     assert!((desk.selected_light().unwrap().spread.to_degrees() - 160.0).abs() < 1e-9, "{}", desk.message);
     desk.edit(LightEdit::Outer(-500.0));
