@@ -361,6 +361,8 @@ impl OpenScene {
             }
             Action::DiscardRecovery => self.autosave.discard_found(),
             Action::Drag(grab) => self.drag(*grab, pointer),
+            Action::EndDrag => self.end_drag(),
+            Action::EndGesture => self.desk.end_gesture(),
             Action::Show => {}
         }
         Ok(Flow::Continue)
