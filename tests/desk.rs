@@ -59,7 +59,7 @@ fn act(desk: &mut Desk, random: &mut Random) {
         17 => desk.place_shadow(place(random), pick, random.between(0.5, 4.0)),
         18 if count < MOST_LIGHTS => {
             let kinds = [LightKind::Point, LightKind::Spot, LightKind::Directional, LightKind::Disk, LightKind::Rect];
-            desk.add(random.pick(&kinds), place(random), 0.0);
+            desk.add(random.pick(&kinds), place(random), 0.0, random.between(0.5, 4.0));
         }
         19 if count + desk.selection().len() <= MOST_LIGHTS => desk.duplicate(),
         20 if count > 4 && desk.selection().len() < 3 => desk.delete(),

@@ -19,6 +19,10 @@ pub enum Action {
     DiscardRecovery,
     /// Moves a handle to the mouse.
     Drag(Grab),
+    /// Ends a drag, when the held key or mouse button is released.
+    EndDrag,
+    /// Ends a held key: the next edit is undone separately.
+    EndGesture,
     /// Only redraws.
     Show,
 }

@@ -11,9 +11,9 @@ mod place;
 pub mod selection;
 pub mod snapshots;
 
-pub use self::edit::{Frame, LightEdit, luminance};
+pub use self::edit::{Frame, LEAST_SPREAD, LightEdit, luminance};
 pub use self::groups::GroupEdit;
-pub use self::linking::LinkEdit;
+pub use self::linking::{LinkEdit, PickedObject};
 pub use self::place::Pick;
 use self::selection::Selection;
 use self::snapshots::Snapshots;
@@ -65,7 +65,7 @@ impl Desk {
             message: String::new(),
         };
         desk.message = match desk.selection.is_empty() {
-            true => "no lights yet: press Ctrl+1, 2 or 3 to add one".into(),
+            true => "no lights yet: press Ctrl+1 to Ctrl+5 to add one".into(),
             false => desk.summary(),
         };
         desk

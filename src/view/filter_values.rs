@@ -41,33 +41,42 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
     });
     desk.edit_primary_and_selection(light);
     let [ies, gobo] = files;
-    if let Some(name) = ies {
-        desk.attach_profile(folder, &name);
-    }
-    if let Some(name) = gobo {
-        desk.attach_gobo(folder, &name);
-    }
+    let mut attach = |typed: Option<Typed>, attach: fn(&mut Desk, &Path, &str)| {
+        let Some(Typed { field, name }) = typed else { return };
+        let before = desk.version();
+        attach(desk, folder, &name);
+        if desk.version() != before {
+            ui.data_mut(|data| data.remove::<String>(field));
+        }
+    };
+    attach(ies, Desk::attach_profile);
+    attach(gobo, Desk::attach_gobo);
+}
+
+/// The name of a file, as typed into a field. The field keeps it until the file is attached, so that a typing error
+/// can be corrected.
+struct Typed {
+    field: egui::Id,
+    name: String,
 }
 
 /// Draws the field of a file's name. Returns what was typed once the field loses focus; empty: no file.
-fn file(ui: &mut Ui, light: &str, path: Option<PathBuf>, hint: &str) -> Option<String> {
+fn file(ui: &mut Ui, light: &str, path: Option<PathBuf>, hint: &str) -> Option<Typed> {
     let shown = path.map(|path| path.to_string_lossy().into_owned()).unwrap_or_default();
-    let id = ui.id().with((light, hint, &shown));
+    let id = egui::Id::new((light, hint, &shown));
     let mut typed = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_else(|| shown.clone());
-    let field = ui.add(egui::TextEdit::singleline(&mut typed).hint_text(hint).desired_width(150.0));
-    if field.lost_focus() {
-        ui.data_mut(|data| data.remove::<String>(id));
-        return (typed != shown).then_some(typed);
-    }
+    let color = (typed != shown).then(|| ui.visuals().warn_fg_color);
+    let edit = egui::TextEdit::singleline(&mut typed).hint_text(hint).desired_width(150.0);
+    let field = ui.add(edit.text_color_opt(color));
     if field.changed() {
-        ui.data_mut(|data| data.insert_temp(id, typed));
+        ui.data_mut(|data| data.insert_temp(id, typed.clone()));
     }
-    None
+    (field.lost_focus() && typed != shown).then_some(Typed { field: id, name: typed })
 }
 
 fn gobo(ui: &mut Ui, light: &mut Light) {
     let Some(gobo) = &mut light.filter.gobo else { return };
-    ui.label("");
+    ui.label("turn, scale");
     ui.horizontal(|ui| {
         let before = gobo.rotation.to_degrees();
         let mut deg = before;

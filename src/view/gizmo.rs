@@ -1,10 +1,14 @@
-//! Handles in the picture: position, aim and cone of a light.
+//! Handles in the picture: position, aim, cone, size, spread and barn doors of a light.
+
+mod doors;
+
+use std::f64::consts::FRAC_PI_2;
 
 use egui::{Color32, Painter, Pos2, Rect, Stroke};
 use glam::DVec3;
 
 use super::Opened;
-use super::desk::Desk;
+use super::desk::{Desk, LEAST_SPREAD};
 use super::lights_list::chip;
 use crate::gpu::Placement;
 use crate::scene::{Light, LightKind};
@@ -15,8 +19,13 @@ pub enum Handle {
     Position,
     Aim,
     Cone,
+    InnerCone,
     /// The edge or a corner of a light with a size.
     Size,
+    /// Of a flat light.
+    Spread,
+    /// The free edge of a barn door, by its index in [`BarnDoors::angles`](crate::scene::light_filter::BarnDoors).
+    Door(usize),
 }
 
 /// A handle that is being dragged.
@@ -32,6 +41,10 @@ pub struct Grab {
 const REACH: f32 = 9.0;
 /// Number of vertices of a drawn circle.
 const CORNERS: usize = 48;
+/// Distance from a light to the drawn ring of its spread, physical pixels.
+const SPREAD_SLANT: f32 = 60.0;
+/// Number of steps in which an angle is searched.
+const ANGLE_STEPS: u32 = 180;
 const GOLD: Color32 = Color32::from_rgb(255, 190, 60);
 
 /// The handles of the lights in the picture.
@@ -82,11 +95,22 @@ impl Gizmos<'_> {
                 light.direction = (there - light.position).try_normalize()?;
             }
             Handle::Cone => {
-                let there = self.opened.on_parallel_plane(self.placement, at, self.aim(&light))?;
-                let angle = light.direction.angle_between(there - light.position);
-                let outer = angle.clamp(0.001, std::f64::consts::FRAC_PI_2);
+                let outer = self.angle_to(&light, at)?.clamp(0.001, FRAC_PI_2);
                 let share = if light.outer_angle > 0.0 { light.inner_angle / light.outer_angle } else { 0.0 };
                 (light.outer_angle, light.inner_angle) = (outer, outer * share);
+            }
+            Handle::InnerCone => light.inner_angle = self.angle_to(&light, at)?.min(light.outer_angle),
+            Handle::Spread => {
+                let half = self.nearest_angle(at, [LEAST_SPREAD / 2.0, FRAC_PI_2], light.spread / 2.0, |half| {
+                    self.spread_ring(&light, half).nth(CORNERS / 2)
+                })?;
+                light.spread = 2.0 * half;
+            }
+            Handle::Door(door) => {
+                let now = light.filter.barn_doors?.angles[door];
+                let edge = |angle| Some(self.door(&light, door, angle).handle());
+                let angle = self.nearest_angle(at, [-FRAC_PI_2, FRAC_PI_2], now, edge)?;
+                light.filter.barn_doors.as_mut()?.angles[door] = angle;
             }
             Handle::Size => {
                 let there = self.opened.on_parallel_plane(self.placement, at, self.outline(&light).next()?)?;
@@ -100,27 +124,32 @@ impl Gizmos<'_> {
         Some(light)
     }
 
+    /// Returns the handles of the primary light.
     fn handles(&self, light: &Light) -> Vec<(Handle, DVec3)> {
-        match light.kind {
-            LightKind::Point => {
-                [(Handle::Position, light.position)].into_iter().chain(self.size_handle(light)).collect()
-            }
-            LightKind::Disk | LightKind::Rect => {
-                let ends = [(Handle::Position, light.position), (Handle::Aim, self.aim(light))];
-                ends.into_iter().chain(self.size_handle(light)).collect()
-            }
-            LightKind::Directional => vec![(Handle::Aim, self.tail(light))],
-            LightKind::Spot => {
-                let cone = self.ring(light, light.outer_angle).next();
-                let cone = cone.map(|point| (Handle::Cone, point));
-                let ends = [(Handle::Position, light.position), (Handle::Aim, self.aim(light))];
-                ends.into_iter().chain(cone).chain(self.size_handle(light)).collect()
-            }
-        }
-    }
-
-    fn size_handle(&self, light: &Light) -> Option<(Handle, DVec3)> {
-        Some((Handle::Size, self.outline(light).next()?))
+        let is_flat = matches!(light.kind, LightKind::Disk | LightKind::Rect);
+        let aim = match light.kind {
+            LightKind::Point => None,
+            LightKind::Directional => Some(self.tail(light)),
+            _ => Some(self.aim(light)),
+        };
+        let position = (light.kind != LightKind::Directional).then_some(light.position);
+        let is_spot = light.kind == LightKind::Spot;
+        let cone = is_spot.then(|| self.ring(light, light.outer_angle).next()).flatten();
+        // On the other side than the cone's, and off the aim.
+        let inner = light.inner_angle.max(light.outer_angle / 16.0);
+        let inner = is_spot.then(|| self.ring(light, inner).nth(CORNERS / 2)).flatten();
+        let spread = is_flat.then(|| self.spread_ring(light, light.spread / 2.0).nth(CORNERS / 2)).flatten();
+        let handles = [
+            (Handle::Position, position),
+            (Handle::Aim, aim),
+            (Handle::Cone, cone),
+            (Handle::InnerCone, inner),
+            (Handle::Size, self.outline(light).next()),
+            (Handle::Spread, spread),
+        ];
+        let handles = handles.into_iter().filter_map(|(handle, point)| Some((handle, point?)));
+        let doors = self.doors(light).enumerate().map(|(door, flap)| (Handle::Door(door), flap.handle()));
+        handles.chain(doors).collect()
     }
 
     /// Returns the outline of a light with a size; its first point is the handle.
@@ -172,6 +201,52 @@ impl Gizmos<'_> {
         circle(center, x, y, radius).take(if angle < 1.5 { CORNERS } else { 0 })
     }
 
+    /// Returns the angle between a light's axis and the point under `at` (physical pixels) at the depth of its aim.
+    fn angle_to(&self, light: &Light, at: [f32; 2]) -> Option<f64> {
+        let there = self.opened.on_parallel_plane(self.placement, at, self.aim(light))?;
+        Some(light.direction.angle_between(there - light.position))
+    }
+
+    /// Returns the length (metres) that the picture shows as `pixels` at the depth of a light.
+    fn length(&self, light: &Light, pixels: f32) -> f64 {
+        let beside = self
+            .opened
+            .project_beyond(self.placement, light.position)
+            .and_then(|at| self.opened.on_parallel_plane(self.placement, [at.x + pixels, at.y], light.position));
+        beside.map_or(0.0, |beside| (beside - light.position).length())
+    }
+
+    /// Returns a circle at `half` from the direction of a flat light, starting at the camera's right.
+    fn spread_ring(&self, light: &Light, half: f64) -> impl Iterator<Item = DVec3> {
+        let (sin, cos) = half.sin_cos();
+        let slant = self.length(light, SPREAD_SLANT);
+        let [x, y] = self.across(light);
+        circle(light.position + light.direction * slant * cos, x, y, slant * sin)
+    }
+
+    /// Returns the angle in a range whose point is nearest to `at` (physical pixels); if several are equally near, the
+    /// one nearest to `now`.
+    fn nearest_angle(
+        &self,
+        at: [f32; 2],
+        [least, most]: [f64; 2],
+        now: f64,
+        point: impl Fn(f64) -> Option<DVec3>,
+    ) -> Option<f64> {
+        let distance = |angle: f64| {
+            let there = self.opened.project_beyond(self.placement, point(angle)?)?;
+            Some(f64::from((there.x - at[0]).hypot(there.y - at[1])))
+        };
+        let search = |least: f64, most: f64| {
+            let angles = (0..=ANGLE_STEPS).map(|i| least + (most - least) * f64::from(i) / f64::from(ANGLE_STEPS));
+            let costs = angles.filter_map(|angle| Some((distance(angle)? + 1e-3 * (angle - now).abs(), angle)));
+            costs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, angle)| angle)
+        };
+        let coarse = search(least, most)?;
+        let step = (most - least) / f64::from(ANGLE_STEPS);
+        search((coarse - step).max(least), (coarse + step).min(most))
+    }
+
     /// Draws marks of all lights and handles of the selected ones; `scale` is physical pixels per point.
     pub fn draw(&self, painter: &Painter, scale: f32) {
         let Placement { left, top, width, height } = self.placement;
@@ -185,6 +260,9 @@ impl Gizmos<'_> {
             let is_selected = self.desk.selection().contains(index);
             if is_selected {
                 drawing.gizmo(light);
+            }
+            if self.desk.selected() == Some(index) {
+                drawing.handles(light);
             }
             if light.kind != LightKind::Directional {
                 drawing.mark(light, is_selected);
@@ -216,17 +294,10 @@ impl Drawing<'_> {
         let gizmos = self.gizmos;
         let outline: Vec<DVec3> = gizmos.outline(light).collect();
         self.polygon(&outline, 1.5);
-        outline.first().into_iter().for_each(|point| self.square(*point));
         match light.kind {
             LightKind::Point => {}
-            LightKind::Disk | LightKind::Rect => {
-                self.line(light.position, gizmos.aim(light), 1.0);
-                self.square(gizmos.aim(light));
-            }
-            LightKind::Directional => {
-                self.line(gizmos.tail(light), gizmos.opened.pivot(), 2.0);
-                self.square(gizmos.tail(light));
-            }
+            LightKind::Disk | LightKind::Rect => self.line(light.position, gizmos.aim(light), 1.0),
+            LightKind::Directional => self.line(gizmos.tail(light), gizmos.opened.pivot(), 2.0),
             LightKind::Spot => {
                 self.line(light.position, gizmos.aim(light), 1.0);
                 for (angle, width) in [(light.outer_angle, 1.5), (light.inner_angle, 0.75)] {
@@ -234,10 +305,26 @@ impl Drawing<'_> {
                     self.polygon(&ring, width);
                     if angle == light.outer_angle {
                         ring.iter().step_by(CORNERS / 4).for_each(|point| self.line(light.position, *point, 0.75));
-                        ring.first().into_iter().for_each(|point| self.square(*point));
                     }
                 }
-                self.square(gizmos.aim(light));
+            }
+        }
+    }
+
+    /// Draws what only the primary light has: spread, barn doors, and the squares that the mouse drags.
+    fn handles(&self, light: &Light) {
+        let gizmos = self.gizmos;
+        if matches!(light.kind, LightKind::Disk | LightKind::Rect) {
+            let ring: Vec<DVec3> = gizmos.spread_ring(light, light.spread / 2.0).collect();
+            self.polygon(&ring, 0.75);
+            ring.iter().step_by(CORNERS / 4).for_each(|point| self.line(light.position, *point, 0.75));
+        }
+        for flap in gizmos.doors(light) {
+            self.polygon(&flap.corners(), 1.0);
+        }
+        for (handle, point) in gizmos.handles(light) {
+            if handle != Handle::Position {
+                self.square(point);
             }
         }
     }

@@ -99,8 +99,8 @@ impl InputState {
             Event::PointerButton { button, pressed, modifiers, .. } => {
                 self.panning = *button == PointerButton::Middle && *pressed && context.view.one_to_one;
                 self.grabbed = None;
+                result.actions.push(Action::EndDrag);
                 if let Some(open_scene) = &mut context.open_scene {
-                    open_scene.end_drag();
                     let presses_picture = *button == PointerButton::Primary && *pressed && !context.ui_wants_pointer;
                     if presses_picture && context.view.views.view == View::Lights {
                         result.stale |= open_scene.select_from_sheet(context.pointer);
@@ -114,7 +114,7 @@ impl InputState {
             Event::Key { key, pressed: false, .. } => {
                 if self.dragging.is_some_and(|(held, _)| held == *key) {
                     self.dragging = None;
-                    context.open_scene.iter_mut().for_each(|open_scene| open_scene.end_drag());
+                    result.actions.push(Action::EndDrag);
                 }
                 true
             }
@@ -126,8 +126,8 @@ impl InputState {
                 if *repeat && !controls::repeats(command) {
                     return false;
                 }
-                if !repeat && let Some(open_scene) = &mut context.open_scene {
-                    open_scene.desk.end_gesture();
+                if !repeat {
+                    result.actions.push(Action::EndGesture);
                 }
                 if matches!(command, Command::Place | Command::Aim | Command::Highlight | Command::Shadow) {
                     self.dragging = Some((*key, command));
@@ -161,9 +161,33 @@ mod tests {
     use egui::Modifiers;
 
     use super::*;
+    use crate::relight::ToneMap;
 
     fn press(key: Key, modifiers: Modifiers) -> Event {
         Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers }
+    }
+
+    /// A slow frame has several events: each key press and each drag is an edit of its own.
+    #[test]
+    fn events_of_one_frame_are_separate_edits() {
+        let view = ViewState::new(0.0, ToneMap::Agx);
+        let context = InputContext {
+            open_scene: None,
+            view: &view,
+            pointer: Pointer { placement: Default::default(), at: None },
+            pixels_per_point: 1.0,
+            ui_wants_keys: false,
+            ui_wants_pointer: false,
+        };
+        let release =
+            |key| Event::Key { key, physical_key: None, pressed: false, repeat: false, modifiers: Modifiers::NONE };
+        let right = press(Key::D, Modifiers::NONE);
+        let mut events = vec![press(Key::P, Modifiers::NONE), release(Key::P), right.clone(), right];
+        let actions = InputState::default().take(&mut events, context).actions;
+        let moved = Action::Do(keys::command(Modifiers::NONE, Key::D).unwrap());
+        let place = Action::Do(Command::Place);
+        let ends = Action::EndGesture;
+        assert_eq!(actions, [ends.clone(), place, Action::EndDrag, ends.clone(), moved.clone(), ends, moved]);
     }
 
     #[test]

@@ -120,6 +120,7 @@ const STORE: [(Modifiers, Key); SLOTS] = digits(Modifiers { alt: true, ..Modifie
 const TURN: [f64; 3] = [0.2, 2.0, 15.0];
 const STOPS: [f64; 3] = [0.1, 0.5, 1.0];
 const MIRED: [f64; 3] = [2.0, 10.0, 50.0];
+const TINT: [f64; 3] = [0.01, 0.05, 0.2];
 const CHANNEL: [f64; 3] = [0.01, 0.05, 0.2];
 const CONE: [f64; 3] = [0.1, 1.0, 5.0];
 const SIZE: [f64; 3] = [0.05, 0.25, 1.0];
@@ -222,16 +223,20 @@ pub const SECTIONS: &[Section] = &[
             steps(&[(NONE, Key::Minus)], LightEdit::Stops(-1.0), "darker by half a stop", STOPS),
             steps(&[(NONE, Key::Comma)], LightEdit::Mired(-1.0), "warmer", MIRED),
             steps(&[(NONE, Key::Period)], LightEdit::Mired(1.0), "cooler", MIRED),
+            steps(&[(CTRL, Key::Comma)], LightEdit::Tint(-1.0), "tint towards magenta", TINT),
+            steps(&[(CTRL, Key::Period)], LightEdit::Tint(1.0), "tint towards green", TINT),
             steps(&[(NONE, Key::R)], LightEdit::Channel(0, 1.0), "more red", CHANNEL),
             steps(&[(NONE, Key::F)], LightEdit::Channel(0, -1.0), "less red", CHANNEL),
             steps(&[(NONE, Key::T)], LightEdit::Channel(1, 1.0), "more green", CHANNEL),
             steps(&[(NONE, Key::G)], LightEdit::Channel(1, -1.0), "less green", CHANNEL),
             steps(&[(NONE, Key::Y)], LightEdit::Channel(2, 1.0), "more blue", CHANNEL),
             steps(&[(NONE, Key::H)], LightEdit::Channel(2, -1.0), "less blue", CHANNEL),
-            steps(&[(NONE, Key::CloseBracket)], LightEdit::Outer(1.0), "wider cone", CONE),
-            steps(&[(NONE, Key::OpenBracket)], LightEdit::Outer(-1.0), "narrower cone", CONE),
+            steps(&[(NONE, Key::CloseBracket)], LightEdit::Outer(1.0), "wider cone or spread", CONE),
+            steps(&[(NONE, Key::OpenBracket)], LightEdit::Outer(-1.0), "narrower cone or spread", CONE),
             steps(&[(NONE, Key::Quote)], LightEdit::Inner(1.0), "wider inner cone: a harder edge", CONE),
             steps(&[(NONE, Key::Semicolon)], LightEdit::Inner(-1.0), "narrower inner cone: a softer edge", CONE),
+            steps(&[(CTRL, Key::CloseBracket)], LightEdit::Doors(1.0), "open all barn doors", CONE),
+            steps(&[(CTRL, Key::OpenBracket)], LightEdit::Doors(-1.0), "close all barn doors", CONE),
             steps(&[(NONE, Key::Num6)], LightEdit::Size(1.0), "larger light: softer shadows", SIZE),
             steps(&[(NONE, Key::Num5)], LightEdit::Size(-1.0), "smaller light: harder shadows", SIZE),
             once(&[(NONE, Key::Num3)], Command::NextUnit, "intensity in the next unit: lumen, nit, watt"),
@@ -309,6 +314,8 @@ impl Binding {
                 LightEdit::Stops(by) => LightEdit::Stops(by * step),
                 LightEdit::Mired(by) => LightEdit::Mired(by * step),
                 LightEdit::Channel(channel, by) => LightEdit::Channel(channel, by * step),
+                LightEdit::Tint(by) => LightEdit::Tint(by * step),
+                LightEdit::Doors(by) => LightEdit::Doors(by * step),
                 LightEdit::Outer(by) => LightEdit::Outer(by * step),
                 LightEdit::Inner(by) => LightEdit::Inner(by * step),
                 LightEdit::Size(by) => LightEdit::Size(by * step),

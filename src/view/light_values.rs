@@ -69,6 +69,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk, unit: &mut LightUnit) {
 
         ui.label("");
         ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 4.0;
             selected.switch(ui, &mut light.enabled, "on", |light| light.enabled);
             selected.switch(ui, &mut light.solo, "solo", |light| light.solo);
             selected.switch(ui, &mut light.shadows, "shadows", |light| light.shadows);

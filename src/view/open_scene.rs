@@ -361,6 +361,8 @@ impl OpenScene {
             }
             Action::DiscardRecovery => self.autosave.discard_found(),
             Action::Drag(grab) => self.drag(*grab, pointer),
+            Action::EndDrag => self.end_drag(),
+            Action::EndGesture => self.desk.end_gesture(),
             Action::Show => {}
         }
         Ok(Flow::Continue)
@@ -395,7 +397,7 @@ impl OpenScene {
             Command::Follow => desk.follow(),
             Command::Unfollow => desk.unfollow(),
             Command::EditLinks(edit) => match pointer.at.and_then(|at| self.opened.object_at(pointer.placement, at)) {
-                Some(name) => desk.edit_links(edit, name),
+                Some(object) => desk.edit_links(edit, object),
                 None => desk.message = "there is no object with a name under the mouse".into(),
             },
             Command::SizeKeeps => desk.toggle_size_keeps(),
@@ -409,7 +411,8 @@ impl OpenScene {
             },
             Command::New(kind) => {
                 let target = self.target(pointer);
-                self.desk.add(kind, target, view.exposure);
+                let free = self.opened.distance_to_surface(target, self.desk.offset_of_new(target).normalize());
+                self.desk.add(kind, target, view.exposure, free);
             }
             Command::Duplicate => desk.duplicate(),
             Command::Delete => desk.delete(),

@@ -4,7 +4,7 @@ use egui::Pos2;
 use glam::{DVec3, Vec3};
 
 use super::Opened;
-use super::desk::Pick;
+use super::desk::{Pick, PickedObject};
 use crate::gpu::Placement;
 use crate::trace::surface::SurfacePoint;
 
@@ -63,16 +63,17 @@ impl Opened {
         self.pick_share(x, y)
     }
 
-    /// Returns the name of the object that the picture shows at `at`, physical pixels of the window: of its node or, if
-    /// no node above it has a name, of its material.
-    pub fn object_at(&self, placement: Placement, at: [f32; 2]) -> Option<&str> {
+    /// Returns the object that the picture shows at `at`, physical pixels of the window. Its name is that of its node
+    /// or, if no node above it has a name, of its material.
+    pub fn object_at(&self, placement: Placement, at: [f32; 2]) -> Option<PickedObject<'_>> {
         let [x, y] = share(placement, at)?;
         let (origin, direction) = self.framebuffer.camera.ray(x, y, self.aspect());
         let scene = &self.scene;
         let hit = scene.closest_solid_hit(scene.space.from_world(origin).as_vec3(), direction.as_vec3())?;
         let node = scene.objects.get(scene.mesh.object(hit.triangle)).map_or("", |object| &object.name);
         let material = &scene.materials[scene.mesh.triangle_materials[hit.triangle as usize] as usize].name;
-        [node, material].into_iter().find(|name| !name.is_empty())
+        let name = [node, material].into_iter().find(|name| !name.is_empty())?;
+        Some(PickedObject { scene, name, triangle: hit.triangle })
     }
 
     /// Returns the surface point at fractions of the picture's width and height, y down.

@@ -37,6 +37,27 @@ pub enum Dialog {
 }
 
 impl ViewState {
+    /// The window as it opens.
+    pub fn new(exposure: f32, tone_map: ToneMap) -> Self {
+        Self {
+            exposure,
+            tone_map: match tone_map {
+                ToneMap::FalseColor => ToneMap::Agx,
+                curve => curve,
+            },
+            one_to_one: false,
+            panel: true,
+            overlay: false,
+            views: Views::new(tone_map),
+            help: false,
+            dialog: None,
+            search: String::new(),
+            light_unit: LightUnit::Candela,
+            comparing: None,
+            show_light_view: false,
+        }
+    }
+
     /// Whether anything is drawn beside or over the picture.
     pub fn has_ui(&self) -> bool {
         let over = self.show_light_view || self.comparing.is_some() || self.views.has_ui();

@@ -21,12 +21,9 @@ use super::pick::placement;
 use super::script::Script;
 use super::timings::Timings;
 use super::view_state::{Dialog, ViewState};
-use super::views::Views;
 use super::{Latency, Opened, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
-use crate::relight::ToneMap;
-use crate::scene::LightUnit;
 
 /// Opens a window and runs it until it is closed. `load` runs on its own thread and sends its results to the window.
 /// Fails if no window can be opened or the scene cannot be loaded.
@@ -89,23 +86,7 @@ const IDLE_DELAY: Duration = Duration::from_millis(150);
 
 impl App {
     fn new(settings: ViewSettings, proxy: EventLoopProxy<LoadEvent>) -> Self {
-        let view = ViewState {
-            exposure: settings.exposure.unwrap_or(0.0),
-            tone_map: match settings.tone_map {
-                ToneMap::FalseColor => ToneMap::Agx,
-                curve => curve,
-            },
-            one_to_one: false,
-            panel: true,
-            overlay: false,
-            views: Views::new(settings.tone_map),
-            help: false,
-            dialog: None,
-            search: String::new(),
-            light_unit: LightUnit::Candela,
-            comparing: None,
-            show_light_view: false,
-        };
+        let view = ViewState::new(settings.exposure.unwrap_or(0.0), settings.tone_map);
         Self {
             settings,
             proxy,

@@ -5,7 +5,8 @@ use std::path::Path;
 use crate::command;
 use crate::desktop::pictures::{cut, difference, render, scene};
 use crate::desktop::{App, Desktop};
-use relume::scene::{Light, Rig};
+use relume::scene::light_filter::BarnDoors;
+use relume::scene::{Light, LightKind, Rig};
 
 const SIZE: [usize; 2] = [360, 240];
 
@@ -278,6 +279,63 @@ fn a_light_is_dragged_in_the_picture() {
     assert!((moved[0] - 40.0).abs() < 1.5 && (moved[1] - 20.0).abs() < 1.5, "{moved:?}");
 }
 
+/// The picture's upper left corner in the window with the panel, at 1:1.
+fn corner(window: &App) -> [f64; 2] {
+    let shot = window.screenshot();
+    [(shot.width - 290 - SIZE[0]) / 2, (shot.height - SIZE[1]) / 2].map(|x| x as f64)
+}
+
+fn pixels(at: [f64; 2]) -> [i32; 2] {
+    at.map(|x| x.round() as i32)
+}
+
+/// A disk in the middle of the picture shines downwards: its left door and its spread open in the picture's plane.
+#[test]
+fn doors_and_spread_are_dragged_in_the_picture() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let camera = relume::scene::Scene::load(&scene("balls-2.glb")).unwrap().cameras[0].clone();
+    let [back, down] = [camera.world_from_camera.z_axis, -camera.world_from_camera.y_axis];
+    let mut light = Light::point("key", camera.position - 2.0 * back);
+    (light.kind, light.radius, light.direction, light.up) = (LightKind::Disk, 0.01, down, back);
+    let doors = BarnDoors { angles: [30f64.to_radians(); 4], softness: 4f64.to_radians() };
+    light.filter.barn_doors = Some(doors);
+    Rig { lights: vec![light], ..Rig::default() }.save(&rig).unwrap();
+    let window = open_scene(&desktop, "balls-2.glb", &rig);
+    window.key("F2", "picture 1:1"); // the panel, and with it the handles
+    let corner = corner(&window);
+    let beside_light =
+        |x: f64, y: f64| pixels([corner[0] + SIZE[0] as f64 / 2.0 + x, corner[1] + SIZE[1] as f64 / 2.0 + y]);
+    let saved = || {
+        window.key("ctrl+s", "saved");
+        Rig::load(&rig).unwrap().lights.remove(0)
+    };
+    let before = saved();
+
+    let door = |deg: f64| beside_light(15.0 + 45.0 * deg.to_radians().sin(), 45.0 * deg.to_radians().cos());
+    window.drag(door(30.0), door(75.0));
+    window.wait_for_title("key: barn doors");
+    let after = saved().filter.barn_doors.unwrap().angles.map(f64::to_degrees);
+    assert!((after[0] - 75.0).abs() < 3.0, "{after:?}");
+    assert!(after[1..].iter().all(|angle| (angle - 30.0).abs() < 1e-9), "{after:?}");
+    window.key("ctrl+z", "undone: key: barn doors");
+    assert_eq!(saved(), before, "a drag is one edit");
+
+    window.key("4", "a change of size keeps the radiance");
+    let spread = |deg: f64| {
+        let half = deg.to_radians() / 2.0;
+        beside_light(-60.0 * half.sin(), 60.0 * half.cos())
+    };
+    window.drag(spread(180.0), spread(100.0));
+    window.wait_for_title("key: spread ");
+    let after = saved();
+    assert!((after.spread.to_degrees() - 100.0).abs() < 4.0 && after.intensity == before.intensity, "{after:?}");
+    window.key("ctrl+z", "undone: key: spread ");
+    assert_eq!(saved(), before);
+    window.quits_unsaved();
+}
+
 #[test]
 fn history_is_a_list_to_click() {
     let Some(desktop) = Desktop::start() else { return };
@@ -361,7 +419,7 @@ fn a_light_with_a_size_is_made_resized_and_saved() {
     assert!((0..100).any(|_| is_finished()), "the picture at rest is the one that `render` makes");
     let saved = Rig::load(&rig).unwrap();
     let light = saved.lights.last().unwrap();
-    assert_eq!(light.kind, relume::scene::LightKind::Rect);
+    assert_eq!(light.kind, LightKind::Rect);
     window.key("ctrl+z", "undone");
     window.key("ctrl+s", "saved");
     let undone = Rig::load(&rig).unwrap();
@@ -376,4 +434,64 @@ fn a_light_with_a_size_is_made_resized_and_saved() {
     let radiance = |light: &Light| light.intensity / light.projected_area().unwrap();
     assert!(after.size > before.size && (radiance(after) / radiance(before) - 1.0).abs() < 1e-12, "{after:?}");
     window.quits_unsaved();
+}
+
+/// From the first key to the next start of the program, by hand.
+#[test]
+fn a_light_with_a_size_is_dragged_linked_saved_and_opened_again() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    let camera = relume::scene::Scene::load(&scene("balls-2.glb")).unwrap().cameras[0].clone();
+    let window = open_scene(&desktop, "balls-2.glb", &rig);
+    window.key("F2", "picture 1:1"); // the panel, and with it the handles
+    let corner = corner(&window);
+    let ball = pixels([0, 1].map(|axis| corner[axis] + SIZE[axis] as f64 / 2.0));
+    let saved = || {
+        window.key("ctrl+s", "saved");
+        Rig::load(&rig).unwrap().lights.pop().unwrap()
+    };
+    let point = |at| {
+        let [x, y] = camera.project(at, SIZE[0] as f64 / SIZE[1] as f64).unwrap();
+        [corner[0] + x * SIZE[0] as f64, corner[1] + y * SIZE[1] as f64]
+    };
+    let drag = |from: [f64; 2], [x, y]: [f64; 2]| window.drag(pixels(from), pixels([from[0] + x, from[1] + y]));
+
+    window.mouse_to(ball[0], ball[1]);
+    window.key("ctrl+5", "new");
+    window.key("p", "moved");
+    let placed = saved();
+    drag(point(placed.position), [30.0, -20.0]);
+    window.wait_for_title("moved");
+    let moved = saved();
+    let by = [0, 1].map(|axis| point(moved.position)[axis] - point(placed.position)[axis]);
+    assert!((by[0] - 30.0).abs() < 1.5 && (by[1] + 20.0).abs() < 1.5, "{by:?}");
+
+    let [width, height] = moved.axes();
+    let edge = moved.position + width * (moved.size[0] / 2.0) + height * (moved.size[1] / 2.0);
+    let outwards = [0, 1].map(|axis| 0.5 * (point(edge)[axis] - point(moved.position)[axis]));
+    drag(point(edge), outwards);
+    window.wait_for_title(" m - relume");
+    let resized = saved();
+    assert!(resized.size != moved.size, "{resized:?}");
+
+    window.mouse_to(ball[0], ball[1]);
+    window.key("z", "rectangle: does not light ball_diffuse");
+    let linked = saved();
+    assert_eq!(linked.links.except, ["ball_diffuse"]);
+    window.key("ctrl+z", "undone");
+    assert_eq!(saved(), resized);
+    window.key("ctrl+y", "does not light ball_diffuse");
+    assert_eq!(saved(), linked);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+
+    let again = open_scene(&desktop, "balls-2.glb", &rig);
+    let headless = render(&scene("balls-2.glb"), Some(&rig), &rig.with_extension("png"));
+    assert!((0..100).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        difference(&picture(&again), &headless) == 0.0
+    }));
+    again.keys(&["ctrl+q"]);
+    again.ends_silently();
 }

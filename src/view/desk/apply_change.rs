@@ -2,6 +2,7 @@
 
 use glam::{DQuat, Vec3};
 
+use super::LEAST_SPREAD;
 use crate::scene::light_filter::Gobo;
 use crate::scene::{Light, LightKind, Rig};
 
@@ -31,7 +32,7 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     }
     light.radius = scaled(light.radius, before.radius, after.radius).max(0.0);
     light.angle = scaled(light.angle, before.angle, after.angle).clamp(0.0, std::f64::consts::PI);
-    light.spread = scaled(light.spread, before.spread, after.spread).clamp(f64::MIN_POSITIVE, std::f64::consts::PI);
+    light.spread = scaled(light.spread, before.spread, after.spread).clamp(LEAST_SPREAD, std::f64::consts::PI);
     for side in 0..2 {
         light.size[side] = scaled(light.size[side], before.size[side], after.size[side]).max(0.0);
     }

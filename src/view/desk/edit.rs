@@ -1,10 +1,12 @@
 //! Edits of the selected lights by keys: each light changes by the same step.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use glam::{DQuat, DVec3, Vec3};
 
 use super::apply_change::apply_change;
 use super::{Desk, SizeKeeps};
-use crate::scene::rig::{KELVIN, kelvin_and_tint_of, kelvin_to_rgb};
+use crate::scene::rig::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
 use crate::scene::{Light, LightKind};
 
 /// The axes along which a light moves.
@@ -31,12 +33,16 @@ pub enum LightEdit {
     Stops(f64),
     /// Towards blue, in micro reciprocal kelvin: equal steps look equal at any temperature.
     Mired(f64),
+    /// Towards green; towards magenta if below zero.
+    Tint(f64),
     /// Index of the channel (red, green, blue), and the change.
     Channel(usize, f64),
-    /// Outer half-angle of a spot light, degrees.
+    /// Outer half-angle of a spot light, or half the spread of a flat light, degrees.
     Outer(f64),
     /// Inner half-angle of a spot light, degrees.
     Inner(f64),
+    /// All barn doors, degrees.
+    Doors(f64),
     /// Size, in doublings; a light without size gets one.
     Size(f64),
     /// Switches: all selected lights take the opposite of the primary light's value.
@@ -103,17 +109,27 @@ impl Desk {
                 light.direction = (sideways * upwards * light.direction).normalize();
             }
             LightEdit::Stops(by) => light.stops += by,
-            LightEdit::Mired(by) => light.color = shifted(light.color, by),
+            LightEdit::Mired(by) => light.color = shifted(light.color, by, 0.0),
+            LightEdit::Tint(by) => light.color = shifted(light.color, 0.0, by),
             LightEdit::Channel(channel, by) => light.color[channel] = (light.color[channel] + by as f32).max(0.0),
-            LightEdit::Outer(_) | LightEdit::Inner(_) if light.kind != LightKind::Spot => {
-                return Err("only a spot light has a cone");
+            LightEdit::Outer(by) if matches!(light.kind, LightKind::Disk | LightKind::Rect) => {
+                light.spread = (light.spread + 2.0 * by.to_radians()).clamp(LEAST_SPREAD, PI);
             }
+            LightEdit::Outer(_) if light.kind != LightKind::Spot => {
+                return Err("only spots have a cone, only disks and rectangles a spread");
+            }
+            LightEdit::Inner(_) if light.kind != LightKind::Spot => return Err("only a spot light has an inner cone"),
             LightEdit::Outer(by) => {
-                light.outer_angle = (light.outer_angle + by.to_radians()).clamp(0.0, std::f64::consts::FRAC_PI_2);
+                light.outer_angle = (light.outer_angle + by.to_radians()).clamp(0.0, FRAC_PI_2);
                 light.inner_angle = light.inner_angle.min(light.outer_angle);
             }
             LightEdit::Inner(by) => {
                 light.inner_angle = (light.inner_angle + by.to_radians()).clamp(0.0, light.outer_angle);
+            }
+            LightEdit::Doors(by) => {
+                let doors = light.filter.barn_doors.as_mut();
+                let doors = doors.ok_or("it has no barn doors; switch them on in the panel")?;
+                doors.angles = doors.angles.map(|angle| (angle + by.to_radians()).clamp(-FRAC_PI_2, FRAC_PI_2));
             }
             LightEdit::Size(by) => self.resize(&mut light, by.exp2()),
             LightEdit::Toggle => light.enabled = !like.enabled,
@@ -142,20 +158,23 @@ impl Desk {
         };
         match light.kind {
             LightKind::Rect => light.size = light.size.map(|side| grown(side, self.step)),
-            LightKind::Directional => light.angle = grown(light.angle, SUN).min(std::f64::consts::PI),
+            LightKind::Directional => light.angle = grown(light.angle, SUN).min(PI),
             LightKind::Point | LightKind::Spot | LightKind::Disk => light.radius = grown(light.radius, self.step),
         }
     }
 }
 
 /// Angle of the sun, radians.
-const SUN: f64 = 0.53 * std::f64::consts::PI / 180.0;
+const SUN: f64 = 0.53 * PI / 180.0;
 
-/// Shifts the temperature of `color` at the same luminance and tint.
-fn shifted(color: Vec3, mired: f64) -> Vec3 {
+/// Smallest spread of a flat light that a rig file stores, radians.
+pub const LEAST_SPREAD: f64 = 0.01 * PI / 180.0;
+
+/// Shifts temperature and tint of `color` at the same luminance.
+fn shifted(color: Vec3, mired: f64, by_tint: f64) -> Vec3 {
     let (kelvin, tint) = kelvin_and_tint_of(color);
     let mired = (1e6 / kelvin - mired).clamp(1e6 / KELVIN.end(), 1e6 / KELVIN.start());
-    kelvin_to_rgb(1e6 / mired, tint) * luminance(color)
+    kelvin_to_rgb(1e6 / mired, (tint + by_tint).clamp(*TINT.start(), *TINT.end())) * luminance(color)
 }
 
 /// Returns the luminance of linear Rec. 709 RGB.

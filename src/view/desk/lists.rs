@@ -3,18 +3,19 @@
 use glam::DVec3;
 
 use super::Desk;
+use super::place::MARGIN;
 use super::selection::Selection;
 use crate::scene::rig::UniqueNames;
 use crate::scene::{Light, LightKind};
 use crate::view::describe::kind_name;
 
 impl Desk {
-    /// Adds a light above and right of the camera, aimed at `target`. A white surface there gets a radiance of 0.5
-    /// after `exposure` (stops).
-    pub fn add(&mut self, kind: LightKind, target: DVec3, exposure: f32) {
-        let axes = self.camera.world_from_camera;
-        let distance = (target - self.camera.position).length().max(self.step);
-        let position = self.camera.position + (axes.x_axis + axes.y_axis) * 0.3 * distance;
+    /// Adds a light above and right of the camera, aimed at `target`, or nearer if less is `free` along
+    /// [`Self::offset_of_new`]. A white surface at the target gets a radiance of 0.5 after `exposure` (stops).
+    pub fn add(&mut self, kind: LightKind, target: DVec3, exposure: f32, free: f64) {
+        let distance = self.distance_to(target);
+        let offset = self.offset_of_new(target);
+        let position = target + offset.clamp_length_max((1.0 - MARGIN) * free);
         let mut light = Light::point(&self.light_names().claim(kind_name(kind)), position);
         light.kind = kind;
         light.direction = (target - position).normalize();
@@ -35,6 +36,16 @@ impl Desk {
             light.position = DVec3::ZERO;
         }
         self.insert(vec![light]);
+    }
+
+    /// Returns where a new light stands, as seen from its target, if nothing is in the way.
+    pub fn offset_of_new(&self, target: DVec3) -> DVec3 {
+        let axes = self.camera.world_from_camera;
+        self.camera.position - target + (axes.x_axis + axes.y_axis) * 0.3 * self.distance_to(target)
+    }
+
+    fn distance_to(&self, target: DVec3) -> f64 {
+        (target - self.camera.position).length().max(self.step)
     }
 
     /// Duplicates the selected lights and selects the copies.

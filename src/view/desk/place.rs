@@ -6,7 +6,7 @@ use super::Desk;
 use crate::scene::{Light, LightKind};
 
 /// Share of the distance to an obstacle that a placed light leaves free.
-const MARGIN: f64 = 0.1;
+pub(super) const MARGIN: f64 = 0.1;
 
 /// The surface point under the mouse, world space.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,9 @@
 use glam::{DVec3, Vec3};
 
 use super::*;
-use crate::scene::{LightGroup, LightKind, Links, Projection};
+use crate::scene::light_filter::BarnDoors;
+use crate::scene::rig::kelvin_and_tint_of;
+use crate::scene::{LightGroup, LightKind, Links, ObjectSet, Projection, Scene};
 
 fn desk(count: usize) -> Desk {
     let light = |i: usize| Light::point(&format!("key_{i}"), DVec3::new(i as f64, 1.0, 0.0));
@@ -27,7 +29,7 @@ fn every_edit_can_be_undone_and_redone_exactly() {
         Box::new(|d| d.edit(LightEdit::Mired(-10.0))),
         Box::new(|d| d.edit(LightEdit::Channel(2, -0.05))),
         Box::new(|d| d.edit(LightEdit::Toggle)),
-        Box::new(|d| d.add(LightKind::Spot, DVec3::ZERO, 0.0)),
+        Box::new(|d| d.add(LightKind::Spot, DVec3::ZERO, 0.0, f64::INFINITY)),
         Box::new(|d| d.edit(LightEdit::Turn { right: 2.0, up: 1.0 })),
         Box::new(|d| d.edit(LightEdit::Outer(-10.0))),
         Box::new(move |d| d.place(pick)),
@@ -119,7 +121,7 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
     desk.delete();
     desk.duplicate();
     desk.select_next(1);
-    desk.add(LightKind::Directional, DVec3::ZERO, 0.0);
+    desk.add(LightKind::Directional, DVec3::ZERO, 0.0, f64::INFINITY);
     assert_eq!((desk.rig().lights.len(), desk.selected()), (1, Some(0)));
     desk.edit(RIGHT);
     assert!(desk.message.contains("no position"), "{}", desk.message);
@@ -144,11 +146,22 @@ fn a_new_light_is_as_bright_at_its_target_whatever_the_scale() {
     for scale in [1e-3, 1.0, 1e3] {
         let mut desk = desk(0);
         desk.camera.position *= scale;
-        desk.add(LightKind::Point, DVec3::ZERO, 1.0);
+        desk.add(LightKind::Point, DVec3::ZERO, 1.0, f64::INFINITY);
         let light = &desk.rig().lights[0];
         let lux = light.intensity / light.position.length_squared();
         assert!((lux / (std::f64::consts::FRAC_PI_2 / 2.0) - 1.0).abs() < 0.05, "{scale}: {lux}");
     }
+}
+
+/// In a room the light stands inside of it.
+#[test]
+fn a_new_light_stands_before_what_is_in_its_way() {
+    let mut desk = desk(0);
+    desk.add(LightKind::Rect, DVec3::ZERO, 0.0, f64::INFINITY);
+    desk.add(LightKind::Rect, DVec3::ZERO, 0.0, 2.0);
+    let [far, near] = &desk.rig().lights[..] else { panic!("{:?}", desk.rig()) };
+    assert!(far.position.length() > 5.0 && (near.position.length() - 1.8).abs() < 1e-12, "{:?}", near.position);
+    assert!((near.direction - far.direction).length() < 1e-12);
 }
 
 /// Three different lights, all selected, the first one as the primary.
@@ -345,7 +358,7 @@ fn snapshots_are_kept_recalled_and_undone() {
     desk.annotate(3, "cold".into());
     desk.select_all();
     desk.delete();
-    desk.add(LightKind::Point, DVec3::ZERO, 0.0);
+    desk.add(LightKind::Point, DVec3::ZERO, 0.0, f64::INFINITY);
     let other = desk.rig().clone();
     desk.recall(3);
     assert_eq!((desk.rig(), desk.message.as_str()), (&kept, "recalled 4: cold"));
@@ -402,7 +415,7 @@ fn files_become_filters_of_the_selected_lights() {
     desk.attach(&leaves);
     assert_eq!(desk.message, "key_0: only spots, disks and rectangles have a gobo");
     desk.end_gesture();
-    desk.add(LightKind::Spot, DVec3::ZERO, 0.0);
+    desk.add(LightKind::Spot, DVec3::ZERO, 0.0, f64::INFINITY);
     desk.add_next_to_selection(-1);
     desk.end_gesture();
     desk.attach_gobo(folder.path(), "leaves.png");
@@ -419,27 +432,114 @@ fn files_become_filters_of_the_selected_lights() {
     assert!(desk.rig().lights[0].filter.is_none() && desk.rig().lights[0].intensity == 1.0);
 }
 
+/// A ball, or the ground, of a scene in which every node has a material of its own.
+fn object<'a>(scene: &'a Scene, name: &'a str) -> PickedObject<'a> {
+    let triangles = 0..scene.mesh.triangles.len() as u32;
+    let has_name = |triangle: &u32| scene.objects[scene.mesh.object(*triangle)].name == name;
+    PickedObject { scene, name, triangle: triangles.into_iter().find(has_name).unwrap() }
+}
+
+fn balls() -> Scene {
+    Scene::load(std::path::Path::new("scenes/balls-2.glb")).unwrap()
+}
+
+fn names(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
+
 #[test]
 fn objects_are_lit_or_not() {
+    let scene = balls();
+    let [gold, silver, steel] = ["ball_gold", "ball_silver", "ball_steel"].map(|name| object(&scene, name));
     let mut desk = desk(2);
     desk.select_all();
     let links = |desk: &Desk| desk.rig().lights.iter().map(|light| light.links.clone()).collect::<Vec<_>>();
-    let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-    desk.edit_links(LinkEdit::Light, "chair");
-    desk.edit_links(LinkEdit::Shadow, "curtain");
-    let linked = Links { except: names(&["chair"]), no_shadow_from: names(&["curtain"]), ..Links::default() };
+    desk.edit_links(LinkEdit::Light, gold);
+    desk.edit_links(LinkEdit::Shadow, silver);
+    let linked = Links { except: names(&["ball_gold"]), no_shadow_from: names(&["ball_silver"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
-    desk.edit_links(LinkEdit::Light, "chair");
-    desk.edit_links(LinkEdit::Shadow, "curtain");
+    desk.edit_links(LinkEdit::Light, gold);
+    desk.edit_links(LinkEdit::Shadow, silver);
     assert_eq!(links(&desk), [Links::default(), Links::default()]);
     let mut light = desk.selected_light().unwrap().clone();
-    light.links = Links { only: names(&["sofa"]), factor: [("table".into(), 0.3)].into(), ..Links::default() };
+    light.links =
+        Links { only: names(&["ball_gold"]), factor: [("ball_steel".into(), 0.3)].into(), ..Links::default() };
     desk.edit_primary_and_selection(light);
-    desk.edit_links(LinkEdit::Light, "table");
-    assert_eq!(links(&desk)[0], Links { only: names(&["sofa", "table"]), ..Links::default() });
-    desk.edit_links(LinkEdit::Light, "sofa");
-    let linked = Links { only: names(&["sofa", "table"]), except: names(&["sofa"]), ..Links::default() };
+    desk.edit_links(LinkEdit::Light, steel);
+    assert_eq!(links(&desk)[0], Links { only: names(&["ball_gold", "ball_steel"]), ..Links::default() });
+    desk.edit_links(LinkEdit::Light, gold);
+    let linked = Links { only: names(&["ball_gold", "ball_steel"]), except: names(&["ball_gold"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
+}
+
+/// One edit switches an object, by whatever name the links include it.
+#[test]
+fn objects_in_sets_are_lit_or_not() {
+    let scene = balls();
+    let [gold, silver] = ["ball_gold", "ball_silver"].map(|name| object(&scene, name));
+    let mut desk = desk(1);
+    let set = |name: &str, items: &[&str]| ObjectSet { name: name.into(), items: names(items) };
+    desk.rig.sets = vec![set("metals", &["ball_gold", "silver", "ball_steel"]), set("ground", &["ball_gold"])];
+    let metals = || names(&["metals"]);
+    let mut edited = |links: Links, edit, object| {
+        desk.rig.lights[0].links = links;
+        desk.edit_links(edit, object);
+        desk.rig.lights[0].links.clone()
+    };
+    // What a set lights goes dark, what a set leaves dark is lit.
+    let only = Links { only: metals(), ..Links::default() };
+    let dark = Links { except: names(&["ball_gold"]), ..only.clone() };
+    assert_eq!(edited(only.clone(), LinkEdit::Light, gold), dark);
+    assert_eq!(edited(dark, LinkEdit::Light, gold), only);
+    let except = Links { except: metals(), ..Links::default() };
+    let others = names(&["silver", "ball_steel"]);
+    let lit = Links { except: others.clone(), ..Links::default() };
+    assert_eq!(edited(except, LinkEdit::Light, gold), lit);
+    // By the name of its material.
+    let lit = Links { except: names(&["ball_steel"]), ..Links::default() };
+    assert_eq!(edited(Links { except: others.clone(), ..Links::default() }, LinkEdit::Light, silver), lit);
+    let factor = |names: &[String]| names.iter().map(|name| (name.clone(), 0.0)).collect();
+    let zero = Links { factor: factor(&metals()), ..Links::default() };
+    assert_eq!(edited(zero, LinkEdit::Light, gold), Links { factor: factor(&others), ..Links::default() });
+    let shadowless = Links { no_shadow_from: metals(), ..Links::default() };
+    let cast = Links { no_shadow_from: others, ..Links::default() };
+    assert_eq!(edited(shadowless, LinkEdit::Shadow, gold), cast);
+    // This name is that of a set without the object.
+    assert_eq!(edited(Links::default(), LinkEdit::Light, object(&scene, "ground")), Links::default());
+    assert_eq!(desk.message, "key_0: a set has the name of this object; edit the links in the rig file");
+}
+
+#[test]
+fn tint_spread_and_doors_are_edited_in_steps() {
+    let mut desk = desk(1);
+    desk.edit(LightEdit::Tint(0.1));
+    desk.edit(LightEdit::Tint(-0.3));
+    let (kelvin, tint) = kelvin_and_tint_of(desk.selected_light().unwrap().color);
+    let (before, was) = kelvin_and_tint_of(Vec3::ONE);
+    assert!((kelvin / before - 1.0).abs() < 2e-3 && (tint - was + 0.2).abs() < 2e-3, "{kelvin} {tint}");
+    assert!((luminance(desk.selected_light().unwrap().color) - 1.0).abs() < 1e-5);
+    desk.edit(LightEdit::Outer(1.0));
+    assert_eq!(desk.message, "key_0: only spots have a cone, only disks and rectangles a spread");
+    desk.add(LightKind::Rect, DVec3::ZERO, 0.0, f64::INFINITY);
+    desk.edit(LightEdit::Outer(-10.0));
+    assert!((desk.selected_light().unwrap().spread.to_degrees() - 160.0).abs() < 1e-9, "{}", desk.message);
+    desk.edit(LightEdit::Outer(-500.0));
+    assert_eq!(desk.selected_light().unwrap().spread, LEAST_SPREAD);
+    desk.edit(LightEdit::Inner(1.0));
+    assert_eq!(desk.message, "rectangle: only a spot light has an inner cone");
+    desk.edit(LightEdit::Doors(1.0));
+    assert_eq!(desk.message, "rectangle: it has no barn doors; switch them on in the panel");
+    let doors = BarnDoors { angles: [30f64, 89.5, -20.0, 0.0].map(f64::to_radians), softness: 0.1 };
+    let mut light = desk.selected_light().unwrap().clone();
+    light.filter.barn_doors = Some(doors);
+    desk.edit_primary_and_selection(light);
+    desk.end_gesture();
+    desk.edit(LightEdit::Doors(1.0));
+    desk.edit(LightEdit::Doors(1.0));
+    let angles = desk.selected_light().unwrap().filter.barn_doors.unwrap().angles.map(f64::to_degrees);
+    assert!(angles.iter().zip([32.0, 90.0, -18.0, 2.0]).all(|(is, want)| (is - want).abs() < 1e-9), "{angles:?}");
+    desk.undo();
+    assert_eq!(desk.selected_light().unwrap().filter.barn_doors, Some(doors), "a held key is one edit");
 }
 
 #[test]

@@ -38,7 +38,7 @@ impl OpenScene {
     }
 
     /// Ends a drag, when the held key or mouse button is released.
-    pub fn end_drag(&mut self) {
+    pub(super) fn end_drag(&mut self) {
         self.caster = None;
         self.desk.end_gesture();
     }
