@@ -26,8 +26,7 @@ use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
-use crate::trace::packet::PACKET_SIZE;
-use crate::trace::packet::interleaved::{point_in_list, point_of_pixel};
+use crate::trace::packet::interleaved::InterleavedPackets;
 
 /// Draw a shadow map, look it up for view and for gather samples, shade, resolve, add seen lights.
 const MAX_PASSES_PER_LIGHT: usize = 6;
@@ -100,7 +99,8 @@ impl FrameResources<'_> {
         }
         let points = light.map_or(std::slice::from_ref(packed), |light| &light.points);
         if has_factors {
-            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, points));
+            let soft = soft.as_deref().filter(|_| light.is_some());
+            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, points, soft));
         }
         if !shadows {
             bytes.clear();
@@ -151,14 +151,13 @@ impl FrameResources<'_> {
         scene: LinkedScene,
         filter: Option<&PosedFilter>,
         points: &[PackedLight],
+        soft: Option<&SoftLights>,
     ) {
-        let is_one = points.len() == 1;
-        let in_list = |index: usize| points[if is_one { 0 } else { point_in_list(index % PACKET_SIZE) }].position;
-        let pixel_stride = self.framebuffer.pixel_stride();
-        let of_sample = |index: usize| match is_one || index >= pixel_stride {
-            true => in_list(index),
-            false => points[point_of_pixel(index % PACKET_SIZE)].position,
+        let origin = |packets: Option<&InterleavedPackets>, index: usize| {
+            points[packets.map_or(0, |packets| packets.point_of(index))].position
         };
+        let of_sample = |index: usize| origin(soft.map(|soft| &soft.view_samples), index);
+        let of_gather_point = |index: usize| origin(soft.map(|soft| &soft.gather_points), index);
         if self.layers.direct() {
             let triangles = self.triangles.map(|triangles| &triangles.view_samples[..]);
             let samples = &self.framebuffer.samples;
@@ -166,7 +165,14 @@ impl FrameResources<'_> {
         }
         if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
             let triangles = self.triangles.map(|triangles| &triangles.gather_points[..]);
-            light_factors::compute(&mut factors.gather_points, filter, scene, in_list, &transfer.points, triangles);
+            light_factors::compute(
+                &mut factors.gather_points,
+                filter,
+                scene,
+                of_gather_point,
+                &transfer.points,
+                triangles,
+            );
         }
     }
 

@@ -18,14 +18,14 @@ use crate::physics::sequence::Points;
 use crate::scene::{Light, LightKind, MeshSpace, Rig};
 use crate::shared::*;
 use crate::trace::packet::PACKET_SIZE;
-use crate::trace::packet::interleaved::{InterleavedPackets, window};
+use crate::trace::packet::interleaved::InterleavedPackets;
 
 /// What interleaved samples need besides visibility.
 pub struct SoftLights {
     pub view_samples: InterleavedPackets,
     pub gather_points: InterleavedPackets,
-    /// Which samples in the [`window`] of each are on the same smooth surface.
-    pub similar: Vec<u16>,
+    /// Which samples in the [window](InterleavedPackets::window) of each are on the same smooth surface.
+    pub similar: Vec<u64>,
     /// By shape, then whether the light has factors; `None` as long as no light needs it.
     kernels: [[Option<Kernel<ShadeSoftPush>>; 2]; SHAPES],
 }
@@ -62,10 +62,12 @@ impl SoftLights {
         }
         let tiles = [framebuffer.tiling.width, framebuffer.tiling.height].map(|side| side.div_ceil(TILE_SIZE) as usize);
         let padded = framebuffer.packets.len() * PACKET_SIZE;
+        let view_samples = InterleavedPackets::new(&framebuffer.packets, tiles);
+        let similar = |index| similar_neighbours(framebuffer, &view_samples, index);
         let mut lights = Self {
-            view_samples: InterleavedPackets::new(&framebuffer.packets, tiles),
+            similar: (0..padded).into_par_iter().map(similar).collect(),
+            view_samples,
             gather_points: InterleavedPackets::new(transfer.map_or(&[], |transfer| &transfer.packets), [0, 0]),
-            similar: (0..padded).into_par_iter().map(|index| similar_neighbours(framebuffer, index)).collect(),
             kernels: Default::default(),
         };
         lights.allow(context, framebuffer, rig)?;
@@ -99,7 +101,7 @@ impl SoftLights {
 
 impl SoftLight {
     pub fn new(light: &Light, space: MeshSpace) -> Self {
-        // Each 16 points of the sequence are one in each of 4x4 cells; so are the 16 of any window.
+        // Each 16 points of the sequence are one in each of 4x4 cells; so are the middle 16 of any window.
         let sequence = Points::new(0, 0);
         let mut points = vec![light.pack(space); SOFT_POINTS as usize];
         for index in 0..SOFT_POINTS {
@@ -152,11 +154,10 @@ fn shape(light: &Light) -> u32 {
 }
 
 /// Bit i: sample i of the window around another one reflects light and lies on the same smooth surface.
-fn similar_neighbours(framebuffer: &DeepFramebuffer, index: usize) -> u16 {
+fn similar_neighbours(framebuffer: &DeepFramebuffer, packets: &InterleavedPackets, index: usize) -> u64 {
     if index >= framebuffer.samples.len() {
         return 0;
     }
-    let lane = index % PACKET_SIZE;
     let is_similar = |other: usize| {
         let Some(sample) = framebuffer.samples.get(other) else { return false };
         let [normal, other_normal] = [index, other].map(|i| framebuffer.geometric_normals[i]);
@@ -164,6 +165,6 @@ fn similar_neighbours(framebuffer: &DeepFramebuffer, index: usize) -> u16 {
         let is_near = normal.dot(other_normal) > 0.5 && normal.dot(between).abs() <= 0.5 * between.length();
         sample.brdf != NO_BRDF && (other == index || is_near)
     };
-    let window = window(lane, index < framebuffer.pixel_stride());
-    window.enumerate().map(|(i, other)| u16::from(is_similar(index - lane + other)) << i).sum()
+    let window = packets.window(index).enumerate();
+    window.map(|(i, other)| u64::from(other.is_some_and(is_similar)) << i).sum()
 }

@@ -164,7 +164,7 @@ pub enum Rays<'a> {
     /// One of four.
     Half(&'a mut HalfPackets),
     /// Each towards another point of the light; filtered among similar ones, if they are given.
-    Interleaved(&'a mut InterleavedPackets, Option<&'a [u16]>),
+    Interleaved(&'a mut InterleavedPackets, Option<&'a [u64]>),
 }
 
 /// Traces samples towards `points` of a light: one, or all that are interleaved.
