@@ -97,35 +97,22 @@ fn cases() -> Vec<Case> {
     cases
 }
 
+/// At rest; and while a light moves, when few points shade.
 #[test]
-fn irradiance_at_rest() {
+fn irradiance() {
     let gpu = gpu();
     for Case { what, light, point, irradiance } in cases() {
         let setup = Setup::new(1, 1);
         let all = rig(vec![light.clone()]);
         let stage = stage::Stage::new(floor().scene(), &at(point), &all, &setup);
-        let mut relighter = stage.relighter(&gpu, &all, &setup);
-        let got = f64::from(relighter.linear(Picture::Light(0)).unwrap()[0][0]);
-        let want = ALBEDO / PI * irradiance;
-        println!("{what}: {got:.6}, want {want:.6}, off by {:+.1e}", got / want - 1.0);
-        assert_near(got, want, AT_REST, format!("{what} {light:?}"));
-    }
-}
-
-/// While a light moves, few points shade: where nothing shades, its light is almost that at rest.
-#[test]
-fn irradiance_while_moving() {
-    let gpu = gpu();
-    for Case { what, light, point, irradiance } in cases() {
-        let setup = Setup::new(1, 1);
-        let all = rig(vec![light.clone()]);
-        let stage = stage::Stage::new(floor().scene(), &at(point), &all, &setup);
-        let mut relighter = stage.relighter(&gpu, &all, &setup);
-        let request = Request { detail: Detail::Coarse, ..Picture::Light(0).into() };
-        let got = f64::from(relighter.linear(request).unwrap()[0][0]);
-        let want = ALBEDO / PI * irradiance;
-        println!("{what}: {got:.6}, want {want:.6}, off by {:+.1e}", got / want - 1.0);
-        assert_near(got, want, MOVING, format!("{what} {light:?}"));
+        for (detail, tolerance) in [(Detail::Exact, AT_REST), (Detail::Coarse, MOVING)] {
+            let mut relighter = stage.relighter(&gpu, &all, &setup);
+            let request = Request { detail, ..Picture::Light(0).into() };
+            let got = f64::from(relighter.linear(request).unwrap()[0][0]);
+            let want = ALBEDO / PI * irradiance;
+            println!("{what}, {detail:?}: {got:.6}, want {want:.6}, off by {:+.1e}", got / want - 1.0);
+            assert_near(got, want, tolerance, format!("{what} {light:?}"));
+        }
     }
 }
 
