@@ -4,14 +4,15 @@
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
 
-// Weight of a light's point beside the directions drawn from a narrow lobe: balance heuristic [Veach 1995, Eq. 14].
+// Weight of a light's point beside the directions drawn from a narrow lobe: power heuristic [Veach 1995, Eq. 15].
 float point_share(float alpha, vec3 position, vec3 normal, vec3 wi, vec3 wo) {
     float solid_angle = push.drawn_area;
     if (push.light.kind != LIGHT_DIRECTIONAL) {
         vec3 to_light = push.light.position - position;
         solid_angle *= abs(dot(wi, push.light.direction)) / dot(to_light, to_light);
     }
-    return dot(normal, wo) > 0.0 ? 1.0 / (1.0 + solid_angle * lobe_density(alpha, normal, wi, wo)) : 1.0;
+    float drawn = min(solid_angle, 1e15) * lobe_density(alpha, normal, wi, wo);
+    return dot(normal, wo) > 0.0 ? 1.0 / (1.0 + drawn * drawn) : 1.0;
 }
 
 vec3 shade(uint index) {

@@ -116,7 +116,9 @@ vec3 unshadowed(ViewSample s, vec3 normal, vec3 wo) {
         }
         float share = 1.0;
         if (is_narrow && dot(normal, wo) > 0.0) {
-            share = 1.0 / (1.0 + min(arriving.solid_angle, 1e30) * lobe_density(brdf.alpha, normal, arriving.wi, wo));
+            // Power heuristic [Veach 1995, Eq. 15].
+            float drawn = min(arriving.solid_angle, 1e15) * lobe_density(brdf.alpha, normal, arriving.wi, wo);
+            share = 1.0 / (1.0 + drawn * drawn);
         }
         radiance += arriving.irradiance * share * reflected(brdf, normal, arriving.wi, wo, SPECULAR);
     }

@@ -61,6 +61,8 @@
 //! - [Hanika 2021] Hanika, Hacking the shadow terminator, Ray Tracing Gems II, chapter 4.
 //! - [Hasan 2006] Hašan, Pellacini, Bala, Direct-to-indirect transfer for cinematic relighting, SIGGRAPH.
 //! - [Heitz 2014] Heitz, Understanding the masking-shadowing function in microfacet-based BRDFs, JCGT 3(2).
+//! - [Heitz 2016] Heitz, Dupuy, Hill, Neubelt, Real-time polygonal-light shading with linearly transformed cosines,
+//!   SIGGRAPH.
 //! - [Heitz 2018] Heitz, Sampling the GGX distribution of visible normals, JCGT 7(4).
 //! - [Heitz 2018b] Heitz, Hill, McGuire, Combining analytic direct illumination and stochastic shadows, I3D.
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).

@@ -2,5 +2,5 @@
 // sees. Twin: src/trace/packet/interleaved.rs.
 
 uint point_in_list(uint index) {
-    return ((5 * index) & 15) + (index & 48);
+    return ((5 * (index / 4)) & 15) + 16 * (index & 3);
 }

@@ -3,7 +3,7 @@
 //!
 //! Directly and in mirrors a light is met by the segments of the eye paths, which no edit of the lights changes. In a
 //! narrow lobe it is found twice: by its points, in shade_light.comp, and here by directions that are drawn from the
-//! lobe. The balance heuristic [Veach 1995, Eq. 14] weighs both.
+//! lobe. The power heuristic [Veach 1995, Eq. 15] weighs both.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -212,7 +212,9 @@ impl Look<'_> {
                 continue;
             };
             let reflected = lobe.at(wi);
-            sum += reflected.sum() * radiance / (count * (reflected.density + density * points_per_direction));
+            // Power heuristic [Veach 1995, Eq. 15].
+            let by_points = density * points_per_direction / reflected.density;
+            sum += reflected.sum() * radiance / (count * reflected.density * (1.0 + by_points * by_points));
         }
         sum
     }

@@ -274,7 +274,9 @@ impl Relighter {
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, factors)?;
         self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
-        self.soft = SoftLights::find(&self.context, &self.framebuffer, Some(&transfer), self.cache.rig())?;
+        if let Some(soft) = &mut self.soft {
+            soft.set_transfer(&transfer);
+        }
         self.transfer = Some(transfer);
         if self.triangles.is_some() {
             self.find_triangles();

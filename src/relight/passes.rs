@@ -97,7 +97,7 @@ impl FrameResources<'_> {
         if let Some(light) = light {
             bytes.set_points(light);
         }
-        let points = light.map_or(std::slice::from_ref(packed), |light| &light.points);
+        let points = light.map_or(std::slice::from_ref(packed), |light| &light.points[..]);
         if has_factors {
             let soft = soft.as_deref().filter(|_| light.is_some());
             frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, points, soft));
@@ -114,12 +114,14 @@ impl FrameResources<'_> {
                 // Half packets exist only if all lights are traced.
                 let is_half = detail == Detail::Coarse && !half.view_samples.is_empty();
                 let soft = soft.as_deref_mut().filter(|_| light.is_some());
+                let [packets, gather_packets] = [&self.framebuffer.packets[..], transfer.map_or(&[], |t| &t.packets)];
                 let [view_rays, gather_rays] = match soft {
-                    Some(SoftLights { view_samples, gather_points, similar, .. }) => {
-                        [Rays::Interleaved(view_samples, Some(similar)), Rays::Interleaved(gather_points, None)]
-                    }
+                    Some(SoftLights { view_samples, gather_points, similar, .. }) => [
+                        Rays::Interleaved(view_samples, packets, Some(similar)),
+                        Rays::Interleaved(gather_points, gather_packets, None),
+                    ],
                     None if is_half => [&mut half.view_samples, &mut half.gather_points].map(Rays::Half),
-                    None => [&self.framebuffer.packets[..], transfer.map_or(&[], |t| &t.packets)].map(Rays::Each),
+                    None => [packets, gather_packets].map(Rays::Each),
                 };
                 if direct {
                     frame.cpu("trace shadows", || trace(&mut bytes.view_samples, scene, view_rays, points));

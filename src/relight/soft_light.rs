@@ -33,7 +33,7 @@ pub struct SoftLights {
 /// A light with a size, sampled by interleaved points.
 pub struct SoftLight {
     /// [`SOFT_POINTS`] points, of which each sample sees one.
-    pub points: Vec<PackedLight>,
+    pub points: [PackedLight; SOFT_POINTS as usize],
     /// [`ShadeSoftPush::light`]
     pub middle: PackedLight,
     /// [`ShadeSoftPush::across`]
@@ -62,12 +62,12 @@ impl SoftLights {
         }
         let tiles = [framebuffer.tiling.width, framebuffer.tiling.height].map(|side| side.div_ceil(TILE_SIZE) as usize);
         let padded = framebuffer.packets.len() * PACKET_SIZE;
-        let view_samples = InterleavedPackets::new(&framebuffer.packets, tiles);
+        let view_samples = InterleavedPackets::new(framebuffer.packets.len(), tiles);
         let similar = |index| similar_neighbours(framebuffer, &view_samples, index);
         let mut lights = Self {
             similar: (0..padded).into_par_iter().map(similar).collect(),
             view_samples,
-            gather_points: InterleavedPackets::new(transfer.map_or(&[], |transfer| &transfer.packets), [0, 0]),
+            gather_points: interleaved_gather_points(transfer),
             kernels: Default::default(),
         };
         lights.allow(context, framebuffer, rig)?;
@@ -87,6 +87,11 @@ impl SoftLights {
         Ok(())
     }
 
+    /// After a change of the transfer.
+    pub fn set_transfer(&mut self, transfer: &Transfer) {
+        self.gather_points = interleaved_gather_points(Some(transfer));
+    }
+
     pub fn kernel(&self, light: &SoftLight) -> &Kernel<ShadeSoftPush> {
         let kernel = &self.kernels[light.shape as usize][usize::from(light.has_factors)];
         kernel.as_ref().expect("the rig has such a light")
@@ -103,7 +108,7 @@ impl SoftLight {
     pub fn new(light: &Light, space: MeshSpace) -> Self {
         // Each 16 points of the sequence are one in each of 4x4 cells; so are the middle 16 of any window.
         let sequence = Points::new(0, 0);
-        let mut points = vec![light.pack(space); SOFT_POINTS as usize];
+        let mut points = [light.pack(space); SOFT_POINTS as usize];
         for index in 0..SOFT_POINTS {
             let [u, v, w, _] = sequence.at(index, 0);
             let cell = (4.0 * u) as u32 + 4 * (4.0 * v) as u32;
@@ -141,6 +146,10 @@ impl SoftLight {
             has_factors: light.has_factors(),
         }
     }
+}
+
+fn interleaved_gather_points(transfer: Option<&Transfer>) -> InterleavedPackets {
+    InterleavedPackets::new(transfer.map_or(0, |transfer| transfer.packets.len()), [0, 0])
 }
 
 fn shape(light: &Light) -> u32 {

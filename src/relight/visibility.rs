@@ -163,8 +163,8 @@ pub enum Rays<'a> {
     Each(&'a [SamplePacket]),
     /// One of four.
     Half(&'a mut HalfPackets),
-    /// Each towards another point of the light; filtered among similar ones, if they are given.
-    Interleaved(&'a mut InterleavedPackets, Option<&'a [u64]>),
+    /// Towards different points of the light; see [`InterleavedPackets::trace`].
+    Interleaved(&'a mut InterleavedPackets, &'a [SamplePacket], Option<&'a [u64]>),
 }
 
 /// Traces samples towards `points` of a light: one, or all that are interleaved.
@@ -173,6 +173,8 @@ pub fn trace(words: &mut Buffer<u32>, scene: LinkedScene, rays: Rays, points: &[
     match rays {
         Rays::Each(packets) => trace_all(scene, &points[0], packets, visibility),
         Rays::Half(half) => half.trace(scene, &points[0], visibility),
-        Rays::Interleaved(interleaved, similar) => interleaved.trace(scene, points, similar, visibility),
+        Rays::Interleaved(interleaved, packets, similar) => {
+            interleaved.trace(scene, packets, points, similar, visibility);
+        }
     }
 }

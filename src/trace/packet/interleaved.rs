@@ -1,97 +1,124 @@
 //! Visibility of a light with a size by interleaved sampling [Keller 2001]: each sample is traced towards one of 64
-//! points of the light, its neighbours towards others.
+//! points of the light, its neighbours towards others. A quarter of the samples is traced first, and more of them where
+//! shadows would be noisy.
+
+mod filter;
 
 use rayon::prelude::*;
 
-use super::{PACKET_SIZE, SamplePacket, trace_in_turn};
-use crate::shared::{PackedLight, SOFT_POINTS, TILE_SIZE};
+use self::filter::PointLanes;
+use super::{PACKET_SIZE, SamplePacket, trace_towards};
+use crate::shared::{LIGHT_DIRECTIONAL, PackedLight, SOFT_POINTS, TILE_SIZE};
 use crate::trace::linked::LinkedScene;
 
-/// Samples of 64 packets, regrouped into 64 packets such that all samples of one have the same point.
-#[derive(Default)]
+/// Which samples of packets see a light, each another one of [`SOFT_POINTS`] points of it.
 pub struct InterleavedPackets {
-    packets: Vec<SamplePacket>,
-    /// Which samples of each of `packets` see the light.
-    seen: Vec<u64>,
-    /// Which samples of each of `packets` face the light.
-    facing: Vec<u64>,
-    /// Where each original packet is: first packet of its group, and its lane there.
-    places: Vec<[usize; 2]>,
-    /// Columns and rows of the original packets that are tiles.
+    /// Columns and rows of the packets that are tiles of a picture; a list follows.
     tiles: [usize; 2],
-    /// Samples of each original packet that see the light, and that face it.
-    bits: Vec<[u64; 2]>,
+    /// Packets in the order in which they are traced: neighbours together.
+    order: Vec<u32>,
+    /// Those of `order` of which more samples are traced.
+    noisy: Vec<u32>,
+    /// Of each packet.
+    seen: Vec<Seen>,
+    /// Of packets that are traced together, each with one point.
+    found: Vec<Seen>,
+    /// Mean irradiance without shadows on each packet; relative to other packets.
+    irradiance: Vec<f32>,
 }
 
-/// Packets of a group: as many as points.
-const GROUP: usize = SOFT_POINTS as usize;
+/// Samples of a packet that were traced and face the light, and those of them that see it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    facing: u64,
+    lit: u64,
+}
+
+/// Points of the light, and samples of a window.
+const POINTS: usize = SOFT_POINTS as usize;
+/// Points that are traced together: one in each of 4x4 cells of the light, for one pixel of each 2x2.
+const CELLS: usize = POINTS / 4;
 /// Side of a tile, of a group of tiles, and of a window of pixels.
 const SIDE: usize = TILE_SIZE as usize;
 /// Pixels of a window before and behind its middle.
 const BEFORE: usize = SIDE / 2;
-const BEHIND: usize = SIDE - 1 - BEFORE;
-/// Bits of the middle 4x4 pixels of a window.
-const MIDDLE: u64 = 0x0000_3c3c_3c3c_0000;
-/// Largest difference of two means of which the one over fewer samples may be off by chance.
-const BY_CHANCE: f32 = 0.1;
+/// Variance of the fraction of a packet that sees the light, relative to the mean square of the picture, above which more
+/// samples are traced.
+const MOST_NOISE: f32 = 0.06 * 0.06;
+/// Packets of one task.
+const PACKETS_A_TASK: usize = 64;
 
 /// Point of a pixel, by its lane in a tile. Points repeat after eight pixels in x and in y, so that each window of 8x8
-/// pixels has all 64; their four low bits after four, so that the middle 4x4 have 16 that are far from each other.
+/// pixels has all 64.
 fn point_of_pixel(lane: usize) -> usize {
     let (x, y) = (lane % SIDE, lane / SIDE);
-    (x & 3) + 4 * (y & 3) + 16 * (x >> 2) + 32 * (y >> 2)
+    let cell = (x & 3) + 4 * (y & 3);
+    let [turn_x, turn_y] = turns(cell);
+    cell + CELLS * ((x >> 2 ^ turn_x) + 2 * (y >> 2 ^ turn_y))
 }
 
-/// The same of a sample in a list: successive samples have points all over the light. Twin: glsl/lib/soft.glsl.
+/// Inverse of [`point_of_pixel`].
+fn pixel_of_point(point: usize) -> usize {
+    let (cell, quarter) = (point % CELLS, point / CELLS);
+    let [turn_x, turn_y] = turns(cell);
+    (cell & 3) + 4 * (quarter & 1 ^ turn_x) + SIDE * ((cell >> 2) + 4 * (quarter >> 1 ^ turn_y))
+}
+
+/// In which quarter of a tile the pixel of a cell is traced first: such that each 2x2 pixels have one of them.
+fn turns(cell: usize) -> [usize; 2] {
+    let bit = |i: usize| cell >> i & 1;
+    [bit(0) ^ bit(3), bit(2) ^ bit(1)]
+}
+
+/// Point of a sample in a list: successive samples have points all over the light, each four together those of a cell.
+/// Twin: glsl/lib/soft.glsl.
 fn point_in_list(lane: usize) -> usize {
-    ((5 * lane) & 15) + (lane & 48)
+    5 * (lane / 4) % CELLS + CELLS * (lane % 4)
+}
+
+/// Inverse of [`point_in_list`].
+fn lane_in_list(point: usize) -> usize {
+    4 * (13 * (point % CELLS) % CELLS) + point / CELLS
 }
 
 impl InterleavedPackets {
-    /// `packets` begins with the tiles of a picture, `[columns, rows]` of them, by rows; a list follows.
-    pub fn new(packets: &[SamplePacket], tiles: [usize; 2]) -> Self {
+    /// For `count` packets, which begin with the tiles of a picture, `[columns, rows]` of them, by rows; a list follows.
+    pub fn new(count: usize, tiles: [usize; 2]) -> Self {
         let [columns, rows] = tiles;
-        let mut groups: Vec<Vec<usize>> = Vec::new();
-        for y in (0..rows).step_by(SIDE) {
-            for x in (0..columns).step_by(SIDE) {
-                // In Morton order, so that the samples of a register are near each other.
-                let bit = |i: usize, from: usize, to: usize| (i >> from & 1) << to;
-                let column = |i| x + bit(i, 0, 0) + bit(i, 2, 1) + bit(i, 4, 2);
-                let row = |i| y + bit(i, 1, 0) + bit(i, 3, 1) + bit(i, 5, 2);
-                let places = (0..GROUP).map(|i| [column(i), row(i)]).filter(|[x, y]| *x < columns && *y < rows);
-                groups.push(places.map(|[x, y]| y * columns + x).collect());
+        let mut order: Vec<u32> = (0..count as u32).collect();
+        // Groups of 8x8 tiles, in Morton order within, so that the samples of a register are near each other.
+        order.sort_by_cached_key(|&packet| {
+            let packet = packet as usize;
+            if packet >= columns * rows {
+                return [usize::MAX, packet, 0];
             }
-        }
-        let listed: Vec<usize> = (columns * rows..packets.len()).collect();
-        groups.extend(listed.chunks(GROUP).map(<[usize]>::to_vec));
-        let mut made = Self {
-            packets: vec![SamplePacket::default(); groups.len() * GROUP],
-            seen: vec![0; groups.len() * GROUP],
-            facing: vec![0; groups.len() * GROUP],
-            places: vec![[0; 2]; packets.len()],
+            let (x, y) = (packet % columns, packet / columns);
+            let spread = |i: usize| (0..3).fold(0, |bits, bit| bits | (i >> bit & 1) << (2 * bit));
+            [y / SIDE, x / SIDE, spread(x) | spread(y) << 1]
+        });
+        Self {
             tiles,
-            bits: vec![[0; 2]; packets.len()],
-        };
-        for (first, group) in (0..).step_by(GROUP).zip(&groups) {
-            for (to, &from) in group.iter().enumerate() {
-                made.places[from] = [first, to];
-                for lane in 0..PACKET_SIZE {
-                    let point = made.point(from, lane);
-                    let (packet, original) = (&mut made.packets[first + point], &packets[from]);
-                    for axis in 0..3 {
-                        packet.position[axis][to] = original.position[axis][lane];
-                        packet.normal[axis][to] = original.normal[axis][lane];
-                        packet.geometric_normal[axis][to] = original.geometric_normal[axis][lane];
-                    }
-                }
-            }
+            order,
+            noisy: Vec::with_capacity(count),
+            seen: vec![Seen::default(); count],
+            found: vec![Seen::default(); count.div_ceil(PACKET_SIZE) * CELLS],
+            irradiance: vec![0.0; count],
         }
-        made
     }
 
-    /// Point of a sample, given by original packet and lane.
+    /// Point of a sample, given by packet and lane.
     fn point(&self, packet: usize, lane: usize) -> usize {
         if packet < self.tile_count() { point_of_pixel(lane) } else { point_in_list(lane) }
+    }
+
+    /// Inverse of [`Self::point`].
+    fn lane(&self, packet: usize, point: usize) -> usize {
+        if packet < self.tile_count() { pixel_of_point(point) } else { lane_in_list(point) }
+    }
+
+    /// Of what belongs to tiles, and to a list, that of a packet.
+    fn choose<'a, T>(&self, [of_tiles, of_list]: &'a [T; 2], packet: usize) -> &'a T {
+        if packet < self.tile_count() { of_tiles } else { of_list }
     }
 
     fn tile_count(&self) -> usize {
@@ -103,96 +130,138 @@ impl InterleavedPackets {
         self.point(index / PACKET_SIZE, index % PACKET_SIZE)
     }
 
-    /// Traces each sample towards its point of the light, on all cores; `visibility` receives 64 values for each of the
-    /// original packets, 255 or 0: behind blending surfaces as often as the light is attenuated. With `similar`, which has
-    /// for each sample a bit for each in its [`window`](Self::window), a value is the mean over the similar ones that face
-    /// the light.
+    /// Traces samples towards their points of the light, on all cores; `visibility` receives 64 values for each of
+    /// `packets`, 0 to 255. With `similar`, which has for each sample a bit for each in its [`window`](Self::window), a
+    /// value is the mean over the similar ones that face the light, each weighted by the irradiance of its point. Without,
+    /// one sample of each four in the list is traced for all of them. Behind blending surfaces a sample sees the light as
+    /// often as it is attenuated.
     pub fn trace(
         &mut self,
         scene: LinkedScene,
+        packets: &[SamplePacket],
         points: &[PackedLight],
         similar: Option<&[u64]>,
         visibility: &mut [u8],
     ) {
-        let Self { packets, seen, facing, .. } = self;
-        seen.par_chunks_mut(GROUP).zip(facing.par_chunks_mut(GROUP)).zip(packets.par_chunks(GROUP)).for_each(
-            |((seen, facing), packets)| {
-                let mut bytes = [0; GROUP * PACKET_SIZE];
-                trace_in_turn(scene, points, packets, &mut bytes, facing);
-                for (point, (seen, bytes)) in seen.iter_mut().zip(bytes.chunks(PACKET_SIZE)).enumerate() {
-                    // Another threshold for each of the middle samples of a window.
-                    let threshold = 16 * (point as u8 & 15) + 7;
-                    *seen = bytes.iter().rev().fold(0, |bits, &byte| bits << 1 | u64::from(byte > threshold));
-                }
-            },
-        );
-        let mut bits = std::mem::take(&mut self.bits);
-        bits.par_iter_mut().with_min_len(PACKETS_A_TASK).enumerate().for_each(|(packet, bits)| {
-            let [first, to] = self.places[packet];
-            *bits = [0; 2];
-            for lane in 0..PACKET_SIZE {
-                let point = self.point(packet, lane);
-                let bit = |bits: &[u64]| (bits[first + point] >> to & 1) << lane;
-                *bits = [bits[0] | bit(&self.seen), bits[1] | bit(&self.facing)];
+        let lanes = [point_of_pixel, point_in_list].map(|point| PointLanes::new(points, point));
+        self.seen.fill(Seen::default());
+        let order = std::mem::take(&mut self.order);
+        self.trace_points(scene, packets, points, 0, &order);
+        if similar.is_some() {
+            self.find_irradiance(packets, points);
+            let mut noisy = std::mem::take(&mut self.noisy);
+            noisy.clone_from(&order);
+            let most = MOST_NOISE * self.mean_square();
+            for first in (CELLS..POINTS).step_by(CELLS) {
+                noisy.retain(|&packet| self.variance(packet as usize) > most * first as f32);
+                self.trace_points(scene, packets, points, first, &noisy);
             }
-        });
-        self.bits = bits;
-        let fractions = visibility.par_chunks_mut(PACKET_SIZE).with_min_len(PACKETS_A_TASK).enumerate();
-        fractions.for_each(|(packet, fractions)| match similar {
-            Some(similar) => self.filter(packet, &similar[packet * PACKET_SIZE..][..PACKET_SIZE], fractions),
-            None => {
-                let [seen, _] = self.bits[packet];
-                fractions
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(lane, fraction)| *fraction = 255 * (seen >> lane & 1) as u8);
-            }
-        });
-    }
-
-    /// Fraction of the similar samples around each of a packet that see the light, of those that face it: over all of the
-    /// window, unless the middle of it tells otherwise. A sample that has none keeps what it sees.
-    fn filter(&self, packet: usize, similar: &[u64], fractions: &mut [u8]) {
-        let rows = (packet < self.tile_count()).then(|| self.rows_around(packet));
-        let own = self.bits[packet];
-        for (lane, (fraction, similar)) in fractions.iter_mut().zip(similar).enumerate() {
-            let [seen, facing] = match &rows {
-                Some(rows) => [0, 1].map(|of| {
-                    let row = |r: usize| u64::from(rows[lane / SIDE + r][of] >> (lane % SIDE) & 255) << (SIDE * r);
-                    (0..SIDE).fold(0, |window, r| window | row(r))
-                }),
-                None => own,
-            };
-            let mean = |window: u64| {
-                let count = (facing & similar & window).count_ones();
-                (count > 0).then(|| (seen & facing & similar & window).count_ones() as f32 / count as f32)
-            };
-            let middle = if rows.is_some() { mean(MIDDLE) } else { None };
-            let all = mean(u64::MAX).unwrap_or((own[0] >> lane & 1) as f32);
-            let mean = middle.filter(|middle| (middle - all).abs() > BY_CHANCE).unwrap_or(all);
-            *fraction = (255.0 * mean + 0.5) as u8;
+            self.noisy = noisy;
         }
+        self.order = order;
+        let values = visibility.par_chunks_mut(PACKET_SIZE).with_min_len(PACKETS_A_TASK).enumerate();
+        values.for_each(|(packet, values)| match similar {
+            Some(similar) => {
+                let similar = &similar[packet * PACKET_SIZE..][..PACKET_SIZE];
+                self.filter(packet, &packets[packet], self.choose(&lanes, packet), similar, values);
+            }
+            None => {
+                let Seen { facing, lit } = self.seen[packet];
+                let mean = (255 * lit.count_ones() / facing.count_ones().max(1)) as u8;
+                values.iter_mut().enumerate().for_each(|(lane, value)| {
+                    let bit = |bits: u64| bits >> (lane & !3) & 1 != 0;
+                    *value = [mean, if bit(lit) { 255 } else { 0 }][usize::from(bit(facing))];
+                });
+            }
+        });
     }
 
-    /// Bits of a tile and of the pixels around it, of those that see the light and those that face it: rows of which each
-    /// begins [`BEFORE`] pixels before the tile.
-    fn rows_around(&self, tile: usize) -> [[u16; 2]; SIDE + BEFORE + BEHIND] {
-        let [columns, rows] = self.tiles;
-        let (column, row) = (tile % columns, tile / columns);
-        let [left, right] = [column > 0, column + 1 < columns];
-        std::array::from_fn(|r| {
-            let y = row * SIDE + r;
-            if y < BEFORE || y - BEFORE >= rows * SIDE {
-                return [0; 2];
+    /// Traces the samples of `chosen` packets that have one of [`CELLS`] points from `first`.
+    fn trace_points(
+        &mut self,
+        scene: LinkedScene,
+        packets: &[SamplePacket],
+        points: &[PackedLight],
+        first: usize,
+        chosen: &[u32],
+    ) {
+        let group = |index: usize| &chosen[index * PACKET_SIZE..chosen.len().min((index + 1) * PACKET_SIZE)];
+        let group_count = chosen.len().div_ceil(PACKET_SIZE);
+        let mut found = std::mem::take(&mut self.found);
+        let of_points = found[..group_count * CELLS].par_iter_mut().enumerate();
+        of_points.for_each(|(i, found)| {
+            let (group, point) = (group(i / CELLS), first + i % CELLS);
+            let mut same_point = SamplePacket::default();
+            for (to, &packet) in group.iter().enumerate() {
+                let (from, packet) = (self.lane(packet as usize, point), &packets[packet as usize]);
+                for axis in 0..3 {
+                    same_point.position[axis][to] = packet.position[axis][from];
+                    same_point.normal[axis][to] = packet.normal[axis][from];
+                    same_point.geometric_normal[axis][to] = packet.geometric_normal[axis][from];
+                }
             }
-            let (tile, shift) = ((y - BEFORE) / SIDE * columns + column, (y - BEFORE) % SIDE * SIDE);
-            [0, 1].map(|of| {
-                let row = |tile: usize| (self.bits[tile][of] >> shift & 255) as u16;
-                let before = if left { row(tile - 1) >> (SIDE - BEFORE) } else { 0 };
-                let behind = if right { row(tile + 1) << (SIDE + BEFORE) } else { 0 };
-                before | row(tile) << BEFORE | behind
-            })
-        })
+            let (mut values, mut facing) = ([0; PACKET_SIZE], 0);
+            trace_towards(scene, &points[point], &same_point, &mut values, &mut facing);
+            // Another threshold for each cell.
+            let threshold = 16 * (point % CELLS) as u8 + 7;
+            let lit = values.iter().rev().fold(0, |bits, &value| bits << 1 | u64::from(value > threshold));
+            *found = Seen { facing, lit };
+        });
+        for (group, found) in chosen.chunks(PACKET_SIZE).zip(found.chunks(CELLS)) {
+            for (to, &packet) in group.iter().enumerate() {
+                let mut seen = self.seen[packet as usize];
+                for (point, found) in (first..).zip(found) {
+                    let lane = self.lane(packet as usize, point);
+                    seen.facing |= (found.facing >> to & 1) << lane;
+                    seen.lit |= (found.lit >> to & 1) << lane;
+                }
+                self.seen[packet as usize] = seen;
+            }
+        }
+        self.found = found;
+    }
+
+    fn find_irradiance(&mut self, packets: &[SamplePacket], points: &[PackedLight]) {
+        let mut irradiance = std::mem::take(&mut self.irradiance);
+        irradiance.par_iter_mut().with_min_len(PACKETS_A_TASK).enumerate().for_each(|(packet, sum)| {
+            // One cell in each row and column.
+            let at = |point| irradiance_at(&packets[packet], self.lane(packet, point), &points[point]);
+            *sum = (0..CELLS).step_by(5).map(at).sum();
+        });
+        self.irradiance = irradiance;
+    }
+
+    /// Of the light on tiles.
+    fn mean_square(&self) -> f32 {
+        let tiles = (0..self.tile_count()).into_par_iter().with_min_len(PACKETS_A_TASK);
+        tiles.map(|tile| (self.irradiance[tile] * self.lit_around(tile)).powi(2)).sum::<f32>()
+            / self.tile_count() as f32
+    }
+
+    /// Of the light of one sample in a packet.
+    fn variance(&self, packet: usize) -> f32 {
+        let lit = self.lit_around(packet);
+        self.irradiance[packet].powi(2) * lit * (1.0 - lit)
+    }
+
+    /// Fraction of the traced samples of a packet, and of the tiles around it, that see the light.
+    fn lit_around(&self, packet: usize) -> f32 {
+        let [columns, rows] = self.tiles;
+        let (mut lit, mut facing) = (0, 0);
+        let mut add = |packet: usize| {
+            lit += self.seen[packet].lit.count_ones();
+            facing += self.seen[packet].facing.count_ones();
+        };
+        match packet < self.tile_count() {
+            true => {
+                let (x, y) = (packet % columns, packet / columns);
+                for y in y.saturating_sub(1)..rows.min(y + 2) {
+                    (x.saturating_sub(1)..columns.min(x + 2)).for_each(|x| add(y * columns + x));
+                }
+            }
+            false => add(packet),
+        }
+        lit as f32 / facing.max(1) as f32
     }
 
     /// The 64 samples around one, with different points: of a picture 8x8 pixels, of a list those of its packet; by index,
@@ -204,7 +273,7 @@ impl InterleavedPackets {
             true => [packet % columns * SIDE + lane % SIDE, packet / columns * SIDE + lane / SIDE],
             false => [0; 2],
         };
-        (0..GROUP).map(move |i| {
+        (0..POINTS).map(move |i| {
             if !is_tile {
                 return Some(packet * PACKET_SIZE + i);
             }
@@ -216,8 +285,15 @@ impl InterleavedPackets {
     }
 }
 
-/// Packets of one task.
-const PACKETS_A_TASK: usize = 64;
+/// Irradiance of a point of a light at a sample, without shadows, emission and strength of the light.
+fn irradiance_at(samples: &SamplePacket, lane: usize, point: &PackedLight) -> f32 {
+    let (position, normal) = samples.lane(lane);
+    let is_directional = point.kind == LIGHT_DIRECTIONAL;
+    let to_light = if is_directional { -point.direction } else { point.position - position };
+    let distance2 = to_light.length_squared().max(f32::MIN_POSITIVE);
+    let cosine = normal.dot(to_light).abs() / distance2.sqrt();
+    if is_directional { cosine } else { cosine / distance2 }
+}
 
 #[cfg(test)]
 mod tests {
@@ -225,89 +301,45 @@ mod tests {
 
     /// 3 x 2 tiles and two packets of a list.
     fn packets() -> InterleavedPackets {
-        InterleavedPackets::new(&vec![SamplePacket::default(); 8], [3, 2])
+        InterleavedPackets::new(8, [3, 2])
+    }
+
+    #[test]
+    fn points_and_lanes_are_inverse() {
+        let packets = packets();
+        for packet in [0, 7] {
+            for point in 0..POINTS {
+                assert_eq!(packets.point(packet, packets.lane(packet, point)), point);
+            }
+        }
+    }
+
+    /// Points that are traced together are in all cells of the light, and each 2x2 pixels have one of them.
+    #[test]
+    fn quarters_are_spread_over_light_and_pixels() {
+        for quarter in 0..4 {
+            let pixels: Vec<usize> = (0..CELLS).map(|cell| pixel_of_point(quarter * CELLS + cell)).collect();
+            let mut blocks: Vec<usize> =
+                pixels.iter().map(|lane| lane % SIDE / 2 + lane / SIDE / 2 * (SIDE / 2)).collect();
+            blocks.sort_unstable();
+            assert!(blocks.into_iter().eq(0..CELLS));
+        }
     }
 
     #[test]
     fn windows_have_all_points() {
         let packets = packets();
-        let different = |mut points: Vec<usize>| {
-            let count = points.len();
-            points.sort_unstable();
-            points.dedup();
-            (points.len() == count).then_some(count)
-        };
         for index in 0..8 * PACKET_SIZE {
             let window: Vec<Option<usize>> = packets.window(index).collect();
             assert!(window.contains(&Some(index)));
-            let points = window.iter().flatten().map(|&other| packets.point_of(other)).collect();
-            let count = different(points).expect("no point twice");
+            let mut points: Vec<usize> = window.iter().flatten().map(|&other| packets.point_of(other)).collect();
+            points.sort_unstable();
+            points.dedup();
+            assert_eq!(points.len(), window.iter().flatten().count(), "points of the window of {index}");
             let [x, y] = [index / PACKET_SIZE % 3 * SIDE + index % SIDE, index / PACKET_SIZE / 3 * SIDE];
             let y = y + index % PACKET_SIZE / SIDE;
             let is_inside = index >= 6 * PACKET_SIZE || (4..21).contains(&x) && (4..13).contains(&y);
-            assert!(!is_inside || count == GROUP, "window of {index} has {count}");
-            if is_inside && index < 6 * PACKET_SIZE {
-                let middle = window.iter().enumerate().filter(|(i, _)| MIDDLE >> i & 1 != 0);
-                let cells = middle.map(|(_, other)| packets.point_of(other.unwrap()) % 16).collect();
-                assert_eq!(different(cells), Some(16));
-            }
-        }
-    }
-
-    #[test]
-    fn fractions_are_means_over_similar_samples_that_face_the_light() {
-        let mut packets = packets();
-        let mut fractions = |seen: u64, facing: u64, similar: u64| {
-            packets.bits.fill([seen, facing]);
-            let mut fractions = [7; 8 * PACKET_SIZE];
-            for (packet, fractions) in fractions.chunks_mut(PACKET_SIZE).enumerate() {
-                packets.filter(packet, &[similar; PACKET_SIZE], fractions);
-            }
-            fractions
-        };
-        assert_eq!(fractions(u64::MAX, u64::MAX, u64::MAX), [255; 8 * PACKET_SIZE]);
-        assert_eq!(fractions(0, u64::MAX, u64::MAX), [0; 8 * PACKET_SIZE]);
-        let odd = 0xaaaa_aaaa_aaaa_aaaa;
-        assert!(fractions(odd, u64::MAX, u64::MAX)[6 * PACKET_SIZE..].iter().all(|&fraction| fraction == 128));
-        // Those that do not face the light do not count.
-        assert_eq!(fractions(odd, odd, u64::MAX), [255; 8 * PACKET_SIZE]);
-        // Without any similar sample each keeps what it sees.
-        let alone = fractions(odd, u64::MAX, 0);
-        assert!(alone.iter().enumerate().all(|(i, &fraction)| fraction == if i % 2 == 1 { 255 } else { 0 }));
-    }
-
-    /// The middle of a window decides where it differs much from the rest.
-    #[test]
-    fn edges_of_shadows_are_kept() {
-        let mut packets = packets();
-        // All left of x = 12.
-        for (tile, bits) in packets.bits.iter_mut().enumerate() {
-            *bits = [[u64::MAX, 0x0f0f_0f0f_0f0f_0f0f, 0][tile % 3], u64::MAX];
-        }
-        let mut fractions = [0; PACKET_SIZE];
-        packets.filter(1, &[u64::MAX; PACKET_SIZE], &mut fractions);
-        // The middle of the window begins two pixels before.
-        let quarters = [4, 4, 4, 3, 2, 1, 0, 0];
-        assert_eq!(fractions[24..32], quarters.map(|quarters| (255.0 * quarters as f32 / 4.0 + 0.5) as u8));
-    }
-
-    /// One sample sees the light: it counts in the windows that have it, by the bit that the window has for it.
-    #[test]
-    fn filters_read_the_window() {
-        let mut packets = packets();
-        for seen in (0..8 * PACKET_SIZE).step_by(37) {
-            packets.bits.fill([0, u64::MAX]);
-            packets.bits[seen / PACKET_SIZE][0] = 1 << (seen % PACKET_SIZE);
-            for index in 0..8 * PACKET_SIZE {
-                for (i, other) in packets.window(index).enumerate() {
-                    let (packet, lane) = (index / PACKET_SIZE, index % PACKET_SIZE);
-                    let (mut fractions, mut similar) = ([0; PACKET_SIZE], [0; PACKET_SIZE]);
-                    similar[lane] = 1 << i;
-                    packets.filter(packet, &similar, &mut fractions);
-                    let wanted = if other == Some(seen) || other.is_none() && index == seen { 255 } else { 0 };
-                    assert_eq!(fractions[lane], wanted, "{seen} in the window of {index}");
-                }
-            }
+            assert!(!is_inside || window.iter().all(Option::is_some), "window of {index}");
         }
     }
 }

@@ -60,20 +60,19 @@ pub fn trace_packets<'a>(
     packets: &[SamplePacket],
     visibility: &mut [u8],
 ) {
-    let lights = std::slice::from_ref(light);
-    pulp::Arch::new().dispatch(TracePackets { scene: scene.into(), lights, packets, visibility, facing: &mut [] });
+    pulp::Arch::new().dispatch(TracePackets { scene: scene.into(), light, packets, visibility, facing: &mut [] });
 }
 
-/// As [`trace_packets`], but traces packet `i` towards light `i % lights.len()`: points of one light. `facing` receives
-/// for each packet which samples face the light.
-pub fn trace_in_turn<'a>(
-    scene: impl Into<LinkedScene<'a>>,
-    lights: &[PackedLight],
-    packets: &[SamplePacket],
-    visibility: &mut [u8],
-    facing: &mut [u64],
+/// As [`trace_packets`], for one packet. `facing` receives which samples face the light.
+fn trace_towards(
+    scene: LinkedScene,
+    light: &PackedLight,
+    packet: &SamplePacket,
+    visibility: &mut [u8; PACKET_SIZE],
+    facing: &mut u64,
 ) {
-    pulp::Arch::new().dispatch(TracePackets { scene: scene.into(), lights, packets, visibility, facing });
+    let (packets, facing) = (std::slice::from_ref(packet), std::slice::from_mut(facing));
+    pulp::Arch::new().dispatch(TracePackets { scene, light, packets, visibility, facing });
 }
 
 /// [`trace_packets`] on all cores.
@@ -92,7 +91,7 @@ pub fn trace_all<'a>(
 
 struct TracePackets<'a> {
     scene: LinkedScene<'a>,
-    lights: &'a [PackedLight],
+    light: &'a PackedLight,
     packets: &'a [SamplePacket],
     visibility: &'a mut [u8],
     /// Empty if not wanted.
@@ -104,9 +103,9 @@ impl WithSimd for TracePackets<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        if self.lights.iter().any(|light| is_far(&self.scene.bvh, light)) {
+        if is_far(&self.scene.bvh, self.light) {
             self.trace_singly();
-        } else if self.lights[0].kind == LIGHT_DIRECTIONAL {
+        } else if self.light.kind == LIGHT_DIRECTIONAL {
             self.trace::<S, true>(simd);
         } else {
             self.trace::<S, false>(simd);
@@ -120,10 +119,10 @@ fn is_far(bvh: &Bvh, light: &PackedLight) -> bool {
 
 impl TracePackets<'_> {
     fn trace_singly(self) {
-        let Self { scene, lights, packets, visibility, facing } = self;
+        let Self { scene, light, packets, visibility, facing } = self;
         let mut facing = facing.iter_mut();
         let visibility = visibility.chunks_exact_mut(PACKET_SIZE);
-        for ((packet, visibility), light) in packets.iter().zip(visibility).zip(lights.iter().cycle()) {
+        for (packet, visibility) in packets.iter().zip(visibility) {
             let mut faces = 0;
             for (lane, visible) in visibility.iter_mut().enumerate() {
                 let ray = packet.shadow_ray(&scene.bvh, light, lane);
@@ -137,14 +136,14 @@ impl TracePackets<'_> {
 
     #[inline(always)]
     fn trace<S: Simd, const DIRECTIONAL: bool>(self, simd: S) {
-        let Self { scene, lights, packets, visibility, facing } = self;
+        let Self { scene, light, packets, visibility, facing } = self;
         let mut facing = facing.iter_mut();
         let mut stack = Vec::with_capacity(128);
         let zero = [[0.0; PACKET_SIZE]; 3];
         let mut rays = Rays { q: zero, inverse_q: zero, end: [-1.0; PACKET_SIZE] };
         let mut left = [1.0; PACKET_SIZE];
         let visibility = visibility.chunks_exact_mut(PACKET_SIZE);
-        for ((packet, visibility), light) in packets.iter().zip(visibility).zip(lights.iter().cycle()) {
+        for (packet, visibility) in packets.iter().zip(visibility) {
             let shared = if DIRECTIONAL { -light.direction } else { light.position };
             start_rays::<S, DIRECTIONAL>(simd, &scene.bvh, light, packet, &mut rays);
             if let Some(facing) = facing.next() {
