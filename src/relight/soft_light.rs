@@ -62,7 +62,7 @@ impl SoftLights {
         }
         let tiles = [framebuffer.tiling.width, framebuffer.tiling.height].map(|side| side.div_ceil(TILE_SIZE) as usize);
         let padded = framebuffer.packets.len() * PACKET_SIZE;
-        let view_samples = InterleavedPackets::new(framebuffer.packets.len(), tiles);
+        let view_samples = InterleavedPackets::new(&framebuffer.packets, tiles);
         let similar = |index| similar_neighbours(framebuffer, &view_samples, index);
         let mut lights = Self {
             similar: (0..padded).into_par_iter().map(similar).collect(),
@@ -149,7 +149,7 @@ impl SoftLight {
 }
 
 fn interleaved_gather_points(transfer: Option<&Transfer>) -> InterleavedPackets {
-    InterleavedPackets::new(transfer.map_or(0, |transfer| transfer.packets.len()), [0, 0])
+    InterleavedPackets::new(transfer.map_or(&[], |transfer| &transfer.packets), [0, 0])
 }
 
 fn shape(light: &Light) -> u32 {

@@ -4,6 +4,7 @@
 
 mod filter;
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use self::filter::PointLanes;
@@ -21,9 +22,13 @@ pub struct InterleavedPackets {
     noisy: Vec<u32>,
     /// Of each packet.
     seen: Vec<Seen>,
+    /// Number of samples in each packet that face the light, and that see it.
+    counts: Vec<[u32; 2]>,
     /// Of packets that are traced together, each with one point.
     found: Vec<Seen>,
-    /// Mean irradiance without shadows on each packet; relative to other packets.
+    /// Position and normal of one sample in each packet.
+    places: Vec<[Vec3; 2]>,
+    /// Irradiance there without shadows, relative to that of other packets.
     irradiance: Vec<f32>,
 }
 
@@ -82,8 +87,9 @@ fn lane_in_list(point: usize) -> usize {
 }
 
 impl InterleavedPackets {
-    /// For `count` packets, which begin with the tiles of a picture, `[columns, rows]` of them, by rows; a list follows.
-    pub fn new(count: usize, tiles: [usize; 2]) -> Self {
+    /// `packets` begins with the tiles of a picture, `[columns, rows]` of them, by rows; a list follows.
+    pub fn new(packets: &[SamplePacket], tiles: [usize; 2]) -> Self {
+        let count = packets.len();
         let [columns, rows] = tiles;
         let mut order: Vec<u32> = (0..count as u32).collect();
         // Groups of 8x8 tiles, in Morton order within, so that the samples of a register are near each other.
@@ -101,7 +107,9 @@ impl InterleavedPackets {
             order,
             noisy: Vec::with_capacity(count),
             seen: vec![Seen::default(); count],
+            counts: vec![[0; 2]; count],
             found: vec![Seen::default(); count.div_ceil(PACKET_SIZE) * CELLS],
+            places: packets.iter().map(a_place).collect(),
             irradiance: vec![0.0; count],
         }
     }
@@ -148,7 +156,7 @@ impl InterleavedPackets {
         let order = std::mem::take(&mut self.order);
         self.trace_points(scene, packets, points, 0, &order);
         if similar.is_some() {
-            self.find_irradiance(packets, points);
+            self.find_irradiance(points);
             let mut noisy = std::mem::take(&mut self.noisy);
             noisy.clone_from(&order);
             let most = MOST_NOISE * self.mean_square();
@@ -216,19 +224,18 @@ impl InterleavedPackets {
                     seen.lit |= (found.lit >> to & 1) << lane;
                 }
                 self.seen[packet as usize] = seen;
+                self.counts[packet as usize] = [seen.facing, seen.lit].map(u64::count_ones);
             }
         }
         self.found = found;
     }
 
-    fn find_irradiance(&mut self, packets: &[SamplePacket], points: &[PackedLight]) {
-        let mut irradiance = std::mem::take(&mut self.irradiance);
-        irradiance.par_iter_mut().with_min_len(PACKETS_A_TASK).enumerate().for_each(|(packet, sum)| {
+    fn find_irradiance(&mut self, points: &[PackedLight]) {
+        let Self { places, irradiance, .. } = self;
+        irradiance.par_iter_mut().zip(places).with_min_len(PACKETS_A_TASK).for_each(|(sum, place)| {
             // One cell in each row and column.
-            let at = |point| irradiance_at(&packets[packet], self.lane(packet, point), &points[point]);
-            *sum = (0..CELLS).step_by(5).map(at).sum();
+            *sum = points[..CELLS].iter().step_by(5).map(|point| irradiance_at(*place, point)).sum();
         });
-        self.irradiance = irradiance;
     }
 
     /// Of the light on tiles.
@@ -249,8 +256,8 @@ impl InterleavedPackets {
         let [columns, rows] = self.tiles;
         let (mut lit, mut facing) = (0, 0);
         let mut add = |packet: usize| {
-            lit += self.seen[packet].lit.count_ones();
-            facing += self.seen[packet].facing.count_ones();
+            facing += self.counts[packet][0];
+            lit += self.counts[packet][1];
         };
         match packet < self.tile_count() {
             true => {
@@ -285,9 +292,15 @@ impl InterleavedPackets {
     }
 }
 
-/// Irradiance of a point of a light at a sample, without shadows, emission and strength of the light.
-fn irradiance_at(samples: &SamplePacket, lane: usize, point: &PackedLight) -> f32 {
-    let (position, normal) = samples.lane(lane);
+/// Position and normal of the first sample that reflects light, or of any.
+fn a_place(packet: &SamplePacket) -> [Vec3; 2] {
+    let reflects = |lane: &usize| packet.normal.iter().any(|axis| axis[*lane] != 0.0);
+    let (position, normal) = packet.lane((0..PACKET_SIZE).find(reflects).unwrap_or(0));
+    [position, normal]
+}
+
+/// Irradiance of a point of a light, without shadows, emission and strength of the light.
+fn irradiance_at([position, normal]: [Vec3; 2], point: &PackedLight) -> f32 {
     let is_directional = point.kind == LIGHT_DIRECTIONAL;
     let to_light = if is_directional { -point.direction } else { point.position - position };
     let distance2 = to_light.length_squared().max(f32::MIN_POSITIVE);
@@ -301,7 +314,7 @@ mod tests {
 
     /// 3 x 2 tiles and two packets of a list.
     fn packets() -> InterleavedPackets {
-        InterleavedPackets::new(8, [3, 2])
+        InterleavedPackets::new(&vec![SamplePacket::default(); 8], [3, 2])
     }
 
     #[test]

@@ -214,7 +214,7 @@ mod tests {
 
     /// 3 x 2 tiles and two packets of a list.
     fn packets() -> InterleavedPackets {
-        InterleavedPackets::new(8, [3, 2])
+        InterleavedPackets::new(&vec![SamplePacket::default(); 8], [3, 2])
     }
 
     /// On the plane z = 0.
