@@ -6,6 +6,8 @@
 
 mod common;
 
+use std::f64::consts::PI;
+
 use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::{gpu, plain_surface};
@@ -173,32 +175,53 @@ fn shade_bounds(
             ends(cosine, ANGLE).map(|cosine| drawn_area * cosine.max(0.0) / (d * d))
         }
     };
-    let mut low = DVec3::INFINITY;
-    let mut high = DVec3::ZERO;
+    // Of the base and the lobe apart: only the lobe grows while its weight falls.
+    let (mut low, mut high) = ([DVec3::INFINITY; 2], [DVec3::ZERO; 2]);
+    let matt = Brdf { alpha: 0.0, ..*brdf };
+    let sines = ends(a.sine_nh, half_angle).map(|sine| sine.max(0.0));
     for ni in ends(a.ni, ANGLE) {
         for no in ends(a.no, ANGLE) {
-            for sine_nh in ends(a.sine_nh, half_angle) {
+            // Between its ends, the lobe's radiance is greatest where both densities are equal.
+            let equal = drawn.map(|area| sine_of_lobe_density(brdf, a.nh, no, 1.0 / area).clamp(sines[0], sines[1]));
+            for sine_nh in sines.into_iter().chain(equal) {
                 for oh in ends(a.oh, half_angle) {
-                    let angles = Angles { ni, no, nh: a.nh, sine_nh: sine_nh.max(0.0), oh: oh.clamp(0.0, 1.0) };
-                    let value = f_of_angles(brdf, &angles) * ni.max(0.0);
-                    let shares = drawn.map(|solid_angle| 1.0 / (1.0 + solid_angle * lobe_density(brdf, &angles)));
-                    low = low.min(value * shares[1]);
-                    high = high.max(value * shares[0]);
+                    let angles = Angles { ni, no, nh: a.nh, sine_nh, oh: oh.clamp(0.0, 1.0) };
+                    let base = f_of_angles(&matt, &angles);
+                    let parts = [base, (f_of_angles(brdf, &angles) - base).max(DVec3::ZERO)];
+                    let density = lobe_density(brdf, &angles);
+                    for solid_angle in drawn {
+                        // Power heuristic [Veach 1995, Eq. 15]; what is no normal number may be zero in the kernel.
+                        let weight = 1.0 / (1.0 + (solid_angle * density).powi(2));
+                        let least = if weight < f32::MIN_POSITIVE.into() { 0.0 } else { weight };
+                        for part in 0..2 {
+                            low[part] = low[part].min(parts[part] * ni.max(0.0) * least);
+                            high[part] = high[part].max(parts[part] * ni.max(0.0) * weight);
+                        }
+                    }
                 }
             }
         }
     }
+    let (low, high) = (low[0] + low[1], high[0] + high[1]);
     let scale = |end: usize, slack: f64| visibility * irradiances[end] * (1.0 + slack);
     (low * scale(0, -ARITHMETIC), high * scale(1, ARITHMETIC))
 }
 
 /// Density of directions mirrored at visible normals [Heitz 2018, Eq. 17].
 fn lobe_density(brdf: &Brdf, a: &Angles) -> f64 {
-    let (alpha, no) = (f64::from(brdf.alpha), a.no.max(0.0));
-    if !brdf.has_lobe() {
-        return 0.0;
-    }
-    ggx(a.nh, a.sine_nh, alpha) * 0.5 / (no + (alpha * alpha + (1.0 - alpha * alpha) * no * no).sqrt())
+    if brdf.has_lobe() { ggx(a.nh, a.sine_nh, brdf.alpha.into()) * visible_normals(brdf, a.no) } else { 0.0 }
+}
+
+/// Sine between normal and half vector at which [`lobe_density`] is `density`, 0 where it is less everywhere.
+fn sine_of_lobe_density(brdf: &Brdf, nh: f64, no: f64, density: f64) -> f64 {
+    let alpha = f64::from(brdf.alpha);
+    (alpha * (visible_normals(brdf, no) / (PI * density)).sqrt() - (alpha * nh).powi(2)).max(0.0).sqrt()
+}
+
+/// [`lobe_density`] by the density of normals.
+fn visible_normals(brdf: &Brdf, no: f64) -> f64 {
+    let (alpha, no) = (f64::from(brdf.alpha), no.max(0.0));
+    0.5 / (no + (alpha * alpha + (1.0 - alpha * alpha) * no * no).sqrt())
 }
 
 #[test]

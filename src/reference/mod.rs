@@ -30,7 +30,8 @@ pub fn shade(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Packe
             LIGHT_DIRECTIONAL => drawn_area,
             _ => drawn_area * wi.dot(light.direction.as_dvec3()).abs() / to_light.length_squared(),
         };
-        share = 1.0 / (1.0 + solid_angle * lobe.at(wi).density);
+        // Power heuristic [Veach 1995, Eq. 15].
+        share = 1.0 / (1.0 + (solid_angle * lobe.at(wi).density).powi(2));
     }
     visibility * share * arriving.irradiance * brdf::reflected(brdf, n, wi, wo)
 }
