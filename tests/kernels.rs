@@ -129,6 +129,47 @@ fn sum_images() {
     }
 }
 
+#[test]
+fn compare_images() {
+    let gpu = gpu();
+    let mut frames = Frames::new(&gpu).unwrap();
+    let mut random = Random::new(5);
+    let kernel = Kernel::<CompareImagesPush>::new(&gpu, ()).unwrap();
+    for count in RAGGED {
+        for threads in [1, count.div_ceil(64), 64] {
+            let mut image = || (0..count).map(|_| [0; 4].map(|_| random.between(-2.0, 2.0) as f32)).collect::<Vec<_>>();
+            let images = [image(), image()];
+            let buffers = images.each_ref().map(|image| {
+                let vectors: Vec<Vec4> = image.iter().map(|&vector| Vec4::from(vector)).collect();
+                Buffer::from_slice(&gpu, "test image", &vectors).unwrap()
+            });
+            let sums = output(&gpu, 2 * threads);
+            run(&mut frames, |frame| {
+                let mut pass = frame.pass("compare");
+                let push = CompareImagesPush {
+                    image: pass.read(&buffers[0]),
+                    other: pass.read(&buffers[1]),
+                    sums: pass.write_as(&sums),
+                    count: count as u32,
+                    threads: threads as u32,
+                };
+                pass.dispatch(&kernel, &push, push.threads);
+            });
+            let squares = |f: fn(f64, f64) -> f64| {
+                let pairs = images[0].as_flattened().iter().zip(images[1].as_flattened());
+                pairs.map(|(&a, &b)| f(a.into(), b.into()).powi(2)).sum::<f64>()
+            };
+            for (which, want) in [squares(|a, b| b - a), squares(|a, _| a)].into_iter().enumerate() {
+                let sum: f64 = sums.host()[..2 * threads].iter().skip(which).step_by(2).map(|&x| f64::from(x)).sum();
+                // A square and a sum a number, all positive.
+                let tolerance = (4 * count.div_ceil(threads) + 2) as f64 * ROUNDING * want;
+                assert!((sum - want).abs() <= tolerance, "{which} of {count} by {threads}: {sum} instead of {want}");
+            }
+            assert!(sums.host()[2 * threads..].iter().all(|&x| x == SENTINEL), "wrote past {threads} threads");
+        }
+    }
+}
+
 /// Pixel sizes that are a point, less than a tile, no whole number of tiles, lines, and whole tiles.
 const SIZES: [(u32, u32); 6] = [(1, 1), (7, 3), (13, 7), (1, 65), (129, 1), (64, 48)];
 

@@ -11,7 +11,7 @@ use super::output::{Output, Outputs};
 use super::passes::{FrameResources, Seeing};
 use super::sheet::Grid;
 use super::visibility;
-use super::{Picture, Relighter, Request};
+use super::{Detail, Picture, Relighter, Request};
 use crate::error::Result;
 use crate::gpu::{Frame, PassTime, Pixels, Screen};
 
@@ -41,6 +41,9 @@ impl Relighter {
         if inspection != Inspection::default() && self.inspector.is_none() {
             self.inspector = Some(Inspector::new(&self.context)?);
         }
+        if detail == Detail::Exact {
+            self.decide_points(picture)?;
+        }
         let mut plan = self.plan(picture);
         if !is_sheet || self.shown.as_ref().is_none_or(|(shown, ..)| *shown != picture) {
             self.sheet.invalidate();
@@ -64,6 +67,20 @@ impl Relighter {
                 let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
                 self.cache.plan_sheet(Grid::new(self.rig().lights.len(), [width, height]).len())
             }
+        }
+    }
+
+    /// Renders images of lights with a size until it is known how many points each needs.
+    fn decide_points(&mut self, picture: Picture) -> Result<()> {
+        loop {
+            let light = match picture {
+                Picture::Light(light) => self.cache.is_undecided(light).then_some(light),
+                Picture::Emission => None,
+                Picture::Whole | Picture::Sheet => self.cache.undecided(),
+            };
+            let Some(light) = light else { return Ok(()) };
+            let plan = self.cache.plan_part(light, u32::MAX);
+            self.execute_or_invalidate(&plan, None)?;
         }
     }
 
@@ -141,6 +158,9 @@ impl Relighter {
             times.extend(frames.times().iter().map(|time| PassTime { start_ms: begin_ms + time.start_ms, ..*time }));
             if is_done {
                 self.shown = shown;
+                if let (Some(light), Some(some_points)) = (plan.compared_light(), &self.some_points) {
+                    self.cache.set_change(light, some_points.change());
+                }
                 return Ok(());
             }
         }
@@ -183,6 +203,10 @@ impl FrameResources<'_> {
                 }
                 Step::Sum { target, terms, kept } => {
                     self.sum(frame, *target, terms, *kept);
+                    1
+                }
+                Step::Compare { image, .. } => {
+                    self.compare(frame, *image);
                     1
                 }
                 Step::Show { cell, term } => {

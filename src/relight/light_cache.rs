@@ -27,8 +27,14 @@ use crate::shared::MAX_TERMS;
 const MAX_FOCUS: usize = MAX_TERMS as usize - 1;
 /// Maximum images that one pass sums.
 const BATCH: usize = MAX_TERMS as usize;
-/// Points of a light with a size in exact images.
-const EXACT_POINTS: u32 = 256;
+/// Points of the lattices of a light with a size: those of the second one join those of the first.
+const LATTICES: [u32; 2] = [256, 1024];
+/// Points after which the image of a light with a size is compared with what it was at the number before. The first points
+/// of a lattice, a power of two of them, are spread evenly.
+const CHECKPOINTS: [u32; 4] = [128, 256, 512, 1280];
+/// An image has enough points if from one checkpoint to the next it changed by less: root mean square, relative to the
+/// image.
+const LEAST_CHANGE: f32 = 0.01;
 /// Points of which the mean is better than interleaved points.
 const SHOWN_POINTS: u32 = 32;
 /// Points of a light that are shaded in one step.
@@ -58,6 +64,8 @@ pub struct LightCache {
     /// Edited nodes of the last plan that had any.
     edited_before: Vec<usize>,
     has_emission: bool,
+    /// Leaf whose image at its last checkpoint is in [`Source::Checkpoint`]. The others wait at their first one.
+    compared: Option<usize>,
     /// Accuracy of images computed from now on.
     detail: Detail,
     clock: u64,
@@ -79,6 +87,15 @@ struct Node {
     is_interleaved: bool,
     /// Of a leaf: points of the light that its image has, or the one that grows.
     points: u32,
+    /// Of a leaf: points that its image needs; `None` if that is not known yet.
+    needed: Option<u32>,
+}
+
+impl Node {
+    /// Of a leaf with an image: whether that has all points that it needs.
+    fn is_complete(&self) -> bool {
+        !self.is_interleaved && self.needed == Some(self.points)
+    }
 }
 
 impl LightCache {
@@ -108,6 +125,7 @@ impl LightCache {
             selected: None,
             edited_before: Vec::new(),
             has_emission,
+            compared: None,
             detail: Detail::Exact,
             clock: 0,
         };
@@ -195,6 +213,7 @@ impl LightCache {
         if self.detail != Detail::Coarse {
             self.release_coarse();
         }
+        self.stop_comparing_dark();
         let mut plan = Plan::default();
         let mut edited = std::mem::take(&mut self.edited);
         edited.sort_unstable();
@@ -257,8 +276,8 @@ impl LightCache {
     /// Number of lights that a whole picture needs and that no image includes, and the first of them.
     pub fn pending(&self) -> (usize, Option<usize>) {
         let is_complete = |n: usize| {
-            let Node { slot, light, points, .. } = self.nodes[n];
-            slot.is_some() && light.is_none_or(|light| points == self.point_count(light))
+            let Node { slot, light, .. } = self.nodes[n];
+            slot.is_some() && (light.is_none() || self.nodes[n].is_complete())
         };
         let held = |node: usize| {
             let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
@@ -276,6 +295,11 @@ impl LightCache {
 
     /// Plans the picture of one light alone.
     pub fn plan_light(&mut self, light: usize) -> Plan {
+        self.compared = self.compared.filter(|&compared| compared == self.leaf_of[light]);
+        self.plan_light_beside_others(light)
+    }
+
+    fn plan_light_beside_others(&mut self, light: usize) -> Plan {
         self.clock += 1;
         let mut plan = Plan::default();
         let mut scale = Vec3::ONE;
@@ -293,20 +317,24 @@ impl LightCache {
         plan
     }
 
-    /// Plans a part of the image of one light: all of it if the light has no size, else some of its points.
-    pub fn plan_part(&mut self, light: usize) -> Plan {
+    /// Plans a part of the image of one light: all of it if the light has no size, else at most `most` times some of its
+    /// points.
+    pub fn plan_part(&mut self, light: usize, most: u32) -> Plan {
         self.clock += 1;
+        self.compared = self.compared.filter(|&compared| compared == self.leaf_of[light]);
         let mut plan = Plan::default();
-        self.add_points(self.leaf_of[light], light, 1, &mut plan.steps);
+        self.add_points(self.leaf_of[light], light, most, &mut plan.steps);
         plan
     }
 
     /// Plans a contact sheet of `cells` cells, one light's contribution per cell.
     pub fn plan_sheet(&mut self, cells: usize) -> Plan {
+        self.stop_comparing_dark();
         let mut plan = Plan::default();
         let mut is_coarse = false;
         for cell in 0..cells {
-            let light = if cell < self.rig.lights.len() { self.plan_light(cell) } else { Plan::default() };
+            let light =
+                if cell < self.rig.lights.len() { self.plan_light_beside_others(cell) } else { Plan::default() };
             is_coarse |= self.picture_is_coarse;
             plan.steps.extend(light.steps);
             plan.steps.push(Step::Show { cell, term: light.picture.first().copied() });
@@ -366,15 +394,10 @@ impl LightCache {
         vec![Term { source: Source::Rest, scale: Vec3::ONE }]
     }
 
-    /// Points of a light in an exact image.
-    fn point_count(&self, light: usize) -> u32 {
-        if self.rig.lights[light].is_punctual() { 1 } else { EXACT_POINTS }
-    }
-
-    /// Plans at most `most` steps towards the exact image of a light, each with some of its points; returns the slot of
-    /// the image to show.
+    /// Plans at most `most` steps towards the exact image of a light, each with some of its points, and none beyond a
+    /// comparison; returns the slot of the image to show.
     fn add_points(&mut self, leaf: usize, light: usize, most: u32, steps: &mut Vec<Step>) -> usize {
-        let (of, detail) = (self.point_count(light), self.detail);
+        let detail = self.detail;
         let slot = match self.nodes[leaf].slot {
             Some(slot) => {
                 self.slots.use_at(slot, self.clock);
@@ -382,49 +405,97 @@ impl LightCache {
             }
             None => {
                 let slot = self.take_slot(leaf);
-                let is_interleaved = of > 1 && detail != Detail::Exact;
+                let is_punctual = self.rig.lights[light].is_punctual();
+                let is_interleaved = !is_punctual && detail != Detail::Exact;
+                self.compared = self.compared.filter(|&compared| compared != leaf);
                 let node = &mut self.nodes[leaf];
                 (node.points, node.is_interleaved) = (0, is_interleaved);
-                if of == 1 || is_interleaved {
-                    (node.points, node.coarse) = (u32::from(of == 1), detail == Detail::Coarse || is_interleaved);
-                    let points = if of == 1 { LightPoints::One } else { LightPoints::Interleaved };
+                if is_punctual {
+                    (node.points, node.needed) = (1, Some(1));
+                }
+                if is_punctual || is_interleaved {
+                    node.coarse = detail == Detail::Coarse || is_interleaved;
+                    let points = if is_punctual { LightPoints::One } else { LightPoints::Interleaved };
                     steps.push(Step::Shade(Shade { light, target: Source::Slot(slot), detail, points }));
                     return slot;
                 }
                 slot
             }
         };
-        if detail == Detail::Coarse || self.nodes[leaf].points == of {
+        if detail == Detail::Coarse || self.nodes[leaf].is_complete() {
             return slot;
         }
         let target = self.growing_slot(leaf, slot);
+        let image = Source::Slot(target);
+        let node = &mut self.nodes[leaf];
         for _ in 0..most {
-            let first = self.nodes[leaf].points;
-            if first == of {
+            let first = node.points;
+            if node.needed == Some(first) {
                 break;
             }
-            let end = of.min(first + POINTS_A_STEP);
-            let points = LightPoints::Some { first, end, of };
-            self.nodes[leaf].points = end;
-            self.nodes[leaf].coarse = end < of;
+            if node.needed.is_none() && CHECKPOINTS.contains(&first) {
+                if self.compared.is_some_and(|compared| compared != leaf) {
+                    break;
+                }
+                self.compared = Some(leaf);
+                let terms = vec![Term { source: image, scale: Vec3::ONE }];
+                steps.push(Step::Sum { target: Source::Checkpoint, terms, kept: 0.0 });
+            }
+            node.points += POINTS_A_STEP;
+            node.coarse = node.needed != Some(node.points);
+            let (before, of) = if first < LATTICES[0] { (0, LATTICES[0]) } else { (LATTICES[0], LATTICES[1]) };
+            let points = LightPoints::Some { first: first - before, end: node.points - before, of };
             if first == 0 {
-                steps.push(Step::Shade(Shade { light, target: Source::Slot(target), detail, points }));
+                steps.push(Step::Shade(Shade { light, target: image, detail, points }));
                 continue;
             }
             steps.push(Step::Shade(Shade { light, target: Source::SomePoints, detail, points }));
-            let [kept, added] = [first, end - first].map(|points| points as f32 / end as f32);
+            let [kept, added] = [first, POINTS_A_STEP].map(|points| points as f32 / node.points as f32);
             let terms = vec![Term { source: Source::SomePoints, scale: Vec3::splat(added) }];
-            steps.push(Step::Sum { target: Source::Slot(target), terms, kept });
+            steps.push(Step::Sum { target: image, terms, kept });
+            if node.needed.is_none() && CHECKPOINTS.contains(&node.points) && self.compared == Some(leaf) {
+                steps.push(Step::Compare { light, image });
+                break;
+            }
         }
-        if target != slot && self.nodes[leaf].points < SHOWN_POINTS {
+        if target != slot && node.points < SHOWN_POINTS {
             return slot;
         }
+        (node.slot, node.growing, node.is_interleaved) = (Some(target), None, false);
         if target != slot {
             self.slots.clear(slot);
         }
-        let node = &mut self.nodes[leaf];
-        (node.slot, node.growing, node.is_interleaved) = (Some(target), None, false);
         target
+    }
+
+    /// Tells what a [`Step::Compare`] found: how much the image of a light changed since the checkpoint before; root mean
+    /// square, relative to the image.
+    pub fn set_change(&mut self, light: usize, change: f32) {
+        let node = &mut self.nodes[self.leaf_of[light]];
+        if change <= LEAST_CHANGE || Some(&node.points) == CHECKPOINTS.last() {
+            (node.needed, node.coarse) = (Some(node.points), false);
+            self.compared = None;
+        }
+    }
+
+    /// A light with a size of the whole picture, of which it is not known how many points it needs.
+    pub fn undecided(&self) -> Option<usize> {
+        (0..self.leaf_of.len()).find(|&light| self.is_undecided(light) && self.is_on(self.leaf_of[light]))
+    }
+
+    /// Whether it is not known how many points a light needs.
+    pub fn is_undecided(&self, light: usize) -> bool {
+        self.nodes[self.leaf_of[light]].needed.is_none() && !self.rig.lights[light].is_punctual()
+    }
+
+    /// Lets other lights be compared if the one that is adds nothing to the picture: it gets no more points.
+    fn stop_comparing_dark(&mut self) {
+        self.compared = self.compared.filter(|&leaf| self.is_on(leaf));
+    }
+
+    fn is_on(&self, leaf: usize) -> bool {
+        let above = std::iter::successors(Some(leaf), |&n| self.nodes[n].parent);
+        above.map(|n| self.scale(n)).product::<Vec3>() != Vec3::ZERO
     }
 
     /// Slot in which the exact image of a leaf grows: another one than that of the image to show, `shown`, if that has
@@ -487,6 +558,7 @@ impl LightCache {
     /// Discards `node`'s image.
     fn release(&mut self, node: usize) {
         self.nodes[node].coarse = false;
+        self.nodes[node].needed = None;
         if let Some(slot) = self.nodes[node].slot.take() {
             self.slots.clear(slot);
             self.stop_growing(node, slot);
@@ -540,6 +612,7 @@ impl LightCache {
             growing: None,
             is_interleaved: false,
             points: 0,
+            needed: None,
         };
         self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
         self.leaf_of = (0..self.rig.lights.len()).collect();
@@ -577,6 +650,7 @@ impl LightCache {
                     growing: None,
                     is_interleaved: false,
                     points: 0,
+                    needed: None,
                 });
                 for child in children {
                     self.nodes[child].parent = Some(this);
@@ -605,11 +679,11 @@ impl LightCache {
                 && same_image(was, light, same_sets)
             {
                 let (leaf, slot) = (self.leaf_of[i], *slot);
-                let Node { coarse, is_interleaved, .. } = *node;
+                let Node { coarse, is_interleaved, needed, .. } = *node;
                 // An image that grows begins again.
                 let points = if is_interleaved { 0 } else { node.points };
-                self.nodes[leaf] =
-                    Node { slot: Some(slot), coarse, is_interleaved, points, ..self.nodes[leaf].clone() };
+                let new = self.nodes[leaf].clone();
+                self.nodes[leaf] = Node { slot: Some(slot), coarse, is_interleaved, points, needed, ..new };
                 slots.set(slot, leaf, self.slots.last_used(slot));
             }
         }
@@ -619,6 +693,7 @@ impl LightCache {
         self.selected = None;
         self.edited_before.clear();
         self.rest = None;
+        self.compared = None;
     }
 }
 

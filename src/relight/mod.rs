@@ -25,6 +25,7 @@ mod shadow_culling;
 mod shadow_map;
 pub mod sheet;
 mod soft_light;
+mod some_points;
 mod sparse;
 mod visibility;
 mod visibility_method;
@@ -49,6 +50,7 @@ pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
 use self::sheet::Sheet;
 use self::soft_light::SoftLights;
+use self::some_points::SomePoints;
 use self::visibility::VisibilityBuffers;
 use self::visibility_method::VisibilityChoice;
 pub use self::visibility_method::{VisibilityMethod, VisibilityTimes};
@@ -96,7 +98,7 @@ pub struct Relighter {
     soft: Option<SoftLights>,
     images: Vec<Buffer<Vec4>>,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
-    some_points: Option<Buffer<Vec4>>,
+    some_points: Option<SomePoints>,
     /// Maximum number of light images within the budget.
     image_budget: usize,
     /// Bytes of device memory for the factors of the transfer.
@@ -170,7 +172,7 @@ impl Relighter {
             tracing::warn!("the budget holds {image_budget} light images; the minimum of {fewest} is allocated");
         }
         add_images(&mut images, context, framebuffer, slot_counts(rig, image_budget))?;
-        let some_points = rig.has_sizes().then(|| light_image(context, framebuffer, SOME_POINTS)).transpose()?;
+        let some_points = rig.has_sizes().then(|| SomePoints::new(context, framebuffer)).transpose()?;
         Ok(Self {
             frames,
             cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
@@ -250,7 +252,7 @@ impl Relighter {
             self.extras.push(extra_planes(&self.context, &self.framebuffer)?);
         }
         if self.some_points.is_none() && rig.has_sizes() {
-            self.some_points = Some(light_image(&self.context, &self.framebuffer, SOME_POINTS)?);
+            self.some_points = Some(SomePoints::new(&self.context, &self.framebuffer)?);
         }
         let suffices = |sights: &LightSights| sights.suffice(rig);
         if rig.has_sizes() && !self.sights.as_ref().is_some_and(suffices) {
@@ -340,7 +342,7 @@ impl Relighter {
     pub fn prepare(&mut self, layers: Layers) -> Result<()> {
         self.set_layers_and_detail(layers, Detail::Exact);
         let Some(light) = self.cache.pending().1 else { return Ok(()) };
-        let plan = self.cache.plan_part(light);
+        let plan = self.cache.plan_part(light, 1);
         self.execute_or_invalidate(&plan, None)
     }
 
@@ -469,9 +471,6 @@ fn held(context: &Context) -> u64 {
 fn light_image(context: &Arc<Context>, framebuffer: &DeepFramebuffer, name: &str) -> Result<Buffer<Vec4>> {
     Buffer::new(context, name, Access::Device, 3 * framebuffer.pixel_stride() / 4)
 }
-
-/// Owner of the memory of [`Source::SomePoints`].
-const SOME_POINTS: &str = "light images (points of a light)";
 
 /// Adds light images until there are as many as the end of `counts`; fewer, but at least as many as its start, if the
 /// device has no room.

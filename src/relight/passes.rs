@@ -14,6 +14,7 @@ use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
 use super::soft_light::{SoftLight, SoftLights};
+use super::some_points::SomePoints;
 use super::visibility::{Rays, VisibilityBuffers, VisibilitySlot, trace};
 use super::{Kernels, Layers};
 use crate::bake::DeepFramebuffer;
@@ -41,7 +42,7 @@ pub struct FrameResources<'a> {
     pub indirect: Option<&'a Indirect>,
     pub images: &'a [Buffer<Vec4>],
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
-    pub some_points: Option<&'a Buffer<Vec4>>,
+    pub some_points: Option<&'a SomePoints>,
     pub rest: &'a Buffer<Vec4>,
     /// Radiance of extra samples, for each light of a batch.
     pub extras: &'a [Buffer<f32>],
@@ -358,9 +359,16 @@ impl FrameResources<'_> {
         match source {
             Source::Slot(slot) => &self.images[slot],
             Source::Rest => self.rest,
-            Source::SomePoints => self.some_points.expect("a light has a size"),
+            Source::SomePoints => &self.some_points.expect("a light has a size").mean,
+            Source::Checkpoint => &self.some_points.expect("a light has a size").checkpoint,
             Source::Emission => unreachable!("emission is read as floats"),
         }
+    }
+
+    /// Compares the image of a light with its checkpoint.
+    pub fn compare(&self, frame: &mut Frame, image: Source) {
+        let some_points = self.some_points.expect("a light has a size");
+        some_points.compare(frame, self.image(image));
     }
 
     /// Sums images into one.

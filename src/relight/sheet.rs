@@ -68,6 +68,7 @@ impl Sheet {
                 changed.push(target);
                 true
             }
+            Step::Compare { .. } => true,
             Step::Show { cell, term } => {
                 let is_new = term.is_some_and(|term| changed.contains(&term.source));
                 // `None` means never drawn; a drawn cell without light has a term of scale 0.

@@ -703,6 +703,17 @@ gpu_shared! {
             pub unused: u32,
         }
 
+        pub push CompareImagesPush for compare_images {
+            pub image: Read<Vec4>,
+            pub other: Read<Vec4>,
+            /// For each thread: sum of squared differences, and of squares of `image`.
+            pub sums: Write<Vec2>,
+            /// Elements of an image.
+            pub count: u32,
+            /// Number of threads.
+            pub threads: u32,
+        }
+
         pub push CountNonFinitePush for count_non_finite {
             /// Planes R, G, B, as bits.
             pub values: Read<u32>,

@@ -24,7 +24,7 @@ const MIDDLE: DVec3 = DVec3::new(0.1, -0.2, 0.05);
 /// Light that rounding lets around the edge of a plane, of a candela at a metre.
 const ROUNDING: f64 = 1e-8;
 const TOUCHES: &str =
-    "its 256 points are bounded within their share of its surface, which takes light from where it touches";
+    "its points are bounded within their share of its surface, which takes light from where it touches";
 const HIDDEN: &str = "none of its 256 points is in the room; paths find the way to the others";
 
 fn grey() -> Material {

@@ -21,6 +21,8 @@ pub enum Source {
     Emission,
     /// The mean over some points of a light with a size, before it joins the image of the light.
     SomePoints,
+    /// The image of a light with a size when it had fewer points.
+    Checkpoint,
 }
 
 /// Accuracy of a light's image.
@@ -76,6 +78,11 @@ pub enum Step {
         terms: Vec<Term>,
         kept: f32,
     },
+    /// Measure how much the image of a light changed since [`Source::Checkpoint`].
+    Compare {
+        light: usize,
+        image: Source,
+    },
     /// Draw one light's contribution, or an empty cell, on the contact sheet.
     Show {
         cell: usize,
@@ -101,6 +108,11 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// The light that it compares; each plan compares at most one.
+    pub fn compared_light(&self) -> Option<usize> {
+        self.steps.iter().find_map(|step| if let Step::Compare { light, .. } = step { Some(*light) } else { None })
+    }
+
     /// Moves each shade forward past steps that do not touch its target, so that shades are adjacent. Several lights
     /// together take half the time in the transfer that they take one by one.
     pub fn batch_shades(&mut self) {
@@ -121,6 +133,7 @@ impl Plan {
                 Step::Sum { target, terms, .. } => {
                     touched.extend(terms.iter().map(|term| term.source).chain([*target]));
                 }
+                Step::Compare { image, .. } => touched.extend([*image, Source::Checkpoint]),
                 Step::Show { term, .. } => touched.extend(term.iter().map(|term| term.source)),
             }
             later.push(step);

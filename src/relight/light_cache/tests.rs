@@ -12,7 +12,10 @@ struct Numbers {
     slots: Vec<f32>,
     rest: f32,
     some_points: f32,
+    checkpoint: f32,
     shaded: usize,
+    /// A light that was compared, and its change.
+    change: Option<(usize, f32)>,
 }
 
 /// Error of coarse images.
@@ -21,6 +24,11 @@ const OFF: f32 = 0.25;
 const INTERLEAVED_OFF: f32 = 0.125;
 
 impl Numbers {
+    fn new(slot_count: usize) -> Self {
+        let [rest, some_points, checkpoint] = [f32::NAN; 3];
+        Self { slots: vec![f32::NAN; slot_count], rest, some_points, checkpoint, shaded: 0, change: None }
+    }
+
     fn value(&self, term: &Term) -> f32 {
         term.scale.x
             * match term.source {
@@ -28,6 +36,7 @@ impl Numbers {
                 Source::Rest => self.rest,
                 Source::Emission => 1000.0,
                 Source::SomePoints => self.some_points,
+                Source::Checkpoint => self.checkpoint,
             }
     }
 
@@ -41,7 +50,9 @@ impl Numbers {
                         LightPoints::One => 1.0,
                         LightPoints::Interleaved => 1.0 + INTERLEAVED_OFF,
                         LightPoints::Some { first, end, of } => {
-                            let number = |point: u32| 1.0 + (point as f32 - 0.5 * (of - 1) as f32) / 256.0;
+                            // Each 64 points have the mean of all, half of them have not.
+                            assert!(end <= of);
+                            let number = |point: u32| 1.0 + ((point % 64) as f32 - 31.5) / 64.0;
                             (first..end).map(number).sum::<f32>() / points.count() as f32
                         }
                     };
@@ -49,7 +60,7 @@ impl Numbers {
                     match target {
                         Source::Slot(slot) => self.slots[*slot] = value,
                         Source::SomePoints => self.some_points = value,
-                        Source::Rest | Source::Emission => unreachable!(),
+                        Source::Rest | Source::Emission | Source::Checkpoint => unreachable!(),
                     }
                     self.shaded += 1;
                 }
@@ -60,13 +71,37 @@ impl Numbers {
                     match target {
                         Source::Slot(slot) => self.slots[*slot] = sum,
                         Source::Rest => self.rest = sum,
+                        Source::Checkpoint => self.checkpoint = sum,
                         Source::Emission | Source::SomePoints => unreachable!(),
                     }
+                }
+                Step::Compare { light, image } => {
+                    // At each checkpoint an image has the mean of all points.
+                    let image = Term { source: *image, scale: Vec3::ONE };
+                    assert!((self.value(&image) - self.checkpoint).abs() <= 1e-5 * self.checkpoint.abs());
+                    let change = [0.0, 0.02, 1.0][rig.lights[*light].position.y as usize];
+                    assert_eq!(self.change.replace((*light, change)), None);
                 }
                 Step::Show { .. } => unreachable!("no sheet is planned"),
             }
         }
         plan.picture.iter().map(|t| self.value(t)).sum()
+    }
+}
+
+/// Runs a plan, and tells the cache what its comparisons found.
+fn run(cache: &mut LightCache, numbers: &mut Numbers, rig: &Rig, plan: Plan) -> f32 {
+    let picture = numbers.run(rig, plan);
+    numbers.change.take().into_iter().for_each(|(light, change)| cache.set_change(light, change));
+    picture
+}
+
+/// Renders lights with a size until it is known how many points each needs.
+fn decide(cache: &mut LightCache, numbers: &mut Numbers, rig: &Rig) {
+    while let Some(light) = cache.undecided() {
+        let plan = cache.plan_part(light, u32::MAX);
+        assert!(!plan.steps.is_empty());
+        run(cache, numbers, rig, plan);
     }
 }
 
@@ -83,13 +118,38 @@ fn rig(light_count: usize, group_count: usize) -> Rig {
     let group = |i| LightGroup::new(&format!("g{i}"));
     let light = |i: usize| {
         let group = (!i.is_multiple_of(3) && group_count > 0).then(|| i % group_count.max(1));
-        Light { group, ..Light::point(&format!("l{i}"), DVec3::new(i as f64, 0.0, 0.0)) }
+        Light { group, ..Light::point(&format!("l{i}"), DVec3::new(i as f64, (i % 3) as f64, 0.0)) }
     };
     Rig {
         groups: (0..group_count).map(group).collect(),
         lights: (0..light_count).map(light).collect(),
         ..Rig::default()
     }
+}
+
+/// Each light with a size gets as many points as it needs, also while others are switched off and on again.
+#[test]
+fn pictures_at_rest_become_exact() {
+    let mut rig = rig(9, 2);
+    rig.lights.iter_mut().for_each(|light| light.radius = 1.0);
+    // Room for all that grow.
+    let slot_count = 3 * rig.lights.len();
+    let mut cache = LightCache::new(&rig, slot_count, true);
+    cache.set_detail(Detail::Progressive);
+    let mut numbers = Numbers::new(slot_count);
+    for frame in 0..2000 {
+        rig.lights[1].enabled = !(10..100).contains(&frame);
+        cache.set_rig(&rig, slot_count);
+        let plan = cache.plan();
+        let picture = run(&mut cache, &mut numbers, &rig, plan);
+        if !cache.is_coarse() {
+            assert!(is_near(&rig, picture, truth(&rig)));
+            // Of each three lights, one is found to need 256 points, two to need all.
+            assert_eq!(numbers.shaded, 9 + 3 * (256 + 1280 + 1280) / POINTS_A_STEP as usize);
+            return;
+        }
+    }
+    panic!("the picture is still coarse");
 }
 
 proptest! {
@@ -106,7 +166,8 @@ proptest! {
         let (fewest, most) = LightCache::slot_range(light_count);
         let slot_count = if scarce { fewest } else { most };
         let mut cache = LightCache::new(&rig, slot_count, true);
-        let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, some_points: f32::NAN, shaded: 0 };
+        let mut numbers = Numbers::new(slot_count);
+        let mut detail = Detail::Exact;
         for (kind, which, amount) in edits {
             let lights = rig.lights.len();
             let amount_f = amount as f64;
@@ -130,11 +191,14 @@ proptest! {
                         rig.lights.push(Light::point(&name, DVec3::new(amount_f, 0.0, 0.0)));
                     }
                 }
-                10 => cache.set_detail(Detail::Coarse),
-                11 => cache.set_detail(Detail::Exact),
-                14 => cache.set_detail(Detail::Progressive),
+                10 => detail = Detail::Coarse,
+                11 => detail = Detail::Exact,
+                14 => detail = Detail::Progressive,
                 12 if lights > 0 => rig.lights[which % lights].radius = (amount % 2) as f64,
-                13 if lights > 0 => drop(numbers.run(&rig, cache.plan_part(which % lights))),
+                13 if lights > 0 => {
+                    let plan = cache.plan_part(which % lights, 1);
+                    run(&mut cache, &mut numbers, &rig, plan);
+                }
                 _ => {}
             }
             let (fewest, most) = LightCache::slot_range(rig.lights.len());
@@ -145,8 +209,13 @@ proptest! {
                 let lights = rig.lights.len();
                 cache.select(&(0..lights).filter(|i| (i + which) % (1 + amount / 4) == 0).collect::<Vec<_>>());
             }
+            cache.set_detail(detail);
+            if detail == Detail::Exact {
+                decide(&mut cache, &mut numbers, &rig);
+            }
             let plan = cache.plan();
-            let picture = numbers.run(&rig, plan);
+            let picture = run(&mut cache, &mut numbers, &rig, plan);
+            prop_assert!(detail != Detail::Exact || !cache.is_coarse());
             prop_assert!(cache.is_coarse() || is_near(&rig, picture, truth(&rig)));
             if !rig.lights.is_empty() {
                 let one = which % rig.lights.len();
@@ -155,12 +224,14 @@ proptest! {
                 let light = &rig.lights[one];
                 let group = light.group.map_or(1.0, |g| rig.groups[g].scale().x);
                 let want = light.position.x as f32 * light.scale().x * group;
-                let alone = numbers.run(&rig, alone);
+                let alone = run(&mut cache, &mut numbers, &rig, alone);
                 prop_assert!(cache.is_coarse() || is_near(&rig, alone, want));
             }
         }
         cache.set_detail(Detail::Exact);
-        prop_assert!(is_near(&rig, numbers.run(&rig, cache.plan()), truth(&rig)));
+        decide(&mut cache, &mut numbers, &rig);
+        let plan = cache.plan();
+        prop_assert!(is_near(&rig, run(&mut cache, &mut numbers, &rig, plan), truth(&rig)));
         prop_assert!(!cache.is_coarse());
         prop_assert!(scarce || cache.pending().0 == 0);
     }
@@ -218,6 +289,7 @@ fn selecting_another_light_costs_a_logarithm() {
             .map(|step| match step {
                 Step::Shade(_) => 0,
                 Step::Sum { terms, .. } => terms.len() + 1,
+                Step::Compare { .. } => unreachable!("no light has a size"),
                 Step::Show { .. } => unreachable!("no sheet is planned"),
             })
             .sum();
@@ -233,7 +305,7 @@ fn a_hundred_thousand_lights() {
     rig.lights.iter_mut().for_each(|light| light.position.x = 1.0);
     let slot_count = LightCache::slot_range(rig.lights.len()).1;
     let mut cache = LightCache::new(&rig, slot_count, true);
-    let mut numbers = Numbers { slots: vec![f32::NAN; slot_count], rest: f32::NAN, some_points: f32::NAN, shaded: 0 };
+    let mut numbers = Numbers::new(slot_count);
     assert_eq!(numbers.run(&rig, cache.plan()), truth(&rig));
     rig.lights.iter_mut().for_each(|light| light.position.x = 2.0);
     cache.set_rig(&rig, slot_count);
