@@ -35,9 +35,42 @@ Arriving from_point(PackedLight light, vec3 position, float area) {
     return arriving;
 }
 
+// Power heuristic [Veach 1995, Eq. 15] for a point of the light that stands for `solid_angle`, beside the directions
+// drawn from a narrow lobe.
+float point_share(Brdf brdf, vec3 normal, vec3 wi, vec3 wo, float solid_angle) {
+    float drawn = min(solid_angle, 1e15) * lobe_density(brdf.alpha, normal, wi, wo);
+    return dot(normal, wo) > 0.0 ? 1.0 / (1.0 + drawn * drawn) : 1.0;
+}
+
+// Light of all directions of a dome.
+vec3 of_dome(Brdf brdf, vec3 normal, vec3 wo) {
+    const float EACH = 1.0 / float(SOFT_POINTS);
+    bool has_lobe = SPECULAR && brdf.alpha > 0.0;
+    bool is_narrow = has_lobe && brdf.alpha < NARROW_ALPHA;
+    vec3 radiance = vec3(0.0);
+    for (uint i = 0; i < SOFT_POINTS; ++i) {
+        PackedLight point = push.points.at[i];
+        float solid_angle = point.squared_radius;
+        Brdf widened = brdf;
+        float share = 1.0;
+        if (is_narrow) {
+            share = point_share(brdf, normal, -point.direction, wo, DIRECTIONS_PER_POINT * solid_angle);
+        } else if (has_lobe) {
+            widened.alpha = sqrt(min(brdf.alpha * brdf.alpha + WIDENING * solid_angle * EACH / PI, 1.0));
+        }
+        vec3 irradiance = point.strength * point.position;
+        radiance += share * irradiance * reflected(widened, normal, -point.direction, wo, SPECULAR);
+    }
+    return EACH * radiance;
+}
+
 vec3 unshadowed(ViewSample s, vec3 normal, vec3 wo) {
     Brdf brdf = push.brdfs.at[s.brdf];
-    vec3 to_light = push.light.position - s.position;
+    if (SHAPE == SHAPE_DOME) {
+        return of_dome(brdf, normal, wo);
+    }
+    PackedLight middle = push.points.at[SOFT_POINTS];
+    vec3 to_light = middle.position - s.position;
     float d2 = SHAPE == SHAPE_SUN ? 1.0 : max(dot(to_light, to_light), 1e-30);
     float width2 = dot(push.across, push.across);
     float height2 = push.half_height * push.half_height;
@@ -47,22 +80,22 @@ vec3 unshadowed(ViewSample s, vec3 normal, vec3 wo) {
     bool is_narrow = has_lobe && brdf.alpha < NARROW_ALPHA && SHAPE != SHAPE_SPOT;
     float small = has_lobe ? min(SMALL, 0.5 * brdf.alpha * brdf.alpha) : SMALL;
     // Light that changes more with the direction of emission needs more points.
-    float narrowing = push.light.narrowing;
-    small *= SHAPE == SHAPE_SPOT ? min(push.light.cone_versine, 1.0) : 1.0 / (1.0 + narrowing * narrowing);
+    float narrowing = middle.narrowing;
+    small *= SHAPE == SHAPE_SPOT ? min(middle.cone_versine, 1.0) : 1.0 / (1.0 + narrowing * narrowing);
     uint count = is_narrow ? NARROW_POINTS : uint(clamp(squared_radius / small + 2.0, 4.0, float(MOST_POINTS))) & ~1u;
     float each = 1.0 / float(count);
     if (has_lobe && !is_narrow) {
         brdf.alpha = sqrt(min(brdf.alpha * brdf.alpha + WIDENING * squared_radius * each, 1.0));
     }
     // Towards the middle of the light; of flat lights away from it.
-    vec3 axis = SHAPE == SHAPE_SUN ? -push.light.direction : push.light.direction;
+    vec3 axis = SHAPE == SHAPE_SUN ? -middle.direction : middle.direction;
     vec3 across = push.across;
     float versine = 0.5 * squared_radius; // of the cone of a ball or sun: 1 - cos of its edge
-    float of_cone = push.light.strength;
+    float of_cone = middle.strength;
     if (SHAPE == SHAPE_BALL) {
         float in_front = squared_radius < 1.0 ? 1.0 / (1.0 + sqrt(1.0 - squared_radius)) : 0.0;
         versine = squared_radius * in_front;
-        of_cone = incident(push.light, s.position, axis) * 2.0 * in_front;
+        of_cone = incident(middle, s.position, axis) * 2.0 * in_front;
     }
     if (SHAPE == SHAPE_BALL || SHAPE == SHAPE_SUN) {
         across = abs(axis.x) > 0.5 ? vec3(-axis.y, axis.x, 0.0) : vec3(0.0, -axis.z, axis.y);
@@ -86,7 +119,7 @@ vec3 unshadowed(ViewSample s, vec3 normal, vec3 wo) {
         float side = i % 2 == 0 ? 1.0 : -1.0;
         vec3 aside = (across * turn.x + along * turn.y) * side;
         Arriving arriving;
-        PackedLight light = push.light;
+        PackedLight light = middle;
         if (SHAPE == SHAPE_RECT) {
             float v = fract(along_lattice * GOLDEN_RATIO);
             light.position += (across * (2.0 * u - 1.0) + along * (2.0 * v - 1.0)) * side;
@@ -115,10 +148,8 @@ vec3 unshadowed(ViewSample s, vec3 normal, vec3 wo) {
             turn = turn.x * GOLDEN_TURN + turn.y * vec2(-GOLDEN_TURN.y, GOLDEN_TURN.x);
         }
         float share = 1.0;
-        if (is_narrow && dot(normal, wo) > 0.0) {
-            // Power heuristic [Veach 1995, Eq. 15].
-            float drawn = min(arriving.solid_angle, 1e15) * lobe_density(brdf.alpha, normal, arriving.wi, wo);
-            share = 1.0 / (1.0 + drawn * drawn);
+        if (is_narrow) {
+            share = point_share(brdf, normal, arriving.wi, wo, arriving.solid_angle);
         }
         radiance += arriving.irradiance * share * reflected(brdf, normal, arriving.wi, wo, SPECULAR);
     }

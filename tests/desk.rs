@@ -58,7 +58,8 @@ fn act(desk: &mut Desk, random: &mut Random) {
         16 => desk.place_highlight(pick, random.between(0.5, 4.0)),
         17 => desk.place_shadow(place(random), pick, random.between(0.5, 4.0)),
         18 if count < MOST_LIGHTS => {
-            let kinds = [LightKind::Point, LightKind::Spot, LightKind::Directional, LightKind::Disk, LightKind::Rect];
+            use LightKind::{Directional, Disk, Dome, Point, Rect, Spot};
+            let kinds = [Point, Spot, Directional, Disk, Rect, Dome];
             desk.add(random.pick(&kinds), place(random), 0.0, random.between(0.5, 4.0));
         }
         19 if count + desk.selection().len() <= MOST_LIGHTS => desk.duplicate(),

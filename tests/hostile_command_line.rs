@@ -240,10 +240,9 @@ fn rigs_that_are_none() {
     refused(b"[[light]]\nname = \"a\"\nbrightness = 3\n", &["brightness", "3"]);
     refused(b"[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0,0,0]\nwattage = 3\n", &["wattage", "line 5"]);
     refused(b"[lights]\n", &["lights"]);
-    for kind in ["dome", "emitter"] {
-        let text = format!("[[light]]\nname = \"a\"\nkind = \"{kind}\"\nposition = [0,0,0]\nintensity = 1.0\n");
-        refused(text.as_bytes(), &[kind, "reserved"]);
-    }
+    refused(b"[[light]]\nname = \"a\"\nkind = \"emitter\"\nmaterial = \"b\"\n", &["material", "4"]);
+    refused(b"[[light]]\nname = \"a\"\nkind = \"emitter\"\n", &["emitter", "reserved"]);
+    refused(b"[[light]]\nname = \"a\"\nkind = \"dome\"\nmap = \"none.hdr\"\n", &["none.hdr", "4"]);
     refused(
         b"[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0,0,0]\nradius = -1.0\n",
         &["radius is -1", "line 5"],

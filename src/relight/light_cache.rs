@@ -579,6 +579,7 @@ fn same_image(a: &Light, b: &Light, same_sets: bool) -> bool {
         && (a.spread, a.two_sided, a.visible) == (b.spread, b.two_sided, b.visible)
         && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)
         && (a.decay_start, &a.filter) == (b.decay_start, &b.filter)
+        && (a.rotation, &a.map) == (b.rotation, &b.map)
         && a.links == b.links
         && (same_sets || a.links == Links::default())
 }

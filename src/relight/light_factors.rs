@@ -12,7 +12,6 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context};
-use crate::scene::light_filter::PosedFilter;
 use crate::shared::ViewSample;
 use crate::trace::bvh::TracedScene;
 use crate::trace::linked::LinkedScene;
@@ -67,13 +66,12 @@ impl SampleTriangles {
     }
 }
 
-/// Computes the factor on the light that reaches each of `samples` from a point of the light, on all cores. `origin`:
-/// position of the point, by index of the sample. `triangles`: of the samples; needed if links scale the light.
+/// Computes the factor on the light that reaches each of `samples` from a point of the light, on all cores. `color`: of
+/// that light, by index and position of the sample. `triangles`: of the samples; needed if links scale the light.
 pub fn compute(
     factors: &mut Buffer<UVec2>,
-    filter: Option<&PosedFilter>,
+    color: Option<impl Fn(usize, Vec3) -> Vec3 + Sync>,
     scene: LinkedScene,
-    origin: impl Fn(usize) -> Vec3 + Sync,
     samples: &[ViewSample],
     triangles: Option<&[u32]>,
 ) {
@@ -82,10 +80,9 @@ pub fn compute(
     halves.par_chunks_mut(4 * SAMPLES_A_TASK).zip(samples.par_chunks(SAMPLES_A_TASK)).enumerate().for_each(
         |(task, (halves, samples))| {
             let mut rgb = [[1.0; 4]; SAMPLES_A_TASK];
-            if let Some(filter) = filter {
+            if let Some(color) = &color {
                 for ((rgb, sample), index) in rgb.iter_mut().zip(samples).zip(task * SAMPLES_A_TASK..) {
-                    let direction = (sample.position - origin(index)).normalize_or_zero();
-                    *rgb = filter.factor(direction).extend(0.0).to_array();
+                    *rgb = color(index, sample.position).extend(0.0).to_array();
                 }
             }
             if let Some(triangles) = triangles {

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 
 use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
@@ -22,7 +22,7 @@ use crate::bake::transfer::Transfer;
 use crate::gpu::{Buffer, Frame, Pass};
 use crate::physics::sequence::fibonacci_lattice;
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, ResolvedLinks, Rig};
+use crate::scene::{Light, LightKind, ResolvedLinks, Rig};
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 use crate::trace::light_surface::{LightInScene, LightSurface};
@@ -101,7 +101,8 @@ impl FrameResources<'_> {
         let points = light.map_or(std::slice::from_ref(packed), |light| &light.points[..]);
         if has_factors {
             let soft = soft.as_deref().filter(|_| light.is_some());
-            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, points, soft));
+            let kind = self.rig.lights[index].kind;
+            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, (kind, filter), points, soft));
         }
         if !shadows {
             bytes.clear();
@@ -152,30 +153,35 @@ impl FrameResources<'_> {
         &self,
         factors: &mut LightFactors,
         scene: LinkedScene,
-        filter: Option<&PosedFilter>,
+        (kind, filter): (LightKind, Option<&PosedFilter>),
         points: &[PackedLight],
         soft: Option<&SoftLights>,
     ) {
-        let origin = |packets: Option<&InterleavedPackets>, index: usize| {
-            points[packets.map_or(0, |packets| packets.point_of(index))].position
+        // Of the point that a sample sees.
+        let color = |packets: Option<&InterleavedPackets>, index: usize, position: Vec3| {
+            let point = &points[packets.map_or(0, |packets| packets.point_of(index))];
+            match (kind, filter) {
+                (LightKind::Dome, _) => point.position,
+                (_, Some(filter)) => filter.factor((position - point.position).normalize_or_zero()),
+                (_, None) => Vec3::ONE,
+            }
         };
-        let of_sample = |index: usize| origin(soft.map(|soft| &soft.view_samples), index);
-        let of_gather_point = |index: usize| origin(soft.map(|soft| &soft.gather_points), index);
+        let is_filtered = filter.is_some();
         if self.layers.direct() {
             let triangles = self.triangles.map(|triangles| &triangles.view_samples[..]);
+            let packets = soft.map(|soft| &soft.view_samples);
+            // All directions of a dome that moves shade each view sample, with their colours.
+            let is_filtered = is_filtered && !(kind == LightKind::Dome && soft.is_some());
+            let color = |index, position| color(packets, index, position);
             let samples = &self.framebuffer.samples;
-            light_factors::compute(&mut factors.view_samples, filter, scene, of_sample, samples, triangles);
+            light_factors::compute(&mut factors.view_samples, is_filtered.then_some(color), scene, samples, triangles);
         }
         if let Some(transfer) = self.transfer.filter(|_| self.indirect.is_some()) {
             let triangles = self.triangles.map(|triangles| &triangles.gather_points[..]);
-            light_factors::compute(
-                &mut factors.gather_points,
-                filter,
-                scene,
-                of_gather_point,
-                &transfer.points,
-                triangles,
-            );
+            let packets = soft.map(|soft| &soft.gather_points);
+            let color = |index, position| color(packets, index, position);
+            let samples = &transfer.points;
+            light_factors::compute(&mut factors.gather_points, is_filtered.then_some(color), scene, samples, triangles);
         }
     }
 
@@ -201,7 +207,9 @@ impl FrameResources<'_> {
             .collect();
         let sight = seeing.sights.as_deref_mut().zip(surface.as_ref()).filter(|_| self.layers.direct());
         let per_point = directions_per_point(shades[0].points);
-        let drawn_area = sight.as_ref().map_or(0.0, |(_, surface)| surface.size() as f32 * per_point);
+        let drawn_area =
+            |packed: &PackedLight| (surface.as_ref()).map_or(0.0, |surface| surface.size(packed) as f32 * per_point);
+        let has_sights = sight.is_some();
         let seen_light = sight.and_then(|(sights, surface)| {
             let filter = filters[0].as_ref();
             frame.cpu("look for lights", || self.look(sights, shades[0], surface, filter))
@@ -212,7 +220,7 @@ impl FrameResources<'_> {
             soft: soft.as_ref().zip(soft_kernel),
             visibility: visibility.get(seen),
             has_factors: self.rig.lights[shades[i].light].has_factors(),
-            drawn_area,
+            drawn_area: if has_sights { drawn_area(&light) } else { 0.0 },
             image: self.image(shades[i].target),
             extras: &self.extras[i],
         };
@@ -302,12 +310,13 @@ impl FrameResources<'_> {
             factors: pass.read(&target.visibility.factors.view_samples),
             image: pass.write_as(target.image),
             extras: pass.write(target.extras),
-            light: light.middle,
+            points: pass.read(&target.visibility.points),
             across: light.across,
             half_height: light.half_height,
             sample_count: self.framebuffer.samples.len() as u32,
             pixel_stride: self.framebuffer.pixel_stride() as u32,
             layers: if self.layers.direct() { self.layers.mask() } else { 0 },
+            unused: 0,
         };
         pass.dispatch(lights.kernel(light), &push, push.sample_count);
         self.count(frame, CheckedPass::ShadeLight, target);

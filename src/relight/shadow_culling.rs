@@ -60,7 +60,7 @@ pub fn faces_of(light: &Light, packed: &PackedLight, radius: f32, margin: f32) -
     let whole =
         (distance > FAR_RADII * radius).then(|| radius / (distance - radius).sqrt() / (distance + radius).sqrt());
     match light.kind {
-        LightKind::Directional => single(direction, 0.0),
+        LightKind::Directional | LightKind::Dome => single(direction, 0.0),
         LightKind::Spot
             if light.outer_angle <= MAX_SINGLE_ANGLE
                 && whole.is_none_or(|whole| light.outer_angle.tan() < f64::from(whole)) =>

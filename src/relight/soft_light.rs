@@ -34,7 +34,7 @@ pub struct SoftLights {
 pub struct SoftLight {
     /// [`SOFT_POINTS`] points, of which each sample sees one.
     pub points: [PackedLight; SOFT_POINTS as usize],
-    /// [`ShadeSoftPush::light`]
+    /// The middle of the light.
     pub middle: PackedLight,
     /// [`ShadeSoftPush::across`]
     pub across: Vec3,
@@ -45,7 +45,7 @@ pub struct SoftLight {
 }
 
 /// Number of `SHAPE_` constants.
-const SHAPES: usize = SHAPE_RECT as usize + 1;
+const SHAPES: usize = SHAPE_DOME as usize + 1;
 /// Points that bound the light of a point nearby; see [`Light::pack_point`].
 const BOUNDING_POINTS: u32 = 16;
 
@@ -157,6 +157,7 @@ fn shape(light: &Light) -> u32 {
         LightKind::Point => SHAPE_BALL,
         LightKind::Spot => SHAPE_SPOT,
         LightKind::Directional => SHAPE_SUN,
+        LightKind::Dome => SHAPE_DOME,
         LightKind::Disk => SHAPE_DISK,
         LightKind::Rect => SHAPE_RECT,
     }

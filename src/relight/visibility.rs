@@ -25,7 +25,7 @@ pub struct Visibility {
     pub light_rays: LightRayHits,
     /// Of a light with a filter, or links that scale its light.
     pub factors: LightFactors,
-    /// Points of a light with a size that moves.
+    /// Points of a light with a size that moves, and its middle.
     pub points: Buffer<PackedLight>,
 }
 
@@ -39,7 +39,9 @@ impl Visibility {
 
     /// Sets the points of a light that is sampled by interleaved points.
     pub fn set_points(&mut self, light: &SoftLight) {
-        self.points.host_mut().copy_from_slice(&light.points);
+        let (points, middle) = self.points.host_mut().split_at_mut(light.points.len());
+        points.copy_from_slice(&light.points);
+        middle[0] = light.middle;
     }
 }
 
@@ -89,7 +91,7 @@ impl VisibilityBuffers {
         };
         let gather_packets = transfer.map_or(&[][..], |t| &t.packets);
         let new = |wanted: bool| -> Result<Visibility> {
-            let mut points = Buffer::new(context, "points of a light", Access::HostWrites, SOFT_POINTS as usize)?;
+            let mut points = Buffer::new(context, "points of a light", Access::HostWrites, SOFT_POINTS as usize + 1)?;
             points.host_mut().fill(bytemuck::Zeroable::zeroed());
             Ok(Visibility {
                 view_samples: all_visible(&framebuffer.packets)?,

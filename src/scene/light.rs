@@ -2,10 +2,11 @@
 
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
+use super::light_filter::Attached;
 use super::light_unit::LEAST_FALLOFF;
-use super::{LightFilter, Links, MeshSpace};
+use super::{LightFilter, Links, MeshSpace, SkyMap};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_POINT, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
 /// The light types of `KHR_lights_punctual`, and flat lights.
@@ -20,6 +21,15 @@ pub enum LightKind {
     Directional,
     Disk,
     Rect,
+    /// Light from all directions: the sky, or an environment map.
+    Dome,
+}
+
+impl LightKind {
+    /// Whether the light has no position: all its light comes from far away.
+    pub fn is_far(self) -> bool {
+        matches!(self, Self::Directional | Self::Dome)
+    }
 }
 
 /// One light. Its image is linear in `color * intensity * 2^stops`; any other change requires shading it again.
@@ -28,13 +38,14 @@ pub struct Light {
     /// Unique in its rig; contains no dot, because image layers are called `light.NAME`.
     pub name: String,
     pub kind: LightKind,
-    /// World space, metres; the middle of lights with a size; ignored for directional lights.
+    /// World space, metres; the middle of lights with a size; ignored for directional lights and domes.
     pub position: DVec3,
-    /// Unit direction of emission; ignored for point lights.
+    /// Unit direction of emission; ignored for point lights and domes.
     pub direction: DVec3,
     /// Linear Rec. 709.
     pub color: Vec3,
-    /// Candela, straight ahead for flat lights; lux for directional lights. Does not depend on the light's size.
+    /// Candela, straight ahead for flat lights; lux for directional lights. Does not depend on the light's size. Of domes:
+    /// cd/m², or what their map is multiplied by.
     pub intensity: f64,
     /// Intensity is multiplied by 2^stops.
     pub stops: f64,
@@ -45,6 +56,10 @@ pub struct Light {
     pub radius: f64,
     /// Width and height of a rectangle in metres.
     pub size: [f64; 2],
+    /// Environment map of a dome; `None`: all directions are alike.
+    pub map: Option<Attached<SkyMap>>,
+    /// Radians by which a dome is turned, counter-clockwise as seen from above.
+    pub rotation: f64,
     /// Axis of a rectangle's height, of any length; only its part perpendicular to `direction` counts.
     pub up: DVec3,
     /// Full angle in radians that a directional light fills, as seen from the scene, 0 <= angle <= pi.
@@ -101,6 +116,8 @@ impl Light {
             outer_angle: FRAC_PI_4,
             radius: 0.0,
             size: [1.0; 2],
+            map: None,
+            rotation: 0.0,
             up: DVec3::Y,
             angle: 0.0,
             spread: PI,
@@ -128,12 +145,16 @@ impl Light {
 impl Light {
     /// Whether what reaches a surface has a factor besides visibility: by a filter, or by links that scale the light.
     pub fn has_factors(&self) -> bool {
-        !self.filter.is_none() || self.links.scale_light()
+        !self.filter.is_none() || self.links.scale_light() || self.map.is_some()
     }
 
     /// Whether it matters where the light points.
     pub fn has_direction(&self) -> bool {
-        self.kind != LightKind::Point || self.filter.ies.is_some()
+        match self.kind {
+            LightKind::Point => self.filter.ies.is_some(),
+            LightKind::Dome => false,
+            _ => true,
+        }
     }
 
     /// Whether the light has no size: all its light comes from one point or from one direction.
@@ -142,6 +163,7 @@ impl Light {
             LightKind::Point | LightKind::Spot | LightKind::Disk => self.radius == 0.0,
             LightKind::Directional => self.angle == 0.0,
             LightKind::Rect => self.size == [0.0; 2],
+            LightKind::Dome => false,
         }
     }
 
@@ -153,7 +175,7 @@ impl Light {
             kind: match self.kind {
                 LightKind::Point => LIGHT_POINT,
                 LightKind::Spot => LIGHT_SPOT,
-                LightKind::Directional => LIGHT_DIRECTIONAL,
+                LightKind::Directional | LightKind::Dome => LIGHT_DIRECTIONAL,
                 LightKind::Disk | LightKind::Rect if self.two_sided => LIGHT_TWO_SIDED_FACET,
                 LightKind::Disk | LightKind::Rect => LIGHT_FACET,
             },
@@ -168,7 +190,7 @@ impl Light {
         };
         match self.kind {
             LightKind::Point | LightKind::Spot => {}
-            LightKind::Directional => packed.strength = 1.0,
+            LightKind::Directional | LightKind::Dome => packed.strength = 1.0,
             LightKind::Disk | LightKind::Rect => packed.narrowing = (self.spread / 2.0).tan().recip() as f32,
         }
         packed
@@ -228,6 +250,18 @@ impl Light {
                     ..packed
                 }
             }
+            LightKind::Dome => {
+                let drawn = self.sky().draw([u, v]);
+                let radiance = self.sky().radiance(drawn.direction.as_vec3());
+                let brightness = radiance.max_element();
+                PackedLight {
+                    direction: (self.turn() * -drawn.direction).as_vec3(),
+                    position: radiance / brightness.max(f32::MIN_POSITIVE),
+                    strength: (f64::from(brightness) / drawn.density) as f32,
+                    squared_radius: drawn.density.recip() as f32,
+                    ..packed
+                }
+            }
         }
     }
 
@@ -247,10 +281,24 @@ impl Light {
         let area = match self.kind {
             LightKind::Point | LightKind::Disk => PI * self.radius * self.radius,
             LightKind::Rect => self.size[0] * self.size[1],
+            // Its strength is its radiance.
+            LightKind::Dome => 1.0,
             LightKind::Directional => PI * (self.angle / 2.0).sin().powi(2),
             LightKind::Spot => 0.0,
         };
         (area > 0.0 && area.is_finite()).then_some(area)
+    }
+
+    /// The map of a dome.
+    pub fn sky(&self) -> &SkyMap {
+        self.map.as_deref().unwrap_or(SkyMap::white())
+    }
+
+    /// Turns the map of a dome into world space.
+    pub fn turn(&self) -> DQuat {
+        // Whole turns are none; a billionth of one is too small to see.
+        let turns = (self.rotation / TAU).fract();
+        DQuat::from_rotation_y((turns * 1e9).round() * 1e-9 % 1.0 * TAU)
     }
 
     /// Area in m² of the surface on which facets lie.
@@ -259,7 +307,7 @@ impl Light {
             LightKind::Point => Some(4.0 * PI * self.radius * self.radius),
             LightKind::Disk => Some(PI * self.radius * self.radius),
             LightKind::Rect => Some(self.size[0] * self.size[1]),
-            LightKind::Spot | LightKind::Directional => None,
+            LightKind::Spot | LightKind::Directional | LightKind::Dome => None,
         }
     }
 

@@ -30,7 +30,11 @@ impl LightUnit {
 
     /// The unit of [`Light::intensity`].
     pub fn of_intensity(kind: LightKind) -> Self {
-        if kind == LightKind::Directional { Self::Lux } else { Self::Candela }
+        match kind {
+            LightKind::Directional => Self::Lux,
+            LightKind::Dome => Self::Nit,
+            _ => Self::Candela,
+        }
     }
 
     pub fn symbol(self, kind: LightKind) -> &'static str {
@@ -51,16 +55,16 @@ impl Light {
     /// Watts are those of a Blender light without a profile. A point has the same intensity in all directions. A spot is
     /// as bright as a point of the same watts, however narrow its cone. An area light sends all its watts to one side.
     pub fn per_intensity(&self, unit: LightUnit) -> Option<f64> {
-        let is_directional = self.kind == LightKind::Directional;
         let per_intensity = match unit {
             LightUnit::Candela | LightUnit::Lux if unit == LightUnit::of_intensity(self.kind) => 1.0,
-            LightUnit::Lumen if !is_directional => self.flux(),
+            LightUnit::Lumen if !self.kind.is_far() => self.flux(),
             LightUnit::Nit => self.projected_area()?.recip(),
             LightUnit::Watt => {
                 let lumens = match self.kind {
                     LightKind::Point | LightKind::Spot => 4.0 * PI,
                     LightKind::Directional => 1.0,
                     LightKind::Disk | LightKind::Rect => facet_flux(self.spread),
+                    LightKind::Dome => return None,
                 };
                 lumens / LUMENS_PER_WATT
             }
@@ -95,7 +99,7 @@ impl Light {
             (LightKind::Spot, None) => cone_flux(self.inner_angle, self.outer_angle),
             (LightKind::Disk | LightKind::Rect, None) => sides * facet_flux(self.spread),
             (LightKind::Spot | LightKind::Disk | LightKind::Rect, Some(_)) => self.flux_through_profile(),
-            (LightKind::Directional, _) => 0.0,
+            (LightKind::Directional | LightKind::Dome, _) => 0.0,
         }
     }
 
@@ -103,7 +107,7 @@ impl Light {
     /// `KHR_lights_punctual`, or a surface whose spread narrows as in Cycles.
     fn emission(&self, angle: f64) -> f64 {
         match self.kind {
-            LightKind::Point | LightKind::Directional => 1.0,
+            LightKind::Point | LightKind::Directional | LightKind::Dome => 1.0,
             LightKind::Spot => {
                 let [inner, outer] = [self.inner_angle, self.outer_angle].map(f64::cos);
                 ((angle.cos() - outer) / (inner - outer).max(LEAST_FALLOFF)).clamp(0.0, 1.0).powi(2)

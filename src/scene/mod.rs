@@ -20,6 +20,7 @@ mod mesh_part;
 mod mesh_space;
 mod obj;
 pub mod rig;
+pub mod sky_map;
 mod tangents;
 
 use std::path::{Path, PathBuf};
@@ -35,6 +36,7 @@ pub use links::{Links, ObjectSet, ResolvedLinks};
 pub use material::{AlphaMode, Material, Surface, TextureRef};
 pub use mesh_space::MeshSpace;
 pub use rig::Rig;
+pub use sky_map::SkyMap;
 pub use texture::{Encoding, Texture, Wrap};
 
 use crate::error::{Error, Result};

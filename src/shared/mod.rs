@@ -44,6 +44,8 @@ gpu_shared! {
         pub const SHAPE_DISK: u32 = 3;
         /// [`ShadeSoftConstants::shape`]
         pub const SHAPE_RECT: u32 = 4;
+        /// [`ShadeSoftConstants::shape`]
+        pub const SHAPE_DOME: u32 = 5;
         /// Points of a light with a size that moves: each sample sees one of them.
         pub const SOFT_POINTS: u32 = 64;
         /// [`Cutout::first`] without a texture.
@@ -232,7 +234,7 @@ gpu_shared! {
 
         /// A light at unit intensity in mesh space.
         pub struct PackedLight {
-            /// Mesh space; unused for directional lights.
+            /// Mesh space; unused for directional lights. Of a direction of a dome: its colour, whose greatest channel is 1.
             pub position: Vec3,
             /// One of the `LIGHT_` constants.
             pub kind: u32,
@@ -247,7 +249,7 @@ gpu_shared! {
             /// Facet: 1 / tan of half its spread.
             pub narrowing: f32,
             /// Within this squared distance light does not increase any more; mesh space. Facet: at least the squared
-            /// radius of a disk of its area.
+            /// radius of a disk of its area. Of a direction of a dome: 1 / the density with which it was drawn, sr.
             pub squared_radius: f32,
             /// Irradiance at normal incidence, at one unit of mesh space unless the light is directional.
             pub strength: f32,
@@ -362,8 +364,8 @@ gpu_shared! {
             pub image: Write<f32>,
             /// As [`ShadeLightPush::extras`].
             pub extras: Write<f32>,
-            /// The middle of the light; at unit intensity.
-            pub light: PackedLight,
+            /// [`SOFT_POINTS`] points of the light, and its middle; at unit intensity.
+            pub points: Read<PackedLight>,
             /// Of a rectangle: half its width, along it; mesh space. Of others: radius, along any direction across the axis;
             /// of suns, at unit distance.
             pub across: Vec3,
@@ -375,6 +377,7 @@ gpu_shared! {
             pub pixel_stride: u32,
             /// As [`ShadeLightPush::layers`].
             pub layers: u32,
+            pub unused: u32,
         }
 
         /// Rows of a block matrix that share their columns.

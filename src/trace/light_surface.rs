@@ -2,12 +2,13 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use super::linked::LinkedScene;
 use crate::physics::light::{cone, facet, off_axis, window};
+use crate::scene::light_filter::Attached;
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, LightKind, MeshSpace};
+use crate::scene::{Light, LightKind, MeshSpace, SkyMap};
 use crate::shared::{LIGHT_SPOT, PackedLight};
 
 /// A light with a size and what lies between it and a ray's origin.
@@ -36,6 +37,7 @@ enum Shape {
     Disk { radius: f64 },
     Rect { axes: [DVec3; 2], half_size: [f64; 2] },
     Sun { versine: f64 },
+    Sky { map: Option<Attached<SkyMap>>, to_map: DQuat },
 }
 
 /// A point of a light's surface, as a ray sees it.
@@ -128,6 +130,7 @@ impl LightSurface {
                 let versine = 2.0 * quarter * quarter;
                 (Shape::Sun { versine }, TAU * versine)
             }
+            LightKind::Dome => (Shape::Sky { map: light.map.clone(), to_map: light.turn().conjugate() }, 4.0 * PI),
         };
         let projected = match light.kind {
             LightKind::Spot => PI * light.radius * light.radius,
@@ -137,9 +140,12 @@ impl LightSurface {
         (surface.radiance.is_finite() && surface.density.is_finite()).then_some(surface)
     }
 
-    /// Area in mesh space, or solid angle of a sun.
-    pub fn size(&self) -> f64 {
-        self.density.recip()
+    /// Area in mesh space, or solid angle of a sun or dome, for all of which `point` stands.
+    pub fn size(&self, point: &PackedLight) -> f64 {
+        match self.shape {
+            Shape::Sky { .. } => point.squared_radius.into(),
+            _ => self.density.recip(),
+        }
     }
 
     /// What a ray in unit `direction` sees of the light beyond the distance `begin`.
@@ -158,6 +164,11 @@ impl LightSurface {
                     radiance: self.radiance,
                     density: self.density,
                 })
+            }
+            Shape::Sky { map, to_map } => {
+                let (map, direction) = (map.as_deref().unwrap_or(SkyMap::white()), (*to_map * direction).as_vec3());
+                let (radiance, density) = (map.radiance(direction).max_element().into(), map.density(direction));
+                (radiance > 0.0).then_some(LightHit { distance: f64::INFINITY, radiance, density })
             }
             Shape::Sphere { radius } => {
                 let along = to_middle.dot(direction);
@@ -195,8 +206,9 @@ impl LightSurface {
 
     /// Density with which sampling finds `point` of the light from unit `wi` at `distance`, 1/sr.
     pub fn density(&self, point: &PackedLight, wi: DVec3, distance: f64) -> f64 {
-        match self.shape {
+        match &self.shape {
             Shape::Sun { .. } => self.density,
+            Shape::Sky { map, to_map } => map.as_deref().unwrap_or(SkyMap::white()).density((*to_map * wi).as_vec3()),
             _ => self.density * distance * distance / wi.dot(point.direction.as_dvec3()).abs().max(f64::MIN_POSITIVE),
         }
     }

@@ -50,11 +50,13 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     ui.separator();
     lights_list(ui, desk, shares, &mut view.search);
     ui.horizontal_wrapped(|ui| {
-        button(ui, "+ point", Command::New(LightKind::Point), "new point light");
-        button(ui, "+ spot", Command::New(LightKind::Spot), "new spot light");
-        button(ui, "+ sun", Command::New(LightKind::Directional), "new directional light");
-        button(ui, "+ disk", Command::New(LightKind::Disk), "new disk light");
-        button(ui, "+ rect", Command::New(LightKind::Rect), "new rectangle light");
+        ui.label("+");
+        button(ui, "point", Command::New(LightKind::Point), "new point light");
+        button(ui, "spot", Command::New(LightKind::Spot), "new spot light");
+        button(ui, "sun", Command::New(LightKind::Directional), "new directional light");
+        button(ui, "disk", Command::New(LightKind::Disk), "new disk light");
+        button(ui, "rect", Command::New(LightKind::Rect), "new rectangle light");
+        button(ui, "dome", Command::New(LightKind::Dome), "new dome: the sky");
     });
     ui.horizontal(|ui| {
         ui.add_enabled_ui(desk.selected().is_some(), |ui| {

@@ -167,6 +167,7 @@ pub fn kind_name(kind: LightKind) -> &'static str {
         LightKind::Directional => "directional",
         LightKind::Disk => "disk",
         LightKind::Rect => "rectangle",
+        LightKind::Dome => "dome",
     }
 }
 

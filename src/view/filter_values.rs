@@ -14,17 +14,23 @@ use crate::scene::{Light, LightKind};
 pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
     let Some(primary) = desk.selected_light() else { return };
     let mut light = primary.clone();
-    let mut files = [None, None];
+    let mut files = [None, None, None];
     let selected = Selected::of(desk);
     let step = desk.step();
     Grid::new("filters").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
-        if light.kind != LightKind::Directional {
+        if !light.kind.is_far() {
             ui.label("IES");
             let shown = light.filter.ies.as_ref().map(|ies| ies.path_from(folder));
             files[0] = file(ui, &light.name, shown, "file.ies");
             ui.end_row();
         }
-        if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
+        if light.kind == LightKind::Dome {
+            ui.label("map");
+            let shown = light.map.as_ref().map(|map| map.path_from(folder));
+            files[2] = file(ui, &light.name, shown, "sky.hdr");
+            ui.end_row();
+        }
+        if !light.kind.is_far() && light.kind != LightKind::Point {
             ui.label("gobo");
             let shown = light.filter.gobo.as_ref().map(|gobo| gobo.image.path_from(folder));
             files[1] = file(ui, &light.name, shown, "image.png");
@@ -32,7 +38,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
             gobo(ui, &mut light);
             doors(ui, &selected, &mut light);
         }
-        if light.kind != LightKind::Directional {
+        if !light.kind.is_far() {
             ui.label("decay from");
             let field = selected.number(&mut light.decay_start, |light| light.decay_start);
             ui.add(field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m"));
@@ -40,7 +46,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
         }
     });
     desk.edit_primary_and_selection(light);
-    let [ies, gobo] = files;
+    let [ies, gobo, map] = files;
     let mut attach = |typed: Option<Typed>, attach: fn(&mut Desk, &Path, &str)| {
         let Some(Typed { field, name }) = typed else { return };
         let before = desk.version();
@@ -51,6 +57,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
     };
     attach(ies, Desk::attach_profile);
     attach(gobo, Desk::attach_gobo);
+    attach(map, Desk::attach_map);
 }
 
 /// The name of a file, as typed into a field. The field keeps it until the file is attached, so that a typing error

@@ -174,7 +174,7 @@ pub fn color_button(ui: &mut Ui, color: Vec3) -> [f32; 3] {
 }
 
 fn pose(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
-    if light.kind != LightKind::Directional {
+    if !light.kind.is_far() {
         ui.label("position");
         selected.vector(ui, &mut light.position, step * 0.1, |light| light.position);
         ui.end_row();
@@ -212,7 +212,7 @@ fn cone(ui: &mut Ui, selected: &Selected, light: &mut Light) {
 }
 
 fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64, keeps: &mut SizeKeeps) {
-    use LightKind::{Directional, Disk, Point, Rect, Spot};
+    use LightKind::{Directional, Disk, Dome, Point, Rect, Spot};
     let mut keep_radiance = |ui: &mut Ui| {
         let mut radiance = *keeps == SizeKeeps::Radiance;
         let shown = ui.checkbox(&mut radiance, "keep nit");
@@ -251,6 +251,11 @@ fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64, keeps: &
             *of(light) = deg.to_radians();
         }
     };
+    if selected.all_have(&[Dome]) {
+        ui.label("turned");
+        angle(ui, |light| &mut light.rotation, -720.0..=720.0);
+        ui.end_row();
+    }
     if selected.all_have(&[Directional]) {
         ui.label("angle");
         ui.horizontal(|ui| {

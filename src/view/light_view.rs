@@ -106,6 +106,10 @@ fn view(opened: &Opened, light: &Light) -> Camera {
         LightKind::Point if light.has_direction() => {
             (light.position, light.direction, Projection::Perspective { yfov: 1.6 })
         }
+        LightKind::Dome => {
+            let direction = DVec3::NEG_Y;
+            (middle - direction * 2.0 * radius, direction, Projection::Orthographic { ymag: radius })
+        }
         LightKind::Point => {
             let towards = (middle - light.position).try_normalize().unwrap_or(DVec3::NEG_Y);
             (light.position, towards, Projection::Perspective { yfov: 1.6 })

@@ -87,6 +87,9 @@ impl Curve {
 
     /// Aim at the mirror image of `light` as seen from a surface point.
     pub fn aim(&self, light: &ActiveLight, point: &SurfacePoint) -> Option<MirrorAim> {
+        if light.is_all_around() {
+            return None;
+        }
         let directional = light.packed.kind == LIGHT_DIRECTIONAL;
         let to_light = |from: Vec3| match directional {
             true => -light.packed.direction,

@@ -142,8 +142,11 @@ impl Face {
         4.0 * self.half_size.x * self.half_size.y
     }
 
-    /// A light's mirror image and the light's height above the face; `None` if it lies behind the face.
+    /// A light's mirror image and the light's height above the face; `None` if it lies behind the face, or all around.
     fn mirrored(&self, light: &ActiveLight) -> Option<(Vec3, f32)> {
+        if light.is_all_around() {
+            return None;
+        }
         if light.packed.kind == LIGHT_DIRECTIONAL {
             let direction = -light.packed.direction;
             let height = self.normal.dot(direction);

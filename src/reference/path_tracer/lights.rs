@@ -6,7 +6,7 @@ use crate::bake::framebuffer::view_samples::PathSegment;
 use crate::physics::brdf::reflected;
 use crate::physics::light::{Incident, incident};
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, ResolvedLinks, Rig, Scene};
+use crate::scene::{Light, LightKind, ResolvedLinks, Rig, Scene};
 use crate::shared::PackedLight;
 use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::light_surface::{LightInScene, LightSurface};
@@ -164,6 +164,11 @@ impl ActiveLights {
 }
 
 impl ActiveLight {
+    /// Whether it shines from all directions, so that there is nothing to aim at.
+    pub fn is_all_around(&self) -> bool {
+        self.light.kind == LightKind::Dome
+    }
+
     fn linked<'a>(&'a self, scene: &'a TracedScene) -> LinkedScene<'a> {
         scene.linked(self.links.as_ref())
     }

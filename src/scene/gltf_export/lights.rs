@@ -31,7 +31,8 @@ pub fn replace(root: &mut Object, document: &Document, rig: &Rig) -> Result<()> 
             }
         }
     }
-    for index in 0..rig.lights.len() {
+    // glTF has no domes; they are in the embedded rig.
+    for index in (0..rig.lights.len()).filter(|&i| rig.lights[i].kind != LightKind::Dome) {
         writer.write(root, rig, index);
     }
     for List { extension, new, .. } in writer.lists {
@@ -265,7 +266,7 @@ fn punctual_entry(light: &Light, strength: (Vec3, f64), mut entry: Object) -> Ob
     let kind = match light.kind {
         LightKind::Point => "point",
         LightKind::Spot | LightKind::Disk | LightKind::Rect => "spot",
-        LightKind::Directional => "directional",
+        LightKind::Directional | LightKind::Dome => "directional",
     };
     start_entry(&mut entry, kind, light, strength);
     match light.range {

@@ -85,6 +85,14 @@ fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &P
                 tracing::warn!("a file of \"{name}\" lies outside the folder of the scene and is not restored");
                 light.filter = within;
             }
+            light.map = light.map.take().filter(|map| {
+                let is_within = map.is_within(folder);
+                if !is_within {
+                    let name = &light.name;
+                    tracing::warn!("the map of \"{name}\" lies outside the folder of the scene and is not restored");
+                }
+                is_within
+            });
         }
         json::object(scene, "extras").insert(embedded_rig::KEY.into(), rig.to_toml(folder).into());
     }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use super::Profile;
 use crate::error::{Error, Result};
+use crate::scene::SkyMap;
 use crate::scene::files;
 use crate::scene::gltf::profile_files::{file_and_index, path_in_file, read_profile};
 use crate::scene::texture::{Encoding, Image, TexelCount, Texture};
@@ -26,6 +27,11 @@ impl<T> Attached<T> {
         let in_folder = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
         let path = path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned());
         Self { path, hash: blake3::hash(bytes), content: Arc::new(content) }
+    }
+
+    /// Whether the file lies in `folder` or below.
+    pub fn is_within(&self, folder: &Path) -> bool {
+        self.path_from(folder).components().all(|part| matches!(part, Component::Normal(_)))
     }
 
     /// The path as a rig in `folder` writes it: relative, unless nothing leads there.
@@ -77,6 +83,7 @@ pub struct RigFiles<'a> {
     confined: bool,
     profiles: HashMap<PathBuf, Attached<Profile>>,
     images: HashMap<PathBuf, Attached<Texture>>,
+    sky_maps: HashMap<PathBuf, Attached<SkyMap>>,
 }
 
 /// Finer levels of images are discarded: 2048 texels across a spot are finer than its shadows.
@@ -85,7 +92,7 @@ const MAX_SIDE: usize = 2048;
 impl<'a> RigFiles<'a> {
     /// Paths are relative to `folder`.
     pub fn new(folder: &'a Path) -> Self {
-        Self { folder, confined: false, profiles: HashMap::new(), images: HashMap::new() }
+        Self { folder, confined: false, profiles: HashMap::new(), images: HashMap::new(), sky_maps: HashMap::new() }
     }
 
     /// Files in `folder` or below, and no others.
@@ -114,6 +121,12 @@ impl<'a> RigFiles<'a> {
             }
             None => attach(&mut self.profiles, &path, || files::read(&path), decode),
         }
+    }
+
+    /// Reads an environment map: EXR, Radiance, PNG, JPEG or WebP.
+    pub fn sky_map(&mut self, name: &str) -> Result<Attached<SkyMap>> {
+        let path = self.find(name)?;
+        attach(&mut self.sky_maps, &path, || files::read(&path), |bytes| SkyMap::read(&path, bytes))
     }
 
     /// Reads an image: PNG, JPEG or WebP; sRGB.

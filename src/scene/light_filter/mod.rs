@@ -1,4 +1,5 @@
-//! Light filters: what multiplies a light's radiance by the direction of emission. IES profiles, gobos and barn doors.
+//! Light filters: what multiplies a light's radiance by the direction of emission. IES profiles, gobos and barn doors,
+//! and the colours of environment maps.
 //!
 //! Directions are in the light's frame: +x and +y are the axes of width and height ([`Light::axes`]), +z the light's
 //! direction. All points of a light with a size have the same filter.
@@ -9,7 +10,7 @@ pub mod ies;
 mod profile;
 
 use std::f64::consts::FRAC_PI_2;
-use std::path::{Component, Path, PathBuf};
+use std::path::Path;
 
 use glam::{DVec3, Vec3};
 
@@ -18,7 +19,7 @@ pub use self::gobo::Gobo;
 use self::gobo::PosedGobo;
 use self::ies::PhotometricType;
 pub use self::profile::Profile;
-use super::{Light, LightKind};
+use super::{Light, LightKind, SkyMap};
 
 /// The filters of a light; the default has none.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -48,10 +49,9 @@ pub const SOFTNESS_DEG: f64 = 4.0;
 impl LightFilter {
     /// The filters without those whose files lie neither in `folder` nor below.
     pub fn within(&self, folder: &Path) -> Self {
-        let is_within = |path: PathBuf| path.components().all(|part| matches!(part, Component::Normal(_)));
         Self {
-            ies: self.ies.clone().filter(|ies| is_within(ies.path_from(folder))),
-            gobo: self.gobo.clone().filter(|gobo| is_within(gobo.image.path_from(folder))),
+            ies: self.ies.clone().filter(|ies| ies.is_within(folder)),
+            gobo: self.gobo.clone().filter(|gobo| gobo.image.is_within(folder)),
             barn_doors: self.barn_doors,
         }
     }
@@ -63,8 +63,9 @@ impl LightFilter {
 
 /// The filters of a light in its pose.
 pub struct PosedFilter {
-    /// Unit axes of the light's frame.
+    /// Unit axes of the light's frame; of domes, of the map's.
     axes: [Vec3; 3],
+    sky: Option<Attached<SkyMap>>,
     /// The profile, and 1 / its maximum in candela.
     ies: Option<(Attached<Profile>, f64)>,
     gobo: Option<PosedGobo>,
@@ -83,9 +84,20 @@ struct Door {
 }
 
 impl PosedFilter {
-    /// `None` for lights without filters and for directional lights.
+    /// `None` for lights without filters, for directional lights, and for domes without a map.
     pub fn new(light: &Light) -> Option<Self> {
         let LightFilter { ies, gobo, barn_doors } = &light.filter;
+        if light.kind == LightKind::Dome {
+            return light.map.as_ref().map(|map| Self {
+                axes: [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| light.turn().as_quat() * axis),
+                sky: Some(map.clone()),
+                ies: None,
+                gobo: None,
+                doors: Vec::new(),
+                two_sided: false,
+                least_z: -1.0 - SLACK,
+            });
+        }
         if light.filter.is_none() || light.kind == LightKind::Directional {
             return None;
         }
@@ -101,6 +113,7 @@ impl PosedFilter {
         };
         Some(Self {
             least_z,
+            sky: None,
             axes: [width, height, light.direction].map(DVec3::as_vec3),
             ies: ies.as_ref().map(relative),
             gobo: gobo.as_ref().filter(|_| is_flat).map(|gobo| PosedGobo::new(gobo, light)),
@@ -112,6 +125,10 @@ impl PosedFilter {
     /// RGB factor on radiance that is emitted in unit `direction`.
     pub fn factor(&self, direction: Vec3) -> Vec3 {
         let [x, y, mut z] = self.axes.map(|axis| axis.dot(direction));
+        if let Some(sky) = &self.sky {
+            let radiance = sky.radiance(-Vec3::new(x, y, z));
+            return radiance / radiance.max_element().max(f32::MIN_POSITIVE);
+        }
         if z < self.least_z {
             return Vec3::ZERO;
         }

@@ -37,6 +37,9 @@ pub struct LightEntry {
     pub height: Option<Spanned<f64>>,
     pub up: Option<Spanned<[f64; 3]>>,
     pub angle_deg: Option<Spanned<f64>>,
+    /// Of a dome.
+    pub map: Option<Spanned<String>>,
+    pub rotate_deg: Option<Spanned<f64>>,
     pub spread_deg: Option<Spanned<f64>>,
     #[serde(default)]
     pub two_sided: bool,
@@ -102,7 +105,7 @@ pub fn light(
     let strength_at = strengths.into_iter().chain([&entry.stops]).flatten().map(|v| v.span()).next();
     check.one_strength(&entry)?;
     let [inner_angle, outer_angle] = check.cone(entry.inner_deg, entry.outer_deg)?;
-    let position = check.vector(entry.position, "position", kind != LightKind::Directional)?;
+    let position = check.vector(entry.position, "position", !kind.is_far())?;
     let default = Light::point("", DVec3::ZERO);
     let radius = match kind {
         LightKind::Disk => check.needed(entry.radius, "radius")?,
@@ -123,7 +126,7 @@ pub fn light(
         Some(ies) => (DVec3::NEG_Y, ies.max()),
         None => (DVec3::NEG_Z, 1.0),
     };
-    if kind == LightKind::Directional && !filter.is_none()
+    if kind.is_far() && !filter.is_none()
         || kind == LightKind::Point && (filter.gobo.is_some() || filter.barn_doors.is_some())
     {
         let kind = entry.kind.get_ref();
@@ -140,7 +143,9 @@ pub fn light(
         two_sided: entry.two_sided,
         visible: entry.visible,
         position: position.unwrap_or(DVec3::ZERO),
-        direction: check.direction(entry.direction, aim, kind != LightKind::Point)?,
+        map: check.file(entry.map, |name| files.sky_map(name))?,
+        rotation: check.number(entry.rotate_deg, 0.0, "rotate_deg", -1e6..=1e6)?.to_radians(),
+        direction: check.direction(entry.direction, aim, !matches!(kind, LightKind::Point | LightKind::Dome))?,
         color: check.color(entry.color, entry.kelvin, entry.tint)?,
         intensity: check.number(entry.intensity, candela, "intensity", 0.0..=f64::MAX)?,
         stops: check.number(entry.stops, 0.0, "stops", f64::MIN..=f64::MAX)?,
@@ -183,7 +188,7 @@ pub fn light(
     Ok(light)
 }
 
-const KINDS: &str = "`point`, `spot`, `directional`, `sphere`, `disk`, `rect` or `sun`";
+const KINDS: &str = "`point`, `spot`, `directional`, `sphere`, `disk`, `rect`, `sun` or `dome`";
 /// Lengths in metres.
 const SIZES: RangeInclusive<f64> = 0.0..=f64::MAX;
 
@@ -208,7 +213,8 @@ impl Check<'_> {
             "sphere" => Ok(LightKind::Point),
             "disk" => Ok(LightKind::Disk),
             "rect" => Ok(LightKind::Rect),
-            kind @ ("dome" | "emitter") => wrong(format!("kind `{kind}` is reserved and not supported yet")),
+            "dome" => Ok(LightKind::Dome),
+            kind @ "emitter" => wrong(format!("kind `{kind}` is reserved and not supported yet")),
             kind => wrong(format!("kind `{kind}` is unknown, expected {KINDS}")),
         }
     }

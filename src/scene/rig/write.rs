@@ -93,13 +93,14 @@ impl Document {
             LightKind::Directional => "directional",
             LightKind::Disk => "disk",
             LightKind::Rect => "rect",
+            LightKind::Dome => "dome",
         };
         self.header("light");
         self.key("name", string(&light.name));
         self.key("kind", string(kind));
         // Values that a kind ignores are written only if they are not the defaults: they apply again if the kind
         // changes.
-        if light.kind != LightKind::Directional || light.position != DVec3::ZERO {
+        if !light.kind.is_far() || light.position != DVec3::ZERO {
             self.key("position", vector(light.position));
         }
         if light.has_direction() || light.direction != DVec3::NEG_Z {
@@ -141,6 +142,12 @@ impl Document {
         }
         if light.decay_start != default.decay_start {
             self.key("decay_start", number(light.decay_start));
+        }
+        if let Some(map) = &light.map {
+            self.key("map", string(&map.path_from(folder).to_string_lossy()));
+        }
+        if light.rotation != default.rotation {
+            self.key("rotate_deg", number(degrees(light.rotation)));
         }
         self.filter(&light.filter, folder);
         if let Some(group) = light.group {

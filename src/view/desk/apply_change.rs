@@ -11,7 +11,7 @@ use crate::scene::{Light, LightKind, Rig};
 /// filters and links are the other light's. Name, kind, group and leader do not change.
 pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     let mut light = light.clone();
-    if light.kind != LightKind::Directional {
+    if !light.kind.is_far() {
         light.position += after.position - before.position;
     }
     if light.has_direction() && before.direction != after.direction {
@@ -31,6 +31,10 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
         light.inner_angle = inner.clamp(0.0, light.outer_angle);
     }
     light.radius = scaled(light.radius, before.radius, after.radius).max(0.0);
+    if light.kind == LightKind::Dome {
+        light.rotation += after.rotation - before.rotation;
+        take(&mut light.map, &before.map, &after.map);
+    }
     light.angle = scaled(light.angle, before.angle, after.angle).clamp(0.0, std::f64::consts::PI);
     light.spread = scaled(light.spread, before.spread, after.spread).clamp(LEAST_SPREAD, std::f64::consts::PI);
     for side in 0..2 {
@@ -43,10 +47,10 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
         };
     }
     light.decay_start = scaled(light.decay_start, before.decay_start, after.decay_start).max(0.0);
-    if light.kind != LightKind::Directional {
+    if !light.kind.is_far() {
         take(&mut light.filter.ies, &before.filter.ies, &after.filter.ies);
     }
-    if !matches!(light.kind, LightKind::Directional | LightKind::Point) {
+    if !(light.kind.is_far() || light.kind == LightKind::Point) {
         take_gobo(&mut light.filter.gobo, &before.filter.gobo, &after.filter.gobo);
         take(&mut light.filter.barn_doors, &before.filter.barn_doors, &after.filter.barn_doors);
     }

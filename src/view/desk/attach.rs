@@ -1,22 +1,44 @@
-//! Files that the selected lights take: IES profiles and gobos.
+//! Files that the selected lights take: IES profiles, gobos and environment maps.
 
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::Desk;
 use crate::error::Result;
 use crate::scene::light_filter::{Gobo, RigFiles};
 use crate::scene::{Light, LightKind};
+use crate::view::describe::kind_name;
 
 impl Desk {
-    /// Gives the selected lights the file that the user dropped: an IES profile by its extension, else a gobo.
+    /// Gives the selected lights the file that the user dropped: by its extension an IES profile or an environment map,
+    /// else a gobo. A map makes a new dome if none is selected, an image is the map of a selected dome.
     pub fn attach(&mut self, path: &Path) {
         let name = path.to_string_lossy();
-        match path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ies")) {
-            true => self.attach_profile(Path::new(""), &name),
-            false => self.attach_gobo(Path::new(""), &name),
+        let is = |wanted: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
+        let is_dome = self.selected_light().is_some_and(|light| light.kind == LightKind::Dome);
+        match () {
+            () if is("ies") => self.attach_profile(Path::new(""), &name),
+            () if is_dome => self.attach_map(Path::new(""), &name),
+            () if is("hdr") || is("exr") => self.add_dome(&name),
+            () => self.attach_gobo(Path::new(""), &name),
         }
+    }
+
+    /// Gives the selected domes the environment map `name` in `folder`; an empty name removes theirs.
+    pub fn attach_map(&mut self, folder: &Path, name: &str) {
+        let Some(map) = self.read(name, |name| RigFiles::new(folder).sky_map(name)) else { return };
+        self.edit_each(|_, light| match light.kind {
+            LightKind::Dome => Ok(Light { map: map.clone(), ..light.clone() }),
+            _ => Err("only domes have a map"),
+        });
+    }
+
+    /// Adds a dome with the environment map `name`, as bright as the map.
+    fn add_dome(&mut self, name: &str) {
+        let Some(map) = self.read(name, |name| RigFiles::new(Path::new("")).sky_map(name)) else { return };
+        let light = Light::point(&self.light_names().claim(kind_name(LightKind::Dome)), DVec3::ZERO);
+        self.insert(vec![Light { kind: LightKind::Dome, map, visible: true, ..light }]);
     }
 
     /// Gives the selected lights the IES profile `name` in `folder`, and its intensity; an empty name removes theirs.
@@ -24,8 +46,8 @@ impl Desk {
         let Some(profile) = self.read(name, |name| RigFiles::new(folder).profile(name)) else { return };
         self.edit_each(|_, light| {
             let mut light = light.clone();
-            if light.kind == LightKind::Directional {
-                return Err("a directional light has no IES profile");
+            if light.kind.is_far() {
+                return Err("a directional light or dome has no IES profile");
             }
             if let Some(profile) = &profile {
                 light.intensity = profile.max();
@@ -39,7 +61,7 @@ impl Desk {
     pub fn attach_gobo(&mut self, folder: &Path, name: &str) {
         let Some(image) = self.read(name, |name| RigFiles::new(folder).image(name)) else { return };
         self.edit_each(|_, light| {
-            if matches!(light.kind, LightKind::Directional | LightKind::Point) {
+            if light.kind.is_far() || light.kind == LightKind::Point {
                 return Err("only spots, disks and rectangles have a gobo");
             }
             let gobo = |image| match &light.filter.gobo {

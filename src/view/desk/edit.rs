@@ -95,11 +95,12 @@ impl Desk {
         let like = self.selected_light().unwrap_or(light);
         let mut light = light.clone();
         match edit {
-            LightEdit::Move { .. } if light.kind == LightKind::Directional => {
-                return Err("a directional light has no position; turn it");
+            LightEdit::Move { .. } if light.kind.is_far() => {
+                return Err("a directional light or dome has no position; turn it");
             }
             LightEdit::Move { frame: Frame::Camera, axis } => light.position += axes * (axis * self.step),
             LightEdit::Move { frame: Frame::World, axis } => light.position += axis * self.step,
+            LightEdit::Turn { right, .. } if light.kind == LightKind::Dome => light.rotation -= right.to_radians(),
             LightEdit::Turn { .. } if !light.has_direction() => {
                 return Err("a point light shines in all directions and cannot turn");
             }
@@ -160,6 +161,7 @@ impl Desk {
             LightKind::Rect => light.size = light.size.map(|side| grown(side, self.step)),
             LightKind::Directional => light.angle = grown(light.angle, SUN).min(PI),
             LightKind::Point | LightKind::Spot | LightKind::Disk => light.radius = grown(light.radius, self.step),
+            LightKind::Dome => {}
         }
     }
 }

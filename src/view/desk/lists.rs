@@ -1,5 +1,7 @@
 //! Adding, duplicating and deleting lights.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use glam::DVec3;
 
 use super::Desk;
@@ -20,9 +22,9 @@ impl Desk {
         light.kind = kind;
         light.direction = (target - position).normalize();
         // White diffuse radiance 0.5: E = pi/2 lux at the target.
-        let lux = std::f64::consts::FRAC_PI_2 * f64::from(-exposure).exp2();
-        let at_target = if kind == LightKind::Directional { 1.0 } else { (target - position).length_squared() };
-        light.intensity = two_digits(lux * at_target);
+        let lux = FRAC_PI_2 * f64::from(-exposure).exp2();
+        let at_target = if kind.is_far() { 1.0 } else { (target - position).length_squared() };
+        light.intensity = two_digits(if kind == LightKind::Dome { lux / PI } else { lux * at_target });
         (light.inner_angle, light.outer_angle) = match kind {
             LightKind::Spot => (15f64.to_radians(), 20f64.to_radians()),
             _ => (light.inner_angle, light.outer_angle),
@@ -30,9 +32,10 @@ impl Desk {
         match kind {
             LightKind::Disk => light.radius = two_digits(0.1 * distance),
             LightKind::Rect => light.size = [0.25 * distance, 0.125 * distance].map(two_digits),
+            LightKind::Dome => light.visible = true,
             LightKind::Point | LightKind::Spot | LightKind::Directional => {}
         }
-        if kind == LightKind::Directional {
+        if kind.is_far() {
             light.position = DVec3::ZERO;
         }
         self.insert(vec![light]);
@@ -62,7 +65,7 @@ impl Desk {
         self.insert(lights);
     }
 
-    fn insert(&mut self, lights: Vec<Light>) {
+    pub(super) fn insert(&mut self, lights: Vec<Light>) {
         if lights.is_empty() {
             self.message = "no light is selected".into();
             return;
@@ -106,7 +109,7 @@ impl Desk {
     }
 
     /// Returns the names of all lights.
-    fn light_names(&self) -> UniqueNames {
+    pub(super) fn light_names(&self) -> UniqueNames {
         let mut names = UniqueNames::default();
         for light in &self.rig.lights {
             names.claim(&light.name);

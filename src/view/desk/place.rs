@@ -25,6 +25,7 @@ impl Desk {
     pub fn place(&mut self, at: Pick) {
         self.edit_primary(|desk, light| match light.kind {
             LightKind::Directional => Err("a directional light has no position; aim it"),
+            LightKind::Dome => Err("a dome has no position; turn it"),
             _ => Ok(Light { position: at.position + at.normal * desk.lift, ..light.clone() }),
         });
     }
@@ -33,9 +34,11 @@ impl Desk {
     pub fn aim(&mut self, at: Pick) {
         self.edit_each(|_, light| {
             let direction = match light.kind {
-                _ if !light.has_direction() => return Err("a point light shines in all directions and cannot aim"),
+                _ if !light.has_direction() => {
+                    return Err("a point light or dome shines in all directions and cannot aim");
+                }
                 LightKind::Directional => -at.normal,
-                LightKind::Point | LightKind::Spot | LightKind::Disk | LightKind::Rect => {
+                LightKind::Dome | LightKind::Point | LightKind::Spot | LightKind::Disk | LightKind::Rect => {
                     (at.position - light.position).try_normalize().ok_or("it is at that point")?
                 }
             };
@@ -82,7 +85,7 @@ impl Desk {
 /// point.
 fn moved_to(light: &Light, point: DVec3, direction: DVec3, free: f64) -> Light {
     let mut light = light.clone();
-    if light.kind != LightKind::Directional {
+    if !light.kind.is_far() {
         light.position = point + direction * (light.position - point).length().min((1.0 - MARGIN) * free);
     }
     if light.has_direction() {

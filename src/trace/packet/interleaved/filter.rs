@@ -124,12 +124,12 @@ impl PointLanes {
         let light = &points[0];
         let at = |i: usize| if light.kind == LIGHT_DIRECTIONAL { -points[i].direction } else { points[i].position };
         let mean = 1.0 / points.len() as f32;
-        let middle = points.iter().map(|point| point.position).sum::<Vec3>() * mean;
+        let middle = (0..points.len()).map(at).sum::<Vec3>() * mean;
         Self {
             kind: light.kind,
             at: [0, 1, 2].map(|axis| std::array::from_fn(|lane| at(point(lane))[axis])),
             middle,
-            size2: points.iter().map(|point| point.position.distance_squared(middle)).sum::<f32>() * mean,
+            size2: (0..points.len()).map(|i| at(i).distance_squared(middle)).sum::<f32>() * mean,
             axis: light.direction,
         }
     }
@@ -162,10 +162,10 @@ impl PointLanes {
         self.distance2(position) > FAR * FAR * self.size2
     }
 
-    /// Squared distance to the middle of the light; infinite for directional lights.
+    /// Squared distance to the middle of the light; 1 for directions, whose ends are on the unit sphere.
     fn distance2(&self, position: Vec3) -> f32 {
         match self.kind {
-            LIGHT_DIRECTIONAL => f32::INFINITY,
+            LIGHT_DIRECTIONAL => 1.0,
             _ => self.middle.distance_squared(position).max(f32::MIN_POSITIVE),
         }
     }
@@ -192,7 +192,11 @@ impl Weights {
             }
         }
         let (position, normal) = samples.lane(lane);
-        Self { sums, position, normal, reach2: REACH * REACH * points.distance2(position) }
+        let reach2 = match points.kind {
+            LIGHT_DIRECTIONAL => f32::INFINITY,
+            _ => REACH * REACH * points.distance2(position),
+        };
+        Self { sums, position, normal, reach2 }
     }
 
     /// Whether they are accurate enough for another sample.

@@ -1,0 +1,282 @@
+//! Environment maps: the radiance that arrives from each direction of the sphere, and directions drawn by it.
+//!
+//! Maps are equirectangular: at (x, y, z) they are read at u = atan2(x, -z) / 2 pi, v = acos(y) / pi, so the middle of a
+//! map is +z and its right quarter -x. Radiance is interpolated bilinearly between the middles of texels.
+
+use std::f64::consts::{PI, TAU};
+use std::path::Path;
+use std::sync::LazyLock;
+
+use glam::{DVec3, Vec3};
+use image::ImageReader;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::image::{exr, luminance};
+
+/// An environment map and its distribution.
+pub struct SkyMap {
+    width: usize,
+    height: usize,
+    /// Linear Rec. 709, row by row from the top.
+    texels: Vec<Vec3>,
+    /// Cells along each side of a texel: within a cell, all directions are drawn with the same density.
+    cells_a_side: usize,
+    /// Shares of the rows of cells before each row, and 1.
+    rows: Vec<f64>,
+    /// For each row, shares of its cells up to each.
+    columns: Vec<f64>,
+}
+
+/// A direction drawn from a map.
+#[derive(Clone, Copy, Debug)]
+pub struct SkyDirection {
+    /// Unit, towards the sky, in the frame of the map.
+    pub direction: DVec3,
+    /// Density with which it is drawn, 1/sr.
+    pub density: f64,
+}
+
+/// Finer maps are reduced by averages of blocks: twenty bytes a texel, 170 MB.
+const MAX_WIDTH: usize = 4096;
+/// Cells across coarse maps.
+const CELLS: usize = 1024;
+/// Most texels that are decoded.
+const MAX_TEXELS: u64 = 1 << 28;
+/// Brightest texel: sums of all remain finite.
+const MAX_RADIANCE: f32 = 1e30;
+
+impl SkyMap {
+    /// White in all directions.
+    pub fn white() -> &'static Self {
+        static WHITE: LazyLock<SkyMap> = LazyLock::new(|| SkyMap::new(1, 1, vec![Vec3::ONE]));
+        &WHITE
+    }
+
+    /// Reads an EXR, Radiance (HDR), PNG, JPEG or WebP file; the last three are sRGB. What is negative or no number
+    /// becomes black.
+    pub fn read(path: &Path, bytes: &[u8]) -> Result<Self> {
+        let is_exr = bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]);
+        let (width, height, texels) = if is_exr { read_exr(path)? } else { decode(path, bytes)? };
+        let bad = texels.iter().filter(|texel| !(texel.is_finite() && texel.min_element() >= 0.0)).count();
+        if bad > 0 {
+            tracing::warn!("\"{}\": {bad} texels are negative or no numbers; they become black", path.display());
+        }
+        let (width, height, texels) = reduced(width, height, texels);
+        Ok(Self::new(width, height, texels))
+    }
+
+    /// `texels`: row by row, width * height of them; at least one.
+    fn new(width: usize, height: usize, mut texels: Vec<Vec3>) -> Self {
+        for texel in &mut texels {
+            *texel = Vec3::from_array(texel.to_array().map(|x| if x >= 0.0 { x.min(MAX_RADIANCE) } else { 0.0 }));
+        }
+        let cells_a_side = match texels.len() {
+            1 => 1,
+            _ => (CELLS / width).min(CELLS / height).max(1),
+        };
+        let mut map = Self { width, height, texels, cells_a_side, rows: vec![0.0], columns: Vec::new() };
+        let [columns, rows] = map.cells();
+        let row = |y: usize| {
+            let weights: Vec<f64> = (0..columns).map(|x| map.brightness(x, y)).collect();
+            let total: f64 = weights.iter().sum();
+            let mut sum = 0.0;
+            let shares = weights.iter().zip(1..).map(|(weight, count)| {
+                sum += weight;
+                if total > 0.0 { sum / total } else { f64::from(count) / columns as f64 }
+            });
+            (shares.collect::<Vec<f64>>(), total * row_solid_angle(y, rows))
+        };
+        let by_row: Vec<(Vec<f64>, f64)> = (0..rows).into_par_iter().map(row).collect();
+        let total: f64 = by_row.iter().map(|(_, weight)| weight).sum();
+        let mut sum = 0.0;
+        for (y, (shares, weight)) in by_row.into_iter().enumerate() {
+            sum += weight;
+            map.columns.extend(shares);
+            map.rows.push(if total > 0.0 { sum / total } else { (y + 1) as f64 / rows as f64 });
+        }
+        map
+    }
+
+    /// Columns and rows of cells.
+    fn cells(&self) -> [usize; 2] {
+        [self.width, self.height].map(|side| side * self.cells_a_side)
+    }
+
+    /// Mean luminance of a cell.
+    fn brightness(&self, x: usize, y: usize) -> f64 {
+        let at = |cell: usize, offset: f32| (cell as f32 + offset) / self.cells_a_side as f32;
+        let corner = |i: usize| self.interpolated(at(x, [0.25, 0.75][i % 2]), at(y, [0.25, 0.75][i / 2]));
+        0.25 * (0..4).map(|i| f64::from(luminance(corner(i).to_array()))).sum::<f64>()
+    }
+
+    /// Radiance from a unit direction in the frame of the map.
+    pub fn radiance(&self, direction: Vec3) -> Vec3 {
+        let [u, v] = place(direction);
+        self.interpolated(u * self.width as f32, v * self.height as f32)
+    }
+
+    /// At a place in units of texels.
+    fn interpolated(&self, x: f32, y: f32) -> Vec3 {
+        let (x, y) = (x - 0.5, y - 0.5);
+        let ([x0, y0], [fx, fy]) = ([x.floor(), y.floor()], [x - x.floor(), y - y.floor()]);
+        let column = |x: f32| (x as i64).rem_euclid(self.width as i64) as usize;
+        let row = |y: f32| (y.max(0.0) as usize).min(self.height - 1);
+        let along = |y: f32| {
+            let texels = &self.texels[row(y) * self.width..][..self.width];
+            texels[column(x0)].lerp(texels[column(x0 + 1.0)], fx)
+        };
+        along(y0).lerp(along(y0 + 1.0), fy)
+    }
+
+    /// Density with which [`Self::draw`] finds a unit direction in the frame of the map, 1/sr.
+    pub fn density(&self, direction: Vec3) -> f64 {
+        let [u, v] = place(direction);
+        let [columns, rows] = self.cells();
+        let x = ((u * columns as f32) as usize).min(columns - 1);
+        let y = ((v * rows as f32) as usize).min(rows - 1);
+        self.cell_density(x, y)
+    }
+
+    /// Draws a direction with a density that follows the map's luminance. `[u, v]`: in the unit square; u leads downwards,
+    /// so lattices become spherical lattices [Keinert 2015] under an even sky.
+    pub fn draw(&self, [u, v]: [f64; 2]) -> SkyDirection {
+        let [columns, rows] = self.cells();
+        let y = (self.rows.partition_point(|&before| before <= u).max(1) - 1).min(rows - 1);
+        let within_row = ((u - self.rows[y]) / (self.rows[y + 1] - self.rows[y])).clamp(0.0, 1.0);
+        let row = &self.columns[y * columns..][..columns];
+        let x = row.partition_point(|&up_to| up_to <= v).min(columns - 1);
+        let before = if x > 0 { row[x - 1] } else { 0.0 };
+        let within_cell = ((v - before) / (row[x] - before)).clamp(0.0, 1.0);
+        let [top, bottom] = [y, y + 1].map(|edge| (PI * edge as f64 / rows as f64).cos());
+        let cosine = top + (bottom - top) * within_row;
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let (sin, cos) = (TAU * (x as f64 + within_cell) / columns as f64).sin_cos();
+        SkyDirection { direction: DVec3::new(sine * sin, cosine, -sine * cos), density: self.cell_density(x, y) }
+    }
+
+    fn cell_density(&self, x: usize, y: usize) -> f64 {
+        let [columns, rows] = self.cells();
+        let row = &self.columns[y * columns..][..columns];
+        let before = if x > 0 { row[x - 1] } else { 0.0 };
+        let share = (row[x] - before) * (self.rows[y + 1] - self.rows[y]);
+        share * columns as f64 / row_solid_angle(y, rows)
+    }
+}
+
+impl std::fmt::Debug for SkyMap {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+/// Of the row between two circles of latitude.
+fn row_solid_angle(y: usize, height: usize) -> f64 {
+    let [top, bottom] = [y, y + 1].map(|edge| PI * edge as f64 / height as f64);
+    // The difference of their cosines without cancellation.
+    TAU * 2.0 * ((top + bottom) / 2.0).sin() * ((bottom - top) / 2.0).sin()
+}
+
+/// Where a map is read: u from 0 to 1, v from 0 at the top to 1.
+fn place(direction: Vec3) -> [f32; 2] {
+    const TURN: f32 = TAU as f32;
+    let u = direction.x.atan2(-direction.z) / TURN;
+    [if u < 0.0 { u + 1.0 } else { u }, direction.y.clamp(-1.0, 1.0).acos() / PI as f32]
+}
+
+type Texels = (usize, usize, Vec<Vec3>);
+
+fn read_exr(path: &Path) -> Result<Texels> {
+    let mut image = exr::read(path)?;
+    let layer = image.layers.iter().position(|layer| layer.name.is_empty()).unwrap_or(0);
+    let pixels = image.layers.swap_remove(layer).pixels;
+    Ok((image.width, image.height, pixels.into_iter().map(Vec3::from_array).collect()))
+}
+
+fn decode(path: &Path, bytes: &[u8]) -> Result<Texels> {
+    let malformed = |cause| Error::import_from(path, "the map cannot be decoded", cause);
+    let reader = || ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
+    let dimensions = reader().map_err(Error::io("read", path))?.into_dimensions().map_err(malformed)?;
+    if u64::from(dimensions.0) * u64::from(dimensions.1) > MAX_TEXELS {
+        return Err(Error::import(path, format!("{}x{} texels are too many", dimensions.0, dimensions.1)));
+    }
+    let mut reader = reader().map_err(Error::io("read", path))?;
+    reader.no_limits();
+    let image = reader.decode().map_err(malformed)?;
+    let is_linear = matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_));
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let linear = |x: f32| match x {
+        _ if is_linear => x,
+        // IEC 61966-2-1.
+        x if x <= 0.04045 => x / 12.92,
+        x => ((x + 0.055) / 1.055).powf(2.4),
+    };
+    let texels = image.into_rgb32f().pixels().map(|pixel| Vec3::from_array(pixel.0.map(linear))).collect();
+    Ok((width, height, texels))
+}
+
+/// Halves a map until it is at most [`MAX_WIDTH`] wide.
+fn reduced(mut width: usize, mut height: usize, mut texels: Vec<Vec3>) -> Texels {
+    while width > MAX_WIDTH && width.is_multiple_of(2) && height.is_multiple_of(2) {
+        let old = std::mem::take(&mut texels);
+        let mean = |x: usize, y: usize| {
+            let at = |x: usize, y: usize| old[y * width + x];
+            (at(2 * x, 2 * y) + at(2 * x + 1, 2 * y) + at(2 * x, 2 * y + 1) + at(2 * x + 1, 2 * y + 1)) / 4.0
+        };
+        texels = (0..height / 2).flat_map(|y| (0..width / 2).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        (width, height) = (width / 2, height / 2);
+    }
+    (width, height, texels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(width: usize, height: usize, radiance: impl Fn(usize, usize) -> f32) -> SkyMap {
+        let texels = (0..width * height).map(|i| Vec3::splat(radiance(i % width, i / width))).collect();
+        SkyMap::new(width, height, texels)
+    }
+
+    #[test]
+    fn the_middle_is_before_us_and_the_right_quarter_to_the_left() {
+        let map = map(8, 4, |x, y| (8 * y + x) as f32);
+        let near = |direction: Vec3, column: f32, row: f32| {
+            let want = 8.0 * row + column;
+            let got = map.radiance(direction.normalize()).x;
+            assert!((got - want).abs() < 1e-3, "{direction}: {got}, want {want}");
+        };
+        near(Vec3::Z, 3.5, 1.5);
+        near(Vec3::NEG_X, 5.5, 1.5);
+        near(Vec3::X, 1.5, 1.5);
+        near(Vec3::Y, 3.5, 0.0);
+    }
+
+    #[test]
+    fn drawn_directions_have_the_density_that_is_told() {
+        let bright = map(16, 8, |x, y| if (x, y) == (3, 2) { 1000.0 } else { (x % 3) as f32 });
+        for map in [bright, map(1, 1, |_, _| 2.0), map(7, 3, |_, _| 0.0), map(1, 9, |_, y| y as f32)] {
+            let (mut light, mut ones) = (0.0, 0.0);
+            for i in 0..4096 {
+                let along = f64::from(i) + 0.5;
+                let drawn = map.draw([along / 4096.0, (along * 0.618_033_988_749_894_9).fract()]);
+                let direction = drawn.direction.as_vec3();
+                assert!((drawn.direction.length() - 1.0).abs() < 1e-12);
+                let told = map.density(direction * 0.999_999);
+                // At edges, rounding leads to the neighbour.
+                ones += f64::from(u8::from((told / drawn.density - 1.0).abs() < 1e-6)) / 4096.0;
+                light += f64::from(map.radiance(direction).x) / drawn.density / 4096.0;
+            }
+            assert!(ones > 0.99, "{map:?}: {ones}");
+            // Midpoint rule over the sphere.
+            let place = |i: u32| [f64::from(i % 512) / 512.0, f64::from(i / 512) / 512.0].map(|x| x + 0.5 / 512.0);
+            let want = (0..1 << 18).map(place).map(|[u, v]| {
+                let (sin, cos) = (TAU * u).sin_cos();
+                let direction = DVec3::new((PI * v).sin() * sin, (PI * v).cos(), -(PI * v).sin() * cos).as_vec3();
+                f64::from(map.radiance(direction).x) * (PI * v).sin() * PI * TAU / f64::from(1 << 18)
+            });
+            let want: f64 = want.sum();
+            assert!((light - want).abs() <= 0.01 * want, "{map:?}: {light}, want {want}");
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! Light from all directions where the answer is known: relit, and traced by the path tracer.
+
+mod common;
+
+use std::f64::consts::{PI, TAU};
+use std::path::Path;
+
+use common::stage::{Build, Setup, Stage, lambert, look, pixels, rig};
+use common::{assert_near, gpu, output_dir, shared, shipped, transfer};
+use glam::{DVec3, Vec3};
+use relume::image::{Image, exr};
+use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
+use relume::relight::{Detail, Layers, Request};
+use relume::scene::light_filter::Attached;
+use relume::scene::{Camera, Light, LightKind, Projection, Rig, RigFiles, Scene, SkyMap};
+use relume::trace::bvh::TracedScene;
+
+const ALBEDO: f64 = 0.6;
+
+fn dome(map: Option<Attached<SkyMap>>) -> Light {
+    Light { kind: LightKind::Dome, map, ..Light::point("sky", DVec3::ZERO) }
+}
+
+/// A map as a file, read again.
+fn map(name: &str, [width, height]: [usize; 2], radiance: impl Fn(usize, usize) -> Vec3) -> Attached<SkyMap> {
+    let pixels = (0..width * height).map(|i| radiance(i % width, i / width).to_array()).collect();
+    let path = output_dir().join(format!("{name}.exr"));
+    exr::write(&path, &Image::single(width, height, pixels)).unwrap();
+    RigFiles::new(Path::new("")).sky_map(&path.to_string_lossy()).unwrap()
+}
+
+/// Blue above, brown below, and two lamps.
+fn studio() -> Attached<SkyMap> {
+    map("studio", [64, 32], |x, y| match (x, y) {
+        (20..24, 8..11) => Vec3::new(60.0, 50.0, 30.0),
+        (50..52, 12..14) => Vec3::new(5.0, 10.0, 40.0),
+        _ if y < 16 => Vec3::new(0.3, 0.5, 0.9),
+        _ => Vec3::new(0.2, 0.12, 0.06),
+    })
+}
+
+fn balls() -> (Scene, Camera) {
+    let scene = Scene::load(&shipped("balls-2.glb")).unwrap();
+    let camera = scene.cameras[0].clone();
+    (scene, camera)
+}
+
+fn settings(max_bounces: Option<u32>, size: u32) -> Settings {
+    Settings {
+        width: size,
+        height: size,
+        layers: 4,
+        max_bounces,
+        filter: Filter::Centre,
+        bounce_layers: 0,
+        light_layers: false,
+        seed: 1,
+    }
+}
+
+/// Relative RMSE, the worst 0.1 % of pixels left out, and bias.
+fn errors(image: &[[f32; 3]], truth: &[[f32; 3]]) -> [f64; 2] {
+    let difference = |(a, b): (&[f32; 3], &[f32; 3])| Vec3::from(*a).as_dvec3() - Vec3::from(*b).as_dvec3();
+    let pairs = || image.iter().zip(truth);
+    let mut squares: Vec<f64> = pairs().map(difference).map(DVec3::length_squared).collect();
+    squares.sort_by(f64::total_cmp);
+    let error: f64 = squares[..squares.len() * 999 / 1000].iter().sum();
+    let values = || truth.iter().flatten().map(|x| f64::from(*x));
+    let bias = pairs().map(difference).map(DVec3::element_sum).sum::<f64>() / values().sum::<f64>();
+    [(error / values().map(|x| x * x).sum::<f64>()).sqrt(), bias]
+}
+
+/// A white dome of unit radiance gives planes that see nothing else the radiance of their albedo.
+#[test]
+fn white_domes() {
+    let gpu = gpu();
+    let facing = |normal: DVec3| {
+        let (u, v) = normal.any_orthonormal_pair();
+        let mut build = Build::default();
+        let grey = build.material(lambert(Vec3::splat(ALBEDO as f32)));
+        build.quad(DVec3::ZERO, 4.0 * u, 4.0 * v, grey);
+        (build.scene(), look(normal, DVec3::ZERO, u, Projection::Orthographic { ymag: 0.5 }))
+    };
+    let white = [None, Some(map("white", [3, 2], |_, _| Vec3::ONE))];
+    for (scene, camera) in [DVec3::Y, DVec3::Z, DVec3::new(0.6, -0.64, 0.48)].map(facing) {
+        for light in white.clone().map(dome) {
+            let (setup, all) = (Setup::new(8, 8), rig(vec![light]));
+            let stage = Stage::new(scene.clone(), &camera, &all, &setup);
+            for (detail, tolerance) in [(Detail::Exact, 1e-3), (Detail::Coarse, 3e-2)] {
+                let mut relighter = stage.relighter(&gpu, &all, &setup);
+                let picture = relighter.linear(Request { detail, ..Request::default() }).unwrap();
+                let mean = picture.iter().flatten().map(|&x| f64::from(x)).sum::<f64>() / (3 * picture.len()) as f64;
+                println!("{detail:?}: {mean}");
+                assert_near(mean, ALBEDO, tolerance, format!("{detail:?}"));
+            }
+            let traced = TracedScene::new(scene.clone());
+            let film = PathTracer::new(&traced, &camera, &all, &settings(Some(0), 8)).trace(512, &|| false, &|_| ());
+            let layer = film.layer(Half::Both, Layer::Direct);
+            let mean = layer.iter().flatten().map(|&x| f64::from(x)).sum::<f64>() / (3 * layer.len()) as f64;
+            assert_near(mean, ALBEDO, 2e-3, "path tracer");
+        }
+    }
+}
+
+/// A bright texel is a sun.
+#[test]
+fn one_texel_is_a_sun() {
+    let gpu = gpu();
+    let (scene, camera) = balls();
+    let size = [512, 256];
+    let texel = [300, 60];
+    let bright = map("texel", size, |x, y| if [x, y] == texel { Vec3::new(1e6, 5e5, 2e5) } else { Vec3::ZERO });
+    let [u, v] = [0, 1].map(|axis| (texel[axis] as f64 + 0.5) / size[axis] as f64);
+    let towards = DVec3::new((PI * v).sin() * (TAU * u).sin(), (PI * v).cos(), -(PI * v).sin() * (TAU * u).cos());
+    let solid_angle = TAU / 512.0 * PI / 256.0 * (PI * v).sin();
+    let sun = Light {
+        kind: LightKind::Directional,
+        direction: -towards,
+        color: Vec3::new(1.0, 0.5, 0.2),
+        intensity: 1e6 * solid_angle,
+        ..Light::point("sun", DVec3::ZERO)
+    };
+    let setup = Setup::new(96, 64);
+    let picture = |light: Light| {
+        let all = rig(vec![light]);
+        let stage = Stage::new(scene.clone(), &camera, &all, &setup);
+        pixels(&mut stage.relighter(&gpu, &all, &setup), Layers::Direct)
+    };
+    let [error, bias] = errors(&picture(dome(Some(bright))), &picture(sun));
+    assert!(error < 0.05 && bias.abs() < 0.005, "off by {error}, {bias}");
+}
+
+/// Seven turns of a seventh lead back to the same bytes.
+#[test]
+fn turned_all_around() {
+    let gpu = gpu();
+    let (scene, camera) = balls();
+    let setup = Setup::new(48, 32);
+    let mut all = rig(vec![Light { visible: true, ..dome(Some(studio())) }]);
+    let stage = Stage::new(scene, &camera, &all, &setup);
+    let mut relighter = stage.relighter(&gpu, &all, &setup);
+    let first = pixels(&mut relighter, Layers::All);
+    for turn in 0..7 {
+        all.lights[0].rotation += TAU / 7.0;
+        relighter.set_rig(&all).unwrap();
+        let picture = pixels(&mut relighter, Layers::All);
+        assert_eq!(turn == 6, picture == first, "after turn {turn}");
+    }
+}
+
+/// At rest and while it turns, beside the path tracer.
+#[test]
+fn domes_against_the_path_tracer() {
+    let gpu = gpu();
+    let (scene, camera) = balls();
+    let setup = Setup::new(128, 128);
+    let light = Light { rotation: 0.7, ..dome(Some(studio())) };
+    let all = rig(vec![light]);
+    let mut stage = Stage::new(scene.clone(), &camera, &all, &setup);
+    let traced = TracedScene::new(scene);
+    let film = PathTracer::new(&traced, &camera, &all, &settings(Some(0), 128)).trace(128, &|| false, &|_| ());
+    let truth = film.layer(Half::Both, Layer::Direct);
+    let [error, bias] = errors(&pixels(&mut stage.relighter(&gpu, &all, &setup), Layers::Direct), &truth);
+    println!("direct light at rest: error {error:.4}, bias {bias:+.4}");
+    // The path tracer's own noise is most of it.
+    assert!(error < 0.03 && bias.abs() < 0.005, "off by {error}, {bias}");
+    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(1600, 80, 64)));
+    let [moving, exact] = [Detail::Coarse, Detail::Exact].map(|detail| {
+        let request = Request { detail, ..Request::default() };
+        stage.relighter(&gpu, &all, &setup).linear(request).unwrap().to_vec()
+    });
+    let [error, bias] = errors(&moving, &exact);
+    println!("while it turns: error {error:.4}, bias {bias:+.4}");
+    assert!(error < 0.1 && bias.abs() < 0.02, "while it turns: off by {error}, {bias}");
+}
+
+/// Another renderer's picture under a map of a room with lamps; means over 4x4 pixels.
+#[test]
+fn agrees_with_another_renderer() {
+    let files = ["env_home_office_full_lights.hdr", "balls-office-0.direct.a.exr", "balls-office-0.direct.b.exr"];
+    let Some([office, a, b]) = files
+        .map(|file| shared(&format!("reference/lights/{file}")))
+        .into_iter()
+        .collect::<Option<Vec<_>>>()
+        .map(|found| <[_; 3]>::try_from(found).unwrap())
+    else {
+        return;
+    };
+    let gpu = gpu();
+    let (scene, camera) = balls();
+    let setup = Setup::new(384, 256);
+    let all = rig(vec![dome(Some(RigFiles::new(Path::new("")).sky_map(&office.to_string_lossy()).unwrap()))]);
+    let stage = Stage::new(scene, &camera, &all, &setup);
+    let got = pixels(&mut stage.relighter(&gpu, &all, &setup), Layers::Direct);
+    let [a, b] = [a, b].map(|path| exr::read(&path).unwrap().layers.remove(0).pixels);
+    let truth: Vec<[f32; 3]> = a.iter().zip(&b).map(|(a, b)| [0, 1, 2].map(|c| 0.5 * (a[c] + b[c]))).collect();
+    let [error, bias] = errors(&blocks(&got), &blocks(&truth));
+    println!("error {error:.4}, bias {bias:+.4}");
+    assert!(error < 0.02 && bias.abs() < 0.01, "off by {error}, {bias}");
+}
+
+/// Means over 4x4 pixels of 384x256.
+fn blocks(image: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let pixel = |x: usize, y: usize| Vec3::from(image[y * 384 + x]);
+    let mean = |i: usize| (0..16).map(|j| pixel(i % 96 * 4 + j % 4, i / 96 * 4 + j / 4)).sum::<Vec3>() / 16.0;
+    (0..96 * 64).map(|i| mean(i).to_array()).collect()
+}
+
+/// Odd maps give finite pictures; what is no map gives an error that names it.
+#[test]
+fn odd_maps() {
+    let gpu = gpu();
+    let (scene, camera) = balls();
+    let setup = Setup::new(24, 16);
+    let strange = |x: usize, _: usize| match x % 4 {
+        0 => Vec3::splat(f32::NAN),
+        1 => Vec3::new(-3.0, f32::INFINITY, 1.0),
+        2 => Vec3::splat(1e6),
+        _ => Vec3::splat(1e-30),
+    };
+    for map in [
+        map("one", [1, 1], |_, _| Vec3::splat(0.5)),
+        map("black", [4, 2], |_, _| Vec3::ZERO),
+        map("strange", [16, 8], strange),
+        map("pole", [16, 8], |_, y| if y == 0 { Vec3::splat(1e6) } else { Vec3::ZERO }),
+        map("horizon", [1, 9], |_, y| if y == 4 { Vec3::ONE } else { Vec3::ZERO }),
+    ] {
+        let all = rig(vec![Light { visible: true, ..dome(Some(map)) }]);
+        let stage = Stage::new(scene.clone(), &camera, &all, &setup);
+        for detail in [Detail::Coarse, Detail::Exact] {
+            let request = Request { detail, ..Request::default() };
+            let picture = stage.relighter(&gpu, &all, &setup).linear(request).unwrap().to_vec();
+            assert!(picture.iter().flatten().all(|x| x.is_finite() && *x >= 0.0), "{all:?}, {detail:?}");
+        }
+    }
+    let path = output_dir().join("no_map.hdr");
+    std::fs::write(&path, "#?RADIANCE\n\n-Y 7 +X 9999999\n").unwrap();
+    let error = RigFiles::new(Path::new("")).sky_map(&path.to_string_lossy()).unwrap_err();
+    assert!(error.chain().contains("no_map.hdr"), "{}", error.chain());
+}
+
+/// A rig file with a dome reads back as it was.
+#[test]
+fn rig_files() {
+    let light = Light { rotation: 90f64.to_radians(), visible: true, ..dome(Some(studio())) };
+    let mut all: Rig = rig(vec![light]);
+    all.lights[0].name = "sky".into();
+    let folder = output_dir();
+    let path = folder.join("dome.toml");
+    std::fs::write(&path, all.to_toml(&folder)).unwrap();
+    assert_eq!(Rig::load(&path).unwrap().lights, all.lights);
+}
