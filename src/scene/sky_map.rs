@@ -11,6 +11,7 @@ use glam::{DVec3, Vec3};
 use image::ImageReader;
 use rayon::prelude::*;
 
+use super::texture::{TexelCount, srgb_to_linear};
 use crate::error::{Error, Result};
 use crate::image::{exr, luminance};
 
@@ -41,10 +42,10 @@ pub struct SkyDirection {
 const MAX_WIDTH: usize = 4096;
 /// Cells across coarse maps.
 const CELLS: usize = 1024;
-/// Most texels that are decoded.
-const MAX_TEXELS: u64 = 1 << 28;
 /// Brightest texel: sums of all remain finite.
 const MAX_RADIANCE: f32 = 1e30;
+/// The largest number in half precision: what infinite texels were before they overflowed, or more.
+const OVERFLOWED: f32 = 65_504.0;
 
 impl SkyMap {
     /// White in all directions.
@@ -53,24 +54,24 @@ impl SkyMap {
         &WHITE
     }
 
-    /// Reads an EXR, Radiance (HDR), PNG, JPEG or WebP file; the last three are sRGB. What is negative or no number
-    /// becomes black.
+    /// Reads an EXR, Radiance (HDR), PNG, JPEG or WebP file; the last three are sRGB. Channels that are negative or no
+    /// number become black, infinite ones [`OVERFLOWED`].
     pub fn read(path: &Path, bytes: &[u8]) -> Result<Self> {
         let is_exr = bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]);
-        let (width, height, texels) = if is_exr { read_exr(path)? } else { decode(path, bytes)? };
-        let bad = texels.iter().filter(|texel| !(texel.is_finite() && texel.min_element() >= 0.0)).count();
+        let (width, height, mut texels) = if is_exr { read_exr(path)? } else { decode(path, bytes)? };
+        let bad = clean(&mut texels);
         if bad > 0 {
-            tracing::warn!("\"{}\": {bad} texels are negative or no numbers; they become black", path.display());
+            let path = path.display();
+            tracing::warn!(
+                "\"{path}\": {bad} texels are negative or no numbers, or infinite; they become 0 or {OVERFLOWED}"
+            );
         }
         let (width, height, texels) = reduced(width, height, texels);
         Ok(Self::new(width, height, texels))
     }
 
-    /// `texels`: row by row, width * height of them; at least one.
-    fn new(width: usize, height: usize, mut texels: Vec<Vec3>) -> Self {
-        for texel in &mut texels {
-            *texel = Vec3::from_array(texel.to_array().map(|x| if x >= 0.0 { x.min(MAX_RADIANCE) } else { 0.0 }));
-        }
+    /// `texels`: row by row, width * height of them; at least one; finite and not negative.
+    fn new(width: usize, height: usize, texels: Vec<Vec3>) -> Self {
         let cells_a_side = match texels.len() {
             1 => 1,
             _ => (CELLS / width).min(CELLS / height).max(1),
@@ -194,37 +195,45 @@ fn read_exr(path: &Path) -> Result<Texels> {
 }
 
 fn decode(path: &Path, bytes: &[u8]) -> Result<Texels> {
-    let malformed = |cause| Error::import_from(path, "the map cannot be decoded", cause);
-    let reader = || ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
-    let dimensions = reader().map_err(Error::io("read", path))?.into_dimensions().map_err(malformed)?;
-    if u64::from(dimensions.0) * u64::from(dimensions.1) > MAX_TEXELS {
-        return Err(Error::import(path, format!("{}x{} texels are too many", dimensions.0, dimensions.1)));
-    }
-    let mut reader = reader().map_err(Error::io("read", path))?;
+    TexelCount::default().add(bytes).map_err(|refusal| refusal.at(path, "the map"))?;
+    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
+    let mut reader = reader.map_err(Error::io("read", path))?;
     reader.no_limits();
+    let malformed = |cause| Error::import_from(path, "the map cannot be decoded", cause);
     let image = reader.decode().map_err(malformed)?;
     let is_linear = matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_));
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let linear = |x: f32| match x {
-        _ if is_linear => x,
-        // IEC 61966-2-1.
-        x if x <= 0.04045 => x / 12.92,
-        x => ((x + 0.055) / 1.055).powf(2.4),
-    };
+    let linear = |x: f32| if is_linear { x } else { srgb_to_linear(x.into()) as f32 };
     let texels = image.into_rgb32f().pixels().map(|pixel| Vec3::from_array(pixel.0.map(linear))).collect();
     Ok((width, height, texels))
 }
 
-/// Halves a map until it is at most [`MAX_WIDTH`] wide.
+/// Makes texels finite and not negative; returns how many were not.
+fn clean(texels: &mut [Vec3]) -> usize {
+    let channel = |x: f32| match x {
+        f32::INFINITY => OVERFLOWED,
+        x if x >= 0.0 => x.min(MAX_RADIANCE),
+        _ => 0.0,
+    };
+    let mut bad = 0;
+    for texel in texels {
+        bad += usize::from(!(texel.is_finite() && texel.min_element() >= 0.0));
+        *texel = Vec3::from_array(texel.to_array().map(channel));
+    }
+    bad
+}
+
+/// Halves a map until it is at most [`MAX_WIDTH`] wide. A last column or row without a partner is a block of its own.
 fn reduced(mut width: usize, mut height: usize, mut texels: Vec<Vec3>) -> Texels {
-    while width > MAX_WIDTH && width.is_multiple_of(2) && height.is_multiple_of(2) {
+    while width > MAX_WIDTH {
         let old = std::mem::take(&mut texels);
         let mean = |x: usize, y: usize| {
-            let at = |x: usize, y: usize| old[y * width + x];
+            let at = |x: usize, y: usize| old[y.min(height - 1) * width + x.min(width - 1)];
             (at(2 * x, 2 * y) + at(2 * x + 1, 2 * y) + at(2 * x, 2 * y + 1) + at(2 * x + 1, 2 * y + 1)) / 4.0
         };
-        texels = (0..height / 2).flat_map(|y| (0..width / 2).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
-        (width, height) = (width / 2, height / 2);
+        let halves = [width, height].map(|side| side.div_ceil(2));
+        texels = (0..halves[1]).flat_map(|y| (0..halves[0]).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        [width, height] = halves;
     }
     (width, height, texels)
 }
@@ -250,6 +259,22 @@ mod tests {
         near(Vec3::NEG_X, 5.5, 1.5);
         near(Vec3::X, 1.5, 1.5);
         near(Vec3::Y, 3.5, 0.0);
+    }
+
+    #[test]
+    fn bad_texels_are_black_or_bright_and_spoil_no_others() {
+        let mut texels = [Vec3::new(f32::NAN, -1.0, 2.0), Vec3::new(f32::INFINITY, f32::NEG_INFINITY, 0.0), Vec3::ONE];
+        assert_eq!(clean(&mut texels), 2);
+        assert_eq!(texels, [Vec3::new(0.0, 0.0, 2.0), Vec3::new(OVERFLOWED, 0.0, 0.0), Vec3::ONE]);
+    }
+
+    #[test]
+    fn wide_maps_are_halved_whatever_their_sides() {
+        for (width, height, want) in [(4096, 3, (4096, 3)), (8192, 2, (4096, 1)), (8193, 3, (2049, 1))] {
+            let (new_width, new_height, texels) = reduced(width, height, vec![Vec3::ONE; width * height]);
+            assert_eq!((new_width, new_height), want);
+            assert_eq!(texels, vec![Vec3::ONE; want.0 * want.1]);
+        }
     }
 
     #[test]

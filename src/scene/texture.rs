@@ -327,7 +327,12 @@ fn halves(texel: [u16; 4]) -> ([u8; 4], [u8; 4]) {
     (texel.map(|c| (c >> 8) as u8), texel.map(|c| c as u8))
 }
 
-/// Tables from stored to linear values: IEC 61966-2-1, or the identity.
+/// IEC 61966-2-1.
+pub(super) fn srgb_to_linear(c: f64) -> f64 {
+    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Tables from stored to linear values: sRGB, or the identity.
 struct Decode {
     of_8_bits: Vec<f32>,
     of_16_bits: Vec<f32>,
@@ -340,8 +345,7 @@ impl Decode {
     }
 
     fn of(encoding: Encoding) -> &'static Self {
-        static SRGB: LazyLock<Decode> =
-            LazyLock::new(|| Decode::new(|c| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }));
+        static SRGB: LazyLock<Decode> = LazyLock::new(|| Decode::new(srgb_to_linear));
         static LINEAR: LazyLock<Decode> = LazyLock::new(|| Decode::new(|c| c));
         match encoding {
             Encoding::Srgb => &SRGB,

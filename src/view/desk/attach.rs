@@ -17,11 +17,14 @@ impl Desk {
         let name = path.to_string_lossy();
         let is = |wanted: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
         let is_dome = self.selected_light().is_some_and(|light| light.kind == LightKind::Dome);
-        match () {
-            () if is("ies") => self.attach_profile(Path::new(""), &name),
-            () if is_dome => self.attach_map(Path::new(""), &name),
-            () if is("hdr") || is("exr") => self.add_dome(&name),
-            () => self.attach_gobo(Path::new(""), &name),
+        if is("ies") {
+            self.attach_profile(Path::new(""), &name);
+        } else if is_dome {
+            self.attach_map(Path::new(""), &name);
+        } else if is("hdr") || is("exr") {
+            self.add_dome(&name);
+        } else {
+            self.attach_gobo(Path::new(""), &name);
         }
     }
 
