@@ -240,8 +240,11 @@ fn rigs_that_are_none() {
     refused(b"[[light]]\nname = \"a\"\nbrightness = 3\n", &["brightness", "3"]);
     refused(b"[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0,0,0]\nwattage = 3\n", &["wattage", "line 5"]);
     refused(b"[lights]\n", &["lights"]);
-    refused(b"[[light]]\nname = \"a\"\nkind = \"emitter\"\nmaterial = \"b\"\n", &["material", "4"]);
-    refused(b"[[light]]\nname = \"a\"\nkind = \"emitter\"\n", &["emitter", "reserved"]);
+    refused(
+        b"[[light]]\nname = \"a\"\nkind = \"emitter\"\nmaterial = \"b\"\n",
+        &["light \"a\"", "nothing in the scene emits"],
+    );
+    refused(b"[[light]]\nname = \"a\"\nkind = \"emitter\"\n", &["material", "line 3"]);
     refused(b"[[light]]\nname = \"a\"\nkind = \"dome\"\nmap = \"none.hdr\"\n", &["none.hdr", "4"]);
     refused(
         b"[[light]]\nname = \"a\"\nkind = \"point\"\nposition = [0,0,0]\nradius = -1.0\n",

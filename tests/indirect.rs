@@ -577,7 +577,8 @@ fn compressed_pictures_are_what_the_factors_say() {
     let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
     let nested = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ()).unwrap();
     assert!(nested.is_consistent(framebuffer.samples.len()) && nested.haar && nested.chain.len() == 3);
-    let by_emitters = resolved(&stage, &nested.emission.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
+    let [light] = &nested.emission[..] else { panic!("there is one emitter") };
+    let by_emitters = resolved(&stage, &light.radiance.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
     stage.transfer = Some(Arc::new(nested));
     let nested = stage.transfer.as_ref().unwrap();
     let mut relighter = stage.relighter(&gpu, &lights(), &setup);

@@ -141,7 +141,7 @@ fn wrong_rigs_name_the_line() {
         (format!("{spot}spread_deg = 0\n"), "line 6: light \"a\": spread_deg is 0"),
         (format!("{spot}angle_deg = 181\n"), "line 6: light \"a\": angle_deg is 181"),
         (format!("{spot}up = [0, nan, 0]\n"), "line 6: light \"a\": up must be finite"),
-        (light.replace("point", "emitter"), "kind `emitter` is reserved"),
+        (light.replace("point", "emitter"), "line 3: light \"a\": an emitter needs the name of its material"),
         (light.replace("point", "laser"), "line 3: light \"a\": kind `laser` is unknown"),
         (format!("{light}\n{light}"), "line 7: light \"a\" is defined twice"),
         (format!("{light}\n{}", light.replace("\"a\"", "\"\"")), "the name is empty"),
@@ -232,8 +232,8 @@ fn links() -> impl Strategy<Value = Links> {
 }
 
 fn light() -> impl Strategy<Value = Light> {
-    use LightKind::{Directional, Disk, Dome, Point, Rect, Spot};
-    let kinds = [Point, Spot, Directional, Disk, Rect, Dome];
+    use LightKind::{Directional, Disk, Dome, Emitter, Point, Rect, Spot};
+    let kinds = [Point, Spot, Directional, Disk, Rect, Dome, Emitter];
     let kind = proptest::sample::select(kinds.to_vec());
     let lengths = [0.0..10.0f64, 0.0..10.0f64, 0.0..10.0f64];
     let sizes = (lengths, vector(2.0), 0.0..=180.0f64, 0.01..=180.0f64, any::<bool>());
@@ -273,6 +273,7 @@ fn light() -> impl Strategy<Value = Light> {
                     radius,
                     size: [width, height],
                     map: None,
+                    material: (kind == LightKind::Emitter).then(|| format!("of {radius}")),
                     rotation: spread.to_radians(),
                     up,
                     angle: angle.to_radians(),

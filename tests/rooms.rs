@@ -11,7 +11,7 @@ use relume::bake::transport::{LightTransport, TransferSettings};
 use relume::physics::brdf::{cosine_direction, reflected};
 use relume::physics::light::incident;
 use relume::physics::sequence::Points;
-use relume::scene::{Light, Material, Projection, Scene};
+use relume::scene::{Light, LightKind, Material, Projection, Scene};
 use relume::trace::bvh::TracedScene;
 use relume::trace::packet::shadow_ray;
 
@@ -47,6 +47,7 @@ fn a_furnished_room_keeps_its_light() {
             LESS[..=last].iter().for_each(|(_, take)| take(material));
             material.emissive = Vec3::ZERO;
         }
+        scene.rig.lights.retain(|light| light.kind != LightKind::Emitter);
         let scene = TracedScene::new(scene);
         let lit = Lit { scene: &scene, camera: &scene.cameras[0], rig: &scene.rig, size: [96, 64] };
         for (bounces, samples) in [(Some(1), 2048), (Some(1), 8192), (None, 8192)] {

@@ -90,15 +90,11 @@ fn nothing_is_left_out_of_the_transfer_where_that_is_asked_for() {
         let settings = SessionSettings { force_all, samples, ..small() };
         Session::open(&scene, None, &settings, &()).unwrap()
     };
-    let emission = |session: &Session| session.transfer.as_ref().unwrap().emission.len();
-    assert_eq!(emission(&open(false, 1)), 0, "nothing emits in this scene");
     let transfer = |session: &Session| session.transfer.clone().unwrap();
-    assert!(transfer(&open(false, 1)).samples.iter().all(|sample| sample.degrees == 1), "nor is anything glossy");
+    assert!(transfer(&open(false, 1)).samples.iter().all(|sample| sample.degrees == 1), "nothing is glossy");
     for samples in [1, 4] {
         let forced = open(true, samples);
         assert!(transfer(&forced).all_degrees, "{samples} samples");
-        assert_eq!(emission(&forced), forced.framebuffer.samples.len(), "{samples} samples");
-        assert!(forced.transfer.unwrap().emission.iter().all(|e| *e == glam::Vec3::ZERO));
     }
 }
 

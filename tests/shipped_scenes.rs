@@ -92,7 +92,7 @@ fn the_room_loads_whole_and_without_a_warning() {
     assert_eq!(scene.mesh.triangles.len(), made.triangle_count());
     assert!((80_000..120_000).contains(&made.triangle_count()), "{} triangles", made.triangle_count());
     assert_eq!(scene.textures.len(), made.textures.len(), "each texture is used, and one way");
-    assert_eq!((scene.rig.lights.len(), scene.cameras.len()), (5, 1));
+    assert_eq!((scene.rig.lights.len(), scene.cameras.len()), (7, 1), "two of the lights are emitters");
     assert_eq!(scene.image_size, Some([720, 480]));
     let count = |what: fn(&Material) -> bool| scene.materials.iter().filter(|m| what(m)).count();
     assert_eq!(count(|m| m.alpha_mode == AlphaMode::Mask { cutoff: 0.5 }), 1, "leaves");

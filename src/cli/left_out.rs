@@ -45,9 +45,6 @@ pub fn left_out(counts: &FramebufferCounts, rig: &Rig, traced: bool, unseen: Opt
         }
         Some(_) => (),
     }
-    if !counts.has_emission {
-        add("emission", "no emitter is visible", megabytes(12 * counts.pixels));
-    }
     if counts.own_brdfs == 0 {
         let saves = megabytes(counts.pixels * size_of::<Brdf>());
         add("BRDFs of single samples", "no texture or vertex colour is visible", saves);

@@ -61,8 +61,8 @@ pub struct SceneOptions {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: Option<u32>,
     /// Also calculates what a bake leaves out because the scene does not need it: all mirror layers over all pixels, a
-    /// BRDF and a specular lobe for each view sample, direct and indirect light of emitters. The picture is the same.
-    /// docs/options.md tells what this does not cover.
+    /// BRDF and a specular lobe for each view sample. The picture is the same. docs/options.md tells what this does not
+    /// cover.
     #[arg(long)]
     pub force_all: bool,
     #[command(flatten)]

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use relume::gpu::PassTime;
 use relume::image::{Image, exr, png};
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
-use relume::scene::Rig;
+use relume::scene::{LightKind, Rig};
 use relume::{Error, Result};
 
 use super::options::{Exposure, check_extension};
@@ -72,7 +72,9 @@ impl Passes {
         let lights = &rig.lights;
         match self {
             Self::All => {
-                let each = lights.iter().map(|light| Light(light.name.clone()));
+                // All emitters are one layer.
+                let each = lights.iter().filter(|light| light.kind != LightKind::Emitter);
+                let each = each.map(|light| Light(light.name.clone()));
                 let emission = has.emission.then_some(Emission);
                 let indirect = if has.indirect { &[Indirect, IndirectGlossy][..] } else { &[] };
                 let always = [Beauty, Direct, Reflection].iter().chain(indirect).cloned();

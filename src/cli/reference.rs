@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use relume::image::exr::{self, ExrMetadata};
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
-use relume::scene::Rig;
+use relume::scene::{LightKind, Rig};
 use relume::session::{BakeReport, Opened, build_bvh, check_fits, cpu_seconds, peak_bytes};
 use relume::{Error, Result};
 use serde_json::json;
@@ -257,7 +257,8 @@ impl Passes {
         let light = |light: usize| Layer::Light(light as u32);
         match self {
             Self::All => {
-                let lights = (0..rig.lights.len()).map(light);
+                let is_emitter = |light: &usize| rig.lights[*light].kind == LightKind::Emitter;
+                let lights = (0..rig.lights.len()).filter(|light| !is_emitter(light)).map(light);
                 Ok(NAMED.map(|(_, layer)| layer).into_iter().chain((1..=8).map(Layer::Bounce)).chain(lights).collect())
             }
             Self::List(passes) => {

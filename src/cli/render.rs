@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use relume::scene::Rig;
+use relume::scene::{Emitters, Rig};
 use relume::{Error, Result};
 
 use super::options::{DisplayOptions, LightOptions, RecordOptions, SceneOptions};
@@ -42,6 +42,8 @@ pub fn run(args: &Args) -> Result<()> {
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
     let target = args.light_options.target()?;
     let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
+    let emitters = Emitters::of(&session.scene);
+    let rigs: Vec<Rig> = rigs.iter().map(|rig| emitters.complete(rig).into_owned()).collect();
     let first = session.rig.clone();
     let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let rigs: Vec<(String, &Rig)> = match rigs.as_slice() {

@@ -23,8 +23,8 @@ pub struct Footprint {
     /// View samples beyond one for each pixel.
     pub extra_samples: usize,
     pub brdfs: usize,
-    /// Whether any emitter is seen.
-    pub emits: bool,
+    /// Emitters that are seen.
+    pub emitters: usize,
     pub lights: usize,
     /// Whether any light has a size.
     pub sizes: bool,
@@ -137,7 +137,7 @@ impl Footprint {
         part("pixels with extra view samples", Cause::Pixels, size_of::<ExtraPixel>() * extras, 1);
         part("indices of extra view samples", Cause::Pixels, size_of::<u32>() * extras, 1);
         part("radiance of extra view samples", Cause::Pixels, 12 * extras, batch_size(self.lights));
-        let images = LightCache::slot_range(self.lights).0 + 1 + usize::from(self.emits) + 2 * usize::from(self.sizes);
+        let images = LightCache::slot_range(self.lights).0 + 1 + self.emitters + 2 * usize::from(self.sizes);
         part("a light image", Cause::Pixels, 12 * pixels, images);
         part("a picture", Cause::Pixels, 4 * pixels, 1);
         let packed = |samples: usize| samples.next_multiple_of(PACKET_SIZE);

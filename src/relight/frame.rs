@@ -2,10 +2,8 @@
 
 use std::time::Instant;
 
-use glam::Vec3;
-
 use super::inspect::{Inspection, Inspector};
-use super::light_cache::{LightPoints, POINTS_A_STEP, Plan, Source, Step, Term};
+use super::light_cache::{LightPoints, POINTS_A_STEP, Plan, Step};
 use super::light_sights::LightSights;
 use super::output::{Output, Outputs};
 use super::passes::{FrameResources, Seeing};
@@ -59,10 +57,7 @@ impl Relighter {
         match picture {
             Picture::Whole => self.cache.plan(),
             Picture::Light(light) => self.cache.plan_light(light),
-            Picture::Emission => {
-                let emission = Term { source: Source::Emission, scale: Vec3::ONE };
-                Plan { steps: Vec::new(), picture: self.gpu.emission.iter().map(|_| emission).collect() }
-            }
+            Picture::Emission => self.cache.plan_emitters(),
             Picture::Sheet => {
                 let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
                 self.cache.plan_sheet(Grid::new(self.rig().lights.len(), [width, height]).len())

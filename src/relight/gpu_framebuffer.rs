@@ -1,5 +1,6 @@
 //! The deep framebuffer on the device.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -9,63 +10,94 @@ use crate::bake::framebuffer::view_samples::resolve;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context};
+use crate::scene::{Emitters, Scene};
 use crate::shared::*;
 
-/// Buffers of the deep framebuffer that kernels read, and the emission.
+/// Buffers of the deep framebuffer that kernels read, and light of emitters.
 pub struct GpuFramebuffer {
     pub samples: Buffer<ViewSample>,
     pub brdfs: Buffer<Brdf>,
     pub extra_samples: Buffer<ExtraSample>,
     pub extra_indices: Buffer<u32>,
     pub extra_pixels: Buffer<ExtraPixel>,
-    /// Planes R, G, B; `None` if nothing emits.
-    pub emission: Option<Buffer<f32>>,
+    pub emitters: EmitterImages,
+}
+
+/// What each emitter contributes to the picture: as it is seen, and all its indirect light. Planes R, G, B.
+pub struct EmitterImages {
+    /// Emitters that contribute nothing have none.
+    images: Vec<Buffer<f32>>,
+    /// Index of its image, by the emitter's material.
+    by_material: HashMap<String, usize>,
 }
 
 impl GpuFramebuffer {
-    pub fn new(context: &Arc<Context>, framebuffer: &DeepFramebuffer, transfer: Option<&Transfer>) -> Result<Self> {
+    pub fn new(
+        context: &Arc<Context>,
+        scene: &Scene,
+        framebuffer: &DeepFramebuffer,
+        transfer: Option<&Transfer>,
+    ) -> Result<Self> {
         Ok(Self {
             samples: Buffer::from_slice(context, "view samples", &framebuffer.samples)?,
             brdfs: Buffer::from_slice(context, "brdfs", &framebuffer.brdfs)?,
             extra_samples: Buffer::from_slice(context, "view samples (extra)", &framebuffer.extra_samples)?,
             extra_indices: Buffer::from_slice(context, "view samples (extra indices)", &framebuffer.extra_indices)?,
             extra_pixels: Buffer::from_slice(context, "view samples (extra pixels)", &framebuffer.extra_pixels)?,
-            emission: upload_emission(context, framebuffer, transfer)?,
+            emitters: EmitterImages::new(context, scene, framebuffer, transfer)?,
         })
     }
 }
 
-/// Uploads the emission; `None` if nothing emits.
-pub fn upload_emission(
-    context: &Arc<Context>,
-    framebuffer: &DeepFramebuffer,
-    transfer: Option<&Transfer>,
-) -> Result<Option<Buffer<f32>>> {
-    let emission = emission(framebuffer, transfer);
-    (!emission.is_empty()).then(|| Buffer::from_slice(context, "emission", &emission)).transpose()
+impl EmitterImages {
+    pub fn new(
+        context: &Arc<Context>,
+        scene: &Scene,
+        framebuffer: &DeepFramebuffer,
+        transfer: Option<&Transfer>,
+    ) -> Result<Self> {
+        let mut all = Self { images: Vec::new(), by_material: HashMap::new() };
+        for (emitter, material) in Emitters::of(scene).names.into_iter().enumerate() {
+            if let Some(planes) = planes(emitter as u32, framebuffer, transfer) {
+                all.by_material.insert(material, all.images.len());
+                all.images.push(Buffer::from_slice(context, "emitter", &planes)?);
+            }
+        }
+        Ok(all)
+    }
+
+    /// Index of the image of each emitter, by its material.
+    pub fn by_material(&self) -> &HashMap<String, usize> {
+        &self.by_material
+    }
+
+    pub fn image(&self, index: usize) -> &Buffer<f32> {
+        &self.images[index]
+    }
 }
 
-/// Radiance of visible emitters and all their indirect light: planes R, G, B; empty if nothing emits.
-fn emission(framebuffer: &DeepFramebuffer, transfer: Option<&Transfer>) -> Vec<f32> {
-    let Some(transfer) = transfer.filter(|t| !t.emission.is_empty()) else {
-        return framebuffer.emission.clone();
-    };
+/// Radiance of an emitter as it is seen, and all its indirect light: planes R, G, B; `None` if there is none.
+fn planes(emitter: u32, framebuffer: &DeepFramebuffer, transfer: Option<&Transfer>) -> Option<Vec<f32>> {
     let stride = framebuffer.pixel_stride();
-    let radiance: Vec<DVec3> = transfer.emission.iter().map(|e| e.as_dvec3()).collect();
-    let (pixels, extras) = radiance.split_at(stride);
-    let mut image = pixels.to_vec();
-    resolve(
-        &framebuffer.extra_pixels,
-        &framebuffer.extra_indices,
-        &framebuffer.extra_samples,
-        extras,
-        u32::MAX,
-        &mut image,
-    );
-    let mut planes = framebuffer.emission.clone();
-    planes.resize(3 * stride, 0.0);
-    for (i, pixel) in image.iter().enumerate() {
-        (0..3).for_each(|plane| planes[plane * stride + i] += pixel[plane] as f32);
+    let light = transfer.and_then(|transfer| transfer.emission.iter().find(|light| light.emitter == emitter));
+    let seen = framebuffer.emission.iter().filter(|part| part.emitter == emitter);
+    if light.is_none() && seen.clone().next().is_none() {
+        return None;
     }
-    planes
+    let mut image = vec![DVec3::ZERO; stride];
+    if let Some(light) = light {
+        let radiance: Vec<DVec3> = light.radiance.iter().map(|e| e.as_dvec3()).collect();
+        let (pixels, extras) = radiance.split_at(stride);
+        image.copy_from_slice(pixels);
+        resolve(
+            &framebuffer.extra_pixels,
+            &framebuffer.extra_indices,
+            &framebuffer.extra_samples,
+            extras,
+            u32::MAX,
+            &mut image,
+        );
+    }
+    seen.for_each(|part| image[part.pixel as usize] += part.radiance.as_dvec3());
+    Some((0..3).flat_map(|plane| image.iter().map(move |pixel| pixel[plane] as f32)).collect())
 }

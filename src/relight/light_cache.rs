@@ -22,7 +22,7 @@ use glam::Vec3;
 pub use self::plan::{Detail, LightPoints, Plan, Shade, Source, Step, Term};
 pub use self::points::POINTS_A_STEP;
 use self::slots::Slots;
-use crate::scene::{Light, Links, Rig};
+use crate::scene::{Light, LightKind, Links, Rig};
 use crate::shared::MAX_TERMS;
 
 /// Maximum nodes in the focus. If more are edited, the focus is empty and the picture is the rest alone.
@@ -40,7 +40,7 @@ pub struct LightCache {
     node_of_group: Vec<Option<usize>>,
     slots: Slots,
     focus: Vec<usize>,
-    /// Terms of the rest, emission included; `None` if it must be recomputed.
+    /// Terms of the rest; `None` if it must be recomputed.
     rest: Option<Vec<Term>>,
     /// Whether any image in the rest is coarse.
     rest_is_coarse: bool,
@@ -52,7 +52,8 @@ pub struct LightCache {
     selected: Option<Vec<usize>>,
     /// Edited nodes of the last plan that had any.
     edited_before: Vec<usize>,
-    has_emission: bool,
+    /// Index of the image of each emitter that is seen, by its material.
+    emitters: HashMap<String, usize>,
     /// Leaf whose image at its last checkpoint is in [`Source::Checkpoint`]. The others wait at their first one.
     compared: Option<usize>,
     /// Accuracy of images computed from now on.
@@ -97,8 +98,9 @@ impl LightCache {
         (most.min(2 * depth as usize + MAX_FOCUS + BATCH + 4), most)
     }
 
-    /// A cache without images. `slot_count` must be at least the minimum of [`Self::slot_range`].
-    pub fn new(rig: &Rig, slot_count: usize, has_emission: bool) -> Self {
+    /// A cache without images. `slot_count` must be at least the minimum of [`Self::slot_range`]. `emitters`: see
+    /// [`Self::invalidate`].
+    pub fn new(rig: &Rig, slot_count: usize, emitters: HashMap<String, usize>) -> Self {
         let mut cache = Self {
             rig: rig.with_solo_applied().into_owned(),
             nodes: Vec::new(),
@@ -113,7 +115,7 @@ impl LightCache {
             edited: Vec::new(),
             selected: None,
             edited_before: Vec::new(),
-            has_emission,
+            emitters,
             compared: None,
             detail: Detail::Exact,
             clock: 0,
@@ -187,9 +189,9 @@ impl LightCache {
         self.picture_is_coarse
     }
 
-    /// Invalidates all images. `has_emission`: whether the rest includes emission.
-    pub fn invalidate(&mut self, has_emission: bool) {
-        self.has_emission = has_emission;
+    /// Invalidates all images. `emitters`: index of the image of each emitter that is seen, by its material.
+    pub fn invalidate(&mut self, emitters: HashMap<String, usize>) {
+        self.emitters = emitters;
         for node in 0..self.nodes.len() {
             self.release(node);
         }
@@ -355,11 +357,22 @@ impl LightCache {
         }
     }
 
-    /// Plans the rest, the sum of `nodes` and emission; returns its terms.
+    /// Plans the picture of all emitters together.
+    pub fn plan_emitters(&mut self) -> Plan {
+        self.clock += 1;
+        let mut plan = Plan::default();
+        let is_emitter = |light: &usize| self.rig.lights[*light].kind == LightKind::Emitter;
+        let emitters = (0..self.rig.lights.len()).filter(is_emitter);
+        let nodes: Vec<_> = emitters.map(|light| (self.leaf_of[light], self.rig.scale(light))).collect();
+        plan.picture = self.make_rest(&nodes, &mut plan.steps);
+        self.rest = None;
+        plan
+    }
+
+    /// Plans the rest, the sum of `nodes`; returns its terms.
     fn make_rest(&mut self, nodes: &[(usize, Vec3)], steps: &mut Vec<Step>) -> Vec<Term> {
         self.rest_is_coarse = false;
-        let emission = Term { source: Source::Emission, scale: Vec3::ONE };
-        let mut terms: Vec<Term> = self.has_emission.then_some(emission).into_iter().collect();
+        let mut terms: Vec<Term> = Vec::new();
         let nodes: Vec<_> = nodes.iter().filter(|(_, scale)| *scale != Vec3::ZERO).collect();
         if nodes.is_empty() {
             return terms;
@@ -579,7 +592,7 @@ fn same_image(a: &Light, b: &Light, same_sets: bool) -> bool {
         && (a.spread, a.two_sided, a.visible) == (b.spread, b.two_sided, b.visible)
         && (a.inner_angle, a.outer_angle, a.range, a.shadows) == (b.inner_angle, b.outer_angle, b.range, b.shadows)
         && (a.decay_start, &a.filter) == (b.decay_start, &b.filter)
-        && (a.rotation, &a.map) == (b.rotation, &b.map)
+        && (a.rotation, &a.map, &a.material) == (b.rotation, &b.map, &b.material)
         && a.links == b.links
         && (same_sets || a.links == Links::default())
 }

@@ -38,7 +38,7 @@ use glam::{Vec3, Vec4};
 
 pub use self::device_choice::{DeviceSpeed, choose_device};
 use self::finite_check::FiniteCheck;
-use self::gpu_framebuffer::{GpuFramebuffer, upload_emission};
+use self::gpu_framebuffer::{EmitterImages, GpuFramebuffer};
 use self::indirect::Indirect;
 use self::inspect::Inspector;
 pub use self::light_cache::Detail;
@@ -58,7 +58,7 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::{Error, Result};
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen, is_out_of_memory};
-use crate::scene::{ResolvedLinks, Rig};
+use crate::scene::{Emitters, ResolvedLinks, Rig};
 use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
@@ -142,6 +142,7 @@ impl Relighter {
         rig: &Rig,
         settings: &RelightSettings,
     ) -> Result<Self> {
+        let rig = &*Emitters::of(scene).complete(rig);
         let links = resolved(rig, scene)?;
         let VisibilityChoice { traced, reason } = settings.visibility.choose(context, scene);
         tracing::info!("shadows: {} ({reason})", if traced { "traced" } else { "maps" });
@@ -152,7 +153,7 @@ impl Relighter {
         let budget = settings.budget_bytes.map(|budget| budget.saturating_sub(held(context)));
         // What the picture cannot do without comes first.
         let frames = Frames::new(context)?;
-        let gpu = GpuFramebuffer::new(context, framebuffer, of)?;
+        let gpu = GpuFramebuffer::new(context, scene, framebuffer, of)?;
         let visibility = VisibilityBuffers::new(context, framebuffer, of, traced, rig.has_factors())?;
         let shadow_maps = if traced { None } else { Some(ShadowMaps::new(context, scene, settings.shadow_size)?) };
         let batch = batch_size(rig.lights.len());
@@ -175,7 +176,7 @@ impl Relighter {
         let some_points = rig.has_sizes().then(|| SomePoints::new(context, framebuffer)).transpose()?;
         Ok(Self {
             frames,
-            cache: LightCache::new(rig, images.len(), gpu.emission.is_some()),
+            cache: LightCache::new(rig, images.len(), gpu.emitters.by_material().clone()),
             triangles: scales(&links).then(|| SampleTriangles::find(scene, framebuffer, of)),
             sights: LightSights::find(context, scene, framebuffer, rig)?,
             soft: SoftLights::find(context, framebuffer, of, rig)?,
@@ -239,6 +240,7 @@ impl Relighter {
 
     /// Replaces the lights; the next picture shows them. May allocate memory if there are more lights.
     pub fn set_rig(&mut self, rig: &Rig) -> Result<()> {
+        let rig = &*Emitters::of(&self.scene).complete(rig);
         let old = self.rig();
         if rig.sets != old.sets || !rig.lights.iter().map(|l| &l.links).eq(old.lights.iter().map(|l| &l.links)) {
             self.links = resolved(rig, &self.scene)?;
@@ -274,7 +276,7 @@ impl Relighter {
         self.indirect = None; // frees its memory first
         let (traced, factors) = (self.traces(), self.visibility.allows_factors());
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, factors)?;
-        self.gpu.emission = upload_emission(&self.context, &self.framebuffer, Some(&transfer))?;
+        self.gpu.emitters = EmitterImages::new(&self.context, &self.scene, &self.framebuffer, Some(&transfer))?;
         self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
         if let Some(soft) = &mut self.soft {
             soft.set_transfer(&transfer);
@@ -305,7 +307,7 @@ impl Relighter {
         self.indirect = None; // frees its memory first
         let (traced, factors) = (self.traces(), self.visibility.allows_factors());
         self.visibility = VisibilityBuffers::new(&self.context, &framebuffer, of, traced, factors)?;
-        self.gpu = GpuFramebuffer::new(&self.context, &framebuffer, of)?;
+        self.gpu = GpuFramebuffer::new(&self.context, &self.scene, &framebuffer, of)?;
         for extras in &mut self.extras {
             *extras = extra_planes(&self.context, &framebuffer)?;
         }
@@ -327,9 +329,15 @@ impl Relighter {
 
     /// Invalidates all images.
     fn invalidate_all(&mut self) {
-        self.cache.invalidate(self.layers == Layers::All && self.gpu.emission.is_some());
+        self.invalidate_images();
         self.shown = None;
         self.sheet.invalidate();
+    }
+
+    fn invalidate_images(&mut self) {
+        let emitters =
+            if self.layers == Layers::All { self.gpu.emitters.by_material().clone() } else { HashMap::new() };
+        self.cache.invalidate(emitters);
     }
 
     /// Number of lights whose images must be rendered before a whole picture of these layers.
@@ -365,7 +373,7 @@ impl Relighter {
     fn set_layers_and_detail(&mut self, layers: Layers, detail: Detail) {
         if self.layers != layers {
             self.layers = layers;
-            self.cache.invalidate(layers == Layers::All && self.gpu.emission.is_some());
+            self.invalidate_images();
         }
         self.cache.set_detail(detail);
     }

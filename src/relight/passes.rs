@@ -370,7 +370,7 @@ impl FrameResources<'_> {
             Source::Rest => self.rest,
             Source::SomePoints => &self.some_points.expect("a light has a size").mean,
             Source::Checkpoint => &self.some_points.expect("a light has a size").checkpoint,
-            Source::Emission => unreachable!("emission is read as floats"),
+            Source::Emitter(_) => unreachable!("emitters are read as floats"),
         }
     }
 
@@ -423,9 +423,9 @@ impl FrameResources<'_> {
         let mut read: [SumTerm; MAX_TERMS as usize] = bytemuck::Zeroable::zeroed();
         for (read, term) in read.iter_mut().zip(terms) {
             read.scale = term.scale;
-            read.image = match (term.source, &self.gpu.emission) {
-                (Source::Emission, Some(emission)) => pass.read_as(emission),
-                _ => pass.read(self.image(term.source)),
+            read.image = match term.source {
+                Source::Emitter(index) => pass.read_as(self.gpu.emitters.image(index)),
+                source => pass.read(self.image(source)),
             };
         }
         read

@@ -11,7 +11,7 @@ use super::light_cache::Detail;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Request {
     pub picture: Picture,
-    /// Only [`Layers::All`] includes emission.
+    /// Only [`Layers::All`] includes emitters.
     pub layers: Layers,
     /// Accuracy of the images of changed lights.
     pub detail: Detail,
@@ -62,7 +62,7 @@ pub enum ToneMap {
 /// Parts of the light transport that a picture contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layers {
-    /// All layers, with indirect light and emission.
+    /// All layers, with indirect light and emitters.
     All,
     /// Direct light on layer 1 of the deep framebuffer.
     Direct,
@@ -96,11 +96,11 @@ impl Layers {
 /// Which sources a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Picture {
-    /// All lights and emission.
+    /// All lights.
     Whole,
     /// One light's contribution, by its index in the rig.
     Light(usize),
-    /// Emission alone.
+    /// All emitters together.
     Emission,
     /// Each light's contribution, side by side in a [`Grid`](super::sheet::Grid).
     Sheet,

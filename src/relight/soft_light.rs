@@ -160,6 +160,7 @@ fn shape(light: &Light) -> u32 {
         LightKind::Dome => SHAPE_DOME,
         LightKind::Disk => SHAPE_DISK,
         LightKind::Rect => SHAPE_RECT,
+        LightKind::Emitter => unreachable!("{}: emitters are baked", light.name),
     }
 }
 

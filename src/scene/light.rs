@@ -23,12 +23,24 @@ pub enum LightKind {
     Rect,
     /// Light from all directions: the sky, or an environment map.
     Dome,
+    /// Emissive materials of one name.
+    Emitter,
 }
 
 impl LightKind {
-    /// Whether the light has no position: all its light comes from far away.
-    pub fn is_far(self) -> bool {
-        matches!(self, Self::Directional | Self::Dome)
+    /// Whether the light has a position: neither does it come from far away, nor do surfaces emit it.
+    pub fn has_position(self) -> bool {
+        !matches!(self, Self::Directional | Self::Dome | Self::Emitter)
+    }
+
+    /// Whether glTF has lights of this kind, or some that are nearly alike.
+    pub fn is_in_gltf(self) -> bool {
+        !matches!(self, Self::Dome | Self::Emitter)
+    }
+
+    /// Whether its light can pass a gobo or barn doors.
+    pub fn is_aimed(self) -> bool {
+        matches!(self, Self::Spot | Self::Disk | Self::Rect)
     }
 }
 
@@ -45,7 +57,7 @@ pub struct Light {
     /// Linear Rec. 709.
     pub color: Vec3,
     /// Candela, straight ahead for flat lights; lux for directional lights. Does not depend on the light's size. Of domes:
-    /// cd/m², or what their map is multiplied by.
+    /// cd/m², or what their map is multiplied by. Of emitters: what their material's emission is multiplied by.
     pub intensity: f64,
     /// Intensity is multiplied by 2^stops.
     pub stops: f64,
@@ -60,6 +72,8 @@ pub struct Light {
     pub map: Option<Attached<SkyMap>>,
     /// Radians by which a dome is turned, counter-clockwise as seen from above.
     pub rotation: f64,
+    /// Name of the materials of an emitter.
+    pub material: Option<String>,
     /// Axis of a rectangle's height, of any length; only its part perpendicular to `direction` counts.
     pub up: DVec3,
     /// Full angle in radians that a directional light fills, as seen from the scene, 0 <= angle <= pi.
@@ -118,6 +132,7 @@ impl Light {
             size: [1.0; 2],
             map: None,
             rotation: 0.0,
+            material: None,
             up: DVec3::Y,
             angle: 0.0,
             spread: PI,
@@ -152,22 +167,24 @@ impl Light {
     pub fn has_direction(&self) -> bool {
         match self.kind {
             LightKind::Point => self.filter.ies.is_some(),
-            LightKind::Dome => false,
+            LightKind::Dome | LightKind::Emitter => false,
             _ => true,
         }
     }
 
-    /// Whether the light has no size: all its light comes from one point or from one direction.
+    /// Whether the light has no size: all its light comes from one point or from one direction. Emitters count as such:
+    /// no points are chosen on them.
     pub fn is_punctual(&self) -> bool {
         match self.kind {
             LightKind::Point | LightKind::Spot | LightKind::Disk => self.radius == 0.0,
             LightKind::Directional => self.angle == 0.0,
             LightKind::Rect => self.size == [0.0; 2],
             LightKind::Dome => false,
+            LightKind::Emitter => true,
         }
     }
 
-    /// The middle of this light in mesh space as a light without size, white and at unit intensity.
+    /// The middle of this light in mesh space as a light without size, white and at unit intensity. Panics for emitters.
     pub fn pack(&self, space: MeshSpace) -> PackedLight {
         let (inner, outer) = (self.inner_angle.cos(), self.outer_angle.cos());
         let mut packed = PackedLight {
@@ -178,6 +195,7 @@ impl Light {
                 LightKind::Directional | LightKind::Dome => LIGHT_DIRECTIONAL,
                 LightKind::Disk | LightKind::Rect if self.two_sided => LIGHT_TWO_SIDED_FACET,
                 LightKind::Disk | LightKind::Rect => LIGHT_FACET,
+                LightKind::Emitter => unreachable!("{}: emitters are baked", self.name),
             },
             direction: self.direction.as_vec3(),
             inverse_range: self.range.map_or(0.0, |range| space.unit / range) as f32,
@@ -189,7 +207,7 @@ impl Light {
             strength: space.unit.powi(-2) as f32,
         };
         match self.kind {
-            LightKind::Point | LightKind::Spot => {}
+            LightKind::Point | LightKind::Spot | LightKind::Emitter => {}
             LightKind::Directional | LightKind::Dome => packed.strength = 1.0,
             LightKind::Disk | LightKind::Rect => packed.narrowing = (self.spread / 2.0).tan().recip() as f32,
         }
@@ -262,6 +280,7 @@ impl Light {
                     ..packed
                 }
             }
+            LightKind::Emitter => packed,
         }
     }
 
@@ -284,7 +303,7 @@ impl Light {
             // Its strength is its radiance.
             LightKind::Dome => 1.0,
             LightKind::Directional => PI * (self.angle / 2.0).sin().powi(2),
-            LightKind::Spot => 0.0,
+            LightKind::Spot | LightKind::Emitter => 0.0,
         };
         (area > 0.0 && area.is_finite()).then_some(area)
     }
@@ -307,7 +326,7 @@ impl Light {
             LightKind::Point => Some(4.0 * PI * self.radius * self.radius),
             LightKind::Disk => Some(PI * self.radius * self.radius),
             LightKind::Rect => Some(self.size[0] * self.size[1]),
-            LightKind::Spot | LightKind::Directional | LightKind::Dome => None,
+            LightKind::Spot | LightKind::Directional | LightKind::Dome | LightKind::Emitter => None,
         }
     }
 

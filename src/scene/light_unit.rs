@@ -18,6 +18,8 @@ pub enum LightUnit {
     Nit,
     /// Power of a Blender light; W/m² for a sun.
     Watt,
+    /// Times the emission of the material, of emitters.
+    Factor,
 }
 
 /// Lumens per watt, as Blender's glTF I/O add-on converts them (`PBR_WATTS_TO_LUMENS` in io_scene_gltf2).
@@ -26,13 +28,14 @@ const LUMENS_PER_WATT: f64 = 683.0;
 pub const LEAST_FALLOFF: f64 = 0.001;
 
 impl LightUnit {
-    pub const ALL: [Self; 5] = [Self::Candela, Self::Lux, Self::Lumen, Self::Nit, Self::Watt];
+    pub const ALL: [Self; 6] = [Self::Candela, Self::Lux, Self::Lumen, Self::Nit, Self::Watt, Self::Factor];
 
     /// The unit of [`Light::intensity`].
     pub fn of_intensity(kind: LightKind) -> Self {
         match kind {
             LightKind::Directional => Self::Lux,
             LightKind::Dome => Self::Nit,
+            LightKind::Emitter => Self::Factor,
             _ => Self::Candela,
         }
     }
@@ -45,6 +48,7 @@ impl LightUnit {
             Self::Nit => "nit",
             Self::Watt if kind == LightKind::Directional => "W/m²",
             Self::Watt => "W",
+            Self::Factor => "x",
         }
     }
 }
@@ -56,19 +60,21 @@ impl Light {
     /// as bright as a point of the same watts, however narrow its cone. An area light sends all its watts to one side.
     pub fn per_intensity(&self, unit: LightUnit) -> Option<f64> {
         let per_intensity = match unit {
-            LightUnit::Candela | LightUnit::Lux if unit == LightUnit::of_intensity(self.kind) => 1.0,
-            LightUnit::Lumen if !self.kind.is_far() => self.flux(),
+            LightUnit::Candela | LightUnit::Lux | LightUnit::Factor if unit == LightUnit::of_intensity(self.kind) => {
+                1.0
+            }
+            LightUnit::Lumen if self.kind.has_position() => self.flux(),
             LightUnit::Nit => self.projected_area()?.recip(),
             LightUnit::Watt => {
                 let lumens = match self.kind {
                     LightKind::Point | LightKind::Spot => 4.0 * PI,
                     LightKind::Directional => 1.0,
                     LightKind::Disk | LightKind::Rect => facet_flux(self.spread),
-                    LightKind::Dome => return None,
+                    LightKind::Dome | LightKind::Emitter => return None,
                 };
                 lumens / LUMENS_PER_WATT
             }
-            LightUnit::Candela | LightUnit::Lux | LightUnit::Lumen => return None,
+            LightUnit::Candela | LightUnit::Lux | LightUnit::Lumen | LightUnit::Factor => return None,
         };
         (per_intensity.is_finite() && per_intensity > 0.0).then_some(per_intensity)
     }
@@ -99,7 +105,7 @@ impl Light {
             (LightKind::Spot, None) => cone_flux(self.inner_angle, self.outer_angle),
             (LightKind::Disk | LightKind::Rect, None) => sides * facet_flux(self.spread),
             (LightKind::Spot | LightKind::Disk | LightKind::Rect, Some(_)) => self.flux_through_profile(),
-            (LightKind::Directional | LightKind::Dome, _) => 0.0,
+            (LightKind::Directional | LightKind::Dome | LightKind::Emitter, _) => 0.0,
         }
     }
 
@@ -107,7 +113,7 @@ impl Light {
     /// `KHR_lights_punctual`, or a surface whose spread narrows as in Cycles.
     fn emission(&self, angle: f64) -> f64 {
         match self.kind {
-            LightKind::Point | LightKind::Directional | LightKind::Dome => 1.0,
+            LightKind::Point | LightKind::Directional | LightKind::Dome | LightKind::Emitter => 1.0,
             LightKind::Spot => {
                 let [inner, outer] = [self.inner_angle, self.outer_angle].map(f64::cos);
                 ((angle.cos() - outer) / (inner - outer).max(LEAST_FALLOFF)).clamp(0.0, 1.0).powi(2)
@@ -248,20 +254,21 @@ mod tests {
 
     #[test]
     fn every_unit_of_every_kind_is_read_as_it_is_shown() {
-        use LightKind::{Directional, Disk, Point, Rect, Spot};
-        use LightUnit::{Candela, Lumen, Lux, Nit, Watt};
+        use LightKind::{Directional, Disk, Emitter, Point, Rect, Spot};
+        use LightUnit::{Candela, Factor, Lumen, Lux, Nit, Watt};
         for (kind, name, units) in [
             (Point, "point", &[Candela, Lumen, Nit, Watt][..]),
             (Spot, "spot", &[Candela, Lumen, Watt]),
             (Directional, "sun", &[Lux, Nit, Watt]),
             (Disk, "disk", &[Candela, Lumen, Nit, Watt]),
             (Rect, "rect", &[Candela, Lumen, Nit, Watt]),
+            (Emitter, "emitter", &[Factor]),
         ] {
             let shown = Light { intensity: 12.5, ..light(kind) };
             assert_eq!(shown.units().collect::<Vec<_>>(), units);
             for unit in units {
                 let key = match unit {
-                    Candela | Lux => "intensity",
+                    Candela | Lux | Factor => "intensity",
                     Lumen => "lumen",
                     Nit => "nit",
                     Watt => "watt",
@@ -269,6 +276,7 @@ mod tests {
                 let value = shown.intensity * shown.per_intensity(*unit).unwrap();
                 let text = format!(
                     "[[light]]\nname = \"a\"\nkind = \"{name}\"\nposition = [0, 0, 0]\ndirection = [0, 0, -1]\n\
+                    material = \"m\"\n\
                     radius = 0.5\nwidth = 2\nheight = 0.25\nangle_deg = {:?}\n{key} = {value:?}\n",
                     0.01f64.to_degrees()
                 );
@@ -280,7 +288,7 @@ mod tests {
                 *unit = shown.unit_after(*unit);
                 Some(*unit)
             });
-            assert!(cycle.eq(units[1..].iter().copied()) && shown.unit_after(Watt) == units[0]);
+            assert!(cycle.eq(units[1..].iter().copied()) && shown.unit_after(*units.last().unwrap()) == units[0]);
         }
     }
 }

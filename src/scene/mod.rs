@@ -4,6 +4,7 @@
 //! single precision. Lights and cameras stay in world space.
 
 pub mod camera;
+pub mod emitters;
 pub mod light;
 pub mod light_filter;
 pub mod light_unit;
@@ -28,6 +29,7 @@ use std::path::{Path, PathBuf};
 use glam::{Vec2, Vec3, Vec4};
 
 pub use camera::{Camera, Projection};
+pub use emitters::Emitters;
 pub use gltf_export::export_gltf;
 pub use light::{Light, LightGroup, LightKind};
 pub use light_filter::{LightFilter, RigFiles};
@@ -58,7 +60,7 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// In file order; may be empty.
     pub cameras: Vec<Camera>,
-    /// The lights of the file.
+    /// The lights of the file, and its emitters.
     pub rig: Rig,
     /// `extras.width/height` of the shown scene.
     pub image_size: Option<[u32; 2]>,
@@ -99,11 +101,13 @@ impl Scene {
     /// Imports `.glb`, `.gltf` or `.obj`, by extension.
     pub fn load(path: &Path) -> Result<Self> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        match extension.as_str() {
+        let mut scene = match extension.as_str() {
             "glb" | "gltf" => gltf::load(path),
             "obj" => obj::load(path),
             _ => Err(Error::import(path, "not a scene: expected .glb, .gltf or .obj")),
-        }
+        }?;
+        scene.rig = Emitters::of(&scene).complete(&scene.rig).into_owned();
+        Ok(scene)
     }
 
     /// Whether any surface is a perfect mirror somewhere.

@@ -16,8 +16,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::Vec3;
-
 pub use self::memory::check_fits;
 pub use self::open::{OpenSettings, Opened, build_bvh, check_size};
 pub use self::plan::{BakeInput, ERROR, Form, IndirectSettings, THESIS_BOUNCES, TransferPlan};
@@ -49,7 +47,7 @@ pub struct SessionSettings {
     pub layers: u32,
     /// View samples of a pixel on an edge.
     pub samples: u32,
-    /// Leaves nothing of the deep framebuffer out, nor the transfer's emission and harmonics; pictures are the same.
+    /// Leaves nothing of the deep framebuffer out, nor the transfer's harmonics; pictures are the same.
     pub force_all: bool,
     /// Everything random follows from it.
     pub seed: u64,
@@ -120,13 +118,9 @@ pub struct Transfers {
 }
 
 impl Transfers {
-    /// Nothing left out where that is asked for: indirect light of emitters and harmonics even if there are none.
-    fn forced(&self, mut transfer: Transfer, framebuffer: &DeepFramebuffer) -> Transfer {
-        if self.force_all {
-            transfer.emission.resize(framebuffer.samples.len(), Vec3::ZERO);
-            transfer.all_degrees = true;
-        }
-        transfer
+    /// Nothing left out where that is asked for: all harmonics, even if no sample has them.
+    fn forced(&self, transfer: Transfer) -> Transfer {
+        Transfer { all_degrees: self.force_all, ..transfer }
     }
 
     /// As `--gi` calls it.
@@ -143,7 +137,7 @@ impl Transfers {
     fn stored(&self, framebuffer: &DeepFramebuffer, lobe: Lobe, report: &mut BakeReport) -> Option<Transfer> {
         let (dir, key) = (self.dir.as_deref()?, self.key(lobe));
         let stored = report.stage("read cache", || cache::load_transfer(dir, &key, framebuffer))?;
-        Some(self.forced(stored, framebuffer))
+        Some(self.forced(stored))
     }
 
     /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
@@ -165,7 +159,7 @@ impl Transfers {
                         Some(small) => coarse.spread(small, framebuffer, scene.bvh.radius).expect("it has blocks"),
                         None => coarse,
                     };
-                    show(self.forced(coarse, framebuffer));
+                    show(self.forced(coarse));
                 }
                 show(self.get(seen, Lobe::All, &mut report, progress)?);
                 Ok(())
@@ -191,7 +185,7 @@ impl Transfers {
             tracing::info!("not stored in the cache: {error}"); // a read-only cache works
             report.not_stored = Some(error);
         }
-        Ok(self.forced(transfer, seen.framebuffer))
+        Ok(self.forced(transfer))
     }
 }
 

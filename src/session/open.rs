@@ -2,12 +2,10 @@
 
 use std::path::Path;
 
-use glam::Vec3;
-
 use super::progress::Progress;
 use crate::error::{Error, Result};
 use crate::scene::rig::without_dots;
-use crate::scene::{Camera, Links, Rig, Scene};
+use crate::scene::{Camera, Emitters, LightKind, Links, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 
 /// How a scene is looked at.
@@ -39,14 +37,18 @@ impl Opened {
         if settings.strip_diffuse {
             scene.materials.iter_mut().for_each(|m| m.strip_diffuse = true);
         }
-        let mut rig = match rig_path {
+        let emitters = Emitters::of(&scene);
+        let rig = match rig_path {
             Some(path) => Rig::load(path)?,
             None => scene.rig.clone(),
         };
-        if rig.lights.is_empty() {
-            let emits = scene.materials.iter().any(|material| material.emissive != Vec3::ZERO);
-            let so = if emits { "only emissive materials shine" } else { "the picture is black" };
+        let mut rig = emitters.complete(&rig).into_owned();
+        if rig.lights.iter().all(|light| light.kind == LightKind::Emitter) {
+            let so = if emitters.is_empty() { "the picture is black" } else { "only emissive materials shine" };
             tracing::warn!("{}: no lights: {so}", rig_path.unwrap_or(path).display());
+        }
+        if let Err(reason) = emitters.check(&rig) {
+            return Err(Error::import(rig_path.unwrap_or(path), reason));
         }
         if let Err(reason) = rig.check_links(&scene) {
             match rig_path {

@@ -27,8 +27,8 @@ pub struct FramebufferCounts {
     pub layers: Vec<usize>,
     /// Whether any sample has a specular lobe.
     pub has_specular: bool,
-    /// Whether any emitter is seen.
-    pub has_emission: bool,
+    /// Number of emitters that are seen.
+    pub emitters: usize,
     /// BRDFs that are no material's own.
     pub own_brdfs: usize,
 }
@@ -71,7 +71,7 @@ impl FramebufferCounts {
             samples: framebuffer.samples.len(),
             layers,
             has_specular: framebuffer.has_specular,
-            has_emission: !framebuffer.emission.is_empty(),
+            emitters: framebuffer.emission.chunk_by(|a, b| a.emitter == b.emitter).count(),
             own_brdfs: framebuffer.brdfs.len().saturating_sub(materials),
         }
     }
@@ -79,7 +79,7 @@ impl FramebufferCounts {
     /// What every picture of `size` has at the least.
     pub(super) fn fewest([width, height]: [u32; 2]) -> Self {
         let pixels = Tiling { width, height }.len();
-        Self { pixels, samples: pixels, layers: Vec::new(), has_specular: false, has_emission: false, own_brdfs: 0 }
+        Self { pixels, samples: pixels, layers: Vec::new(), has_specular: false, emitters: 0, own_brdfs: 0 }
     }
 
     /// Counts of a picture of `pixels`, padded, with `area` times as many pixels, from those of `plain` with one sample

@@ -49,7 +49,7 @@ impl Target {
             size,
             extra_samples: counts.samples - counts.pixels,
             brdfs: scene.materials.len() + counts.own_brdfs,
-            emits: counts.has_emission,
+            emitters: counts.emitters,
             lights: rig.lights.len(),
             sizes: rig.has_sizes(),
             factors: rig.has_factors(),

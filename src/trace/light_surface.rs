@@ -131,6 +131,7 @@ impl LightSurface {
                 (Shape::Sun { versine }, TAU * versine)
             }
             LightKind::Dome => (Shape::Sky { map: light.map.clone(), to_map: light.turn().conjugate() }, 4.0 * PI),
+            LightKind::Emitter => return None,
         };
         let projected = match light.kind {
             LightKind::Spot => PI * light.radius * light.radius,

@@ -168,6 +168,7 @@ pub fn kind_name(kind: LightKind) -> &'static str {
         LightKind::Disk => "disk",
         LightKind::Rect => "rectangle",
         LightKind::Dome => "dome",
+        LightKind::Emitter => "emitter",
     }
 }
 

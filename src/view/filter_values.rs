@@ -18,7 +18,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
     let selected = Selected::of(desk);
     let step = desk.step();
     Grid::new("filters").num_columns(2).spacing([8.0, 4.0]).show(ui, |ui| {
-        if !light.kind.is_far() {
+        if light.kind.has_position() {
             ui.label("IES");
             let shown = light.filter.ies.as_ref().map(|ies| ies.path_from(folder));
             files[0] = file(ui, &light.name, shown, "file.ies");
@@ -30,7 +30,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
             files[2] = file(ui, &light.name, shown, "sky.hdr");
             ui.end_row();
         }
-        if !light.kind.is_far() && light.kind != LightKind::Point {
+        if light.kind.is_aimed() {
             ui.label("gobo");
             let shown = light.filter.gobo.as_ref().map(|gobo| gobo.image.path_from(folder));
             files[1] = file(ui, &light.name, shown, "image.png");
@@ -38,7 +38,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
             gobo(ui, &mut light);
             doors(ui, &selected, &mut light);
         }
-        if !light.kind.is_far() {
+        if light.kind.has_position() {
             ui.label("decay from");
             let field = selected.number(&mut light.decay_start, |light| light.decay_start);
             ui.add(field.speed(step * 0.01).range(0.0..=1e12).max_decimals(4).suffix(" m"));

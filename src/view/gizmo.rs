@@ -62,7 +62,7 @@ impl Gizmos<'_> {
             handles.extend(self.handles(light).into_iter().map(|(handle, point)| (index, handle, point)));
         }
         for (index, light) in self.desk.rig().lights.iter().enumerate() {
-            if !light.kind.is_far() {
+            if light.kind.has_position() {
                 handles.push((index, Handle::Position, light.position));
             }
         }
@@ -128,11 +128,11 @@ impl Gizmos<'_> {
     fn handles(&self, light: &Light) -> Vec<(Handle, DVec3)> {
         let is_flat = matches!(light.kind, LightKind::Disk | LightKind::Rect);
         let aim = match light.kind {
-            LightKind::Point | LightKind::Dome => None,
+            LightKind::Point | LightKind::Dome | LightKind::Emitter => None,
             LightKind::Directional => Some(self.tail(light)),
             _ => Some(self.aim(light)),
         };
-        let position = (!light.kind.is_far()).then_some(light.position);
+        let position = (light.kind.has_position()).then_some(light.position);
         let is_spot = light.kind == LightKind::Spot;
         let cone = is_spot.then(|| self.ring(light, light.outer_angle).next()).flatten();
         // On the other side than the cone's, and off the aim.
@@ -156,7 +156,7 @@ impl Gizmos<'_> {
     fn outline(&self, light: &Light) -> impl Iterator<Item = DVec3> {
         let points = match light.kind {
             _ if light.is_punctual() => Vec::new(),
-            LightKind::Directional | LightKind::Dome => Vec::new(),
+            LightKind::Directional | LightKind::Dome | LightKind::Emitter => Vec::new(),
             LightKind::Rect => {
                 let [u, v] = light.axes();
                 let [u, v] = [u * light.size[0] / 2.0, v * light.size[1] / 2.0];
@@ -264,7 +264,7 @@ impl Gizmos<'_> {
             if self.desk.selected() == Some(index) {
                 drawing.handles(light);
             }
-            if !light.kind.is_far() {
+            if light.kind.has_position() {
                 drawing.mark(light, is_selected);
             }
         }
@@ -295,7 +295,7 @@ impl Drawing<'_> {
         let outline: Vec<DVec3> = gizmos.outline(light).collect();
         self.polygon(&outline, 1.5);
         match light.kind {
-            LightKind::Point | LightKind::Dome => {}
+            LightKind::Point | LightKind::Dome | LightKind::Emitter => {}
             LightKind::Disk | LightKind::Rect => self.line(light.position, gizmos.aim(light), 1.0),
             LightKind::Directional => self.line(gizmos.tail(light), gizmos.opened.pivot(), 2.0),
             LightKind::Spot => {

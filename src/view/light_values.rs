@@ -174,7 +174,7 @@ pub fn color_button(ui: &mut Ui, color: Vec3) -> [f32; 3] {
 }
 
 fn pose(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64) {
-    if !light.kind.is_far() {
+    if light.kind.has_position() {
         ui.label("position");
         selected.vector(ui, &mut light.position, step * 0.1, |light| light.position);
         ui.end_row();

@@ -28,6 +28,9 @@ pub struct LightView {
 impl LightView {
     /// Updates the image if the light has changed, or if it `rests` and the image is coarse. Returns whether it did.
     pub fn make(&mut self, opened: &Opened, light: &Light, rests: bool) -> bool {
+        if !is_looked_through(light) {
+            return false; // it is everywhere
+        }
         let is_same = self.made_for.as_ref().is_some_and(|(made_for, _)| made_for == light);
         let is_fine = self.made_for.as_ref().is_some_and(|(_, size)| *size == FINE);
         if is_same && (is_fine || !rests) {
@@ -41,7 +44,7 @@ impl LightView {
 
     /// Draws the window with the image; a drag in it turns the light.
     pub fn show(&mut self, ui: &mut Ui, opened: &Opened, desk: &mut Desk) {
-        let Some(light) = desk.selected_light().cloned() else { return };
+        let Some(light) = desk.selected_light().filter(|light| is_looked_through(light)).cloned() else { return };
         if !light.has_direction() {
             self.made_for = None;
         }
@@ -88,6 +91,11 @@ fn aspect() -> f64 {
     f64::from(SHOWN[0]) / f64::from(SHOWN[1])
 }
 
+/// Whether the light is at a place, or in one direction.
+fn is_looked_through(light: &Light) -> bool {
+    light.kind.has_position() || light.kind == LightKind::Directional
+}
+
 /// Returns a camera at the light. It shows the whole cone of a spot light, the whole scene for a directional light, and
 /// a wide view towards the middle of the scene for a point light.
 fn view(opened: &Opened, light: &Light) -> Camera {
@@ -106,10 +114,7 @@ fn view(opened: &Opened, light: &Light) -> Camera {
         LightKind::Point if light.has_direction() => {
             (light.position, light.direction, Projection::Perspective { yfov: 1.6 })
         }
-        LightKind::Dome => {
-            let direction = DVec3::NEG_Y;
-            (middle - direction * 2.0 * radius, direction, Projection::Orthographic { ymag: radius })
-        }
+        LightKind::Dome | LightKind::Emitter => unreachable!("there is no view through them"),
         LightKind::Point => {
             let towards = (middle - light.position).try_normalize().unwrap_or(DVec3::NEG_Y);
             (light.position, towards, Projection::Perspective { yfov: 1.6 })

@@ -14,7 +14,6 @@ use crate::scene::{Light, LightGroup};
 pub struct Shares {
     /// By light; `None` if not measured yet.
     measured: Vec<Option<Measured>>,
-    emission: Option<f64>,
 }
 
 struct Measured {
@@ -26,12 +25,8 @@ struct Measured {
 }
 
 impl Shares {
-    /// Measures the emitters or one light, if out of date. Returns whether anything was measured.
+    /// Measures one light, if out of date. Returns whether anything was measured.
     pub fn measure(&mut self, state: &RigState, relighter: &mut Relighter) -> Result<bool> {
-        if self.emission.is_none() {
-            self.emission = Some(mean_luminance(relighter.linear(Picture::Emission)?));
-            return Ok(true);
-        }
         self.measured.resize_with(state.lights.len(), || None);
         let shines = |relighter: &Relighter, index: usize| relighter.rig().lights[index].enabled;
         let is_stale = |index: &usize| match &self.measured[*index] {
@@ -64,7 +59,7 @@ impl Shares {
     pub fn share(&self, light: usize) -> Option<f64> {
         let lights: Option<f64> = self.measured.iter().map(|one| Some(one.as_ref()?.luminance)).sum();
         let one = self.measured.get(light)?.as_ref()?.luminance;
-        Some(one / (lights? + self.emission?)).filter(|share| share.is_finite())
+        Some(one / lights?).filter(|share| share.is_finite())
     }
 }
 

@@ -8,7 +8,7 @@
 //! wavelets are defined on our tree instead of a square image; each function of a glossy sample has its own wavelets;
 //! and the number of terms is determined by `--error`.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::bake::compression::fit::Inputs;
@@ -26,6 +26,7 @@ use crate::shared::PackedLight;
 
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::transfer::sparse::{SellMatrix, TERM_BYTES};
+use crate::bake::transport::emitted::{self, Emitted, EmitterLight};
 use crate::bake::transport::rows::RowGatherer;
 use crate::storage::journal::Journal;
 
@@ -35,8 +36,7 @@ pub struct RowWavelets<'a> {
     inputs: Inputs,
     /// Square of each term's weight.
     weights: Vec<f32>,
-    /// Operand of the rows of Φ for the light of emitters; `None` if there are none.
-    emitted: Option<Vec<DVec3>>,
+    emitted: Emitted,
     /// View samples that reflect light.
     pub samples: Vec<u32>,
     /// Maximum omitted share of a row's weighted energy.
@@ -51,7 +51,7 @@ pub struct RowWavelets<'a> {
 #[derive(Serialize, Deserialize)]
 struct Cut {
     rows: CsrMatrix,
-    /// Indirect radiance of emitters, uncompressed; empty if there are none.
+    /// Indirect radiance, uncompressed: for each row that of all emitters.
     emission: Vec<Vec3>,
     /// For each validation light: squared error and square of the image of the checked rows.
     found: Vec<[f64; 2]>,
@@ -119,23 +119,22 @@ impl<'a> RowWavelets<'a> {
         (self.omitted_share, self.noise) = (omitted_share, noise);
     }
 
-    /// Rows of all view samples that reflect light; indirect radiance of emitters at all view samples, uncompressed, or
-    /// empty if there are none; and an error report. Rows found in `journal` are reused. `progress` counts view
-    /// samples.
-    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SellMatrix, Vec<Vec3>, Report) {
+    /// Rows of all view samples that reflect light, indirect light of emitters, and an error report. Rows found in
+    /// `journal` are reused. `progress` counts view samples.
+    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SellMatrix, Vec<EmitterLight>, Report) {
         let all = self.gatherer.framebuffer.samples.len();
         let mut matrix = SellMatrix::new(self.weights.len(), all);
-        let mut emission = vec![Vec3::ZERO; if self.emitted.is_some() { all } else { 0 }];
+        let mut emission = self.emitted.images(all);
         let mut errors = vec![[0.0; 2]; SPOTS.end];
         for window in self.samples.chunks(WINDOW) {
             let is_of = |cut: &Cut| {
                 cut.rows.is_consistent(window.len(), self.weights.len())
-                    && cut.emission.len() == if self.emitted.is_some() { window.len() } else { 0 }
+                    && cut.emission.len() == window.len() * self.emitted.count()
                     && cut.found.len() == SPOTS.end
             };
             let cut = journal.next(is_of, || self.cut(window));
             add(&mut errors, cut.found);
-            window.iter().zip(cut.emission).for_each(|(&i, e)| emission[i as usize] = e);
+            emitted::place(&mut emission, window, &cut.emission);
             matrix.push(&cut.rows, window);
             progress(window.len());
         }
@@ -155,9 +154,7 @@ impl<'a> RowWavelets<'a> {
                     [(&rows, operands), (&kept, terms)].map(|(rows, lights)| vector_batch::multiply(rows, lights));
                 add(&mut found, compare(&want, &got));
             }
-            if let Some(emitted) = &self.emitted {
-                emission.extend(rows.multiply(emitted).into_iter().map(DVec3::as_vec3));
-            }
+            emission.extend(self.emitted.radiance(&rows));
             parts.push(kept);
         }
         Cut { rows: CsrMatrix::concatenated(parts), emission, found }

@@ -19,6 +19,7 @@ use crate::bake::transfer::{Transfer, TransferReport};
 use crate::bake::transport::Outgoing;
 use crate::bake::transport::direct;
 use crate::bake::transport::directions::Lobe;
+use crate::bake::transport::emitted::Emitted;
 use crate::bake::transport::level::local;
 use crate::bake::transport::rows::Row;
 use crate::bake::transport::solve;
@@ -338,7 +339,8 @@ impl Transfer {
         let all = thesis.all_bounces();
         let bounce = explicit(count, count, |row, column| all.each_ref().map(|matrix| matrix[(row, column)]));
         let gather = |samples: &[u32]| thesis.rows(samples, lobe);
-        let (last, _) = last_matrix(framebuffer, 2 * count, count as u32, &[], gather, journal, progress);
+        let (last, _) =
+            last_matrix(framebuffer, 2 * count, count as u32, &Emitted::default(), gather, journal, progress);
         let (tables, table_of) = thesis.k_tables();
         let sample = |i: usize| FactoredSample {
             normal: thesis.frames[i][2],

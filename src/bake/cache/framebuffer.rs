@@ -31,7 +31,7 @@ pub fn store(dir: &Path, key: &Key, name: &str, framebuffer: &DeepFramebuffer) -
     writer.add("extra_indices", Dtype::U32, 1, &framebuffer.extra_indices);
     writer.add("extra_pixels", Dtype::U32, 4, &framebuffer.extra_pixels);
     writer.add("edges", Dtype::U32, 1, &framebuffer.edges);
-    writer.add("emission", Dtype::F32, 1, &framebuffer.emission);
+    writer.add("emission", Dtype::U32, 5, &framebuffer.emission);
     writer.add("layers", Dtype::U64, 1, &framebuffer.layers);
     let metadata = [
         ("scene", name.to_owned()),
@@ -52,7 +52,7 @@ fn decode(reader: &Reader, camera: &Camera, settings: &BakeSettings) -> Option<D
     let extra_indices: Vec<u32> = reader.take("extra_indices")?;
     let extra_pixels = reader.take("extra_pixels")?;
     let edges = reader.take("edges")?;
-    let emission: Vec<f32> = reader.take("emission")?;
+    let emission = reader.take("emission")?;
     let layers = reader.take("layers")?;
     let tiling = Tiling { width: settings.width, height: settings.height };
     let brdf_of = |s: &ViewSample| (s.brdf != NO_BRDF).then_some(s.brdf as usize);

@@ -10,6 +10,7 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::BlockMatrix;
 use crate::bake::transfer::sparse::SellMatrix;
+use crate::bake::transport::emitted::EmitterLight;
 use crate::error::Result;
 
 /// Key of a transfer to the bake of `key`; `settings` determine how it is computed. A session passes its plan (gather
@@ -39,7 +40,10 @@ pub fn store_transfer(
     writer.add("factor_tables", Dtype::F32, 4, &transfer.tables);
     writer.add("gather_points", Dtype::U32, 8, &transfer.points);
     writer.add("geometric_normals", Dtype::F32, 3, &transfer.geometric_normals);
-    writer.add("emission", Dtype::F32, 3, &transfer.emission);
+    for light in &transfer.emission {
+        writer.add(format!("emitter.{}", light.emitter), Dtype::F32, 3, &light.radiance);
+    }
+    let emitters: Vec<u32> = transfer.emission.iter().map(|light| light.emitter).collect();
     let mut metadata = vec![
         ("scene", name.to_owned()),
         ("what", "transfer".to_owned()),
@@ -49,6 +53,7 @@ pub fn store_transfer(
         ("vector_length", transfer.vector_length.to_string()),
         ("haar", transfer.haar.to_string()),
         ("report", serde_json::to_string(&transfer.report).expect("plain numbers")),
+        ("emitters", serde_json::to_string(&emitters).expect("plain numbers")),
     ];
     let shapes: Vec<[u32; 3]> = transfer.chain.iter().map(|m| [m.channels, m.input_count, m.output_count]).collect();
     metadata.push(("matrices", serde_json::to_string(&shapes).expect("plain numbers")));
@@ -78,13 +83,16 @@ fn decode(reader: &Reader, framebuffer: &DeepFramebuffer) -> Option<Transfer> {
         tables: reader.take("factor_tables")?,
         points: reader.take("gather_points")?,
         geometric_normals: reader.take("geometric_normals")?,
-        emission: reader.take("emission")?,
         points_per_sample: reader.field("points_per_sample")?,
         vector_length: reader.field("vector_length")?,
         haar: reader.field("haar")?,
         report: serde_json::from_str(reader.text("report")?).ok()?,
         ..Default::default()
     };
+    let emitters: Vec<u32> = serde_json::from_str(reader.text("emitters")?).ok()?;
+    for emitter in emitters {
+        transfer.emission.push(EmitterLight { emitter, radiance: reader.take(&format!("emitter.{emitter}"))? });
+    }
     let shapes: Vec<[u32; 3]> = serde_json::from_str(reader.text("matrices")?).ok()?;
     for (i, [channels, input_count, output_count]) in shapes.into_iter().enumerate() {
         transfer.chain.push(BlockMatrix {

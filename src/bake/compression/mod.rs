@@ -31,7 +31,7 @@ pub use self::report::Report;
 
 use std::ops::Range;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -47,6 +47,7 @@ use self::vector_batch::{Compact, WIDTH};
 use super::transfer::blocks::{BlockMatrix, check_addressable};
 use super::transport::LightTransport;
 use super::transport::directions::Lobe;
+use super::transport::emitted::{self, Emitted, EmitterLight};
 use crate::error::Result;
 use crate::physics::sequence::Points;
 use crate::storage::journal::Journal;
@@ -69,8 +70,7 @@ pub struct Compressor<'a> {
     settings: CompressionSettings,
     pub clusters: Clusters,
     inputs: Inputs,
-    /// Operand of the rows of Φ for the light of emitters; `None` if there are none.
-    emitted: Option<Vec<DVec3>>,
+    emitted: Emitted,
 }
 
 /// For each tile and validation light: squared error and square of the image; whole images have square 1.
@@ -80,8 +80,8 @@ pub type ValidationSums = Vec<Vec<[f64; 2]>>;
 pub struct Compressed {
     /// From Haar terms of direct light to view samples, see `Chain`.
     pub chain: Vec<BlockMatrix>,
-    /// Indirect radiance of emitters at each view sample, uncompressed; empty if there are none.
-    pub emission: Vec<Vec3>,
+    /// Indirect light of emitters, uncompressed.
+    pub emission: Vec<EmitterLight>,
     pub report: Report,
 }
 
@@ -98,8 +98,8 @@ pub struct Fitted {
     pub allowed: f64,
     /// Number of fits.
     pub rounds: usize,
-    /// Indirect radiance of emitters, uncompressed; empty if there are none.
-    pub emission: Vec<DVec3>,
+    /// Indirect radiance, uncompressed: for each view sample that of all emitters.
+    pub emission: Vec<Vec3>,
 }
 
 impl Fitted {
@@ -142,7 +142,7 @@ impl<'a> Compressor<'a> {
         fitted.sort_by_key(|f| f.tiles.start);
         let view_samples = self.transfer.framebuffer().samples.len();
         let mut chain = Chain::new(self.transfer.fine.coefficient_count(), view_samples);
-        let mut emission = vec![Vec3::ZERO; if self.emitted.is_some() { view_samples } else { 0 }];
+        let mut emission = self.emitted.images(view_samples);
         let mut errors = Errors::new(&self.clusters);
         for fitted in fitted {
             errors.add(&fitted);
@@ -150,7 +150,7 @@ impl<'a> Compressor<'a> {
             if !fitted.meets_target() {
                 progress(samples.len());
             }
-            samples.iter().zip(&fitted.emission).for_each(|(&i, e)| emission[i as usize] = e.as_vec3());
+            emitted::place(&mut emission, samples, &fitted.emission);
             chain.push(&fitted.factors, &self.within(&fitted.tiles), samples);
         }
         Ok(Compressed { chain: chain.finish(), emission, report: errors.report() })
@@ -204,7 +204,7 @@ impl<'a> Compressor<'a> {
             && factors.list.iter().all(|&term| (term as usize) < self.transfer.fine.coefficient_count())
             && sums.len() == rows.len()
             && sums.iter().all(|lights| lights.len() == SPOTS.end)
-            && emission.len() == if self.emitted.is_some() { samples } else { 0 }
+            && emission.len() == samples * self.emitted.count()
     }
 
     /// Gathers the rows of a supercluster once and fits it to the allowed error, not much more accurately.
@@ -244,7 +244,7 @@ impl<'a> Compressor<'a> {
     }
 
     /// Products of a supercluster's rows with lights and with emitters.
-    fn project(&self, samples: &[u32]) -> (Projected<'_>, Vec<DVec3>) {
+    fn project(&self, samples: &[u32]) -> (Projected<'_>, Vec<Vec3>) {
         let pixels: Vec<usize> = (0..RESAMPLED_ROWS.min(samples.len()))
             .map(|i| (2 * i + 1) * samples.len() / (2 * RESAMPLED_ROWS.min(samples.len())))
             .collect();
@@ -254,7 +254,7 @@ impl<'a> Compressor<'a> {
         for some in samples.chunks(ROWS_AT_ONCE) {
             let rows = gatherer.gather(some);
             seen.push(&self.inputs, &rows);
-            self.emitted.iter().for_each(|emitted| emission.extend(rows.multiply(emitted)));
+            emission.extend(self.emitted.radiance(&rows));
         }
         gatherer.seed ^= 1 << 33;
         let resampled = Resampled { rows: &gatherer.gather(&again), pixels: &pixels };

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::DeepFramebuffer;
 use super::view_samples::{EyeRays, PathSegment, segments};
 use crate::physics::octahedral::decode;
-use crate::scene::{Light, MeshSpace, Rig};
+use crate::scene::{Light, LightKind, MeshSpace, Rig};
 use crate::shared::NO_BRDF;
 use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::packet::{PACKET_SIZE, trace_all};
@@ -22,7 +22,8 @@ const VISIBLE_STEP: u8 = 16;
 
 /// What the edges of a rig's lights depend on.
 pub fn edge_lights(space: MeshSpace, rig: &Rig) -> Vec<u8> {
-    let shows_edges = |light: &&Light| light.enabled && (light.shadows || !light.is_punctual());
+    let shows_edges =
+        |light: &&Light| light.kind != LightKind::Emitter && light.enabled && (light.shadows || !light.is_punctual());
     let mut bytes = Vec::new();
     for light in rig.lights.iter().filter(shows_edges) {
         bytes.extend_from_slice(bytemuck::bytes_of(&light.pack(space)));
@@ -39,7 +40,7 @@ pub fn edge_lights(space: MeshSpace, rig: &Rig) -> Vec<u8> {
 /// Pixels on edges, in tile order, sorted. Edges of visibility and of lights are those of `rig`'s lights.
 pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<u32> {
     let mut visible: Vec<Vec<u8>> = Vec::new();
-    for light in rig.lights.iter().filter(|light| light.enabled && light.shadows) {
+    for light in rig.lights.iter().filter(|light| light.kind != LightKind::Emitter && light.enabled && light.shadows) {
         let light = light.pack(eye.scene.space);
         let mut visibility = vec![0u8; framebuffer.packets.len() * PACKET_SIZE];
         trace_all(eye.scene, &light, &framebuffer.packets, &mut visibility);

@@ -30,6 +30,17 @@ impl BakeSettings {
     }
 }
 
+/// What a pixel sees of an emitter.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct EmittedPixel {
+    /// Index into the scene's [`Emitters`](crate::scene::Emitters).
+    pub emitter: u32,
+    /// In tile order.
+    pub pixel: u32,
+    pub radiance: Vec3,
+}
+
 /// The layered deep framebuffer of one camera.
 #[derive(Clone)]
 pub struct DeepFramebuffer {
@@ -55,9 +66,8 @@ pub struct DeepFramebuffer {
     pub edges: Vec<u32>,
     /// Number of eye paths of a pixel on an edge.
     pub samples_on_edges: u32,
-    /// Directly visible radiance of emitters, resolved to pixels: planes R, G, B in tile order. Empty if there are no
-    /// emitters.
-    pub emission: Vec<f32>,
+    /// Pixels that see emitters, straight or in mirrors: by emitter, then in tile order.
+    pub emission: Vec<EmittedPixel>,
     /// Number of samples in each layer.
     pub layers: Vec<usize>,
     /// The number of layers requested.
@@ -83,7 +93,7 @@ impl DeepFramebuffer {
             && self.extra_indices.iter().all(|&i| (i as usize) < extras)
             && self.edges.is_sorted()
             && self.edges.last().is_none_or(|&pixel| (pixel as usize) < pixels)
-            && (self.emission.is_empty() || self.emission.len() == 3 * pixels)
+            && self.emission.iter().all(|part| (part.pixel as usize) < pixels)
     }
 
     /// Indices of the samples that reflect direct light.

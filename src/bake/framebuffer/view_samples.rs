@@ -7,10 +7,10 @@
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::{BakeSettings, DeepFramebuffer};
+use super::{BakeSettings, DeepFramebuffer, EmittedPixel};
 use crate::physics::brdf;
 use crate::physics::octahedral;
-use crate::scene::{AlphaMode, Camera, Projection};
+use crate::scene::{AlphaMode, Camera, Emitters, Projection};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSample};
 use crate::trace::bvh::{Hit, TracedScene, coverage, passes_by_chance};
 use crate::trace::packet::{PACKET_SIZE, SamplePacket};
@@ -272,7 +272,8 @@ struct Tile {
     extra_of: Vec<(u32, ExtraSample)>,
     /// Pixels whose first sample covers them partly, in tile order, and its coverage.
     covered: Vec<(u32, f32)>,
-    emission: Vec<(u32, Vec3)>,
+    /// Material, pixel in tile order, and radiance.
+    emission: Vec<(u32, u32, Vec3)>,
 }
 
 /// The deep framebuffer with one path per pixel, through its centre; `edges` lists pixels that get `samples` paths.
@@ -327,7 +328,7 @@ impl Tile {
     fn add(&mut self, part: &PathPart, pixel: u32, share: f32, first: Option<usize>) {
         let PathPart::Vertex(vertex) = part else { return };
         if vertex.point.emission != Vec3::ZERO {
-            self.emission.push((pixel, vertex.weight * share * vertex.point.emission));
+            self.emission.push((vertex.point.material, pixel, vertex.weight * share * vertex.point.emission));
         }
         if first == Some(self.first.samples.len()) {
             self.first.push(vertex);
@@ -469,13 +470,19 @@ fn join(eye: &EyeRays, settings: &BakeSettings, edges: &[u32], tiles: Vec<Tile>)
         })
         .collect();
 
-    let emission_parts: Vec<&(u32, Vec3)> = tiles.iter().flat_map(|tile| &tile.emission).collect();
-    let mut emission = vec![0.0; if emission_parts.is_empty() { 0 } else { 3 * pixel_count }];
-    for (pixel, radiance) in emission_parts {
-        for (plane, value) in radiance.to_array().into_iter().enumerate() {
-            emission[plane * pixel_count + *pixel as usize] += value;
-        }
-    }
+    let emitters = Emitters::of(eye.scene);
+    let emitted = |&(material, pixel, radiance): &_| EmittedPixel {
+        emitter: emitters.index(material).expect("an emissive material has an emitter"),
+        pixel,
+        radiance,
+    };
+    let mut emission: Vec<EmittedPixel> = tiles.iter().flat_map(|tile| &tile.emission).map(emitted).collect();
+    emission.sort_by_key(|part| (part.emitter, part.pixel));
+    emission.dedup_by(|part, sum| {
+        let is_same = (part.emitter, part.pixel) == (sum.emitter, sum.pixel);
+        sum.radiance += if is_same { part.radiance } else { Vec3::ZERO };
+        is_same
+    });
     let has_specular = samples.iter().any(|s| s.brdf != NO_BRDF && brdfs[s.brdf as usize].has_lobe());
     DeepFramebuffer {
         camera: eye.camera.clone(),

@@ -5,8 +5,8 @@ use super::view_samples::{EMPTY_SAMPLE, pack};
 use crate::shared::{ExtraPixel, ExtraSample, NO_BRDF};
 
 impl DeepFramebuffer {
-    /// The same picture from a framebuffer with all mirror layers at all pixels, one BRDF per sample, a specular lobe,
-    /// and an emission image. Existing samples retain their places.
+    /// The same picture from a framebuffer with all mirror layers at all pixels, one BRDF per sample, and a specular
+    /// lobe. Existing samples retain their places.
     pub fn into_worst_case(mut self) -> Self {
         let pixels = self.pixel_stride();
         for sample in self.samples.iter_mut().filter(|s| s.brdf != NO_BRDF) {
@@ -14,7 +14,6 @@ impl DeepFramebuffer {
             sample.brdf = self.brdfs.len() as u32 - 1;
         }
         self.has_specular = true;
-        self.emission.resize(3 * pixels, 0.0);
 
         let mut listed: Vec<Vec<u32>> = vec![Vec::new(); pixels];
         let mut first_weights = vec![1.0; pixels];

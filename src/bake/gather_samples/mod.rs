@@ -17,7 +17,7 @@ use self::clusters::Clusters;
 use self::surface_points::is_enclosed;
 use super::brdf_factors::NEAR_MIRROR_ALPHA;
 use crate::physics::sequence::Points;
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use crate::shared::Brdf;
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket};
@@ -299,21 +299,21 @@ fn visibility_weight(ratio: f64) -> f64 {
 const ALIKE: f64 = 0.8;
 
 /// Materials with enough candidates for a sample get their own samples: the radiance of a dark wall says nothing about
-/// the white skirting in front of it. All other materials form one group. Returns the group of each material and the
-/// candidates of each group.
+/// the white skirting in front of it. So do emissive ones, which are lights of their own. All other materials form one
+/// group. Returns the group of each material and the candidates of each group.
 fn groups(scene: &Scene, candidates: &[Candidate]) -> (Vec<u32>, Vec<Vec<u32>>) {
     let mut members = vec![Vec::new(); scene.materials.len()];
     candidates.iter().enumerate().for_each(|(i, c)| members[c.surface.material as usize].push(i as u32));
     let mut grouped = vec![Vec::new()];
-    let group = |members: Vec<u32>| {
-        if members.len() < CANDIDATES {
+    let group = |(material, members): (&Material, Vec<u32>)| {
+        if members.is_empty() || members.len() < CANDIDATES && material.emissive == Vec3::ZERO {
             grouped[0].extend(members);
             return 0;
         }
         grouped.push(members);
         grouped.len() as u32 - 1
     };
-    let groups = members.into_iter().map(group).collect();
+    let groups = scene.materials.iter().zip(members).map(group).collect();
     grouped.retain(|members| !members.is_empty());
     (groups, grouped)
 }

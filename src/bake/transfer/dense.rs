@@ -11,6 +11,7 @@ use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use crate::bake::transport::LightTransport;
 use crate::bake::transport::directions::Lobe;
+use crate::bake::transport::emitted::{self, Emitted, EmitterLight};
 use crate::bake::transport::rows::RowGatherer;
 use crate::storage::journal::Journal;
 use crate::storage::mapped::Elements;
@@ -36,7 +37,7 @@ impl Transfer {
         };
         let vector_length = fine + further[0].nrows();
         let bounce = explicit(fine, further[0].nrows(), bounced);
-        let emitted = transfer.emitted().unwrap_or_default();
+        let emitted = transfer.emitted();
         let offset = if one_level { fine as u32 } else { 0 };
         let none = transfer.bounces() == Some(0);
         let gatherer = RowGatherer { framebuffer, ..transfer.row_gatherer(lobe) };
@@ -78,20 +79,19 @@ pub(in crate::bake) fn explicit(columns: usize, rows: usize, value: impl Fn(usiz
     matrix
 }
 
-/// Φ in dense blocks, from its sparse rows, whose columns start at `offset` in the vector; and its product with
-/// `emitted`.
+/// Φ in dense blocks, from its sparse rows, whose columns start at `offset` in the vector; and the light of emitters.
 pub(in crate::bake) fn last_matrix(
     framebuffer: &DeepFramebuffer,
     vector_length: usize,
     offset: u32,
-    emitted: &[DVec3],
+    emitted: &Emitted,
     gather: impl Fn(&[u32]) -> CsrMatrix,
     journal: &mut Journal,
     progress: &(dyn Fn(usize) + Sync),
-) -> (BlockMatrix, Vec<Vec3>) {
+) -> (BlockMatrix, Vec<EmitterLight>) {
     let empty = || BlockMatrix::new(3, vector_length, framebuffer.samples.len());
     let mut matrix = empty();
-    let mut emission = vec![Vec3::ZERO; if emitted.is_empty() { 0 } else { framebuffer.samples.len() }];
+    let mut emission = emitted.images(framebuffer.samples.len());
     for piece in framebuffer.reflecting().chunks(ROWS_A_BLOCK * BLOCKS_AT_ONCE) {
         let make = || {
             let rows = gather(piece);
@@ -103,18 +103,17 @@ pub(in crate::bake) fn last_matrix(
             let blocks: Vec<_> = piece.par_chunks(ROWS_A_BLOCK).enumerate().map(block).collect();
             let mut all = empty();
             blocks.into_iter().for_each(|block| all.append(block));
-            let emission = if emitted.is_empty() { Vec::new() } else { rows.multiply(emitted) };
-            Recorded::new(&all, emission.into_iter().map(DVec3::as_vec3).collect())
+            Recorded::new(&all, emitted.radiance(&rows))
         };
         let is_of = |record: &Recorded| {
             let part = record.matrix(empty());
             part.is_consistent()
                 && part.outputs.iter().all(|output| piece.binary_search(output).is_ok())
-                && record.emission.len() == if emitted.is_empty() { 0 } else { piece.len() }
+                && record.emission.len() == piece.len() * emitted.count()
         };
         let record = journal.next(is_of, make);
         matrix.append(record.matrix(empty()));
-        piece.iter().zip(record.emission).for_each(|(&i, e)| emission[i as usize] = e);
+        emitted::place(&mut emission, piece, &record.emission);
         progress(piece.len());
     }
     (matrix, emission)

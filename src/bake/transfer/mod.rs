@@ -21,6 +21,7 @@ use crate::bake::compression::haar::Haar;
 use crate::bake::framebuffer::view_samples::pack;
 use crate::bake::gather_samples::GatherSamples;
 use crate::bake::transport::LightTransport;
+use crate::bake::transport::emitted::EmitterLight;
 use crate::bake::transport::level::Level;
 use crate::physics::octahedral;
 use crate::shared::{DISC_SIDE, FactoredSample, HARMONIC_DEGREES, LightSample, ViewSample};
@@ -57,8 +58,8 @@ pub struct Transfer {
     pub coarse: Vec<BlockMatrix>,
     /// Maps λ0 to view samples if there is no chain.
     pub sparse: Option<SellMatrix>,
-    /// Indirect radiance of emitters at each view sample; empty without emitters.
-    pub emission: Vec<Vec3>,
+    /// Indirect light of emitters.
+    pub emission: Vec<EmitterLight>,
     pub report: TransferReport,
 }
 
@@ -174,7 +175,7 @@ impl Transfer {
             && (self.samples.is_empty() || self.projection.len() == Projection::TABLE_LENGTH)
             && self.samples.iter().all(ours)
             && self.factored.iter().all(thesis)
-            && (self.emission.is_empty() || self.emission.len() == view_samples)
+            && self.emission.iter().all(|light| light.radiance.len() == view_samples)
     }
 
     /// Indirect radiance of all view samples from the coefficients of direct light, in double precision: a twin of the

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::Transfer;
 use crate::bake::DeepFramebuffer;
+use crate::bake::transport::emitted::EmitterLight;
 use crate::physics::octahedral;
 use crate::shared::NO_BRDF;
 
@@ -26,10 +27,10 @@ impl Transfer {
         let sources = sources(from, to, radius);
         let mut chain = inner.to_vec();
         chain.push(last.with_rows(&sources));
-        let emission = match self.emission.is_empty() {
-            true => Vec::new(),
-            false => sources.iter().map(|s| s.map_or(Vec3::ZERO, |s| self.emission[s as usize])).collect(),
-        };
+        let spread =
+            |radiance: &[Vec3]| sources.iter().map(|s| s.map_or(Vec3::ZERO, |s| radiance[s as usize])).collect();
+        let spread = |light: &EmitterLight| EmitterLight { radiance: spread(&light.radiance), ..*light };
+        let emission = self.emission.iter().map(spread).collect();
         // Field by field: a clone would copy the factors of the last matrix, too, most of all bytes.
         Some(Self {
             samples: self.samples.clone(),

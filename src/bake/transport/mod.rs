@@ -16,6 +16,7 @@ pub mod bounces;
 pub mod cells;
 pub mod direct;
 pub mod directions;
+pub mod emitted;
 pub mod importance;
 pub mod level;
 pub mod paths;
@@ -28,6 +29,7 @@ use rayon::prelude::*;
 
 use self::bounces::{Bounce, BounceGatherer};
 use self::directions::Lobe;
+use self::emitted::Emitted;
 use self::importance::Importance;
 use self::level::Level;
 use self::paths::Paths;
@@ -290,10 +292,9 @@ impl<'a> LightTransport<'a> {
         self.radiating(|sample| sample.emission.as_dvec3())
     }
 
-    /// The operand of Φ for all emitters, which act as one more light; `None` if there are none.
-    pub fn emitted(&self) -> Option<Vec<DVec3>> {
-        let emission = self.emission();
-        emission.iter().any(|e| *e != DVec3::ZERO).then(|| self.bounce(&emission).0)
+    /// What the rows of Φ are multiplied by for the light of emitters.
+    pub fn emitted(&self) -> Emitted {
+        Emitted::new(self)
     }
 
     /// Coefficients of samples that emit the given radiance uniformly.

@@ -2,11 +2,12 @@
 
 use glam::{DVec3, Vec3};
 
+use super::film::{EMISSION, Sample};
 use crate::bake::framebuffer::view_samples::PathSegment;
 use crate::physics::brdf::reflected;
 use crate::physics::light::{Incident, incident};
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, LightKind, ResolvedLinks, Rig, Scene};
+use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig, Scene};
 use crate::shared::PackedLight;
 use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::light_surface::{LightInScene, LightSurface};
@@ -14,7 +15,7 @@ use crate::trace::linked::LinkedScene;
 use crate::trace::packet::shadow_ray;
 use crate::trace::surface::SurfacePoint;
 
-/// The lights of a rig whose scale is not zero.
+/// The lights of a rig, without emitters, whose scale is not zero.
 pub(super) struct ActiveLights {
     pub all: Vec<ActiveLight>,
 }
@@ -47,7 +48,8 @@ impl ActiveLights {
             links: links.remove(&i),
             scale: rig.scale(i).as_dvec3(),
         };
-        Self { all: (0..rig.lights.len()).map(light).filter(|light| light.scale != DVec3::ZERO).collect() }
+        let arrives = |i: &usize| rig.lights[*i].kind != LightKind::Emitter && rig.scale(*i) != Vec3::ZERO;
+        Self { all: (0..rig.lights.len()).filter(arrives).map(light).collect() }
     }
 
     /// Lights without size.
@@ -216,7 +218,9 @@ fn share_seen(scene: LinkedScene, point: &SurfacePoint, packed: &PackedLight) ->
 }
 
 /// Emitting triangles, sampled with probability proportional to area times radiance.
-pub(super) struct Emitters {
+pub(super) struct EmittingTriangles {
+    /// By material: the lights of the rig that make it shine, and their factors on its emission.
+    lights: Vec<Vec<(usize, DVec3)>>,
     /// Triangles, with the cumulative sum of area times radiance.
     running: Vec<(u32, f64)>,
     /// Per triangle of the mesh, sampling density per area in mesh space; empty if none emits.
@@ -227,21 +231,27 @@ pub(super) struct Emitters {
 pub(super) struct Drawn {
     /// Unit, towards the emitter.
     pub wi: DVec3,
-    /// Radiance.
+    pub material: u32,
+    /// Radiance by the material.
     pub emission: DVec3,
     /// Sampling density, 1/sr.
     pub density: f64,
 }
 
-impl Emitters {
-    pub fn new(scene: &Scene) -> Self {
+impl EmittingTriangles {
+    /// `rig` has a light for each emitter.
+    pub fn new(scene: &Scene, rig: &Rig) -> Self {
         let mesh = &scene.mesh;
+        let lights = Emitters::of(scene).lights(rig);
+        let radiance = |material: u32| {
+            let factor: DVec3 = lights[material as usize].iter().map(|(_, factor)| *factor).sum();
+            (scene.materials[material as usize].emissive.as_dvec3() * factor).max_element()
+        };
         let mut running = Vec::new();
         let mut total = 0.0;
         for (i, corners) in mesh.triangles.iter().enumerate() {
-            let material = &scene.materials[mesh.triangle_materials[i] as usize];
             let [a, b, c] = corners.map(|v| mesh.positions[v as usize]);
-            let power = f64::from(material.emissive.max_element() * (b - a).cross(c - a).length());
+            let power = radiance(mesh.triangle_materials[i]) * f64::from((b - a).cross(c - a).length());
             if power > 0.0 {
                 total += power;
                 running.push((i as u32, total));
@@ -250,10 +260,16 @@ impl Emitters {
         let mut density = vec![0.0; if running.is_empty() { 0 } else { mesh.triangles.len() }];
         for &(i, _) in &running {
             // Power here is area times radiance without constants; divided by area it is the radiance.
-            let radiance = scene.materials[mesh.triangle_materials[i as usize] as usize].emissive.max_element();
-            density[i as usize] = (2.0 * f64::from(radiance) / total) as f32;
+            density[i as usize] = (2.0 * radiance(mesh.triangle_materials[i as usize]) / total) as f32;
         }
-        Self { running, density }
+        Self { lights, running, density }
+    }
+
+    /// Adds light that a material emits.
+    pub fn add(&self, sums: &mut Sample, material: u32, emission: DVec3) {
+        for &(source, factor) in &self.lights[material as usize] {
+            sums.add_light(EMISSION, source, emission * factor);
+        }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -278,7 +294,8 @@ impl Emitters {
         let hit = scene.closest_hit(origin, direction, f32::INFINITY).filter(|hit| hit.triangle == triangle)?;
         let seen = SurfacePoint::new(scene, &hit, direction, 0.0);
         let density = self.density(&hit, &seen, direction);
-        Some(Drawn { wi: direction.as_dvec3(), emission: seen.emission.as_dvec3(), density })
+        let (wi, emission) = (direction.as_dvec3(), seen.emission.as_dvec3());
+        Some(Drawn { wi, material: seen.material, emission, density })
     }
 
     /// Density per solid angle with which [`Self::draw`] samples the point that a ray in unit `direction` hit; 0 if it

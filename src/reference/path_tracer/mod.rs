@@ -22,13 +22,13 @@ use rayon::prelude::*;
 
 pub use self::film::{Film, Half, Layer, StandardErrors};
 
-use self::film::{DIRECT, EMISSION, REFLECTION, Sample, TILE_PIXELS, Tile};
+use self::film::{DIRECT, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::glossy_mirrors::GlossyMirrors;
-use self::lights::{ActiveLights, Emitters};
+use self::lights::{ActiveLights, EmittingTriangles};
 use self::path::{FirstHit, PathRandom};
 use crate::bake::framebuffer::view_samples::{EyeRays, PathPart, Tiling};
 use crate::physics::sequence::Points;
-use crate::scene::{Camera, Rig};
+use crate::scene::{Camera, Emitters, Rig};
 use crate::trace::bvh::TracedScene;
 
 /// Parameters of a trace.
@@ -65,7 +65,7 @@ pub struct PathTracer<'a> {
     scene: &'a TracedScene,
     eye: EyeRays<'a>,
     lights: ActiveLights,
-    emitters: Emitters,
+    emitters: EmittingTriangles,
     mirrors: GlossyMirrors,
     settings: Settings,
     /// Names of the lights that have layers.
@@ -80,13 +80,14 @@ impl<'a> PathTracer<'a> {
     /// Panics if links of a light name what the scene lacks: see [`Rig::resolve_links`].
     pub fn new(scene: &'a TracedScene, camera: &'a Camera, rig: &Rig, settings: &Settings) -> Self {
         let tiling = Tiling { width: settings.width, height: settings.height };
+        let rig = &*Emitters::of(scene).complete(rig);
         let lights = ActiveLights::new(scene, rig);
         Self {
             scene,
             eye: EyeRays { scene, camera, tiling, layers: settings.layers },
             mirrors: GlossyMirrors::new(scene, &lights),
             lights,
-            emitters: Emitters::new(scene),
+            emitters: EmittingTriangles::new(scene, rig),
             settings: settings.clone(),
             light_names: rig.lights.iter().filter(|_| settings.light_layers).map(|light| light.name.clone()).collect(),
             segments: AtomicU64::new(0),
@@ -193,7 +194,7 @@ impl<'a> PathTracer<'a> {
             let number = segments;
             segments += 1;
             let (weight, wo) = (vertex.weight.as_dvec3(), vertex.wo.as_dvec3());
-            sums[EMISSION] += weight * vertex.point.emission.as_dvec3();
+            self.emitters.add(sums, vertex.point.material, weight * vertex.point.emission.as_dvec3());
             if vertex.point.normal.dot(vertex.wo) <= 0.0 || !vertex.point.brdf.reflects_directly() {
                 return;
             }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::PathTracer;
 use super::aims::MirrorAims;
-use super::film::{DIRECT, EMISSION, INDIRECT, INDIRECT_GLOSSY, REFLECTION, Sample};
+use super::film::{DIRECT, INDIRECT, INDIRECT_GLOSSY, REFLECTION, Sample};
 use crate::bake::framebuffer::view_samples::PathVertex;
 use crate::physics::brdf::{Lobes, mirror};
 use crate::physics::sequence::Points;
@@ -102,7 +102,9 @@ impl PathTracer<'_> {
             };
             if !self.emitters.is_empty() {
                 let [a, b, c, _] = random.at(EMITTER, bounce, 0);
-                sums.sample[EMISSION] += throughput * self.reflect_emitter(&point, &lobes, aims, [a, b, c]);
+                if let Some((material, light)) = self.reflect_emitter(&point, &lobes, aims, [a, b, c]) {
+                    self.emitters.add(sums.sample, material, throughput * light);
+                }
             }
             if have_sizes {
                 let [a, b, ..] = random.at(LIGHT_POINT, bounce, 0);
@@ -150,7 +152,8 @@ impl PathTracer<'_> {
                 if point.emission.max_element() > 0.0 {
                     let looked_for = self.emitters.density(&hit, &point, direction);
                     let share = density.map_or(1.0, |density| density / (density + looked_for));
-                    sums.sample[EMISSION] += throughput * share * point.emission.as_dvec3();
+                    let emission = throughput * share * point.emission.as_dvec3();
+                    self.emitters.add(sums.sample, point.material, emission);
                 }
                 wo = -direction.as_dvec3();
                 let cosine = point.normal.as_dvec3().dot(wo);
@@ -205,11 +208,17 @@ impl PathTracer<'_> {
         self.lights.all.len() <= 1 && point.brdf.has_lobe()
     }
 
-    /// Light of a sampled emitter, weighted by the balance heuristic against sampling the BRDF and aims.
-    fn reflect_emitter(&self, point: &SurfacePoint, lobes: &Lobes, aims: &MirrorAims, u: [f64; 3]) -> DVec3 {
-        let Some(drawn) = self.emitters.draw(self.scene, point, u) else { return DVec3::ZERO };
+    /// Material and light of a sampled emitter, weighted by the balance heuristic against sampling the BRDF and aims.
+    fn reflect_emitter(
+        &self,
+        point: &SurfacePoint,
+        lobes: &Lobes,
+        aims: &MirrorAims,
+        u: [f64; 3],
+    ) -> Option<(u32, DVec3)> {
+        let drawn = self.emitters.draw(self.scene, point, u)?;
         let (reflected, density) = mixture(lobes, aims, drawn.wi);
-        reflected.sum() * drawn.emission / (drawn.density + density)
+        Some((drawn.material, reflected.sum() * drawn.emission / (drawn.density + density)))
     }
 }
 

@@ -17,8 +17,8 @@ pub enum Source {
     Slot(usize),
     /// The sum of all that is not in the focus.
     Rest,
-    /// Emission, which no edit changes.
-    Emission,
+    /// An emitter as its material says, which no edit changes.
+    Emitter(usize),
     /// The mean over some points of a light with a size, before it joins the image of the light.
     SomePoints,
     /// The image of a light with a size when it had fewer points.

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::{Detail, LightCache, LightPoints, Shade, Source, Step, Term};
+use crate::scene::{Light, LightKind};
 
 /// Points of the lattices of a light with a size: those of the second one join those of the first.
 const LATTICES: [u32; 2] = [256, 1024];
@@ -29,6 +30,7 @@ impl LightCache {
             }
             None => {
                 let slot = self.take_slot(leaf);
+                let Light { kind, material, .. } = &self.rig.lights[light];
                 let is_punctual = self.rig.lights[light].is_punctual();
                 let is_interleaved = !is_punctual && detail != Detail::Exact;
                 self.compared = self.compared.filter(|&compared| compared != leaf);
@@ -39,6 +41,14 @@ impl LightCache {
                 }
                 if is_punctual || is_interleaved {
                     node.coarse = detail == Detail::Coarse || is_interleaved;
+                    if *kind == LightKind::Emitter {
+                        node.coarse = false;
+                        let image = material.as_ref().and_then(|material| self.emitters.get(material));
+                        let term = |&image: &usize| Term { source: Source::Emitter(image), scale: Vec3::ONE };
+                        let terms = image.map(term).into_iter().collect();
+                        steps.push(Step::Sum { target: Source::Slot(slot), terms, kept: 0.0 });
+                        return slot;
+                    }
                     let points = if is_punctual { LightPoints::One } else { LightPoints::Interleaved };
                     steps.push(Step::Shade(Shade { light, target: Source::Slot(slot), detail, points }));
                     return slot;

@@ -37,7 +37,7 @@ pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
 /// `embedded` with the file's node indices, if its lights agree with the file's.
 fn with_file_nodes(mut embedded: Rig, loaded: &Rig) -> Option<Rig> {
     let by_name: HashMap<&str, &Light> = loaded.lights.iter().map(|light| (light.name.as_str(), light)).collect();
-    let in_gltf = |light: &&mut Light| light.kind != LightKind::Dome;
+    let in_gltf = |light: &&mut Light| light.kind.is_in_gltf();
     if embedded.lights.iter_mut().filter(in_gltf).count() != loaded.lights.len() {
         return None;
     }
@@ -50,7 +50,7 @@ fn with_file_nodes(mut embedded: Rig, loaded: &Rig) -> Option<Rig> {
         }
     }
     let active = embedded.with_solo_applied();
-    let in_gltf = (0..active.lights.len()).filter(|&i| active.lights[i].kind != LightKind::Dome);
+    let in_gltf = (0..active.lights.len()).filter(|&i| active.lights[i].kind.is_in_gltf());
     let is_same = in_gltf.into_iter().all(|i| is_same(&active, i, by_name[active.lights[i].name.as_str()]));
     is_same.then_some(embedded)
 }
@@ -76,7 +76,7 @@ fn is_same(rig: &Rig, index: usize, found: &Light) -> bool {
         (LightKind::Point, LightExtension::Profile) => same_place,
         (LightKind::Point, _) => same_place && same_range,
         (LightKind::Spot, _) => same_place && same_range && same_cone,
-        (LightKind::Directional | LightKind::Dome, _) => true,
+        (LightKind::Directional | LightKind::Dome | LightKind::Emitter, _) => true,
     };
     light.kind == found.kind
         && extension == LightExtension::of(found)

@@ -31,8 +31,8 @@ pub fn replace(root: &mut Object, document: &Document, rig: &Rig) -> Result<()> 
             }
         }
     }
-    // glTF has no domes; they are in the embedded rig.
-    for index in (0..rig.lights.len()).filter(|&i| rig.lights[i].kind != LightKind::Dome) {
+    // The others are in the embedded rig.
+    for index in (0..rig.lights.len()).filter(|&i| rig.lights[i].kind.is_in_gltf()) {
         writer.write(root, rig, index);
     }
     for List { extension, new, .. } in writer.lists {
@@ -266,7 +266,8 @@ fn punctual_entry(light: &Light, strength: (Vec3, f64), mut entry: Object) -> Ob
     let kind = match light.kind {
         LightKind::Point => "point",
         LightKind::Spot | LightKind::Disk | LightKind::Rect => "spot",
-        LightKind::Directional | LightKind::Dome => "directional",
+        LightKind::Directional => "directional",
+        LightKind::Dome | LightKind::Emitter => unreachable!("glTF has no such lights"),
     };
     start_entry(&mut entry, kind, light, strength);
     match light.range {

@@ -84,7 +84,7 @@ struct Door {
 }
 
 impl PosedFilter {
-    /// `None` for lights without filters, for directional lights, and for domes without a map.
+    /// `None` for lights without filters, for directional lights and emitters, and for domes without a map.
     pub fn new(light: &Light) -> Option<Self> {
         let LightFilter { ies, gobo, barn_doors } = &light.filter;
         if light.kind == LightKind::Dome {
@@ -98,7 +98,7 @@ impl PosedFilter {
                 least_z: -1.0 - SLACK,
             });
         }
-        if light.filter.is_none() || light.kind == LightKind::Directional {
+        if light.filter.is_none() || !light.kind.has_position() {
             return None;
         }
         let is_flat = light.kind != LightKind::Point;

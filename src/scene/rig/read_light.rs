@@ -18,6 +18,8 @@ use crate::scene::{Light, LightFilter, LightGroup, LightKind, LightUnit, Links, 
 pub struct LightEntry {
     pub name: Spanned<String>,
     pub kind: Spanned<String>,
+    /// Of an emitter.
+    pub material: Option<String>,
     pub position: Option<Spanned<[f64; 3]>>,
     pub direction: Option<Spanned<[f64; 3]>>,
     pub color: Option<Spanned<[f32; 3]>>,
@@ -105,7 +107,10 @@ pub fn light(
     let strength_at = strengths.into_iter().chain([&entry.stops]).flatten().map(|v| v.span()).next();
     check.one_strength(&entry)?;
     let [inner_angle, outer_angle] = check.cone(entry.inner_deg, entry.outer_deg)?;
-    let position = check.vector(entry.position, "position", !kind.is_far())?;
+    if kind == LightKind::Emitter && entry.material.is_none() {
+        return Err(check.wrong(entry.kind.span(), "an emitter needs the name of its material"));
+    }
+    let position = check.vector(entry.position, "position", kind.has_position())?;
     let default = Light::point("", DVec3::ZERO);
     let radius = match kind {
         LightKind::Disk => check.needed(entry.radius, "radius")?,
@@ -126,11 +131,13 @@ pub fn light(
         Some(ies) => (DVec3::NEG_Y, ies.max()),
         None => (DVec3::NEG_Z, 1.0),
     };
-    if kind.is_far() && !filter.is_none()
+    if !kind.has_position() && !filter.is_none()
         || kind == LightKind::Point && (filter.gobo.is_some() || filter.barn_doors.is_some())
     {
         let kind = entry.kind.get_ref();
-        tracing::warn!("light \"{name}\": a {kind} light ignores gobo and barn doors; a directional one also ies");
+        tracing::warn!(
+            "light \"{name}\": a {kind} light ignores gobo and barn doors; only lights with a position have ies"
+        );
     }
     let mut light = Light {
         kind,
@@ -143,9 +150,10 @@ pub fn light(
         two_sided: entry.two_sided,
         visible: entry.visible,
         position: position.unwrap_or(DVec3::ZERO),
+        material: entry.material.filter(|_| kind == LightKind::Emitter),
         map: check.file(entry.map, |name| files.sky_map(name))?,
         rotation: check.number(entry.rotate_deg, 0.0, "rotate_deg", -1e6..=1e6)?.to_radians(),
-        direction: check.direction(entry.direction, aim, !matches!(kind, LightKind::Point | LightKind::Dome))?,
+        direction: check.direction(entry.direction, aim, kind.is_aimed() || kind == LightKind::Directional)?,
         color: check.color(entry.color, entry.kelvin, entry.tint)?,
         intensity: check.number(entry.intensity, candela, "intensity", 0.0..=f64::MAX)?,
         stops: check.number(entry.stops, 0.0, "stops", f64::MIN..=f64::MAX)?,
@@ -188,7 +196,7 @@ pub fn light(
     Ok(light)
 }
 
-const KINDS: &str = "`point`, `spot`, `directional`, `sphere`, `disk`, `rect`, `sun` or `dome`";
+const KINDS: &str = "`point`, `spot`, `directional`, `sphere`, `disk`, `rect`, `sun`, `dome` or `emitter`";
 /// Lengths in metres.
 const SIZES: RangeInclusive<f64> = 0.0..=f64::MAX;
 
@@ -214,7 +222,7 @@ impl Check<'_> {
             "disk" => Ok(LightKind::Disk),
             "rect" => Ok(LightKind::Rect),
             "dome" => Ok(LightKind::Dome),
-            kind @ "emitter" => wrong(format!("kind `{kind}` is reserved and not supported yet")),
+            "emitter" => Ok(LightKind::Emitter),
             kind => wrong(format!("kind `{kind}` is unknown, expected {KINDS}")),
         }
     }

@@ -94,13 +94,17 @@ impl Document {
             LightKind::Disk => "disk",
             LightKind::Rect => "rect",
             LightKind::Dome => "dome",
+            LightKind::Emitter => "emitter",
         };
         self.header("light");
         self.key("name", string(&light.name));
         self.key("kind", string(kind));
+        if let Some(material) = &light.material {
+            self.key("material", string(material));
+        }
         // Values that a kind ignores are written only if they are not the defaults: they apply again if the kind
         // changes.
-        if !light.kind.is_far() || light.position != DVec3::ZERO {
+        if light.kind.has_position() || light.position != DVec3::ZERO {
             self.key("position", vector(light.position));
         }
         if light.has_direction() || light.direction != DVec3::NEG_Z {

@@ -11,7 +11,7 @@ use crate::scene::{Light, LightKind, Rig};
 /// filters and links are the other light's. Name, kind, group and leader do not change.
 pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
     let mut light = light.clone();
-    if !light.kind.is_far() {
+    if light.kind.has_position() {
         light.position += after.position - before.position;
     }
     if light.has_direction() && before.direction != after.direction {
@@ -47,10 +47,10 @@ pub fn apply_change(light: &Light, before: &Light, after: &Light) -> Light {
         };
     }
     light.decay_start = scaled(light.decay_start, before.decay_start, after.decay_start).max(0.0);
-    if !light.kind.is_far() {
+    if light.kind.has_position() {
         take(&mut light.filter.ies, &before.filter.ies, &after.filter.ies);
     }
-    if !(light.kind.is_far() || light.kind == LightKind::Point) {
+    if light.kind.is_aimed() {
         take_gobo(&mut light.filter.gobo, &before.filter.gobo, &after.filter.gobo);
         take(&mut light.filter.barn_doors, &before.filter.barn_doors, &after.filter.barn_doors);
     }

@@ -49,8 +49,8 @@ impl Desk {
         let Some(profile) = self.read(name, |name| RigFiles::new(folder).profile(name)) else { return };
         self.edit_each(|_, light| {
             let mut light = light.clone();
-            if light.kind.is_far() {
-                return Err("a directional light or dome has no IES profile");
+            if !light.kind.has_position() {
+                return Err("a light without a position has no IES profile");
             }
             if let Some(profile) = &profile {
                 light.intensity = profile.max();
@@ -64,7 +64,7 @@ impl Desk {
     pub fn attach_gobo(&mut self, folder: &Path, name: &str) {
         let Some(image) = self.read(name, |name| RigFiles::new(folder).image(name)) else { return };
         self.edit_each(|_, light| {
-            if light.kind.is_far() || light.kind == LightKind::Point {
+            if !light.kind.is_aimed() {
                 return Err("only spots, disks and rectangles have a gobo");
             }
             let gobo = |image| match &light.filter.gobo {

@@ -95,7 +95,10 @@ impl Desk {
         let like = self.selected_light().unwrap_or(light);
         let mut light = light.clone();
         match edit {
-            LightEdit::Move { .. } if light.kind.is_far() => {
+            LightEdit::Move { .. } | LightEdit::Turn { .. } if light.kind == LightKind::Emitter => {
+                return Err("an emitter is where its material is");
+            }
+            LightEdit::Move { .. } if !light.kind.has_position() => {
                 return Err("a directional light or dome has no position; turn it");
             }
             LightEdit::Move { frame: Frame::Camera, axis } => light.position += axes * (axis * self.step),
@@ -161,7 +164,7 @@ impl Desk {
             LightKind::Rect => light.size = light.size.map(|side| grown(side, self.step)),
             LightKind::Directional => light.angle = grown(light.angle, SUN).min(PI),
             LightKind::Point | LightKind::Spot | LightKind::Disk => light.radius = grown(light.radius, self.step),
-            LightKind::Dome => {}
+            LightKind::Dome | LightKind::Emitter => {}
         }
     }
 }

@@ -23,7 +23,7 @@ impl Desk {
         light.direction = (target - position).normalize();
         // White diffuse radiance 0.5: E = pi/2 lux at the target.
         let lux = FRAC_PI_2 * f64::from(-exposure).exp2();
-        let at_target = if kind.is_far() { 1.0 } else { (target - position).length_squared() };
+        let at_target = if !kind.has_position() { 1.0 } else { (target - position).length_squared() };
         light.intensity = two_digits(if kind == LightKind::Dome { lux / PI } else { lux * at_target });
         (light.inner_angle, light.outer_angle) = match kind {
             LightKind::Spot => (15f64.to_radians(), 20f64.to_radians()),
@@ -33,9 +33,9 @@ impl Desk {
             LightKind::Disk => light.radius = two_digits(0.1 * distance),
             LightKind::Rect => light.size = [0.25 * distance, 0.125 * distance].map(two_digits),
             LightKind::Dome => light.visible = true,
-            LightKind::Point | LightKind::Spot | LightKind::Directional => {}
+            LightKind::Point | LightKind::Spot | LightKind::Directional | LightKind::Emitter => {}
         }
-        if kind.is_far() {
+        if !kind.has_position() {
             light.position = DVec3::ZERO;
         }
         self.insert(vec![light]);
@@ -51,7 +51,7 @@ impl Desk {
         (target - self.camera.position).length().max(self.step)
     }
 
-    /// Duplicates the selected lights and selects the copies.
+    /// Duplicates the selected lights, but no emitters, and selects the copies.
     pub fn duplicate(&mut self) {
         let mut names = self.light_names();
         let mut copy = |index: usize| {
@@ -61,7 +61,12 @@ impl Desk {
             // A copy belongs to no node of the scene.
             Light { name, node: None, ..light.clone() }
         };
-        let lights: Vec<Light> = self.selection.iter().map(&mut copy).collect();
+        let is_emitter = |light: &usize| self.rig.lights[*light].kind == LightKind::Emitter;
+        let lights: Vec<Light> = self.selection.iter().filter(|light| !is_emitter(light)).map(&mut copy).collect();
+        if lights.is_empty() && !self.selection.is_empty() {
+            self.message = "emitters cannot be duplicated".into();
+            return;
+        }
         self.insert(lights);
     }
 
@@ -79,18 +84,23 @@ impl Desk {
         self.history.end_gesture();
     }
 
-    /// Deletes the selected lights; their followers follow no light any more.
+    /// Deletes the selected lights, but no emitters; their followers follow no light any more.
     pub fn delete(&mut self) {
         let Some(first) = self.selection.iter().min() else {
             self.message = "no light is selected".into();
             return;
         };
+        let is_emitter = |light: usize| self.rig.lights[light].kind == LightKind::Emitter;
+        if self.selection.iter().all(is_emitter) {
+            self.message = "materials emit light; switch it off instead".into();
+            return;
+        }
         self.history.end_gesture();
         let mut rig = self.rig.clone();
         let mut left = 0;
         let new_index: Vec<Option<usize>> = (0..rig.lights.len())
             .map(|light| {
-                let stays = !self.selection.contains(light);
+                let stays = !self.selection.contains(light) || is_emitter(light);
                 left += usize::from(stays);
                 stays.then(|| left - 1)
             })

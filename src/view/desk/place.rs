@@ -26,6 +26,7 @@ impl Desk {
         self.edit_primary(|desk, light| match light.kind {
             LightKind::Directional => Err("a directional light has no position; aim it"),
             LightKind::Dome => Err("a dome has no position; turn it"),
+            LightKind::Emitter => Err("an emitter is where its material is"),
             _ => Ok(Light { position: at.position + at.normal * desk.lift, ..light.clone() }),
         });
     }
@@ -35,12 +36,10 @@ impl Desk {
         self.edit_each(|_, light| {
             let direction = match light.kind {
                 _ if !light.has_direction() => {
-                    return Err("a point light or dome shines in all directions and cannot aim");
+                    return Err("a light that shines in all directions cannot aim");
                 }
                 LightKind::Directional => -at.normal,
-                LightKind::Dome | LightKind::Point | LightKind::Spot | LightKind::Disk | LightKind::Rect => {
-                    (at.position - light.position).try_normalize().ok_or("it is at that point")?
-                }
+                _ => (at.position - light.position).try_normalize().ok_or("it is at that point")?,
             };
             Ok(Light { direction, ..light.clone() })
         });
@@ -85,7 +84,7 @@ impl Desk {
 /// point.
 fn moved_to(light: &Light, point: DVec3, direction: DVec3, free: f64) -> Light {
     let mut light = light.clone();
-    if !light.kind.is_far() {
+    if light.kind.has_position() {
         light.position = point + direction * (light.position - point).length().min((1.0 - MARGIN) * free);
     }
     if light.has_direction() {

@@ -33,7 +33,7 @@ impl Flap {
 impl Gizmos<'_> {
     /// Returns the barn doors that a light has, in the order of their angles.
     pub fn doors(&self, light: &Light) -> impl Iterator<Item = Flap> {
-        let has_doors = matches!(light.kind, LightKind::Spot | LightKind::Disk | LightKind::Rect);
+        let has_doors = light.kind.is_aimed();
         let doors = light.filter.barn_doors.filter(|_| has_doors);
         let angles = doors.into_iter().flat_map(|doors| doors.angles.into_iter().enumerate());
         angles.map(|(door, angle)| self.door(light, door, angle))
