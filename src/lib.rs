@@ -45,6 +45,7 @@
 //! # Bibliography
 //!
 //! - [Andersson 2020] Andersson et al., FLIP: a difference evaluator for alternating images, Proc. ACM CGIT 3(2).
+//! - [Atanasov 2018] Atanasov et al., Adaptive environment sampling on CPU and GPU, SIGGRAPH Talks.
 //! - [Burley 2020] Burley, Practical hash-based Owen scrambling, JCGT 9(4).
 //! - [Christensen 2003] Christensen, Adjoints and importance in rendering: an overview, IEEE TVCG 9(3).
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).

@@ -10,7 +10,7 @@ const ALLOWED: [(&str, &[&str]); 15] = [
     ("physics", &["shared"]),
     ("storage", &["error"]),
     ("image", &["error", "storage"]),
-    ("scene", &["error", "image", "shared", "storage"]),
+    ("scene", &["error", "image", "physics", "shared", "storage"]),
     ("trace", &["physics", "scene", "shared"]),
     ("bake", &["error", "physics", "scene", "shared", "storage", "trace"]),
     ("gpu", &["error", "shared", "storage"]),

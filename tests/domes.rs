@@ -102,14 +102,49 @@ fn white_domes() {
     }
 }
 
-/// A bright texel is a sun.
+/// White surfaces under a white dome are as bright as the dome, whatever bounces among them: a pit and a block in it.
+#[test]
+fn a_white_furnace() {
+    let gpu = gpu();
+    let mut build = Build::default();
+    let white = build.material(lambert(Vec3::ONE));
+    build.room(DVec3::ZERO, 1.0, white);
+    build.quads.remove(3); // the ceiling
+    for (axis, side) in [(DVec3::X, 1.0), (DVec3::X, -1.0), (DVec3::Y, 1.0), (DVec3::Z, 1.0), (DVec3::Z, -1.0)] {
+        let (u, v) = (DVec3::new(axis.y, axis.z, axis.x), DVec3::new(axis.z, axis.x, axis.y));
+        build.quad(DVec3::new(0.2, -0.7, -0.1) + 0.3 * side * axis, 0.3 * side * v, 0.3 * u, white);
+    }
+    let camera =
+        look(DVec3::new(-0.7, 1.6, 0.8), DVec3::new(0.1, -0.6, 0.0), DVec3::Y, Projection::Perspective { yfov: 0.5 });
+    let (setup, all) = (Setup::new(48, 32), rig(vec![dome(None)]));
+    let mut stage = Stage::new(build.scene(), &camera, &all, &setup);
+    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(4096, 1024, 1024)));
+    let mut relighter = stage.relighter(&gpu, &all, &setup);
+    for (layers, want) in [(Layers::All, 1.0), (Layers::Indirect, 0.0)] {
+        let picture = pixels(&mut relighter, layers);
+        let seen = || picture.iter().flatten().filter(|x| **x > 0.0).map(|&x| f64::from(x));
+        let count = seen().count() as f64;
+        let mean = seen().sum::<f64>() / count;
+        let spread = (seen().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt();
+        println!("{layers:?}: mean {mean:.5}, deviation {spread:.5}");
+        if want > 0.0 {
+            assert_near(mean, want, 1.5e-3, "mean");
+        } else {
+            assert!(mean > 0.1, "there are bounces");
+        }
+    }
+}
+
+/// A bright texel is a sun, and a map is the same light as the map without its brightest texel and a sun.
 #[test]
 fn one_texel_is_a_sun() {
     let gpu = gpu();
     let (scene, camera) = balls();
     let size = [512, 256];
     let texel = [300, 60];
-    let bright = map("texel", size, |x, y| if [x, y] == texel { Vec3::new(1e6, 5e5, 2e5) } else { Vec3::ZERO });
+    let radiance = Vec3::new(1e6, 5e5, 2e5);
+    let bright = |x: usize, y: usize| if [x, y] == texel { radiance } else { Vec3::ZERO };
+    let sky = |_: usize, y: usize| Vec3::new(3.0, 4.0, 6.0) * (256 - y) as f32;
     let [u, v] = [0, 1].map(|axis| (texel[axis] as f64 + 0.5) / size[axis] as f64);
     let towards = DVec3::new((PI * v).sin() * (TAU * u).sin(), (PI * v).cos(), -(PI * v).sin() * (TAU * u).cos());
     let solid_angle = TAU / 512.0 * PI / 256.0 * (PI * v).sin();
@@ -121,13 +156,19 @@ fn one_texel_is_a_sun() {
         ..Light::point("sun", DVec3::ZERO)
     };
     let setup = Setup::new(96, 64);
-    let picture = |light: Light| {
-        let all = rig(vec![light]);
+    let picture = |lights: Vec<Light>| {
+        let all = rig(lights);
         let stage = Stage::new(scene.clone(), &camera, &all, &setup);
         pixels(&mut stage.relighter(&gpu, &all, &setup), Layers::Direct)
     };
-    let [error, bias] = errors(&picture(dome(Some(bright))), &picture(sun));
-    assert!(error < 0.05 && bias.abs() < 0.005, "off by {error}, {bias}");
+    let one = picture(vec![dome(Some(map("texel", size, bright)))]);
+    let both = picture(vec![dome(Some(map("sky and texel", size, |x, y| sky(x, y) + bright(x, y))))]);
+    let split = picture(vec![dome(Some(map("sky", size, sky))), sun.clone()]);
+    for (what, got, want) in [("one texel", one, picture(vec![sun])), ("a split map", both, split)] {
+        let [error, bias] = errors(&got, &want);
+        println!("{what}: error {error:.4}, bias {bias:+.4}");
+        assert!(error < 0.05 && bias.abs() < 0.005, "{what}: off by {error}, {bias}");
+    }
 }
 
 /// Seven turns of a seventh lead back to the same bytes.
@@ -172,6 +213,43 @@ fn domes_against_the_path_tracer() {
     let [error, bias] = errors(&moving, &exact);
     println!("while it turns: error {error:.4}, bias {bias:+.4}");
     assert!(error < 0.1 && bias.abs() < 0.02, "while it turns: off by {error}, {bias}");
+}
+
+/// A white sky behind the window of a closed room lights it as a white rectangle in place of the window does.
+#[test]
+fn a_window_is_a_rectangle() {
+    const HALF: f64 = 0.2;
+    let gpu = gpu();
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(ALBEDO as f32)));
+    build.room(DVec3::ZERO, 1.0, grey);
+    build.quads.remove(0); // the wall at -x, whose place four strips take
+    let (along, across) = ((1.0 - HALF) / 2.0, 1.0 - (1.0 - HALF) / 2.0);
+    for side in [-1.0, 1.0] {
+        let y = DVec3::new(-1.0, side * across, 0.0);
+        build.quad(y, along * DVec3::Y, DVec3::Z, grey);
+        let z = DVec3::new(-1.0, 0.0, side * across);
+        build.quad(z, HALF * DVec3::Y, along * DVec3::Z, grey);
+    }
+    let camera =
+        look(DVec3::new(0.9, 0.5, 0.8), DVec3::new(-0.5, -0.8, -0.2), DVec3::Y, Projection::Perspective { yfov: 1.2 });
+    let (setup, scene) = (Setup::new(96, 64), build.scene());
+    let window = Light {
+        kind: LightKind::Rect,
+        size: [2.0 * HALF; 2],
+        direction: DVec3::X,
+        intensity: 4.0 * HALF * HALF,
+        ..Light::point("window", DVec3::new(-1.0, 0.0, 0.0))
+    };
+    let [sky, window] = [dome(None), window].map(|light| {
+        let all = rig(vec![light]);
+        let stage = Stage::new(scene.clone(), &camera, &all, &setup);
+        pixels(&mut stage.relighter(&gpu, &all, &setup), Layers::Direct)
+    });
+    let [error, bias] = errors(&sky, &window);
+    println!("error {error:.4}, bias {bias:+.4}");
+    // Shadows have steps. Without a choice of directions it would be 6 %.
+    assert!(error < 0.05 && bias.abs() < 0.005, "off by {error}, {bias}");
 }
 
 /// Another renderer's picture under a map of a room with lamps; means over 4x4 pixels.

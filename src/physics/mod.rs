@@ -1,6 +1,7 @@
 //! Pure functions: glTF's BRDF, punctual lights, sampling sequences, directions on the sphere.
 
 pub mod brdf;
+pub mod distribution;
 pub mod light;
 pub mod octahedral;
 pub mod sequence;

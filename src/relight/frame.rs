@@ -116,6 +116,7 @@ impl Relighter {
             kernels: &self.kernels,
             rig: self.cache.rig(),
             links: &self.links,
+            skies: &self.skies,
             triangles: self.triangles.as_ref(),
             layers: self.layers,
             finite_check: self.finite_check.as_ref(),

@@ -24,6 +24,7 @@ pub mod roofline;
 mod shadow_culling;
 mod shadow_map;
 pub mod sheet;
+mod sky_importance;
 mod soft_light;
 mod some_points;
 mod sparse;
@@ -49,6 +50,7 @@ use self::output::{Output, Outputs};
 pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
 use self::sheet::Sheet;
+use self::sky_importance::SkyImportances;
 use self::soft_light::SoftLights;
 use self::some_points::SomePoints;
 use self::visibility::VisibilityBuffers;
@@ -96,6 +98,7 @@ pub struct Relighter {
     sights: Option<LightSights>,
     /// `None` as long as no light has a size.
     soft: Option<SoftLights>,
+    skies: SkyImportances,
     images: Vec<Buffer<Vec4>>,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     some_points: Option<SomePoints>,
@@ -173,6 +176,8 @@ impl Relighter {
             tracing::warn!("the budget holds {image_budget} light images; the minimum of {fewest} is allocated");
         }
         add_images(&mut images, context, framebuffer, slot_counts(rig, image_budget))?;
+        let mut skies = SkyImportances::default();
+        skies.update(scene, framebuffer, of, rig, &links);
         let some_points = rig.has_sizes().then(|| SomePoints::new(context, framebuffer)).transpose()?;
         Ok(Self {
             frames,
@@ -180,6 +185,7 @@ impl Relighter {
             triangles: scales(&links).then(|| SampleTriangles::find(scene, framebuffer, of)),
             sights: LightSights::find(context, scene, framebuffer, rig)?,
             soft: SoftLights::find(context, framebuffer, of, rig)?,
+            skies,
             links,
             gpu,
             indirect,
@@ -244,6 +250,7 @@ impl Relighter {
         let old = self.rig();
         if rig.sets != old.sets || !rig.lights.iter().map(|l| &l.links).eq(old.lights.iter().map(|l| &l.links)) {
             self.links = resolved(rig, &self.scene)?;
+            self.skies.clear();
             if self.triangles.is_none() && scales(&self.links) {
                 self.find_triangles();
             }
@@ -267,6 +274,7 @@ impl Relighter {
         if rig.has_factors() {
             self.visibility.allow_factors(&self.context, &self.framebuffer, self.transfer.as_deref())?;
         }
+        self.skies.update(&self.scene, &self.framebuffer, self.transfer.as_deref(), rig, &self.links);
         self.cache.set_rig(rig, self.images.len());
         Ok(())
     }
@@ -282,10 +290,7 @@ impl Relighter {
             soft.set_transfer(&transfer);
         }
         self.transfer = Some(transfer);
-        if self.triangles.is_some() {
-            self.find_triangles();
-        }
-        self.invalidate_all();
+        self.find_again();
         Ok(())
     }
 
@@ -315,11 +320,19 @@ impl Relighter {
         self.sights = LightSights::find(&self.context, &self.scene, &framebuffer, self.cache.rig())?;
         self.soft = SoftLights::find(&self.context, &framebuffer, of, self.cache.rig())?;
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
+        self.find_again();
+        Ok(())
+    }
+
+    /// After a change of the samples.
+    fn find_again(&mut self) {
         if self.triangles.is_some() {
             self.find_triangles();
         }
+        self.skies.clear();
+        let rig = self.cache.rig();
+        self.skies.update(&self.scene, &self.framebuffer, self.transfer.as_deref(), rig, &self.links);
         self.invalidate_all();
-        Ok(())
     }
 
     fn find_triangles(&mut self) {

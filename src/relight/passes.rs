@@ -13,6 +13,7 @@ use super::light_sights::{LightSights, directions_per_point};
 use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
+use super::sky_importance::{SkyImportances, point_of};
 use super::soft_light::{SoftLight, SoftLights};
 use super::some_points::SomePoints;
 use super::visibility::{Rays, VisibilityBuffers, VisibilitySlot, trace};
@@ -20,6 +21,7 @@ use super::{Kernels, Layers};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::gpu::{Buffer, Frame, Pass};
+use crate::physics::distribution::GridDistribution;
 use crate::physics::sequence::fibonacci_lattice;
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Light, LightKind, ResolvedLinks, Rig};
@@ -50,6 +52,7 @@ pub struct FrameResources<'a> {
     pub rig: &'a Rig,
     /// Of the lights that have any.
     pub links: &'a HashMap<usize, ResolvedLinks>,
+    pub skies: &'a SkyImportances,
     /// `None` if no light has links that scale its light.
     pub triangles: Option<&'a SampleTriangles>,
     pub layers: Layers,
@@ -193,11 +196,13 @@ impl FrameResources<'_> {
         debug_assert!(shades.len() == 1 || shades.iter().all(|shade| shade.points == LightPoints::One));
         let filters: Vec<Option<PosedFilter>> =
             shades.iter().map(|shade| PosedFilter::new(&self.rig.lights[shade.light])).collect();
-        let surface = LightSurface::new(&self.rig.lights[shades[0].light], self.scene.space);
+        let first = &self.rig.lights[shades[0].light];
+        let warp = self.skies.warp(first);
+        let surface = LightSurface::new(first, self.scene.space, warp.clone());
         let soft = (shades[0].points == LightPoints::Interleaved)
-            .then(|| SoftLight::new(&self.rig.lights[shades[0].light], self.scene.space));
+            .then(|| SoftLight::new(first, self.scene.space, warp.as_ref()));
         let points = shades.iter().enumerate().flat_map(|(i, shade)| {
-            self.points(&self.rig.lights[shade.light], shade.points).map(move |packed| (i, packed))
+            self.points(&self.rig.lights[shade.light], shade.points, warp.as_ref()).map(move |packed| (i, packed))
         });
         let seen: Vec<(usize, PackedLight, VisibilitySlot)> = points
             .map(|(i, packed)| {
@@ -257,8 +262,13 @@ impl FrameResources<'_> {
         sights.look(self.framebuffer, light, shade.points, self.layers, triangles)
     }
 
-    /// Some points of a light; their sum is the mean over them.
-    fn points(&self, light: &Light, points: LightPoints) -> impl Iterator<Item = PackedLight> {
+    /// Some points of a light; their sum is the mean over them. `warp`: see [`point_of`].
+    fn points(
+        &self,
+        light: &Light,
+        points: LightPoints,
+        warp: Option<&GridDistribution>,
+    ) -> impl Iterator<Item = PackedLight> {
         let (range, of) = match points {
             LightPoints::Some { first, end, of } => (first..end, of),
             LightPoints::One | LightPoints::Interleaved => (0..1, 1),
@@ -267,7 +277,7 @@ impl FrameResources<'_> {
             LightPoints::One | LightPoints::Interleaved => light.pack(self.scene.space),
             LightPoints::Some { .. } => {
                 let at = fibonacci_lattice(index, of);
-                let mut packed = light.pack_point(self.scene.space, at, Some(of));
+                let mut packed = point_of(light, self.scene.space, at, of, warp);
                 packed.strength /= points.count() as f32;
                 packed
             }

@@ -10,10 +10,12 @@ use std::sync::Arc;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::sky_importance::point_of;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Context, Kernel};
+use crate::physics::distribution::GridDistribution;
 use crate::physics::sequence::Points;
 use crate::scene::{Light, LightKind, MeshSpace, Rig};
 use crate::shared::*;
@@ -105,7 +107,8 @@ impl SoftLights {
 }
 
 impl SoftLight {
-    pub fn new(light: &Light, space: MeshSpace) -> Self {
+    /// `warp`: see [`point_of`].
+    pub fn new(light: &Light, space: MeshSpace, warp: Option<&GridDistribution>) -> Self {
         // Each 16 points of the sequence are one in each of 4x4 cells; so are the middle 16 of any window.
         let sequence = Points::new(0, 0);
         let mut points = [light.pack(space); SOFT_POINTS as usize];
@@ -114,7 +117,7 @@ impl SoftLight {
             let cell = (4.0 * u) as u32 + 4 * (4.0 * v) as u32;
             points[((index & !15) + cell) as usize] = match light.kind {
                 LightKind::Point => light.pack_in_ball(space, [u, v, w]),
-                _ => light.pack_point(space, [u, v], Some(BOUNDING_POINTS)),
+                _ => point_of(light, space, [u, v], BOUNDING_POINTS, warp),
             };
         }
         let (across, half_height) = match light.kind {

@@ -9,24 +9,24 @@ use std::sync::LazyLock;
 
 use glam::{DVec3, Vec3};
 use image::ImageReader;
-use rayon::prelude::*;
 
 use super::texture::{TexelCount, srgb_to_linear};
 use crate::error::{Error, Result};
 use crate::image::{exr, luminance};
+use crate::physics::distribution::{GridDistribution, GridPlace};
 
 /// An environment map and its distribution.
 pub struct SkyMap {
+    texels: Texels,
+    /// Its cells divide texels: within a cell, all directions are drawn with the same density.
+    distribution: GridDistribution,
+}
+
+struct Texels {
     width: usize,
     height: usize,
     /// Linear Rec. 709, row by row from the top.
-    texels: Vec<Vec3>,
-    /// Cells along each side of a texel: within a cell, all directions are drawn with the same density.
-    cells_a_side: usize,
-    /// Shares of the rows of cells before each row, and 1.
-    rows: Vec<f64>,
-    /// For each row, shares of its cells up to each.
-    columns: Vec<f64>,
+    values: Vec<Vec3>,
 }
 
 /// A direction drawn from a map.
@@ -50,7 +50,8 @@ const OVERFLOWED: f32 = 65_504.0;
 impl SkyMap {
     /// White in all directions.
     pub fn white() -> &'static Self {
-        static WHITE: LazyLock<SkyMap> = LazyLock::new(|| SkyMap::new(1, 1, vec![Vec3::ONE]));
+        static WHITE: LazyLock<SkyMap> =
+            LazyLock::new(|| SkyMap::new(Texels { width: 1, height: 1, values: vec![Vec3::ONE] }));
         &WHITE
     }
 
@@ -58,63 +59,79 @@ impl SkyMap {
     /// number become black, infinite ones [`OVERFLOWED`].
     pub fn read(path: &Path, bytes: &[u8]) -> Result<Self> {
         let is_exr = bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]);
-        let (width, height, mut texels) = if is_exr { read_exr(path)? } else { decode(path, bytes)? };
-        let bad = clean(&mut texels);
+        let mut texels = if is_exr { read_exr(path)? } else { decode(path, bytes)? };
+        let bad = clean(&mut texels.values);
         if bad > 0 {
             let path = path.display();
             tracing::warn!(
                 "\"{path}\": {bad} texels are negative or no numbers, or infinite; they become 0 or {OVERFLOWED}"
             );
         }
-        let (width, height, texels) = reduced(width, height, texels);
-        Ok(Self::new(width, height, texels))
+        Ok(Self::new(reduced(texels)))
     }
 
-    /// `texels`: row by row, width * height of them; at least one; finite and not negative.
-    fn new(width: usize, height: usize, texels: Vec<Vec3>) -> Self {
-        let cells_a_side = match texels.len() {
+    /// `texels`: at least one; finite and not negative.
+    fn new(texels: Texels) -> Self {
+        let cells_a_side = match texels.values.len() {
             1 => 1,
-            _ => (CELLS / width).min(CELLS / height).max(1),
+            _ => (CELLS / texels.width).min(CELLS / texels.height).max(1),
         };
-        let mut map = Self { width, height, texels, cells_a_side, rows: vec![0.0], columns: Vec::new() };
-        let [columns, rows] = map.cells();
-        let row = |y: usize| {
-            let weights: Vec<f64> = (0..columns).map(|x| map.brightness(x, y)).collect();
-            let total: f64 = weights.iter().sum();
-            let mut sum = 0.0;
-            let shares = weights.iter().zip(1..).map(|(weight, count)| {
-                sum += weight;
-                if total > 0.0 { sum / total } else { f64::from(count) / columns as f64 }
-            });
-            (shares.collect::<Vec<f64>>(), total * row_solid_angle(y, rows))
-        };
-        let by_row: Vec<(Vec<f64>, f64)> = (0..rows).into_par_iter().map(row).collect();
-        let total: f64 = by_row.iter().map(|(_, weight)| weight).sum();
-        let mut sum = 0.0;
-        for (y, (shares, weight)) in by_row.into_iter().enumerate() {
-            sum += weight;
-            map.columns.extend(shares);
-            map.rows.push(if total > 0.0 { sum / total } else { (y + 1) as f64 / rows as f64 });
-        }
-        map
-    }
-
-    /// Columns and rows of cells.
-    fn cells(&self) -> [usize; 2] {
-        [self.width, self.height].map(|side| side * self.cells_a_side)
-    }
-
-    /// Mean luminance of a cell.
-    fn brightness(&self, x: usize, y: usize) -> f64 {
-        let at = |cell: usize, offset: f32| (cell as f32 + offset) / self.cells_a_side as f32;
-        let corner = |i: usize| self.interpolated(at(x, [0.25, 0.75][i % 2]), at(y, [0.25, 0.75][i / 2]));
-        0.25 * (0..4).map(|i| f64::from(luminance(corner(i).to_array()))).sum::<f64>()
+        let size = [texels.width, texels.height].map(|side| side * cells_a_side);
+        let weight = |x, y| texels.brightness([x, y], cells_a_side) * row_solid_angle(y, size[1]);
+        let distribution = GridDistribution::new(size, weight);
+        Self { texels, distribution }
     }
 
     /// Radiance from a unit direction in the frame of the map.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let [u, v] = place(direction);
-        self.interpolated(u * self.width as f32, v * self.height as f32)
+        self.texels.interpolated(u * self.texels.width as f32, v * self.texels.height as f32)
+    }
+
+    /// Density with which [`Self::draw`] finds a unit direction in the frame of the map, 1/sr.
+    pub fn density(&self, direction: Vec3) -> f64 {
+        self.cell_density(self.grid_place(direction).cell)
+    }
+
+    /// Draws a direction with a density that follows the map's luminance. `[u, v]`: in the unit square; u leads downwards,
+    /// so lattices become spherical lattices [Keinert 2015] under an even sky.
+    pub fn draw(&self, at: [f64; 2]) -> SkyDirection {
+        let GridPlace { cell: [x, y], within: [within_cell, within_row] } = self.distribution.draw(at);
+        let [columns, rows] = self.distribution.size();
+        let [top, bottom] = [y, y + 1].map(|edge| (PI * edge as f64 / rows as f64).cos());
+        let cosine = top + (bottom - top) * within_row;
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let (sin, cos) = (TAU * (x as f64 + within_cell) / columns as f64).sin_cos();
+        SkyDirection { direction: DVec3::new(sine * sin, cosine, -sine * cos), density: self.cell_density([x, y]) }
+    }
+
+    /// Where in the unit square [`Self::draw`] finds a unit direction in the frame of the map.
+    pub fn drawn_at(&self, direction: Vec3) -> [f64; 2] {
+        self.distribution.invert(&self.grid_place(direction))
+    }
+
+    fn grid_place(&self, direction: Vec3) -> GridPlace {
+        let [u, v] = place(direction);
+        let [columns, rows] = self.distribution.size();
+        let cell = [(u, columns), (v, rows)].map(|(at, count)| ((at * count as f32) as usize).min(count - 1));
+        let [top, bottom] = [cell[1], cell[1] + 1].map(|edge| (PI * edge as f64 / rows as f64).cos());
+        let within_cell = f64::from(u) * columns as f64 - cell[0] as f64;
+        let within_row = (f64::from(direction.y) - top) / (bottom - top);
+        GridPlace { cell, within: [within_cell, within_row].map(|t| t.clamp(0.0, 1.0)) }
+    }
+
+    fn cell_density(&self, cell: [usize; 2]) -> f64 {
+        let [columns, rows] = self.distribution.size();
+        self.distribution.share(cell) * columns as f64 / row_solid_angle(cell[1], rows)
+    }
+}
+
+impl Texels {
+    /// Mean luminance of a cell, of which `a_side` divide the side of a texel.
+    fn brightness(&self, cell: [usize; 2], a_side: usize) -> f64 {
+        let at = |axis: usize, offset: f32| (cell[axis] as f32 + offset) / a_side as f32;
+        let corner = |i: usize| self.interpolated(at(0, [0.25, 0.75][i % 2]), at(1, [0.25, 0.75][i / 2]));
+        0.25 * (0..4).map(|i| f64::from(luminance(corner(i).to_array()))).sum::<f64>()
     }
 
     /// At a place in units of texels.
@@ -124,50 +141,16 @@ impl SkyMap {
         let column = |x: f32| (x as i64).rem_euclid(self.width as i64) as usize;
         let row = |y: f32| (y.max(0.0) as usize).min(self.height - 1);
         let along = |y: f32| {
-            let texels = &self.texels[row(y) * self.width..][..self.width];
+            let texels = &self.values[row(y) * self.width..][..self.width];
             texels[column(x0)].lerp(texels[column(x0 + 1.0)], fx)
         };
         along(y0).lerp(along(y0 + 1.0), fy)
-    }
-
-    /// Density with which [`Self::draw`] finds a unit direction in the frame of the map, 1/sr.
-    pub fn density(&self, direction: Vec3) -> f64 {
-        let [u, v] = place(direction);
-        let [columns, rows] = self.cells();
-        let x = ((u * columns as f32) as usize).min(columns - 1);
-        let y = ((v * rows as f32) as usize).min(rows - 1);
-        self.cell_density(x, y)
-    }
-
-    /// Draws a direction with a density that follows the map's luminance. `[u, v]`: in the unit square; u leads downwards,
-    /// so lattices become spherical lattices [Keinert 2015] under an even sky.
-    pub fn draw(&self, [u, v]: [f64; 2]) -> SkyDirection {
-        let [columns, rows] = self.cells();
-        let y = (self.rows.partition_point(|&before| before <= u).max(1) - 1).min(rows - 1);
-        let within_row = ((u - self.rows[y]) / (self.rows[y + 1] - self.rows[y])).clamp(0.0, 1.0);
-        let row = &self.columns[y * columns..][..columns];
-        let x = row.partition_point(|&up_to| up_to <= v).min(columns - 1);
-        let before = if x > 0 { row[x - 1] } else { 0.0 };
-        let within_cell = ((v - before) / (row[x] - before)).clamp(0.0, 1.0);
-        let [top, bottom] = [y, y + 1].map(|edge| (PI * edge as f64 / rows as f64).cos());
-        let cosine = top + (bottom - top) * within_row;
-        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-        let (sin, cos) = (TAU * (x as f64 + within_cell) / columns as f64).sin_cos();
-        SkyDirection { direction: DVec3::new(sine * sin, cosine, -sine * cos), density: self.cell_density(x, y) }
-    }
-
-    fn cell_density(&self, x: usize, y: usize) -> f64 {
-        let [columns, rows] = self.cells();
-        let row = &self.columns[y * columns..][..columns];
-        let before = if x > 0 { row[x - 1] } else { 0.0 };
-        let share = (row[x] - before) * (self.rows[y + 1] - self.rows[y]);
-        share * columns as f64 / row_solid_angle(y, rows)
     }
 }
 
 impl std::fmt::Debug for SkyMap {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        write!(f, "{}x{}", self.width, self.height)
+        write!(f, "{}x{}", self.texels.width, self.texels.height)
     }
 }
 
@@ -185,13 +168,12 @@ fn place(direction: Vec3) -> [f32; 2] {
     [if u < 0.0 { u + 1.0 } else { u }, direction.y.clamp(-1.0, 1.0).acos() / PI as f32]
 }
 
-type Texels = (usize, usize, Vec<Vec3>);
-
 fn read_exr(path: &Path) -> Result<Texels> {
     let mut image = exr::read(path)?;
     let layer = image.layers.iter().position(|layer| layer.name.is_empty()).unwrap_or(0);
     let pixels = image.layers.swap_remove(layer).pixels;
-    Ok((image.width, image.height, pixels.into_iter().map(Vec3::from_array).collect()))
+    let values = pixels.into_iter().map(Vec3::from_array).collect();
+    Ok(Texels { width: image.width, height: image.height, values })
 }
 
 fn decode(path: &Path, bytes: &[u8]) -> Result<Texels> {
@@ -204,8 +186,8 @@ fn decode(path: &Path, bytes: &[u8]) -> Result<Texels> {
     let is_linear = matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_));
     let (width, height) = (image.width() as usize, image.height() as usize);
     let linear = |x: f32| if is_linear { x } else { srgb_to_linear(x.into()) as f32 };
-    let texels = image.into_rgb32f().pixels().map(|pixel| Vec3::from_array(pixel.0.map(linear))).collect();
-    Ok((width, height, texels))
+    let values = image.into_rgb32f().pixels().map(|pixel| Vec3::from_array(pixel.0.map(linear))).collect();
+    Ok(Texels { width, height, values })
 }
 
 /// Makes texels finite and not negative; returns how many were not.
@@ -224,18 +206,19 @@ fn clean(texels: &mut [Vec3]) -> usize {
 }
 
 /// Halves a map until it is at most [`MAX_WIDTH`] wide. A last column or row without a partner is a block of its own.
-fn reduced(mut width: usize, mut height: usize, mut texels: Vec<Vec3>) -> Texels {
-    while width > MAX_WIDTH {
-        let old = std::mem::take(&mut texels);
+fn reduced(mut texels: Texels) -> Texels {
+    while texels.width > MAX_WIDTH {
+        let Texels { width, height, values } = &texels;
         let mean = |x: usize, y: usize| {
-            let at = |x: usize, y: usize| old[y.min(height - 1) * width + x.min(width - 1)];
+            let at = |x: usize, y: usize| values[y.min(height - 1) * width + x.min(width - 1)];
             (at(2 * x, 2 * y) + at(2 * x + 1, 2 * y) + at(2 * x, 2 * y + 1) + at(2 * x + 1, 2 * y + 1)) / 4.0
         };
-        let halves = [width, height].map(|side| side.div_ceil(2));
-        texels = (0..halves[1]).flat_map(|y| (0..halves[0]).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
-        [width, height] = halves;
+        let halves = [*width, *height].map(|side| side.div_ceil(2));
+        let values =
+            (0..halves[1]).flat_map(|y| (0..halves[0]).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        texels = Texels { width: halves[0], height: halves[1], values };
     }
-    (width, height, texels)
+    texels
 }
 
 #[cfg(test)]
@@ -243,8 +226,8 @@ mod tests {
     use super::*;
 
     fn map(width: usize, height: usize, radiance: impl Fn(usize, usize) -> f32) -> SkyMap {
-        let texels = (0..width * height).map(|i| Vec3::splat(radiance(i % width, i / width))).collect();
-        SkyMap::new(width, height, texels)
+        let values = (0..width * height).map(|i| Vec3::splat(radiance(i % width, i / width))).collect();
+        SkyMap::new(Texels { width, height, values })
     }
 
     #[test]
@@ -271,9 +254,9 @@ mod tests {
     #[test]
     fn wide_maps_are_halved_whatever_their_sides() {
         for (width, height, want) in [(4096, 3, (4096, 3)), (8192, 2, (4096, 1)), (8193, 3, (2049, 1))] {
-            let (new_width, new_height, texels) = reduced(width, height, vec![Vec3::ONE; width * height]);
-            assert_eq!((new_width, new_height), want);
-            assert_eq!(texels, vec![Vec3::ONE; want.0 * want.1]);
+            let reduced = reduced(Texels { width, height, values: vec![Vec3::ONE; width * height] });
+            assert_eq!((reduced.width, reduced.height), want);
+            assert_eq!(reduced.values, vec![Vec3::ONE; want.0 * want.1]);
         }
     }
 
@@ -288,6 +271,10 @@ mod tests {
                 let direction = drawn.direction.as_vec3();
                 assert!((drawn.direction.length() - 1.0).abs() < 1e-12);
                 let told = map.density(direction * 0.999_999);
+                let back = map.drawn_at(direction);
+                // Coordinates in single precision.
+                let again = map.draw(back).direction.as_vec3();
+                assert!(again.distance(direction) < 1e-5, "{map:?}: {direction} is drawn at {back:?}: {again}");
                 // At edges, rounding leads to the neighbour.
                 ones += f64::from(u8::from((told / drawn.density - 1.0).abs() < 1e-6)) / 4096.0;
                 light += f64::from(map.radiance(direction).x) / drawn.density / 4096.0;

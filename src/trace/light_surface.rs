@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DQuat, DVec3, Vec3};
 
 use super::linked::LinkedScene;
+use crate::physics::distribution::GridDistribution;
 use crate::physics::light::{cone, facet, off_axis, window};
 use crate::scene::light_filter::Attached;
 use crate::scene::light_filter::PosedFilter;
@@ -37,7 +38,7 @@ enum Shape {
     Disk { radius: f64 },
     Rect { axes: [DVec3; 2], half_size: [f64; 2] },
     Sun { versine: f64 },
-    Sky { map: Option<Attached<SkyMap>>, to_map: DQuat },
+    Sky { map: Option<Attached<SkyMap>>, to_map: DQuat, warp: Option<GridDistribution> },
 }
 
 /// A point of a light's surface, as a ray sees it.
@@ -115,7 +116,9 @@ impl LightInScene<'_> {
 
 impl LightSurface {
     /// `None` if the light has no size, or one too small for a finite radiance.
-    pub fn new(light: &Light, space: MeshSpace) -> Option<Self> {
+    ///
+    /// `warp`: of the unit square from which directions of a dome are drawn.
+    pub fn new(light: &Light, space: MeshSpace, warp: Option<GridDistribution>) -> Option<Self> {
         if light.is_punctual() {
             return None;
         }
@@ -130,7 +133,9 @@ impl LightSurface {
                 let versine = 2.0 * quarter * quarter;
                 (Shape::Sun { versine }, TAU * versine)
             }
-            LightKind::Dome => (Shape::Sky { map: light.map.clone(), to_map: light.turn().conjugate() }, 4.0 * PI),
+            LightKind::Dome => {
+                (Shape::Sky { map: light.map.clone(), to_map: light.turn().conjugate(), warp }, 4.0 * PI)
+            }
             LightKind::Emitter => return None,
         };
         let projected = match light.kind {
@@ -166,9 +171,10 @@ impl LightSurface {
                     density: self.density,
                 })
             }
-            Shape::Sky { map, to_map } => {
-                let (map, direction) = (map.as_deref().unwrap_or(SkyMap::white()), (*to_map * direction).as_vec3());
-                let (radiance, density) = (map.radiance(direction).max_element().into(), map.density(direction));
+            Shape::Sky { map, to_map, .. } => {
+                let map = map.as_deref().unwrap_or(SkyMap::white());
+                let radiance = map.radiance((*to_map * direction).as_vec3()).max_element().into();
+                let density = self.sky_density(direction);
                 (radiance > 0.0).then_some(LightHit { distance: f64::INFINITY, radiance, density })
             }
             Shape::Sphere { radius } => {
@@ -191,6 +197,13 @@ impl LightSurface {
         }
     }
 
+    /// Density with which directions of a dome are drawn; 0 for other lights.
+    fn sky_density(&self, direction: DVec3) -> f64 {
+        let Shape::Sky { map, to_map, warp } = &self.shape else { return 0.0 };
+        let (map, direction) = (map.as_deref().unwrap_or(SkyMap::white()), (*to_map * direction).as_vec3());
+        map.density(direction) * warp.as_ref().map_or(1.0, |warp| warp.warp_density(map.drawn_at(direction)))
+    }
+
     fn flat(&self, distance: f64, direction: DVec3, axis: DVec3) -> Option<LightHit> {
         let cosine = -direction.dot(axis);
         let emission = match self.packed.kind {
@@ -209,7 +222,7 @@ impl LightSurface {
     pub fn density(&self, point: &PackedLight, wi: DVec3, distance: f64) -> f64 {
         match &self.shape {
             Shape::Sun { .. } => self.density,
-            Shape::Sky { map, to_map } => map.as_deref().unwrap_or(SkyMap::white()).density((*to_map * wi).as_vec3()),
+            Shape::Sky { .. } => self.sky_density(wi),
             _ => self.density * distance * distance / wi.dot(point.direction.as_dvec3()).abs().max(f64::MIN_POSITIVE),
         }
     }

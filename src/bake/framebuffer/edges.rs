@@ -99,7 +99,7 @@ pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> V
 fn lights_shown(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<Vec<bool>> {
     let lights = rig.lights.iter().filter(|light| light.enabled);
     let lights: Vec<(&Light, LightSurface)> =
-        lights.filter_map(|light| Some((light, LightSurface::new(light, eye.scene.space)?))).collect();
+        lights.filter_map(|light| Some((light, LightSurface::new(light, eye.scene.space, None)?))).collect();
     let from_eye = lights.iter().any(|(light, _)| light.visible);
     if lights.is_empty() || !(from_eye || eye.scene.has_mirrors()) {
         return Vec::new();

@@ -42,7 +42,7 @@ impl ActiveLights {
         let light = |i: usize| ActiveLight {
             index: i,
             packed: rig.lights[i].pack(scene.space),
-            surface: LightSurface::new(&rig.lights[i], scene.space),
+            surface: LightSurface::new(&rig.lights[i], scene.space, None),
             light: rig.lights[i].clone(),
             filter: PosedFilter::new(&rig.lights[i]),
             links: links.remove(&i),

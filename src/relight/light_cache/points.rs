@@ -5,11 +5,12 @@ use glam::Vec3;
 use super::{Detail, LightCache, LightPoints, Shade, Source, Step, Term};
 use crate::scene::{Light, LightKind};
 
-/// Points of the lattices of a light with a size: those of the second one join those of the first.
-const LATTICES: [u32; 2] = [256, 1024];
+/// Points of the lattices of a light with a size: those of each join those before. The last one is for domes alone, of
+/// which a room with a window sees little.
+const LATTICES: [u32; 3] = [256, 1024, 4096];
 /// Points after which the image of a light with a size is kept, for a comparison at the next number. The first points of a
 /// lattice, a power of two of them, are spread evenly.
-const CHECKPOINTS: [u32; 4] = [128, 256, 512, 1280];
+const CHECKPOINTS: [u32; 6] = [128, 256, 512, 1280, 2304, 5376];
 /// An image has enough points if from one checkpoint to the next it changed by less: root mean square, relative to the
 /// image.
 const LEAST_CHANGE: f32 = 0.01;
@@ -77,8 +78,7 @@ impl LightCache {
             }
             node.points += POINTS_A_STEP;
             node.coarse = node.needed != Some(node.points);
-            let (before, of) = if first < LATTICES[0] { (0, LATTICES[0]) } else { (LATTICES[0], LATTICES[1]) };
-            let points = LightPoints::Some { first: first - before, end: node.points - before, of };
+            let points = of_lattice(first, node.points);
             if first == 0 {
                 steps.push(Step::Shade(Shade { light, target: image, detail, points }));
                 continue;
@@ -106,7 +106,8 @@ impl LightCache {
     /// square, relative to the image.
     pub fn set_change(&mut self, light: usize, change: f32) {
         let node = &mut self.nodes[self.leaf_of[light]];
-        if change <= LEAST_CHANGE || Some(&node.points) == CHECKPOINTS.last() {
+        let lattices = if self.rig.lights[light].kind == LightKind::Dome { &LATTICES[..] } else { &LATTICES[..2] };
+        if change <= LEAST_CHANGE || node.points == lattices.iter().sum::<u32>() {
             (node.needed, node.coarse) = (Some(node.points), false);
             self.compared = None;
         }
@@ -142,4 +143,16 @@ impl LightCache {
         self.nodes[leaf].growing = growing;
         growing.inspect(|&slot| self.slots.use_at(slot, self.clock)).unwrap_or(shown)
     }
+}
+
+/// The points from `first` to before `end` of the lattices, one after another. They are of one lattice.
+fn of_lattice(first: u32, end: u32) -> LightPoints {
+    let mut before = 0;
+    for of in LATTICES {
+        if first < before + of {
+            return LightPoints::Some { first: first - before, end: end - before, of };
+        }
+        before += of;
+    }
+    unreachable!("{first} is beyond all lattices")
 }
