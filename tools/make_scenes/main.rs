@@ -7,10 +7,13 @@ mod mesh;
 mod noise;
 mod room;
 mod scenes;
+mod skies;
 mod statues;
 
 use std::io;
 use std::path::Path;
+
+use relume::image::exr;
 
 fn main() -> io::Result<()> {
     let mut arguments = std::env::args().skip(1);
@@ -24,7 +27,13 @@ fn main() -> io::Result<()> {
         write(&scenes::small(), Path::new(&dir))?;
     }
     if which != "small" {
-        write(&scenes::large(), &Path::new(&dir).join("generated"))?;
+        let dir = Path::new(&dir).join("generated");
+        write(&scenes::large(), &dir)?;
+        for (name, map) in skies::all() {
+            let path = dir.join(format!("{name}.exr"));
+            exr::write(&path, &map).map_err(io::Error::other)?;
+            println!("{}: {}x{} texels", path.display(), map.width, map.height);
+        }
     }
     Ok(())
 }

@@ -25,7 +25,8 @@ pub fn large() -> Vec<Scene> {
     vec![
         statues("statues-2", raking(), figure.clone(), knot.clone()),
         statues("statues-16", BEFORE_THE_STATUES.lights(), figure, knot),
-        room::scene(),
+        room::scene(false),
+        room::scene(true),
     ]
 }
 

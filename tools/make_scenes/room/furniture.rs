@@ -4,14 +4,27 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
-use super::looks::{BEECH, OAK, WALNUT};
+use super::looks::{BEECH, OAK, PLASTIC, SCREEN, WALNUT};
 use super::shapes::{Rounding, board, push_grid, rod, rounded_box};
 use super::soft::displace;
 use super::{Piece, piece};
-use crate::mesh::{Mesh, joined};
+use crate::mesh::{Mesh, joined, quad};
 
 pub const DINING_HEIGHT: f64 = 0.745;
 pub const COFFEE_HEIGHT: f64 = 0.42;
+
+/// Open; its screen faces +Z and leans back.
+pub fn laptop() -> Vec<Piece> {
+    const SIZE: [f64; 2] = [0.33, 0.22];
+    let (across, back) = (SIZE[0] * DVec3::X, dvec3(0.0, SIZE[1] * 0.96, -SIZE[1] * 0.28));
+    let hinge = dvec3(-SIZE[0] / 2.0, 0.016, -SIZE[1] / 2.0);
+    let ahead = across.cross(back).normalize();
+    let base = board(dvec3(-SIZE[0] / 2.0, 0.0, -SIZE[1] / 2.0), dvec3(SIZE[0] / 2.0, 0.014, SIZE[1] / 2.0));
+    let lid = quad(hinge, across, back);
+    let behind = quad(hinge + across - 0.004 * ahead, -across, back);
+    let screen = quad(hinge + 0.03 * across + 0.05 * back + 0.001 * ahead, 0.94 * across, 0.9 * back);
+    vec![piece("body", joined([base, lid, behind]), PLASTIC), piece("screen", screen, SCREEN)]
+}
 
 /// 0.85 m along x, 1.15 m along z.
 pub fn dining_table() -> Vec<Piece> {

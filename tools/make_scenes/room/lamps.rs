@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3, dvec2, dvec3};
 
 use super::lathe::lathe;
-use super::looks::{BLACK_IRON, BRASS, SHADE, WHITE_PAINT};
+use super::looks::{BLACK_IRON, BRASS, BULB, CEILING_GLOW, Look, WHITE_PAINT};
 use super::shapes::{rod, sheet, upright_along};
 use super::{Piece, piece};
-use crate::mesh::{Mesh, joined};
+use crate::mesh::{Mesh, joined, sphere};
 
 /// Where the reading lamp's light leaves it, just below its bell.
 pub fn reading_light(yaw_deg: f64) -> DVec3 {
@@ -16,7 +16,7 @@ pub fn reading_light(yaw_deg: f64) -> DVec3 {
 }
 
 /// Stands on the origin; its bulb would be 1.5 m up.
-pub fn floor_lamp() -> Vec<Piece> {
+pub fn floor_lamp(shade_look: Look) -> Vec<Piece> {
     let foot = lathe(
         &[&[(0.0, 0.0), (0.135, 0.0)], &[(0.135, 0.0), (0.136, 0.012), (0.12, 0.022), (0.03, 0.028), (0.012, 0.05)]],
         36,
@@ -36,7 +36,7 @@ pub fn floor_lamp() -> Vec<Piece> {
     });
     vec![
         piece("stand", joined([foot, pole].into_iter().chain(wires).chain(harp)), BRASS),
-        piece("shade", shade(), SHADE),
+        piece("shade", shade(), shade_look),
     ]
 }
 
@@ -66,6 +66,17 @@ pub fn reading_lamp() -> Vec<Piece> {
         3,
     );
     vec![piece("iron", joined([foot, pole, arm, bell.placed(upright_along(neck, mouth))]), BLACK_IRON)]
+}
+
+/// In the bell of the reading lamp.
+pub fn reading_bulb() -> Vec<Piece> {
+    vec![piece("bulb", sphere(0.024, 24, 16).moved(dvec3(0.15, 1.375, 0.0)), BULB)]
+}
+
+/// Discs in the cans under the ceiling; they face down.
+pub fn ceiling_glow(mouths: &[DVec3]) -> Vec<Piece> {
+    let disc = lathe(&[&[(0.0, 0.02), (0.038, 0.02)]], 26, 1);
+    vec![piece("glow", joined(mouths.iter().map(|&mouth| disc.clone().moved(mouth))), CEILING_GLOW)]
 }
 
 /// Cans under the ceiling, open below; light leaves them at `mouths`.

@@ -135,26 +135,42 @@ pub const LEAF: Look = Look {
 };
 
 /// Thin cloth with the lamp behind it.
-pub const SHADE: Look = Look {
-    material: Material {
+pub const SHADE: Look = shade([4.0, 2.75, 1.5]);
+/// As the only lamp at night.
+pub const LIT_SHADE: Look = shade([14.0, 8.6, 3.9]);
+
+const fn shade(emissive: [f64; 3]) -> Look {
+    let material = Material {
         name: "lamp_shade",
         base_color: [0.38, 0.32, 0.23],
-        emissive: [4.0, 2.75, 1.5],
+        emissive,
         base_color_map: Some("cloth_color"),
         emissive_map: Some("cloth_color"),
         double_sided: true,
         ..Material::PLAIN
-    },
-    metres: CLOTH_METRES,
-};
+    };
+    Look { material, metres: CLOTH_METRES }
+}
+
+pub const BULB: Look = glow("reading_bulb", [700.0, 470.0, 240.0]);
+pub const CEILING_GLOW: Look = glow("ceiling_glow", [180.0, 150.0, 110.0]);
+pub const SCREEN: Look = glow("screen", [3.0, 5.0, 9.0]);
+
+const fn glow(name: &'static str, emissive: [f64; 3]) -> Look {
+    Look { material: Material { name, base_color: [0.02; 3], emissive, ..Material::PLAIN }, metres: 1.0 }
+}
+
 /// Overcast: what the window shows.
-pub const GARDEN: Look = Look {
-    material: Material {
+pub const GARDEN: Look = garden([7.0, 7.6, 8.2]);
+pub const DUSK: Look = garden([0.35, 0.55, 1.1]);
+
+const fn garden(emissive: [f64; 3]) -> Look {
+    let material = Material {
         name: "garden",
         base_color: [0.0; 3],
-        emissive: [7.0, 7.6, 8.2],
+        emissive,
         emissive_map: Some("garden_color"),
         ..Material::PLAIN
-    },
-    metres: 1.0,
-};
+    };
+    Look { material, metres: 1.0 }
+}

@@ -22,7 +22,7 @@ use glam::{DVec3, dvec3};
 
 use crate::glb::{Camera, Cone, Light, Object, Scene};
 use crate::mesh::Mesh;
-use looks::Look;
+use looks::{DUSK, GARDEN, LIT_SHADE, Look, SHADE};
 
 /// Part of a thing, all of one material.
 struct Piece {
@@ -51,10 +51,11 @@ impl Room {
     }
 }
 
-pub fn scene() -> Scene {
+/// By day: five lights. `evening`: what glows is all the light there is.
+pub fn scene(evening: bool) -> Scene {
     let mut room = Room::default();
     room.put("room", shell::room(), DVec3::ZERO, 0.0);
-    room.put("window", shell::window(), DVec3::ZERO, 0.0);
+    room.put("window", shell::window(if evening { DUSK } else { GARDEN }), DVec3::ZERO, 0.0);
     room.put("door", shell::door(), dvec3(1.80, 0.0, shell::BACK), 0.0);
     room.put("fireplace", fireplace::fireplace(), dvec3(-1.0, 0.0, shell::BREAST), 0.0);
     room.put("mirror", fireplace::mirror(), dvec3(-1.0, 1.68, shell::BREAST), 0.0);
@@ -68,21 +69,27 @@ pub fn scene() -> Scene {
     room.put("chair_far", furniture::chair(), dvec3(1.06, 0.0, -1.52), 4.0);
     room.put("bookshelf", shelf::bookshelf(), dvec3(0.83, 0.0, shell::BACK), 0.0);
     room.put("plant", plant::plant(), dvec3(0.06, 0.0, -2.06), 0.0);
-    room.put("floor_lamp", lamps::floor_lamp(), FLOOR_LAMP, 0.0);
+    room.put("floor_lamp", lamps::floor_lamp(if evening { LIT_SHADE } else { SHADE }), FLOOR_LAMP, 0.0);
     room.put("reading_lamp", lamps::reading_lamp(), READING_LAMP, READING_YAW_DEG);
     room.put("ceiling_spots", lamps::ceiling_spots(&CEILING_SPOTS), DVec3::ZERO, 0.0);
     room.put("picture_back", shell::picture(0, [0.38, 0.30]), dvec3(0.07, 1.72, shell::BACK), 0.0);
     room.put("picture_alcove", shell::picture(1, [0.36, 0.46]), dvec3(-2.17, 1.82, shell::BACK), 0.0);
     room.put("picture_left", shell::picture(2, [0.50, 0.50]), dvec3(shell::LEFT, 1.60, 1.35), 90.0);
     room.put("picture_right", shell::picture(3, [0.60, 0.45]), dvec3(shell::RIGHT, 1.60, 0.0), -90.0);
-    room.put("table_ware", crockery::on_dining_table(), dvec3(1.02, furniture::DINING_HEIGHT, -0.70), 0.0);
+    if evening {
+        room.put("reading", lamps::reading_bulb(), READING_LAMP, READING_YAW_DEG);
+        room.put("ceiling", lamps::ceiling_glow(&CEILING_SPOTS), DVec3::ZERO, 0.0);
+        room.put("laptop", furniture::laptop(), dvec3(0.95, furniture::DINING_HEIGHT, -0.62), 24.0);
+    } else {
+        room.put("table_ware", crockery::on_dining_table(), dvec3(1.02, furniture::DINING_HEIGHT, -0.70), 0.0);
+    }
     room.put("coffee_ware", crockery::on_coffee_table(), dvec3(-0.80, furniture::COFFEE_HEIGHT + 0.009, -0.50), 0.0);
     room.put("mantel_ware", crockery::on_mantel(), dvec3(-1.0, fireplace::MANTEL_HEIGHT, shell::BREAST + 0.11), 0.0);
     Scene {
-        name: "room",
+        name: if evening { "room-evening" } else { "room" },
         image_size: [720, 480],
         camera: Camera { position: dvec3(1.95, 1.50, 2.55), target: dvec3(-0.55, 0.92, -1.55), yfov_deg: 46.0 },
-        lights: lights(),
+        lights: if evening { Vec::new() } else { lights() },
         objects: room.objects,
         textures: textures::all(),
     }

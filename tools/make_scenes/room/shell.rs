@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
 use super::lathe::lathe;
-use super::looks::{BRASS, CARDBOARD, CEILING, GARDEN, OAK, PICTURES, PLANKS, PLASTIC, WALL, WALNUT, WHITE_PAINT};
+use super::looks::{BRASS, CARDBOARD, CEILING, Look, OAK, PICTURES, PLANKS, PLASTIC, WALL, WALNUT, WHITE_PAINT};
 use super::shapes::{Rounding, board, moulding, rod, rounded_box};
 use super::{Piece, piece};
 use crate::mesh::{Mesh, joined, quad};
@@ -108,7 +108,7 @@ fn cornice() -> Mesh {
 }
 
 /// Reveal, frame, sill, and the garden outside.
-pub fn window() -> Vec<Piece> {
+pub fn window(outside_look: Look) -> Vec<Piece> {
     let [low, high] = WINDOW;
     let (y, z) = ((high.y - low.y) * DVec3::Y, (high.x - low.x) * DVec3::Z);
     let out = REVEAL * DVec3::X;
@@ -136,7 +136,7 @@ pub fn window() -> Vec<Piece> {
     vec![
         piece("reveal", reveal, WALL),
         piece("frame", joined([frame, sill]), WHITE_PAINT),
-        piece("garden", garden, GARDEN),
+        piece("garden", garden, outside_look),
     ]
 }
 
