@@ -531,9 +531,20 @@ fn pictures_are_what_the_operator_says() {
             let mut relighter = plain.relighter(&gpu, &lights(), &setup);
             relighter.linear(Picture::Emission).unwrap().iter().map(|p| Vec3::from(*p).as_dvec3()).collect()
         };
-        let by_emitters = transfer.emission();
         let all_samples: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
-        let by_emitters = resolved(&stage, &transfer.apply(&[by_emitters], &all_samples, Lobe::All, &|_| ())[0]);
+        let emitters = transfer.emitted(&framebuffer, Lobe::All);
+        let by_each = emitters.radiance(&transfer.rows(&all_samples, Lobe::All), &all_samples);
+        let sum = |by_each: &[Vec3]| by_each.iter().map(|radiance| radiance.as_dvec3()).sum();
+        let by_emitters: Vec<DVec3> = by_each.chunks(emitters.count()).map(sum).collect();
+        let by_emitters = resolved(&stage, &by_emitters);
+        if transfer.coarse.is_none() {
+            // The same by rays that hit emitters by chance; few rays of few coarse samples would not do.
+            let by_chance = transfer.apply(&[transfer.emission()], &all_samples, Lobe::All, &|_| ());
+            let by_chance = resolved(&stage, &by_chance[0]);
+            let [aimed, chance] = [&by_emitters, &by_chance].map(|image| image.iter().sum::<DVec3>().element_sum());
+            println!("emitters: {:.4} of what rays find by chance", aimed / chance);
+            common::assert_near(aimed, chance, 0.05, "emitters");
+        }
         let want_emission: Vec<DVec3> = seen.iter().zip(&by_emitters).map(|(a, b)| a + b).collect();
         assert!(distance(&emitted, &want_emission) < 1e-5);
         let want_all: Vec<DVec3> = (0..all.len())

@@ -139,17 +139,21 @@ fn a_furnace_with_checkered_walls() {
     let lit = Lit { scene: &scene, camera: &camera, rig: &rig(Vec::new()), size: [48, 32] };
     let framebuffer = lit.bake();
     let transfer = LightTransport::new(&scene, &framebuffer, &transfer::settings(4096, 1024, 512), &|_| ());
-    let emitted = transfer.emitted();
+    let emitted = transfer.emitted(&framebuffer, Lobe::All);
     assert_eq!(emitted.count(), 1, "walls glow");
     let all: Vec<u32> =
         (0..framebuffer.samples.len() as u32).filter(|&i| framebuffer.samples[i as usize].brdf != NO_BRDF).collect();
-    let got = emitted.radiance(&transfer.rows(&all, Lobe::All));
+    let got = emitted.radiance(&transfer.rows(&all, Lobe::All), &all);
     let (mut sum, mut count) = (0.0, 0.0);
     for (&i, radiance) in all.iter().zip(got) {
         let albedo = framebuffer.brdfs[framebuffer.samples[i as usize].brdf as usize].diffuse.x;
         let ratio = f64::from(radiance.x / albedo);
-        // Samples hold the mean of their own squares, a ray reads a few of these.
-        assert_near(ratio, 2.0, 0.03, format!("sample {i} of albedo {albedo}"));
+        // Gather samples hold the mean of some of their squares, a ray reads a few of these; in the edge between two walls all
+        // rays read the same.
+        let mut heights = framebuffer.samples[i as usize].position.abs().to_array();
+        heights.sort_by(f32::total_cmp);
+        let tolerance = if heights[2] - heights[1] < 0.01 { 0.1 } else { 0.03 };
+        assert_near(ratio, 2.0, tolerance, format!("sample {i} of albedo {albedo}"));
         (sum, count) = (sum + ratio, count + 1.0);
     }
     println!("checkered furnace: {:.4}", sum / count / 2.0);

@@ -3,6 +3,7 @@
 
 pub mod bvh;
 mod coincident;
+pub mod emitting_triangles;
 pub mod light_surface;
 pub mod linked;
 pub mod packet;

@@ -36,7 +36,7 @@ pub struct RowWavelets<'a> {
     inputs: Inputs,
     /// Square of each term's weight.
     weights: Vec<f32>,
-    emitted: Emitted,
+    emitted: Emitted<'a>,
     /// View samples that reflect light.
     pub samples: Vec<u32>,
     /// Maximum omitted share of a row's weighted energy.
@@ -82,7 +82,7 @@ impl<'a> RowWavelets<'a> {
         gatherer.seed ^= 1 << 33;
         let resampled = gatherer.gather(&probes);
         gatherer.seed ^= 1 << 33;
-        let emitted = transfer.emitted();
+        let emitted = transfer.emitted(transfer.framebuffer(), settings.lobe);
         let weight = |span: u32| (span as f32).powi(2);
         let weights = inputs.haar.spans(transfer.fine.coefficient_count()).into_iter().map(weight).collect();
         let (omitted_share, kept, noise) = (0.0, 0.0, 0.0);
@@ -154,7 +154,7 @@ impl<'a> RowWavelets<'a> {
                     [(&rows, operands), (&kept, terms)].map(|(rows, lights)| vector_batch::multiply(rows, lights));
                 add(&mut found, compare(&want, &got));
             }
-            emission.extend(self.emitted.radiance(&rows));
+            emission.extend(self.emitted.radiance(&rows, samples));
             parts.push(kept);
         }
         Cut { rows: CsrMatrix::concatenated(parts), emission, found }

@@ -70,7 +70,7 @@ pub struct Compressor<'a> {
     settings: CompressionSettings,
     pub clusters: Clusters,
     inputs: Inputs,
-    emitted: Emitted,
+    emitted: Emitted<'a>,
 }
 
 /// For each tile and validation light: squared error and square of the image; whole images have square 1.
@@ -118,7 +118,8 @@ impl<'a> Compressor<'a> {
     pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let clusters = Clusters::new(transfer.framebuffer());
         let inputs = training_inputs(transfer, direct, &clusters.samples, settings);
-        Self { transfer, settings: settings.clone(), clusters, inputs, emitted: transfer.emitted() }
+        let emitted = transfer.emitted(transfer.framebuffer(), settings.lobe);
+        Self { transfer, settings: settings.clone(), clusters, inputs, emitted }
     }
 
     /// See [`LightTransport::residual`].
@@ -254,7 +255,7 @@ impl<'a> Compressor<'a> {
         for some in samples.chunks(ROWS_AT_ONCE) {
             let rows = gatherer.gather(some);
             seen.push(&self.inputs, &rows);
-            emission.extend(self.emitted.radiance(&rows));
+            emission.extend(self.emitted.radiance(&rows, some));
         }
         gatherer.seed ^= 1 << 33;
         let resampled = Resampled { rows: &gatherer.gather(&again), pixels: &pixels };

@@ -37,7 +37,7 @@ impl Transfer {
         };
         let vector_length = fine + further[0].nrows();
         let bounce = explicit(fine, further[0].nrows(), bounced);
-        let emitted = transfer.emitted();
+        let emitted = transfer.emitted(framebuffer, lobe);
         let offset = if one_level { fine as u32 } else { 0 };
         let none = transfer.bounces() == Some(0);
         let gatherer = RowGatherer { framebuffer, ..transfer.row_gatherer(lobe) };
@@ -103,7 +103,7 @@ pub(in crate::bake) fn last_matrix(
             let blocks: Vec<_> = piece.par_chunks(ROWS_A_BLOCK).enumerate().map(block).collect();
             let mut all = empty();
             blocks.into_iter().for_each(|block| all.append(block));
-            Recorded::new(&all, emitted.radiance(&rows))
+            Recorded::new(&all, emitted.radiance(&rows, piece))
         };
         let is_of = |record: &Recorded| {
             let part = record.matrix(empty());

@@ -219,11 +219,16 @@ impl<'a> LightTransport<'a> {
     /// The operand of Φ for direct light at the fine level: λ0 and, with two levels, S λ0; with one, the sum of all
     /// bounces. Also returns the residual of the solution, 0 for a fixed number of bounces.
     pub fn bounce(&self, direct: &[DVec3]) -> (Vec<DVec3>, f64) {
+        self.bounce_times(direct, self.settings.bounces)
+    }
+
+    /// [`Self::bounce`] with another number of bounces.
+    fn bounce_times(&self, direct: &[DVec3], bounces: Option<u32>) -> (Vec<DVec3>, f64) {
         let first = self.from_fine.as_ref().map_or_else(|| direct.to_vec(), |g| g.multiply(direct));
         // With one level the first term is λ0 itself; with two it is G_cf λ0, which reaches the pixel after a second
         // bounce.
         let terms = |bounces: u32| if self.coarse.is_some() { bounces.saturating_sub(1) } else { bounces };
-        let (bounced, residual) = match self.settings.bounces.map(terms) {
+        let (bounced, residual) = match bounces.map(terms) {
             Some(terms) => (solve::sum_of_powers(&self.bounce_matrix, &first, terms), 0.0),
             None => {
                 let solution = solve::solve(&self.bounce_matrix, &first, TOLERANCE);
@@ -231,7 +236,7 @@ impl<'a> LightTransport<'a> {
             }
         };
         let mut all = if self.coarse.is_some() { direct.to_vec() } else { Vec::new() };
-        if self.settings.bounces == Some(0) {
+        if bounces == Some(0) {
             all.fill(DVec3::ZERO);
         }
         all.extend(bounced);
@@ -292,9 +297,9 @@ impl<'a> LightTransport<'a> {
         self.radiating(|sample| sample.emission.as_dvec3())
     }
 
-    /// What the rows of Φ are multiplied by for the light of emitters.
-    pub fn emitted(&self) -> Emitted {
-        Emitted::new(self)
+    /// Indirect light of emitters at view samples of `framebuffer`.
+    pub fn emitted<'b>(&'b self, framebuffer: &'b DeepFramebuffer, lobe: Lobe) -> Emitted<'b> {
+        Emitted::new(self, framebuffer, lobe)
     }
 
     /// Coefficients of samples that emit the given radiance uniformly.

@@ -9,7 +9,8 @@ use crate::physics::light::{Incident, incident};
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig, Scene};
 use crate::shared::PackedLight;
-use crate::trace::bvh::{Hit, TracedScene};
+use crate::trace::bvh::TracedScene;
+use crate::trace::emitting_triangles::EmittingTriangles;
 use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
 use crate::trace::packet::shadow_ray;
@@ -217,52 +218,22 @@ fn share_seen(scene: LinkedScene, point: &SurfacePoint, packed: &PackedLight) ->
     ray.map_or(0.0, |ray| scene.transmittance(ray.origin, ray.direction, ray.length).into())
 }
 
-/// Emitting triangles, sampled with probability proportional to area times radiance.
-pub(super) struct EmittingTriangles {
-    /// By material: the lights of the rig that make it shine, and their factors on its emission.
+/// What emits light, and the lights of the rig that make it shine.
+pub(super) struct ActiveEmitters {
+    /// By material: lights, and their factors on its emission.
     lights: Vec<Vec<(usize, DVec3)>>,
-    /// Triangles, with the cumulative sum of area times radiance.
-    running: Vec<(u32, f64)>,
-    /// Per triangle of the mesh, sampling density per area in mesh space; empty if none emits.
-    density: Vec<f32>,
+    pub triangles: EmittingTriangles,
 }
 
-/// A sampled point on an emitter, as seen from a surface point.
-pub(super) struct Drawn {
-    /// Unit, towards the emitter.
-    pub wi: DVec3,
-    pub material: u32,
-    /// Radiance by the material.
-    pub emission: DVec3,
-    /// Sampling density, 1/sr.
-    pub density: f64,
-}
-
-impl EmittingTriangles {
+impl ActiveEmitters {
     /// `rig` has a light for each emitter.
     pub fn new(scene: &Scene, rig: &Rig) -> Self {
-        let mesh = &scene.mesh;
         let lights = Emitters::of(scene).lights(rig);
         let radiance = |material: u32| {
             let factor: DVec3 = lights[material as usize].iter().map(|(_, factor)| *factor).sum();
             (scene.materials[material as usize].emissive.as_dvec3() * factor).max_element()
         };
-        let mut running = Vec::new();
-        let mut total = 0.0;
-        for (i, corners) in mesh.triangles.iter().enumerate() {
-            let [a, b, c] = corners.map(|v| mesh.positions[v as usize]);
-            let power = radiance(mesh.triangle_materials[i]) * f64::from((b - a).cross(c - a).length());
-            if power > 0.0 {
-                total += power;
-                running.push((i as u32, total));
-            }
-        }
-        let mut density = vec![0.0; if running.is_empty() { 0 } else { mesh.triangles.len() }];
-        for &(i, _) in &running {
-            // Power here is area times radiance without constants; divided by area it is the radiance.
-            density[i as usize] = (2.0 * radiance(mesh.triangle_materials[i as usize]) / total) as f32;
-        }
-        Self { lights, running, density }
+        Self { triangles: EmittingTriangles::new(scene, radiance), lights }
     }
 
     /// Adds light that a material emits.
@@ -270,39 +241,5 @@ impl EmittingTriangles {
         for &(source, factor) in &self.lights[material as usize] {
             sums.add_light(EMISSION, source, emission * factor);
         }
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.running.is_empty()
-    }
-
-    /// Samples a point on an emitter; `None` if `point` does not see it.
-    pub fn draw(&self, scene: &TracedScene, point: &SurfacePoint, u: [f64; 3]) -> Option<Drawn> {
-        let (_, total) = self.running.last()?;
-        let at = self.running.partition_point(|&(_, sum)| sum <= u[0] * total).min(self.running.len() - 1);
-        let triangle = self.running[at].0;
-        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
-        // Uniform over the triangle.
-        let root = u[1].sqrt();
-        let target = a + (b - a) * (root * (1.0 - u[2])) as f32 + (c - a) * (root * u[2]) as f32;
-        let direction = (target - point.position).try_normalize()?;
-        if point.normal.dot(direction) <= 0.0 {
-            return None;
-        }
-        let distance = point.position.distance(target);
-        let origin = point.leave(direction, scene.bvh.shadow_offset(distance));
-        let hit = scene.closest_hit(origin, direction, f32::INFINITY).filter(|hit| hit.triangle == triangle)?;
-        let seen = SurfacePoint::new(scene, &hit, direction, 0.0);
-        let density = self.density(&hit, &seen, direction);
-        let (wi, emission) = (direction.as_dvec3(), seen.emission.as_dvec3());
-        Some(Drawn { wi, material: seen.material, emission, density })
-    }
-
-    /// Density per solid angle with which [`Self::draw`] samples the point that a ray in unit `direction` hit; 0 if it
-    /// cannot.
-    pub fn density(&self, hit: &Hit, seen: &SurfacePoint, direction: Vec3) -> f64 {
-        let Some(&density) = self.density.get(hit.triangle as usize) else { return 0.0 };
-        let cosine = f64::from(seen.geometric_normal.dot(direction).abs());
-        f64::from(density) * f64::from(hit.distance).powi(2) / cosine.max(f64::MIN_POSITIVE)
     }
 }

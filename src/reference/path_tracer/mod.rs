@@ -24,7 +24,7 @@ pub use self::film::{Film, Half, Layer, StandardErrors};
 
 use self::film::{DIRECT, REFLECTION, Sample, TILE_PIXELS, Tile};
 use self::glossy_mirrors::GlossyMirrors;
-use self::lights::{ActiveLights, EmittingTriangles};
+use self::lights::{ActiveEmitters, ActiveLights};
 use self::path::{FirstHit, PathRandom};
 use crate::bake::framebuffer::view_samples::{EyeRays, PathPart, Tiling};
 use crate::physics::sequence::Points;
@@ -65,7 +65,7 @@ pub struct PathTracer<'a> {
     scene: &'a TracedScene,
     eye: EyeRays<'a>,
     lights: ActiveLights,
-    emitters: EmittingTriangles,
+    emitters: ActiveEmitters,
     mirrors: GlossyMirrors,
     settings: Settings,
     /// Names of the lights that have layers.
@@ -87,7 +87,7 @@ impl<'a> PathTracer<'a> {
             eye: EyeRays { scene, camera, tiling, layers: settings.layers },
             mirrors: GlossyMirrors::new(scene, &lights),
             lights,
-            emitters: EmittingTriangles::new(scene, rig),
+            emitters: ActiveEmitters::new(scene, rig),
             settings: settings.clone(),
             light_names: rig.lights.iter().filter(|_| settings.light_layers).map(|light| light.name.clone()).collect(),
             segments: AtomicU64::new(0),

@@ -100,7 +100,7 @@ impl PathTracer<'_> {
                 self.mirrors.aim_at_planes(&mut later, &self.lights, &point);
                 &later
             };
-            if !self.emitters.is_empty() {
+            if !self.emitters.triangles.is_empty() {
                 let [a, b, c, _] = random.at(EMITTER, bounce, 0);
                 if let Some((material, light)) = self.reflect_emitter(&point, &lobes, aims, [a, b, c]) {
                     self.emitters.add(sums.sample, material, throughput * light);
@@ -150,7 +150,7 @@ impl PathTracer<'_> {
                 last_distance = hit.distance;
                 point = SurfacePoint::new(self.scene, &hit, direction, 0.0);
                 if point.emission.max_element() > 0.0 {
-                    let looked_for = self.emitters.density(&hit, &point, direction);
+                    let looked_for = self.emitters.triangles.density(&point, direction, hit.distance);
                     let share = density.map_or(1.0, |density| density / (density + looked_for));
                     let emission = throughput * share * point.emission.as_dvec3();
                     self.emitters.add(sums.sample, point.material, emission);
@@ -216,7 +216,7 @@ impl PathTracer<'_> {
         aims: &MirrorAims,
         u: [f64; 3],
     ) -> Option<(u32, DVec3)> {
-        let drawn = self.emitters.draw(self.scene, point, u)?;
+        let drawn = self.emitters.triangles.draw(self.scene, &point.into(), u)?;
         let (reflected, density) = mixture(lobes, aims, drawn.wi);
         Some((drawn.material, reflected.sum() * drawn.emission / (drawn.density + density)))
     }
