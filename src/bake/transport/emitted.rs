@@ -4,8 +4,6 @@
 //! by points on the emitters, and by directions that surfaces reflect. The balance heuristic weighs them [Veach 1995,
 //! Eq. 9]. What gather samples reflect then takes the way of all direct light.
 
-use std::ops::AddAssign;
-
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -225,8 +223,9 @@ impl Aims<'_> {
                     if at.z > 0.0 {
                         Projection::get().project(&sample.brdf, at, &mut values);
                         let irradiance = share * weight * cosine(wi);
-                        let sums = sums[emitter].iter_mut().zip(&values);
-                        sums.for_each(|(sum, k)| sum.add_assign(irradiance * k.as_dvec3()));
+                        for (sum, k) in sums[emitter].iter_mut().zip(&values) {
+                            *sum += irradiance * k.as_dvec3();
+                        }
                     }
                 });
             }
