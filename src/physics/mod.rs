@@ -5,3 +5,4 @@ pub mod distribution;
 pub mod light;
 pub mod octahedral;
 pub mod sequence;
+pub mod sky_cells;
