@@ -33,10 +33,10 @@ impl Deref for Mapping {
     }
 }
 
-/// An array in its own memory, or in a mapped file.
+/// An array in memory, or in a mapped file. Clones share it.
 #[derive(Clone, Debug)]
 pub enum Elements<T> {
-    Owned(Vec<T>),
+    Owned(Arc<Vec<T>>),
     /// Byte range `place` of the file.
     Mapped {
         file: Mapping,
@@ -51,13 +51,13 @@ impl<T: Pod> Elements<T> {
         Some(Self::Mapped { file: file.clone(), place })
     }
 
-    /// Mutable access; mapped elements are copied first.
+    /// Mutable access; elements that are mapped or shared are copied first.
     pub fn to_mut(&mut self) -> &mut Vec<T> {
         if let Self::Mapped { .. } = self {
-            *self = Self::Owned(self.to_vec());
+            *self = Self::from(self.to_vec());
         }
         match self {
-            Self::Owned(elements) => elements,
+            Self::Owned(elements) => Arc::make_mut(elements),
             Self::Mapped { .. } => unreachable!("just copied"),
         }
     }
@@ -76,13 +76,13 @@ impl<T: Pod> Deref for Elements<T> {
 
 impl<T> Default for Elements<T> {
     fn default() -> Self {
-        Self::Owned(Vec::new())
+        Self::from(Vec::new())
     }
 }
 
 impl<T> From<Vec<T>> for Elements<T> {
     fn from(elements: Vec<T>) -> Self {
-        Self::Owned(elements)
+        Self::Owned(Arc::new(elements))
     }
 }
 

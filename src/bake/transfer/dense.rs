@@ -152,7 +152,7 @@ impl Recorded {
             tints: vec![Vec3::ONE; inputs.len()],
             inputs,
             outputs: pod_collect_to_vec(&self.outputs),
-            values: Elements::Owned(pod_collect_to_vec(&self.values)),
+            values: Elements::from(pod_collect_to_vec(&self.values)),
             ..empty
         }
     }
