@@ -5,10 +5,14 @@
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 use glam::{DVec3, Vec3};
 use image::ImageReader;
+
+mod parts;
+
+pub use self::parts::{SkyParts, Sun};
 
 use super::texture::{TexelCount, srgb_to_linear};
 use crate::error::{Error, Result};
@@ -20,8 +24,11 @@ pub struct SkyMap {
     texels: Texels,
     /// Its cells divide texels: within a cell, all directions are drawn with the same density.
     distribution: GridDistribution,
+    /// Made when it is first needed.
+    parts: OnceLock<SkyParts>,
 }
 
+#[derive(Clone)]
 struct Texels {
     width: usize,
     height: usize,
@@ -67,7 +74,7 @@ impl SkyMap {
                 "\"{path}\": {bad} texels are negative or no numbers, or infinite; they become 0 or {OVERFLOWED}"
             );
         }
-        Ok(Self::new(reduced(texels)))
+        Ok(Self::new(reduced(texels, MAX_WIDTH)))
     }
 
     /// `texels`: at least one; finite and not negative.
@@ -79,7 +86,7 @@ impl SkyMap {
         let size = [texels.width, texels.height].map(|side| side * cells_a_side);
         let weight = |x, y| texels.brightness([x, y], cells_a_side) * row_solid_angle(y, size[1]);
         let distribution = GridDistribution::new(size, weight);
-        Self { texels, distribution }
+        Self { texels, distribution, parts: OnceLock::new() }
     }
 
     /// Radiance from a unit direction in the frame of the map.
@@ -103,6 +110,11 @@ impl SkyMap {
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
         let (sin, cos) = (TAU * (x as f64 + within_cell) / columns as f64).sin_cos();
         SkyDirection { direction: DVec3::new(sine * sin, cosine, -sine * cos), density: self.cell_density([x, y]) }
+    }
+
+    /// The map in two parts that add up to it.
+    pub fn parts(&self) -> &SkyParts {
+        self.parts.get_or_init(|| SkyParts::new(&self.texels))
     }
 
     /// Where in the unit square [`Self::draw`] finds a unit direction in the frame of the map.
@@ -205,9 +217,9 @@ fn clean(texels: &mut [Vec3]) -> usize {
     bad
 }
 
-/// Halves a map until it is at most [`MAX_WIDTH`] wide. A last column or row without a partner is a block of its own.
-fn reduced(mut texels: Texels) -> Texels {
-    while texels.width > MAX_WIDTH {
+/// Halves a map until it is at most `most` texels wide. A last column or row without a partner is a block of its own.
+fn reduced(mut texels: Texels, most: usize) -> Texels {
+    while texels.width > most {
         let Texels { width, height, values } = &texels;
         let mean = |x: usize, y: usize| {
             let at = |x: usize, y: usize| values[y.min(height - 1) * width + x.min(width - 1)];
@@ -254,7 +266,7 @@ mod tests {
     #[test]
     fn wide_maps_are_halved_whatever_their_sides() {
         for (width, height, want) in [(4096, 3, (4096, 3)), (8192, 2, (4096, 1)), (8193, 3, (2049, 1))] {
-            let reduced = reduced(Texels { width, height, values: vec![Vec3::ONE; width * height] });
+            let reduced = reduced(Texels { width, height, values: vec![Vec3::ONE; width * height] }, MAX_WIDTH);
             assert_eq!((reduced.width, reduced.height), want);
             assert_eq!(reduced.values, vec![Vec3::ONE; want.0 * want.1]);
         }
