@@ -18,7 +18,10 @@ void main() {
         from = push.lights.at[point_in_list(index)];
     }
     float irradiance = incident(from, push.points.at[index].position, wi) * float(byte) / 255.0;
-    vec3 factor = push.has_factors != 0 ? unpack_factor(push.factors.at[index]) : vec3(1.0);
+    vec3 factor = light_color(from);
+    if (push.has_factors != 0) {
+        factor *= unpack_factor(push.factors.at[index]);
+    }
     float light = irradiance * max(dot(s.normal, wi), 0.0);
     // Bilinear interpolation. Texels outside the disc have w = 0; dividing by the interpolated w leaves them out.
     vec2 on_disc = vec2(dot(s.tangent, wi), dot(cross(s.normal, s.tangent), wi));

@@ -111,7 +111,10 @@ void main() {
         at.column = place(sqrt(min(cosine, 1.0)), TABLE_COSINES, at.along);
         vec3 lowest = radial(s.brdf, at, 0);
         vec3 cap = max(vec3(ALBEDO_CAP) - mirror(s.brdf, cosine), vec3(0.0));
-        vec3 factor = (push.flags & HAS_FACTORS) != 0 ? unpack_factor(push.factors.at[p]) : vec3(1.0);
+        vec3 factor = light_color(from);
+        if ((push.flags & HAS_FACTORS) != 0) {
+            factor *= unpack_factor(push.factors.at[p]);
+        }
         vec3 light = irradiance * factor * min(cap / max(lowest * sqrt(PI), vec3(1e-6)), vec3(1.0));
         first += light * lowest;
         if (DEGREES < 2 || s.degrees < 2) {

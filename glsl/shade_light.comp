@@ -28,7 +28,10 @@ vec3 shade(uint index) {
     if (irradiance == 0.0) {
         return vec3(0.0);
     }
-    vec3 factor = push.has_factors != 0 ? unpack_factor(push.factors.at[index]) : vec3(1.0);
+    vec3 factor = light_color(push.light);
+    if (push.has_factors != 0) {
+        factor *= unpack_factor(push.factors.at[index]);
+    }
     Brdf brdf = push.brdfs.at[s.brdf];
     vec3 normal = octahedral(s.normal);
     vec3 wo = octahedral(s.wo);

@@ -5,6 +5,11 @@ vec3 unpack_factor(uvec2 halves) {
     return vec3(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y).x);
 }
 
+// Colour of the light at unit intensity.
+vec3 light_color(PackedLight light) {
+    return light.kind == LIGHT_DIRECTIONAL ? light.position : vec3(1.0);
+}
+
 // Unit direction towards the light, and irradiance at normal incidence for unit intensity.
 float incident(PackedLight light, vec3 position, out vec3 wi) {
     if (light.kind == LIGHT_DIRECTIONAL) {

@@ -13,6 +13,11 @@ pub struct Incident {
     pub irradiance: f64,
 }
 
+/// Colour of the light at unit intensity.
+pub fn color(light: &PackedLight) -> DVec3 {
+    if light.kind == LIGHT_DIRECTIONAL { light.position.as_dvec3() } else { DVec3::ONE }
+}
+
 /// Unoccluded light at `position` (mesh space); `None` at the light itself.
 pub fn incident(light: &PackedLight, position: DVec3) -> Option<Incident> {
     if light.kind == LIGHT_DIRECTIONAL {

@@ -33,7 +33,7 @@ pub fn shade(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Packe
         // Power heuristic [Veach 1995, Eq. 15].
         share = 1.0 / (1.0 + (solid_angle * lobe.at(wi).density).powi(2));
     }
-    visibility * share * arriving.irradiance * brdf::reflected(brdf, n, wi, wo)
+    visibility * share * arriving.irradiance * light::color(light) * brdf::reflected(brdf, n, wi, wo)
 }
 
 /// Weighted sum of images, by pixel. Twin of sum_images.comp, and of composite.comp up to the tone map.

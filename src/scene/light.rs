@@ -160,7 +160,7 @@ impl Light {
 impl Light {
     /// Whether what reaches a surface has a factor besides visibility: by a filter, or by links that scale the light.
     pub fn has_factors(&self) -> bool {
-        !self.filter.is_none() || self.links.scale_light() || self.map.is_some()
+        !self.filter.is_none() || self.links.scale_light()
     }
 
     /// Whether it matters where the light points.
@@ -188,7 +188,10 @@ impl Light {
     pub fn pack(&self, space: MeshSpace) -> PackedLight {
         let (inner, outer) = (self.inner_angle.cos(), self.outer_angle.cos());
         let mut packed = PackedLight {
-            position: space.from_world(self.position).as_vec3(),
+            position: match self.kind {
+                LightKind::Directional | LightKind::Dome => Vec3::ONE,
+                _ => space.from_world(self.position).as_vec3(),
+            },
             kind: match self.kind {
                 LightKind::Point => LIGHT_POINT,
                 LightKind::Spot => LIGHT_SPOT,
@@ -315,9 +318,13 @@ impl Light {
 
     /// Turns the map of a dome into world space.
     pub fn turn(&self) -> DQuat {
+        DQuat::from_rotation_y(self.turns() * TAU)
+    }
+
+    /// By how much of a whole turn a dome is turned, counter-clockwise as seen from above.
+    pub fn turns(&self) -> f64 {
         // Whole turns are none; a billionth of one is too small to see.
-        let turns = (self.rotation / TAU).fract();
-        DQuat::from_rotation_y((turns * 1e9).round() * 1e-9 % 1.0 * TAU)
+        ((self.rotation / TAU).fract() * 1e9).round() * 1e-9 % 1.0
     }
 
     /// Area in m² of the surface on which facets lie.

@@ -234,7 +234,8 @@ gpu_shared! {
 
         /// A light at unit intensity in mesh space.
         pub struct PackedLight {
-            /// Mesh space; unused for directional lights. Of a direction of a dome: its colour, whose greatest channel is 1.
+            /// Mesh space. Of a directional light its colour: white, but of a direction of a dome, with 1 in the greatest
+            /// channel.
             pub position: Vec3,
             /// One of the `LIGHT_` constants.
             pub kind: u32,
@@ -450,6 +451,15 @@ gpu_shared! {
             pub count: u32,
             /// As [`ShadeLightPush::pixel_stride`].
             pub pixel_stride: u32,
+        }
+
+        pub push LoadTermsPush for load_terms {
+            /// RGB.
+            pub terms: Read<Vec4>,
+            pub vector: Write<Vec4>,
+            /// Number of terms.
+            pub count: u32,
+            pub unused: u32,
         }
 
         pub push AddLightRaysPush for add_light_rays {

@@ -62,6 +62,7 @@ pub(in crate::bake) fn shade_with(
             }
             let irradiance = seen * arriving.irradiance * f64::from(wi.z) / samples.points_per_sample as f64;
             project(i, wi, irradiance, &mut k);
+            let irradiance = irradiance * light::color(light);
             sum.iter_mut().zip(&k).for_each(|(sum, k)| *sum += irradiance * k.as_dvec3());
         }
         sum
