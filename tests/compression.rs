@@ -13,7 +13,7 @@ use relume::bake::compression::lights::{Kind, RandomLights};
 use relume::bake::compression::training::{Group, Trainer};
 use relume::bake::compression::validation::{Validation, validate};
 use relume::bake::compression::vector_batch;
-use relume::bake::compression::{CompressionSettings, Report};
+use relume::bake::compression::{CompressionSettings, Operator, Report};
 use relume::bake::transfer::Transfer;
 use relume::bake::transfer::blocks::BlockMatrix;
 use relume::bake::transport::LightTransport;
@@ -212,7 +212,8 @@ fn low_rooms_have_lights() {
 fn lights_come_again_where_few_are_seen() {
     let stage = Stage::room(lambert(Vec3::splat(0.6)), 16);
     let transfer = stage.transfer(100, 50, 64);
-    let bounces = Bounces::new(&transfer);
+    let operator = Operator { transport: &transfer, from_sky: None };
+    let bounces = Bounces::new(operator);
     // Points in some thin slices of the room, no spots.
     let direct =
         |light: &PackedLight| match light.kind == LIGHT_POINT && (100.0 * light.position.x).fract().abs() < 0.02 {
@@ -220,7 +221,7 @@ fn lights_come_again_where_few_are_seen() {
             false => vec![DVec3::ZERO; transfer.fine.coefficient_count()],
         };
     let probes = transfer.rows(&stage.framebuffer.reflecting(), Lobe::All);
-    let trainer = Trainer { transfer: &transfer, bounces: &bounces, direct: &direct, probes: &probes, share: 1.0 };
+    let trainer = Trainer { operator, bounces: &bounces, direct: &direct, probes: &probes, share: 1.0 };
     let group = |kind, count| Group { kind, count, seed: 5 };
     let lights = trainer.lights(&[group(Kind::Spot, 3), group(Kind::Point, 40)]);
     let squares = vector_batch::multiply(&probes, &bounces.seen(&lights.direct, &lights.further)).squares();

@@ -29,8 +29,9 @@ pub fn light_like_scene(session: &Session, count: usize, seed: u64) -> Rig {
     rig
 }
 
-/// Moves `light` off `original` by some percent of the scene's size.
+/// Moves `light` off `original` by some percent of the scene's size; turns a dome by as many degrees as `step` says.
 pub fn nudge(light: &mut Light, original: &Light, session: &Session, step: f64) {
+    light.rotation = original.rotation + step.to_radians();
     let offset = DVec3::new((step * 0.7).sin(), 0.5 * (step * 1.3).sin(), (step * 1.9).sin()) * 0.03;
     light.position = original.position + offset * session.scene.space.unit;
     light.direction = (original.direction + 0.3 * offset).normalize();

@@ -84,7 +84,7 @@ fn figures_of_transfer(transfer: Option<&Transfer>, (width, height): (usize, usi
         return json!({
             "method": null, "form": null, "bytes": 0, "bytes_per_pixel": 0.0, "macs_per_pixel": 0.0,
             "held_out": { "point": null, "spot": null, "worst_tile": null },
-            "spectral_radius": null, "bounces": null, "residual": null, "capped": null,
+            "spectral_radius": null, "bounces": null, "residual": null, "capped": null, "sky": null,
         });
     };
     let pixels = (width * height) as f64;
@@ -104,6 +104,15 @@ fn figures_of_transfer(transfer: Option<&Transfer>, (width, height): (usize, usi
         "bounces": report.bounces.map_or(json!("inf"), |bounces| json!(bounces)),
         "residual": report.residual,
         "capped": report.capped,
+        "sky": transfer.sky.as_ref().map(|sky| {
+            let (bytes, multiply_adds) = sky.cost();
+            json!({
+                "bytes": bytes,
+                "bytes_per_pixel": bytes as f64 / pixels,
+                "macs_per_pixel": multiply_adds as f64 / pixels,
+                "held_out": { "broad": sky.held_out.point, "narrow": sky.held_out.spot },
+            })
+        }),
     })
 }
 

@@ -8,7 +8,7 @@ use super::{batch_size, visibility};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::framebuffer::view_samples::Tiling;
 use crate::bake::gather_samples::light_rays::RAYS;
-use crate::bake::transport::max_coefficients;
+use crate::bake::transport::{max_coefficients, sky};
 use crate::gpu::DeviceInfo;
 use crate::gpu::frame::UPLOAD_BYTES;
 use crate::shared::*;
@@ -28,6 +28,8 @@ pub struct Footprint {
     pub lights: usize,
     /// Whether any light has a size.
     pub sizes: bool,
+    /// Whether any light is a dome.
+    pub domes: bool,
     /// Whether any light has a filter, or links that scale its light.
     pub factors: bool,
     /// `None` without indirect light.
@@ -159,6 +161,9 @@ impl Footprint {
             // Of one light: direct and bounced light of gather samples; two ranks a block of the nested form, each at
             // most its number of rows.
             part("the light of gather samples", Cause::Pixels, 16 * 2 * (coefficients + view_samples), 1);
+            if self.domes {
+                part("light of the sky", Cause::Pixels, 16 * (sky::COLUMNS + 2 * view_samples), 1);
+            }
             // Factors of R, G and B in float16, a tint and an index for each column: of a panel, which is not divided.
             part("a panel of the transfer", Cause::Gather, (6 * PANEL_ROWS as usize + 16) * coefficients, 0);
         }

@@ -8,6 +8,7 @@ use super::light_sights::LightSights;
 use super::output::{Output, Outputs};
 use super::passes::{FrameResources, Seeing};
 use super::sheet::Grid;
+use super::sky_light::SkyTerms;
 use super::visibility;
 use super::{Detail, Picture, Relighter, Request};
 use crate::error::Result;
@@ -102,7 +103,7 @@ impl Relighter {
         }
         self.shown = None;
         let began = Instant::now();
-        let Self { frames, times, visibility, shadow_maps, sights, soft, outputs, inspector, .. } = self;
+        let Self { frames, times, visibility, shadow_maps, sights, soft, sky_terms, outputs, inspector, .. } = self;
         let resources = FrameResources {
             scene: &self.scene,
             framebuffer: &self.framebuffer,
@@ -125,11 +126,17 @@ impl Relighter {
         loop {
             visibility.restart();
             sights.iter_mut().for_each(LightSights::restart);
+            sky_terms.iter_mut().for_each(SkyTerms::restart);
             let begin_ms = began.elapsed().as_secs_f64() * 1e3;
             let mut frame = frames.begin()?;
             let output = last.as_ref().map(|last| last.output);
-            let mut seeing =
-                Seeing { visibility, shadow_maps: shadow_maps.as_mut(), sights: sights.as_mut(), soft: soft.as_mut() };
+            let mut seeing = Seeing {
+                visibility,
+                shadow_maps: shadow_maps.as_mut(),
+                sights: sights.as_mut(),
+                soft: soft.as_mut(),
+                sky_terms: sky_terms.as_mut(),
+            };
             steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output);
             let is_done = steps.is_empty();
             let mut surface = None;
@@ -179,7 +186,7 @@ impl FrameResources<'_> {
             let taken = match step {
                 _ if room == 0 => break,
                 Step::Shade(shade) if shade.points != LightPoints::One => {
-                    if shade.points.count() > room.min(seeing.visibility.left()) || !seeing.has_room_for_sights() {
+                    if shade.points.count() > room.min(seeing.visibility.left()) || !seeing.has_room() {
                         break;
                     }
                     self.shade(frame, seeing, std::slice::from_ref(shade));

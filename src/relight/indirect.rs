@@ -10,22 +10,19 @@
 //! Each pass declares what it accesses by `pass.read` and `pass.write`; [`LightTargets`] does this for the images.
 //! [`Frame`] derives the barriers.
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-use glam::{UVec4, Vec3, Vec4};
+use glam::Vec4;
 
-use super::factor_budget::FactorBudget;
+use super::block_product::{Product, Products};
 use super::haar::HaarTransform;
-use super::interleaved::{KernelVariants, Strided, vectors};
+use super::interleaved::{Strided, vectors};
 use super::light_cache::Detail;
 use super::light_rays::RayCaster;
 use super::light_target::{LightTarget, LightTargets};
+use super::sky_light::SkyLight;
 use super::sparse::SparseProduct;
 use crate::bake::transfer::Transfer;
-use crate::bake::transfer::blocks::{BlockMatrix, Piece};
-use crate::bake::transfer::sparse::SellMatrix;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel, is_out_of_memory};
 use crate::shared::*;
@@ -50,6 +47,8 @@ pub struct Indirect {
     last: Vec<Product>,
     /// Replaces the chain for sparse transfers.
     sparse: Vec<SparseProduct>,
+    /// `None` if there is no dome, or if its light does not arrive.
+    pub sky: Option<SkyLight>,
     /// Bytes of the budget that factors take.
     pub device_bytes: u64,
 }
@@ -66,20 +65,6 @@ enum GatherShading {
     Factored { samples: Buffer<FactoredSample>, tables: Buffer<Vec4>, kernels: [Kernel<ShadeFactoredPush>; 2] },
 }
 
-/// A block matrix on the device, or some of its rows.
-struct Product {
-    name: &'static str,
-    panels: Buffer<Panel>,
-    values: Buffer<UVec4>,
-    inputs: Buffer<u32>,
-    tints: Buffer<Vec3>,
-    outputs: Buffer<u32>,
-    kernels: Arc<KernelVariants<MultiplyBlocksPush>>,
-}
-
-/// Maximum bytes of a part of a matrix that is multiplied at once. Kernels index its factors with 32 bits.
-const PIECE_BYTES: u64 = 1 << 30;
-
 impl Indirect {
     /// Uploads `transfer`. Factors beyond `budget_bytes` stay in host memory; kernels read them from there in every
     /// frame.
@@ -91,40 +76,13 @@ impl Indirect {
         let haar = || HaarTransform::new(context, &transfer.first(), &transfer.needed());
         let haar = transfer.haar.then(haar).transpose()?;
         let (vector, lights_at_once) = vector(context, transfer.vector_length)?;
-        let piece_bytes = PIECE_BYTES.min(context.info.limits.largest_buffer()) as usize;
-        let budget = &mut FactorBudget::new(budget_bytes);
-        let mut kernels: HashMap<(u32, bool), Arc<KernelVariants<_>>> = HashMap::new();
-        let mut products = |matrices: &[BlockMatrix], are_last: bool| -> Result<Vec<Product>> {
-            let mut products = Vec::new();
-            for matrix in matrices {
-                let kernel = match kernels.entry((matrix.channels, are_last)) {
-                    Entry::Occupied(made) => made.get().clone(),
-                    Entry::Vacant(place) => {
-                        let (channels, to_view_samples) = *place.key();
-                        let constants = |lights| MultiplyBlocksConstants {
-                            channels,
-                            to_view_samples,
-                            lights,
-                            wide: context.has_wide_subgroups(),
-                        };
-                        let kernel = KernelVariants::new(context, constants)?;
-                        place.insert(Arc::new(kernel)).clone()
-                    }
-                };
-                for panels in matrix.pieces(piece_bytes) {
-                    let name = if are_last { "transfer to pixels" } else { "transfer" };
-                    products.push(Product::new(context, name, &matrix.piece(panels), kernel.clone(), budget)?);
-                }
-            }
-            Ok(products)
-        };
+        let mut products = Products::new(context, budget_bytes);
         let (inner, last) = transfer.chain.split_at(transfer.chain.len().saturating_sub(1));
         let (inner, coarse, last) =
-            (products(inner, false)?, products(&transfer.coarse, false)?, products(last, true)?);
-        let pieces = |m: &SellMatrix| {
-            m.pieces(piece_bytes).into_iter().map(|p| SparseProduct::new(context, &m.piece(p), budget)).collect()
-        };
-        let sparse = transfer.sparse.as_ref().map_or(Ok(Vec::new()), pieces)?;
+            (products.of(inner, false)?, products.of(&transfer.coarse, false)?, products.of(last, true)?);
+        let sparse = transfer.sparse.as_ref().map_or(Ok(Vec::new()), |matrix| products.of_sparse(matrix))?;
+        let sky = transfer.sky.as_ref().map(|sky| SkyLight::new(context, sky, &mut products)).transpose()?.flatten();
+        let budget = products.budget;
         if budget.streamed > 0 {
             let [streamed_mb, budget_mb] = [budget.streamed, budget_bytes].map(|bytes| bytes as f64 * 1e-6);
             tracing::info!(
@@ -133,6 +91,7 @@ impl Indirect {
         }
         Ok(Self {
             device_bytes: budget_bytes - budget.left,
+            sky,
             points,
             samples,
             ray_caster,
@@ -149,7 +108,8 @@ impl Indirect {
     /// Maximum number of passes per light that [`Self::add`] records.
     pub fn pass_count(&self) -> usize {
         let inner = self.inner.len().max(self.coarse.len());
-        2 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len()
+        let sky = self.sky.as_ref().map_or(0, SkyLight::pass_count);
+        2 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len() + sky
     }
 
     /// Adds the indirect light of each light to its image.
@@ -265,44 +225,5 @@ impl GatherShading {
                 pass.dispatch(&kernels[usize::from(target.soft.is_some())], &push, push.sample_count);
             }
         }
-    }
-}
-
-impl Product {
-    fn new(
-        context: &Arc<Context>,
-        name: &'static str,
-        matrix: &Piece,
-        kernels: Arc<KernelVariants<MultiplyBlocksPush>>,
-        budget: &mut FactorBudget,
-    ) -> Result<Self> {
-        Ok(Self {
-            name,
-            panels: budget.upload(context, "transfer (panels)", &matrix.panels)?,
-            values: budget.upload(context, "transfer (factors)", matrix.values)?,
-            inputs: budget.upload(context, "transfer (inputs)", matrix.inputs)?,
-            tints: budget.upload(context, "transfer (tints)", matrix.tints)?,
-            outputs: budget.upload(context, "transfer (outputs)", matrix.outputs)?,
-            kernels,
-        })
-    }
-
-    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &LightTargets) {
-        let mut pass = frame.pass(self.name);
-        let push = MultiplyBlocksPush {
-            panels: pass.read(&self.panels),
-            values: pass.read(&self.values),
-            inputs: pass.read(&self.inputs),
-            tints: pass.read(&self.tints),
-            outputs: pass.read(&self.outputs),
-            vector: pass.write(vector),
-            images: targets.images(&mut pass),
-            extras: targets.extras(&mut pass),
-            panel_count: self.panels.len() as u32,
-            pixel_stride: targets.pixel_stride,
-            extra_stride: targets.extra_stride,
-            light_count: targets.lights.len() as u32,
-        };
-        pass.dispatch(self.kernels.get(targets.lights.len()), &push, push.panel_count * GROUP_SIZE);
     }
 }

@@ -1,5 +1,6 @@
 //! Relighting: pictures of a baked scene whose lights are edited.
 
+mod block_product;
 mod cutouts;
 mod device_choice;
 pub mod exposure;
@@ -25,6 +26,7 @@ mod shadow_culling;
 mod shadow_map;
 pub mod sheet;
 mod sky_importance;
+mod sky_light;
 mod soft_light;
 mod some_points;
 mod sparse;
@@ -51,6 +53,7 @@ pub use self::request::{Layers, Picture, Request, ToneMap};
 use self::shadow_map::ShadowMaps;
 use self::sheet::Sheet;
 use self::sky_importance::SkyImportances;
+use self::sky_light::SkyTerms;
 use self::soft_light::SoftLights;
 use self::some_points::SomePoints;
 use self::visibility::VisibilityBuffers;
@@ -99,6 +102,8 @@ pub struct Relighter {
     /// `None` as long as no light has a size.
     soft: Option<SoftLights>,
     skies: SkyImportances,
+    /// `None` as long as no transfer has light of the sky.
+    sky_terms: Option<SkyTerms>,
     images: Vec<Buffer<Vec4>>,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     some_points: Option<SomePoints>,
@@ -186,6 +191,7 @@ impl Relighter {
             sights: LightSights::find(context, scene, framebuffer, rig)?,
             soft: SoftLights::find(context, framebuffer, of, rig)?,
             skies,
+            sky_terms: sky_terms(context, of)?,
             links,
             gpu,
             indirect,
@@ -289,6 +295,7 @@ impl Relighter {
         if let Some(soft) = &mut self.soft {
             soft.set_transfer(&transfer);
         }
+        self.sky_terms = sky_terms(&self.context, Some(&transfer))?;
         self.transfer = Some(transfer);
         self.find_again();
         Ok(())
@@ -319,6 +326,7 @@ impl Relighter {
         self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
         self.sights = LightSights::find(&self.context, &self.scene, &framebuffer, self.cache.rig())?;
         self.soft = SoftLights::find(&self.context, &framebuffer, of, self.cache.rig())?;
+        self.sky_terms = sky_terms(&self.context, of)?;
         (self.framebuffer, self.transfer) = (framebuffer, transfer);
         self.find_again();
         Ok(())
@@ -475,6 +483,10 @@ fn scales(links: &HashMap<usize, ResolvedLinks>) -> bool {
 /// Links of the lights that have any; an error names the light.
 fn resolved(rig: &Rig, scene: &TracedScene) -> Result<HashMap<usize, ResolvedLinks>> {
     rig.resolve_links(scene).map_err(|reason| Error::invalid("rig", reason))
+}
+
+fn sky_terms(context: &Arc<Context>, transfer: Option<&Transfer>) -> Result<Option<SkyTerms>> {
+    transfer.and_then(|transfer| transfer.sky.as_ref()).map(|_| SkyTerms::new(context)).transpose()
 }
 
 /// Planes R, G, B for the radiance of extra samples.

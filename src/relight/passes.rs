@@ -14,6 +14,7 @@ use super::light_target::{LightTarget, LightTargets};
 use super::output::{Output, Outputs};
 use super::shadow_map::ShadowMaps;
 use super::sky_importance::{SkyImportances, point_of};
+use super::sky_light::{SkyLight, SkyTerms, suns};
 use super::soft_light::{SoftLight, SoftLights};
 use super::some_points::SomePoints;
 use super::visibility::{Rays, VisibilityBuffers, VisibilitySlot, trace};
@@ -24,7 +25,7 @@ use crate::gpu::{Buffer, Frame, Pass};
 use crate::physics::distribution::GridDistribution;
 use crate::physics::sequence::fibonacci_lattice;
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, LightKind, ResolvedLinks, Rig};
+use crate::scene::{Light, LightKind, Links, ResolvedLinks, Rig};
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 use crate::trace::light_surface::{LightInScene, LightSurface};
@@ -66,11 +67,15 @@ pub struct Seeing<'a> {
     pub sights: Option<&'a mut LightSights>,
     /// Of lights with a size.
     pub soft: Option<&'a mut SoftLights>,
+    /// Of domes.
+    pub sky_terms: Option<&'a mut SkyTerms>,
 }
 
 impl Seeing<'_> {
-    pub fn has_room_for_sights(&self) -> bool {
+    /// Whether a light with a size finds free buffers.
+    pub fn has_room(&self) -> bool {
         self.sights.as_ref().is_none_or(|sights| sights.has_room())
+            && self.sky_terms.as_ref().is_none_or(|terms| terms.has_room())
     }
 }
 
@@ -104,8 +109,9 @@ impl FrameResources<'_> {
         let points = light.map_or(std::slice::from_ref(packed), |light| &light.points[..]);
         if has_factors {
             let soft = soft.as_deref().filter(|_| light.is_some());
-            let kind = self.rig.lights[index].kind;
-            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, (kind, filter), points, soft));
+            // Directions of domes have their colours.
+            let filter = filter.filter(|_| self.rig.lights[index].kind != LightKind::Dome);
+            frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, points, soft));
         }
         if !shadows {
             bytes.clear();
@@ -156,25 +162,19 @@ impl FrameResources<'_> {
         &self,
         factors: &mut LightFactors,
         scene: LinkedScene,
-        (kind, filter): (LightKind, Option<&PosedFilter>),
+        filter: Option<&PosedFilter>,
         points: &[PackedLight],
         soft: Option<&SoftLights>,
     ) {
         // Of the point that a sample sees.
         let color = |packets: Option<&InterleavedPackets>, index: usize, position: Vec3| {
             let point = &points[packets.map_or(0, |packets| packets.point_of(index))];
-            match (kind, filter) {
-                (LightKind::Dome, _) => point.position,
-                (_, Some(filter)) => filter.factor((position - point.position).normalize_or_zero()),
-                (_, None) => Vec3::ONE,
-            }
+            filter.map_or(Vec3::ONE, |filter| filter.factor((position - point.position).normalize_or_zero()))
         };
         let is_filtered = filter.is_some();
         if self.layers.direct() {
             let triangles = self.triangles.map(|triangles| &triangles.view_samples[..]);
             let packets = soft.map(|soft| &soft.view_samples);
-            // All directions of a dome that moves shade each view sample, with their colours.
-            let is_filtered = is_filtered && !(kind == LightKind::Dome && soft.is_some());
             let color = |index, position| color(packets, index, position);
             let samples = &self.framebuffer.samples;
             light_factors::compute(&mut factors.view_samples, is_filtered.then_some(color), scene, samples, triangles);
@@ -199,26 +199,41 @@ impl FrameResources<'_> {
         let first = &self.rig.lights[shades[0].light];
         let warp = self.skies.warp(first);
         let surface = LightSurface::new(first, self.scene.space, warp.clone());
-        let soft = (shades[0].points == LightPoints::Interleaved)
+        let sky = self.sky_light(first);
+        // A dome that moves: suns are traced, the cells of the sky have the rest.
+        let is_glow = sky.is_some() && self.layers == Layers::All && shades[0].points == LightPoints::Interleaved;
+        let soft = (shades[0].points == LightPoints::Interleaved && !is_glow)
             .then(|| SoftLight::new(first, self.scene.space, warp.as_ref()));
-        let points = shades.iter().enumerate().flat_map(|(i, shade)| {
-            self.points(&self.rig.lights[shade.light], shade.points, warp.as_ref()).map(move |packed| (i, packed))
-        });
+        let points: Vec<(usize, PackedLight)> = match is_glow {
+            true => suns(first, self.scene.space).into_iter().map(|packed| (0, packed)).collect(),
+            false => shades
+                .iter()
+                .enumerate()
+                .flat_map(|(i, shade)| {
+                    let light = &self.rig.lights[shade.light];
+                    self.points(light, shade.points, warp.as_ref()).map(move |packed| (i, packed))
+                })
+                .collect(),
+        };
         let seen: Vec<(usize, PackedLight, VisibilitySlot)> = points
+            .into_iter()
             .map(|(i, packed)| {
                 let light = (shades[i].light, &packed, soft.as_ref());
                 (i, packed, self.compute_visibility(frame, seeing, light, filters[i].as_ref(), detail))
             })
             .collect();
         let sight = seeing.sights.as_deref_mut().zip(surface.as_ref()).filter(|_| self.layers.direct());
-        let per_point = directions_per_point(shades[0].points);
+        let sight_points = if is_glow { LightPoints::One } else { shades[0].points };
+        let per_point = directions_per_point(sight_points);
         let drawn_area =
             |packed: &PackedLight| (surface.as_ref()).map_or(0.0, |surface| surface.size(packed) as f32 * per_point);
-        let has_sights = sight.is_some();
+        let has_sights = sight.is_some() && !is_glow;
         let seen_light = sight.and_then(|(sights, surface)| {
-            let filter = filters[0].as_ref();
-            frame.cpu("look for lights", || self.look(sights, shades[0], surface, filter))
+            let (shade, filter) = (Shade { points: sight_points, ..shades[0] }, filters[0].as_ref());
+            frame.cpu("look for lights", || self.look(sights, shade, surface, filter))
         });
+        let sky_terms = seeing.sky_terms.as_deref_mut().filter(|_| sky.is_some() && self.layers.indirect());
+        let sky_terms = sky_terms.map(|terms| frame.cpu("cells of the sky", || terms.compute(first, is_glow)));
         let (visibility, soft_kernel) = (&*seeing.visibility, seeing.soft.as_deref());
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,
@@ -229,15 +244,26 @@ impl FrameResources<'_> {
             image: self.image(shades[i].target),
             extras: &self.extras[i],
         };
-        let lights: Vec<LightTarget> = seen.iter().map(target).collect();
+        let mut lights: Vec<LightTarget> = seen.iter().map(target).collect();
+        let is_dark = lights.is_empty();
+        if is_dark {
+            lights.push(target(&(0, first.pack(self.scene.space), VisibilitySlot::ALL_VISIBLE)));
+        }
+        let layers = if self.layers.direct() && !is_dark { self.layers.mask() } else { 0 };
         // Points of one light add up in its image.
         let groups: Vec<&[LightTarget]> = if shades.len() == 1 { vec![&lights] } else { lights.chunks(1).collect() };
         for target in &groups {
-            (0..).zip(*target).for_each(|(number, point)| self.shade_view_samples(frame, point, number > 0));
+            (0..).zip(*target).for_each(|(number, point)| self.shade_view_samples(frame, point, layers, number > 0));
         }
         if let Some(indirect) = self.indirect {
             let (pixel_stride, extra_stride) = (self.framebuffer.pixel_stride() as u32, self.extra_stride());
-            indirect.add(frame, &LightTargets { lights: &groups, pixel_stride, extra_stride }, detail);
+            let targets = LightTargets { lights: &groups, pixel_stride, extra_stride };
+            if !is_dark {
+                indirect.add(frame, &targets, detail);
+            }
+            if let (Some(sky), Some(index), Some(terms)) = (sky, sky_terms, &seeing.sky_terms) {
+                sky.add(frame, terms.buffer(index), &targets);
+            }
             groups.iter().for_each(|points| self.count(frame, CheckedPass::Transfer, &points[0]));
         }
         groups.iter().for_each(|points| self.resolve(frame, &points[0]));
@@ -246,6 +272,12 @@ impl FrameResources<'_> {
             sights.add(frame, index, lights[0].image, pixel_stride);
             self.count(frame, CheckedPass::SeenLights, &lights[0]);
         }
+    }
+
+    /// The map from the sky, for domes that it is true for: what it leaves out, and whose light is blocked by all.
+    fn sky_light(&self, light: &Light) -> Option<&SkyLight> {
+        let sky = self.indirect.and_then(|indirect| indirect.sky.as_ref());
+        sky.filter(|_| light.kind == LightKind::Dome && light.shadows && light.links == Links::default())
     }
 
     /// Looks for a light with a size where the eye may see it; see [`LightSights::look`].
@@ -284,8 +316,9 @@ impl FrameResources<'_> {
         })
     }
 
-    /// Direct light of one light, or of one of its points, on all view samples. `accumulate` adds to that of other points.
-    fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget, accumulate: bool) {
+    /// Direct light of one light, or of one of its points, on all view samples of `layers`, a bit mask; darkness on others.
+    /// `accumulate` adds to that of other points.
+    fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget, layers: u32, accumulate: bool) {
         if let Some((light, lights)) = target.soft {
             return self.shade_softly(frame, target, light, lights);
         }
@@ -301,7 +334,7 @@ impl FrameResources<'_> {
             sample_count: self.framebuffer.samples.len() as u32,
             pixel_stride: self.framebuffer.pixel_stride() as u32,
             extra_stride: self.extra_stride(),
-            layers: if self.layers.direct() { self.layers.mask() } else { 0 },
+            layers,
             accumulate: u32::from(accumulate),
             has_factors: u32::from(target.has_factors),
             drawn_area: target.drawn_area,

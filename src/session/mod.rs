@@ -29,6 +29,7 @@ use self::progress::{advance, until_cancelled};
 use crate::bake::baselines::thesis::ThesisSettings;
 use crate::bake::compression::validation::ValidationError;
 use crate::bake::transfer::Transfer;
+use crate::bake::transfer::sky::SkyTransfer;
 use crate::bake::transport::Outgoing;
 use crate::bake::transport::TransferSettings;
 use crate::bake::transport::directions::Lobe;
@@ -115,6 +116,8 @@ pub struct Transfers {
     key: cache::Key,
     dir: Option<PathBuf>,
     force_all: bool,
+    /// Whether light of the sky is baked, too: there is a dome.
+    sky: bool,
 }
 
 impl Transfers {
@@ -134,23 +137,33 @@ impl Transfers {
         cache::transfer_key(&self.key, &(&self.plan, lobe))
     }
 
+    fn sky_key(&self, lobe: Lobe) -> cache::Key {
+        cache::transfer_key(&self.key, &(&self.plan, lobe, "sky"))
+    }
+
     fn stored(&self, framebuffer: &DeepFramebuffer, lobe: Lobe, report: &mut BakeReport) -> Option<Transfer> {
         let (dir, key) = (self.dir.as_deref()?, self.key(lobe));
         let stored = report.stage("read cache", || cache::load_transfer(dir, &key, framebuffer))?;
         Some(self.forced(stored))
     }
 
+    /// Whether the cache has a transfer, without light of the sky.
+    fn is_stored(&self, lobe: Lobe) -> bool {
+        self.dir.as_deref().is_some_and(|dir| cache::has(dir, &self.key(lobe)))
+    }
+
+    fn stored_sky(&self, framebuffer: &DeepFramebuffer, lobe: Lobe) -> Option<SkyTransfer> {
+        cache::load_sky(self.dir.as_deref()?, &self.sky_key(lobe), framebuffer)
+    }
+
     /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
     /// of its own, so that lights can be edited meanwhile.
     pub fn refine(&self, seen: BakeInput, progress: &dyn Progress, show: impl Fn(Transfer) + Sync) -> Result<()> {
         let mut report = BakeReport::default();
-        if let Some(transfer) = self.stored(seen.framebuffer, Lobe::All, &mut report) {
-            show(transfer);
-            return Ok(());
-        }
+        let is_stored = self.is_stored(Lobe::All);
         until_cancelled(|| {
             low_priority(|| {
-                if let Some(coarse) = self.plan.coarse() {
+                if let Some(coarse) = self.plan.coarse().filter(|_| !is_stored) {
                     let BakeInput { scene, framebuffer } = seen;
                     let small = reduced(seen);
                     let input = BakeInput { scene, framebuffer: small.as_ref().unwrap_or(framebuffer) };
@@ -161,31 +174,70 @@ impl Transfers {
                     };
                     show(self.forced(coarse));
                 }
-                show(self.get(seen, Lobe::All, &mut report, progress)?);
+                let first = |transfer: &Transfer| show(transfer.clone());
+                show(self.get(seen, Lobe::All, &first, &mut report, progress)?);
                 Ok(())
             })
         })
     }
 
-    /// From the cache, or baked and kept there.
-    fn get(&self, seen: BakeInput, lobe: Lobe, report: &mut BakeReport, progress: &dyn Progress) -> Result<Transfer> {
-        let stored = self.stored(seen.framebuffer, lobe, report);
-        report.cached &= stored.is_some();
-        if let Some(transfer) = stored {
+    /// Whether light of the sky is part of the transfer.
+    fn has_sky(&self) -> bool {
+        self.sky && self.plan.has_sky()
+    }
+
+    /// From the cache, or baked and kept there. `first` gets what is there while light of the sky is baked.
+    fn get(
+        &self,
+        seen: BakeInput,
+        lobe: Lobe,
+        first: &dyn Fn(&Transfer),
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<Transfer> {
+        let framebuffer = seen.framebuffer;
+        let stored = self.stored(framebuffer, lobe, report);
+        let stored_sky = if self.has_sky() { self.stored_sky(framebuffer, lobe) } else { None };
+        let is_complete = stored.is_some() && (stored_sky.is_some() || !self.has_sky());
+        report.cached &= is_complete;
+        let stored = match stored {
+            Some(transfer) if is_complete => return Ok(Transfer { sky: stored_sky, ..transfer }),
+            stored => stored,
+        };
+        let prepared = self.plan.prepare(seen, report, progress);
+        let journal = |key: &cache::Key| self.dir.as_ref().map(|dir| cache::journal(dir, key));
+        let keep = |report: &mut BakeReport, store: &dyn Fn(&Path) -> Result<()>| {
+            if let Some(dir) = &self.dir
+                && let Err(error) = report.stage("write cache", || store(dir))
+            {
+                tracing::info!("not stored in the cache: {error}"); // a read-only cache works
+                report.not_stored = Some(error);
+            }
+        };
+        let name = seen.scene.name();
+        let transfer = match stored {
+            Some(transfer) => transfer,
+            None => {
+                let key = self.key(lobe);
+                let made = prepared.bake(lobe, journal(&key).as_deref(), report, progress)?;
+                keep(report, &|dir| cache::store_transfer(dir, &key, &name, framebuffer, &made));
+                self.forced(made)
+            }
+        };
+        if !self.has_sky() {
             return Ok(transfer);
         }
-        let key = self.key(lobe);
-        let journal = self.dir.as_ref().map(|dir| cache::journal(dir, &key));
-        let transfer = self.plan.bake(seen, lobe, journal.as_deref(), report, progress)?;
-        if let Some(dir) = &self.dir
-            && let Err(error) = report.stage("write cache", || {
-                cache::store_transfer(dir, &key, &seen.scene.name(), seen.framebuffer, &transfer)
-            })
-        {
-            tracing::info!("not stored in the cache: {error}"); // a read-only cache works
-            report.not_stored = Some(error);
-        }
-        Ok(self.forced(transfer))
+        let sky = match stored_sky {
+            Some(sky) => sky,
+            None => {
+                first(&transfer);
+                let key = self.sky_key(lobe);
+                let made = prepared.bake_sky(lobe, journal(&key).as_deref(), report, progress)?;
+                keep(report, &|dir| cache::store_sky(dir, &key, &name, framebuffer, &made));
+                made
+            }
+        };
+        Ok(Transfer { sky: Some(sky), ..transfer })
     }
 }
 
@@ -225,9 +277,9 @@ impl Session {
         let transfers = transfers.as_ref().expect("there is indirect light");
         let get = move |bake: &mut BakeReport| {
             let Some(plain) = plain.as_deref() else {
-                return transfers.get(BakeInput { scene, framebuffer }, lobe, bake, progress);
+                return transfers.get(BakeInput { scene, framebuffer }, lobe, &|_| (), bake, progress);
             };
-            let transfer = transfers.get(BakeInput { scene, framebuffer: plain }, lobe, bake, progress)?;
+            let transfer = transfers.get(BakeInput { scene, framebuffer: plain }, lobe, &|_| (), bake, progress)?;
             let spread = bake.stage("spread transfer", || transfer.spread(plain, framebuffer, scene.bvh.radius));
             Ok(spread.expect("such a transfer has no plain bake"))
         };
@@ -313,8 +365,14 @@ impl Session {
             None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),
             None => key.clone(),
         };
-        let transfers =
-            plan.map(|plan| Transfers { plan, key: plain_key, dir: cache_dir.clone(), force_all: settings.force_all });
+        let sky = rig.has_domes();
+        let transfers = plan.map(|plan| Transfers {
+            plan,
+            key: plain_key,
+            dir: cache_dir.clone(),
+            force_all: settings.force_all,
+            sky,
+        });
         let plain = plain.map(|(_, framebuffer)| Arc::new(framebuffer));
         report.seconds += start.elapsed().as_secs_f64();
         report.cpu_seconds += cpu_seconds() - cpu_start;

@@ -16,6 +16,7 @@ use crate::bake::compression::CompressionSettings;
 use crate::bake::compression::validation::{self, Validation, ValidationError};
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::blocks::check_addressable;
+use crate::bake::transfer::sky::SkyTransfer;
 use crate::bake::transport::direct;
 use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::{LightTransport, Outgoing, TransferSettings};
@@ -94,6 +95,11 @@ const RAYS_LEAST: f64 = 0.5;
 pub const ERROR: f64 = 0.01;
 /// Random lights that compression learns from.
 const LIGHTS: usize = 512;
+/// Random skies that compression learns from.
+const SKIES: usize = 192;
+/// Error of light of the sky, as a multiple of the compressed operator's: what mirrors throw is a small part of a picture,
+/// and the rest of it serves while a dome moves.
+const SKY_ERROR: f64 = 2.0;
 /// Gather samples among which light bounces on.
 const COARSE_SAMPLES: usize = 2304;
 /// Points of all gather samples at which light is looked at.
@@ -304,7 +310,66 @@ impl TransferPlan {
     /// Bakes the operator; `journal` is where it keeps what it would go on from if it was stopped.
     pub fn bake(
         &self,
-        BakeInput { scene, framebuffer }: BakeInput,
+        input: BakeInput,
+        lobe: Lobe,
+        journal: Option<&Path>,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<Transfer> {
+        self.prepare(input, report, progress).bake(lobe, journal, report, progress)
+    }
+
+    /// Whether light of the sky is compressed too: in our own form.
+    pub(super) fn has_sky(&self) -> bool {
+        matches!(self, Self::Robust(_, Form::Nested(_)))
+    }
+
+    /// What operators are made from.
+    pub(super) fn prepare<'a>(
+        &'a self,
+        BakeInput { scene, framebuffer }: BakeInput<'a>,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Prepared<'a> {
+        let advance = advance(progress);
+        match self {
+            Self::Robust(settings, form) => {
+                progress.begin("bounces", settings.coarse_samples.min(settings.samples));
+                let transport = report.stage("bounces", || LightTransport::new(scene, framebuffer, settings, &advance));
+                progress.end();
+                let radius = transport.certificate.spectral_radius;
+                if radius > HARDLY_ABSORBED {
+                    tracing::warn!(
+                        "this scene absorbs hardly any light: each bounce keeps up to {radius:.5} of it; {:.3} % of all reflected light was removed",
+                        100.0 * transport.certificate.capped
+                    );
+                }
+                Prepared::Robust { transport: Box::new(transport), form: *form, seed: settings.seed }
+            }
+            Self::Thesis(settings) => {
+                progress.begin("bounces", settings.samples);
+                let thesis = report.stage("bounces", || Thesis::new(scene, framebuffer, settings, &advance));
+                progress.end();
+                Prepared::Thesis {
+                    thesis: Box::new(thesis),
+                    input: BakeInput { scene, framebuffer },
+                    bounces: settings.bounces,
+                }
+            }
+        }
+    }
+}
+
+/// Gather samples and bounces among them, before the operator.
+pub(super) enum Prepared<'a> {
+    Robust { transport: Box<LightTransport<'a>>, form: Form, seed: u64 },
+    Thesis { thesis: Box<Thesis<'a>>, input: BakeInput<'a>, bounces: u32 },
+}
+
+impl Prepared<'_> {
+    /// The operator; `journal`: see [`TransferPlan::bake`].
+    pub fn bake(
+        &self,
         lobe: Lobe,
         journal: Option<&Path>,
         report: &mut BakeReport,
@@ -312,29 +377,20 @@ impl TransferPlan {
     ) -> Result<Transfer> {
         let advance = advance(progress);
         let mut journal = journal.map_or_else(Journal::default, Journal::open);
-        let framebuffer = match self {
-            Self::Robust(settings, form) => {
-                progress.begin("bounces", settings.coarse_samples.min(settings.samples));
-                let transfer = report.stage("bounces", || LightTransport::new(scene, framebuffer, settings, &advance));
-                progress.end();
-                let radius = transfer.certificate.spectral_radius;
-                if radius > HARDLY_ABSORBED {
-                    tracing::warn!(
-                        "this scene absorbs hardly any light: each bounce keeps up to {radius:.5} of it; {:.3} % of all reflected light was removed",
-                        100.0 * transfer.certificate.capped
-                    );
-                }
+        let made = match self {
+            Self::Robust { transport, form, seed } => {
+                let (scene, framebuffer) = (transport.scene(), transport.framebuffer());
                 if *form == Form::Dense {
-                    check_dense(framebuffer, transfer.column_count(), scene)?;
+                    check_dense(framebuffer, transport.column_count(), scene)?;
                 }
                 progress.begin("transfer", framebuffer.samples.len());
-                let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: settings.seed };
+                let to = |error| CompressionSettings { error, lights: LIGHTS, lobe, seed: *seed };
                 let made = report.stage("transfer", || match *form {
-                    Form::Dense => Ok(Transfer::dense(&transfer, framebuffer, lobe, &mut journal, &advance)),
-                    Form::Nested(error) => Transfer::nested(&transfer, &to(error), &mut journal, &advance),
+                    Form::Dense => Ok(Transfer::dense(transport, framebuffer, lobe, &mut journal, &advance)),
+                    Form::Nested(error) => Transfer::nested(transport, &to(error), &mut journal, &advance),
                     Form::Haar(error) => {
                         let fits = |bytes| check_wavelets(bytes, scene);
-                        Transfer::haar(&transfer, &to(error), fits, &mut journal, &advance)
+                        Transfer::haar(transport, &to(error), fits, &mut journal, &advance)
                     }
                 });
                 progress.end();
@@ -350,30 +406,50 @@ impl TransferPlan {
                 }
                 made
             }
-            Self::Thesis(settings) => {
-                progress.begin("bounces", settings.samples);
-                let thesis = report.stage("bounces", || Thesis::new(scene, framebuffer, settings, &advance));
-                progress.end();
+            Self::Thesis { thesis, input: BakeInput { scene, framebuffer }, bounces } => {
                 check_dense(framebuffer, thesis.column_count(), scene)?;
                 if scene.materials.iter().any(|material| material.emissive != Vec3::ZERO) {
                     tracing::warn!("--method thesis has no indirect light of emissive materials");
                 }
                 if thesis.spectral_radius >= 1.0 {
                     tracing::warn!(
-                        "the series of --method thesis does not converge here: its spectral radius is {:.3}; the picture has its first {} terms",
+                        "the series of --method thesis does not converge here: its spectral radius is {:.3}; the picture has its first {bounces} terms",
                         thesis.spectral_radius,
-                        settings.bounces
                     );
                 }
                 progress.begin("transfer", framebuffer.samples.len());
-                let make = || Transfer::thesis(&thesis, framebuffer, lobe, &mut journal, &advance);
+                let make = || Transfer::thesis(thesis, framebuffer, lobe, &mut journal, &advance);
                 let dense = report.stage("transfer", make);
                 progress.end();
                 dense
             }
         };
         journal.remove();
-        Ok(framebuffer)
+        Ok(made)
+    }
+
+    /// Light of the sky. `journal`: see [`TransferPlan::bake`].
+    ///
+    /// Panics if the plan [has none](TransferPlan::has_sky).
+    pub fn bake_sky(
+        &self,
+        lobe: Lobe,
+        journal: Option<&Path>,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<SkyTransfer> {
+        let Self::Robust { transport, form: Form::Nested(error), seed } = self else { unreachable!("see has_sky") };
+        let advance = advance(progress);
+        let mut journal = journal.map_or_else(Journal::default, Journal::open);
+        let settings = CompressionSettings { error: SKY_ERROR * error, lights: SKIES, lobe, seed: *seed };
+        progress.begin("light of the sky", transport.framebuffer().samples.len());
+        let made = report.stage("light of the sky", || SkyTransfer::new(transport, &settings, &mut journal, &advance));
+        progress.end();
+        journal.remove();
+        if made.as_ref().is_ok_and(|sky| sky.chain.is_empty()) {
+            tracing::warn!("hardly any light of the sky arrives: the scene is closed");
+        }
+        made
     }
 }
 

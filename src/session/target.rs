@@ -52,6 +52,7 @@ impl Target {
             emitters: counts.emitters,
             lights: rig.lights.len(),
             sizes: rig.has_sizes(),
+            domes: rig.has_domes(),
             factors: rig.has_factors(),
             gather,
             maps: (!self.traces(scene)).then(|| MapFootprint::new(scene, self.relight.shadow_size)),

@@ -48,7 +48,7 @@ struct LightHit {
     distance: f64,
     /// cd/m² from a light of unit intensity.
     radiance: f64,
-    /// Density with which sampling the light finds the direction, 1/sr.
+    /// Density with which sampling the light finds the direction, 1/sr. 0 for domes: see [`LightSurface::sky_density`].
     density: f64,
 }
 
@@ -65,7 +65,12 @@ impl LightInScene<'_> {
     /// Light along a ray from the surface of `triangle`, given by origin and unit direction. `end`: where the next surface
     /// stops the ray, if that is known.
     pub fn arriving(&self, triangle: u32, [origin, direction]: [Vec3; 2], end: Option<f32>) -> Option<ArrivingLight> {
-        self.between(triangle, [origin, direction], [0.0, end.unwrap_or(f32::INFINITY)], end.is_some())
+        let mut arriving =
+            self.between(triangle, [origin, direction], [0.0, end.unwrap_or(f32::INFINITY)], end.is_some())?;
+        if self.light.kind == LightKind::Dome {
+            arriving.density = self.surface.sky_density(direction.as_dvec3());
+        }
+        Some(arriving)
     }
 
     /// Light along a part of an eye path, between two distances from the origin. `mirror`: triangle at the origin; `None`
@@ -174,8 +179,7 @@ impl LightSurface {
             Shape::Sky { map, to_map, .. } => {
                 let map = map.as_deref().unwrap_or(SkyMap::white());
                 let radiance = map.radiance((*to_map * direction).as_vec3()).max_element().into();
-                let density = self.sky_density(direction);
-                (radiance > 0.0).then_some(LightHit { distance: f64::INFINITY, radiance, density })
+                (radiance > 0.0).then_some(LightHit { distance: f64::INFINITY, radiance, density: 0.0 })
             }
             Shape::Sphere { radius } => {
                 let along = to_middle.dot(direction);

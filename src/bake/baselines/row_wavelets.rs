@@ -17,7 +17,7 @@ use crate::bake::compression::report::{Report, mean, relative};
 use crate::bake::compression::training::Direct;
 use crate::bake::compression::vector_batch::{self, VectorBatch, WIDTH};
 use crate::bake::compression::{
-    CompressionSettings, DECIDING, LOST_LIGHT_SHARE, SPOTS, random_subset, training_inputs,
+    CompressionSettings, DECIDING, LOST_LIGHT_SHARE, Operator, SPOTS, random_subset, training_inputs,
 };
 use crate::bake::transfer::{Transfer, TransferReport};
 use crate::bake::transport::{LightTransport, direct};
@@ -33,7 +33,7 @@ use crate::storage::journal::Journal;
 /// Compresses the rows of one transfer.
 pub struct RowWavelets<'a> {
     gatherer: RowGatherer<'a>,
-    inputs: Inputs,
+    inputs: Inputs<'a>,
     /// Square of each term's weight.
     weights: Vec<f32>,
     emitted: Emitted<'a>,
@@ -75,7 +75,7 @@ impl<'a> RowWavelets<'a> {
     /// `direct` computes the coefficients of direct light.
     pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
         let samples = transfer.framebuffer().reflecting();
-        let inputs = training_inputs(transfer, direct, &samples, settings);
+        let inputs = training_inputs(Operator { transport: transfer, from_sky: None }, direct, &samples, settings);
         let probes = random_subset(&samples, PROBES, settings.seed ^ 32 << 32);
         let mut gatherer = transfer.row_gatherer(settings.lobe);
         let rows = gatherer.gather(&probes);

@@ -15,7 +15,7 @@ use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorInfo};
 use serde::Serialize;
 
 pub use self::framebuffer::{load, store};
-pub use self::transfer::{load_transfer, store_transfer, transfer_key};
+pub use self::transfer::{load_sky, load_transfer, store_sky, store_transfer, transfer_key};
 
 use super::BakeSettings;
 use super::framebuffer::edges::edge_lights;
@@ -25,7 +25,7 @@ use crate::storage::file::{is_temporary, open, write_whole};
 use crate::storage::mapped::{Elements, Mapping};
 
 /// Version of the file format; incremented when the content changes.
-const FORMAT: &str = "24";
+const FORMAT: &str = "25";
 
 /// Hash of all inputs of a bake; names its file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,7 +36,7 @@ pub struct Key(String);
 pub struct Entry {
     pub path: PathBuf,
     pub scene: String,
-    /// "deep framebuffer" or "transfer".
+    /// "deep framebuffer", "transfer" or "light of the sky".
     pub what: String,
     pub size: String,
     pub bytes: u64,
@@ -121,6 +121,11 @@ pub fn prune(dir: &Path) -> Result<(usize, u64)> {
         }
     }
     Ok((files.len(), bytes))
+}
+
+/// Whether there is a file of a key, damaged or not.
+pub fn has(dir: &Path, key: &Key) -> bool {
+    file(dir, key).exists()
 }
 
 fn file(dir: &Path, key: &Key) -> PathBuf {

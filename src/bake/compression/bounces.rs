@@ -3,6 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::Operator;
 use super::haar::Haar;
 use super::largest::largest;
 use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
@@ -13,7 +14,9 @@ use crate::bake::transport::solve::Resolvent;
 /// All bounces of direct light beyond the first surface.
 pub struct Bounces<'a> {
     /// One per channel.
-    resolvents: [Resolvent; 3],
+    resolvents: &'a [Resolvent; 3],
+    /// Where the number of bounces is limited: that of terms of the resolvents.
+    terms: u32,
     /// G_cf; with a single level, G.
     first: &'a CsrMatrix,
     operand: Operand,
@@ -23,26 +26,31 @@ pub struct Bounces<'a> {
 #[derive(Clone, Copy)]
 struct Operand {
     two_levels: bool,
-    /// Coefficients of the fine level.
+    /// Coefficients of the fine level, or of the sky in its place.
     fine: usize,
     /// Whether light that reaches a gather sample directly contributes to view samples.
     first: bool,
 }
 
 impl<'a> Bounces<'a> {
-    pub fn new(transfer: &'a LightTransport) -> Self {
+    pub fn new(operator: Operator<'a>) -> Self {
+        let Operator { transport, from_sky } = operator;
         let operand = Operand {
-            two_levels: transfer.from_fine.is_some(),
-            fine: transfer.fine.coefficient_count(),
-            first: transfer.bounces() != Some(0),
+            two_levels: from_sky.is_some() || transport.from_fine.is_some(),
+            fine: operator.coefficient_count(),
+            first: from_sky.is_some() || transport.bounces() != Some(0),
         };
-        let first = transfer.from_fine.as_ref().unwrap_or(&transfer.bounce_matrix);
-        Self { resolvents: transfer.resolvents(), first, operand }
+        let first = from_sky.or(transport.from_fine.as_ref()).unwrap_or(&transport.bounce_matrix);
+        // Light of the sky that gather samples reflect has bounced once, that of the fine level twice.
+        let before = if from_sky.is_some() { 0 } else { 1 };
+        let terms = transport.bounces().unwrap_or(0).saturating_sub(before);
+        Self { resolvents: transport.resolvents(), terms, first, operand }
     }
 
     /// S `direct`.
     pub fn further(&self, direct: &VectorBatch) -> VectorBatch {
-        vector_batch::multiply(self.first, direct).map(|channel, panel| times(&self.resolvents[channel], panel, false))
+        vector_batch::multiply(self.first, direct)
+            .map(|channel, panel| times(&self.resolvents[channel], panel, false, self.terms))
     }
 
     /// See [`LightTransport::residual`].
@@ -74,7 +82,7 @@ impl<'a> Bounces<'a> {
 
     /// The transpose of the operator in Haar terms. From each row of G_cf, omits terms with at most the share `tail` of
     /// the row's energy, weighted by `power`: most entries of rows of few rays are noise.
-    pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
+    pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned<'a> {
         let power = power.each_ref().map(Vec::as_slice);
         let columns = self.operand.fine;
         let thin = |first: usize| {
@@ -85,19 +93,22 @@ impl<'a> Bounces<'a> {
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
         let parts = panels.into_par_iter().map(thin).collect();
-        Thinned { resolvents: self.resolvents, first: Transposed { columns, parts }, operand: self.operand }
+        let Self { resolvents, terms, operand, .. } = self;
+        Thinned { resolvents, terms, first: Transposed { columns, parts }, operand }
     }
 }
 
 /// Tᵀ in Haar terms.
-pub struct Thinned {
-    resolvents: [Resolvent; 3],
+pub struct Thinned<'a> {
+    resolvents: &'a [Resolvent; 3],
+    /// See [`Bounces`].
+    terms: u32,
     /// Rows of G_cf in Haar terms.
     first: Transposed,
     operand: Operand,
 }
 
-impl Thinned {
+impl Thinned<'_> {
     /// Haar terms of Tᵀ x, from Φᵀ x.
     pub fn terms(&self, haar: &Haar, mut gathered: VectorBatch) -> VectorBatch {
         let Operand { two_levels, fine, first } = self.operand;
@@ -106,7 +117,7 @@ impl Thinned {
             let split = |panel: &mut Panel| if two_levels { panel.split_off(fine) } else { panel.clone() };
             further.extend(gathered.iter_mut().map(split));
         }
-        let summed = further.map(|channel, panel| times(&self.resolvents[channel], panel, true));
+        let summed = further.map(|channel, panel| times(&self.resolvents[channel], panel, true, self.terms));
         if first {
             gathered.for_each_mut(|_, panel| haar.transform(panel));
         } else {
@@ -117,8 +128,8 @@ impl Thinned {
     }
 }
 
-fn times(resolvent: &Resolvent, panel: &Panel, transposed: bool) -> Panel {
-    let product = resolvent.times(vector_batch::matrix(panel), transposed);
+fn times(resolvent: &Resolvent, panel: &Panel, transposed: bool, terms: u32) -> Panel {
+    let product = resolvent.times(vector_batch::matrix(panel), transposed, terms);
     let row = |i: usize| std::array::from_fn(|j| product[(i, j)] as f32);
     (0..panel.len()).map(row).collect()
 }

@@ -18,8 +18,8 @@ use crate::bake::linear::{self, Lu};
 use crate::physics::sequence::Points;
 
 /// Input shared by all superclusters.
-pub struct Inputs {
-    pub bounces: Thinned,
+pub struct Inputs<'a> {
+    pub bounces: Thinned<'a>,
     /// See [`crate::bake::transport::LightTransport::residual`].
     pub residual: Option<f64>,
     pub haar: Haar,
@@ -50,7 +50,7 @@ pub struct Budget {
 
 /// A supercluster projected onto a basis, before it is fitted.
 pub struct Projected<'a> {
-    inputs: &'a Inputs,
+    inputs: &'a Inputs<'a>,
     /// An orthonormal basis of the retained space, ordered by decreasing energy of the training lights: pixels x
     /// directions.
     directions: Mat<f64>,
@@ -159,7 +159,7 @@ impl<'a> Projected<'a> {
     /// From the products of the supercluster's rows. `allowed` computes the allowed squared error beyond noise from the
     /// squares of the images and of their noise.
     pub fn new(
-        inputs: &'a Inputs,
+        inputs: &'a Inputs<'a>,
         seen: RowProducts,
         resampled: &Resampled,
         allowed: impl Fn(f64, f64) -> f64,
@@ -397,15 +397,21 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, negligible
         let vectors = VectorBatch::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
         inputs.bounces.terms(&inputs.haar, rows.multiply(&vectors))
     };
-    // The mean square of sums with random signs equals the sum of squares.
-    let points = Points::new(0, 0);
-    let sign = |vector: usize, sum: usize| if points.at(vector as u32, sum as u32)[0] < 0.5 { 1.0 } else { -1.0 };
-    let signs = Mat::from_fn(basis.ncols(), WIDTH, sign);
-    let sums = terms(linear::product(basis, signs.as_ref()).as_ref());
+    let one_panel = basis.ncols() <= WIDTH;
+    let sums = if one_panel {
+        terms(basis)
+    } else {
+        // The mean square of sums with random signs equals the sum of squares.
+        let points = Points::new(0, 0);
+        let sign = |vector: usize, sum: usize| if points.at(vector as u32, sum as u32)[0] < 0.5 { 1.0 } else { -1.0 };
+        let scaled = |vector, sum| sign(vector, sum) / (WIDTH as f64).sqrt();
+        let signs = Mat::from_fn(basis.ncols(), WIDTH, scaled);
+        terms(linear::product(basis, signs.as_ref()).as_ref())
+    };
     let mut squares = vec![0.0f64; sums.rows()];
     for (channel, power) in inputs.power.iter().enumerate() {
         let of_channel = sums.row_squares(channel).into_iter().zip(power);
-        squares.iter_mut().zip(of_channel).for_each(|(all, (x, power))| *all += f64::from(x * power) / WIDTH as f64);
+        squares.iter_mut().zip(of_channel).for_each(|(all, (x, power))| *all += f64::from(x * power));
     }
     let mut list: Vec<u32> = (0..squares.len() as u32).collect();
     let square = |j: &u32| squares[*j as usize];
@@ -414,11 +420,16 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, negligible
     list.sort_unstable();
 
     let mut found = VectorBatch { count: basis.ncols(), ..Default::default() };
-    for first in (0..basis.ncols()).step_by(WIDTH) {
-        let some = terms(basis.subcols(first, WIDTH.min(basis.ncols() - first)));
+    let mut keep = |some: &VectorBatch| {
         for (found, some) in found.channels.iter_mut().zip(&some.channels) {
             found.push(list.iter().map(|&j| some[0][j as usize]).collect());
         }
+    };
+    if one_panel {
+        keep(&sums);
+    } else {
+        let firsts = (0..basis.ncols()).step_by(WIDTH);
+        firsts.for_each(|first| keep(&terms(basis.subcols(first, WIDTH.min(basis.ncols() - first)))));
     }
     (list, found)
 }

@@ -13,8 +13,9 @@ use crate::shared::PackedLight;
 /// Type of a random light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
+    /// Of the sky, a broad glow.
     Point,
-    /// Half of the spots near a surface shine along it, all others towards a point of some surface.
+    /// Of the sky, a lamp in it. Half of the spots near a surface shine along it, all others towards a point of some surface.
     Spot,
 }
 

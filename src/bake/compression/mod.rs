@@ -10,7 +10,7 @@
 //! ```
 //!
 //! λ̂ are the [Haar terms](haar) of direct light, J the terms that are significant for the supercluster. Most terms are
-//! multiplied by tints first (`chain.rs`). Differs from [Hasan 2006]: nested bases instead of wavelets chosen per
+//! multiplied by tints first (`chain.rs`). The same for light of the sky (`operator.rs`). Differs from [Hasan 2006]: nested bases instead of wavelets chosen per
 //! row.
 
 pub mod bounces;
@@ -21,12 +21,15 @@ pub mod haar;
 pub(super) mod largest;
 pub mod lights;
 mod noise_estimate;
+mod operator;
 pub(super) mod report;
+mod skies;
 mod terms;
 pub mod training;
 pub mod validation;
 pub mod vector_batch;
 
+pub use self::operator::Operator;
 pub use self::report::Report;
 
 use std::ops::Range;
@@ -45,7 +48,6 @@ use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
 use self::vector_batch::{Compact, WIDTH};
 use super::transfer::blocks::{BlockMatrix, check_addressable};
-use super::transport::LightTransport;
 use super::transport::directions::Lobe;
 use super::transport::emitted::{self, Emitted, EmitterLight};
 use crate::error::Result;
@@ -66,10 +68,10 @@ pub struct CompressionSettings {
 
 /// Compresses one transfer: generates the training lights once, then fits one supercluster after another.
 pub struct Compressor<'a> {
-    transfer: &'a LightTransport<'a>,
+    operator: Operator<'a>,
     settings: CompressionSettings,
     pub clusters: Clusters,
-    inputs: Inputs,
+    inputs: Inputs<'a>,
     emitted: Emitted<'a>,
 }
 
@@ -115,11 +117,15 @@ impl Fitted {
 
 impl<'a> Compressor<'a> {
     /// `direct` computes the coefficients of direct light.
-    pub fn new(transfer: &'a LightTransport<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
-        let clusters = Clusters::new(transfer.framebuffer());
-        let inputs = training_inputs(transfer, direct, &clusters.samples, settings);
-        let emitted = transfer.emitted(transfer.framebuffer(), settings.lobe);
-        Self { transfer, settings: settings.clone(), clusters, inputs, emitted }
+    pub fn new(operator: Operator<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
+        let transport = operator.transport;
+        let clusters = Clusters::new(transport.framebuffer());
+        let inputs = training_inputs(operator, direct, &clusters.samples, settings);
+        let emitted = match operator.from_sky {
+            Some(_) => Emitted::default(),
+            None => transport.emitted(transport.framebuffer(), settings.lobe),
+        };
+        Self { operator, settings: settings.clone(), clusters, inputs, emitted }
     }
 
     /// See [`LightTransport::residual`].
@@ -141,8 +147,8 @@ impl<'a> Compressor<'a> {
             fitted.extend(fit_all(&halves)?);
         }
         fitted.sort_by_key(|f| f.tiles.start);
-        let view_samples = self.transfer.framebuffer().samples.len();
-        let mut chain = Chain::new(self.transfer.fine.coefficient_count(), view_samples);
+        let view_samples = self.operator.transport.framebuffer().samples.len();
+        let mut chain = Chain::new(self.operator.coefficient_count(), view_samples);
         let mut emission = self.emitted.images(view_samples);
         let mut errors = Errors::new(&self.clusters);
         for fitted in fitted {
@@ -202,7 +208,7 @@ impl<'a> Compressor<'a> {
             && factors.per_channel_count <= factors.list.len()
             && factors.v.len() == factors.rank * (2 * factors.per_channel_count + factors.list.len())
             && factors.tints.len() == factors.list.len()
-            && factors.list.iter().all(|&term| (term as usize) < self.transfer.fine.coefficient_count())
+            && factors.list.iter().all(|&term| (term as usize) < self.operator.coefficient_count())
             && sums.len() == rows.len()
             && sums.iter().all(|lights| lights.len() == SPOTS.end)
             && emission.len() == samples * self.emitted.count()
@@ -250,7 +256,7 @@ impl<'a> Compressor<'a> {
             .map(|i| (2 * i + 1) * samples.len() / (2 * RESAMPLED_ROWS.min(samples.len())))
             .collect();
         let again: Vec<u32> = pixels.iter().map(|&p| samples[p]).collect();
-        let mut gatherer = self.transfer.row_gatherer(self.settings.lobe);
+        let mut gatherer = self.operator.row_gatherer(self.settings.lobe);
         let (mut seen, mut emission) = (RowProducts::new(&self.inputs), Vec::new());
         for some in samples.chunks(ROWS_AT_ONCE) {
             let rows = gatherer.gather(some);
@@ -330,20 +336,20 @@ const MAX_ERROR_RATIO: f64 = 0.9;
 const ROUNDS: usize = 5;
 
 /// Generates training and validation lights; their brightness is measured at view samples `samples`.
-pub(super) fn training_inputs(
-    transfer: &LightTransport,
+pub(super) fn training_inputs<'a>(
+    operator: Operator<'a>,
     direct: &Direct,
     samples: &[u32],
     settings: &CompressionSettings,
-) -> Inputs {
-    let bounces = Bounces::new(transfer);
-    let residual = bounces.residual(transfer);
-    let haar = Haar::new(&transfer.fine.first);
+) -> Inputs<'a> {
+    let bounces = Bounces::new(operator);
+    let residual = operator.from_sky.is_none().then(|| bounces.residual(operator.transport)).flatten();
+    let haar = Haar::new(operator.first());
     let seed = |purpose: u64| settings.seed ^ (16 + purpose) << 32;
     let probes = random_subset(samples, PROBES, seed(0));
-    let rows = transfer.rows(&probes, settings.lobe);
+    let rows = operator.row_gatherer(settings.lobe).gather(&probes);
     let share = probes.len() as f64 / samples.len().max(1) as f64;
-    let trainer = Trainer { transfer, bounces: &bounces, direct, probes: &rows, share };
+    let trainer = Trainer { operator, bounces: &bounces, direct, probes: &rows, share };
     let spots = settings.lights / 4;
     let group = |kind, count, purpose| Group { kind, count, seed: seed(purpose) };
     let mut training = trainer.lights(&[group(Kind::Point, settings.lights - spots, 1), group(Kind::Spot, spots, 2)]);

@@ -2,21 +2,22 @@
 
 use glam::DVec3;
 
+use super::Operator;
 use super::bounces::Bounces;
 use super::lights::{Kind, RandomLights};
+use super::skies::RandomSkies;
 use super::vector_batch::{self, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::linear;
-use crate::bake::transport::LightTransport;
 use crate::physics::sequence::Points;
 use crate::shared::PackedLight;
 
 /// Computes the coefficients of direct light at the fine level, for a light at unit intensity.
 pub type Direct<'a> = dyn Fn(&PackedLight) -> Vec<DVec3> + Sync + 'a;
 
-/// Generates training and validation lights.
+/// Generates training and validation lights, or skies if the operator is from the sky.
 pub struct Trainer<'a> {
-    pub transfer: &'a LightTransport<'a>,
+    pub operator: Operator<'a>,
     pub bounces: &'a Bounces<'a>,
     pub direct: &'a Direct<'a>,
     /// Rows of a few view samples, and their share of all view samples.
@@ -50,19 +51,19 @@ impl Trainer<'_> {
     /// hardly anything visible are skipped. If too few remain in a group, they are repeated; if none remains, the whole
     /// group is black. Different seeds give independent lights.
     pub fn lights(&self, groups: &[Group]) -> Bounced {
-        let level = &self.transfer.fine;
+        let transport = self.operator.transport;
         let count = groups.iter().map(|g| g.count).sum();
         let zeros = |rows| VectorBatch::zeros(rows, count);
         let mut all =
-            Bounced { direct: zeros(level.coefficient_count()), further: zeros(self.transfer.bounce_matrix.len()) };
+            Bounced { direct: zeros(self.operator.coefficient_count()), further: zeros(transport.bounce_matrix.len()) };
         let mut first = 0;
-        for group in groups.iter().filter(|_| !level.samples.is_empty()) {
+        for group in groups {
             let end = first + group.count;
-            let random = RandomLights::new(self.transfer, group.seed);
+            let Some(random) = Random::new(self, group) else { break };
             let mut candidates = (0..group.count as u32 * ATTEMPTS).filter_map(|i| random.light(group.kind, i));
             let mut next = first;
             while next < end {
-                let batch: Vec<PackedLight> = candidates.by_ref().take(WIDTH).collect();
+                let batch: Vec<Vec<DVec3>> = candidates.by_ref().take(WIDTH).collect();
                 if batch.is_empty() {
                     break;
                 }
@@ -83,13 +84,12 @@ impl Trainer<'_> {
     }
 
     /// At most a panel of lights, and each one's scale for an image of norm 1; 0 for skipped lights.
-    fn bounce(&self, lights: &[PackedLight]) -> (Bounced, Vec<f32>) {
-        let direct: Vec<Vec<DVec3>> = lights.iter().map(|light| (self.direct)(light)).collect();
+    fn bounce(&self, direct: &[Vec<DVec3>]) -> (Bounced, Vec<f32>) {
         // Normalized, as the magnitude may be outside the range of single precision.
         let length = |light: &Vec<DVec3>| light.iter().map(|x| x.length_squared()).sum::<f64>().sqrt();
         let units: Vec<f64> = direct.iter().map(length).map(|l| if l > 0.0 { l.recip() } else { 0.0 }).collect();
         let entry = |channel: usize, i: usize, light: usize| (direct[light][i][channel] * units[light]) as f32;
-        let direct = VectorBatch::from_fn(self.transfer.fine.coefficient_count(), lights.len(), entry);
+        let direct = VectorBatch::from_fn(self.operator.coefficient_count(), direct.len(), entry);
         let further = self.bounces.further(&direct);
         let seen = vector_batch::multiply(self.probes, &self.bounces.seen(&direct, &further)).squares();
         // Squares of the images at the original intensities instead of normalized ones.
@@ -99,6 +99,31 @@ impl Trainer<'_> {
         let scale = |(seen, image): (&f64, &f64)| if *image > least { (self.share / seen).sqrt() as f32 } else { 0.0 };
         let scales = seen.iter().zip(&images).map(scale).collect();
         (Bounced { direct, further }, scales)
+    }
+}
+
+/// Draws lights, as coefficients.
+enum Random<'a> {
+    Lights(RandomLights<'a>, &'a Direct<'a>),
+    Skies(RandomSkies),
+}
+
+impl<'a> Random<'a> {
+    /// `None` if there is nothing that lights could shine on.
+    fn new(trainer: &Trainer<'a>, group: &Group) -> Option<Self> {
+        let Operator { transport, from_sky } = trainer.operator;
+        if from_sky.is_some() {
+            return Some(Self::Skies(RandomSkies::new(group.seed)));
+        }
+        let has_samples = !transport.fine.samples.is_empty();
+        has_samples.then(|| Self::Lights(RandomLights::new(transport, group.seed), trainer.direct))
+    }
+
+    fn light(&self, kind: Kind, index: u32) -> Option<Vec<DVec3>> {
+        match self {
+            Self::Lights(random, direct) => random.light(kind, index).map(|light| direct(&light)),
+            Self::Skies(random) => Some(random.sky(kind, index)),
+        }
     }
 }
 

@@ -5,6 +5,7 @@ pub mod blocks;
 mod coarse;
 pub mod dense;
 mod nested;
+pub mod sky;
 pub mod sparse;
 mod spread;
 
@@ -12,6 +13,7 @@ use bytemuck::Zeroable;
 use glam::{DVec3, Vec3, Vec4};
 
 use self::blocks::BlockMatrix;
+use self::sky::SkyTransfer;
 use self::sparse::SellMatrix;
 use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::Projection;
@@ -60,6 +62,8 @@ pub struct Transfer {
     pub sparse: Option<SellMatrix>,
     /// Indirect light of emitters.
     pub emission: Vec<EmitterLight>,
+    /// Light of the sky; `None` if it was not asked for. Stored in a file of its own.
+    pub sky: Option<SkyTransfer>,
     pub report: TransferReport,
 }
 
@@ -155,13 +159,9 @@ impl Transfer {
                 && within(s.first, s.terms, self.vector_length)
                 && within(s.table, s.terms * texels, self.tables.len())
         };
-        let multiplies = match (self.chain.split_last(), &self.sparse) {
-            (Some((last, inner)), None) => {
-                self.chain.iter().all(|m| m.is_consistent() && m.input_count as usize == self.vector_length)
-                    && inner.iter().all(|m| m.output_count as usize == self.vector_length)
-                    && last.output_count as usize == view_samples
-            }
-            (None, Some(sparse)) => {
+        let multiplies = match (&self.chain[..], &self.sparse) {
+            ([_, ..], None) => reads_only_what_is_there(&self.chain, self.vector_length, view_samples),
+            ([], Some(sparse)) => {
                 let (inputs, outputs) = (sparse.input_count as usize, sparse.output_count as usize);
                 sparse.is_consistent() && (inputs, outputs) == (self.vector_length, view_samples)
             }
@@ -186,12 +186,7 @@ impl Transfer {
         if let Some(sparse) = &self.sparse {
             return sparse.multiply(&vector);
         }
-        let (last, inner) = self.chain.split_last().expect("there is a matrix");
-        for matrix in inner {
-            let product = matrix.multiply(&vector);
-            matrix.outputs.iter().for_each(|&o| vector[o as usize] = product[o as usize]);
-        }
-        last.multiply(&vector)
+        multiply_chain(&self.chain, vector)
     }
 
     /// Error of each pixel's tile under held-out lights, as measured by the compressor: root mean square in units of
@@ -231,8 +226,30 @@ impl Transfer {
 
     /// Bytes read by all products per light, and their multiply-adds.
     pub fn cost(&self) -> (usize, u64) {
-        let of_chain = self.chain.iter().map(|m| (m.bytes(), m.multiply_adds()));
-        let all = of_chain.chain(self.sparse.iter().map(|m| (m.bytes(), m.multiply_adds())));
-        all.fold((0, 0), |(bytes, adds), (b, a)| (bytes + b, adds + a))
+        let of_sparse = self.sparse.iter().map(|m| (m.bytes(), m.multiply_adds()));
+        of_sparse.fold(cost(&self.chain), |(bytes, adds), (b, a)| (bytes + b, adds + a))
     }
+}
+
+/// Bytes that a chain reads for each light, and its multiply-adds.
+fn cost(chain: &[BlockMatrix]) -> (usize, u64) {
+    chain.iter().fold((0, 0), |(bytes, adds), m| (bytes + m.bytes(), adds + m.multiply_adds()))
+}
+
+/// Whether every index of a chain is valid, for a vector of `vector_length` elements.
+fn reads_only_what_is_there(chain: &[BlockMatrix], vector_length: usize, view_samples: usize) -> bool {
+    let (last, inner) = chain.split_last().expect("there is a matrix");
+    chain.iter().all(|m| m.is_consistent() && m.input_count as usize == vector_length)
+        && inner.iter().all(|m| m.output_count as usize == vector_length)
+        && last.output_count as usize == view_samples
+}
+
+/// Applies the matrices of a chain, one after another.
+fn multiply_chain(chain: &[BlockMatrix], mut vector: Vec<DVec3>) -> Vec<DVec3> {
+    let (last, inner) = chain.split_last().expect("there is a matrix");
+    for matrix in inner {
+        let product = matrix.multiply(&vector);
+        matrix.outputs.iter().for_each(|&o| vector[o as usize] = product[o as usize]);
+    }
+    last.multiply(&vector)
 }

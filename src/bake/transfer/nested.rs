@@ -1,7 +1,7 @@
 //! The compressed form: Haar terms of direct light, then the nested bases of superclusters and tiles.
 
 use super::{Transfer, TransferReport};
-use crate::bake::compression::{Compressed, CompressionSettings, Compressor};
+use crate::bake::compression::{Compressed, CompressionSettings, Compressor, Operator};
 use crate::bake::transport::{LightTransport, direct};
 use crate::error::Result;
 use crate::shared::PackedLight;
@@ -17,7 +17,7 @@ impl Transfer {
         progress: &dyn Fn(usize),
     ) -> Result<Self> {
         let direct = |light: &PackedLight| direct::shade(transfer.scene(), &transfer.fine, light);
-        let compressor = Compressor::new(transfer, &direct, settings);
+        let compressor = Compressor::new(Operator { transport: transfer, from_sky: None }, &direct, settings);
         let Compressed { chain, emission, report } = compressor.compress(journal, progress)?;
         let report = TransferReport::robust("nested", transfer, compressor.residual(), Some(report));
         let vector_length = chain[0].input_count as usize;

@@ -8,6 +8,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Transfer;
+use super::blocks::BlockMatrix;
+use super::sky::SkyTransfer;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transport::emitted::EmitterLight;
 use crate::physics::octahedral;
@@ -25,31 +27,21 @@ impl Transfer {
     pub fn spread(&self, from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Option<Self> {
         let (last, inner) = self.chain.split_last()?;
         let sources = sources(from, to, radius);
-        let mut chain = inner.to_vec();
-        chain.push(last.with_rows(&sources));
+        let spread_chain = |inner: &[BlockMatrix], last: &BlockMatrix| {
+            let mut chain = inner.to_vec();
+            chain.push(last.with_rows(&sources));
+            chain
+        };
+        let sky = self.sky.as_ref().map(|sky| {
+            let chain = sky.chain.split_last().map_or_else(Vec::new, |(last, inner)| spread_chain(inner, last));
+            SkyTransfer { chain, vector_length: sky.vector_length, held_out: sky.held_out.clone() }
+        });
         let spread =
             |radiance: &[Vec3]| sources.iter().map(|s| s.map_or(Vec3::ZERO, |s| radiance[s as usize])).collect();
         let spread = |light: &EmitterLight| EmitterLight { radiance: spread(&light.radiance), ..*light };
         let emission = self.emission.iter().map(spread).collect();
-        // Field by field: a clone would copy the factors of the last matrix, too, most of all bytes.
-        Some(Self {
-            samples: self.samples.clone(),
-            projection: self.projection.clone(),
-            all_degrees: self.all_degrees,
-            factored: self.factored.clone(),
-            tables: self.tables.clone(),
-            points: self.points.clone(),
-            points_per_sample: self.points_per_sample,
-            geometric_normals: self.geometric_normals.clone(),
-            packets: self.packets.clone(),
-            vector_length: self.vector_length,
-            haar: self.haar,
-            chain,
-            coarse: Vec::new(),
-            sparse: None,
-            emission,
-            report: self.report.clone(),
-        })
+        let chain = spread_chain(inner, last);
+        Some(Self { chain, coarse: Vec::new(), sparse: None, emission, sky, ..self.clone() })
     }
 }
 

@@ -15,8 +15,9 @@ use rayon::prelude::*;
 
 use super::cells::Cells;
 use super::level::Level;
-use super::paths::Paths;
+use super::paths::{Encounter, Paths};
 use super::rows::Row;
+use super::sky;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::bake::csr_matrix::CsrMatrix;
@@ -96,15 +97,56 @@ impl BounceGatherer<'_> {
     /// the reflectance. Unweighted rays are counted exactly: in a closed room the escaped share must be exactly 0
     /// [Grassmann 1985].
     fn gather_sample(&self, sample: usize, senders: &[&Level], scratch: &mut Scratch) -> (Vec<SampleRows>, f64) {
-        let samples = &self.receivers.samples;
-        let gather_sample = &samples.samples[sample];
-        let count = self.receivers.coefficients(sample).len();
-        let frames: Vec<[Vec3; 3]> = samples.points_of(sample).iter().map(|p| p.frame(gather_sample)).collect();
-        let points = Points::new(self.seed, sample as u64);
         let share = 1.0 / self.rays as f32;
         let mut met = 0.0;
+        self.cast(sample, |k, encounter| {
+            let Encounter::Surface(arrival) = encounter else { return };
+            // Upper bound over the channels.
+            let reach = arrival.tint.max_element();
+            for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
+                level.read(&arrival.place, arrival.wo, |sender, weight, _, values| {
+                    factors.add(sender, &[weight], Vec3::splat(share * reach));
+                    let light = arrival.tint * (weight * share * PI);
+                    rows.iter_mut().zip(k).for_each(|(row, k)| row.add(sender, values, *k * light));
+                });
+            }
+            if senders.iter().any(|level| !is_black(&level.cells, &arrival.place)) {
+                met += f64::from(reach);
+            }
+        });
+        (scratch.take(self.receivers.coefficients(sample).len()), met)
+    }
+
+    /// Rows of the sky's light that receiving samples reflect, straight or by mirrors, to their coefficients: one per
+    /// receiving coefficient, with the [columns](sky) of the sky.
+    pub fn gather_sky(&self) -> CsrMatrix {
+        let gather = |rows: &mut Vec<Row>, sample: usize| {
+            self.cast(sample, |k, encounter| {
+                let Encounter::Sky(escape) = encounter else { return };
+                let light = escape.tint * (PI / self.rays as f32);
+                rows.iter_mut().zip(k).for_each(|(row, k)| row.add(sky::column(&escape), &[1.0], *k * light));
+            });
+            let mut found = CsrMatrix::empty(0);
+            for row in &mut rows[..self.receivers.coefficients(sample).len()] {
+                row.take(0, &mut found);
+                found.first.push(found.columns.len());
+            }
+            found
+        };
+        let scratch = || (0..MAX_FUNCTIONS).map(|_| Row::of_sky()).collect();
+        let all = (0..self.receivers.samples.len()).into_par_iter().map_init(scratch, gather);
+        CsrMatrix::concatenated(all.collect())
+    }
+
+    /// Casts the rays of a receiving sample, with a density proportional to the cosine. `meet` gets the receiver's
+    /// coefficients for unit irradiance from the direction of a ray, and what the ray meets.
+    fn cast(&self, sample: usize, mut meet: impl FnMut(&[Vec3], Encounter)) {
+        let samples = &self.receivers.samples;
+        let gather_sample = &samples.samples[sample];
+        let frames: Vec<[Vec3; 3]> = samples.points_of(sample).iter().map(|p| p.frame(gather_sample)).collect();
+        let points = Points::new(self.seed, sample as u64);
         let mut k = [Vec3::ZERO; MAX_FUNCTIONS];
-        let k = &mut k[..count];
+        let k = &mut k[..self.receivers.coefficients(sample).len()];
         for ray in 0..self.rays {
             let which = ray as usize % frames.len();
             let (point, frame) = (&samples.points_of(sample)[which], &frames[which]);
@@ -116,22 +158,8 @@ impl BounceGatherer<'_> {
                 let [u, v, w, _] = points.at(ray, 1 + layer);
                 [u, v, w]
             };
-            self.paths.follow(point.position, point.geometric_normal, direction, random, |arrival| {
-                // Upper bound over the channels.
-                let reach = arrival.tint.max_element();
-                for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
-                    level.read(&arrival.place, arrival.wo, |sender, weight, _, values| {
-                        factors.add(sender, &[weight], Vec3::splat(share * reach));
-                        let light = arrival.tint * (weight * share * PI);
-                        rows.iter_mut().zip(&*k).for_each(|(row, k)| row.add(sender, values, *k * light));
-                    });
-                }
-                if senders.iter().any(|level| !is_black(&level.cells, &arrival.place)) {
-                    met += f64::from(reach);
-                }
-            });
+            self.paths.follow(point.position, point.geometric_normal, direction, random, |met| meet(k, met));
         }
-        (scratch.take(count), met)
     }
 
     /// Balances the contributions of one sending level and joins them to one matrix.

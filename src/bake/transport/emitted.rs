@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::LightTransport;
 use super::directions::Lobe;
 use super::level::local;
-use super::paths::Paths;
+use super::paths::{Encounter, Paths};
 use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::csr_matrix::CsrMatrix;
@@ -181,7 +181,8 @@ impl Aims<'_> {
             let Some((wi, density)) = draw(random(i, self.triangles.len())) else { continue };
             let at_mirror = |layer: u32| random(i, self.triangles.len() + 1 + layer as usize);
             let mut is_straight = true;
-            self.paths.follow(receiver.position, receiver.geometric_normal, wi.as_vec3(), at_mirror, |arrival| {
+            self.paths.follow(receiver.position, receiver.geometric_normal, wi.as_vec3(), at_mirror, |met| {
+                let Encounter::Surface(arrival) = met else { return };
                 // Points on emitters are not looked for in mirrors.
                 let is_straight = std::mem::replace(&mut is_straight, false);
                 let material = scene.mesh.triangle_materials[arrival.place.triangle as usize];

@@ -4,7 +4,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::paths::{Arrival, Paths};
+use super::paths::{Arrival, Encounter, Paths};
 use crate::bake::DeepFramebuffer;
 use crate::bake::gather_samples::{Patch, Place, Surfaces, Visited, narrow_lobe_as_mirror, sides};
 use crate::physics::brdf::Lobes;
@@ -114,8 +114,12 @@ impl Tracer<'_> {
                 [u, v, w]
             };
             arrivals.clear();
-            let arrive = |arrival: &Arrival| arrivals.push(*arrival);
-            self.paths.follow(from.position, from.geometric_normal, direction.as_vec3(), random, arrive);
+            let meet = |met: Encounter| {
+                if let Encounter::Surface(arrival) = met {
+                    arrivals.push(arrival);
+                }
+            };
+            self.paths.follow(from.position, from.geometric_normal, direction.as_vec3(), random, meet);
             visits.extend(arrivals.iter().map(|arrival| Visit {
                 side: 2 * arrival.place.triangle + u32::from(arrival.place.back),
                 barycentric: arrival.place.barycentric,

@@ -21,7 +21,10 @@ pub mod importance;
 pub mod level;
 pub mod paths;
 pub mod rows;
+pub mod sky;
 pub mod solve;
+
+use std::sync::OnceLock;
 
 use faer::Mat;
 use glam::{DVec3, Vec3};
@@ -101,6 +104,8 @@ pub struct LightTransport<'a> {
     /// G_cf; `None` with a single level.
     pub from_fine: Option<CsrMatrix>,
     pub certificate: Certificate,
+    /// Made when they are first needed.
+    resolvents: OnceLock<[Resolvent; 3]>,
 }
 
 /// Maximum relative residual of the solution in each channel.
@@ -146,12 +151,7 @@ impl<'a> LightTransport<'a> {
             level(count, RAY_POINTS, seed, &COARSE_FUNCTIONS, MAX_COARSE_COEFFICIENTS)
         });
         let receivers = coarse.as_ref().unwrap_or(&fine);
-        let gatherer = BounceGatherer {
-            paths: Paths::new(scene, settings.layers),
-            receivers,
-            rays: settings.rays,
-            seed: settings.seed ^ 2 << 32,
-        };
+        let gatherer = bounce_gatherer(scene, settings, receivers);
         let (bounces, escaped) = match &coarse {
             Some(coarse) => gatherer.gather(&[coarse, &fine], progress),
             None => gatherer.gather(&[&fine], progress),
@@ -175,7 +175,8 @@ impl<'a> LightTransport<'a> {
         let from_fine = bounces.next();
         let mut settings = settings.clone();
         settings.bounces = settings.bounces.map(|n| n.min(solve::bounces_that_matter(certificate.spectral_radius)));
-        Self { scene, framebuffer, settings, fine, coarse, bounce_matrix, from_fine, certificate }
+        let resolvents = OnceLock::new();
+        Self { scene, framebuffer, settings, fine, coarse, bounce_matrix, from_fine, certificate, resolvents }
     }
 
     /// Number of columns of [`Self::rows`]: coefficients of the fine level, then of the coarse one.
@@ -209,11 +210,33 @@ impl<'a> LightTransport<'a> {
         RowGatherer {
             paths: Paths::new(self.scene, self.settings.layers),
             framebuffer: self.framebuffer,
+            sky: false,
             levels: [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect(),
             rays: self.settings.rays,
             lobe,
             seed: self.settings.seed ^ 3 << 32,
         }
+    }
+
+    /// The gatherer of rows for light of the [sky], which have its columns first, then those of the coarse level or of
+    /// the only one.
+    pub fn sky_row_gatherer(&self, lobe: Lobe) -> RowGatherer<'_> {
+        let rays = self.settings.rays.div_ceil(SKY_RAYS_DIVISOR);
+        RowGatherer { sky: true, levels: vec![self.bouncing()], rays, ..self.row_gatherer(lobe) }
+    }
+
+    /// G_cs: what gather samples reflect of the light of the [sky]. `None` if hardly any of their rays leaves the scene.
+    pub fn from_sky(&self) -> Option<CsrMatrix> {
+        let gatherer = bounce_gatherer(self.scene, &self.settings, self.bouncing());
+        let rows = gatherer.gather_sky();
+        let rays = self.settings.rays as usize * rows.len();
+        // Without samples, nobody knows.
+        (rays == 0 || rows.columns.len() as f64 > CLOSED * rays as f64).then_some(rows)
+    }
+
+    /// The level among whose samples light bounces on.
+    fn bouncing(&self) -> &Level {
+        self.coarse.as_ref().unwrap_or(&self.fine)
     }
 
     /// The operand of Φ for direct light at the fine level: λ0 and, with two levels, S λ0; with one, the sum of all
@@ -247,17 +270,17 @@ impl<'a> LightTransport<'a> {
     /// fixed number. Only for few samples: takes three matrices of coarse x fine coefficients in double precision.
     pub fn further_bounces(&self) -> [Mat<f64>; 3] {
         let right = self.from_fine.as_ref().unwrap_or(&self.bounce_matrix);
-        let resolvents = self.resolvents();
+        let (resolvents, terms) = (self.resolvents(), self.settings.bounces.unwrap_or(0).saturating_sub(1));
         let of_channel = |channel: usize| {
-            resolvents[channel].times(right.to_dense(self.fine.coefficient_count(), channel).as_ref(), false)
+            resolvents[channel].times(right.to_dense(self.fine.coefficient_count(), channel).as_ref(), false, terms)
         };
         let channels: Vec<_> = (0..3).into_par_iter().map(of_channel).collect();
         channels.try_into().expect("there are three")
     }
 
-    /// Of each channel what maps the second bounce to all further ones, or to the fixed number of them.
-    pub fn resolvents(&self) -> [Resolvent; 3] {
-        Resolvent::new(&self.bounce_matrix, self.settings.bounces.map(|bounces| bounces.saturating_sub(1)))
+    /// Of each channel what maps light at the level among whose samples light bounces on to all bounces there.
+    pub fn resolvents(&self) -> &[Resolvent; 3] {
+        self.resolvents.get_or_init(|| Resolvent::new(&self.bounce_matrix, self.settings.bounces.is_none()))
     }
 
     /// Relative residual of `further`, a solution for all further bounces of [uniform light](Self::even_light): |b - (I
@@ -313,6 +336,19 @@ impl<'a> LightTransport<'a> {
     }
 }
 
+fn bounce_gatherer<'b>(
+    scene: &'b TracedScene,
+    settings: &TransferSettings,
+    receivers: &'b Level,
+) -> BounceGatherer<'b> {
+    let paths = Paths::new(scene, settings.layers);
+    BounceGatherer { paths, receivers, rays: settings.rays, seed: settings.seed ^ 2 << 32 }
+}
+
+/// Rows for the sky have fewer rays: they serve while it turns, and light that mirrors throw.
+const SKY_RAYS_DIVISOR: u32 = 4;
+/// Share of the rays of gather samples that leave a scene by its cracks.
+const CLOSED: f64 = 1e-4;
 /// Eye paths per sample, which determine where samples are placed.
 const PATHS_A_SAMPLE: usize = 16;
 /// Minimum number of eye paths: they also detect hidden sides.

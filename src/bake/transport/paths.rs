@@ -30,6 +30,24 @@ struct Sides {
     goes_on: bool,
 }
 
+/// What a ray meets.
+#[derive(Clone, Copy, Debug)]
+pub enum Encounter {
+    Surface(Arrival),
+    /// The ray leaves the scene.
+    Sky(Escape),
+}
+
+/// The end of a ray that leaves the scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Escape {
+    /// Unit, towards the sky.
+    pub direction: Vec3,
+    /// Product of the reflectances of the mirrors before it.
+    pub tint: Vec3,
+    pub by_mirrors: bool,
+}
+
 /// A hit of a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrival {
@@ -52,18 +70,17 @@ impl<'a> Paths<'a> {
     }
 
     /// Follows the ray from a surface point into a unit direction. `random` returns three numbers for each surface
-    /// where the ray continues; `arrive` is called at each hit, except on backs of single-sided faces.
+    /// where the ray continues; `meet` is called at each hit, except on backs of single-sided faces, and where the ray
+    /// leaves the scene.
     pub fn follow(
         &self,
         position: Vec3,
         geometric_normal: Vec3,
         direction: Vec3,
         random: impl Fn(u32) -> [f64; 3],
-        arrive: impl FnMut(&Arrival),
+        meet: impl FnMut(Encounter),
     ) {
-        if let Some((hit, back)) = self.first_hit(position, geometric_normal, direction) {
-            self.go_on(hit, back, direction, random, arrive);
-        }
+        self.go_on(self.first_hit(position, geometric_normal, direction), direction, random, meet);
     }
 
     /// The first hit of the ray from a surface point into a unit direction, and whether it is on the back.
@@ -75,35 +92,36 @@ impl<'a> Paths<'a> {
     #[inline(always)]
     pub fn go_on(
         &self,
-        mut hit: Hit,
-        mut back: bool,
+        mut next: Option<(Hit, bool)>,
         mut direction: Vec3,
         random: impl Fn(u32) -> [f64; 3],
-        mut arrive: impl FnMut(&Arrival),
+        mut meet: impl FnMut(Encounter),
     ) {
         let mut tint = Vec3::ONE;
         let mut distance = 0.0;
         for layer in 0..=self.layers {
+            let Some((hit, back)) = next else {
+                return meet(Encounter::Sky(Escape { direction, tint, by_mirrors: layer > 0 }));
+            };
             let place = Place { triangle: hit.triangle, barycentric: hit.barycentric, back };
             let sides = self.sides[self.scene.mesh.triangle_materials[hit.triangle as usize] as usize];
             if back && !sides.double {
                 return;
             }
             distance += hit.distance;
-            arrive(&Arrival { place, wo: -direction, tint, distance });
+            meet(Encounter::Surface(Arrival { place, wo: -direction, tint, distance }));
             if !sides.goes_on || layer == self.layers || !self.is_narrow(&hit) {
                 return;
             }
             let surface = SurfacePoint::new(self.scene, &hit, direction, 0.0);
-            let Some((next, share)) = bounce(&surface, -direction, random(layer)) else { return };
+            let Some((mirrored, share)) = bounce(&surface, -direction, random(layer)) else { return };
             tint *= share;
             if tint.max_element() < MIN_TINT {
                 return;
             }
-            direction = next;
+            direction = mirrored;
             let origin = self.off(surface.position, surface.geometric_normal, direction, hit.distance);
-            let Some(next) = self.closest_hit(origin, direction) else { return };
-            (hit, back) = next;
+            next = self.closest_hit(origin, direction);
         }
     }
 

@@ -6,7 +6,8 @@ use rayon::prelude::*;
 
 use super::directions::{Directions, Lobe};
 use super::level::Level;
-use super::paths::{Arrival, Paths};
+use super::paths::{Encounter, Paths};
+use super::sky;
 use crate::bake::DeepFramebuffer;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::brdf::Lobes;
@@ -20,6 +21,8 @@ use crate::trace::packet::common_origin::{CommonOriginPacket, trace_common_origi
 pub struct RowGatherer<'a> {
     pub paths: Paths<'a>,
     pub framebuffer: &'a DeepFramebuffer,
+    /// Whether the first columns are those of the [sky].
+    pub sky: bool,
     /// The columns of the first level precede those of the second.
     pub levels: Vec<&'a Level>,
     /// Rays per row.
@@ -42,6 +45,7 @@ pub struct Row<'a> {
 
 /// Buffers that a thread reuses between rows.
 struct Scratch<'a> {
+    sky: Option<Row<'a>>,
     /// One per level.
     rows: Vec<Row<'a>>,
     directions: Directions,
@@ -67,15 +71,15 @@ impl RowGatherer<'_> {
             for &sample in samples {
                 self.gather_row(sample, &points, scratch);
                 let mut offset = 0;
-                for (row, level) in scratch.rows.iter_mut().zip(&self.levels) {
+                for row in scratch.sky.iter_mut().chain(&mut scratch.rows) {
                     row.take(offset, rows);
-                    offset += level.coefficient_count() as u32;
+                    offset += row.columns();
                 }
                 rows.first.push(rows.columns.len());
             }
             make(rows)
         };
-        let scratch = || (Scratch::new(&self.levels), CsrMatrix::default());
+        let scratch = || (Scratch::new(self.sky, &self.levels), CsrMatrix::default());
         samples.par_chunks(TASK).map_init(scratch, task).collect()
     }
 
@@ -115,7 +119,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
         let Self { gatherer: RowGatherer { paths, levels, .. }, sample, geometric_normal, scratch } = self;
         let position = self.gatherer.framebuffer.samples[sample as usize].position;
         let numbers = Points::new(self.gatherer.seed, u64::from(sample));
-        let Scratch { rows, packets, rays, .. } = scratch;
+        let Scratch { sky, rows, packets, rays, .. } = scratch;
         let shift = numbers.at(0, 0)[0];
         for (i, &(ray, weight)) in rays.iter().enumerate() {
             let among = (shift + f64::from(ray) * GOLDEN).fract() as f32;
@@ -124,12 +128,19 @@ impl WithSimd for Deposit<'_, '_, '_> {
                 let [u, v, w, _] = numbers.at(ray, 1 + layer);
                 [u, v, w]
             };
-            let arrive = |arrival: &Arrival| {
-                for (level, row) in levels.iter().zip(&mut *rows) {
-                    let light = weight * arrival.tint;
-                    level.read_few(&arrival.place, arrival.wo, among, |sample, share, values| {
-                        row.add(sample, values, light * share);
-                    });
+            let meet = |met: Encounter| match met {
+                Encounter::Surface(arrival) => {
+                    for (level, row) in levels.iter().zip(&mut *rows) {
+                        let light = weight * arrival.tint;
+                        level.read_few(&arrival.place, arrival.wo, among, |sample, share, values| {
+                            row.add(sample, values, light * share);
+                        });
+                    }
+                }
+                Encounter::Sky(escape) => {
+                    if let Some(row) = sky {
+                        row.add(sky::column(&escape), &[1.0], weight * escape.tint);
+                    }
                 }
             };
             let direction = packet.direction(lane);
@@ -138,9 +149,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
                 true => paths.first_hit(position, geometric_normal, direction),
                 false => packet.hit(lane),
             };
-            if let Some((hit, back)) = hit {
-                paths.go_on(hit, back, direction, random, arrive);
-            }
+            paths.go_on(hit, direction, random, meet);
         }
     }
 }
@@ -155,8 +164,9 @@ const PARTS: usize = 8;
 const NO_LIGHT: u8 = (PARTS * PARTS) as u8;
 
 impl<'a> Scratch<'a> {
-    fn new(levels: &[&'a Level]) -> Self {
+    fn new(sky: bool, levels: &[&'a Level]) -> Self {
         Self {
+            sky: sky.then(Row::of_sky),
             rows: levels.iter().map(|level| Row::new(&level.first, u32::MAX)).collect(),
             directions: Directions::default(),
             parts: Vec::new(),
@@ -220,12 +230,20 @@ fn frame_towards(normal: Vec3, wo: Vec3) -> [Vec3; 3] {
     [tangent, normal.cross(tangent), normal]
 }
 
+impl Row<'static> {
+    /// A row of the columns of the [sky].
+    pub fn of_sky() -> Self {
+        Self::new(&sky::FIRST, 1)
+    }
+}
+
 impl<'a> Row<'a> {
     /// Coefficients of sample i are `first[i]..first[i + 1]`; only the first `most` are used.
     pub fn new(first: &'a [u32], most: u32) -> Self {
-        let coefficients = *first.last().expect("one more than samples") as usize;
         let touched = vec![0; first.len().div_ceil(64)];
-        Self { first, most, sums: vec![0.0; 3 * coefficients], touched }
+        let mut row = Self { first, most, sums: Vec::new(), touched };
+        row.sums.resize(3 * row.columns() as usize, 0.0);
+        row
     }
 
     /// Adds a sample's `values`, one per coefficient, times `light`.
@@ -253,6 +271,11 @@ impl<'a> Row<'a> {
         let (red, others) = self.sums[3 * self.first[sample] as usize..][..3 * count].split_at_mut(count);
         let (green, blue) = others.split_at_mut(count);
         [red, green, blue]
+    }
+
+    /// Number of columns.
+    fn columns(&self) -> u32 {
+        *self.first.last().expect("one more than samples")
     }
 
     /// Appends the row to `rows`, with column indices increased by `offset`, and clears it.

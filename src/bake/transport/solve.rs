@@ -97,33 +97,33 @@ fn correct(g: &CsrMatrix, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]
 /// [`solve`] reads nothing but the sparse G, again for each light.
 pub enum Resolvent {
     Inverse(Lu),
-    /// G, and the number of terms.
-    Terms(Mat<f64>, u32),
+    /// G.
+    Terms(Mat<f64>),
 }
 
 impl Resolvent {
-    /// One for each channel. `terms`: `None` for all terms.
-    pub fn new(g: &CsrMatrix, terms: Option<u32>) -> [Self; 3] {
+    /// One for each channel, for all terms or for some.
+    pub fn new(g: &CsrMatrix, all: bool) -> [Self; 3] {
         let of_channel = |channel: usize| {
             let g = linear::widened(g.to_dense(g.len(), channel).as_ref());
-            match terms {
-                None => Self::Inverse(Lu::new(Mat::<f64>::identity(g.nrows(), g.nrows()) - g)),
-                Some(terms) => Self::Terms(g, terms),
+            match all {
+                true => Self::Inverse(Lu::new(Mat::<f64>::identity(g.nrows(), g.nrows()) - g)),
+                false => Self::Terms(g),
             }
         };
         let channels: Vec<Self> = (0..3).into_par_iter().map(of_channel).collect();
         channels.try_into().ok().expect("there are three")
     }
 
-    /// The operator, or its transpose, times the columns of `right`.
-    pub fn times(&self, right: MatRef<'_, f32>, transposed: bool) -> Mat<f64> {
+    /// The operator, or its transpose, times the columns of `right`. `terms`: the number of them, where it is limited.
+    pub fn times(&self, right: MatRef<'_, f32>, transposed: bool, terms: u32) -> Mat<f64> {
         match self {
             Self::Inverse(lu) => lu.solve(right, transposed),
-            Self::Terms(g, terms) => {
+            Self::Terms(g) => {
                 let g = if transposed { g.transpose() } else { g.as_ref() };
                 let right = linear::widened(right);
                 let zero = Mat::zeros(right.nrows(), right.ncols());
-                (0..*terms).fold(zero, |sum, _| linear::product(g, sum.as_ref()) + &right)
+                (0..terms).fold(zero, |sum, _| linear::product(g, sum.as_ref()) + &right)
             }
         }
     }
@@ -221,8 +221,9 @@ mod tests {
 
     /// The resolvents of `g` times `right` times `b`.
     fn resolved(g: &CsrMatrix, terms: Option<u32>, right: &CsrMatrix, b: &[DVec3]) -> Vec<DVec3> {
-        let resolvents = Resolvent::new(g, terms);
-        let matrices = [0, 1, 2].map(|c: usize| resolvents[c].times(right.to_dense(b.len(), c).as_ref(), false));
+        let resolvents = Resolvent::new(g, terms.is_none());
+        let matrices = [0, 1, 2]
+            .map(|c: usize| resolvents[c].times(right.to_dense(b.len(), c).as_ref(), false, terms.unwrap_or(0)));
         let sum = |c: usize, i: usize| (0..b.len()).map(|j| matrices[c][(i, j)] * b[j][c]).sum::<f64>();
         (0..g.len()).map(|i| DVec3::from_array([0, 1, 2].map(|c| sum(c, i)))).collect()
     }
@@ -254,12 +255,12 @@ mod tests {
     fn transposed_resolvents_are_adjoint() {
         let (g, x, y) = (random(30, [0.9, 0.5, 0.3]), random(30, [0.7; 3]), random(30, [0.2; 3]));
         for terms in [None, Some(4)] {
-            for (channel, resolvent) in Resolvent::new(&g, terms).iter().enumerate() {
+            for (channel, resolvent) in Resolvent::new(&g, terms.is_none()).iter().enumerate() {
                 let [x, y] = [&x, &y].map(|matrix| matrix.to_dense(30, channel));
                 let dot =
                     |a: &Mat<f32>, b: &Mat<f64>| -> f64 { (0..30).map(|i| f64::from(a[(i, 0)]) * b[(i, 0)]).sum() };
-                let forth = dot(&x, &resolvent.times(y.as_ref(), false));
-                let back = dot(&y, &resolvent.times(x.as_ref(), true));
+                let forth = dot(&x, &resolvent.times(y.as_ref(), false, terms.unwrap_or(0)));
+                let back = dot(&y, &resolvent.times(x.as_ref(), true, terms.unwrap_or(0)));
                 assert!((forth - back).abs() < 1e-12 * forth.abs(), "{terms:?}, channel {channel}: {forth}, {back}");
             }
         }

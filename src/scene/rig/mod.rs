@@ -15,7 +15,7 @@ use std::path::Path;
 
 pub use blackbody::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
 
-use super::{Camera, Light, LightGroup, ObjectSet, RigFiles};
+use super::{Camera, Light, LightGroup, LightKind, ObjectSet, RigFiles};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -75,6 +75,11 @@ impl Rig {
     /// Whether any light has a size.
     pub fn has_sizes(&self) -> bool {
         self.lights.iter().any(|light| !light.is_punctual())
+    }
+
+    /// Whether any light is a dome.
+    pub fn has_domes(&self) -> bool {
+        self.lights.iter().any(|light| light.kind == LightKind::Dome)
     }
 
     /// Whether any light has a filter, or links that scale its light.
