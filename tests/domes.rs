@@ -5,10 +5,11 @@ mod common;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
+use common::domes::{dome, map};
 use common::stage::{Build, Setup, Stage, lambert, look, pixels, rig};
 use common::{assert_near, gpu, output_dir, shared, shipped, transfer};
 use glam::{DVec3, Vec3};
-use relume::image::{Image, exr};
+use relume::image::exr;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight::{Detail, Layers, Request};
 use relume::scene::light_filter::Attached;
@@ -16,18 +17,6 @@ use relume::scene::{Camera, Light, LightKind, Projection, Rig, RigFiles, Scene, 
 use relume::trace::bvh::TracedScene;
 
 const ALBEDO: f64 = 0.6;
-
-fn dome(map: Option<Attached<SkyMap>>) -> Light {
-    Light { kind: LightKind::Dome, map, ..Light::point("sky", DVec3::ZERO) }
-}
-
-/// A map as a file, read again.
-fn map(name: &str, [width, height]: [usize; 2], radiance: impl Fn(usize, usize) -> Vec3) -> Attached<SkyMap> {
-    let pixels = (0..width * height).map(|i| radiance(i % width, i / width).to_array()).collect();
-    let path = output_dir().join(format!("{name}.exr"));
-    exr::write(&path, &Image::single(width, height, pixels)).unwrap();
-    RigFiles::new(Path::new("")).sky_map(&path.to_string_lossy()).unwrap()
-}
 
 /// Blue above, brown below, and two lamps.
 fn studio() -> Attached<SkyMap> {

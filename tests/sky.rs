@@ -3,40 +3,27 @@
 mod common;
 
 use std::f64::consts::TAU;
-use std::path::Path;
 use std::sync::Arc;
 
+use common::domes::{dome, map};
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, rig};
-use common::{assert_near, gpu, output_dir, shipped, transfer};
+use common::{assert_near, gpu, shipped, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::compression::CompressionSettings;
 use relume::bake::transfer::Transfer;
 use relume::bake::transfer::sky::SkyTransfer;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, sky};
-use relume::image::{Image, exr};
 use relume::physics::sky_cells;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight::{Detail, Request};
 use relume::scene::light_filter::Attached;
-use relume::scene::{Camera, Light, LightKind, Projection, RigFiles, Scene, SkyMap};
+use relume::scene::{Camera, Light, Projection, Scene, SkyMap};
 use relume::storage::journal::Journal;
 
 /// The first picture after an edit.
 fn moving() -> Request {
     Request { detail: Detail::Progressive, ..Request::default() }
-}
-
-fn dome(map: Option<Attached<SkyMap>>) -> Light {
-    Light { kind: LightKind::Dome, map, ..Light::point("sky", DVec3::ZERO) }
-}
-
-/// A map as a file, read again.
-fn map(name: &str, [width, height]: [usize; 2], radiance: impl Fn(usize, usize) -> Vec3) -> Attached<SkyMap> {
-    let pixels = (0..width * height).map(|i| radiance(i % width, i / width).to_array()).collect();
-    let path = output_dir().join(format!("{name}.exr"));
-    exr::write(&path, &Image::single(width, height, pixels)).unwrap();
-    RigFiles::new(Path::new("")).sky_map(&path.to_string_lossy()).unwrap()
 }
 
 /// Blue above, brown below, and a bright cloud.
@@ -182,6 +169,25 @@ fn what_mirrors_throw() {
     stage.transfer = Some(Arc::new(without));
     let [_, bias] = compare("without cells", &stage, Detail::Exact);
     assert!(bias < -0.1, "mirrors throw light: {bias}");
+}
+
+/// Where there is no mirror, cells add nothing to a picture at rest.
+#[test]
+fn without_mirrors_rest_needs_no_cells() {
+    let gpu = gpu();
+    let (scene, camera) = pit(0.6);
+    let setup = Setup::new(24, 16);
+    let mut stage = stage(scene, &camera, &setup, [300, 100, 128]);
+    let all = rig(vec![dome(Some(clouds()))]);
+    let exact = |stage: &Stage| stage.relighter(&gpu, &all, &setup).linear(Request::default()).unwrap().to_vec();
+    let with = exact(&stage);
+    let transfer = Transfer::clone(stage.transfer.as_ref().unwrap());
+    let cells = transfer.sky.as_ref().unwrap();
+    assert!(!cells.has_mirrors());
+    let by_mirrors: Vec<DVec3> = (0..sky::COLUMNS).map(|i| DVec3::splat(f64::from(i >= sky_cells::COUNT))).collect();
+    assert!(cells.apply(&by_mirrors).iter().all(|x| *x == DVec3::ZERO));
+    stage.transfer = Some(Arc::new(Transfer { sky: None, ..transfer }));
+    assert!(with == exact(&stage));
 }
 
 /// A picture while a dome turns is near the one at rest, under a glow and under a small sun.

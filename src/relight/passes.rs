@@ -232,7 +232,8 @@ impl FrameResources<'_> {
             let (shade, filter) = (Shade { points: sight_points, ..shades[0] }, filters[0].as_ref());
             frame.cpu("look for lights", || self.look(sights, shade, surface, filter))
         });
-        let sky_terms = seeing.sky_terms.as_deref_mut().filter(|_| sky.is_some() && self.layers.indirect());
+        let sky = sky.filter(|sky| is_glow || (sky.has_mirrors && self.layers.indirect()));
+        let sky_terms = seeing.sky_terms.as_deref_mut().filter(|_| sky.is_some());
         let sky_terms = sky_terms.map(|terms| frame.cpu("cells of the sky", || terms.compute(first, is_glow)));
         let (visibility, soft_kernel) = (&*seeing.visibility, seeing.soft.as_deref());
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {

@@ -14,6 +14,7 @@ use glam::{Vec3, Vec4};
 use super::block_product::{Product, Products};
 use super::light_target::LightTargets;
 use crate::bake::compression::haar::Haar;
+use crate::bake::compression::sky_haar;
 use crate::bake::transfer::sky::SkyTransfer;
 use crate::bake::transport::sky;
 use crate::error::Result;
@@ -28,11 +29,15 @@ pub struct SkyLight {
     vector: Buffer<Vec4>,
     load: Kernel<LoadTermsPush>,
     chain: Vec<Product>,
+    /// Whether it matters at rest.
+    pub has_mirrors: bool,
 }
 
 /// Terms of the skies of a frame, on their way to the device.
 pub struct SkyTerms {
     haar: Haar,
+    /// Scratch space: RGB of each column.
+    coefficients: Vec<[f32; 3]>,
     buffers: [Buffer<Vec4>; SKIES_A_FRAME],
     used: usize,
 }
@@ -50,6 +55,7 @@ impl SkyLight {
             vector: Buffer::new(context, "light of the sky (vector)", Access::Device, transfer.vector_length)?,
             load: Kernel::new(context, ())?,
             chain,
+            has_mirrors: transfer.has_mirrors(),
         }))
     }
 
@@ -77,7 +83,8 @@ impl SkyLight {
 impl SkyTerms {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         let buffer = || Buffer::new(context, "light of the sky (terms)", Access::HostWrites, sky::COLUMNS);
-        Ok(Self { haar: Haar::new(&sky::FIRST), buffers: [buffer()?, buffer()?], used: 0 })
+        let coefficients = vec![[0.0; 3]; sky::COLUMNS];
+        Ok(Self { haar: sky_haar(), coefficients, buffers: [buffer()?, buffer()?], used: 0 })
     }
 
     /// Begins a new frame: all buffers are free.
@@ -94,24 +101,24 @@ impl SkyTerms {
     /// of suns. Returns the index of their [buffer](Self::buffer).
     pub fn compute(&mut self, light: &Light, straight: bool) -> usize {
         let parts = light.sky().parts();
-        let mut coefficients = vec![[0.0; 3]; sky::COLUMNS];
-        let (seen, by_mirrors) = coefficients.split_at_mut(sky_cells::COUNT);
+        let (seen, by_mirrors) = self.coefficients.split_at_mut(sky_cells::COUNT);
         for (cell, radiance) in parts.glow(light.turns()).into_iter().enumerate() {
             by_mirrors[cell] = radiance.to_array();
         }
-        if straight {
-            seen.copy_from_slice(by_mirrors);
+        match straight {
+            true => seen.copy_from_slice(by_mirrors),
+            false => seen.fill([0.0; 3]),
         }
         for sun in parts.suns() {
             let cell = &mut by_mirrors[sky_cells::index((light.turn() * sun.direction).as_vec3())];
             let radiance = (sun.irradiance / sky_cells::SOLID_ANGLE).as_vec3();
             *cell = (Vec3::from(*cell) + radiance).to_array();
         }
-        self.haar.transform(&mut coefficients);
+        self.haar.transform(&mut self.coefficients);
         let index = self.used;
         self.used += 1;
         let terms = self.buffers[index].host_mut();
-        terms.iter_mut().zip(coefficients).for_each(|(term, [r, g, b])| *term = Vec4::new(r, g, b, 0.0));
+        terms.iter_mut().zip(&self.coefficients).for_each(|(term, &[r, g, b])| *term = Vec4::new(r, g, b, 0.0));
         index
     }
 

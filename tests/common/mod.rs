@@ -3,6 +3,7 @@
 // Each test program uses a part of this.
 #![allow(dead_code)]
 
+pub mod domes;
 pub mod drawn;
 pub mod kernel;
 pub mod pictures;

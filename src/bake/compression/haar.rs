@@ -62,6 +62,19 @@ impl Haar {
         Self { rotations: by_height.concat(), heights }
     }
 
+    /// This transform of coefficients, and the same of others that begin at `offset`: they never mix.
+    pub fn twice(&self, offset: u32) -> Self {
+        let mut twice = Self { rotations: Vec::new(), heights: vec![0] };
+        for range in self.heights.windows(2) {
+            for offset in [0, offset] {
+                let moved = |r: &Rotation| Rotation { sum: r.sum + offset, term: r.term + offset, ..*r };
+                twice.rotations.extend(self.rotations[range[0]..range[1]].iter().map(moved));
+            }
+            twice.heights.push(twice.rotations.len());
+        }
+        twice
+    }
+
     /// Transforms several vectors: `values[coefficient][vector]`.
     pub fn transform<const WIDTH: usize>(&self, values: &mut [[f32; WIDTH]]) {
         for rotation in &self.rotations {

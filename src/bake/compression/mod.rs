@@ -29,7 +29,7 @@ pub mod training;
 pub mod validation;
 pub mod vector_batch;
 
-pub use self::operator::Operator;
+pub use self::operator::{Operator, sky_haar};
 pub use self::report::Report;
 
 use std::ops::Range;
@@ -42,7 +42,6 @@ use self::bounces::Bounces;
 use self::chain::Chain;
 use self::clusters::Clusters;
 use self::fit::{Budget, Factors, Inputs, Projected, Resampled, RowProducts};
-use self::haar::Haar;
 use self::lights::Kind;
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
@@ -344,7 +343,7 @@ pub(super) fn training_inputs<'a>(
 ) -> Inputs<'a> {
     let bounces = Bounces::new(operator);
     let residual = operator.from_sky.is_none().then(|| bounces.residual(operator.transport)).flatten();
-    let haar = Haar::new(operator.first());
+    let haar = operator.haar();
     let seed = |purpose: u64| settings.seed ^ (16 + purpose) << 32;
     let probes = random_subset(samples, PROBES, seed(0));
     let rows = operator.row_gatherer(settings.lobe).gather(&probes);

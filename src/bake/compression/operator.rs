@@ -1,9 +1,17 @@
 //! The map that is compressed: from direct light at gather samples, or from the sky, to view samples.
 
+use super::haar::Haar;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::rows::RowGatherer;
 use crate::bake::transport::{LightTransport, sky};
+use crate::physics::sky_cells;
+
+/// The transform of the sky's columns. Straight light and that of mirrors do not mix, so that where there is only one of
+/// them, the other adds nothing.
+pub fn sky_haar() -> Haar {
+    Haar::new(&sky::FIRST[..=sky_cells::COUNT]).twice(sky_cells::COUNT as u32)
+}
 
 /// A map from coefficients of light to view samples, in two factors: rows of Φ, and [bounces](super::bounces).
 #[derive(Clone, Copy)]
@@ -17,12 +25,12 @@ pub struct Operator<'a> {
 impl<'a> Operator<'a> {
     /// Number of coefficients that it maps.
     pub fn coefficient_count(&self) -> usize {
-        *self.first().last().expect("one more than samples") as usize
+        if self.from_sky.is_some() { sky::COLUMNS } else { self.transport.fine.coefficient_count() }
     }
 
-    /// Coefficients of sample i, or of a column of the sky: `first[i]..first[i + 1]`.
-    pub fn first(&self) -> &'a [u32] {
-        if self.from_sky.is_some() { &sky::FIRST } else { &self.transport.fine.first }
+    /// The transform of these coefficients.
+    pub fn haar(&self) -> Haar {
+        if self.from_sky.is_some() { sky_haar() } else { Haar::new(&self.transport.fine.first) }
     }
 
     /// The gatherer of rows whose first columns are those coefficients; light after further bounces follows.

@@ -4,10 +4,10 @@ use glam::DVec3;
 
 use super::blocks::BlockMatrix;
 use super::{cost, multiply_chain, reads_only_what_is_there};
-use crate::bake::compression::haar::Haar;
-use crate::bake::compression::{self, Compressed, CompressionSettings, Compressor, Operator};
+use crate::bake::compression::{self, Compressed, CompressionSettings, Compressor, Operator, sky_haar};
 use crate::bake::transport::{LightTransport, sky};
 use crate::error::Result;
+use crate::physics::sky_cells;
 use crate::shared::PackedLight;
 use crate::storage::journal::Journal;
 
@@ -39,6 +39,12 @@ impl SkyTransfer {
         Ok(Self { vector_length: chain[0].input_count as usize, chain, held_out: report })
     }
 
+    /// Whether mirrors throw light of the sky onto other surfaces.
+    pub fn has_mirrors(&self) -> bool {
+        let by_mirrors = sky_cells::COUNT as u32..sky::COLUMNS as u32;
+        self.chain.first().is_some_and(|v| v.inputs.iter().any(|input| by_mirrors.contains(input)))
+    }
+
     /// Whether every index that a kernel follows is valid, for images of `view_samples` samples.
     pub fn is_consistent(&self, view_samples: usize) -> bool {
         self.chain.is_empty()
@@ -53,7 +59,7 @@ impl SkyTransfer {
 
     /// Radiance of all view samples under a sky, in double precision: a twin of the device's kernels.
     pub fn apply(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
-        let mut vector = Haar::new(&sky::FIRST).terms(coefficients);
+        let mut vector = sky_haar().terms(coefficients);
         vector.resize(self.vector_length, DVec3::ZERO);
         multiply_chain(&self.chain, vector)
     }
