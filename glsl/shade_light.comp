@@ -33,6 +33,9 @@ vec3 shade(uint index) {
         factor *= unpack_factor(push.factors.at[index]);
     }
     Brdf brdf = push.brdfs.at[s.brdf];
+    if (push.light.kind == LIGHT_DIRECTIONAL && push.light.narrowing > 0.0 && brdf.alpha > 0.0) {
+        brdf.alpha = sqrt(min(brdf.alpha * brdf.alpha + push.light.narrowing, 1.0));
+    }
     vec3 normal = octahedral(s.normal);
     vec3 wo = octahedral(s.wo);
     vec3 radiance = irradiance * factor * reflected(brdf, normal, wi, wo, SPECULAR);

@@ -78,7 +78,11 @@ fn lights(random: &mut Random) -> Vec<PackedLight> {
         flat(true, 180.0, random.direction()),
         flat(false, 40.0, random.direction()),
     ];
-    lights.iter().map(|light| light.pack_point(MeshSpace::WORLD, [0.3, 0.8], Some(16))).collect()
+    let mut packed: Vec<PackedLight> =
+        lights.iter().map(|light| light.pack_point(MeshSpace::WORLD, [0.3, 0.8], Some(16))).collect();
+    // The sun of a dome.
+    packed.push(PackedLight { position: Vec3::new(1.0, 0.5, 0.2), narrowing: 1e-3, ..packed[3] });
+    packed
 }
 
 /// A view sample that is as often as not where something is hard: in the mirror direction, at grazing angles, within
@@ -164,7 +168,7 @@ fn shade_bounds(
     let a = Angles::new(n, wi, wo);
     // Two nearly opposite directions leave a short sum, whose direction is the more uncertain.
     let half_angle = ANGLE / (wi + wo).length().max(ANGLE);
-    let brdf = &brdfs[sample.brdf as usize];
+    let brdf = &reference::widened(&brdfs[sample.brdf as usize], light);
     // Solid angle that a drawn direction stands for.
     let drawn = match light.kind {
         _ if brdf.alpha >= NARROW_ALPHA => [0.0; 2],
@@ -202,7 +206,8 @@ fn shade_bounds(
             }
         }
     }
-    let (low, high) = (low[0] + low[1], high[0] + high[1]);
+    let color = light::color(light);
+    let (low, high) = (color * (low[0] + low[1]), color * (high[0] + high[1]));
     let scale = |end: usize, slack: f64| visibility * irradiances[end] * (1.0 + slack);
     (low * scale(0, -ARITHMETIC), high * scale(1, ARITHMETIC))
 }

@@ -18,7 +18,7 @@ use relume::physics::sky_cells;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight::{Detail, Request};
 use relume::scene::light_filter::Attached;
-use relume::scene::{Camera, Light, Projection, Scene, SkyMap};
+use relume::scene::{Camera, Light, Material, Projection, Scene, SkyMap};
 use relume::storage::journal::Journal;
 
 /// The first picture after an edit.
@@ -212,6 +212,33 @@ fn turning_is_near_rest() {
         println!("{what}: error {error:.4}, bias {bias:+.4}");
         assert!(error < most && bias.abs() < 0.02, "{what}: off by {error}, {bias}");
     }
+}
+
+/// Gloss shows a sun while the dome turns no brighter than at rest, though the sun is traced as a direction.
+#[test]
+fn gloss_does_not_sparkle() {
+    let gpu = gpu();
+    let mut build = Build::default();
+    let metal = build.material(Material { metallic: 1.0, roughness: 0.08, ..lambert(Vec3::splat(0.8)) });
+    build.quad(DVec3::ZERO, DVec3::X, DVec3::NEG_Z, metal);
+    let camera = look(DVec3::new(0.0, 1.0, -1.0), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.3 });
+    let setup = Setup::new(64, 64);
+    let stage = stage(build.scene(), &camera, &setup, [200, 50, 128]);
+    let sun = map("small sun", [512, 256], |x, y| match (x, y) {
+        (255..258, 60..63) => Vec3::splat(4e4),
+        _ => Vec3::splat(0.4),
+    });
+    let all = rig(vec![dome(Some(sun))]);
+    assert_eq!(all.lights[0].sky().parts().suns().len(), 1);
+    let [moving, exact] = [Detail::Progressive, Detail::Exact].map(|detail| {
+        let request = Request { detail, ..Request::default() };
+        let picture = stage.relighter(&gpu, &all, &setup).linear(request).unwrap().to_vec();
+        let sum = picture.iter().flatten().map(|&x| f64::from(x)).sum::<f64>();
+        (picture.iter().flatten().fold(0.0, |most: f32, &x| most.max(x)), sum)
+    });
+    println!("brightest and sum: {moving:?}, at rest {exact:?}");
+    assert!(moving.0 < 1.5 * exact.0);
+    assert_near(moving.1, exact.1, 0.1 * exact.1, "sum");
 }
 
 /// No light of the sky is kept where none arrives.

@@ -19,7 +19,7 @@ pub fn shade(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Packe
     }
     let Some(arriving) = light::incident(light, sample.position.as_dvec3()) else { return DVec3::ZERO };
     let (n, wo) = (octahedral(sample.normal), octahedral(sample.wo));
-    let (brdf, wi) = (&brdfs[sample.brdf as usize], arriving.wi);
+    let (brdf, wi) = (&widened(&brdfs[sample.brdf as usize], light), arriving.wi);
     let mut share = 1.0;
     if drawn_area > 0.0
         && brdf.alpha < NARROW_ALPHA
@@ -34,6 +34,13 @@ pub fn shade(sample: &ViewSample, brdfs: &[Brdf], visibility: f64, light: &Packe
         share = 1.0 / (1.0 + (solid_angle * lobe.at(wi).density).powi(2));
     }
     visibility * share * arriving.irradiance * light::color(light) * brdf::reflected(brdf, n, wi, wo)
+}
+
+/// With a lobe as wide as if the light had its size; see [`PackedLight::narrowing`].
+pub fn widened(brdf: &Brdf, light: &PackedLight) -> Brdf {
+    let is_wider = light.kind == LIGHT_DIRECTIONAL && light.narrowing > 0.0 && brdf.alpha > 0.0;
+    let wider = (brdf.alpha * brdf.alpha + light.narrowing).min(1.0).sqrt();
+    Brdf { alpha: if is_wider { wider } else { brdf.alpha }, ..*brdf }
 }
 
 /// Weighted sum of images, by pixel. Twin of sum_images.comp, and of composite.comp up to the tone map.

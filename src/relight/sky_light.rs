@@ -7,6 +7,7 @@
 //! 2. `light of the sky` (load_terms.comp): the terms, into a vector.
 //! 3. `transfer`, `transfer to pixels`: the chain, as that of gather samples.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
@@ -42,6 +43,8 @@ pub struct SkyTerms {
     used: usize,
 }
 
+/// Factor from the squared radius of a disk of directions to the increase of a lobe's squared alpha, as in shade_soft.comp.
+const WIDENING: f64 = 0.25;
 /// Number of domes whose images one frame renders with the map.
 const SKIES_A_FRAME: usize = 2;
 
@@ -136,6 +139,7 @@ pub fn suns(light: &Light, space: MeshSpace) -> Vec<PackedLight> {
             direction: (light.turn() * -sun.direction).as_vec3(),
             position: (sun.irradiance / brightness).as_vec3(),
             strength: brightness as f32,
+            narrowing: (WIDENING * sun.solid_angle / PI) as f32,
             ..packed
         }
     };

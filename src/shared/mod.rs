@@ -247,7 +247,8 @@ gpu_shared! {
             pub cone_scale: f32,
             /// 1 - cos outer, compared with 1 - cos of the angle off the axis; accurate for narrow cones.
             pub cone_versine: f32,
-            /// Facet: 1 / tan of half its spread.
+            /// Facet: 1 / tan of half its spread. Directional light: what it adds to the squared alpha of lobes, as if it had
+            /// a size.
             pub narrowing: f32,
             /// Within this squared distance light does not increase any more; mesh space. Facet: at least the squared
             /// radius of a disk of its area. Of a direction of a dome: 1 / the density with which it was drawn, sr.

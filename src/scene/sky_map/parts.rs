@@ -23,6 +23,8 @@ pub struct Sun {
     pub direction: DVec3,
     /// Of a surface that faces it: linear Rec. 709.
     pub irradiance: DVec3,
+    /// That it would fill if it were evenly bright, sr.
+    pub solid_angle: f64,
 }
 
 /// Texels across the glow at most.
@@ -101,28 +103,37 @@ impl Texels {
         }
         let around = (ring / ring_angle).as_vec3();
         let [mut irradiance, mut toward] = [DVec3::ZERO; 2];
+        let mut squares = 0.0;
         for &i in &inside {
             let excess = (self.values[i] - around).as_dvec3() * self.solid_angle(i);
+            let bright = f64::from(luminance(excess.as_vec3().to_array())).max(0.0);
             irradiance += excess;
-            toward += self.direction(i) * f64::from(luminance(excess.as_vec3().to_array())).max(0.0);
+            toward += self.direction(i) * bright;
+            squares += bright * bright / self.solid_angle(i);
         }
-        let share = f64::from(luminance(irradiance.as_vec3().to_array())) / all;
+        let bright = f64::from(luminance(irradiance.as_vec3().to_array()));
+        let share = bright / all;
         if !(share >= LEAST_SHARE && irradiance.min_element() >= 0.0) {
             return None;
         }
         inside.iter().for_each(|&i| self.values[i] = around);
-        Some(Sun { direction: toward.normalize_or(middle), irradiance })
+        Some(Sun { direction: toward.normalize_or(middle), irradiance, solid_angle: bright * bright / squares })
     }
 
     /// Of the middle of a texel.
-    fn direction(&self, index: usize) -> DVec3 {
-        let [x, y] = [index % self.width, index / self.width].map(|i| i as f64 + 0.5);
+    pub(super) fn direction(&self, index: usize) -> DVec3 {
+        self.direction_within(index, [0.5; 2])
+    }
+
+    /// Of a place in a texel, in the unit square.
+    pub(super) fn direction_within(&self, index: usize, [right, down]: [f64; 2]) -> DVec3 {
+        let (x, y) = ((index % self.width) as f64 + right, (index / self.width) as f64 + down);
         let (sin, cos) = (TAU * x / self.width as f64).sin_cos();
         let (sine, cosine) = (PI * y / self.height as f64).sin_cos();
         DVec3::new(sine * sin, cosine, -sine * cos)
     }
 
-    fn solid_angle(&self, index: usize) -> f64 {
+    pub(super) fn solid_angle(&self, index: usize) -> f64 {
         row_solid_angle(index / self.width, self.height) / self.width as f64
     }
 }
@@ -153,6 +164,9 @@ mod tests {
             let map = map(lamp);
             let parts = map.parts();
             assert_eq!(parts.suns().len(), suns, "{lamp}");
+            // Nine texels.
+            let texels = 9.0 * map.texels.solid_angle(31 * 256);
+            assert!(parts.suns().iter().all(|sun| (sun.solid_angle / texels - 1.0).abs() < 0.02));
             let all = flux(&map.texels);
             let suns: DVec3 = parts.suns().iter().map(|sun| sun.irradiance).sum();
             let off = (flux(&parts.glow) + suns - all) / all;
