@@ -67,6 +67,7 @@
 //!   SIGGRAPH.
 //! - [Heitz 2018] Heitz, Sampling the GGX distribution of visible normals, JCGT 7(4).
 //! - [Heitz 2018b] Heitz, Hill, McGuire, Combining analytic direct illumination and stochastic shadows, I3D.
+//! - [Hosek 2012] Hošek, Wilkie, An analytic model for full spectral sky-dome radiance, SIGGRAPH.
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
 //! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
@@ -85,6 +86,7 @@
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
 //! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
 //! - [Poulin 1992] Poulin, Fournier, Lights from highlights and shadows, I3D.
+//! - [Preetham 1999] Preetham, Shirley, Smits, A practical analytic model for daylight, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
 //! - [Saad 1986] Saad, Schultz, GMRES: a generalized minimal residual algorithm, SIAM Journal on Scientific and
@@ -99,6 +101,8 @@
 //! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.
 //! - [Ward 1988] Ward, Rubinstein, Clear, A ray tracing solution for diffuse interreflection, SIGGRAPH.
 //! - [Wilson 1931] Wilson, Hilferty, The distribution of chi-square, PNAS 17(12).
+//! - [Wyman 2013] Wyman, Sloan, Shirley, Simple analytic approximations to the CIE XYZ color matching functions,
+//!   JCGT 2(2).
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.
 
 pub mod bake;

@@ -10,7 +10,8 @@ use relume::Error;
 use relume::scene::light_filter::BarnDoors;
 use relume::scene::links::MAX_FACTOR;
 use relume::scene::{
-    Camera, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, Projection, Rig, RigFiles, Scene, export_gltf,
+    Camera, DomeMap, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, PhysicalSky, Projection, Rig,
+    RigFiles, Scene, export_gltf,
 };
 use serde_json::{Value, json};
 use support::*;
@@ -242,18 +243,21 @@ fn light() -> impl Strategy<Value = Light> {
     let angles = [degrees(-90, 90), degrees(-90, 90), degrees(-90, 90), degrees(-90, 90)];
     let doors = (angles, degrees(1, 90)).prop_map(|(angles, softness)| BarnDoors { angles, softness });
     let doors = (0.0..10.0f64, proptest::option::of(doors));
+    let sky = (degrees(0, 90), 1.0..=10.0f64, 0.0..=1.0f64, any::<bool>());
+    let sky = sky.prop_map(|(elevation, turbidity, ground, sun)| PhysicalSky { elevation, turbidity, ground, sun });
+    let map = proptest::option::of(sky.prop_map(DomeMap::physical));
     let intensity = prop_oneof![Just(0.0), Just(1e-20), Just(1e20), 0.0..1e3f64];
     let angles = (0.0..=1.0f64, 0.0..=std::f64::consts::FRAC_PI_2).prop_map(|(share, outer)| (share * outer, outer));
     (
         (kind, vector(1e4), unit(), color(), intensity, -20.0..20.0f64, angles),
         (proptest::option::of(1e-3..1e3f64), proptest::option::of(0usize..2), any::<[bool; 4]>()),
-        (".*", proptest::option::of(0usize..1000), sizes, (doors, links())),
+        (".*", proptest::option::of(0usize..1000), sizes, (doors, links(), map)),
     )
         .prop_map(
             |(
                 (kind, position, direction, color, intensity, stops, angles),
                 (range, group, flags),
-                (name, node, sizes, ((decay_start, barn_doors), links)),
+                (name, node, sizes, ((decay_start, barn_doors), links, map)),
             )| {
                 let ([radius, width, height], up, angle, spread, two_sided) = sizes;
                 let [enabled, shadows, solo, visible] = flags;
@@ -272,7 +276,7 @@ fn light() -> impl Strategy<Value = Light> {
                     outer_angle,
                     radius,
                     size: [width, height],
-                    map: None,
+                    map,
                     material: (kind == LightKind::Emitter).then(|| format!("of {radius}")),
                     rotation: spread.to_radians(),
                     up,

@@ -26,14 +26,15 @@ use crate::physics::distribution::GridDistribution;
 use crate::physics::sequence::fibonacci_lattice;
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Light, LightKind, Links, ResolvedLinks, Rig};
+use crate::shared::gpu_struct::Glsl;
 use crate::shared::*;
 use crate::trace::bvh::TracedScene;
 use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
 use crate::trace::packet::interleaved::InterleavedPackets;
 
-/// Draw a shadow map, look it up for view and for gather samples, shade, resolve, add seen lights.
-const MAX_PASSES_PER_LIGHT: usize = 6;
+/// Draw a shadow map, look it up for view and for gather samples, shade or darken twice, resolve, add seen lights.
+const MAX_PASSES_PER_LIGHT: usize = 7;
 
 /// Resources of the passes, borrowed for one frame.
 pub struct FrameResources<'a> {
@@ -109,8 +110,6 @@ impl FrameResources<'_> {
         let points = light.map_or(std::slice::from_ref(packed), |light| &light.points[..]);
         if has_factors {
             let soft = soft.as_deref().filter(|_| light.is_some());
-            // Directions of domes have their colours.
-            let filter = filter.filter(|_| self.rig.lights[index].kind != LightKind::Dome);
             frame.cpu("filter light", || self.compute_factors(&mut bytes.factors, scene, filter, points, soft));
         }
         if !shadows {
@@ -250,11 +249,13 @@ impl FrameResources<'_> {
         if is_dark {
             lights.push(target(&(0, first.pack(self.scene.space), VisibilitySlot::ALL_VISIBLE)));
         }
-        let layers = if self.layers.direct() && !is_dark { self.layers.mask() } else { 0 };
         // Points of one light add up in its image.
         let groups: Vec<&[LightTarget]> = if shades.len() == 1 { vec![&lights] } else { lights.chunks(1).collect() };
-        for target in &groups {
-            (0..).zip(*target).for_each(|(number, point)| self.shade_view_samples(frame, point, layers, number > 0));
+        for points in &groups {
+            match self.layers.direct() && !is_dark {
+                true => (0..).zip(*points).for_each(|(n, point)| self.shade_view_samples(frame, point, n > 0)),
+                false => self.darken(frame, &points[0]),
+            }
         }
         if let Some(indirect) = self.indirect {
             let (pixel_stride, extra_stride) = (self.framebuffer.pixel_stride() as u32, self.extra_stride());
@@ -317,9 +318,9 @@ impl FrameResources<'_> {
         })
     }
 
-    /// Direct light of one light, or of one of its points, on all view samples of `layers`, a bit mask; darkness on others.
+    /// Direct light of one light, or of one of its points, on all view samples of the shown layers; darkness on others.
     /// `accumulate` adds to that of other points.
-    fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget, layers: u32, accumulate: bool) {
+    fn shade_view_samples(&self, frame: &mut Frame, target: &LightTarget, accumulate: bool) {
         if let Some((light, lights)) = target.soft {
             return self.shade_softly(frame, target, light, lights);
         }
@@ -335,13 +336,19 @@ impl FrameResources<'_> {
             sample_count: self.framebuffer.samples.len() as u32,
             pixel_stride: self.framebuffer.pixel_stride() as u32,
             extra_stride: self.extra_stride(),
-            layers,
+            layers: self.layers.mask(),
             accumulate: u32::from(accumulate),
             has_factors: u32::from(target.has_factors),
             drawn_area: target.drawn_area,
         };
         pass.dispatch(&self.kernels.shade_light, &push, push.sample_count);
         self.count(frame, CheckedPass::ShadeLight, target);
+    }
+
+    /// No light in an image and on extra samples.
+    fn darken(&self, frame: &mut Frame, target: &LightTarget) {
+        self.sum_into(frame, target.image, self.framebuffer.pixel_stride() as u32, &[], 0.0);
+        self.sum_into(frame, target.extras, self.extra_stride(), &[], 0.0);
     }
 
     /// Direct light of a light with interleaved points on all view samples.
@@ -359,7 +366,7 @@ impl FrameResources<'_> {
             half_height: light.half_height,
             sample_count: self.framebuffer.samples.len() as u32,
             pixel_stride: self.framebuffer.pixel_stride() as u32,
-            layers: if self.layers.direct() { self.layers.mask() } else { 0 },
+            layers: self.layers.mask(),
             unused: 0,
         };
         pass.dispatch(lights.kernel(light), &push, push.sample_count);
@@ -426,20 +433,25 @@ impl FrameResources<'_> {
 
     /// Sums images into one.
     pub fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], kept: f32) {
-        let mut pass = frame.pass("sum lights");
-        let push = SumImagesPush {
-            term_count: terms.len() as u32,
-            terms: self.read_terms(&mut pass, terms),
-            sum: pass.write(self.image(target)),
-            plane_length: (self.framebuffer.pixel_stride() / 4) as u32,
-            kept,
-            unused: 0,
-        };
-        pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);
+        self.sum_into(frame, self.image(target), self.framebuffer.pixel_stride() as u32, terms, kept);
         if let Some(finite_check) = self.finite_check {
             let pixel_stride = self.framebuffer.pixel_stride() as u32;
             finite_check.planes(frame, CheckedPass::SumLights, self.image(target), pixel_stride, pixel_stride);
         }
+    }
+
+    /// `stride`: floats of each of the three planes of `sum`.
+    fn sum_into<T: Glsl>(&self, frame: &mut Frame, sum: &Buffer<T>, stride: u32, terms: &[Term], kept: f32) {
+        let mut pass = frame.pass("sum lights");
+        let push = SumImagesPush {
+            term_count: terms.len() as u32,
+            terms: self.read_terms(&mut pass, terms),
+            sum: pass.write_as(sum),
+            plane_length: stride / 4,
+            kept,
+            unused: 0,
+        };
+        pass.dispatch(&self.kernels.sum_images, &push, 3 * push.plane_length);
     }
 
     /// Sums images into pixels, exposed and tone-mapped.

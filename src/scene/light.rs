@@ -4,9 +4,8 @@ use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::light_filter::Attached;
 use super::light_unit::LEAST_FALLOFF;
-use super::{LightFilter, Links, MeshSpace, SkyMap};
+use super::{DomeMap, LightFilter, Links, MeshSpace, SkyMap};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_POINT, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
 /// The light types of `KHR_lights_punctual`, and flat lights.
@@ -69,7 +68,7 @@ pub struct Light {
     /// Width and height of a rectangle in metres.
     pub size: [f64; 2],
     /// Environment map of a dome; `None`: all directions are alike.
-    pub map: Option<Attached<SkyMap>>,
+    pub map: Option<DomeMap>,
     /// Radians by which a dome is turned, counter-clockwise as seen from above.
     pub rotation: f64,
     /// Name of the materials of an emitter.

@@ -38,7 +38,7 @@ pub use links::{Links, ObjectSet, ResolvedLinks};
 pub use material::{AlphaMode, Material, Surface, TextureRef};
 pub use mesh_space::MeshSpace;
 pub use rig::Rig;
-pub use sky_map::SkyMap;
+pub use sky_map::{DomeMap, PhysicalSky, SkyMap};
 pub use texture::{Encoding, Texture, Wrap};
 
 use crate::error::{Error, Result};

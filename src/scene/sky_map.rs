@@ -10,9 +10,13 @@ use std::sync::{LazyLock, OnceLock};
 use glam::{DVec3, Vec3};
 use image::ImageReader;
 
+mod dome_map;
 mod parts;
+mod physical;
 
+pub use self::dome_map::DomeMap;
 pub use self::parts::{SkyParts, Sun};
+pub use self::physical::{PhysicalSky, TURBIDITY};
 
 use super::texture::{TexelCount, srgb_to_linear};
 use crate::error::{Error, Result};

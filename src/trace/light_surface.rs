@@ -7,9 +7,8 @@ use glam::{DQuat, DVec3, Vec3};
 use super::linked::LinkedScene;
 use crate::physics::distribution::GridDistribution;
 use crate::physics::light::{cone, facet, off_axis, window};
-use crate::scene::light_filter::Attached;
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{Light, LightKind, MeshSpace, SkyMap};
+use crate::scene::{DomeMap, Light, LightKind, MeshSpace, SkyMap};
 use crate::shared::{LIGHT_SPOT, PackedLight};
 
 /// A light with a size and what lies between it and a ray's origin.
@@ -38,7 +37,7 @@ enum Shape {
     Disk { radius: f64 },
     Rect { axes: [DVec3; 2], half_size: [f64; 2] },
     Sun { versine: f64 },
-    Sky { map: Option<Attached<SkyMap>>, to_map: DQuat, warp: Option<GridDistribution> },
+    Sky { map: Option<DomeMap>, to_map: DQuat, warp: Option<GridDistribution> },
 }
 
 /// A point of a light's surface, as a ray sees it.
@@ -46,8 +45,8 @@ enum Shape {
 struct LightHit {
     /// In units of the unit direction.
     distance: f64,
-    /// cd/m² from a light of unit intensity.
-    radiance: f64,
+    /// RGB, cd/m², from a light of unit intensity without filter.
+    radiance: DVec3,
     /// Density with which sampling the light finds the direction, 1/sr. 0 for domes: see [`LightSurface::sky_density`].
     density: f64,
 }
@@ -82,9 +81,9 @@ impl LightInScene<'_> {
         if !self.light.visible {
             return None;
         }
-        let hit = self.surface.hit(origin.as_dvec3(), direction.as_dvec3(), range[0].into())?;
+        let hit = self.surface.hit(origin.as_dvec3(), direction.as_dvec3(), range.map(f64::from))?;
         let radiance = self.filtered(-direction) * hit.radiance;
-        (hit.distance <= range[1].into() && radiance != DVec3::ZERO).then_some(radiance)
+        (radiance != DVec3::ZERO).then_some(radiance)
     }
 
     /// `is_free`: whether nothing stops the ray within `range`.
@@ -95,16 +94,17 @@ impl LightInScene<'_> {
         [begin, end]: [f32; 2],
         is_free: bool,
     ) -> Option<ArrivingLight> {
+        // Whether the surface at the end stops the light.
+        let is_free = is_free && self.scene.everything_casts_shadow();
+        let reach = if is_free && self.light.shadows { end } else { f32::INFINITY };
         let LightHit { distance, radiance, density } =
-            self.surface.hit(origin.as_dvec3(), direction.as_dvec3(), begin.into())?;
+            self.surface.hit(origin.as_dvec3(), direction.as_dvec3(), [begin, reach].map(f64::from))?;
         let factor = f64::from(self.scene.factor(triangle)) * self.filtered(-direction);
         if factor == DVec3::ZERO {
             return None;
         }
-        let passes = if !self.light.shadows {
+        let passes = if is_free || !self.light.shadows {
             1.0
-        } else if is_free && self.scene.everything_casts_shadow() {
-            f32::from(u8::from(distance <= end.into()))
         } else {
             self.scene.transmittance(origin, direction, distance as f32)
         };
@@ -159,27 +159,25 @@ impl LightSurface {
         }
     }
 
-    /// What a ray in unit `direction` sees of the light beyond the distance `begin`.
-    fn hit(&self, origin: DVec3, direction: DVec3, begin: f64) -> Option<LightHit> {
+    /// What a ray in unit `direction` sees of the light beyond the distance `begin` and up to `end`.
+    fn hit(&self, origin: DVec3, direction: DVec3, [begin, end]: [f64; 2]) -> Option<LightHit> {
+        let at_infinity = |radiance: DVec3, density| LightHit { distance: f64::INFINITY, radiance, density };
         let axis = self.packed.direction.as_dvec3().normalize();
         let to_middle = self.packed.position.as_dvec3() - origin;
         let on_plane = || {
             let distance = to_middle.dot(axis) / direction.dot(axis);
-            (distance > begin && distance.is_finite()).then(|| (distance, distance * direction - to_middle))
+            (distance > begin && distance <= end && distance.is_finite())
+                .then(|| (distance, distance * direction - to_middle))
         };
         match &self.shape {
+            Shape::Sun { .. } | Shape::Sky { .. } if end.is_finite() => None,
             Shape::Sun { versine } => {
                 let chord = 0.5 * (direction + axis).length_squared();
-                (chord <= *versine).then_some(LightHit {
-                    distance: f64::INFINITY,
-                    radiance: self.radiance,
-                    density: self.density,
-                })
+                (chord <= *versine).then(|| at_infinity(DVec3::splat(self.radiance), self.density))
             }
             Shape::Sky { map, to_map, .. } => {
                 let map = map.as_deref().unwrap_or(SkyMap::white());
-                let radiance = map.radiance((*to_map * direction).as_vec3()).max_element().into();
-                (radiance > 0.0).then_some(LightHit { distance: f64::INFINITY, radiance, density: 0.0 })
+                Some(at_infinity(map.radiance((*to_map * direction).as_vec3()).as_dvec3(), 0.0))
             }
             Shape::Sphere { radius } => {
                 let along = to_middle.dot(direction);
@@ -187,7 +185,8 @@ impl LightSurface {
                 let half_chord = (radius * radius - off).max(0.0).sqrt();
                 let distance = along - half_chord;
                 // From inside it is dark.
-                (half_chord > 0.0 && distance > begin).then(|| self.seen(distance, half_chord / radius, 1.0))
+                (half_chord > 0.0 && distance > begin && distance <= end)
+                    .then(|| self.seen(distance, half_chord / radius, 1.0))
             }
             Shape::Disk { radius } => {
                 let (distance, at) = on_plane()?;
@@ -219,7 +218,11 @@ impl LightSurface {
 
     /// `relative`: radiance relative to that straight ahead.
     fn seen(&self, distance: f64, cosine: f64, relative: f64) -> LightHit {
-        LightHit { distance, radiance: self.radiance * relative, density: self.density * distance * distance / cosine }
+        LightHit {
+            distance,
+            radiance: DVec3::splat(self.radiance * relative),
+            density: self.density * distance * distance / cosine,
+        }
     }
 
     /// Density with which sampling finds `point` of the light from unit `wi` at `distance`, 1/sr.

@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::desk::Desk;
 use super::light_values::{Selected, color_button};
 use crate::scene::light_filter::{BarnDoors, SOFTNESS_DEG};
-use crate::scene::{Light, LightKind};
+use crate::scene::{DomeMap, Light, LightKind};
 
 /// `folder`: of the rig; file names are relative to it.
 pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
@@ -26,7 +26,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
         }
         if light.kind == LightKind::Dome {
             ui.label("map");
-            let shown = light.map.as_ref().map(|map| map.path_from(folder));
+            let shown = light.map.as_ref().and_then(DomeMap::as_file).map(|map| map.path_from(folder));
             files[2] = file(ui, &light.name, shown, "sky.hdr");
             ui.end_row();
         }

@@ -6,7 +6,8 @@ use glam::{DVec3, Vec3};
 
 use super::desk::{Desk, SizeKeeps, luminance};
 use crate::scene::rig::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
-use crate::scene::{Light, LightGroup, LightKind, LightUnit};
+use crate::scene::sky_map::TURBIDITY;
+use crate::scene::{DomeMap, Light, LightGroup, LightKind, LightUnit, PhysicalSky};
 
 /// The selected lights, the primary last.
 pub struct Selected<'a> {
@@ -84,6 +85,7 @@ pub fn light_values(ui: &mut Ui, desk: &mut Desk, unit: &mut LightUnit) {
         pose(ui, &selected, &mut light, desk.step());
         cone(ui, &selected, &mut light);
         size(ui, &selected, &mut light, desk.step(), &mut size_keeps);
+        physical_sky(ui, &selected, &mut light);
         range(ui, &selected, &mut light, desk.step());
     });
     desk.size_keeps = size_keeps;
@@ -271,6 +273,47 @@ fn size(ui: &mut Ui, selected: &Selected, light: &mut Light, step: f64, keeps: &
         ui.label("");
         selected.switch(ui, &mut light.two_sided, "two sides", |light| light.two_sided);
         ui.end_row();
+    }
+}
+
+fn physical_sky(ui: &mut Ui, selected: &Selected, light: &mut Light) {
+    if !selected.all_have(&[LightKind::Dome]) {
+        return;
+    }
+    let of = |light: &Light| light.map.as_ref().and_then(DomeMap::as_physical).copied();
+    let before = of(light);
+    let mut is_physical = before.is_some();
+    ui.label("sky");
+    selected.switch(ui, &mut is_physical, "physical", |light| of(light).is_some());
+    ui.end_row();
+    if is_physical != before.is_some() {
+        light.map = is_physical.then(|| DomeMap::physical(PhysicalSky::default()));
+    }
+    let Some(before) = of(light) else { return };
+    let mut sky = before;
+    ui.label("sun");
+    ui.horizontal(|ui| {
+        let mut deg = before.elevation.to_degrees();
+        let field = selected.number(&mut deg, |light| of(light).map_or(0.0, |sky| sky.elevation));
+        let shown = ui.add(field.speed(0.1).range(0.0..=90.0).max_decimals(2).suffix("°"));
+        if shown.on_hover_text("above the horizon").changed() {
+            sky.elevation = deg.to_radians();
+        }
+        selected.switch(ui, &mut sky.sun, "disk", |light| of(light).is_some_and(|sky| sky.sun));
+    });
+    ui.end_row();
+    ui.label("turbidity");
+    let field = selected.number(&mut sky.turbidity, |light| of(light).map_or(0.0, |sky| sky.turbidity));
+    let shown = ui.add(field.speed(0.02).range(TURBIDITY).max_decimals(2));
+    shown.on_hover_text("haze: 2 is a clear day, 6 a hazy one");
+    ui.end_row();
+    ui.label("ground");
+    let field = selected.number(&mut sky.ground, |light| of(light).map_or(0.0, |sky| sky.ground));
+    let shown = ui.add(field.speed(0.005).range(0.0..=1.0).max_decimals(3));
+    shown.on_hover_text("share of light that the ground reflects");
+    ui.end_row();
+    if sky != before {
+        light.map = Some(DomeMap::physical(sky));
     }
 }
 

@@ -5,12 +5,12 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use relume::image::{Image, exr};
 use relume::scene::light_filter::Attached;
-use relume::scene::{Light, LightKind, RigFiles, SkyMap};
+use relume::scene::{DomeMap, Light, LightKind, RigFiles, SkyMap};
 
 use super::output_dir;
 
 pub fn dome(map: Option<Attached<SkyMap>>) -> Light {
-    Light { kind: LightKind::Dome, map, ..Light::point("sky", DVec3::ZERO) }
+    Light { kind: LightKind::Dome, map: map.map(DomeMap::File), ..Light::point("sky", DVec3::ZERO) }
 }
 
 /// A map as a file, read again.

@@ -6,10 +6,14 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3, Vec3};
 use relume::bake::DeepFramebuffer;
 use relume::bake::baselines::thesis::shade_thesis;
+use relume::bake::compression::CompressionSettings;
 use relume::bake::transfer::Transfer;
+use relume::bake::transfer::sky::SkyTransfer;
 use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
+use relume::bake::transport::directions::Lobe;
 use relume::relight::{Layers, Picture, Relighter, Request};
+use relume::storage::journal::Journal;
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
 use relume::trace::bvh::TracedScene;
 
@@ -33,8 +37,11 @@ impl Relit {
     pub fn with(scene: Scene, camera: &Camera, rig: &Rig, setup: &Setup, samples: usize) -> Self {
         let mut stage = stage::Stage::new(scene, camera, rig, setup);
         let settings = settings(samples, samples.div_ceil(4), 128);
-        let transfer = LightTransport::new(&stage.scene, &stage.framebuffer, &settings, &|_| ());
-        let transfer = compressed(&transfer, 0.01);
+        let transport = LightTransport::new(&stage.scene, &stage.framebuffer, &settings, &|_| ());
+        let of_sky = CompressionSettings { error: 0.02, lights: 192, lobe: Lobe::All, seed: 1 };
+        let sky = || SkyTransfer::new(&transport, &of_sky, &mut Journal::default(), &|_| ()).unwrap();
+        let has_dome = rig.lights.iter().any(|light| light.kind == LightKind::Dome);
+        let transfer = Transfer { sky: has_dome.then(sky), ..compressed(&transport, 0.01) };
         assert!(transfer.is_consistent(stage.framebuffer.samples.len()));
         stage.transfer = Some(Arc::new(transfer));
         Self { stage, setup: setup.clone() }

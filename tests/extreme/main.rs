@@ -11,4 +11,5 @@ mod lights;
 mod pictures;
 mod place;
 mod sized;
+mod skies;
 mod table;

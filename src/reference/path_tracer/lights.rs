@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use super::film::{EMISSION, Sample};
 use crate::bake::framebuffer::view_samples::PathSegment;
 use crate::physics::brdf::reflected;
-use crate::physics::light::{Incident, incident};
+use crate::physics::light::{Incident, color, incident};
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig, Scene};
 use crate::shared::PackedLight;
@@ -202,7 +202,8 @@ impl ActiveLight {
         if seen <= 0.0 {
             return DVec3::ZERO;
         }
-        factor * seen * self.scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
+        let scale = self.scale * color(packed);
+        factor * seen * scale * arriving.irradiance * reflected(&point.brdf, normal, arriving.wi, wo)
     }
 
     /// Factor of the light's filter in a unit direction of emission.

@@ -86,7 +86,7 @@ fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &P
                 light.filter = within;
             }
             light.map = light.map.take().filter(|map| {
-                let is_within = map.is_within(folder);
+                let is_within = map.as_file().is_none_or(|map| map.is_within(folder));
                 if !is_within {
                     let name = &light.name;
                     tracing::warn!("the map of \"{name}\" lies outside the folder of the scene and is not restored");

@@ -19,7 +19,7 @@ pub use self::gobo::Gobo;
 use self::gobo::PosedGobo;
 use self::ies::PhotometricType;
 pub use self::profile::Profile;
-use super::{Light, LightKind, SkyMap};
+use super::{Light, LightKind};
 
 /// The filters of a light; the default has none.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -63,9 +63,8 @@ impl LightFilter {
 
 /// The filters of a light in its pose.
 pub struct PosedFilter {
-    /// Unit axes of the light's frame; of domes, of the map's.
+    /// Unit axes of the light's frame.
     axes: [Vec3; 3],
-    sky: Option<Attached<SkyMap>>,
     /// The profile, and 1 / its maximum in candela.
     ies: Option<(Attached<Profile>, f64)>,
     gobo: Option<PosedGobo>,
@@ -84,20 +83,9 @@ struct Door {
 }
 
 impl PosedFilter {
-    /// `None` for lights without filters, for directional lights and emitters, and for domes without a map.
+    /// `None` for lights without filters or without a position.
     pub fn new(light: &Light) -> Option<Self> {
         let LightFilter { ies, gobo, barn_doors } = &light.filter;
-        if light.kind == LightKind::Dome {
-            return light.map.as_ref().map(|map| Self {
-                axes: [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| light.turn().as_quat() * axis),
-                sky: Some(map.clone()),
-                ies: None,
-                gobo: None,
-                doors: Vec::new(),
-                two_sided: false,
-                least_z: -1.0 - SLACK,
-            });
-        }
         if light.filter.is_none() || !light.kind.has_position() {
             return None;
         }
@@ -113,7 +101,6 @@ impl PosedFilter {
         };
         Some(Self {
             least_z,
-            sky: None,
             axes: [width, height, light.direction].map(DVec3::as_vec3),
             ies: ies.as_ref().map(relative),
             gobo: gobo.as_ref().filter(|_| is_flat).map(|gobo| PosedGobo::new(gobo, light)),
@@ -125,10 +112,6 @@ impl PosedFilter {
     /// RGB factor on radiance that is emitted in unit `direction`.
     pub fn factor(&self, direction: Vec3) -> Vec3 {
         let [x, y, mut z] = self.axes.map(|axis| axis.dot(direction));
-        if let Some(sky) = &self.sky {
-            let radiance = sky.radiance(-Vec3::new(x, y, z));
-            return radiance / radiance.max_element().max(f32::MIN_POSITIVE);
-        }
         if z < self.least_z {
             return Vec3::ZERO;
         }

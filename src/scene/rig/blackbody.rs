@@ -29,15 +29,17 @@ fn rgb(kelvin: f64, tint: f64) -> DVec3 {
     let uv = planckian_locus(kelvin) + normal(kelvin) * UV_PER_TINT * tint;
     let denominator = 2.0 * uv.x - 8.0 * uv.y + 4.0;
     let (x, y) = (3.0 * uv.x / denominator, 2.0 * uv.y / denominator);
-    let xyz = DVec3::new(x / y, 1.0, (1.0 - x - y) / y);
-    // XYZ to Rec. 709 primaries, D65 white [IEC 61966-2-1].
-    let rgb = DVec3::new(
+    let rgb = xyz_to_rgb(DVec3::new(x / y, 1.0, (1.0 - x - y) / y)).max(DVec3::ZERO);
+    rgb / LUMINANCE.dot(rgb)
+}
+
+/// CIE 1931 XYZ as linear Rec. 709 with white D65 [IEC 61966-2-1]; negative outside of the gamut.
+pub fn xyz_to_rgb(xyz: DVec3) -> DVec3 {
+    DVec3::new(
         DVec3::new(3.2404542, -1.5371385, -0.4985314).dot(xyz),
         DVec3::new(-0.9692660, 1.8760108, 0.0415560).dot(xyz),
         DVec3::new(0.0556434, -0.2040259, 1.0572252).dot(xyz),
     )
-    .max(DVec3::ZERO);
-    rgb / LUMINANCE.dot(rgb)
 }
 
 /// Inverts [`kelvin_to_rgb`] to 0.1 % and 0.001: the temperature within [`KELVIN`] of nearest chromaticity, and the

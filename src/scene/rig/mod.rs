@@ -13,7 +13,7 @@ use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-pub use blackbody::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
+pub use blackbody::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb, xyz_to_rgb};
 
 use super::{Camera, Light, LightGroup, LightKind, ObjectSet, RigFiles};
 use crate::error::{Error, Result};

@@ -11,7 +11,8 @@ use super::rig_text::{RigText, Span};
 use super::{blackbody, kelvin_to_rgb, without_dots};
 use crate::scene::light_filter::{BarnDoors, Gobo, SOFTNESS_DEG};
 use crate::scene::links::MAX_FACTOR;
-use crate::scene::{Light, LightFilter, LightGroup, LightKind, LightUnit, Links, RigFiles};
+use crate::scene::sky_map::TURBIDITY;
+use crate::scene::{DomeMap, Light, LightFilter, LightGroup, LightKind, LightUnit, Links, PhysicalSky, RigFiles};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -39,8 +40,9 @@ pub struct LightEntry {
     pub height: Option<Spanned<f64>>,
     pub up: Option<Spanned<[f64; 3]>>,
     pub angle_deg: Option<Spanned<f64>>,
-    /// Of a dome.
+    /// Of a dome; or `physical_sky`.
     pub map: Option<Spanned<String>>,
+    pub physical_sky: Option<Spanned<PhysicalSkyEntry>>,
     pub rotate_deg: Option<Spanned<f64>>,
     pub spread_deg: Option<Spanned<f64>>,
     #[serde(default)]
@@ -84,6 +86,16 @@ pub struct GoboEntry {
     rotate_deg: Option<Spanned<f64>>,
     scale: Option<Spanned<f64>>,
     tint: Option<Spanned<[f32; 3]>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhysicalSkyEntry {
+    elevation_deg: Option<Spanned<f64>>,
+    turbidity: Option<Spanned<f64>>,
+    ground: Option<Spanned<f64>>,
+    #[serde(default = "yes")]
+    sun: bool,
 }
 
 pub fn yes() -> bool {
@@ -151,7 +163,7 @@ pub fn light(
         visible: entry.visible,
         position: position.unwrap_or(DVec3::ZERO),
         material: entry.material.filter(|_| kind == LightKind::Emitter),
-        map: check.file(entry.map, |name| files.sky_map(name))?,
+        map: check.dome_map(entry.map, entry.physical_sky, files)?,
         rotation: check.number(entry.rotate_deg, 0.0, "rotate_deg", -1e6..=1e6)?.to_radians(),
         direction: check.direction(entry.direction, aim, kind.is_aimed() || kind == LightKind::Directional)?,
         color: check.color(entry.color, entry.kelvin, entry.tint)?,
@@ -352,6 +364,29 @@ impl Check<'_> {
     ) -> Result<Option<T>, String> {
         let read = |name: Spanned<String>| read(name.get_ref()).map_err(|e| self.wrong(name.span(), e.chain()));
         name.map(read).transpose()
+    }
+
+    fn dome_map(
+        &self,
+        file: Option<Spanned<String>>,
+        sky: Option<Spanned<PhysicalSkyEntry>>,
+        files: &mut RigFiles,
+    ) -> Result<Option<DomeMap>, String> {
+        let Some(sky) = sky else {
+            return Ok(self.file(file, |name| files.sky_map(name))?.map(DomeMap::File));
+        };
+        if file.is_some() {
+            return Err(self.wrong(sky.span(), "map and physical_sky are both given"));
+        }
+        let PhysicalSkyEntry { elevation_deg, turbidity, ground, sun } = sky.into_inner();
+        let default = PhysicalSky::default();
+        let elevation_deg = self.number(elevation_deg, default.elevation.to_degrees(), "elevation_deg", 0.0..=90.0)?;
+        Ok(Some(DomeMap::physical(PhysicalSky {
+            elevation: elevation_deg.to_radians(),
+            turbidity: self.number(turbidity, default.turbidity, "turbidity", TURBIDITY)?,
+            ground: self.number(ground, default.ground, "ground", 0.0..=1.0)?,
+            sun,
+        })))
     }
 
     fn gobo(&self, entry: GoboEntry, files: &mut RigFiles) -> Result<Gobo, String> {

@@ -8,7 +8,9 @@ use glam::{DVec3, Vec3};
 
 use super::{Rig, RigSnapshot};
 use crate::scene::light_filter::{Gobo, SOFTNESS_DEG};
-use crate::scene::{Camera, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, Projection};
+use crate::scene::{
+    Camera, DomeMap, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, PhysicalSky, Projection,
+};
 
 /// `folder`: where the file will be; paths are relative to it.
 pub fn to_toml(rig: &Rig, folder: &Path) -> String {
@@ -147,8 +149,10 @@ impl Document {
         if light.decay_start != default.decay_start {
             self.key("decay_start", number(light.decay_start));
         }
-        if let Some(map) = &light.map {
-            self.key("map", string(&map.path_from(folder).to_string_lossy()));
+        match &light.map {
+            None => {}
+            Some(DomeMap::File(map)) => self.key("map", string(&map.path_from(folder).to_string_lossy())),
+            Some(DomeMap::Physical(map)) => self.physical_sky(map.sky()),
         }
         if light.rotation != default.rotation {
             self.key("rotate_deg", number(degrees(light.rotation)));
@@ -181,6 +185,13 @@ impl Document {
 }
 
 impl Document {
+    fn physical_sky(&mut self, sky: &PhysicalSky) {
+        let PhysicalSky { elevation, turbidity, ground, sun } = *sky;
+        let (elevation, turbidity, ground) = (number(degrees(elevation)), number(turbidity), number(ground));
+        let place = format!("elevation_deg = {elevation}, turbidity = {turbidity}, ground = {ground}");
+        self.key("physical_sky", format!("{{ {place}, sun = {sun} }}"));
+    }
+
     fn filter(&mut self, filter: &LightFilter, folder: &Path) {
         let path = |path: PathBuf| string(&path.to_string_lossy());
         if let Some(ies) = &filter.ies {

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use super::Desk;
 use crate::error::Result;
 use crate::scene::light_filter::{Gobo, RigFiles};
-use crate::scene::{Light, LightKind};
+use crate::scene::{DomeMap, Light, LightKind};
 use crate::view::describe::kind_name;
 
 impl Desk {
@@ -31,6 +31,7 @@ impl Desk {
     /// Gives the selected domes the environment map `name` in `folder`; an empty name removes theirs.
     pub fn attach_map(&mut self, folder: &Path, name: &str) {
         let Some(map) = self.read(name, |name| RigFiles::new(folder).sky_map(name)) else { return };
+        let map = map.map(DomeMap::File);
         self.edit_each(|_, light| match light.kind {
             LightKind::Dome => Ok(Light { map: map.clone(), ..light.clone() }),
             _ => Err("only domes have a map"),
@@ -40,6 +41,7 @@ impl Desk {
     /// Adds a dome with the environment map `name`, as bright as the map.
     fn add_dome(&mut self, name: &str) {
         let Some(map) = self.read(name, |name| RigFiles::new(Path::new("")).sky_map(name)) else { return };
+        let map = map.map(DomeMap::File);
         let light = Light::point(&self.light_names().claim(kind_name(LightKind::Dome)), DVec3::ZERO);
         self.insert(vec![Light { kind: LightKind::Dome, map, visible: true, ..light }]);
     }
