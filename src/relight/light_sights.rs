@@ -20,31 +20,58 @@ use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral::decode;
 use crate::physics::sequence::{Points, fibonacci_lattice};
-use crate::scene::Rig;
+use crate::scene::{Light, LightKind, Rig, SkyMap};
 use crate::shared::{AddSightsPush, Brdf, DIRECTIONS_PER_POINT, NARROW_ALPHA, NO_BRDF};
 use crate::trace::bvh::TracedScene;
 use crate::trace::light_surface::{ArrivingLight, LightInScene};
 
 /// Where the eye may see a light itself, and the light of some lights.
 pub struct LightSights {
-    /// By pixel.
-    sights: Vec<(u32, Sight)>,
-    /// First sight of each pixel that has any, and their number at the end.
-    first: Vec<u32>,
-    /// In tile order.
+    /// For lights that are no domes.
+    segments: ByPixel<PathSegment>,
+    /// For domes.
+    skies: ByPixel<SkySight>,
+    lobes: ByPixel<NarrowLobe>,
+    /// Those in the lists, in tile order.
     pixels: Buffer<u32>,
     /// Light in these pixels, of each light of a frame.
     values: [Buffer<Vec3>; LIGHTS_A_FRAME],
     used: usize,
-    /// Whether the eye's own segments are among the sights: a light is visible.
-    from_eye: bool,
+    needs: Needs,
     kernel: Kernel<AddSightsPush>,
 }
 
-/// A place in a pixel where the eye may see a light itself.
-enum Sight {
-    Segment(PathSegment),
-    NarrowLobe { sample: u32, layer: u32, weight: Vec3 },
+/// Which lists the lights of a rig need.
+#[derive(Clone, Copy, PartialEq)]
+struct Needs {
+    /// The eye's own segments, not only those from mirrors: a light is visible.
+    from_eye: bool,
+    segments: bool,
+    skies: bool,
+}
+
+/// Items of each pixel of a list.
+struct ByPixel<T> {
+    items: Vec<T>,
+    /// First item of each pixel, and their number at the end.
+    first: Vec<u32>,
+}
+
+/// Where a segment of an eye path leaves the scene.
+struct SkySight {
+    /// Where maps of domes are read; see [`SkyMap::place`].
+    place: [f32; 2],
+    weight: Vec3,
+    layer: u32,
+    /// Triangle at the origin; `None` if the eye looks directly.
+    mirror: Option<u32>,
+}
+
+/// A view sample whose lobe may show lights.
+struct NarrowLobe {
+    sample: u32,
+    layer: u32,
+    weight: Vec3,
 }
 
 /// Number of lights with a size whose images one frame renders.
@@ -67,36 +94,47 @@ impl LightSights {
         if !rig.has_sizes() {
             return Ok(None);
         }
-        let from_eye = has_visible(rig);
-        let mut sights = narrow_lobes(framebuffer);
-        if from_eye || scene.has_mirrors() {
-            let wanted = |segment: &PathSegment| from_eye || segment.mirror.is_some();
-            let segments = segments(scene, framebuffer, wanted);
-            sights.extend(segments.into_iter().map(|(pixel, segment)| (pixel, Sight::Segment(segment))));
+        let needs = Needs::of(rig);
+        let lobes = narrow_lobes(framebuffer);
+        let leaves = |segment: &PathSegment| segment.range[1].is_infinite();
+        let wanted =
+            |segment: &PathSegment| (needs.from_eye || segment.mirror.is_some()) && (needs.segments || leaves(segment));
+        let mut all = match needs.from_eye || scene.has_mirrors() {
+            true => segments(scene, framebuffer, wanted),
+            false => Vec::new(),
+        };
+        let to_sky = all.iter().filter(|(_, segment)| needs.skies && leaves(segment));
+        let skies: Vec<_> = to_sky.map(|(pixel, segment)| (*pixel, SkySight::new(segment))).collect();
+        if !needs.segments {
+            all.clear();
         }
-        sights.sort_by_key(|(pixel, _)| *pixel);
-        let is_first = |i: &u32| *i == 0 || sights[*i as usize - 1].0 != sights[*i as usize].0;
-        let mut first: Vec<u32> = (0..sights.len() as u32).filter(is_first).collect();
-        let pixels: Vec<u32> = first.iter().map(|&i| sights[i as usize].0).collect();
-        first.push(sights.len() as u32);
+        let mut pixels: Vec<u32> = lobes.iter().map(|(pixel, _)| *pixel).collect();
+        pixels.extend(all.iter().map(|(pixel, _)| *pixel));
+        pixels.extend(skies.iter().map(|(pixel, _)| *pixel));
+        pixels.sort_unstable();
+        pixels.dedup();
         if pixels.is_empty() {
             return Ok(None);
         }
         let values = || Buffer::new(context, "seen lights", Access::HostWrites, pixels.len());
         Ok(Some(Self {
-            sights,
-            first,
+            segments: ByPixel::new(&pixels, all),
+            skies: ByPixel::new(&pixels, skies),
+            lobes: ByPixel::new(&pixels, lobes),
             values: [values()?, values()?],
             pixels: Buffer::from_slice(context, "seen lights (pixels)", &pixels)?,
             used: 0,
-            from_eye,
+            needs,
             kernel: Kernel::new(context, ())?,
         }))
     }
 
-    /// Whether the sights suffice for the lights of `rig`.
+    /// Whether the lists suffice for the lights of `rig`.
     pub fn suffice(&self, rig: &Rig) -> bool {
-        self.from_eye || !has_visible(rig)
+        let needs = Needs::of(rig);
+        (self.needs.from_eye || !needs.from_eye)
+            && (self.needs.segments || !needs.segments)
+            && (self.needs.skies || !needs.skies)
     }
 
     /// Begins a new frame: all buffers are free.
@@ -121,19 +159,30 @@ impl LightSights {
         triangles: Option<&[u32]>,
     ) -> Option<usize> {
         let index = self.used;
-        let Self { sights, first, values, .. } = self;
+        let Self { segments, skies, lobes, values, .. } = self;
+        let is_dome = light.light.kind == LightKind::Dome;
         let look = Look { framebuffer, light, points, triangles };
+        let is_shown = |layer: u32| layers.mask() >> layer.min(31) & 1 != 0;
+        let light_in = |pixel: usize| {
+            let mut sum = DVec3::ZERO;
+            if is_dome {
+                let shown = skies.of(pixel).iter().filter(|sight| is_shown(sight.layer));
+                sum += shown.map(|sight| look.to_sky(sight)).sum::<DVec3>();
+            } else {
+                let shown = segments.of(pixel).iter().filter(|segment| is_shown(segment.layer));
+                sum += shown.map(|segment| look.along(segment)).sum::<DVec3>();
+            }
+            let shown = lobes.of(pixel).iter().filter(|lobe| is_shown(lobe.layer));
+            sum + shown.map(|lobe| lobe.weight.as_dvec3() * look.in_lobe(lobe.sample as usize)).sum::<DVec3>()
+        };
         let values = values[index].host_mut();
         let is_seen = values
             .par_chunks_mut(PIXELS_A_TASK)
-            .zip(first.par_chunks(PIXELS_A_TASK))
             .enumerate()
-            .map(|(task, (values, starts))| {
-                let ends = &first[task * PIXELS_A_TASK + 1..];
+            .map(|(task, values)| {
                 let mut is_seen = false;
-                for ((value, &start), &end) in values.iter_mut().zip(starts).zip(ends) {
-                    let sights = sights[start as usize..end as usize].iter();
-                    let sum: DVec3 = sights.filter_map(|(_, sight)| look.at(sight, layers)).sum();
+                for (pixel, value) in (task * PIXELS_A_TASK..).zip(values) {
+                    let sum = light_in(pixel);
                     *value = sum.min(DVec3::splat(MAX_VALUE)).as_vec3();
                     is_seen |= sum != DVec3::ZERO;
                 }
@@ -173,18 +222,13 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    /// Light in the pixel.
-    fn at(&self, sight: &Sight, layers: Layers) -> Option<DVec3> {
-        let is_shown = |layer: u32| layers.mask() >> layer.min(31) & 1 != 0;
-        match *sight {
-            Sight::Segment(PathSegment { origin, direction, range, weight, layer, mirror }) if is_shown(layer) => {
-                Some(weight.as_dvec3() * self.light.seen(mirror, [origin, direction], range)?)
-            }
-            Sight::NarrowLobe { sample, layer, weight } if is_shown(layer) => {
-                Some(weight.as_dvec3() * self.in_lobe(sample as usize))
-            }
-            _ => None,
-        }
+    fn along(&self, &PathSegment { origin, direction, range, weight, mirror, .. }: &PathSegment) -> DVec3 {
+        let seen = self.light.seen(mirror, [origin, direction], range);
+        seen.map_or(DVec3::ZERO, |seen| weight.as_dvec3() * seen)
+    }
+
+    fn to_sky(&self, sight: &SkySight) -> DVec3 {
+        sight.weight.as_dvec3() * self.light.seen_sky(sight.mirror, sight.place)
     }
 
     /// Light that a view sample reflects from the drawn directions.
@@ -237,12 +281,45 @@ pub fn directions_per_point(points: LightPoints) -> f32 {
     }
 }
 
-fn has_visible(rig: &Rig) -> bool {
-    rig.lights.iter().any(|light| light.visible && !light.is_punctual())
+impl Needs {
+    fn of(rig: &Rig) -> Self {
+        let any = |is: fn(&Light) -> bool| rig.lights.iter().any(|light| !light.is_punctual() && is(light));
+        Self {
+            from_eye: any(|light| light.visible),
+            segments: any(|light| light.kind != LightKind::Dome),
+            skies: any(|light| light.kind == LightKind::Dome),
+        }
+    }
+}
+
+impl SkySight {
+    fn new(&PathSegment { direction, weight, layer, mirror, .. }: &PathSegment) -> Self {
+        Self { place: SkyMap::place(direction), weight, layer, mirror }
+    }
+}
+
+impl<T> ByPixel<T> {
+    /// `pixels`: ascending, with all of `listed`.
+    fn new(pixels: &[u32], mut listed: Vec<(u32, T)>) -> Self {
+        listed.sort_by_key(|(pixel, _)| *pixel);
+        let mut first: Vec<u32> = Vec::with_capacity(pixels.len() + 1);
+        let mut at = 0;
+        for &pixel in pixels {
+            first.push(at as u32);
+            at += listed[at..].partition_point(|(of, _)| *of <= pixel);
+        }
+        first.push(at as u32);
+        Self { items: listed.into_iter().map(|(_, item)| item).collect(), first }
+    }
+
+    /// Items of the pixel at `index` of the pixels.
+    fn of(&self, index: usize) -> &[T] {
+        &self.items[self.first[index] as usize..self.first[index + 1] as usize]
+    }
 }
 
 /// The view samples with narrow lobes, each with its pixel.
-fn narrow_lobes(framebuffer: &DeepFramebuffer) -> Vec<(u32, Sight)> {
+fn narrow_lobes(framebuffer: &DeepFramebuffer) -> Vec<(u32, NarrowLobe)> {
     let is_narrow = |index: usize| {
         let brdf = framebuffer.samples[index].brdf;
         brdf != NO_BRDF && {
@@ -258,14 +335,14 @@ fn narrow_lobes(framebuffer: &DeepFramebuffer) -> Vec<(u32, Sight)> {
     };
     let first = (0..pixel_count).filter(|&pixel| is_narrow(pixel)).map(|pixel| {
         let weight = Vec3::splat(first_weight(pixel));
-        (pixel as u32, Sight::NarrowLobe { sample: pixel as u32, layer: 0, weight })
+        (pixel as u32, NarrowLobe { sample: pixel as u32, layer: 0, weight })
     });
     let extras = parts.iter().flat_map(|part| {
         let listed = &framebuffer.extra_indices[part.first as usize..][..part.count as usize];
         listed.iter().filter(|&&extra| is_narrow(pixel_count + extra as usize)).map(|&extra| {
             let of = &framebuffer.extra_samples[extra as usize];
             let sample = (pixel_count + extra as usize) as u32;
-            (part.pixel, Sight::NarrowLobe { sample, layer: of.layer, weight: of.weight })
+            (part.pixel, NarrowLobe { sample, layer: of.layer, weight: of.weight })
         })
     });
     first.chain(extras).collect()

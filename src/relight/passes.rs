@@ -204,7 +204,7 @@ impl FrameResources<'_> {
         let soft = (shades[0].points == LightPoints::Interleaved && !is_glow)
             .then(|| SoftLight::new(first, self.scene.space, warp.as_ref()));
         let points: Vec<(usize, PackedLight)> = match is_glow {
-            true => suns(first, self.scene.space).into_iter().map(|packed| (0, packed)).collect(),
+            true => suns(first, self.scene.space, detail).into_iter().map(|packed| (0, packed)).collect(),
             false => shades
                 .iter()
                 .enumerate()
@@ -233,7 +233,7 @@ impl FrameResources<'_> {
         });
         let sky = sky.filter(|sky| is_glow || (sky.has_mirrors && self.layers.indirect()));
         let sky_terms = seeing.sky_terms.as_deref_mut().filter(|_| sky.is_some());
-        let sky_terms = sky_terms.map(|terms| frame.cpu("cells of the sky", || terms.compute(first, is_glow)));
+        let sky_terms = sky_terms.map(|terms| frame.cpu("cells of the sky", || terms.compute(first, is_glow, detail)));
         let (visibility, soft_kernel) = (&*seeing.visibility, seeing.soft.as_deref());
         let target = |&(i, light, seen): &(usize, PackedLight, VisibilitySlot)| LightTarget {
             light,

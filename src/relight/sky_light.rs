@@ -1,6 +1,6 @@
 //! Light of domes by the compressed map from cells of the sky to view samples: no rays, whatever changes in the sky.
 //!
-//! While a dome moves, this is all of its light but that of [suns](crate::scene::sky_map::Sun), which are traced. At rest
+//! While a dome moves, this is all of its light but that of [suns](Sun), which are traced. At rest
 //! it is the light that mirrors throw onto other surfaces; points of the dome give the rest.
 //!
 //! 1. On the host: the mean radiance of each cell, and its Haar transform.
@@ -13,6 +13,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec4};
 
 use super::block_product::{Product, Products};
+use super::light_cache::Detail;
 use super::light_target::LightTargets;
 use crate::bake::compression::haar::Haar;
 use crate::bake::compression::sky_haar;
@@ -20,7 +21,9 @@ use crate::bake::transfer::sky::SkyTransfer;
 use crate::bake::transport::sky;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
+use crate::physics::sequence::fibonacci_lattice;
 use crate::physics::sky_cells;
+use crate::scene::sky_map::Sun;
 use crate::scene::{Light, MeshSpace};
 use crate::shared::{LoadTermsPush, PackedLight};
 
@@ -45,6 +48,8 @@ pub struct SkyTerms {
 
 /// Factor from the squared radius of a disk of directions to the increase of a lobe's squared alpha, as in shade_soft.comp.
 const WIDENING: f64 = 0.25;
+/// Directions that stand for a sun.
+const SUN_POINTS: u32 = 64;
 /// Number of domes whose images one frame renders with the map.
 const SKIES_A_FRAME: usize = 2;
 
@@ -101,8 +106,8 @@ impl SkyTerms {
     }
 
     /// Computes the terms of a dome at unit intensity: light that leaves mirrors, and if `straight` all other light but that
-    /// of suns. Returns the index of their [buffer](Self::buffer).
-    pub fn compute(&mut self, light: &Light, straight: bool) -> usize {
+    /// of [traced](is_traced) suns. Returns the index of their [buffer](Self::buffer).
+    pub fn compute(&mut self, light: &Light, straight: bool, detail: Detail) -> usize {
         let parts = light.sky().parts();
         let (seen, by_mirrors) = self.coefficients.split_at_mut(sky_cells::COUNT);
         for (cell, radiance) in parts.glow(light.turns()).into_iter().enumerate() {
@@ -113,9 +118,15 @@ impl SkyTerms {
             false => seen.fill([0.0; 3]),
         }
         for sun in parts.suns() {
-            let cell = &mut by_mirrors[sky_cells::index((light.turn() * sun.direction).as_vec3())];
-            let radiance = (sun.irradiance / sky_cells::SOLID_ANGLE).as_vec3();
-            *cell = (Vec3::from(*cell) + radiance).to_array();
+            let radiance = (sun.irradiance / (f64::from(SUN_POINTS) * sky_cells::SOLID_ANGLE)).as_vec3();
+            for i in 0..SUN_POINTS {
+                let direction = light.turn() * sun.direction_at(fibonacci_lattice(i, SUN_POINTS));
+                let cell = sky_cells::index(direction.as_vec3());
+                by_mirrors[cell] = (Vec3::from(by_mirrors[cell]) + radiance).to_array();
+                if straight && !is_traced(sun, detail) {
+                    seen[cell] = (Vec3::from(seen[cell]) + radiance).to_array();
+                }
+            }
         }
         self.haar.transform(&mut self.coefficients);
         let index = self.used;
@@ -130,10 +141,15 @@ impl SkyTerms {
     }
 }
 
-/// The suns of a dome as lights without size, at unit intensity.
-pub fn suns(light: &Light, space: MeshSpace) -> Vec<PackedLight> {
+/// Whether a sun is traced while its dome moves. Large ones are left to the cells if there is little time.
+fn is_traced(sun: &Sun, detail: Detail) -> bool {
+    detail != Detail::Coarse || !sun.is_large()
+}
+
+/// The traced suns of a dome as lights without size, at unit intensity.
+pub fn suns(light: &Light, space: MeshSpace, detail: Detail) -> Vec<PackedLight> {
     let packed = light.pack(space);
-    let sun = |sun: &crate::scene::sky_map::Sun| {
+    let sun = |sun: &Sun| {
         let brightness = sun.irradiance.max_element();
         PackedLight {
             direction: (light.turn() * -sun.direction).as_vec3(),
@@ -143,5 +159,5 @@ pub fn suns(light: &Light, space: MeshSpace) -> Vec<PackedLight> {
             ..packed
         }
     };
-    light.sky().parts().suns().iter().map(sun).collect()
+    light.sky().parts().suns().iter().filter(|sun| is_traced(sun, detail)).map(sun).collect()
 }

@@ -95,8 +95,19 @@ impl SkyMap {
 
     /// Radiance from a unit direction in the frame of the map.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
-        let [u, v] = place(direction);
+        self.radiance_at(Self::place(direction))
+    }
+
+    /// Radiance at a [place](Self::place); u may be beyond 1.
+    pub fn radiance_at(&self, [u, v]: [f32; 2]) -> Vec3 {
         self.texels.interpolated(u * self.texels.width as f32, v * self.texels.height as f32)
+    }
+
+    /// Where maps are read for a unit direction: u from 0 to 1, v from 0 at the top to 1.
+    pub fn place(direction: Vec3) -> [f32; 2] {
+        const TURN: f32 = TAU as f32;
+        let u = direction.x.atan2(-direction.z) / TURN;
+        [if u < 0.0 { u + 1.0 } else { u }, direction.y.clamp(-1.0, 1.0).acos() / PI as f32]
     }
 
     /// Density with which [`Self::draw`] finds a unit direction in the frame of the map, 1/sr.
@@ -127,7 +138,7 @@ impl SkyMap {
     }
 
     fn grid_place(&self, direction: Vec3) -> GridPlace {
-        let [u, v] = place(direction);
+        let [u, v] = Self::place(direction);
         let [columns, rows] = self.distribution.size();
         let cell = [(u, columns), (v, rows)].map(|(at, count)| ((at * count as f32) as usize).min(count - 1));
         let [top, bottom] = [cell[1], cell[1] + 1].map(|edge| (PI * edge as f64 / rows as f64).cos());
@@ -175,13 +186,6 @@ fn row_solid_angle(y: usize, height: usize) -> f64 {
     let [top, bottom] = [y, y + 1].map(|edge| PI * edge as f64 / height as f64);
     // The difference of their cosines without cancellation.
     TAU * 2.0 * ((top + bottom) / 2.0).sin() * ((bottom - top) / 2.0).sin()
-}
-
-/// Where a map is read: u from 0 to 1, v from 0 at the top to 1.
-fn place(direction: Vec3) -> [f32; 2] {
-    const TURN: f32 = TAU as f32;
-    let u = direction.x.atan2(-direction.z) / TURN;
-    [if u < 0.0 { u + 1.0 } else { u }, direction.y.clamp(-1.0, 1.0).acos() / PI as f32]
 }
 
 fn read_exr(path: &Path) -> Result<Texels> {

@@ -86,6 +86,17 @@ impl LightInScene<'_> {
         (radiance != DVec3::ZERO).then_some(radiance)
     }
 
+    /// What an eye path shows of a dome where it leaves the scene; see [`Self::seen`]. `place`: of its direction in a map
+    /// that is not turned.
+    pub fn seen_sky(&self, mirror: Option<u32>, [u, v]: [f32; 2]) -> DVec3 {
+        let factor = match mirror {
+            Some(triangle) => self.scene.factor(triangle),
+            None => f32::from(u8::from(self.light.visible)),
+        };
+        let radiance = || self.light.sky().radiance_at([u + self.light.turns() as f32, v]);
+        if factor > 0.0 { (factor * radiance()).as_dvec3() } else { DVec3::ZERO }
+    }
+
     /// `is_free`: whether nothing stops the ray within `range`.
     fn between(
         &self,

@@ -13,8 +13,8 @@ use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
 use relume::relight::{Layers, Picture, Relighter, Request};
-use relume::storage::journal::Journal;
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
+use relume::storage::journal::Journal;
 use relume::trace::bvh::TracedScene;
 
 use crate::common::stage::{self, Build, Setup, lambert, look, rig};

@@ -20,8 +20,7 @@ fn floor() -> (Scene, Camera) {
     let mut build = Build::default();
     let grey = build.material(lambert(Vec3::splat(ALBEDO as f32)));
     build.quad(DVec3::ZERO, DVec3::X, DVec3::NEG_Z, grey);
-    let camera =
-        look(DVec3::new(0.0, 2.0, 1.0), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.4 });
+    let camera = look(DVec3::new(0.0, 2.0, 1.0), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.4 });
     (build.scene(), camera)
 }
 

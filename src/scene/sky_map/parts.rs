@@ -1,12 +1,13 @@
 //! A map in two parts that add up to it: suns, and a glow that the [cells](sky_cells) of the sky can carry.
 
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 use std::sync::LazyLock;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Texels, place, reduced, row_solid_angle};
+use super::{SkyMap, Texels, reduced, row_solid_angle};
 use crate::image::luminance;
 use crate::physics::sky_cells;
 
@@ -39,6 +40,21 @@ const LEAST_SHARE: f64 = 0.02;
 /// Rows and columns of places in a cell where the glow is read.
 const PLACES: usize = 4;
 
+impl Sun {
+    /// Whether it fills at least a cell of the sky.
+    pub fn is_large(&self) -> bool {
+        self.solid_angle >= sky_cells::SOLID_ANGLE
+    }
+
+    /// A direction in the cone that it would fill, evenly spread while `[u, v]` is so over the unit square.
+    pub fn direction_at(&self, [u, v]: [f64; 2]) -> DVec3 {
+        let versine = u * self.solid_angle / TAU;
+        let (sin, cos) = (TAU * v).sin_cos();
+        let (s, t) = self.direction.any_orthonormal_pair();
+        self.direction * (1.0 - versine) + (s * cos + t * sin) * (versine * (2.0 - versine)).sqrt()
+    }
+}
+
 impl SkyParts {
     pub(super) fn new(texels: &Texels) -> Self {
         let mut glow = reduced(texels.clone(), GLOW_WIDTH);
@@ -63,7 +79,8 @@ impl SkyParts {
         static READ_AT: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
             let along = |i: usize| (i as f64 + 0.5) / PLACES as f64;
             let at = |i: usize| [along(i % PLACES), along(i / PLACES)];
-            let of_cell = |cell| (0..PLACES * PLACES).map(move |i| place(sky_cells::direction(cell, at(i)).as_vec3()));
+            let of_cell =
+                |cell| (0..PLACES * PLACES).map(move |i| SkyMap::place(sky_cells::direction(cell, at(i)).as_vec3()));
             (0..sky_cells::COUNT).flat_map(of_cell).collect()
         });
         let [width, height] = [self.glow.width, self.glow.height].map(|side| side as f32);
@@ -84,24 +101,25 @@ impl Texels {
         let brightest = |a: &usize, b: &usize| brightness(&self.values[*a]).total_cmp(&brightness(&self.values[*b]));
         let brightest = self.direction((0..self.values.len()).max_by(brightest)?);
         // Of a spot of several texels, some at its edge may be as bright.
-        let near = |i: &usize| self.direction(*i).dot(brightest) >= RING_COSINE;
+        let ring = RING_COSINE.acos();
         let weighted = |i| self.direction(i) * flux((i, &self.values[i]));
-        let middle = (0..self.values.len()).filter(near).map(weighted).sum::<DVec3>().normalize_or(brightest);
-        let [mut ring, mut ring_angle] = [DVec3::ZERO; 2];
+        let near = self.near(brightest, ring).filter(|i| self.direction(*i).dot(brightest) >= RING_COSINE);
+        let middle = near.map(weighted).sum::<DVec3>().normalize_or(brightest);
+        let [mut around, mut around_angle] = [DVec3::ZERO; 2];
         let mut inside = Vec::new();
-        for i in 0..self.values.len() {
+        for i in self.near(middle, ring) {
             let cosine = self.direction(i).dot(middle);
             if cosine >= SUN_COSINE {
                 inside.push(i);
             } else if cosine >= RING_COSINE {
-                ring += self.values[i].as_dvec3() * self.solid_angle(i);
-                ring_angle += self.solid_angle(i);
+                around += self.values[i].as_dvec3() * self.solid_angle(i);
+                around_angle += self.solid_angle(i);
             }
         }
-        if ring_angle == DVec3::ZERO {
+        if around_angle == DVec3::ZERO {
             return None;
         }
-        let around = (ring / ring_angle).as_vec3();
+        let around = (around / around_angle).as_vec3();
         let [mut irradiance, mut toward] = [DVec3::ZERO; 2];
         let mut squares = 0.0;
         for &i in &inside {
@@ -118,6 +136,14 @@ impl Texels {
         }
         inside.iter().for_each(|&i| self.values[i] = around);
         Some(Sun { direction: toward.normalize_or(middle), irradiance, solid_angle: bright * bright / squares })
+    }
+
+    /// Texels of the rows that come within `angle` radians of a unit direction.
+    pub(super) fn near(&self, direction: DVec3, angle: f64) -> Range<usize> {
+        let from_zenith = direction.y.clamp(-1.0, 1.0).acos();
+        let row = |angle: f64| (angle / PI * self.height as f64).clamp(0.0, self.height as f64);
+        let rows = row(from_zenith - angle) as usize..row(from_zenith + angle).ceil() as usize;
+        rows.start * self.width..rows.end * self.width
     }
 
     /// Of the middle of a texel.

@@ -56,12 +56,14 @@ impl PhysicalSky {
         let from_sky: DVec3 = rows
             .map(|(y, row)| {
                 let first = y * width;
-                for (x, value) in row.iter_mut().enumerate() {
+                for x in 0..width / 2 {
                     let direction = texels.direction(first + x);
                     let off = [DVec3::Y, toward_sun].map(|axis| direction.dot(axis).clamp(-1.0, 1.0).acos() as f32);
                     let channel = |channel| model.radiance(off[0], off[1], channel).max(0.0);
                     let watts = Vec3::new(channel(Channel::R), channel(Channel::G), channel(Channel::B));
-                    *value = watts * EFFICACY as f32;
+                    // The sky is symmetric about the sun.
+                    row[x] = watts * EFFICACY as f32;
+                    row[width - 1 - x] = row[x];
                 }
                 let cosine = texels.direction(first).y;
                 row.iter().map(|value| value.as_dvec3()).sum::<DVec3>() * cosine * texels.solid_angle(first)
@@ -120,11 +122,7 @@ fn covered(texels: &Texels, toward_sun: DVec3) -> Vec<(usize, f64)> {
         inside.count() as f64 / (PLACES * PLACES) as f64
     };
     let reach = SUN_RADIUS + PI / texels.height as f64;
-    let from_zenith = toward_sun.y.acos();
-    let row = |angle: f64| (angle / PI * texels.height as f64).clamp(0.0, texels.height as f64);
-    let rows = row(from_zenith - reach) as usize..row(from_zenith + reach).ceil() as usize;
-    let near = rows.start * texels.width..rows.end * texels.width;
-    let near = near.filter(|&i| texels.direction(i).distance(toward_sun) < 2.0 * reach);
+    let near = texels.near(toward_sun, reach).filter(|&i| texels.direction(i).distance(toward_sun) < 2.0 * reach);
     near.map(|i| (i, share(i))).filter(|(_, share)| *share > 0.0).collect()
 }
 
