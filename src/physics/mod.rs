@@ -1,4 +1,4 @@
-//! Pure functions: glTF's BRDF, punctual lights, sampling sequences, directions on the sphere.
+//! Pure functions: glTF's BRDF, punctual lights, sampling sequences, directions on the sphere, tone curves.
 
 pub mod brdf;
 pub mod distribution;
@@ -6,3 +6,4 @@ pub mod light;
 pub mod octahedral;
 pub mod sequence;
 pub mod sky_cells;
+pub mod tone_curve;

@@ -4,8 +4,12 @@
 //! `relighter.linear(Layers::Reflection)` is direct light in mirrors alone. [`Request`] combines both with exposure,
 //! tone curve and detail.
 
+use glam::Vec3;
+
+use super::exposure::{stop_color, stops};
 use super::inspect::Inspection;
 use super::light_cache::Detail;
+use crate::physics::tone_curve::{agx, pbr_neutral, srgb};
 
 /// Parameters of a picture. `Picture::Whole.into()` requests the whole picture with all layers, exact.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,6 +61,21 @@ pub enum ToneMap {
     PbrNeutral,
     /// [`STOP_COLORS`](crate::shared::STOP_COLORS) by luminance: one colour per stop; exposed middle grey is grey.
     FalseColor,
+}
+
+impl ToneMap {
+    /// 8-bit sRGB of exposed radiance, as a picture shows it.
+    pub fn display(self, exposed: Vec3) -> [u8; 3] {
+        let linear = exposed.as_dvec3();
+        let encoded = match self {
+            Self::None => srgb(linear),
+            Self::Agx => agx(linear),
+            Self::PbrNeutral => srgb(pbr_neutral(linear)),
+            // Rec. 709 luminance, as in glsl/lib/color.glsl.
+            Self::FalseColor => return stop_color(stops(exposed.dot(Vec3::new(0.2126, 0.7152, 0.0722)))),
+        };
+        encoded.to_array().map(|channel| (255.0 * channel).round() as u8)
+    }
 }
 
 /// Parts of the light transport that a picture contains.
