@@ -11,10 +11,12 @@ use glam::{DVec3, Vec3};
 use image::ImageReader;
 
 mod dome_map;
+mod listing;
 mod parts;
 mod physical;
 
 pub use self::dome_map::DomeMap;
+pub use self::listing::maps_in;
 pub use self::parts::{SkyParts, Sun};
 pub use self::physical::{PhysicalSky, TURBIDITY};
 
@@ -28,8 +30,9 @@ pub struct SkyMap {
     texels: Texels,
     /// Its cells divide texels: within a cell, all directions are drawn with the same density.
     distribution: GridDistribution,
-    /// Made when it is first needed.
+    /// Both are made when they are first needed.
     parts: OnceLock<SkyParts>,
+    coarse: OnceLock<Texels>,
 }
 
 #[derive(Clone)]
@@ -51,6 +54,8 @@ pub struct SkyDirection {
 
 /// Finer maps are reduced by averages of blocks: twenty bytes a texel, 170 MB.
 const MAX_WIDTH: usize = 4096;
+/// Texels across [`SkyMap::blurred`]: 1.4 degrees each.
+const BLURRED_WIDTH: usize = 256;
 /// Cells across coarse maps.
 const CELLS: usize = 1024;
 /// Brightest texel: sums of all remain finite.
@@ -90,7 +95,7 @@ impl SkyMap {
         let size = [texels.width, texels.height].map(|side| side * cells_a_side);
         let weight = |x, y| texels.brightness([x, y], cells_a_side) * row_solid_angle(y, size[1]);
         let distribution = GridDistribution::new(size, weight);
-        Self { texels, distribution, parts: OnceLock::new() }
+        Self { texels, distribution, parts: OnceLock::new(), coarse: OnceLock::new() }
     }
 
     /// Radiance from a unit direction in the frame of the map.
@@ -108,6 +113,23 @@ impl SkyMap {
         const TURN: f32 = TAU as f32;
         let u = direction.x.atan2(-direction.z) / TURN;
         [if u < 0.0 { u + 1.0 } else { u }, direction.y.clamp(-1.0, 1.0).acos() / PI as f32]
+    }
+
+    /// Mean radiance around a unit direction in the frame of the map: for small pictures, in which the sun must not fall
+    /// between two pixels.
+    pub fn blurred(&self, direction: Vec3) -> Vec3 {
+        let coarse = self.coarse.get_or_init(|| match self.texels.width > BLURRED_WIDTH {
+            true => reduced(self.texels.halved(), BLURRED_WIDTH),
+            false => self.texels.clone(),
+        });
+        let [u, v] = Self::place(direction);
+        coarse.interpolated(u * coarse.width as f32, v * coarse.height as f32)
+    }
+
+    /// The unit direction, in the frame of the map, that lies at `[u, v]` from its left and its top; both from 0 to 1.
+    pub fn direction_at([u, v]: [f32; 2]) -> Vec3 {
+        let ((sin_u, cos_u), (sin_v, cos_v)) = ((TAU as f32 * u).sin_cos(), (PI as f32 * v).sin_cos());
+        Vec3::new(sin_v * sin_u, cos_v, -sin_v * cos_u)
     }
 
     /// Density with which [`Self::draw`] finds a unit direction in the frame of the map, 1/sr.
@@ -159,6 +181,19 @@ impl Texels {
         let at = |axis: usize, offset: f32| (cell[axis] as f32 + offset) / a_side as f32;
         let corner = |i: usize| self.interpolated(at(0, [0.25, 0.75][i % 2]), at(1, [0.25, 0.75][i / 2]));
         0.25 * (0..4).map(|i| f64::from(luminance(corner(i).to_array()))).sum::<f64>()
+    }
+
+    /// Means of blocks of two by two. A last column or row without a partner is a block of its own.
+    fn halved(&self) -> Self {
+        let Self { width, height, values } = self;
+        let at = |x: usize, y: usize| values[y.min(height - 1) * width + x.min(width - 1)];
+        let mean = |x: usize, y: usize| {
+            (at(2 * x, 2 * y) + at(2 * x + 1, 2 * y) + at(2 * x, 2 * y + 1) + at(2 * x + 1, 2 * y + 1)) / 4.0
+        };
+        let halves = [*width, *height].map(|side| side.div_ceil(2));
+        let values =
+            (0..halves[1]).flat_map(|y| (0..halves[0]).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        Self { width: halves[0], height: halves[1], values }
     }
 
     /// At a place in units of texels.
@@ -225,18 +260,10 @@ fn clean(texels: &mut [Vec3]) -> usize {
     bad
 }
 
-/// Halves a map until it is at most `most` texels wide. A last column or row without a partner is a block of its own.
+/// Halves a map until it is at most `most` texels wide.
 fn reduced(mut texels: Texels, most: usize) -> Texels {
     while texels.width > most {
-        let Texels { width, height, values } = &texels;
-        let mean = |x: usize, y: usize| {
-            let at = |x: usize, y: usize| values[y.min(height - 1) * width + x.min(width - 1)];
-            (at(2 * x, 2 * y) + at(2 * x + 1, 2 * y) + at(2 * x, 2 * y + 1) + at(2 * x + 1, 2 * y + 1)) / 4.0
-        };
-        let halves = [*width, *height].map(|side| side.div_ceil(2));
-        let values =
-            (0..halves[1]).flat_map(|y| (0..halves[0]).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
-        texels = Texels { width: halves[0], height: halves[1], values };
+        texels = texels.halved();
     }
     texels
 }
@@ -262,6 +289,22 @@ mod tests {
         near(Vec3::NEG_X, 5.5, 1.5);
         near(Vec3::X, 1.5, 1.5);
         near(Vec3::Y, 3.5, 0.0);
+    }
+
+    #[test]
+    fn small_pictures_show_means_and_where_they_are() {
+        let map = map(1024, 512, |x, y| if (x, y) == (513, 255) { 64.0 } else { 0.0 });
+        // In 256 x 128 the texel has a sixteenth of the light; between four texels, a quarter of that.
+        let near = |uv: [f32; 2], want: f32| {
+            let got = map.blurred(SkyMap::direction_at(uv)).x;
+            assert!((got - want).abs() < 0.01, "{uv:?}: {got}, want {want}");
+        };
+        near([128.5 / 256.0, 63.5 / 128.0], 4.0);
+        near([129.0 / 256.0, 64.0 / 128.0], 1.0);
+        near([0.25, 0.5], 0.0);
+        for (uv, want) in [([0.5, 0.5], Vec3::Z), ([0.75, 0.5], Vec3::NEG_X), ([0.3, 0.0], Vec3::Y)] {
+            assert!(SkyMap::direction_at(uv).distance(want) < 1e-6, "{uv:?}");
+        }
     }
 
     #[test]

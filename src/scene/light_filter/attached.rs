@@ -14,7 +14,6 @@ use crate::scene::texture::{Encoding, Image, TexelCount, Texture};
 
 /// A decoded file and where it lies.
 pub struct Attached<T> {
-    /// Absolute, without links. Ends in `#` and a number if the file is one of those in a glTF file.
     path: PathBuf,
     hash: blake3::Hash,
     content: Arc<T>,
@@ -27,6 +26,11 @@ impl<T> Attached<T> {
         let in_folder = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
         let path = path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned());
         Self { path, hash: blake3::hash(bytes), content: Arc::new(content) }
+    }
+
+    /// Absolute, without links. Ends in `#` and a number if the file is one of those in a glTF file.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Whether the file lies in `folder` or below.
