@@ -71,6 +71,13 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
         let turned = before.direction.angle_between(after.direction).to_degrees();
         parts.push(format!("turned {}°", rounded(turned)));
     }
+    if before.rotation != after.rotation {
+        parts.push(format!("turned {}°", rounded((after.rotation - before.rotation).to_degrees())));
+    }
+    if before.map != after.map {
+        let name = after.map.as_ref().and_then(|map| map.path().file_name());
+        parts.push(name.map_or("no map".into(), |name| format!("map {}", name.display())));
+    }
     stops(&mut parts, before.stops, after.stops);
     if before.intensity != after.intensity {
         parts.push(format!("{} {}", rounded(after.intensity), LightUnit::of_intensity(after.kind).symbol(after.kind)));

@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 
 use super::Desk;
 use crate::error::Result;
-use crate::scene::light_filter::{Gobo, RigFiles};
-use crate::scene::{DomeMap, Light, LightKind};
+use crate::scene::light_filter::{Attached, Gobo, RigFiles};
+use crate::scene::{DomeMap, Light, LightKind, SkyMap};
 use crate::view::describe::kind_name;
 
 impl Desk {
@@ -30,7 +30,13 @@ impl Desk {
 
     /// Gives the selected domes the environment map `name` in `folder`; an empty name removes theirs.
     pub fn attach_map(&mut self, folder: &Path, name: &str) {
-        let Some(map) = self.read(name, |name| RigFiles::new(folder).sky_map(name)) else { return };
+        if let Some(map) = self.read(name, |name| RigFiles::new(folder).sky_map(name)) {
+            self.set_map(map);
+        }
+    }
+
+    /// Gives the selected domes an environment map, or removes theirs.
+    pub fn set_map(&mut self, map: Option<Attached<SkyMap>>) {
         let map = map.map(DomeMap::File);
         self.edit_each(|_, light| match light.kind {
             LightKind::Dome => Ok(Light { map: map.clone(), ..light.clone() }),

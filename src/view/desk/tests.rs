@@ -1,7 +1,7 @@
 use glam::{DVec3, Vec3};
 
 use super::*;
-use crate::scene::light_filter::BarnDoors;
+use crate::scene::light_filter::{BarnDoors, RigFiles};
 use crate::scene::rig::kelvin_and_tint_of;
 use crate::scene::{LightGroup, LightKind, Links, ObjectSet, Projection, Scene};
 
@@ -430,6 +430,29 @@ fn files_become_filters_of_the_selected_lights() {
     assert!(desk.rig().lights[1].filter.gobo.is_some(), "{}", desk.message);
     desk.go_to(0);
     assert!(desk.rig().lights[0].filter.is_none() && desk.rig().lights[0].intensity == 1.0);
+}
+
+#[test]
+fn a_map_is_one_edit_of_the_selected_domes() {
+    let folder = tempfile::tempdir().unwrap();
+    image::RgbImage::new(4, 2).save(folder.path().join("sky.png")).unwrap();
+    let map = RigFiles::new(folder.path()).sky_map("sky.png").unwrap();
+    let mut desk = desk(1);
+    desk.set_map(Some(map.clone()));
+    assert_eq!(desk.message, "key_0: only domes have a map");
+    for _ in 0..2 {
+        desk.add(LightKind::Dome, DVec3::ZERO, 0.0, f64::INFINITY);
+    }
+    desk.select_all();
+    desk.set_map(Some(map));
+    assert!(desk.message.ends_with("and 1 more: map sky.png"), "{}", desk.message);
+    let maps = |desk: &Desk| desk.rig().lights.iter().filter(|light| light.map.is_some()).count();
+    assert_eq!(maps(&desk), 2);
+    desk.undo();
+    assert_eq!(maps(&desk), 0);
+    desk.end_gesture();
+    desk.edit(LightEdit::Turn { right: 15.0, up: 0.0 });
+    assert!(desk.message.ends_with("and 1 more: turned -15°"), "{}", desk.message);
 }
 
 /// A ball, or the ground, of a scene in which every node has a material of its own.
