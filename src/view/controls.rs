@@ -71,7 +71,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk, &mut view.light_unit);
-        light_extras(ui, desk, &folder);
+        light_extras(ui, desk, &folder, &mut view.show_maps);
         snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);
     });
@@ -93,11 +93,11 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
 }
 
 /// Draws what few lights have: filters, and links to objects.
-fn light_extras(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
+fn light_extras(ui: &mut Ui, desk: &mut Desk, folder: &Path, show_maps: &mut bool) {
     let Some(light) = desk.selected_light() else { return };
     let is_open = !light.filter.is_none() || light.links != Links::default();
     egui::CollapsingHeader::new("Filters and objects").default_open(is_open).show(ui, |ui| {
-        filter_values(ui, desk, folder);
+        filter_values(ui, desk, folder, show_maps);
         linking_values(ui, desk);
     });
 }

@@ -10,8 +10,8 @@ use super::light_values::{Selected, color_button};
 use crate::scene::light_filter::{BarnDoors, SOFTNESS_DEG};
 use crate::scene::{DomeMap, Light, LightKind};
 
-/// `folder`: of the rig; file names are relative to it.
-pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
+/// `folder`: of the rig; file names are relative to it. `show_maps`: whether the browser of environment maps is shown.
+pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path, show_maps: &mut bool) {
     let Some(primary) = desk.selected_light() else { return };
     let mut light = primary.clone();
     let mut files = [None, None, None];
@@ -27,7 +27,10 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path) {
         if light.kind == LightKind::Dome {
             ui.label("map");
             let shown = light.map.as_ref().and_then(DomeMap::as_file).map(|map| map.path_from(folder));
-            files[2] = file(ui, &light.name, shown, "sky.hdr");
+            ui.horizontal(|ui| {
+                files[2] = file(ui, &light.name, shown, "sky.hdr");
+                ui.toggle_value(show_maps, "maps...").on_hover_text("maps of the folder, to choose from (Shift+M)");
+            });
             ui.end_row();
         }
         if light.kind.is_aimed() {

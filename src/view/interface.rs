@@ -63,6 +63,9 @@ impl Interface<'_> {
             let OpenScene { light_view, opened, desk, .. } = open_scene;
             light_view.show(ui, opened, desk);
         }
+        let folder = open_scene.folder();
+        let OpenScene { map_browser, desk, .. } = open_scene;
+        map_browser.show(ui, &mut view.show_maps, desk, &folder);
         open_scene.draw_aids(ui, view, placement, scale);
         if view.overlay {
             overlay::times(ui, timings, &open_scene.desk, egui::Pos2::ZERO);

@@ -25,6 +25,8 @@ pub enum Command {
     /// Drags the shadow of the point under the mouse while the key is held.
     Shadow,
     LookThrough,
+    /// Shows the browser of environment maps, or closes it.
+    Maps,
     /// Stores a snapshot in a slot.
     Store(usize),
     /// Recalls the snapshot of a slot.
@@ -144,6 +146,7 @@ pub const SECTIONS: &[Section] = &[
             once(&[(CTRL, Key::Num4)], Command::New(LightKind::Disk), "new disk light"),
             once(&[(CTRL, Key::Num5)], Command::New(LightKind::Rect), "new rectangle light"),
             once(&[(CTRL, Key::Num6)], Command::New(LightKind::Dome), "new dome"),
+            once(&[(Modifiers::SHIFT, Key::M)], Command::Maps, "maps for a dome"),
             once(&[(CTRL, Key::D)], Command::Duplicate, "duplicate"),
             once(&[(NONE, Key::Delete)], Command::Delete, "delete"),
         ],

@@ -8,6 +8,7 @@ use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
 use super::edge_refinement::EdgeRefinement;
+use super::map_answer::Answer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::session::Progress;
@@ -22,6 +23,8 @@ pub enum LoadEvent {
     Transfer(Arc<Transfer>),
     /// A bake with extra samples on edges, made while lights rest.
     EdgesRefined(Box<EdgeRefinement>),
+    /// The thread that reads environment maps has done a job.
+    Maps(Box<Answer>),
     /// The loading thread has ended, with success or with an error.
     Ended(Result<()>),
 }

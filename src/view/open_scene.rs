@@ -24,6 +24,8 @@ use super::gather::GatherMarks;
 use super::keys::Command;
 use super::light_view::LightView;
 use super::load::LoadEvent;
+use super::map_answer::Answer;
+use super::map_browser::MapBrowser;
 use super::pick::pixel;
 use super::shares::Shares;
 use super::snapshots::Thumbnail;
@@ -64,6 +66,7 @@ pub struct OpenScene {
     pub thumbnails: [Option<Thumbnail>; SLOTS],
     comparison_image: Option<ComparisonImage>,
     pub light_view: LightView,
+    pub map_browser: MapBrowser,
     /// The point whose shadow is being dragged, world space.
     caster: Option<DVec3>,
     autosave: Autosave,
@@ -107,7 +110,7 @@ impl OpenScene {
             synced_version: None,
             layers: Layers::All,
             detail_control: DetailControl::new(settings.frame_budget),
-            converge: Converge::new(context, proxy, &settings.relight, settings.rest_samples),
+            converge: Converge::new(context, proxy.clone(), &settings.relight, settings.rest_samples),
             is_refined: false,
             drawn: None,
             still: None,
@@ -116,6 +119,7 @@ impl OpenScene {
             thumbnails: Default::default(),
             comparison_image: None,
             light_view: LightView::default(),
+            map_browser: MapBrowser::new(proxy),
             caster: None,
             rig_path: settings.rig_path.clone(),
             suggested_path,
@@ -151,6 +155,11 @@ impl OpenScene {
     /// Accepts a bake with extra samples on edges.
     pub fn accept_refinement(&mut self, refinement: EdgeRefinement) {
         self.converge.accept(refinement, &self.opened, self.desk.rig());
+    }
+
+    /// Accepts what the thread that reads environment maps did.
+    pub fn accept_maps(&mut self, answer: Answer) {
+        self.map_browser.accept(answer, &mut self.desk);
     }
 
     /// Returns device memory by owner, bytes.
@@ -383,6 +392,7 @@ impl OpenScene {
                 self.with_pick(pointer, |desk, at| desk.place_highlight(at, free.unwrap_or(f64::INFINITY)));
             }
             Command::Shadow => self.drag_shadow(pointer),
+            Command::Maps => view.show_maps = !view.show_maps,
             Command::LookThrough => view.show_light_view = !view.show_light_view,
             Command::Store(slot) => self.store_snapshot(slot, view)?,
             Command::Recall(slot) => self.recall_snapshot(slot, view)?,
@@ -478,7 +488,10 @@ impl OpenScene {
             Command::Help => view.help = !view.help,
             Command::Close if matches!(view.dialog, Some(Dialog::Recover(_))) => {} // this dialog requires an answer
             Command::Close => {
-                if view.dialog.take().is_none() && !std::mem::take(&mut view.help) {
+                let closes = view.dialog.take().is_some()
+                    || std::mem::take(&mut view.help)
+                    || std::mem::take(&mut view.show_maps);
+                if !closes {
                     view.views.view = View::Beauty;
                 }
             }

@@ -14,7 +14,7 @@ const WIDTH: usize = 84;
 /// Height of the button of a snapshot without a thumbnail, points.
 const HEIGHT: f32 = 56.0;
 
-/// Small picture of a snapshot from when it was stored or recalled.
+/// A small picture: of a snapshot from when it was stored or recalled, or of an environment map.
 pub enum Thumbnail {
     Fresh(ColorImage),
     Loaded(TextureHandle),
@@ -38,9 +38,9 @@ impl Thumbnail {
         Self::Fresh(ColorImage::new(small, colors))
     }
 
-    fn texture(&mut self, ui: &Ui) -> &TextureHandle {
+    pub fn texture(&mut self, ui: &Ui) -> &TextureHandle {
         if let Self::Fresh(image) = self {
-            let texture = ui.ctx().load_texture("snapshot", std::mem::take(image), TextureOptions::LINEAR);
+            let texture = ui.ctx().load_texture("thumbnail", std::mem::take(image), TextureOptions::LINEAR);
             *self = Self::Loaded(texture);
         }
         match self {

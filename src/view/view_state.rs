@@ -24,6 +24,8 @@ pub struct ViewState {
     pub comparing: Option<Comparing>,
     /// Whether the view through the selected light is shown.
     pub show_light_view: bool,
+    /// Whether the browser of environment maps is shown.
+    pub show_maps: bool,
 }
 
 /// An open dialog.
@@ -55,12 +57,13 @@ impl ViewState {
             light_unit: LightUnit::Candela,
             comparing: None,
             show_light_view: false,
+            show_maps: false,
         }
     }
 
     /// Whether anything is drawn beside or over the picture.
     pub fn has_ui(&self) -> bool {
-        let over = self.show_light_view || self.comparing.is_some() || self.views.has_ui();
+        let over = self.show_light_view || self.show_maps || self.comparing.is_some() || self.views.has_ui();
         self.panel || self.overlay || self.help || over || self.dialog.is_some()
     }
 

@@ -419,6 +419,12 @@ impl ApplicationHandler<LoadEvent> for App {
                 }
                 self.stale = true;
             }
+            LoadEvent::Maps(answer) => {
+                if let Some(open_scene) = &mut self.open_scene {
+                    open_scene.accept_maps(*answer);
+                }
+                self.stale = true;
+            }
             LoadEvent::Ended(outcome) => {
                 self.loading = None;
                 match (&mut self.open_scene, outcome) {
