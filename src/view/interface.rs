@@ -64,8 +64,15 @@ impl Interface<'_> {
             light_view.show(ui, opened, desk);
         }
         let folder = open_scene.folder();
-        let OpenScene { map_browser, desk, .. } = open_scene;
+        let OpenScene { map_browser, map_ball, opened, desk, .. } = open_scene;
         map_browser.show(ui, &mut view.show_maps, desk, &folder);
+        if view.panel && view.views.view != View::Lights {
+            let corner = egui::Pos2::new(placement.left as f32, placement.top as f32);
+            let size = egui::vec2(placement.width as f32, placement.height as f32);
+            let picture = egui::Rect::from_min_size(corner, size) / scale;
+            let seen = picture.intersect(ui.available_rect_before_wrap());
+            map_ball.show(ui, desk, view, opened.framebuffer.camera.world_from_camera, seen);
+        }
         open_scene.draw_aids(ui, view, placement, scale);
         if view.overlay {
             overlay::times(ui, timings, &open_scene.desk, egui::Pos2::ZERO);

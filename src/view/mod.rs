@@ -28,6 +28,7 @@ mod lights_list;
 mod linking_values;
 mod load;
 mod map_answer;
+mod map_ball;
 mod map_browser;
 mod map_reader;
 mod open_scene;

@@ -25,6 +25,7 @@ use super::keys::Command;
 use super::light_view::LightView;
 use super::load::LoadEvent;
 use super::map_answer::Answer;
+use super::map_ball::MapBall;
 use super::map_browser::MapBrowser;
 use super::pick::pixel;
 use super::shares::Shares;
@@ -67,6 +68,7 @@ pub struct OpenScene {
     comparison_image: Option<ComparisonImage>,
     pub light_view: LightView,
     pub map_browser: MapBrowser,
+    pub map_ball: MapBall,
     /// The point whose shadow is being dragged, world space.
     caster: Option<DVec3>,
     autosave: Autosave,
@@ -120,6 +122,7 @@ impl OpenScene {
             comparison_image: None,
             light_view: LightView::default(),
             map_browser: MapBrowser::new(proxy),
+            map_ball: MapBall::default(),
             caster: None,
             rig_path: settings.rig_path.clone(),
             suggested_path,

@@ -5,7 +5,8 @@ use std::path::Path;
 use crate::command;
 use crate::desktop::pictures::{cut, difference, render, scene};
 use crate::desktop::{App, Desktop};
-use relume::scene::light_filter::BarnDoors;
+use glam::DVec3;
+use relume::scene::light_filter::{BarnDoors, RigFiles};
 use relume::scene::{Light, LightKind, Rig};
 
 const SIZE: [usize; 2] = [360, 240];
@@ -494,4 +495,63 @@ fn a_light_with_a_size_is_dragged_linked_saved_and_opened_again() {
     }));
     again.keys(&["ctrl+q"]);
     again.ends_silently();
+}
+
+/// Three files, of which one is broken. Maps are exchanged by a click and the dome is turned by a drag on its ball.
+#[test]
+fn a_dome_takes_maps_of_its_folder_and_is_turned_by_its_ball() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    for (name, color) in [("a.png", [200, 0, 0]), ("b.png", [0, 0, 200])] {
+        // One half is brighter, so that it matters how the dome is turned.
+        let texel = |i: usize| if i % 64 < 32 { color } else { color.map(|channel| channel / 4) };
+        let texels: Vec<[u8; 3]> = (0..64 * 32).map(texel).collect();
+        relume::image::png::write(&folder.path().join(name), 64, 32, &texels).unwrap();
+    }
+    std::fs::write(folder.path().join("c.hdr"), "#?RADIANCE\n").unwrap();
+    let map = RigFiles::new(folder.path()).sky_map("a.png").unwrap();
+    let dome = Light { kind: LightKind::Dome, map: Some(map), visible: true, ..Light::point("sky", DVec3::ZERO) };
+    Rig { lights: vec![dome], ..Rig::default() }.save(&rig).unwrap();
+    let window = open_scene(&desktop, "balls-2.glb", &rig);
+    window.key("F2", "picture 1:1"); // the panel, and with it the ball
+    let saved = || {
+        window.key("ctrl+s", "saved");
+        Rig::load(&rig).unwrap().lights.remove(0)
+    };
+
+    window.key("shift+m", "picture 1:1");
+    let is_shown = || {
+        let shot = window.screenshot();
+        let [red, blue] = [0, 1].map(thumbnail).map(|[x, y]| shot.rgb[y as usize * shot.width + x as usize]);
+        red[0] > red[2].saturating_add(40) && blue[2] > blue[0].saturating_add(40)
+    };
+    assert!((0..20).any(|_| is_shown()), "thumbnails appear");
+    let click = |row| {
+        let [x, y] = thumbnail(row);
+        window.click(x, y);
+    };
+    click(2);
+    window.wait_for_title("the map");
+    click(1);
+    window.wait_for_title("sky: map b.png");
+    let exchanged = saved();
+    assert!(exchanged.map.as_ref().is_some_and(|map| map.path().ends_with("b.png")), "{exchanged:?}");
+    window.key("Escape", "saved");
+
+    let corner = corner(&window);
+    let ball = pixels([0, 1].map(|axis| corner[axis] + SIZE[axis] as f64 - 56.0));
+    window.drag(ball, [ball[0] + 24, ball[1]]);
+    window.wait_for_title("sky: turned");
+    let turned = saved();
+    assert!((turned.rotation - 1.0).abs() < 1e-6, "half the radius is one radian: {}", turned.rotation);
+    window.key("ctrl+z", "undone: sky: turned");
+    assert_eq!(saved(), exchanged, "a drag is one edit");
+    window.key("ctrl+z", "undone: sky: map b.png");
+    window.quits_unsaved();
+}
+
+/// The middle of a thumbnail in the browser of environment maps, from the window's top left.
+fn thumbnail(row: i32) -> [i32; 2] {
+    [83, 98 + 75 * row]
 }
