@@ -29,7 +29,7 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path, show_maps: &mu
             let shown = light.map.as_ref().and_then(DomeMap::as_file).map(|map| map.path_from(folder));
             ui.horizontal(|ui| {
                 files[2] = file(ui, &light.name, shown, "sky.hdr");
-                ui.toggle_value(show_maps, "maps...").on_hover_text("maps of the folder, to choose from (Shift+M)");
+                ui.toggle_value(show_maps, "maps...").on_hover_text("maps of the folder, to choose from (Ctrl+7)");
             });
             ui.end_row();
         }

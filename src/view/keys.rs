@@ -146,7 +146,7 @@ pub const SECTIONS: &[Section] = &[
             once(&[(CTRL, Key::Num4)], Command::New(LightKind::Disk), "new disk light"),
             once(&[(CTRL, Key::Num5)], Command::New(LightKind::Rect), "new rectangle light"),
             once(&[(CTRL, Key::Num6)], Command::New(LightKind::Dome), "new dome"),
-            once(&[(Modifiers::SHIFT, Key::M)], Command::Maps, "maps for a dome"),
+            once(&[(CTRL, Key::Num7)], Command::Maps, "maps for a dome"),
             once(&[(CTRL, Key::D)], Command::Duplicate, "duplicate"),
             once(&[(NONE, Key::Delete)], Command::Delete, "delete"),
         ],

@@ -520,7 +520,7 @@ fn a_dome_takes_maps_of_its_folder_and_is_turned_by_its_ball() {
         Rig::load(&rig).unwrap().lights.remove(0)
     };
 
-    window.key("shift+m", "picture 1:1");
+    window.key("ctrl+7", "picture 1:1");
     let is_shown = || {
         let shot = window.screenshot();
         let [red, blue] = [0, 1].map(thumbnail).map(|[x, y]| shot.rgb[y as usize * shot.width + x as usize]);
