@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::rig_state::RigState;
-use crate::scene::{Light, LightGroup, LightKind, LightUnit, Links};
+use crate::scene::{DomeMap, Light, LightGroup, LightKind, LightUnit, Links};
 
 /// Describes a change: "key: +0.5 stop", "key and 2 more: moved 0.1 m", "group rim: off".
 pub fn change(before: &RigState, after: &RigState) -> String {
@@ -75,8 +75,11 @@ fn light_difference(before: &Arc<Light>, after: &Arc<Light>) -> String {
         parts.push(format!("turned {}°", rounded((after.rotation - before.rotation).to_degrees())));
     }
     if before.map != after.map {
-        let name = after.map.as_ref().and_then(|map| map.path().file_name());
-        parts.push(name.map_or("no map".into(), |name| format!("map {}", name.display())));
+        parts.push(match &after.map {
+            None => "no map".into(),
+            Some(DomeMap::File(map)) => format!("map {}", map.path().file_name().unwrap_or_default().display()),
+            Some(DomeMap::Physical(_)) => "physical sky".into(),
+        });
     }
     stops(&mut parts, before.stops, after.stops);
     if before.intensity != after.intensity {

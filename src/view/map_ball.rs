@@ -7,8 +7,7 @@ use rayon::prelude::*;
 use super::desk::Desk;
 use super::view_state::ViewState;
 use crate::relight::ToneMap;
-use crate::scene::light_filter::Attached;
-use crate::scene::{Light, LightKind, SkyMap};
+use crate::scene::{DomeMap, Light, LightKind};
 
 /// Diameter, pixels of its image and points of the window.
 const SIDE: usize = 96;
@@ -25,7 +24,7 @@ pub struct MapBall {
 /// All that a ball's image depends on, besides the camera, which does not move.
 #[derive(Clone, PartialEq)]
 struct Shown {
-    map: Option<Attached<SkyMap>>,
+    map: Option<DomeMap>,
     turns: f64,
     /// Factor on the map's radiance, with exposure.
     scale: Vec3,
@@ -128,7 +127,7 @@ mod tests {
         let at = |degrees: f64, world_from_camera: DMat3, [x, y]: [f32; 2]| {
             let light = Light {
                 kind: LightKind::Dome,
-                map: Some(map.clone()),
+                map: Some(DomeMap::File(map.clone())),
                 rotation: degrees.to_radians(),
                 ..Light::point("dome", DVec3::ZERO)
             };

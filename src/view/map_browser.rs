@@ -61,7 +61,7 @@ impl MapBrowser {
     /// else `folder`, that of the rig.
     pub fn show(&mut self, ui: &Ui, open: &mut bool, desk: &mut Desk, folder: &Path) {
         if *open && !self.is_open {
-            let map = desk.selected_light().and_then(|light| light.map.as_ref());
+            let map = desk.selected_light().and_then(|light| light.map.as_ref()?.as_file());
             let folder = map.and_then(|map| map.path().parent()).unwrap_or(folder);
             let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
             self.folder = folder.canonicalize().unwrap_or(folder.to_owned());
@@ -90,7 +90,7 @@ impl MapBrowser {
         if rows.is_empty() && !self.is_stale && !self.reader.is_busy() {
             ui.label("there are no maps in this folder");
         }
-        let current = desk.selected_light().and_then(|light| light.map.clone());
+        let current = desk.selected_light().and_then(|light| light.map.as_ref()?.as_file().cloned());
         let mut clicked = None;
         let area = ScrollArea::vertical().max_height(room).auto_shrink([false, true]);
         area.show_rows(ui, ROW.y, rows.len(), |ui, range| {
