@@ -55,7 +55,8 @@
 //! - [Enderton 2010] Enderton et al., Stochastic transparency, I3D.
 //! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
-//!   KHR_lights_punctual, EXT_lights_area (draft), EXT_lights_ies, KHR_materials_specular, KHR_materials_ior, ...
+//!   KHR_lights_punctual, EXT_lights_area (draft), EXT_lights_ies, EXT_lights_image_based, KHR_materials_specular,
+//!   KHR_materials_ior, ...
 //! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik 101.
 //! - [Grassmann 1985] Grassmann, Taksar, Heyman, Regenerative analysis and steady state distributions for Markov chains,
 //!   Operations Research 33(5).
@@ -85,6 +86,7 @@
 //! - [Lloyd 1982] Lloyd, Least squares quantization in PCM, IEEE Transactions on Information Theory 28(2).
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
 //! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
+//! - [OpenGL 4.6] The Khronos Group, The OpenGL Graphics System: A Specification, version 4.6, core profile, 2022.
 //! - [Poulin 1992] Poulin, Fournier, Lights from highlights and shadows, I3D.
 //! - [Preetham 1999] Preetham, Shirley, Smits, A practical analytic model for daylight, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.

@@ -10,11 +10,13 @@ use std::sync::{LazyLock, OnceLock};
 use glam::{DVec3, Vec3};
 use image::ImageReader;
 
+mod cube;
 mod dome_map;
 mod listing;
 mod parts;
 mod physical;
 
+pub use self::cube::CubeFace;
 pub use self::dome_map::DomeMap;
 pub use self::listing::maps_in;
 pub use self::parts::{SkyParts, Sun};

@@ -173,6 +173,13 @@ impl Image {
         };
         Ok(Self { width, height, texels, low })
     }
+
+    /// The texels as linear RGBA.
+    pub fn to_linear(self, encoding: Encoding) -> Vec<Vec4> {
+        let Self { width, height, texels, low } = self;
+        let (decode, level) = (Decode::of(encoding), Level { width, height, texels, low });
+        (0..width * height).map(|i| decode.texel(&level, i)).collect()
+    }
 }
 
 impl Texture {
