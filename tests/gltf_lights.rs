@@ -1,5 +1,5 @@
-//! `EXT_lights_area` and `EXT_lights_ies`: what other programs write is read, and rigs are written for other programs and
-//! read back.
+//! `EXT_lights_area`, `EXT_lights_ies` and `EXT_lights_image_based`: what other programs write is read, and rigs are
+//! written for other programs and read back.
 
 mod support;
 
@@ -355,4 +355,151 @@ fn other_scenes_keep_their_area_lights_and_profiles() {
     let back = Scene::load(&out).unwrap().rig;
     assert_eq!(back.lights.len(), 3);
     assert_eq!(back.lights[2].filter.ies.as_ref().unwrap().file, LAMP.as_bytes());
+}
+
+/// Faces of one colour each, RGBD; of +z, the upper left quarter of the image is white.
+fn faces() -> [Vec<u8>; 6] {
+    let colors =
+        [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 51], [255, 255, 0, 255], [255, 0, 255, 255], [0, 188, 255, 0]];
+    let mut index = 0;
+    colors.map(|color| {
+        let mut texels = [color; 64];
+        if index == 4 {
+            (0..4).for_each(|row| texels[8 * row..][..4].fill([255; 4]));
+        }
+        index += 1;
+        png(8, 8, &texels)
+    })
+}
+
+/// Colours of [`faces`]. A divisor of 0 counts as the smallest, 1 / 255.
+const RED: Vec3 = Vec3::new(1.0, 0.0, 0.0);
+const GREEN: Vec3 = Vec3::new(0.0, 1.0, 0.0);
+const BRIGHT_BLUE: Vec3 = Vec3::new(0.0, 0.0, 5.0);
+const YELLOW: Vec3 = Vec3::new(1.0, 1.0, 0.0);
+const PURPLE: Vec3 = Vec3::new(1.0, 0.0, 1.0);
+const BRIGHT_CYAN: Vec3 = Vec3::new(0.0, 0.502_886 * 255.0, 255.0);
+
+/// A scene with an environment of these faces.
+fn with_environment(change: impl FnOnce(&mut Value)) -> Gltf {
+    let mut gltf = Gltf::square();
+    change(gltf.environment(&faces()));
+    gltf
+}
+
+#[track_caller]
+fn assert_radiance(dome: &Light, from: [f64; 3], want: Vec3) {
+    let in_map = dome.turn().inverse() * DVec3::from(from).normalize();
+    let got = dome.sky().radiance(in_map.as_vec3());
+    assert!(got.distance(want) <= 1e-5 * want.length(), "from {from:?}: {got}, want {want}");
+}
+
+#[test]
+fn environments_of_other_programs_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut gltf = with_environment(|light| light["intensity"] = json!(2.5));
+    gltf.json["extensionsRequired"] = json!(["EXT_lights_image_based"]);
+    let rig = load(&gltf, folder.path());
+    let [dome] = &rig.lights[..] else { panic!("{:?}", rig.lights) };
+    assert_eq!((dome.name.as_str(), dome.kind, dome.intensity), ("environment", LightKind::Dome, 2.5));
+    assert_eq!((dome.color, dome.rotation, dome.visible), (Vec3::ONE, 0.0, false));
+    // +x of the cube is -x of the scene.
+    assert_radiance(dome, [-1.0, 0.0, 0.0], RED);
+    assert_radiance(dome, [1.0, 0.0, 0.0], GREEN);
+    assert_radiance(dome, [0.0, 1.0, 0.0], BRIGHT_BLUE);
+    assert_radiance(dome, [0.0, -1.0, 0.0], YELLOW);
+    assert_radiance(dome, [0.0, 0.0, -1.0], BRIGHT_CYAN);
+    // Upside down, the upper left of an image is the lower left as seen from the middle: towards +x.
+    assert_radiance(dome, [0.5, -0.5, 1.0], Vec3::ONE);
+    for other in [[0.5, 0.5, 1.0], [-0.5, 0.5, 1.0], [-0.5, -0.5, 1.0]] {
+        assert_radiance(dome, other, PURPLE);
+    }
+
+    // A rig names the map by the scene and the light's index.
+    let text = rig.to_toml(folder.path());
+    assert!(text.contains("map = \"scene.glb#0\""), "{text}");
+    assert_eq!(Rig::from_toml(&text, RigFiles::new(folder.path())).unwrap(), rig);
+    let wrong = text.replace("scene.glb#0", "scene.glb#7");
+    let reason = Rig::from_toml(&wrong, RigFiles::new(folder.path())).unwrap_err();
+    assert!(reason.contains("scene.glb") && reason.contains("image-based light 7"), "{reason}");
+    // Outside of a scene, nothing is meant by an index alone.
+    let wrong = text.replace("scene.glb#0", "#0");
+    assert!(Rig::from_toml(&wrong, RigFiles::new(folder.path())).is_err());
+}
+
+/// The rotation is one of the cube, whose +x is -x of the scene.
+#[test]
+fn environments_are_turned() {
+    let folder = tempfile::tempdir().unwrap();
+    let dome = |rotation: DQuat| {
+        let gltf = with_environment(|light| light["rotation"] = json!(rotation.to_array()));
+        load(&gltf, folder.path()).lights.remove(0)
+    };
+    let quarter = PI / 2.0;
+    let (about_x, about_y) = (DQuat::from_rotation_x(quarter), DQuat::from_rotation_y(quarter));
+    // About the vertical: +z of the cube becomes its +x. The map is as it was.
+    for rotation in [about_y, -about_y, about_y * 3.0] {
+        let turned = dome(rotation);
+        assert!((turned.rotation + quarter).abs() < 1e-12, "{}", turned.rotation);
+        assert_radiance(&turned, [-1.0, 0.5, -0.5], PURPLE);
+        assert_radiance(&turned, [0.0, 0.0, 1.0], GREEN);
+        assert_radiance(&turned, [0.0, 1.0, 0.0], BRIGHT_BLUE);
+        assert_radiance(&turned, [-1.0, -0.5, 0.5], Vec3::ONE);
+    }
+    // About x: +z of the cube becomes its -y, and +y its +z.
+    let tilted = dome(about_x);
+    assert_eq!(tilted.rotation, 0.0);
+    assert_radiance(&tilted, [-0.5, -1.0, 0.5], PURPLE);
+    assert_radiance(&tilted, [0.5, -1.0, -0.5], Vec3::ONE);
+    assert_radiance(&tilted, [0.0, 0.0, 1.0], BRIGHT_BLUE);
+    assert_radiance(&tilted, [-1.0, 0.0, 0.0], RED);
+    // First about x, then about the vertical, by which the dome is turned.
+    let both = dome(about_y * about_x);
+    assert!((both.rotation + quarter).abs() < 1e-12, "{}", both.rotation);
+    assert_radiance(&both, [-0.5, -1.0, -0.5], PURPLE);
+    assert_radiance(&both, [0.5, -1.0, 0.5], Vec3::ONE);
+    assert_radiance(&both, [-1.0, 0.0, 0.0], BRIGHT_BLUE);
+    assert_radiance(&both, [0.0, 0.0, -1.0], RED);
+    assert_radiance(&dome(DQuat::from_rotation_z(PI)), [1.0, 0.0, 0.0], RED);
+}
+
+/// The exact rig has the dome, and the file has its map: neither is read twice, nor lost if the file gets another name.
+#[test]
+fn environments_are_exported_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut gltf = with_environment(|light| light["name"] = json!("lamp"));
+    gltf.light(json!({"type": "point"}));
+    gltf.root(json!({"name": "lamp", "extensions": {"KHR_lights_punctual": {"light": 0}}}));
+    let source = Scene::load(&gltf.write(folder.path(), "source.glb")).unwrap().rig;
+    assert_eq!(source.lights.iter().map(|light| light.name.as_str()).collect::<Vec<_>>(), ["lamp", "lamp_2"]);
+    let mut edited = source.clone();
+    edited.lights[1] =
+        Light { name: "sky".into(), intensity: 3.0, rotation: 40f64.to_radians(), ..edited.lights[1].clone() };
+    edited.lights.push(Light { name: "grey".into(), map: None, ..edited.lights[1].clone() });
+    let without = Rig { lights: source.lights[..1].to_vec(), ..Rig::default() };
+    let elsewhere = tempfile::tempdir().unwrap();
+    for (rig, name) in [(&source, "out.glb"), (&edited, "out.glb"), (&edited, "out.gltf"), (&without, "out.glb")] {
+        export(&gltf, rig, folder.path(), name, |_| ());
+        let moved = elsewhere.path().join(format!("moved-{name}"));
+        std::fs::rename(folder.path().join(name), &moved).unwrap();
+        let back = Scene::load(&moved).unwrap().rig;
+        assert_eq!(back.lights.len(), rig.lights.len());
+        for (got, want) in back.lights.iter().zip(&rig.lights) {
+            assert_eq!(got.map.is_some(), want.map.is_some());
+            assert_eq!(Light { map: None, node: None, ..got.clone() }, Light { map: None, node: None, ..want.clone() });
+            if got.map.is_some() {
+                assert_radiance(&Light { rotation: 0.0, ..got.clone() }, [-1.0, 0.0, 0.0], RED);
+            }
+        }
+        assert!(rig.lights.len() == 1 || back.to_toml(elsewhere.path()).contains(&format!("map = \"moved-{name}#0\"")));
+    }
+    // Without the exact rig, the environment is that of the source.
+    let plain = export(&gltf, &edited, folder.path(), "out.gltf", without_exact_rig);
+    assert_eq!(plain.lights.iter().map(|light| light.kind).collect::<Vec<_>>(), [LightKind::Point, LightKind::Dome]);
+    // If another program has removed the map, the exact rig cannot be restored.
+    let removed = export(&gltf, &source, folder.path(), "out.gltf", |json| {
+        json["extensions"].as_object_mut().unwrap().remove("EXT_lights_image_based");
+        json["scenes"][0].as_object_mut().unwrap().remove("extensions");
+    });
+    assert_eq!(removed.lights.iter().map(|light| light.kind).collect::<Vec<_>>(), [LightKind::Point]);
 }

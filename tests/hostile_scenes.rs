@@ -75,7 +75,7 @@ fn full() -> Gltf {
     gltf
 }
 
-/// The same, with a rectangle and a point with an IES profile.
+/// The same, with a rectangle, a point with an IES profile, and an environment.
 fn full_of_lights() -> Gltf {
     let mut gltf = full();
     gltf.light_of("EXT_lights_area", json!({"type": "rect", "intensity": 5.0, "size": 2.0, "rect": {"aspect": 0.5}}));
@@ -84,6 +84,9 @@ fn full_of_lights() -> Gltf {
     gltf.light_of("EXT_lights_ies", json!({"bufferView": ies, "mimeType": "application/x-ies-lm-63"}));
     let ies = json!({"EXT_lights_ies": {"light": 0, "multiplier": 2.0, "color": [1.0, 0.5, 0.25]}});
     gltf.root(json!({"name": "downlight", "extensions": ies}));
+    let environment = gltf.environment(&[2, 2, 2, 2, 2, 2].map(|side| png(side, side, &[[1, 2, 3, 4]; 4])));
+    environment["rotation"] = json!([0.1, 0.2, 0.3, 0.9]);
+    environment["intensity"] = json!(2.0);
     gltf
 }
 
@@ -93,7 +96,7 @@ fn the_good_files_are_good() {
     let scene = Scene::load(&full().write(folder.path(), "good.glb")).unwrap();
     assert_eq!((scene.mesh.triangles.len(), scene.textures.len(), scene.rig.lights.len()), (2, 2, 1));
     let scene = Scene::load(&full_of_lights().write(folder.path(), "good.glb")).unwrap();
-    assert_eq!(scene.rig.lights.len(), 3);
+    assert_eq!(scene.rig.lights.len(), 4);
     write(folder.path(), "x.mtl", MTL.as_bytes());
     write(folder.path(), "x.png", &png(1, 1, &[[1, 2, 3, 4]]));
     let scene = Scene::load(&write(folder.path(), "x.obj", OBJ.as_bytes())).unwrap();
@@ -601,11 +604,65 @@ fn area_and_ies_lights() {
     let mut gltf = full_of_lights();
     gltf.json["extensions"]["EXT_lights_area"]["lights"][0]["intensity"] = json!(-5.0);
     gltf.json["nodes"][4]["extensions"]["EXT_lights_ies"]["multiplier"] = json!(-1.0);
+    gltf.json["extensions"]["EXT_lights_image_based"]["lights"][0]["intensity"] = json!(-1.0);
     let rig = Scene::load(&gltf.write(folder.path(), "dark.glb")).unwrap().rig;
-    assert_eq!(rig.lights[1..].iter().map(|light| light.intensity).collect::<Vec<_>>(), [0.0, 0.0]);
+    assert_eq!(rig.lights[1..].iter().map(|light| light.intensity).collect::<Vec<_>>(), [0.0; 3]);
     gltf.json["nodes"][3]["scale"] = json!([1, 1, 0]);
     gltf.json["nodes"][4]["scale"] = json!([0, 0, 0]);
-    assert_eq!(Scene::load(&gltf.write(folder.path(), "flat.glb")).unwrap().rig.lights.len(), 1);
+    assert_eq!(Scene::load(&gltf.write(folder.path(), "flat.glb")).unwrap().rig.lights.len(), 2);
+}
+
+#[test]
+fn environments() {
+    let refused = |says: &str, change: &dyn Fn(&mut Gltf)| {
+        let mut gltf = full_of_lights();
+        change(&mut gltf);
+        assert_bytes_refused("hostile.glb", &gltf.to_glb(), says);
+    };
+    let with = |key: &'static str, value: Value| {
+        move |g: &mut Gltf| g.json["extensions"]["EXT_lights_image_based"]["lights"][0][key] = value.clone()
+    };
+    let what = "image-based light 0";
+    refused("the scene names image-based light 7, there are 1", &|g| {
+        g.json["scenes"][0]["extensions"]["EXT_lights_image_based"]["light"] = 7.into();
+    });
+    refused(&format!("{what}: its intensity"), &with("intensity", json!(1e300)));
+    for rotation in [json!([0, 0, 0, 0]), json!([1e300, 0, 0, 1]), json!([1e-300, 0, 0, 0])] {
+        refused(&format!("{what}: its rotation is not a quaternion"), &with("rotation", rotation));
+    }
+    for (faces, count) in
+        [(json!([]), 0), (json!([[]]), 0), (json!([[1, 1, 1, 1, 1]]), 5), (json!([[1, 1, 1, 1, 1, 1, 1]]), 7)]
+    {
+        refused(
+            &format!("{what}: the first of its specularImages has {count} faces, not 6"),
+            &with("specularImages", faces),
+        );
+    }
+    refused(&format!("{what} names image 99, there are 7"), &with("specularImages", json!([[1, 1, 1, 1, 1, 99]])));
+    for wrong in [json!([[1, 1, 1, 1, 1, -1]]), json!([[1, 1, 1, 1, 1, null]]), json!([1, 1, 1, 1, 1, 1]), json!(3)] {
+        refused("is not the JSON of a glTF", &with("specularImages", wrong));
+    }
+    for wrong in [json!([0, 0, 1]), json!([0, 0, null, 1]), json!("east")] {
+        refused("is not the JSON of a glTF", &with("rotation", wrong));
+    }
+    for (width, height) in [(4, 2), (2, 4), (1, 1), (4, 4)] {
+        refused(&format!("{what}: image 3 has {width} x {height} texels, expected 2 x 2"), &|g| {
+            let view = g.view(&png(width, height, &vec![[1; 4]; (width * height) as usize]));
+            g.json["images"][3]["bufferView"] = view.into();
+        });
+    }
+    let image = |value: Value| move |g: &mut Gltf| g.json["images"][3] = value.clone();
+    refused("image 3 has neither a URI nor a buffer view", &image(json!({})));
+    refused("image 3: cannot read \"none.png\"", &image(json!({"uri": "none.png"})));
+    refused("image 3: URI \"../sky.png\" leads out", &image(json!({"uri": "../sky.png"})));
+    refused("image 3 cannot be decoded", &image(json!({"uri": "data:,PNG"})));
+    refused("image 3 is KTX2", &image(json!({"uri": "data:,%ABKTX%2020%BB%0D%0A%1A%0A"})));
+    // Only the shown scene counts.
+    let mut gltf = full_of_lights();
+    gltf.json["scenes"][0]["extensions"] = json!({});
+    with("specularImages", json!([[99]]))(&mut gltf);
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(Scene::load(&gltf.write(folder.path(), "unlit.glb")).unwrap().rig.lights.len(), 3);
 }
 
 #[test]

@@ -32,7 +32,7 @@ impl LightKind {
         !matches!(self, Self::Directional | Self::Dome | Self::Emitter)
     }
 
-    /// Whether glTF has lights of this kind, or some that are nearly alike.
+    /// Whether nodes of glTF have lights of this kind, or some that are nearly alike.
     pub fn is_in_gltf(self) -> bool {
         !matches!(self, Self::Dome | Self::Emitter)
     }

@@ -111,6 +111,20 @@ impl Gltf {
         lights.len() - 1
     }
 
+    /// Gives the scene an image-based light with six images as faces, +x first; returns the light's JSON to change.
+    pub fn environment(&mut self, faces: &[Vec<u8>; 6]) -> &mut Value {
+        let extension = "EXT_lights_image_based";
+        let faces = faces.each_ref().map(|file| {
+            let view = self.view(file);
+            self.push("images", json!({"bufferView": view, "mimeType": "image/png"}))
+        });
+        let black = [[0.0; 3]; 9];
+        let light = json!({"specularImages": [faces], "specularImageSize": 2, "irradianceCoefficients": black});
+        let index = self.light_of(extension, light);
+        self.json["scenes"][0]["extensions"][extension] = json!({ "light": index });
+        &mut self.json["extensions"][extension]["lights"][index]
+    }
+
     pub fn uses(&mut self, extension: &str) {
         self.push("extensionsUsed", extension.into());
     }

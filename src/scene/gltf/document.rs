@@ -16,7 +16,7 @@ use gltf::json::validation::Checked;
 use serde::Deserialize;
 
 use super::container::{Container, buffer_bytes};
-use super::light_entries::{AreaLightEntry, LightEntry, ProfileEntry, ProfileInstance};
+use super::light_entries::{AreaLightEntry, ImageLightEntry, LightEntry, ProfileEntry, ProfileInstance};
 use super::light_extension::LightExtension;
 use super::mend::mended;
 use crate::error::{Error, Result};
@@ -63,6 +63,14 @@ pub struct SceneRoots {
     #[serde(default)]
     pub nodes: Vec<usize>,
     pub extras: Option<serde_json::Value>,
+    #[serde(default)]
+    extensions: SceneExtensions,
+}
+
+#[derive(Deserialize, Default)]
+struct SceneExtensions {
+    #[serde(rename = "EXT_lights_image_based")]
+    image_light: Option<LightIndex>,
 }
 
 #[derive(Deserialize)]
@@ -125,6 +133,8 @@ struct RootExtensions {
     area_lights: Lights<AreaLightEntry>,
     #[serde(rename = "EXT_lights_ies", default)]
     profiles: Lights<ProfileEntry>,
+    #[serde(rename = "EXT_lights_image_based", default)]
+    image_lights: Lights<ImageLightEntry>,
 }
 
 #[derive(Deserialize)]
@@ -182,6 +192,7 @@ const MAX_BUFFER_BYTES: usize = 1 << 32;
 const SUPPORTED: &[&str] = &[
     "EXT_lights_area",
     "EXT_lights_ies",
+    "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -275,6 +286,10 @@ impl Document {
         &self.poses.extensions.profiles.lights
     }
 
+    pub fn image_lights(&self) -> &[ImageLightEntry] {
+        &self.poses.extensions.image_lights.lights
+    }
+
     /// Whether the file declares `extension`.
     pub fn uses(&self, extension: &str) -> bool {
         self.root.extensions_used.iter().chain(&self.root.extensions_required).any(|e| e == extension)
@@ -318,6 +333,13 @@ fn parsed(path: &Path, json: &[u8]) -> Result<(json::Root, Poses)> {
     let poses = serde_json::from_slice(json)
         .map_err(|e| Error::import_from(path, "is not the JSON of a glTF's nodes, cameras and lights", e))?;
     Ok((root, poses))
+}
+
+impl SceneRoots {
+    /// Index of the scene's light in `EXT_lights_image_based`.
+    pub fn image_light(&self) -> Option<usize> {
+        self.extensions.image_light.as_ref().map(|l| l.light)
+    }
 }
 
 impl Node {

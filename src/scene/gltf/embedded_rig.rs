@@ -2,7 +2,6 @@
 //! glTF cannot represent. It is used only while the file's lights agree with it.
 
 use std::collections::HashMap;
-use std::path::Path;
 
 use super::document::Document;
 use super::light_extension::LightExtension;
@@ -14,13 +13,14 @@ pub const KEY: &str = "relume_rig";
 /// Relative tolerance: rounding to single precision by another program.
 const NEAR: f64 = 1e-5;
 
-/// The rig of a file whose nodes contain `lights`.
+/// The rig of a file whose nodes and scene contain `lights`.
 pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
     let extras = document.poses.scenes.get(document.shown_scene()).and_then(|scene| scene.extras.as_ref());
     let loaded = Rig { lights, ..Rig::default() };
     let Some(text) = extras.and_then(|extras| extras.get(KEY)).and_then(|text| text.as_str()) else { return loaded };
     let path = document.path.display();
-    let files = RigFiles::confined(document.path.parent().unwrap_or(Path::new("")));
+    let sky_maps = loaded.lights.iter().filter_map(|light| light.map.as_ref()?.as_file().cloned());
+    let files = RigFiles::of_scene(&document.path, sky_maps);
     match Rig::from_toml(text, files) {
         Err(reason) => tracing::warn!("{path}: its exact rig is discarded: {reason}"),
         Ok(embedded) => match with_file_nodes(embedded, &loaded) {
@@ -34,11 +34,12 @@ pub fn rig(document: &Document, lights: Vec<Light>) -> Rig {
     loaded
 }
 
-/// `embedded` with the file's node indices, if its lights agree with the file's.
+/// `embedded` with the file's node indices, if its lights agree with those of the file's nodes.
 fn with_file_nodes(mut embedded: Rig, loaded: &Rig) -> Option<Rig> {
-    let by_name: HashMap<&str, &Light> = loaded.lights.iter().map(|light| (light.name.as_str(), light)).collect();
+    let at_nodes = loaded.lights.iter().filter(|light| light.kind.is_in_gltf());
+    let by_name: HashMap<&str, &Light> = at_nodes.map(|light| (light.name.as_str(), light)).collect();
     let in_gltf = |light: &&mut Light| light.kind.is_in_gltf();
-    if embedded.lights.iter_mut().filter(in_gltf).count() != loaded.lights.len() {
+    if embedded.lights.iter_mut().filter(in_gltf).count() != by_name.len() {
         return None;
     }
     for light in embedded.lights.iter_mut().filter(in_gltf) {

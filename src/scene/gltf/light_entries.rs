@@ -60,3 +60,16 @@ pub struct ProfileInstance {
     pub multiplier: Option<f64>,
     pub color: Option<[f32; 3]>,
 }
+
+/// `EXT_lights_image_based`. Its other fields follow from the images.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct ImageLightEntry {
+    pub name: Option<String>,
+    /// x, y, z, w.
+    pub rotation: Option<[f64; 4]>,
+    pub intensity: Option<f64>,
+    /// Indices of images: mip levels, finest first, with six faces each.
+    #[serde(default)]
+    pub specular_images: Vec<Vec<usize>>,
+}

@@ -1,5 +1,5 @@
-//! Lights and cameras, converted from nodes to world space. [`super::area_lights`] and [`super::profile_lights`] have the
-//! lights that are not in `KHR_lights_punctual`.
+//! Lights and cameras, converted from nodes to world space. [`super::area_lights`], [`super::profile_lights`] and
+//! [`super::image_lights`] have the lights that are not in `KHR_lights_punctual`.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -41,6 +41,9 @@ impl Document {
             tracing::warn!(
                 "{path}: {without_direction} lights at nodes of zero scale have no direction and are ignored"
             );
+        }
+        if let Some(light) = self.image_light()? {
+            lights.push(Light { name: names.claim(&light.name), ..light });
         }
         Ok(lights)
     }

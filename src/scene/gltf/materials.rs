@@ -94,12 +94,7 @@ impl<'a> Materials<'a> {
     pub fn finish(self) -> Result<(Vec<Material>, Vec<Texture>)> {
         let mut texels = TexelCount::default();
         for &(image, _) in &self.textures {
-            let (path, name) = (&self.document.path, self.document.image_name(image));
-            let file = self.document.image_file(image)?;
-            if file.starts_with(KTX2) {
-                return Err(self.document.error(format!("{name} {NO_KTX2}")));
-            }
-            texels.add(&file).map_err(|e| e.at(path, &name))?;
+            self.document.count_texels(image, &mut texels)?;
         }
         let decode = |&(image, encoding): &(usize, Encoding)| self.document.decode_image(image, encoding);
         let textures = self.textures.par_iter().map(decode).collect::<Result<_>>()?;
@@ -207,11 +202,24 @@ impl<'a> Materials<'a> {
 impl Document {
     fn decode_image(&self, index: usize, encoding: Encoding) -> Result<Texture> {
         let name = self.root.images[index].name.clone().unwrap_or_else(|| format!("image{index}"));
-        let image = Image::decode(&self.image_file(index)?).map_err(|e| self.undecodable(index, e))?;
-        Ok(Texture::of(name, image, encoding))
+        Ok(Texture::of(name, self.image(index)?, encoding))
     }
 
-    fn image_file(&self, index: usize) -> Result<Cow<'_, [u8]>> {
+    /// Adds an image to `texels`, or returns why it is refused.
+    pub fn count_texels(&self, index: usize, texels: &mut TexelCount) -> Result<()> {
+        let (file, name) = (self.image_file(index)?, self.image_name(index));
+        if file.starts_with(KTX2) {
+            return Err(self.error(format!("{name} {NO_KTX2}")));
+        }
+        texels.add(&file).map_err(|refusal| refusal.at(&self.path, &name))
+    }
+
+    pub fn image(&self, index: usize) -> Result<Image> {
+        let image = Image::decode(&self.image_file(index)?);
+        image.map_err(|e| Error::import_from(&self.path, format!("{} cannot be decoded", self.image_name(index)), e))
+    }
+
+    pub fn image_file(&self, index: usize) -> Result<Cow<'_, [u8]>> {
         let image = &self.root.images[index];
         let what = self.image_name(index);
         if image.mime_type.as_ref().is_some_and(|mime| mime.0 == "image/ktx2") {
@@ -233,12 +241,8 @@ impl Document {
         }
     }
 
-    fn undecodable(&self, index: usize, cause: image::ImageError) -> Error {
-        Error::import_from(&self.path, format!("{} cannot be decoded", self.image_name(index)), cause)
-    }
-
     /// `image 3 "bricks"`.
-    fn image_name(&self, index: usize) -> String {
+    pub fn image_name(&self, index: usize) -> String {
         match &self.root.images[index].name {
             Some(name) => format!("image {index} \"{name}\""),
             None => format!("image {index}"),

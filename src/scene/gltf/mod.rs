@@ -7,6 +7,7 @@ pub mod document;
 mod draco;
 pub mod embedded_rig;
 mod ignored_counts;
+pub mod image_lights;
 mod instances;
 mod light_entries;
 pub mod light_extension;

@@ -12,7 +12,7 @@ use super::gltf::container::{Container, MAGIC};
 use super::gltf::document::Document;
 use super::gltf::embedded_rig;
 use super::gltf::light_extension::LightExtension;
-use super::{Light, LightFilter, Links, Rig, Scene};
+use super::{DomeMap, Light, LightFilter, Links, Rig, Scene};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -22,8 +22,8 @@ use crate::storage::file;
 /// A light with a source node returns to it, in the space of the node's parent; others get new nodes. Groups, stops,
 /// switches and solo are folded into intensity and colour. Rectangles and disks are written as `EXT_lights_area`, points
 /// with a profile as `EXT_lights_ies`, all others as `KHR_lights_punctual`. Other sizes and filters, `shadows` and links
-/// have no counterpart in glTF. The exact rig is stored too, except camera and snapshots: relume restores it unless the
-/// file's lights have been edited since.
+/// have no counterpart in glTF; an `EXT_lights_image_based` of the file is kept as it is. The exact rig is stored too,
+/// except camera and snapshots: relume restores it unless the lights of the file's nodes have been edited since.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
@@ -85,14 +85,16 @@ fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &P
                 tracing::warn!("a file of \"{name}\" lies outside the folder of the scene and is not restored");
                 light.filter = within;
             }
-            light.map = light.map.take().filter(|map| {
-                let is_within = map.as_file().is_none_or(|map| map.is_within(folder));
-                if !is_within {
-                    let name = &light.name;
-                    tracing::warn!("the map of \"{name}\" lies outside the folder of the scene and is not restored");
+            if let Some(DomeMap::File(map)) = light.map.take_if(|map| map.as_file().is_some()) {
+                let map = map.in_scene(&document.path);
+                match map.is_within(folder) {
+                    true => light.map = Some(DomeMap::File(map)),
+                    false => tracing::warn!(
+                        "the map of \"{}\" lies outside the folder of the scene and is not restored",
+                        light.name
+                    ),
                 }
-                is_within
-            });
+            }
         }
         json::object(scene, "extras").insert(embedded_rig::KEY.into(), rig.to_toml(folder).into());
     }

@@ -1,6 +1,7 @@
 //! Files that a rig refers to: IES profiles and images.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::ops::Deref;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
@@ -9,6 +10,7 @@ use super::Profile;
 use crate::error::{Error, Result};
 use crate::scene::SkyMap;
 use crate::scene::files;
+use crate::scene::gltf::image_lights::read_sky_map;
 use crate::scene::gltf::profile_files::{file_and_index, path_in_file, read_profile};
 use crate::scene::texture::{Encoding, Image, TexelCount, Texture};
 
@@ -51,6 +53,16 @@ impl<T> Attached<T> {
         let up = folder.components().skip(common).map(|_| Component::ParentDir);
         up.chain(self.path.components().skip(common)).collect()
     }
+
+    /// As the rig in the glTF file `scene` names it: `#0`, if the file is the first of those in `scene` itself.
+    pub fn in_scene(self, scene: &Path) -> Self {
+        let own = self.path.to_str().and_then(file_and_index);
+        let own = own.filter(|(file, _)| scene.canonicalize().is_ok_and(|scene| scene == Path::new(file)));
+        match own {
+            Some((_, index)) => Self { path: path_in_file(Path::new(""), index), ..self },
+            None => self,
+        }
+    }
 }
 
 impl<T> Clone for Attached<T> {
@@ -83,8 +95,8 @@ impl<T> Deref for Attached<T> {
 /// Reads the files of one rig, each once.
 pub struct RigFiles<'a> {
     folder: &'a Path,
-    /// Whether files outside the folder are refused: the rig came with a scene, which is untrusted.
-    confined: bool,
+    /// The glTF file that contains the rig. It is untrusted, so files outside the folder are refused.
+    scene: Option<&'a Path>,
     profiles: HashMap<PathBuf, Attached<Profile>>,
     images: HashMap<PathBuf, Attached<Texture>>,
     sky_maps: HashMap<PathBuf, Attached<SkyMap>>,
@@ -96,17 +108,18 @@ const MAX_SIDE: usize = 2048;
 impl<'a> RigFiles<'a> {
     /// Paths are relative to `folder`.
     pub fn new(folder: &'a Path) -> Self {
-        Self { folder, confined: false, profiles: HashMap::new(), images: HashMap::new(), sky_maps: HashMap::new() }
+        Self { folder, scene: None, profiles: HashMap::new(), images: HashMap::new(), sky_maps: HashMap::new() }
     }
 
-    /// Files in `folder` or below, and no others.
-    pub fn confined(folder: &'a Path) -> Self {
-        Self { confined: true, ..Self::new(folder) }
+    /// The files of the rig in the glTF file `scene`: those in its folder or below, and no others. `sky_maps` are known.
+    pub fn of_scene(scene: &'a Path, sky_maps: impl Iterator<Item = Attached<SkyMap>>) -> Self {
+        let sky_maps = sky_maps.map(|map| (map.path.clone(), map)).collect();
+        Self { scene: Some(scene), sky_maps, ..Self::new(scene.parent().unwrap_or(Path::new(""))) }
     }
 
     fn find(&self, name: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
-        if self.confined {
+        if self.scene.is_some() {
             let inside = files::inside(name).map_err(|reason| Error::import(&path, reason))?;
             files::below(self.folder, &self.folder.join(inside))?;
         }
@@ -127,10 +140,20 @@ impl<'a> RigFiles<'a> {
         }
     }
 
-    /// Reads an environment map: EXR, Radiance, PNG, JPEG or WebP.
+    /// Reads an environment map: EXR, Radiance, PNG, JPEG or WebP, or `scene.glb#0` for the first of
+    /// `EXT_lights_image_based` in a glTF file. In the rig of a scene, `#0` is that of the scene itself.
     pub fn sky_map(&mut self, name: &str) -> Result<Attached<SkyMap>> {
-        let path = self.find(name)?;
-        attach(&mut self.sky_maps, &path, || files::read(&path), |bytes| SkyMap::read(&path, bytes))
+        let scene = self.scene.filter(|_| name.starts_with('#')).and_then(|scene| scene.file_name()?.to_str());
+        let name = &format!("{}{name}", scene.unwrap_or_default());
+        let in_gltf = file_and_index(name).filter(|_| !self.folder.join(name).exists());
+        let path = self.find(in_gltf.map_or(name, |(file, _)| file))?;
+        let Some((_, index)) = in_gltf else {
+            return attach(&mut self.sky_maps, &path, || files::read(&path), |bytes| SkyMap::read(&path, bytes));
+        };
+        match self.sky_maps.entry(path_in_file(&path, index)) {
+            Entry::Occupied(known) => Ok(known.get().clone()),
+            Entry::Vacant(new) => Ok(new.insert(read_sky_map(&path, index)?).clone()),
+        }
     }
 
     /// Reads an image: PNG, JPEG or WebP; sRGB.
