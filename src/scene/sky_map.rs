@@ -185,17 +185,22 @@ impl Texels {
         0.25 * (0..4).map(|i| f64::from(luminance(corner(i).to_array()))).sum::<f64>()
     }
 
-    /// Means of blocks of two by two. A last column or row without a partner is a block of its own.
+    /// Means of blocks of two by two, by solid angle. A last column or row without a partner is a block of its own.
     fn halved(&self) -> Self {
         let Self { width, height, values } = self;
-        let at = |x: usize, y: usize| values[y.min(height - 1) * width + x.min(width - 1)];
-        let mean = |x: usize, y: usize| {
-            (at(2 * x, 2 * y) + at(2 * x + 1, 2 * y) + at(2 * x, 2 * y + 1) + at(2 * x + 1, 2 * y + 1)) / 4.0
-        };
         let halves = [*width, *height].map(|side| side.div_ceil(2));
-        let values =
-            (0..halves[1]).flat_map(|y| (0..halves[0]).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
-        Self { width: halves[0], height: halves[1], values }
+        let row = |y: usize| {
+            let rows = [2 * y, 2 * y + 1].map(|y| y.min(height - 1));
+            let [upper, lower] = rows.map(|y| row_solid_angle(y, *height));
+            let share_of_upper = (upper / (upper + lower)) as f32;
+            let [upper, lower] = rows.map(|y| &values[y * width..][..*width]);
+            (0..halves[0]).map(move |x| {
+                let [left, right] = [2 * x, (2 * x + 1).min(width - 1)];
+                let [upper, lower] = [upper, lower].map(|row| (row[left] + row[right]) / 2.0);
+                lower.lerp(upper, share_of_upper)
+            })
+        };
+        Self { width: halves[0], height: halves[1], values: (0..halves[1]).flat_map(row).collect() }
     }
 
     /// At a place in units of texels.
@@ -314,6 +319,20 @@ mod tests {
         let mut texels = [Vec3::new(f32::NAN, -1.0, 2.0), Vec3::new(f32::INFINITY, f32::NEG_INFINITY, 0.0), Vec3::ONE];
         assert_eq!(clean(&mut texels), 2);
         assert_eq!(texels, [Vec3::new(0.0, 0.0, 2.0), Vec3::new(OVERFLOWED, 0.0, 0.0), Vec3::ONE]);
+    }
+
+    /// Rows at the poles are small.
+    #[test]
+    fn halved_maps_have_all_the_light() {
+        for bright in [0, 1, 2, 3, 15] {
+            let values = (0..32 * 16).map(|i| Vec3::splat(if i / 32 == bright { 1.0 } else { 0.0 })).collect();
+            let whole = Texels { width: 32, height: 16, values };
+            let [light, of_half] = [&whole, &whole.halved()].map(|texels| {
+                let of_texel = |i: usize| f64::from(texels.values[i].x) * texels.solid_angle(i);
+                (0..texels.values.len()).map(of_texel).sum::<f64>()
+            });
+            assert!((of_half / light - 1.0).abs() < 1e-6, "row {bright}: {of_half}, want {light}");
+        }
     }
 
     #[test]

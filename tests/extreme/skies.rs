@@ -14,6 +14,9 @@ use crate::lights::{Relit, largest, negative};
 use crate::table::{Row, check, full};
 
 const ALBEDO: f64 = 0.5;
+const ONE_DIRECTION: &str = "while the dome turns, a sun is one direction, here in the plane of the floor";
+const AT_THE_POLE: &str =
+    "at the pole, interpolation adds a twelfth to the light of the first row, which suns do not have";
 
 /// A floor alone, seen from above.
 fn floor() -> (Scene, Camera) {
@@ -96,7 +99,12 @@ fn skies() {
             let pixels = relighter.linear(Request { detail, ..Request::default() }).unwrap().to_vec();
             let sum: DVec3 = pixels.iter().map(|p| Vec3::from(*p).as_dvec3()).sum();
             let off = (sum / pixels.len() as f64 / want - 1.0).abs().max_element() + negative(&pixels);
-            rows.push(Row::new(case, format!("irradiance of a floor, {when}"), bound, off));
+            let row = Row::new(case, format!("irradiance of a floor, {when}"), bound, off);
+            rows.push(match (case, detail) {
+                ("a sun of 1e6 cd/m² at the horizon", Detail::Progressive) => row.short(ONE_DIRECTION),
+                ("a day, its sun at the zenith", Detail::Progressive) => row.short(AT_THE_POLE),
+                _ => row,
+            });
         }
     }
     let closed = self::relit(closed_room());
