@@ -84,7 +84,7 @@ const PIXELS_A_TASK: usize = 256;
 const MAX_VALUE: f64 = 1e30;
 
 impl LightSights {
-    /// Follows the eye paths of a baked view as far as `rig` needs it; `None` if its lights have no size or cannot be seen.
+    /// Follows the eye paths of a baked view as far as `rig` needs it; `None` if its lights have no size.
     pub fn find(
         context: &Arc<Context>,
         scene: &TracedScene,
@@ -113,9 +113,6 @@ impl LightSights {
         pixels.extend(skies.iter().map(|(pixel, _)| *pixel));
         pixels.sort_unstable();
         pixels.dedup();
-        if pixels.is_empty() {
-            return Ok(None);
-        }
         let values = || Buffer::new(context, "seen lights", Access::HostWrites, pixels.len());
         Ok(Some(Self {
             segments: ByPixel::new(&pixels, all),
@@ -233,6 +230,10 @@ impl Look<'_> {
 
     /// Light that a view sample reflects from the drawn directions.
     fn in_lobe(&self, index: usize) -> DVec3 {
+        let (drawn, of) = drawn_directions(self.points);
+        if drawn.is_empty() {
+            return DVec3::ZERO;
+        }
         let sample = &self.framebuffer.samples[index];
         let [normal, wo] = [sample.normal, sample.wo].map(|v| decode(v).as_dvec3().normalize());
         let brdf: &Brdf = &self.framebuffer.brdfs[sample.brdf as usize];
@@ -241,7 +242,6 @@ impl Look<'_> {
         let offset = self.light.scene.bvh.shadow_offset(0.0);
         let triangle = self.triangles.map_or(0, |triangles| triangles[index]);
         let [shift_u, shift_v, ..] = Points::new(0, index as u64).at(0, 0);
-        let (drawn, of) = drawn_directions(self.points);
         let count = f64::from(drawn.end - drawn.start);
         let points_per_direction = 1.0 / f64::from(directions_per_point(self.points));
         let mut sum = DVec3::ZERO;

@@ -95,7 +95,8 @@ impl SkyMap {
             _ => (CELLS / texels.width).min(CELLS / texels.height).max(1),
         };
         let size = [texels.width, texels.height].map(|side| side * cells_a_side);
-        let weight = |x, y| texels.brightness([x, y], cells_a_side) * row_solid_angle(y, size[1]);
+        let solid_angles: Vec<f64> = (0..size[1]).map(|y| row_solid_angle(y, size[1])).collect();
+        let weight = |x, y: usize| texels.brightness([x, y], cells_a_side) * solid_angles[y];
         let distribution = GridDistribution::new(size, weight);
         Self { texels, distribution, parts: OnceLock::new(), coarse: OnceLock::new() }
     }
@@ -203,15 +204,18 @@ impl Texels {
         Self { width: halves[0], height: halves[1], values: (0..halves[1]).flat_map(row).collect() }
     }
 
-    /// At a place in units of texels.
+    /// At a place in units of texels; x wraps around.
     fn interpolated(&self, x: f32, y: f32) -> Vec3 {
-        let (x, y) = (x - 0.5, y - 0.5);
+        let (x, y, width) = (x - 0.5, y - 0.5, self.width as f32);
+        let x = x - (x / width).floor() * width;
+        let x = if x < width { x } else { 0.0 }; // after rounding
         let ([x0, y0], [fx, fy]) = ([x.floor(), y.floor()], [x - x.floor(), y - y.floor()]);
-        let column = |x: f32| (x as i64).rem_euclid(self.width as i64) as usize;
+        let left = x0 as usize;
+        let right = if left + 1 < self.width { left + 1 } else { 0 };
         let row = |y: f32| (y.max(0.0) as usize).min(self.height - 1);
         let along = |y: f32| {
             let texels = &self.values[row(y) * self.width..][..self.width];
-            texels[column(x0)].lerp(texels[column(x0 + 1.0)], fx)
+            texels[left].lerp(texels[right], fx)
         };
         along(y0).lerp(along(y0 + 1.0), fy)
     }

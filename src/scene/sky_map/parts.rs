@@ -97,7 +97,9 @@ impl Texels {
     fn take_sun(&mut self) -> Option<Sun> {
         let brightness = |value: &Vec3| f64::from(luminance(value.to_array()));
         let flux = |(i, value): (usize, &Vec3)| brightness(value) * self.solid_angle(i);
-        let all: f64 = self.values.iter().enumerate().map(flux).sum();
+        let of_row =
+            |(y, row): (usize, &[Vec3])| row.iter().map(brightness).sum::<f64>() * self.solid_angle(y * self.width);
+        let all: f64 = self.values.chunks(self.width).enumerate().map(of_row).sum();
         let brightest = |a: &usize, b: &usize| brightness(&self.values[*a]).total_cmp(&brightness(&self.values[*b]));
         let brightest = self.direction((0..self.values.len()).max_by(brightest)?);
         // Of a spot of several texels, some at its edge may be as bright.
