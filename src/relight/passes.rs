@@ -347,8 +347,8 @@ impl FrameResources<'_> {
 
     /// No light in an image and on extra samples.
     fn darken(&self, frame: &mut Frame, target: &LightTarget) {
-        self.sum_into(frame, target.image, self.framebuffer.pixel_stride() as u32, &[], 0.0);
-        self.sum_into(frame, target.extras, self.extra_stride(), &[], 0.0);
+        self.sum_into(frame, "shade light", target.image, self.framebuffer.pixel_stride() as u32, &[], 0.0);
+        self.sum_into(frame, "shade light", target.extras, self.extra_stride(), &[], 0.0);
     }
 
     /// Direct light of a light with interleaved points on all view samples.
@@ -433,7 +433,7 @@ impl FrameResources<'_> {
 
     /// Sums images into one.
     pub fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], kept: f32) {
-        self.sum_into(frame, self.image(target), self.framebuffer.pixel_stride() as u32, terms, kept);
+        self.sum_into(frame, "sum lights", self.image(target), self.framebuffer.pixel_stride() as u32, terms, kept);
         if let Some(finite_check) = self.finite_check {
             let pixel_stride = self.framebuffer.pixel_stride() as u32;
             finite_check.planes(frame, CheckedPass::SumLights, self.image(target), pixel_stride, pixel_stride);
@@ -441,8 +441,16 @@ impl FrameResources<'_> {
     }
 
     /// `stride`: floats of each of the three planes of `sum`.
-    fn sum_into<T: Glsl>(&self, frame: &mut Frame, sum: &Buffer<T>, stride: u32, terms: &[Term], kept: f32) {
-        let mut pass = frame.pass("sum lights");
+    fn sum_into<T: Glsl>(
+        &self,
+        frame: &mut Frame,
+        name: &'static str,
+        sum: &Buffer<T>,
+        stride: u32,
+        terms: &[Term],
+        kept: f32,
+    ) {
+        let mut pass = frame.pass(name);
         let push = SumImagesPush {
             term_count: terms.len() as u32,
             terms: self.read_terms(&mut pass, terms),
