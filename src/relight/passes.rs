@@ -345,7 +345,7 @@ impl FrameResources<'_> {
         self.count(frame, CheckedPass::ShadeLight, target);
     }
 
-    /// No light in an image and on extra samples.
+    /// No light in an image and on extra samples. It takes the place of shading, and its name.
     fn darken(&self, frame: &mut Frame, target: &LightTarget) {
         self.sum_into(frame, "shade light", target.image, self.framebuffer.pixel_stride() as u32, &[], 0.0);
         self.sum_into(frame, "shade light", target.extras, self.extra_stride(), &[], 0.0);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::desk::Desk;
 use super::view_state::ViewState;
 use crate::relight::ToneMap;
-use crate::scene::{DomeMap, Light, LightKind};
+use crate::scene::{DomeMap, Light, LightKind, SkyMap};
 
 /// Diameter, pixels of its image and points of the window.
 const SIDE: usize = 96;
@@ -78,7 +78,7 @@ fn pixels(light: &Light, shown: &Shown, world_from_camera: DMat3) -> Vec<Color32
         if cover == 0.0 {
             return Color32::TRANSPARENT;
         }
-        let radiance = light.sky().blurred(map_from_camera * reflected(x, y));
+        let radiance = light.sky().blurred_at(SkyMap::place(map_from_camera * reflected(x, y)));
         let [r, g, b] = shown.tone_map.display(radiance * shown.scale);
         Color32::from_rgba_unmultiplied(r, g, b, (255.0 * cover).round() as u8)
     };

@@ -105,7 +105,7 @@ fn read(path: &Path, keeps: bool) -> Result<ReadMap, String> {
 fn thumbnail(map: &SkyMap) -> ColorImage {
     let [width, height] = THUMBNAIL;
     let share = |i: usize, of: usize| (i as f32 + 0.5) / of as f32;
-    let radiance = |i: usize| map.blurred(SkyMap::direction_at([share(i % width, width), share(i / width, height)]));
+    let radiance = |i: usize| map.blurred_at([share(i % width, width), share(i / width, height)]);
     let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| radiance(i).to_array()).collect();
     let exposure = exposure::automatic(&pixels).exp2();
     let color = |pixel: &[f32; 3]| {
