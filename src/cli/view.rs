@@ -1,6 +1,7 @@
 //! `relume view`
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use relume::gpu::{Validation, Vsync};
@@ -76,13 +77,13 @@ pub fn run(args: &Args) -> Result<()> {
         let session = Session::open_direct(&path, rig.as_deref(), &settings, loader)?;
         let Session { scene, framebuffer, rig, transfers, .. } = session;
         loader.show(Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig });
-        match transfers {
-            Some(transfers) => {
-                let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
-                transfers.refine(seen, loader, |transfer| loader.show_transfer(transfer.with_coarse()))
-            }
-            None => Ok(()),
+        let Some(transfers) = transfers else { return Ok(()) };
+        let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
+        let transfer = transfers.refine(seen, loader, |transfer| loader.show_transfer(transfer))?;
+        if transfers.lacks_sky() && loader.wait_for_dome() {
+            loader.show_transfer(Arc::new(transfers.add_sky(&transfer, seen, loader)?));
         }
+        Ok(())
     })?;
     let figures = || json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report });
     args.files.write(figures, || stats::trace_frames(&report.trace))

@@ -25,6 +25,7 @@ pub use self::survey::{CountedIn, FramebufferCounts, Survey};
 pub use self::target::Target;
 
 use self::memory::check_memory;
+use self::plan::Prepared;
 use self::progress::{advance, until_cancelled};
 use crate::bake::baselines::thesis::ThesisSettings;
 use crate::bake::compression::validation::ValidationError;
@@ -156,11 +157,21 @@ impl Transfers {
         cache::load_sky(self.dir.as_deref()?, &self.sky_key(lobe), framebuffer)
     }
 
-    /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that. Bakes on threads
-    /// of its own, so that lights can be edited meanwhile.
-    pub fn refine(&self, seen: BakeInput, progress: &dyn Progress, show: impl Fn(Transfer) + Sync) -> Result<()> {
+    /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that, which it also
+    /// returns. Bakes on threads of its own, so that lights can be edited meanwhile.
+    pub fn refine(
+        &self,
+        seen: BakeInput,
+        progress: &dyn Progress,
+        show: impl Fn(Arc<Transfer>) + Sync,
+    ) -> Result<Arc<Transfer>> {
         let mut report = BakeReport::default();
         let is_stored = self.is_stored(Lobe::All);
+        let show = |transfer: Transfer| {
+            let transfer = Arc::new(transfer.with_coarse());
+            show(transfer.clone());
+            transfer
+        };
         until_cancelled(|| {
             low_priority(|| {
                 if let Some(coarse) = self.plan.coarse().filter(|_| !is_stored) {
@@ -174,11 +185,32 @@ impl Transfers {
                     };
                     show(self.forced(coarse));
                 }
-                let first = |transfer: &Transfer| show(transfer.clone());
-                show(self.get(seen, Lobe::All, &first, &mut report, progress)?);
-                Ok(())
+                let first = |transfer: &Transfer| {
+                    show(transfer.clone());
+                };
+                Ok(show(self.get(seen, Lobe::All, &first, &mut report, progress)?))
             })
         })
+    }
+
+    /// Whether the transfer could have light of the sky, which it has not because there was no dome.
+    pub fn lacks_sky(&self) -> bool {
+        !self.sky && self.plan.has_sky()
+    }
+
+    /// Adds light of the sky, from the cache or baked as by [`Transfers::refine`].
+    pub fn add_sky(&self, transfer: &Transfer, seen: BakeInput, progress: &dyn Progress) -> Result<Transfer> {
+        let mut report = BakeReport::default();
+        let lobe = Lobe::All;
+        let bake = |report: &mut BakeReport| {
+            let prepared = self.plan.prepare(seen, report, progress);
+            self.bake_sky(&prepared, seen, lobe, report, progress)
+        };
+        let sky = match self.stored_sky(seen.framebuffer, lobe) {
+            Some(sky) => sky,
+            None => until_cancelled(|| low_priority(|| bake(&mut report)))?,
+        };
+        Ok(Transfer { sky: Some(sky), ..transfer.clone() })
     }
 
     /// Whether light of the sky is part of the transfer.
@@ -205,22 +237,13 @@ impl Transfers {
             stored => stored,
         };
         let prepared = self.plan.prepare(seen, report, progress);
-        let journal = |key: &cache::Key| self.dir.as_ref().map(|dir| cache::journal(dir, key));
-        let keep = |report: &mut BakeReport, store: &dyn Fn(&Path) -> Result<()>| {
-            if let Some(dir) = &self.dir
-                && let Err(error) = report.stage("write cache", || store(dir))
-            {
-                tracing::info!("not stored in the cache: {error}"); // a read-only cache works
-                report.not_stored = Some(error);
-            }
-        };
-        let name = seen.scene.name();
         let transfer = match stored {
             Some(transfer) => transfer,
             None => {
                 let key = self.key(lobe);
-                let made = prepared.bake(lobe, journal(&key).as_deref(), report, progress)?;
-                keep(report, &|dir| cache::store_transfer(dir, &key, &name, framebuffer, &made));
+                let made = prepared.bake(lobe, self.journal(&key).as_deref(), report, progress)?;
+                let name = seen.scene.name();
+                self.keep(report, |dir| cache::store_transfer(dir, &key, &name, framebuffer, &made));
                 self.forced(made)
             }
         };
@@ -231,13 +254,39 @@ impl Transfers {
             Some(sky) => sky,
             None => {
                 first(&transfer);
-                let key = self.sky_key(lobe);
-                let made = prepared.bake_sky(lobe, journal(&key).as_deref(), report, progress)?;
-                keep(report, &|dir| cache::store_sky(dir, &key, &name, framebuffer, &made));
-                made
+                self.bake_sky(&prepared, seen, lobe, report, progress)?
             }
         };
         Ok(Transfer { sky: Some(sky), ..transfer })
+    }
+
+    /// Bakes light of the sky and keeps it in the cache.
+    fn bake_sky(
+        &self,
+        prepared: &Prepared,
+        BakeInput { scene, framebuffer }: BakeInput,
+        lobe: Lobe,
+        report: &mut BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<SkyTransfer> {
+        let key = self.sky_key(lobe);
+        let made = prepared.bake_sky(lobe, self.journal(&key).as_deref(), report, progress)?;
+        self.keep(report, |dir| cache::store_sky(dir, &key, &scene.name(), framebuffer, &made));
+        Ok(made)
+    }
+
+    fn journal(&self, key: &cache::Key) -> Option<PathBuf> {
+        self.dir.as_ref().map(|dir| cache::journal(dir, key))
+    }
+
+    /// Writes something to the cache. An error is only reported: a read-only cache works.
+    fn keep(&self, report: &mut BakeReport, store: impl FnOnce(&Path) -> Result<()>) {
+        if let Some(dir) = &self.dir
+            && let Err(error) = report.stage("write cache", || store(dir))
+        {
+            tracing::info!("not stored in the cache: {error}");
+            report.not_stored = Some(error);
+        }
     }
 }
 

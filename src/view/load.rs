@@ -1,6 +1,7 @@
 //! Messages from the loading thread to the window: scenes, indirect light and progress.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -25,7 +26,7 @@ pub enum LoadEvent {
     EdgesRefined(Box<EdgeRefinement>),
     /// The thread that reads environment maps has done a job.
     Maps(Box<Answer>),
-    /// The loading thread has ended, with success or with an error.
+    /// The loading thread has nothing to do any more, or failed.
     Ended(Result<()>),
 }
 
@@ -34,6 +35,8 @@ pub struct Loader {
     proxy: EventLoopProxy<LoadEvent>,
     state: Mutex<State>,
     window_is_gone: AtomicBool,
+    /// Receives once the rig has a dome; ends with the window.
+    domes: Mutex<Receiver<()>>,
 }
 
 struct State {
@@ -47,12 +50,16 @@ struct State {
 const INTERVAL: Duration = Duration::from_millis(100);
 
 impl Loader {
-    pub(super) fn new(proxy: EventLoopProxy<LoadEvent>) -> Self {
-        Self {
+    /// Returns a loader, and what tells it that the rig has a dome.
+    pub(super) fn new(proxy: EventLoopProxy<LoadEvent>) -> (Self, Sender<()>) {
+        let (sender, domes) = channel();
+        let loader = Self {
             proxy,
             state: Mutex::new(State { what: "", total: 0, done: 0, last_sent: None }),
             window_is_gone: AtomicBool::new(false),
-        }
+            domes: Mutex::new(domes),
+        };
+        (loader, sender)
     }
 
     /// Sends the scene to the window, which shows it.
@@ -61,8 +68,14 @@ impl Loader {
     }
 
     /// Sends indirect light to the window; it replaces the previous one.
-    pub fn show_transfer(&self, transfer: Transfer) {
-        self.send(LoadEvent::Transfer(Arc::new(transfer)));
+    pub fn show_transfer(&self, transfer: Arc<Transfer>) {
+        self.send(LoadEvent::Transfer(transfer));
+    }
+
+    /// Waits until the rig has a dome. Returns whether it has one, and not the window is gone.
+    pub fn wait_for_dome(&self) -> bool {
+        self.end(Ok(()));
+        self.domes.lock().expect("no thread panics while it holds this lock").recv().is_ok()
     }
 
     pub(super) fn end(&self, outcome: Result<()>) {

@@ -1,5 +1,6 @@
 //! The event loop: pending events become one edit, and one edit becomes one frame.
 
+use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use egui::{Event, ViewportId};
@@ -30,8 +31,8 @@ use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 pub fn run(settings: ViewSettings, load: impl FnOnce(&Loader) -> Result<()> + Send + 'static) -> Result<ViewReport> {
     let no_window = |source: Cause| Error::NoWindow { source };
     let event_loop = EventLoop::<LoadEvent>::with_user_event().build().map_err(|e| no_window(e.into()))?;
-    let loader = Loader::new(event_loop.create_proxy());
-    let mut app = App::new(settings, event_loop.create_proxy());
+    let (loader, first_dome) = Loader::new(event_loop.create_proxy());
+    let mut app = App::new(settings, event_loop.create_proxy(), first_dome);
     // Not joined, so that closing the window does not wait for a long bake.
     std::thread::spawn(move || loader.end(load(&loader)));
     event_loop.run_app(&mut app).map_err(|e| no_window(e.into()))?;
@@ -49,6 +50,8 @@ struct App {
     graphics: Option<Graphics>,
     /// Current step of the loading thread, and its progress from 0 to 1.
     loading: Option<(&'static str, f32)>,
+    /// Tells the loading thread that the rig has a dome; `None` once it was told.
+    first_dome: Option<Sender<()>>,
     input: InputState,
     /// Time of the first event that no frame has shown yet.
     pending: Option<Instant>,
@@ -85,7 +88,7 @@ const IDLE_UI_DELAY: Duration = Duration::from_millis(40);
 const IDLE_DELAY: Duration = Duration::from_millis(150);
 
 impl App {
-    fn new(settings: ViewSettings, proxy: EventLoopProxy<LoadEvent>) -> Self {
+    fn new(settings: ViewSettings, proxy: EventLoopProxy<LoadEvent>, first_dome: Sender<()>) -> Self {
         let view = ViewState::new(settings.exposure.unwrap_or(0.0), settings.tone_map);
         Self {
             settings,
@@ -96,6 +99,7 @@ impl App {
             open_scene: None,
             graphics: None,
             loading: Some(("loading", 0.0)),
+            first_dome: Some(first_dome),
             input: InputState::default(),
             pending: None,
             stale: true,
@@ -234,8 +238,17 @@ impl App {
             self.pending = None;
             return Ok(flow);
         }
+        self.tell_of_dome();
         self.draw(drawn.as_ref())?;
         Ok(flow)
+    }
+
+    /// Tells the loading thread once that the rig has a dome: it then bakes light of the sky.
+    fn tell_of_dome(&mut self) {
+        let has_domes = self.open_scene.as_ref().is_some_and(|open_scene| open_scene.desk.rig().has_domes());
+        if let Some(first_dome) = self.first_dome.take_if(|_| has_domes) {
+            let _ = first_dome.send(()); // fails if the thread has ended: there is no indirect light
+        }
     }
 
     /// Returns the actions of the events and removes the events that they consume.
@@ -429,7 +442,10 @@ impl ApplicationHandler<LoadEvent> for App {
                 self.loading = None;
                 match (&mut self.open_scene, outcome) {
                     // Direct light can still be edited.
-                    (Some(open_scene), Err(error)) => open_scene.desk.message = format!("no indirect light: {error}"),
+                    (Some(open_scene), Err(error)) => {
+                        let what = if open_scene.opened.transfer.is_some() { "coarse" } else { "no" };
+                        open_scene.desk.message = format!("{what} indirect light: {error}");
+                    }
                     (_, outcome) => self.check(outcome.map(|()| Flow::Continue), event_loop),
                 }
             }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::command;
-use crate::desktop::pictures::{cut, difference, render, scene};
+use crate::desktop::pictures::{cut, difference, render, render_with, scene};
 use crate::desktop::{App, Desktop};
 use glam::DVec3;
 use relume::scene::light_filter::{BarnDoors, RigFiles};
@@ -562,4 +562,40 @@ fn a_dome_takes_maps_of_its_folder_and_is_turned_by_its_ball() {
 /// The middle of a thumbnail in the browser of environment maps, from the window's top left.
 fn thumbnail(row: i32) -> [i32; 2] {
     [83, 98 + 75 * row]
+}
+
+/// A scene is opened without a dome, and so without light of the sky. With the first dome that is baked, too.
+#[test]
+fn a_first_dome_gets_light_of_the_sky() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let [rig, cache] = ["rig.toml", "cache"].map(|name| folder.path().join(name));
+    let balls = scene("balls-2.glb");
+    Rig { lights: vec![Light::point("key", DVec3::new(0.0, 2.0, 2.0))], ..Rig::default() }.save(&rig).unwrap();
+    let [scene, rig_name, cache_name] = [&balls, &rig, &cache].map(|path| path.to_str().unwrap());
+    let settings = ["--rig", rig_name, "--cache", cache_name, "--gi", "glossy", "--gather", "100", "--rays", "64"];
+    let settings = [&settings[..], &["--samples", "8", "--exposure", "0.5", "--size", "360x240"]].concat();
+    let mut window = desktop.relume(&[&["view", scene], &settings[..]].concat());
+    window.wait_for_window();
+    window.key("F2", "stops");
+    window.key("1", "picture 1:1");
+    window.key("ctrl+6", "dome: new");
+    window.key("ctrl+s", "saved");
+
+    let has_sky = || {
+        let mut files = std::fs::read_dir(&cache).unwrap().map(|file| std::fs::read(file.unwrap().path()).unwrap());
+        let what = b"light of the sky";
+        files.any(|file| file.windows(what.len()).any(|part| part == what))
+    };
+    let soon = |is_so: &dyn Fn() -> bool| {
+        (0..200).any(|_| {
+            std::thread::sleep(std::time::Duration::from_millis(500));
+            is_so()
+        })
+    };
+    assert!(soon(&has_sky), "it is baked and kept");
+    let headless = render_with(&balls, &settings, &rig.with_extension("png"));
+    assert!(soon(&|| difference(&picture(&window), &headless) == 0.0), "the window shows what a new start would");
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
 }
