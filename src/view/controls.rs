@@ -11,6 +11,7 @@ use super::keys::{self, Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
 use super::lights_list::lights_list;
 use super::linking_values::linking_values;
+use super::map_browser::MapBrowser;
 use super::open_scene::OpenScene;
 use super::snapshots::snapshots;
 use super::view_menu::view_menu;
@@ -32,7 +33,7 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
 /// Draws the panel: lights, values of the selected lights, snapshots, history, picture.
 pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
     let folder = open_scene.folder();
-    let OpenScene { desk, shares, thumbnails, .. } = open_scene;
+    let OpenScene { desk, shares, thumbnails, map_browser, .. } = open_scene;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {
             actions.push(Action::Do(command));
@@ -71,7 +72,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     ui.separator();
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk, &mut view.light_unit);
-        light_extras(ui, desk, &folder, &mut view.show_maps);
+        light_extras(ui, desk, &folder, map_browser, &mut view.show_maps);
         snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);
     });
@@ -93,11 +94,11 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
 }
 
 /// Draws what few lights have: filters, and links to objects.
-fn light_extras(ui: &mut Ui, desk: &mut Desk, folder: &Path, show_maps: &mut bool) {
+fn light_extras(ui: &mut Ui, desk: &mut Desk, folder: &Path, maps: &mut MapBrowser, show_maps: &mut bool) {
     let Some(light) = desk.selected_light() else { return };
     let is_open = !light.filter.is_none() || light.links != Links::default();
     egui::CollapsingHeader::new("Filters and objects").default_open(is_open).show(ui, |ui| {
-        filter_values(ui, desk, folder, show_maps);
+        filter_values(ui, desk, folder, maps, show_maps);
         linking_values(ui, desk);
     });
 }

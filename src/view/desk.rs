@@ -11,6 +11,7 @@ mod place;
 pub mod selection;
 pub mod snapshots;
 
+pub use self::attach::TakesMap;
 pub use self::edit::{Frame, LEAST_SPREAD, LightEdit, luminance};
 pub use self::groups::GroupEdit;
 pub use self::linking::{LinkEdit, PickedObject};

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use egui::{Grid, Ui};
 use glam::Vec3;
 
-use super::desk::Desk;
+use super::desk::{Desk, TakesMap};
 use super::light_values::{Selected, color_button};
+use super::map_browser::MapBrowser;
 use crate::scene::light_filter::{BarnDoors, SOFTNESS_DEG};
 use crate::scene::{DomeMap, Light, LightKind};
 
-/// `folder`: of the rig; file names are relative to it. `show_maps`: whether the browser of environment maps is shown.
-pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path, show_maps: &mut bool) {
+/// `folder`: of the rig; file names are relative to it. `show_maps`: whether `maps` is shown.
+pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path, maps: &mut MapBrowser, show_maps: &mut bool) {
     let Some(primary) = desk.selected_light() else { return };
     let mut light = primary.clone();
     let mut files = [None, None, None];
@@ -50,17 +51,26 @@ pub fn filter_values(ui: &mut Ui, desk: &mut Desk, folder: &Path, show_maps: &mu
     });
     desk.edit_primary_and_selection(light);
     let [ies, gobo, map] = files;
+    let forget = |field| ui.data_mut(|data| data.remove::<String>(field));
     let mut attach = |typed: Option<Typed>, attach: fn(&mut Desk, &Path, &str)| {
         let Some(Typed { field, name }) = typed else { return };
         let before = desk.version();
         attach(desk, folder, &name);
         if desk.version() != before {
-            ui.data_mut(|data| data.remove::<String>(field));
+            forget(field);
         }
     };
     attach(ies, Desk::attach_profile);
     attach(gobo, Desk::attach_gobo);
-    attach(map, Desk::attach_map);
+    if let Some(Typed { field, name }) = map {
+        let to = TakesMap::Selection(desk.selection().clone());
+        if name.trim().is_empty() {
+            desk.set_map(None);
+            forget(field);
+        } else if maps.give(folder, name.trim(), to, desk) {
+            forget(field);
+        }
+    }
 }
 
 /// The name of a file, as typed into a field. The field keeps it until the file is attached, so that a typing error

@@ -35,7 +35,7 @@ impl Interface<'_> {
         let Self { open_scene, view, timings, name, loading, budget_ms, placement, scale } = self;
         let rig_path = open_scene.rig_path().map(ToOwned::to_owned);
         for file in ui.ctx().input(|input| input.raw.dropped_files.clone()) {
-            open_scene.desk.attach(file.path());
+            open_scene.take_file(file.path());
         }
         if view.panel {
             let side = egui::Panel::right("panel").exact_size(PANEL_WIDTH).resizable(false);

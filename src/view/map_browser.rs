@@ -7,14 +7,13 @@ use std::path::{Path, PathBuf};
 use egui::{Color32, ColorImage, RichText, ScrollArea, Ui, Vec2};
 use winit::event_loop::EventLoopProxy;
 
-use super::desk::Desk;
-use super::desk::selection::Selection;
+use super::desk::{Desk, TakesMap};
 use super::load::LoadEvent;
-use super::map_answer::{Answer, MapFile, ReadMap};
+use super::map_answer::{Answer, MapFile};
 use super::map_reader::{Job, MapReader, THUMBNAIL};
 use super::snapshots::Thumbnail;
 use crate::scene::SkyMap;
-use crate::scene::light_filter::Attached;
+use crate::scene::light_filter::{Attached, RigFiles};
 
 /// Size of a row, points.
 const ROW: Vec2 = Vec2::new(330.0, THUMBNAIL[1] as f32 + 8.0);
@@ -30,8 +29,8 @@ pub struct MapBrowser {
     rows: Result<Vec<Row>, String>,
     /// The rows that the last frame showed.
     in_sight: Range<usize>,
-    /// A clicked map that has to be read first, and the selection that takes it.
-    clicked: Option<(MapFile, Selection)>,
+    /// Maps that have to be read first, and what takes them.
+    wanted: Vec<(MapFile, TakesMap)>,
     /// Shown where there is no thumbnail.
     blank: Thumbnail,
 }
@@ -52,7 +51,7 @@ impl MapBrowser {
             is_stale: false,
             rows: Ok(Vec::new()),
             in_sight: 0..0,
-            clicked: None,
+            wanted: Vec::new(),
             blank: Thumbnail::Fresh(ColorImage::filled([1, 1], Color32::from_gray(40))),
         }
     }
@@ -103,19 +102,31 @@ impl MapBrowser {
             }
         });
         if let Some(file) = clicked {
-            self.click(file, desk);
+            self.want(file, TakesMap::Selection(desk.selection().clone()), desk);
         }
     }
 
-    /// Gives the selected domes a map: at once if it is kept, else when it is read.
-    fn click(&mut self, file: MapFile, desk: &mut Desk) {
-        match self.reader.kept(&file.path) {
-            Some(map) => desk.set_map(Some(map)),
-            None => {
-                desk.message = format!("reading {}", file.name());
-                self.clicked = Some((file, desk.selection().clone()));
-            }
+    /// Gives `to` the environment map `name` in `folder`: at once if it is kept, else when it is read. Returns whether
+    /// there is such a file.
+    pub fn give(&mut self, folder: &Path, name: &str, to: TakesMap, desk: &mut Desk) -> bool {
+        let path = RigFiles::new(folder).sky_map_path(name);
+        match &path {
+            Ok(path) => self.want(MapFile::new(path.clone()), to, desk),
+            Err(error) => desk.message = error.chain(),
         }
+        path.is_ok()
+    }
+
+    fn want(&mut self, file: MapFile, to: TakesMap, desk: &mut Desk) {
+        if let Some(map) = self.reader.kept(&file) {
+            return give(map, to, desk);
+        }
+        desk.message = format!("reading {}", file.name());
+        if to != TakesMap::NewDome {
+            self.wanted.retain(|(_, to)| *to == TakesMap::NewDome); // the last choice counts
+        }
+        self.wanted.push((file, to));
+        self.start_next();
     }
 
     /// Accepts what the thread did.
@@ -125,12 +136,13 @@ impl MapBrowser {
             Answer::Listed(folder, files) if folder == self.folder => self.set_files(files),
             Answer::Listed(..) => {}
             Answer::Read(file, outcome) => {
-                match &outcome {
-                    Ok(ReadMap { map: Some(map), .. }) => self.use_clicked(&file, map, desk),
-                    Ok(ReadMap { map: None, .. }) => {} // if it was clicked meanwhile, it is read again
-                    Err(reason) => {
-                        if self.clicked.take_if(|(clicked, _)| *clicked == file).is_some() {
-                            desk.message.clone_from(reason);
+                let map = outcome.as_ref().map(|read| read.map.clone());
+                // A map that was wanted only while its thumbnail was made is read again.
+                if let Some(map) = map.transpose() {
+                    for (_, to) in self.wanted.extract_if(.., |(wanted, _)| *wanted == file) {
+                        match &map {
+                            Ok(map) => give_late(map.clone(), to, desk),
+                            Err(reason) => desk.message.clone_from(reason),
                         }
                     }
                 }
@@ -142,17 +154,6 @@ impl MapBrowser {
         self.start_next();
     }
 
-    /// Exchanges the map if it is the clicked one and the selection is still the same.
-    fn use_clicked(&mut self, file: &MapFile, map: &Attached<SkyMap>, desk: &mut Desk) {
-        let clicked = self.clicked.take_if(|(clicked, _)| clicked == file);
-        if clicked.is_some_and(|(_, selection)| selection == *desk.selection()) {
-            // It is an edit of its own, also during a drag.
-            desk.end_gesture();
-            desk.set_map(Some(map.clone()));
-            desk.end_gesture();
-        }
-    }
-
     /// Replaces the list; thumbnails of files that were not written since stay.
     fn set_files(&mut self, files: Result<Vec<MapFile>, String>) {
         let old = std::mem::replace(&mut self.rows, Ok(Vec::new()));
@@ -161,22 +162,37 @@ impl MapBrowser {
         self.rows = files.map(|files| files.into_iter().map(&mut row).collect());
     }
 
-    /// Starts the next job if the thread is free: the clicked map, then the list, then a thumbnail in sight.
+    /// Starts the next job if the thread is free: a wanted map, then the list, then a thumbnail in sight.
     fn start_next(&mut self) {
         if self.reader.is_busy() {
             return;
         }
-        let clicked = self.clicked.as_ref().map(|(file, _)| Job::Use(file.clone()));
+        let wanted = self.wanted.first().map(|(file, _)| Job::Use(file.clone()));
         let list = || std::mem::take(&mut self.is_stale).then(|| Job::List(self.folder.clone()));
         let thumbnail = || {
             let in_sight = self.rows.as_ref().ok()?.get(self.in_sight.clone())?;
             let unread = in_sight.iter().find(|row| row.thumbnail.is_none())?;
             Some(Job::Show(unread.file.clone()))
         };
-        if let Some(job) = clicked.or_else(list).or_else(thumbnail) {
+        if let Some(job) = wanted.or_else(list).or_else(thumbnail) {
             self.reader.start(job);
         }
     }
+}
+
+fn give(map: Attached<SkyMap>, to: TakesMap, desk: &mut Desk) {
+    match to {
+        TakesMap::NewDome => desk.add_dome(map),
+        TakesMap::Selection(selection) if selection == *desk.selection() => desk.set_map(Some(map)),
+        TakesMap::Selection(_) => desk.message = "the map is read: select the dome again to give it to it".into(),
+    }
+}
+
+/// Gives a map that has been waited for: an edit of its own, also during a drag.
+fn give_late(map: Attached<SkyMap>, to: TakesMap, desk: &mut Desk) {
+    desk.end_gesture();
+    give(map, to, desk);
+    desk.end_gesture();
 }
 
 impl Row {

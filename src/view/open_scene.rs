@@ -130,6 +130,14 @@ impl OpenScene {
         })
     }
 
+    /// Takes a file that the user dropped.
+    pub fn take_file(&mut self, path: &Path) {
+        match self.desk.takes_map(path) {
+            Some(to) => _ = self.map_browser.give(Path::new(""), &path.to_string_lossy(), to, &mut self.desk),
+            None => self.desk.attach(path),
+        }
+    }
+
     /// Returns width and height of the picture, pixels.
     pub fn picture_size(&self) -> [u32; 2] {
         [self.opened.framebuffer.tiling.width, self.opened.framebuffer.tiling.height]

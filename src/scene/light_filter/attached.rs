@@ -126,13 +126,19 @@ impl<'a> RigFiles<'a> {
         path.canonicalize().map_err(Error::io("read", &path))
     }
 
-    /// Reads an IES profile: a file, or `scene.glb#0` for the first of `EXT_lights_ies` in a glTF file.
-    pub fn profile(&mut self, name: &str) -> Result<Attached<Profile>> {
+    /// A file that exists, and the index in it if `name` is like `scene.glb#0`.
+    fn find_in_gltf(&self, name: &str) -> Result<(PathBuf, Option<usize>)> {
         let in_gltf = file_and_index(name).filter(|_| !self.folder.join(name).exists());
         let path = self.find(in_gltf.map_or(name, |(file, _)| file))?;
+        Ok((path, in_gltf.map(|(_, index)| index)))
+    }
+
+    /// Reads an IES profile: a file, or `scene.glb#0` for the first of `EXT_lights_ies` in a glTF file.
+    pub fn profile(&mut self, name: &str) -> Result<Attached<Profile>> {
+        let (path, index) = self.find_in_gltf(name)?;
         let decode = |bytes: &[u8]| Profile::parse(bytes).map_err(|reason| Error::import(&path, reason));
-        match in_gltf {
-            Some((_, index)) => {
+        match index {
+            Some(index) => {
                 let named = path_in_file(&path, index);
                 attach(&mut self.profiles, &named, || read_profile(&path, index), decode)
             }
@@ -144,16 +150,20 @@ impl<'a> RigFiles<'a> {
     /// `EXT_lights_image_based` in a glTF file. In the rig of a scene, `#0` is that of the scene itself.
     pub fn sky_map(&mut self, name: &str) -> Result<Attached<SkyMap>> {
         let scene = self.scene.filter(|_| name.starts_with('#')).and_then(|scene| scene.file_name()?.to_str());
-        let name = &format!("{}{name}", scene.unwrap_or_default());
-        let in_gltf = file_and_index(name).filter(|_| !self.folder.join(name).exists());
-        let path = self.find(in_gltf.map_or(name, |(file, _)| file))?;
-        let Some((_, index)) = in_gltf else {
+        let (path, index) = self.find_in_gltf(&format!("{}{name}", scene.unwrap_or_default()))?;
+        let Some(index) = index else {
             return attach(&mut self.sky_maps, &path, || files::read(&path), |bytes| SkyMap::read(&path, bytes));
         };
         match self.sky_maps.entry(path_in_file(&path, index)) {
             Entry::Occupied(known) => Ok(known.get().clone()),
             Entry::Vacant(new) => Ok(new.insert(read_sky_map(&path, index)?).clone()),
         }
+    }
+
+    /// The [path](Attached::path) of the environment map `name`, which is not read.
+    pub fn sky_map_path(&self, name: &str) -> Result<PathBuf> {
+        let (path, index) = self.find_in_gltf(name)?;
+        Ok(index.map_or(path.clone(), |index| path_in_file(&path, index)))
     }
 
     /// Reads an image: PNG, JPEG or WebP; sRGB.

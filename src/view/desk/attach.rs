@@ -5,33 +5,40 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 
 use super::Desk;
+use super::selection::Selection;
 use crate::error::Result;
 use crate::scene::light_filter::{Attached, Gobo, RigFiles};
 use crate::scene::{DomeMap, Light, LightKind, SkyMap};
 use crate::view::describe::kind_name;
 
+/// What takes an environment map.
+#[derive(Clone, PartialEq)]
+pub enum TakesMap {
+    Selection(Selection),
+    NewDome,
+}
+
 impl Desk {
-    /// Gives the selected lights the file that the user dropped: by its extension an IES profile or an environment map,
-    /// else a gobo. A map makes a new dome if none is selected, an image is the map of a selected dome.
-    pub fn attach(&mut self, path: &Path) {
-        let name = path.to_string_lossy();
+    /// What takes a file that the user dropped, as an environment map; `None` if it is none. An image is the map of a
+    /// selected dome.
+    pub fn takes_map(&self, path: &Path) -> Option<TakesMap> {
         let is = |wanted: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
         let is_dome = self.selected_light().is_some_and(|light| light.kind == LightKind::Dome);
-        if is("ies") {
-            self.attach_profile(Path::new(""), &name);
-        } else if is_dome {
-            self.attach_map(Path::new(""), &name);
-        } else if is("hdr") || is("exr") {
-            self.add_dome(&name);
-        } else {
-            self.attach_gobo(Path::new(""), &name);
+        match is_dome {
+            _ if is("ies") => None,
+            true => Some(TakesMap::Selection(self.selection().clone())),
+            false => (is("hdr") || is("exr")).then_some(TakesMap::NewDome),
         }
     }
 
-    /// Gives the selected domes the environment map `name` in `folder`; an empty name removes theirs.
-    pub fn attach_map(&mut self, folder: &Path, name: &str) {
-        if let Some(map) = self.read(name, |name| RigFiles::new(folder).sky_map(name)) {
-            self.set_map(map);
+    /// Gives the selected lights a file that the user dropped and that is no map: an IES profile by its extension, else a
+    /// gobo.
+    pub fn attach(&mut self, path: &Path) {
+        let name = path.to_string_lossy();
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ies")) {
+            self.attach_profile(Path::new(""), &name);
+        } else {
+            self.attach_gobo(Path::new(""), &name);
         }
     }
 
@@ -44,10 +51,9 @@ impl Desk {
         });
     }
 
-    /// Adds a dome with the environment map `name`, as bright as the map.
-    fn add_dome(&mut self, name: &str) {
-        let Some(map) = self.read(name, |name| RigFiles::new(Path::new("")).sky_map(name)) else { return };
-        let map = map.map(DomeMap::File);
+    /// Adds a dome with an environment map, as bright as the map.
+    pub fn add_dome(&mut self, map: Attached<SkyMap>) {
+        let map = Some(DomeMap::File(map));
         let light = Light::point(&self.light_names().claim(kind_name(LightKind::Dome)), DVec3::ZERO);
         self.insert(vec![Light { kind: LightKind::Dome, map, visible: true, ..light }]);
     }
