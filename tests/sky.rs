@@ -13,12 +13,13 @@ use relume::bake::compression::CompressionSettings;
 use relume::bake::transfer::Transfer;
 use relume::bake::transfer::sky::SkyTransfer;
 use relume::bake::transport::directions::Lobe;
-use relume::bake::transport::{LightTransport, sky};
+use relume::bake::transport::{LightTransport, Outgoing, sky};
 use relume::physics::sky_cells;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight::{Detail, Request};
 use relume::scene::light_filter::Attached;
 use relume::scene::{Camera, Light, Material, Projection, Scene, SkyMap};
+use relume::session::{BakeInput, BakeReport, Form, IndirectSettings};
 use relume::storage::journal::Journal;
 
 /// The first picture after an edit.
@@ -128,7 +129,8 @@ fn the_device_and_its_twin() {
     }
 }
 
-/// Light that a mirror throws onto a floor, beside the path tracer; without the cells it is missing.
+/// Light that a mirror throws onto a floor, beside the path tracer, in every form of the operator; without the cells it is
+/// missing.
 #[test]
 fn what_mirrors_throw() {
     let gpu = gpu();
@@ -165,6 +167,16 @@ fn what_mirrors_throw() {
     assert!(error < 0.06 && bias.abs() < 0.01, "at rest: off by {error}, {bias}");
     let [error, bias] = compare("while it turns", &stage, Detail::Progressive);
     assert!(error < 0.1 && bias.abs() < 0.02, "while it turns: off by {error}, {bias}");
+    for form in [Form::Nested(0.02), Form::Haar(0.02), Form::Dense] {
+        let outgoing = Outgoing::Glossy { functions: None };
+        let (gather, rays) = (Some(400), Some(512));
+        let plan = IndirectSettings::Robust { outgoing, form, gather, rays, bounces: None }.plan([48, 48], 4, 1);
+        let input = BakeInput { scene: &stage.scene, framebuffer: &stage.framebuffer };
+        let made = plan.bake(input, Lobe::All, true, &mut BakeReport::default(), &()).unwrap();
+        stage.transfer = Some(Arc::new(made));
+        let [error, bias] = compare(&format!("{form:?}"), &stage, Detail::Exact);
+        assert!(error < 0.06 && bias.abs() < 0.01, "{form:?}: off by {error}, {bias}");
+    }
     let without = Transfer { sky: None, ..Transfer::clone(stage.transfer.as_ref().unwrap()) };
     stage.transfer = Some(Arc::new(without));
     let [_, bias] = compare("without cells", &stage, Detail::Exact);

@@ -178,7 +178,7 @@ impl Transfers {
                     let BakeInput { scene, framebuffer } = seen;
                     let small = reduced(seen);
                     let input = BakeInput { scene, framebuffer: small.as_ref().unwrap_or(framebuffer) };
-                    let coarse = coarse.bake(input, Lobe::All, None, &mut report, progress)?;
+                    let coarse = coarse.bake(input, Lobe::All, false, &mut report, progress)?;
                     let coarse = match &small {
                         Some(small) => coarse.spread(small, framebuffer, scene.bvh.radius).expect("it has blocks"),
                         None => coarse,

@@ -307,21 +307,25 @@ impl TransferPlan {
         Ok(errors)
     }
 
-    /// Bakes the operator; `journal` is where it keeps what it would go on from if it was stopped.
+    /// Bakes the operator, and light of the sky for rigs that have `domes`; keeps nothing in the cache.
     pub fn bake(
         &self,
         input: BakeInput,
         lobe: Lobe,
-        journal: Option<&Path>,
+        domes: bool,
         report: &mut BakeReport,
         progress: &dyn Progress,
     ) -> Result<Transfer> {
-        self.prepare(input, report, progress).bake(lobe, journal, report, progress)
+        let prepared = self.prepare(input, report, progress);
+        let transfer = prepared.bake(lobe, None, report, progress)?;
+        let bake_sky = || prepared.bake_sky(lobe, None, report, progress);
+        let sky = (domes && self.has_sky()).then(bake_sky).transpose()?;
+        Ok(Transfer { sky, ..transfer })
     }
 
-    /// Whether light of the sky is compressed too: in our own form.
+    /// Whether there is light of the sky: with our own method.
     pub(super) fn has_sky(&self) -> bool {
-        matches!(self, Self::Robust(_, Form::Nested(_)))
+        matches!(self, Self::Robust(..))
     }
 
     /// What operators are made from.
@@ -367,7 +371,7 @@ pub(super) enum Prepared<'a> {
 }
 
 impl Prepared<'_> {
-    /// The operator; `journal`: see [`TransferPlan::bake`].
+    /// The operator; `journal` is where it keeps what it would go on from if it was stopped.
     pub fn bake(
         &self,
         lobe: Lobe,
@@ -428,7 +432,7 @@ impl Prepared<'_> {
         Ok(made)
     }
 
-    /// Light of the sky. `journal`: see [`TransferPlan::bake`].
+    /// Light of the sky, compressed in nested blocks in any form of the operator. `journal`: see [`Prepared::bake`].
     ///
     /// Panics if the plan [has none](TransferPlan::has_sky).
     pub fn bake_sky(
@@ -438,7 +442,11 @@ impl Prepared<'_> {
         report: &mut BakeReport,
         progress: &dyn Progress,
     ) -> Result<SkyTransfer> {
-        let Self::Robust { transport, form: Form::Nested(error), seed } = self else { unreachable!("see has_sky") };
+        let Self::Robust { transport, form, seed } = self else { unreachable!("see has_sky") };
+        let error = match *form {
+            Form::Nested(error) | Form::Haar(error) => error,
+            Form::Dense => ERROR,
+        };
         let advance = advance(progress);
         let mut journal = journal.map_or_else(Journal::default, Journal::open);
         let settings = CompressionSettings { error: SKY_ERROR * error, lights: SKIES, lobe, seed: *seed };

@@ -139,7 +139,7 @@ impl Lab<'_> {
             let clock = Clock::start();
             let mut report = BakeReport::default();
             let progress = Terminal::default();
-            let transfer = plan.bake(session.seen(), Lobe::All, None, &mut report, &progress)?;
+            let transfer = plan.bake(session.seen(), Lobe::All, session.rig.has_domes(), &mut report, &progress)?;
             let (bytes, multiply_adds) = transfer.cost();
             let held_out = transfer.report.held_out.as_ref().map(|r| r.point);
             let spectral_radius = Some(transfer.report.spectral_radius);
