@@ -7,6 +7,7 @@ use std::fs;
 use std::path::Path;
 
 use command::*;
+use relume::image::Image;
 use relume::image::png::srgb8_from_linear;
 use serde_json::{Value, json};
 use support::Gltf;
@@ -169,6 +170,12 @@ fn size_is_the_scenes_own() {
     assert!(mean(&layer(&asked, "beauty")) > 0.0);
 }
 
+/// The sum of some layers of an image.
+fn sum(image: &Image, names: &[&str]) -> Vec<f32> {
+    let layers: Vec<_> = names.iter().map(|name| layer(image, name)).collect();
+    (0..layers[0].len()).map(|i| layers.iter().map(|layer| layer[i]).sum()).collect()
+}
+
 #[test]
 fn passes_add_up() {
     let folder = folder();
@@ -178,14 +185,10 @@ fn passes_add_up() {
     let names: Vec<_> = image.layers.iter().map(|layer| layer.name.as_str()).collect();
     // Nothing shines in this scene but its lights.
     assert_eq!(names, ["", "direct", "light.point0", "light.spot1", "reflection"]);
-    let sum = |names: &[&str]| {
-        let layers: Vec<_> = names.iter().map(|name| layer(&image, name)).collect();
-        (0..layers[0].len()).map(|i| layers.iter().map(|layer| layer[i]).sum()).collect::<Vec<f32>>()
-    };
     let beauty = layer(&image, "beauty");
     // Sums of a few floats in another order.
-    assert!(difference(&beauty, &sum(&["direct", "reflection"])) < 1e-5);
-    assert!(difference(&beauty, &sum(&["light.point0", "light.spot1"])) < 1e-5);
+    assert!(difference(&beauty, &sum(&image, &["direct", "reflection"])) < 1e-5);
+    assert!(difference(&beauty, &sum(&image, &["light.point0", "light.spot1"])) < 1e-5);
     for name in ["direct", "reflection", "light.point0", "light.spot1"] {
         assert!(mean(&layer(&image, name)) > 1e-3, "{name} is black");
     }
@@ -197,17 +200,32 @@ fn passes_add_up() {
     assert_eq!(layer(&some, "light.spot1"), layer(&image, "light.spot1"));
     assert_eq!(layer(&some, "reflection"), layer(&image, "reflection"));
 
+    // Lights with a size have as many points in each part as in the whole.
+    let rig = folder.path().join("rig.toml");
+    let window = "name = 'window'\nkind = 'rect'\nposition = [0, 2, 2]\nwidth = 1\nheight = 1\ndirection = [0, -1, -1]\nintensity = 20\n";
+    let sky = "name = 'sky'\nkind = 'dome'\nphysical_sky = { elevation_deg = 20 }\nintensity = 0.001\n";
+    std::fs::write(&rig, format!("[[light]]\n{window}[[light]]\n{sky}")).unwrap();
+    let parts = ["direct", "reflection", "indirect"];
+    let passes = format!("{},beauty,light:window,light:sky", parts.join(","));
+    let gi = ["--gi", "glossy", "--gather", "200", "--rays", "64", "--size", "64x48", "--no-cache"];
+    let render = [&["render", "--passes", &passes], &gi[..]].concat();
+    let files = [&shipped("balls-2.glb"), Path::new("-o"), &path, Path::new("--rig"), &rig];
+    Run::of(relume().args(render).args(files)).done();
+    let image = read_exr(&path);
+    let beauty = layer(&image, "");
+    for names in [&parts[..], &["light.window", "light.sky"]] {
+        assert!(difference(&beauty, &sum(&image, names)) < 1e-5, "{names:?}");
+    }
+
     let mut shining = small_scene(true, true);
     shining.json["materials"] = json!([{"emissiveFactor": [0.5, 0.25, 1.0]}]);
     shining.json["meshes"][0]["primitives"][0]["material"] = 0.into();
     let shining = shining.write(folder.path(), "shining.glb");
     render!(&shining, &path, "--passes", "all").silent();
     let image = read_exr(&path);
-    let parts = ["direct", "reflection", "emission"].map(|name| layer(&image, name));
-    let sum: Vec<f32> = (0..parts[0].len()).map(|i| parts.iter().map(|part| part[i]).sum()).collect();
-    assert!(difference(&layer(&image, ""), &sum) < 1e-5);
+    assert!(difference(&layer(&image, ""), &sum(&image, &["direct", "reflection", "emission"])) < 1e-5);
     let center = 3 * (24 * 64 + 32);
-    assert_eq!(parts[2][center..center + 3], [0.5, 0.25, 1.0]);
+    assert_eq!(layer(&image, "emission")[center..center + 3], [0.5, 0.25, 1.0]);
 }
 
 #[test]

@@ -90,7 +90,9 @@ impl Passes {
                         find_light(rig, name)?;
                     }
                 }
-                Ok(list.clone())
+                let mut list = list.clone();
+                list.sort_by_key(|pass| *pass != Beauty); // first, so that its parts add up to it
+                Ok(list)
             }
         }
     }

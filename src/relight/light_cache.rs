@@ -79,6 +79,8 @@ struct Node {
     points: u32,
     /// Of a leaf: points that its image needs; `None` if that is not known yet.
     needed: Option<u32>,
+    /// Of a leaf: points that its image of the whole picture needed, as far as known.
+    needed_by_whole: Option<u32>,
 }
 
 impl Node {
@@ -196,6 +198,19 @@ impl LightCache {
             self.release(node);
         }
         self.rest = None;
+    }
+
+    /// Invalidates all images since from now on they show other layers of the picture. `whole`: whether they did and do
+    /// show the whole of it. Images of parts have as many points as those of the whole had, so that they add up to it.
+    pub fn change_layers(&mut self, emitters: HashMap<String, usize>, whole: [bool; 2]) {
+        let [was_whole, is_whole] = whole;
+        let of = |node: &Node| if was_whole { node.needed } else { node.needed_by_whole };
+        let needed: Vec<_> = self.nodes.iter().map(of).collect();
+        self.invalidate(emitters);
+        for (node, needed) in self.nodes.iter_mut().zip(needed) {
+            node.needed_by_whole = needed;
+            node.needed = needed.filter(|_| !is_whole);
+        }
     }
 
     /// Plans the whole picture.
@@ -445,7 +460,7 @@ impl LightCache {
     /// Discards `node`'s image.
     fn release(&mut self, node: usize) {
         self.nodes[node].coarse = false;
-        self.nodes[node].needed = None;
+        (self.nodes[node].needed, self.nodes[node].needed_by_whole) = (None, None);
         if let Some(slot) = self.nodes[node].slot.take() {
             self.slots.clear(slot);
             self.stop_growing(node, slot);
@@ -500,6 +515,7 @@ impl LightCache {
             is_interleaved: false,
             points: 0,
             needed: None,
+            needed_by_whole: None,
         };
         self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
         self.leaf_of = (0..self.rig.lights.len()).collect();
@@ -538,6 +554,7 @@ impl LightCache {
                     is_interleaved: false,
                     points: 0,
                     needed: None,
+                    needed_by_whole: None,
                 });
                 for child in children {
                     self.nodes[child].parent = Some(this);
@@ -566,11 +583,12 @@ impl LightCache {
                 && same_image(was, light, same_sets)
             {
                 let (leaf, slot) = (self.leaf_of[i], *slot);
-                let Node { coarse, is_interleaved, needed, .. } = *node;
+                let Node { coarse, is_interleaved, needed, needed_by_whole, .. } = *node;
                 // An image that grows begins again.
                 let points = if is_interleaved { 0 } else { node.points };
                 let new = self.nodes[leaf].clone();
-                self.nodes[leaf] = Node { slot: Some(slot), coarse, is_interleaved, points, needed, ..new };
+                self.nodes[leaf] =
+                    Node { slot: Some(slot), coarse, is_interleaved, points, needed, needed_by_whole, ..new };
                 slots.set(slot, leaf, self.slots.last_used(slot));
             }
         }

@@ -356,9 +356,12 @@ impl Relighter {
     }
 
     fn invalidate_images(&mut self) {
-        let emitters =
-            if self.layers == Layers::All { self.gpu.emitters.by_material().clone() } else { HashMap::new() };
-        self.cache.invalidate(emitters);
+        self.cache.invalidate(self.emitters());
+    }
+
+    /// Index of the image of each emitter that the layers show, by its material.
+    fn emitters(&self) -> HashMap<String, usize> {
+        if self.layers == Layers::All { self.gpu.emitters.by_material().clone() } else { HashMap::new() }
     }
 
     /// Number of lights whose images must be rendered before a whole picture of these layers.
@@ -393,8 +396,9 @@ impl Relighter {
     /// Invalidates all images if the layers change, and coarse images if exact ones are requested.
     fn set_layers_and_detail(&mut self, layers: Layers, detail: Detail) {
         if self.layers != layers {
+            let whole = [self.layers, layers].map(|layers| layers == Layers::All);
             self.layers = layers;
-            self.invalidate_images();
+            self.cache.change_layers(self.emitters(), whole);
         }
         self.cache.set_detail(detail);
     }
