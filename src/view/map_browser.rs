@@ -118,7 +118,7 @@ impl MapBrowser {
     }
 
     fn want(&mut self, file: MapFile, to: TakesMap, desk: &mut Desk) {
-        if let Some(map) = self.reader.kept(&file) {
+        if let Some(map) = self.reader.kept(&file.path) {
             return give(map, to, desk);
         }
         desk.message = format!("reading {}", file.name());

@@ -82,8 +82,9 @@ impl MapReader {
     }
 
     /// A map that was kept, if the file is still the same.
-    pub fn kept(&mut self, file: &MapFile) -> Option<Attached<SkyMap>> {
-        let at = self.kept.iter().position(|(kept, _)| kept == file)?;
+    pub fn kept(&mut self, path: &Path) -> Option<Attached<SkyMap>> {
+        let file = MapFile::new(path.to_owned());
+        let at = self.kept.iter().position(|(kept, _)| *kept == file)?;
         let used = self.kept.remove(at);
         self.kept.push(used);
         self.kept.last().map(|(_, map)| map.clone())

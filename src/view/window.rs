@@ -443,8 +443,11 @@ impl ApplicationHandler<LoadEvent> for App {
                 match (&mut self.open_scene, outcome) {
                     // Direct light can still be edited.
                     (Some(open_scene), Err(error)) => {
-                        let what = if open_scene.opened.transfer.is_some() { "coarse" } else { "no" };
-                        open_scene.desk.message = format!("{what} indirect light: {error}");
+                        let what = match open_scene.opened.transfer {
+                            Some(_) => "indirect light stays as it is",
+                            None => "no indirect light",
+                        };
+                        open_scene.desk.message = format!("{what}: {error}");
                     }
                     (_, outcome) => self.check(outcome.map(|()| Flow::Continue), event_loop),
                 }
