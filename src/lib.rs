@@ -75,6 +75,7 @@
 //! - [IES 2002] ANSI/IESNA LM-63-02, the version before the next.
 //! - [IES 2019] ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data.
 //! - [Keinert 2015] Keinert et al., Spherical Fibonacci mapping, ACM Transactions on Graphics 34(6).
+//! - [Jensen 1996] Jensen, Global illumination using photon maps, Eurographics Workshop on Rendering.
 //! - [Keller 2001] Keller, Heidrich, Interleaved sampling, Eurographics Workshop on Rendering.
 //! - [Keller 2017] Keller et al., The Iray light transport simulation and rendering system, SIGGRAPH talks.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.

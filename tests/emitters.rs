@@ -146,6 +146,51 @@ fn the_path_tracer_dims_emitters_too() {
     assert_same(&sum, &want, 1e-6, "the sum of both");
 }
 
+/// A panel shines up at a mirror, which throws its light onto the floor: beside the path tracer, in blocks of 8x8 pixels.
+#[test]
+fn mirrors_throw_light_of_emitters() {
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(0.5)));
+    let shiny = build.material(mirror(Vec3::splat(0.9), 1.0));
+    let panel = build.material(Material { name: "panel".into(), ..emitter(Vec3::splat(10.0)) });
+    build.quad(DVec3::ZERO, DVec3::X, DVec3::NEG_Z, grey);
+    build.quad(DVec3::new(0.0, 1.5, 0.0), DVec3::X * 0.3, DVec3::Z * 0.3, shiny);
+    build.quad(DVec3::new(0.3, 0.7, 0.0), DVec3::X * 0.1, DVec3::NEG_Z * 0.1, panel);
+    let camera = look(DVec3::new(0.0, 0.6, 1.6), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.7 });
+    let (gpu, setup) = (gpu(), Setup::new(32, 32));
+    let mut stage = Stage::new(build.scene(), &camera, &rig(Vec::new()), &setup);
+    let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
+    let transport = LightTransport::new(&scene, &framebuffer, &settings(200, 0, 128), &|_| ());
+    let compression = CompressionSettings { error: 0.05, lights: 32, lobe: Lobe::All, seed: 1 };
+    let nested = Transfer::nested(&transport, &compression, &mut Journal::default(), &|_| ()).unwrap();
+    stage.transfer = Some(Arc::new(nested));
+    let all = rig(vec![Light::emitter("panel", "panel")]);
+    let image = stage.relighter(&gpu, &all, &setup).linear(Picture::Emission).unwrap().to_vec();
+
+    let settings = Settings {
+        width: 32,
+        height: 32,
+        layers: 4,
+        max_bounces: None,
+        filter: Filter::Centre,
+        bounce_layers: 0,
+        light_layers: false,
+        seed: 1,
+    };
+    let film = PathTracer::new(&stage.scene, &camera, &all, &settings).trace(8192, &|| false, &|_| ());
+    let truth = film.layer(Half::Both, Layer::Emission);
+    let block = |image: &[[f32; 3]], i: usize| -> f64 {
+        let [x, y] = [8 * (i % 4), 8 * (i / 4)];
+        (0..64).map(|j| f64::from(image[(y + j / 8) * 32 + x + j % 8][0])).sum()
+    };
+    let [ours, want] = [&image, &truth].map(|image| (0..16).map(|i| block(image, i)).collect::<Vec<f64>>());
+    let bias = ours.iter().sum::<f64>() / want.iter().sum::<f64>() - 1.0;
+    let square = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>();
+    let error = (square(&mut ours.iter().zip(&want).map(|(a, b)| a - b)) / square(&mut want.iter().copied())).sqrt();
+    println!("error {error:.4}, bias {bias:+.4}, {want:?}");
+    assert!(error < 0.03 && bias.abs() < 0.02, "off by {error}, {bias:+}");
+}
+
 #[test]
 fn rigs_name_emitters_of_the_scene() {
     let (scene, _) = room(PANEL, PAIR);

@@ -1,6 +1,6 @@
 //! Points on triangles that emit light, for rays towards them.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use super::bvh::TracedScene;
 use super::surface::SurfacePoint;
@@ -65,15 +65,27 @@ impl EmittingTriangles {
         self.running.is_empty()
     }
 
-    /// Draws a point; `None` if the receiver does not see it. `u`: uniform in 0..1.
-    pub fn draw(&self, scene: &TracedScene, receiver: &Receiver, u: [f64; 3]) -> Option<DrawnEmitter> {
+    /// Draws a point: a triangle, and the weights of its second and third vertex. `None` if there are no triangles. `u`:
+    /// uniform in 0..1.
+    pub fn place(&self, u: [f64; 3]) -> Option<(u32, Vec2)> {
         let (_, total) = self.running.last()?;
         let at = self.running.partition_point(|&(_, sum)| sum <= u[0] * total).min(self.running.len() - 1);
-        let triangle = self.running[at].0;
-        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
         // Uniform over the triangle.
         let root = u[1].sqrt();
-        let target = a + (b - a) * (root * (1.0 - u[2])) as f32 + (c - a) * (root * u[2]) as f32;
+        let barycentric = Vec2::new((root * (1.0 - u[2])) as f32, (root * u[2]) as f32);
+        Some((self.running[at].0, barycentric))
+    }
+
+    /// Density of [`Self::place`] on a material, 1 / area in mesh space.
+    pub fn area_density(&self, material: u32) -> f64 {
+        self.density[material as usize]
+    }
+
+    /// Draws a point; `None` if the receiver does not see it. `u`: uniform in 0..1.
+    pub fn draw(&self, scene: &TracedScene, receiver: &Receiver, u: [f64; 3]) -> Option<DrawnEmitter> {
+        let (triangle, barycentric) = self.place(u)?;
+        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
+        let target = a + (b - a) * barycentric.x + (c - a) * barycentric.y;
         let direction = (target - receiver.position).try_normalize()?;
         if receiver.normal.dot(direction) <= 0.0 {
             return None;

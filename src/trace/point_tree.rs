@@ -51,7 +51,17 @@ impl PointTree {
 
     /// The nearest `K` points whose original indices satisfy `accept`, nearest first; fewer if there are not enough.
     pub fn nearest<const K: usize>(&self, from: &Point, accept: impl Fn(u32) -> bool) -> Nearest<K> {
-        let found = Nearest { items: [(f32::INFINITY, u32::MAX); K], count: 0 };
+        self.nearest_within(from, f32::INFINITY, accept)
+    }
+
+    /// The same of points that are no further than the square root of `reach2`.
+    pub fn nearest_within<const K: usize>(
+        &self,
+        from: &Point,
+        reach2: f32,
+        accept: impl Fn(u32) -> bool,
+    ) -> Nearest<K> {
+        let found = Nearest { items: [(reach2, u32::MAX); K], count: 0 };
         let mut search = Search { tree: self, from, accept, offset: [0.0; 6], found };
         search.visit(0, self.points.len(), 0.0);
         search.found

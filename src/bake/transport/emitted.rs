@@ -2,12 +2,14 @@
 //!
 //! Emitters may be small and bright, so their light on view samples and on gather samples is estimated from both sides:
 //! by points on the emitters, and by directions that surfaces reflect. The balance heuristic weighs them [Veach 1995,
-//! Eq. 9]. What gather samples reflect then takes the way of all direct light.
+//! Eq. 9]. What mirrors throw onto view samples, and is not seen in narrow lobes, is left to [`Caustics`]. What gather
+//! samples reflect then takes the way of all direct light.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::LightTransport;
+use super::caustics::Caustics;
 use super::directions::Lobe;
 use super::level::local;
 use super::paths::{Encounter, Paths};
@@ -15,11 +17,11 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::gather_samples::GatherPoint;
-use crate::physics::brdf::{Lobes, cosine_direction};
+use crate::physics::brdf::{Lobes, Reflected, cosine_direction};
 use crate::physics::octahedral;
 use crate::physics::sequence::Points;
 use crate::scene::Emitters;
-use crate::shared::NO_BRDF;
+use crate::shared::{NARROW_ALPHA, NO_BRDF};
 use crate::trace::emitting_triangles::{EmittingTriangles, Receiver};
 
 /// Indirect light of one emitter.
@@ -46,6 +48,8 @@ struct View<'a> {
     lobe: Lobe,
     seed: u64,
     aims: Aims<'a>,
+    /// Of each emitter.
+    caustics: Vec<Caustics>,
 }
 
 /// Rays to the emitters of a scene.
@@ -70,6 +74,7 @@ struct Arriving {
     /// RGB radiance, divided by the density of such directions: their sum estimates the integral.
     weight: DVec3,
     emitter: usize,
+    is_thrown: bool,
 }
 
 impl<'a> Emitted<'a> {
@@ -90,7 +95,12 @@ impl<'a> Emitted<'a> {
         let bounces = transport.bounces().map(|bounces| bounces - 1);
         let reflected = aims.reflected(transport, seed ^ 7 << 32);
         let operands = reflected.iter().map(|light| transport.bounce_times(light, bounces).0).collect();
-        Self { view: Some(View { framebuffer, lobe, seed: seed ^ 6 << 32, aims }), operands }
+        let mirrors = EmittingTriangles::new(scene, |material| f64::from(u8::from(aims.paths.is_mirror(material))));
+        let caustics = |(emitter, triangles): (usize, &EmittingTriangles)| {
+            Caustics::new(&aims.paths, triangles, &mirrors, &Points::new(seed ^ 8 << 32, emitter as u64))
+        };
+        let caustics = aims.triangles.iter().enumerate().map(caustics).collect();
+        Self { view: Some(View { framebuffer, lobe, seed: seed ^ 6 << 32, aims, caustics }), operands }
     }
 
     /// Number of emitters.
@@ -133,6 +143,7 @@ impl View<'_> {
             normal: normal.as_vec3(),
             geometric_normal: self.framebuffer.geometric_normals[sample as usize],
         };
+        let is_narrow = self.framebuffer.brdfs[view.brdf as usize].alpha < NARROW_ALPHA;
         let [fewest, most] = AIMED_RAYS_EACH;
         let rays = [(AIMED_RAYS / count).clamp(fewest, most), LOBE_RAYS];
         let draw = |u| lobes.sample(u).map(|wi| (wi, lobes.at(wi).density));
@@ -143,11 +154,25 @@ impl View<'_> {
             &points,
             draw,
             |wi| lobes.at(wi).density,
-            |Arriving { wi, weight, emitter }| {
+            |Arriving { wi, weight, emitter, is_thrown }| {
                 let at = lobes.at(wi);
-                sums[emitter] += weight * if self.lobe == Lobe::All { at.sum() } else { at.specular };
+                let part = match is_thrown {
+                    true if is_narrow => at.specular,
+                    true => DVec3::ZERO,
+                    false if self.lobe == Lobe::All => at.sum(),
+                    false => at.specular,
+                };
+                sums[emitter] += weight * part;
             },
         );
+        let of_caustics = |wi: DVec3| {
+            let Reflected { diffuse, specular, .. } = lobes.at(wi);
+            let diffuse = if self.lobe == Lobe::All { diffuse } else { DVec3::ZERO };
+            if is_narrow { diffuse } else { diffuse + specular }
+        };
+        for (sum, caustics) in sums.iter_mut().zip(&self.caustics) {
+            *sum += caustics.reflected(receiver.position, receiver.geometric_normal, of_caustics);
+        }
         sums
     }
 }
@@ -174,7 +199,7 @@ impl Aims<'_> {
             for i in 0..rays[0] {
                 let Some(found) = triangles.draw(scene, receiver, random(i, emitter)) else { continue };
                 let weight = found.emission / (aimed * found.density + drawn * density(found.wi));
-                arrive(Arriving { wi: found.wi, weight, emitter });
+                arrive(Arriving { wi: found.wi, weight, emitter, is_thrown: false });
             }
         }
         for i in 0..rays[1] {
@@ -194,7 +219,7 @@ impl Aims<'_> {
                 };
                 let emission = (arrival.tint * seen.emission).as_dvec3();
                 let weight = emission / (drawn * density + aimed_density);
-                arrive(Arriving { wi, weight, emitter: emitter as usize });
+                arrive(Arriving { wi, weight, emitter: emitter as usize, is_thrown: !is_straight });
             });
         }
     }
@@ -219,16 +244,23 @@ impl Aims<'_> {
                 let density = |wi: DVec3| cosine(wi) / std::f64::consts::PI;
                 let points = Points::new(seed, (index * level.samples.points_per_sample + i) as u64);
                 let receiver = Receiver { position, normal, geometric_normal };
-                self.look(&receiver, [GATHER_RAYS; 2], &points, draw, density, |Arriving { wi, weight, emitter }| {
-                    let at = local(&frame, wi.as_vec3());
-                    if at.z > 0.0 {
-                        Projection::get().project(&sample.brdf, at, &mut values);
-                        let irradiance = share * weight * cosine(wi);
-                        for (sum, k) in sums[emitter].iter_mut().zip(&values) {
-                            *sum += irradiance * k.as_dvec3();
+                self.look(
+                    &receiver,
+                    [GATHER_RAYS; 2],
+                    &points,
+                    draw,
+                    density,
+                    |Arriving { wi, weight, emitter, .. }| {
+                        let at = local(&frame, wi.as_vec3());
+                        if at.z > 0.0 {
+                            Projection::get().project(&sample.brdf, at, &mut values);
+                            let irradiance = share * weight * cosine(wi);
+                            for (sum, k) in sums[emitter].iter_mut().zip(&values) {
+                                *sum += irradiance * k.as_dvec3();
+                            }
                         }
-                    }
-                });
+                    },
+                );
             }
             sums
         };

@@ -13,6 +13,7 @@
 //! them](importance).
 
 pub mod bounces;
+mod caustics;
 pub mod cells;
 pub mod direct;
 pub mod directions;

@@ -69,6 +69,11 @@ impl<'a> Paths<'a> {
         Self { scene, layers, sides: scene.materials.iter().map(sides).collect() }
     }
 
+    /// Whether rays can continue at some point of a material.
+    pub fn is_mirror(&self, material: u32) -> bool {
+        self.sides[material as usize].goes_on
+    }
+
     /// Follows the ray from a surface point into a unit direction. `random` returns three numbers for each surface
     /// where the ray continues; `meet` is called at each hit, except on backs of single-sided faces, and where the ray
     /// leaves the scene.

@@ -1,0 +1,120 @@
+//! Caustics: light of emitters that mirrors throw onto surfaces, by photons [Jensen 1996].
+//!
+//! Rays from a surface find it rarely, if a small mirror throws light of a small emitter: few pixels get a lot. So photons
+//! go from the emitters to the mirrors, and a surface takes the density of those that land around it.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::paths::{Encounter, Paths};
+use crate::bake::gather_samples::Place;
+use crate::physics::sequence::Points;
+use crate::trace::emitting_triangles::{EmittingTriangles, Receiver};
+use crate::trace::point_tree::{PointTree, point};
+
+/// Photons of one emitter, where they landed.
+pub struct Caustics {
+    photons: Vec<Photon>,
+    /// By position only; normals are compared separately.
+    tree: PointTree,
+    /// Largest squared distance at which photons are looked for, mesh space.
+    reach2: f32,
+}
+
+/// Light that landed on a surface.
+struct Photon {
+    /// Mesh space.
+    position: Vec3,
+    /// Unit, on the side that it landed on.
+    geometric_normal: Vec3,
+    /// Unit, back towards the mirror.
+    wi: Vec3,
+    /// RGB flux in units of mesh space.
+    flux: Vec3,
+}
+
+/// Photons that set out from each emitter towards mirrors.
+const PHOTONS: u32 = 1 << 18;
+/// Number of photons whose density is taken.
+const NEAREST: usize = 64;
+/// Largest distance of these, relative to the scene's radius.
+const REACH: f32 = 0.05;
+/// Least cosine between the normals of surfaces that share photons.
+const MIN_NORMAL_COSINE: f32 = 0.9;
+/// Least cosine by which irradiance is divided.
+const MIN_COSINE: f64 = 0.05;
+
+impl Caustics {
+    /// Sends photons from an emitter's triangles towards triangles of mirrors.
+    pub fn new(paths: &Paths, emitter: &EmittingTriangles, mirrors: &EmittingTriangles, points: &Points) -> Self {
+        let land = |i: u32| land(paths, emitter, mirrors, |set| points.at(i, set));
+        let photons: Vec<Photon> = match mirrors.is_empty() || emitter.is_empty() {
+            true => Vec::new(),
+            false => (0..PHOTONS).into_par_iter().flat_map_iter(land).collect(),
+        };
+        let positions: Vec<_> = photons.iter().map(|photon| point(photon.position, Vec3::ZERO, 0.0)).collect();
+        let reach = REACH * paths.scene.bvh.radius;
+        Self { photons, tree: PointTree::new(&positions), reach2: reach * reach }
+    }
+
+    /// Light that a surface reflects. `reflect`: BRDF times cosine for a unit direction, 1/sr.
+    pub fn reflected(&self, position: Vec3, geometric_normal: Vec3, reflect: impl Fn(DVec3) -> DVec3) -> DVec3 {
+        let alike = |i: u32| self.photons[i as usize].geometric_normal.dot(geometric_normal) > MIN_NORMAL_COSINE;
+        let found = self.tree.nearest_within::<NEAREST>(&point(position, Vec3::ZERO, 0.0), self.reach2, alike);
+        let found = found.items();
+        // The last one lies on the edge of the disc and is not counted.
+        let (inside, radius2) = match found.split_last() {
+            Some((&(distance2, _), inside)) if found.len() == NEAREST => (inside, distance2),
+            _ => (found, self.reach2),
+        };
+        let of_photon = |&(_, i): &(f32, u32)| {
+            let photon = &self.photons[i as usize];
+            let wi = photon.wi.as_dvec3().normalize();
+            let cosine = geometric_normal.as_dvec3().dot(wi).max(MIN_COSINE);
+            photon.flux.as_dvec3() * reflect(wi) / cosine
+        };
+        inside.iter().map(of_photon).sum::<DVec3>() / (PI * f64::from(radius2)).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// The photons of one path from an emitter, one at each surface after a mirror.
+fn land(
+    paths: &Paths,
+    emitter: &EmittingTriangles,
+    mirrors: &EmittingTriangles,
+    random: impl Fn(u32) -> [f64; 4],
+) -> Vec<Photon> {
+    let scene = paths.scene;
+    let mut landed = Vec::new();
+    let [u, v, w, side] = random(0);
+    let Some((triangle, barycentric)) = emitter.place([u, v, w]) else { return landed };
+    let material = scene.mesh.triangle_materials[triangle as usize];
+    let sides = if scene.materials[material as usize].double_sided { 2.0 } else { 1.0 };
+    let from = Place { triangle, barycentric, back: sides > 1.0 && side < 0.5 }.surface(scene, 0.0);
+    let receiver = Receiver { normal: from.geometric_normal, ..(&from).into() };
+    let [u, v, w, _] = random(1);
+    let Some(towards) = mirrors.draw(scene, &receiver, [u, v, w]) else { return landed };
+    let cosine = from.geometric_normal.as_dvec3().dot(towards.wi);
+    let density = emitter.area_density(material) * towards.density * f64::from(PHOTONS);
+    let flux = (from.emission.as_dvec3() * (cosine * sides / density)).as_vec3();
+    let mut is_thrown = false;
+    let at_mirror = |layer: u32| {
+        let [u, v, w, _] = random(2 + layer);
+        [u, v, w]
+    };
+    paths.follow(from.position, from.geometric_normal, towards.wi.as_vec3(), at_mirror, |met| {
+        let Encounter::Surface(arrival) = met else { return };
+        if std::mem::replace(&mut is_thrown, true) {
+            let surface = arrival.place.surface(scene, 0.0);
+            landed.push(Photon {
+                position: surface.position,
+                geometric_normal: surface.geometric_normal,
+                wi: arrival.wo,
+                flux: flux * arrival.tint,
+            });
+        }
+    });
+    landed
+}
