@@ -59,8 +59,8 @@ impl Caustics {
         Self { photons, tree: PointTree::new(&positions), reach2: reach * reach }
     }
 
-    /// Light that a surface reflects. `reflect`: BRDF times cosine for a unit direction, 1/sr.
-    pub fn reflected(&self, position: Vec3, geometric_normal: Vec3, reflect: impl Fn(DVec3) -> DVec3) -> DVec3 {
+    /// Light that arrives around a point of a surface: `arrive` gets its unit direction and irradiance, RGB.
+    pub fn arriving(&self, position: Vec3, geometric_normal: Vec3, mut arrive: impl FnMut(DVec3, DVec3)) {
         let alike = |i: u32| self.photons[i as usize].geometric_normal.dot(geometric_normal) > MIN_NORMAL_COSINE;
         let found = self.tree.nearest_within::<NEAREST>(&point(position, Vec3::ZERO, 0.0), self.reach2, alike);
         let found = found.items();
@@ -69,13 +69,20 @@ impl Caustics {
             Some((&(distance2, _), inside)) if found.len() == NEAREST => (inside, distance2),
             _ => (found, self.reach2),
         };
-        let of_photon = |&(_, i): &(f32, u32)| {
-            let photon = &self.photons[i as usize];
-            let wi = photon.wi.as_dvec3().normalize();
-            let cosine = geometric_normal.as_dvec3().dot(wi).max(MIN_COSINE);
-            photon.flux.as_dvec3() * reflect(wi) / cosine
-        };
-        inside.iter().map(of_photon).sum::<DVec3>() / (PI * f64::from(radius2)).max(f64::MIN_POSITIVE)
+        let area = (PI * f64::from(radius2)).max(f64::MIN_POSITIVE);
+        for &(_, i) in inside {
+            let Photon { wi, flux, .. } = &self.photons[i as usize];
+            arrive(wi.as_dvec3().normalize(), flux.as_dvec3() / area);
+        }
+    }
+
+    /// Light that a surface reflects. `reflect`: BRDF times cosine for a unit direction, 1/sr.
+    pub fn reflected(&self, position: Vec3, geometric_normal: Vec3, reflect: impl Fn(DVec3) -> DVec3) -> DVec3 {
+        let mut sum = DVec3::ZERO;
+        self.arriving(position, geometric_normal, |wi, irradiance| {
+            sum += irradiance * reflect(wi) / geometric_normal.as_dvec3().dot(wi).max(MIN_COSINE);
+        });
+        sum
     }
 }
 

@@ -2,8 +2,8 @@
 //!
 //! Emitters may be small and bright, so their light on view samples and on gather samples is estimated from both sides:
 //! by points on the emitters, and by directions that surfaces reflect. The balance heuristic weighs them [Veach 1995,
-//! Eq. 9]. What mirrors throw onto view samples, and is not seen in narrow lobes, is left to [`Caustics`]. What gather
-//! samples reflect then takes the way of all direct light.
+//! Eq. 9]. What mirrors throw is left to [`Caustics`], except into narrow lobes. What gather samples reflect then takes
+//! the way of all direct light.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -48,8 +48,6 @@ struct View<'a> {
     lobe: Lobe,
     seed: u64,
     aims: Aims<'a>,
-    /// Of each emitter.
-    caustics: Vec<Caustics>,
 }
 
 /// Rays to the emitters of a scene.
@@ -58,6 +56,7 @@ struct Aims<'a> {
     emitters: Emitters,
     /// Of each emitter.
     triangles: Vec<EmittingTriangles>,
+    caustics: Vec<Caustics>,
 }
 
 /// Rays from a view sample to all emitters, and bounds of those to each; and rays in directions that it reflects.
@@ -89,18 +88,18 @@ impl<'a> Emitted<'a> {
             false => 0.0,
         };
         let of_emitter = |emitter: u32| EmittingTriangles::new(scene, |material| radiance(emitter, material));
-        let triangles = (0..emitters.len() as u32).map(of_emitter).collect();
-        let aims = Aims { paths: Paths::new(scene, transport.settings.layers), emitters, triangles };
-        let seed = transport.settings.seed;
+        let triangles: Vec<_> = (0..emitters.len() as u32).map(of_emitter).collect();
+        let (paths, seed) = (Paths::new(scene, transport.settings.layers), transport.settings.seed);
+        let mirrors = EmittingTriangles::new(scene, |material| f64::from(u8::from(paths.is_mirror(material))));
+        let caustics = |(emitter, triangles): (usize, &EmittingTriangles)| {
+            Caustics::new(&paths, triangles, &mirrors, &Points::new(seed ^ 8 << 32, emitter as u64))
+        };
+        let caustics = triangles.iter().enumerate().map(caustics).collect();
+        let aims = Aims { paths, emitters, triangles, caustics };
         let bounces = transport.bounces().map(|bounces| bounces - 1);
         let reflected = aims.reflected(transport, seed ^ 7 << 32);
         let operands = reflected.iter().map(|light| transport.bounce_times(light, bounces).0).collect();
-        let mirrors = EmittingTriangles::new(scene, |material| f64::from(u8::from(aims.paths.is_mirror(material))));
-        let caustics = |(emitter, triangles): (usize, &EmittingTriangles)| {
-            Caustics::new(&aims.paths, triangles, &mirrors, &Points::new(seed ^ 8 << 32, emitter as u64))
-        };
-        let caustics = aims.triangles.iter().enumerate().map(caustics).collect();
-        Self { view: Some(View { framebuffer, lobe, seed: seed ^ 6 << 32, aims, caustics }), operands }
+        Self { view: Some(View { framebuffer, lobe, seed: seed ^ 6 << 32, aims }), operands }
     }
 
     /// Number of emitters.
@@ -170,7 +169,7 @@ impl View<'_> {
             let diffuse = if self.lobe == Lobe::All { diffuse } else { DVec3::ZERO };
             if is_narrow { diffuse } else { diffuse + specular }
         };
-        for (sum, caustics) in sums.iter_mut().zip(&self.caustics) {
+        for (sum, caustics) in sums.iter_mut().zip(&self.aims.caustics) {
             *sum += caustics.reflected(receiver.position, receiver.geometric_normal, of_caustics);
         }
         sums
@@ -244,23 +243,24 @@ impl Aims<'_> {
                 let density = |wi: DVec3| cosine(wi) / std::f64::consts::PI;
                 let points = Points::new(seed, (index * level.samples.points_per_sample + i) as u64);
                 let receiver = Receiver { position, normal, geometric_normal };
-                self.look(
-                    &receiver,
-                    [GATHER_RAYS; 2],
-                    &points,
-                    draw,
-                    density,
-                    |Arriving { wi, weight, emitter, .. }| {
-                        let at = local(&frame, wi.as_vec3());
-                        if at.z > 0.0 {
-                            Projection::get().project(&sample.brdf, at, &mut values);
-                            let irradiance = share * weight * cosine(wi);
-                            for (sum, k) in sums[emitter].iter_mut().zip(&values) {
-                                *sum += irradiance * k.as_dvec3();
-                            }
+                let mut arrive = |emitter: usize, wi: DVec3, irradiance: DVec3| {
+                    let at = local(&frame, wi.as_vec3());
+                    if at.z > 0.0 {
+                        Projection::get().project(&sample.brdf, at, &mut values);
+                        for (sum, k) in sums[emitter].iter_mut().zip(&values) {
+                            *sum += share * irradiance * k.as_dvec3();
                         }
-                    },
-                );
+                    }
+                };
+                self.look(&receiver, [GATHER_RAYS; 2], &points, draw, density, |arriving| {
+                    let Arriving { wi, weight, emitter, is_thrown } = arriving;
+                    if !is_thrown {
+                        arrive(emitter, wi, weight * cosine(wi));
+                    }
+                });
+                for (emitter, caustics) in self.caustics.iter().enumerate() {
+                    caustics.arriving(position, geometric_normal, |wi, irradiance| arrive(emitter, wi, irradiance));
+                }
             }
             sums
         };
