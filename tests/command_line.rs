@@ -624,6 +624,30 @@ fn plan_tells_what_is_left_out() {
 }
 
 #[test]
+fn plan_tells_why_there_is_no_light_of_the_sky() {
+    const CORNERS: &str = "v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\n";
+    const FACES: &str = "f 1 2 3 4\nf 6 5 8 7\nf 5 1 4 8\nf 2 6 7 3\nf 5 6 2 1\n";
+    const CAMERA: &str = "[camera]\nposition = [0, 0, 0.9]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\nyfov_deg = 50\n";
+    let folder = folder();
+    let write = |name: &str, text: &str| support::write(folder.path(), name, text.as_bytes());
+    let open = write("open.obj", &format!("{CORNERS}{FACES}"));
+    // Larger than the hole: closed surfaces would be turned to face outwards.
+    let lid = "v -1.1 1 -1.1\nv 1.1 1 -1.1\nv 1.1 1 1.1\nv -1.1 1 1.1\nf 9 10 11 12\n";
+    let closed = write("closed.obj", &format!("{CORNERS}{FACES}{lid}"));
+    let why = |scene: &Path, light: &str| {
+        let rig = write("rig.toml", &format!("{CAMERA}[[light]]\nname = \"light\"\n{light}"));
+        let plan = run!("plan", scene, "--rig", &rig, "--json", "--no-cache", "--size", "64x48");
+        let plan = parse(&plan.silent().stdout);
+        let mut items = plan["left_out"].as_array().unwrap().iter();
+        items.find(|item| item["what"] == "light of the sky").map(|item| item["why"].as_str().unwrap().to_owned())
+    };
+    let dome = "kind = \"dome\"\n";
+    assert_eq!(why(&open, "kind = \"point\"\nposition = [0, 0, 0]\n").unwrap(), "no light is a dome");
+    assert_eq!(why(&open, dome), None);
+    assert_eq!(why(&closed, dome).unwrap(), "hardly any ray leaves the scene");
+}
+
+#[test]
 fn plan_estimates_and_stores_nothing() {
     let folder = folder();
     let cache = folder.path().join("cache");

@@ -2,7 +2,7 @@
 
 use glam::UVec2;
 use relume::scene::Rig;
-use relume::session::FramebufferCounts;
+use relume::session::{FramebufferCounts, NoSky, Unneeded};
 use relume::shared::{Brdf, ViewSample};
 
 /// Something that a scene does not need.
@@ -16,9 +16,8 @@ pub struct LeftOut {
 /// Share of the surfaces that is not worth a word.
 const LITTLE: f64 = 0.01;
 
-/// `traced`: shadow rays are traced, no maps are drawn. `unseen`: share of surfaces that no pixel sees, even over bounces, if
-/// there is, or will be, indirect light.
-pub fn left_out(counts: &FramebufferCounts, rig: &Rig, traced: bool, unseen: Option<f64>) -> Vec<LeftOut> {
+/// `traced`: shadow rays are traced, no maps are drawn. `unneeded`: if there is, or will be, indirect light.
+pub fn left_out(counts: &FramebufferCounts, rig: &Rig, traced: bool, unneeded: Option<Unneeded>) -> Vec<LeftOut> {
     let mut list = Vec::new();
     let mut add = |what, why: &str, saves: String| list.push(LeftOut { what, why: why.into(), saves });
     let megabytes = |bytes: usize| format!("{:.1} MB", bytes as f64 * 1e-6);
@@ -37,13 +36,20 @@ pub fn left_out(counts: &FramebufferCounts, rig: &Rig, traced: bool, unseen: Opt
     if !counts.has_specular {
         add("the specular lobe", "no visible surface has one", "its share of the shading kernel".into());
     }
-    match unseen {
+    match unneeded {
         None => add("indirect light", "--gi off", "gather samples, their transfer, and its passes".into()),
-        Some(unseen) if unseen > LITTLE => {
+        Some(Unneeded { unseen, .. }) if unseen > LITTLE => {
             let saves = format!("the samples of {:.0} % of all surfaces", 100.0 * unseen);
             add("gather samples nobody sees", "no light reaches the eye from there, over any bounces", saves);
         }
         Some(_) => (),
+    }
+    if let Some(why) = unneeded.and_then(|unneeded| unneeded.sky) {
+        let why = match why {
+            NoSky::NoDome => "no light is a dome",
+            NoSky::Closed => "hardly any ray leaves the scene",
+        };
+        add("light of the sky", why, "a compressed map of its own".into());
     }
     if counts.own_brdfs == 0 {
         let saves = megabytes(counts.pixels * size_of::<Brdf>());

@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<()> {
         refusal: target.as_ref().and_then(|target| survey.footprint(target).refusal(&target.device)),
     };
     let reasons = settings.indirect.map_or(Vec::new(), |indirect| indirect.reasons(survey.size));
-    let left_out = left_out(&survey.counts, &survey.rig, traced, survey.unseen);
+    let left_out = left_out(&survey.counts, &survey.rig, traced, survey.unneeded);
     let [width, height] = survey.size;
     let FramebufferCounts { samples, layers, .. } = &survey.counts;
     let verdict = memory.verdict(&survey);

@@ -69,7 +69,7 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
         "non_finite": null,
         "negative": null,
         "memory": null,
-        "left_out": left_out(&session.counts(), &session.rig, traced, transfer.map(|t| t.report.unseen)),
+        "left_out": left_out(&session.counts(), &session.rig, traced, session.unneeded()),
     })
 }
 

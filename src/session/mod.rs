@@ -21,7 +21,7 @@ pub use self::open::{OpenSettings, Opened, build_bvh, check_size};
 pub use self::plan::{BakeInput, ERROR, Form, IndirectSettings, THESIS_BOUNCES, TransferPlan};
 pub use self::progress::Progress;
 pub use self::report::{BakeReport, Stage, cpu_seconds, peak_bytes};
-pub use self::survey::{CountedIn, FramebufferCounts, Survey};
+pub use self::survey::{CountedIn, FramebufferCounts, NoSky, Survey, Unneeded};
 pub use self::target::Target;
 
 use self::memory::check_memory;

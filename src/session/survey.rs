@@ -8,8 +8,8 @@ use super::progress::{Progress, advance, until_cancelled};
 use super::report::BakeReport;
 use super::{Session, SessionSettings};
 use crate::bake::framebuffer::view_samples::Tiling;
-use crate::bake::transport::TransferSettings;
 use crate::bake::transport::importance::Importance;
+use crate::bake::transport::{CLOSED, TransferSettings};
 use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache};
 use crate::error::Result;
 use crate::relight::footprint::light_image_bytes;
@@ -53,8 +53,24 @@ pub struct Survey {
     pub counted_in: CountedIn,
     /// Absent without indirect light.
     pub transfer: Option<TransferPlan>,
-    /// Share of all surfaces, by area, that no pixel sees, even over bounces; absent without indirect light.
-    pub unseen: Option<f64>,
+    /// Absent without indirect light.
+    pub unneeded: Option<Unneeded>,
+}
+
+/// What indirect light of a scene and camera does without.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unneeded {
+    /// Share of all surfaces, by area, that no pixel sees, even over bounces.
+    pub unseen: f64,
+    /// Why light of the sky is not baked although the method could.
+    pub sky: Option<NoSky>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoSky {
+    NoDome,
+    /// Hardly any ray leaves the scene.
+    Closed,
 }
 
 /// Pixels of the picture that larger ones are judged by: a few milliseconds, and each thousandth of a picture is some pixels.
@@ -110,9 +126,27 @@ impl FramebufferCounts {
     }
 }
 
+impl Unneeded {
+    fn new(unseen: f64, plan: &TransferPlan, rig: &Rig, open: bool) -> Self {
+        let sky = match (plan.has_sky(), rig.has_domes()) {
+            (false, _) => None,
+            (true, false) => Some(NoSky::NoDome),
+            (true, true) => (!open).then_some(NoSky::Closed),
+        };
+        Self { unseen, sky }
+    }
+}
+
 impl Session {
     pub fn counts(&self) -> FramebufferCounts {
         FramebufferCounts::new(&self.framebuffer, self.scene.materials.len())
+    }
+
+    /// Absent without indirect light.
+    pub fn unneeded(&self) -> Option<Unneeded> {
+        let (transfers, transfer) = (self.transfers.as_ref()?, self.transfer.as_ref()?);
+        let open = transfer.sky.as_ref().is_some_and(|sky| !sky.chain.is_empty());
+        Some(Unneeded::new(transfer.report.unseen, &transfers.plan, &self.rig, open))
     }
 }
 
@@ -139,14 +173,15 @@ impl Survey {
         };
         let SessionSettings { layers, seed, indirect, .. } = settings;
         let transfer = indirect.map(|indirect| indirect.plan(size, *layers, *seed));
-        let unseen = transfer.as_ref().map(|plan| match plan {
+        let unneeded = transfer.as_ref().map(|plan| match plan {
             TransferPlan::Robust(TransferSettings { layers, seed, .. }, _) => {
-                report.stage("paths", || Importance::new(&scene, &framebuffer, *layers, PATHS, *seed).unseen)
+                let importance = report.stage("paths", || Importance::new(&scene, &framebuffer, *layers, PATHS, *seed));
+                Unneeded::new(importance.unseen, plan, &rig, importance.escaped > CLOSED)
             }
             // It looks at all surfaces.
-            TransferPlan::Thesis(_) => 0.0,
+            TransferPlan::Thesis(_) => Unneeded { unseen: 0.0, sky: None },
         });
-        Ok(Self { size, counts, counted_in, transfer, unseen, scene, rig })
+        Ok(Self { size, counts, counted_in, transfer, unneeded, scene, rig })
     }
 
     /// Bytes of all light images of the rig, and of the fewest that work.

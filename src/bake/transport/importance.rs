@@ -23,6 +23,16 @@ pub struct Importance {
     pub shares: Vec<f32>,
     /// Share of all surface area that no path has hit.
     pub unseen: f64,
+    /// Share of the paths' rays that leave the scene, straight or by mirrors.
+    pub escaped: f64,
+}
+
+/// What a path meets.
+#[derive(Default)]
+struct Path {
+    visits: Vec<Visit>,
+    rays: usize,
+    escapes: usize,
 }
 
 /// A hit of a path on a surface.
@@ -67,7 +77,9 @@ const EVENLY: f64 = 0.1;
 impl Importance {
     /// Importance for the view of `framebuffer`, by `paths` paths through at most `layers` mirrors.
     pub fn new(scene: &TracedScene, framebuffer: &DeepFramebuffer, layers: u32, paths: usize, seed: u64) -> Self {
-        let visits = Tracer { paths: Paths::new(scene, layers), framebuffer, seed }.trace(paths);
+        let traced = Tracer { paths: Paths::new(scene, layers), framebuffer, seed }.trace(paths);
+        let [rays, escapes] = [|p: &Path| p.rays, |p: &Path| p.escapes].map(|n| traced.iter().map(n).sum::<usize>());
+        let visits: Vec<Visit> = traced.into_iter().flat_map(|path| path.visits).collect();
         let mut shares = vec![0.0; scene.materials.len()];
         for visit in &visits {
             shares[scene.mesh.triangle_materials[visit.side as usize / 2] as usize] += visit.light;
@@ -75,7 +87,7 @@ impl Importance {
         let all: f32 = shares.iter().sum();
         shares.iter_mut().for_each(|share| *share /= all.max(f32::MIN_POSITIVE));
         let (surfaces, unseen) = spread(scene, visits);
-        Self { surfaces, shares, unseen }
+        Self { surfaces, shares, unseen, escaped: escapes as f64 / rays.max(1) as f64 }
     }
 }
 
@@ -86,18 +98,18 @@ struct Tracer<'a> {
 }
 
 impl Tracer<'_> {
-    fn trace(&self, count: usize) -> Vec<Visit> {
+    fn trace(&self, count: usize) -> Vec<Path> {
         let seen = self.framebuffer.reflecting();
         if seen.is_empty() {
             return Vec::new();
         }
         let path = |i: usize| self.path(seen[i * seen.len() / count], i as u64);
-        (0..count).into_par_iter().flat_map_iter(path).collect()
+        (0..count).into_par_iter().map(path).collect()
     }
 
-    fn path(&self, sample: u32, stream: u64) -> Vec<Visit> {
+    fn path(&self, sample: u32, stream: u64) -> Path {
         let points = Points::new(self.seed, stream);
-        let mut visits = Vec::new();
+        let mut path = Path::default();
         let mut arrivals = Vec::new();
         let mut vertex = Some(self.eye_sees(sample));
         let mut light = Vec3::ONE;
@@ -114,13 +126,13 @@ impl Tracer<'_> {
                 [u, v, w]
             };
             arrivals.clear();
-            let meet = |met: Encounter| {
-                if let Encounter::Surface(arrival) = met {
-                    arrivals.push(arrival);
-                }
+            path.rays += 1;
+            let meet = |met: Encounter| match met {
+                Encounter::Surface(arrival) => arrivals.push(arrival),
+                Encounter::Sky(_) => path.escapes += 1,
             };
             self.paths.follow(from.position, from.geometric_normal, direction.as_vec3(), random, meet);
-            visits.extend(arrivals.iter().map(|arrival| Visit {
+            path.visits.extend(arrivals.iter().map(|arrival| Visit {
                 side: 2 * arrival.place.triangle + u32::from(arrival.place.back),
                 barycentric: arrival.place.barycentric,
                 light: (light * arrival.tint).element_sum() / 3.0,
@@ -131,7 +143,7 @@ impl Tracer<'_> {
             light *= arrival.tint * arrivals.len() as f32;
             vertex = (light.max_element() > MIN_LIGHT).then(|| self.goes_on(arrival));
         }
-        visits
+        path
     }
 
     fn eye_sees(&self, sample: u32) -> ScatterVertex {

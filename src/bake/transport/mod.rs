@@ -348,8 +348,8 @@ fn bounce_gatherer<'b>(
 
 /// Rows for the sky have fewer rays: they serve while it turns, and light that mirrors throw.
 const SKY_RAYS_DIVISOR: u32 = 4;
-/// Share of the rays of gather samples that leave a scene by its cracks.
-const CLOSED: f64 = 1e-4;
+/// Share of all rays that leave a scene by its cracks.
+pub const CLOSED: f64 = 1e-4;
 /// Eye paths per sample, which determine where samples are placed.
 const PATHS_A_SAMPLE: usize = 16;
 /// Minimum number of eye paths: they also detect hidden sides.

@@ -57,12 +57,7 @@ impl Lab<'_> {
             let record = timing.measure(&mut relighter, &session.rig, edited, edit)?;
             times.push(limits.told(&record));
         }
-        let items = left_out(
-            &session.counts(),
-            relighter.rig(),
-            relighter.traces(),
-            session.transfer.as_ref().map(|t| t.report.unseen),
-        );
+        let items = left_out(&session.counts(), relighter.rig(), relighter.traces(), session.unneeded());
         let left_out = items.into_iter().map(|i| LeftOut { what: i.what.into(), why: i.why, saves: i.saves }).collect();
         // The other way to shadows, beside the one that was chosen.
         let other = if relighter.traces() { VisibilityMethod::Map } else { VisibilityMethod::Traced };
