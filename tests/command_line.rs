@@ -546,6 +546,12 @@ fn no_light_is_black_and_no_camera_is_framed() {
     run!("render", &dark, "-o", folder.path().join("a.png"), "--no-cache", "--quiet").silent();
     let none = run!("render", &dark, "-o", &out, "--no-cache", "--passes", "light:key");
     none.failed(&["light:key", "there are no lights"]);
+    // What glows is a light.
+    let mut glowing = small_scene(true, false);
+    glowing.json["materials"] = json!([{"emissiveFactor": [0.5, 0.25, 1.0]}]);
+    glowing.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    let glowing = glowing.write(folder.path(), "glowing.glb");
+    run!("render", &glowing, "-o", &out, "--no-cache").silent();
 
     let blind = small_scene(false, true).write(folder.path(), "blind.glb");
     let run = run!("render", &blind, "-o", &out, "--no-cache").done();

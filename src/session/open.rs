@@ -5,7 +5,7 @@ use std::path::Path;
 use super::progress::Progress;
 use crate::error::{Error, Result};
 use crate::scene::rig::without_dots;
-use crate::scene::{Camera, Emitters, LightKind, Links, Rig, Scene};
+use crate::scene::{Camera, Emitters, Links, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 
 /// How a scene is looked at.
@@ -43,9 +43,8 @@ impl Opened {
             None => scene.rig.clone(),
         };
         let mut rig = emitters.complete(&rig).into_owned();
-        if rig.lights.iter().all(|light| light.kind == LightKind::Emitter) {
-            let so = if emitters.is_empty() { "the picture is black" } else { "only emissive materials shine" };
-            tracing::warn!("{}: no lights: {so}", rig_path.unwrap_or(path).display());
+        if rig.lights.is_empty() {
+            tracing::warn!("{}: no lights: the picture is black", rig_path.unwrap_or(path).display());
         }
         if let Err(reason) = emitters.check(&rig) {
             return Err(Error::import(rig_path.unwrap_or(path), reason));

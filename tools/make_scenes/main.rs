@@ -19,8 +19,8 @@ fn main() -> io::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let dir = arguments.next().unwrap_or_else(|| "scenes".into());
     let which = arguments.next().unwrap_or_else(|| "all".into());
-    if !["small", "large", "all"].contains(&which.as_str()) {
-        eprintln!("make_scenes [DIR [small|large|all]]: {which} is none of these");
+    if dir.starts_with('-') || !["small", "large", "all"].contains(&which.as_str()) {
+        eprintln!("usage: make_scenes [DIR [small|large|all]]    (default: scenes all)");
         std::process::exit(2);
     }
     if which != "large" {
