@@ -33,7 +33,7 @@ use crate::storage::journal::Journal;
 /// Compresses the rows of one transfer.
 pub struct RowWavelets<'a> {
     gatherer: RowGatherer<'a>,
-    inputs: Inputs<'a>,
+    inputs: Inputs,
     /// Square of each term's weight.
     weights: Vec<f32>,
     emitted: Emitted<'a>,

@@ -1,5 +1,8 @@
 //! S applied to batches of vectors, and its transpose in Haar terms: T = Φ_f + Φ_c S.
 
+use std::sync::Arc;
+
+use faer::{Mat, MatRef};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -8,15 +11,13 @@ use super::haar::Haar;
 use super::largest::largest;
 use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
+use crate::bake::linear;
 use crate::bake::transport::LightTransport;
-use crate::bake::transport::solve::Resolvent;
 
 /// All bounces of direct light beyond the first surface.
 pub struct Bounces<'a> {
-    /// One per channel.
-    resolvents: &'a [Resolvent; 3],
-    /// Where the number of bounces is limited: that of terms of the resolvents.
-    terms: u32,
+    /// See [`LightTransport::resolvents`].
+    resolvents: Arc<[Mat<f32>; 3]>,
     /// G_cf; with a single level, G.
     first: &'a CsrMatrix,
     operand: Operand,
@@ -44,13 +45,12 @@ impl<'a> Bounces<'a> {
         // Light of the sky that gather samples reflect has bounced once, that of the fine level twice.
         let before = if from_sky.is_some() { 0 } else { 1 };
         let terms = transport.bounces().unwrap_or(0).saturating_sub(before);
-        Self { resolvents: transport.resolvents(), terms, first, operand }
+        Self { resolvents: transport.resolvents(terms), first, operand }
     }
 
     /// S `direct`.
     pub fn further(&self, direct: &VectorBatch) -> VectorBatch {
-        vector_batch::multiply(self.first, direct)
-            .map(|channel, panel| times(&self.resolvents[channel], panel, false, self.terms))
+        vector_batch::multiply(self.first, direct).map(|channel, panel| times(self.resolvents[channel].as_ref(), panel))
     }
 
     /// See [`LightTransport::residual`].
@@ -82,7 +82,7 @@ impl<'a> Bounces<'a> {
 
     /// The transpose of the operator in Haar terms. From each row of G_cf, omits terms with at most the share `tail` of
     /// the row's energy, weighted by `power`: most entries of rows of few rays are noise.
-    pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned<'a> {
+    pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
         let power = power.each_ref().map(Vec::as_slice);
         let columns = self.operand.fine;
         let thin = |first: usize| {
@@ -93,22 +93,20 @@ impl<'a> Bounces<'a> {
         };
         let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
         let parts = panels.into_par_iter().map(thin).collect();
-        let Self { resolvents, terms, operand, .. } = self;
-        Thinned { resolvents, terms, first: Transposed { columns, parts }, operand }
+        let Self { resolvents, operand, .. } = self;
+        Thinned { resolvents, first: Transposed { columns, parts }, operand }
     }
 }
 
 /// Tᵀ in Haar terms.
-pub struct Thinned<'a> {
-    resolvents: &'a [Resolvent; 3],
-    /// See [`Bounces`].
-    terms: u32,
+pub struct Thinned {
+    resolvents: Arc<[Mat<f32>; 3]>,
     /// Rows of G_cf in Haar terms.
     first: Transposed,
     operand: Operand,
 }
 
-impl Thinned<'_> {
+impl Thinned {
     /// Haar terms of Tᵀ x, from Φᵀ x.
     pub fn terms(&self, haar: &Haar, mut gathered: VectorBatch) -> VectorBatch {
         let Operand { two_levels, fine, first } = self.operand;
@@ -117,7 +115,7 @@ impl Thinned<'_> {
             let split = |panel: &mut Panel| if two_levels { panel.split_off(fine) } else { panel.clone() };
             further.extend(gathered.iter_mut().map(split));
         }
-        let summed = further.map(|channel, panel| times(&self.resolvents[channel], panel, true, self.terms));
+        let summed = further.map(|channel, panel| times(self.resolvents[channel].transpose(), panel));
         if first {
             gathered.for_each_mut(|_, panel| haar.transform(panel));
         } else {
@@ -128,8 +126,8 @@ impl Thinned<'_> {
     }
 }
 
-fn times(resolvent: &Resolvent, panel: &Panel, transposed: bool, terms: u32) -> Panel {
-    let product = resolvent.times(vector_batch::matrix(panel), transposed, terms);
-    let row = |i: usize| std::array::from_fn(|j| product[(i, j)] as f32);
-    (0..panel.len()).map(row).collect()
+fn times(matrix: MatRef<'_, f32>, panel: &Panel) -> Panel {
+    let mut product = vec![[0.0; WIDTH]; panel.len()];
+    linear::add_product(vector_batch::matrix_mut(&mut product), matrix, vector_batch::matrix(panel));
+    product
 }

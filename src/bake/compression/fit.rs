@@ -18,8 +18,8 @@ use crate::bake::linear::{self, Lu};
 use crate::physics::sequence::Points;
 
 /// Input shared by all superclusters.
-pub struct Inputs<'a> {
-    pub bounces: Thinned<'a>,
+pub struct Inputs {
+    pub bounces: Thinned,
     /// See [`crate::bake::transport::LightTransport::residual`].
     pub residual: Option<f64>,
     pub haar: Haar,
@@ -50,7 +50,7 @@ pub struct Budget {
 
 /// A supercluster projected onto a basis, before it is fitted.
 pub struct Projected<'a> {
-    inputs: &'a Inputs<'a>,
+    inputs: &'a Inputs,
     /// An orthonormal basis of the retained space, ordered by decreasing energy of the training lights: pixels x
     /// directions.
     directions: Mat<f64>,
@@ -159,7 +159,7 @@ impl<'a> Projected<'a> {
     /// From the products of the supercluster's rows. `allowed` computes the allowed squared error beyond noise from the
     /// squares of the images and of their noise.
     pub fn new(
-        inputs: &'a Inputs<'a>,
+        inputs: &'a Inputs,
         seen: RowProducts,
         resampled: &Resampled,
         allowed: impl Fn(f64, f64) -> f64,
@@ -365,7 +365,7 @@ impl<'a> Projected<'a> {
         let all: f64 = (0..gram.nrows()).map(|l| gram[(l, l)]).sum();
         if all > 0.0 {
             (0..gram.nrows()).for_each(|l| gram[(l, l)] += RIDGE * all);
-            let shares = Lu::new(gram).solve(missing.as_ref(), false);
+            let shares = Lu::new(gram).solve(missing.as_ref());
             let shares = Mat::from_fn(shares.nrows(), shares.ncols(), |l, r| shares[(l, r)] as f32);
             linear::add_product(kept.as_mut(), listed, shares.as_ref());
         }

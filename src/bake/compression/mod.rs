@@ -70,7 +70,7 @@ pub struct Compressor<'a> {
     operator: Operator<'a>,
     settings: CompressionSettings,
     pub clusters: Clusters,
-    inputs: Inputs<'a>,
+    inputs: Inputs,
     emitted: Emitted<'a>,
 }
 
@@ -340,7 +340,7 @@ pub(super) fn training_inputs<'a>(
     direct: &Direct,
     samples: &[u32],
     settings: &CompressionSettings,
-) -> Inputs<'a> {
+) -> Inputs {
     let bounces = Bounces::new(operator);
     let residual = operator.from_sky.is_none().then(|| bounces.residual(operator.transport)).flatten();
     let haar = operator.haar();

@@ -25,7 +25,7 @@ pub mod rows;
 pub mod sky;
 pub mod solve;
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use faer::Mat;
 use glam::{DVec3, Vec3};
@@ -105,8 +105,8 @@ pub struct LightTransport<'a> {
     /// G_cf; `None` with a single level.
     pub from_fine: Option<CsrMatrix>,
     pub certificate: Certificate,
-    /// Made when they are first needed.
-    resolvents: OnceLock<[Resolvent; 3]>,
+    /// Those of all bounces, made when they are first needed.
+    resolvents: OnceLock<Arc<[Mat<f32>; 3]>>,
 }
 
 /// Maximum relative residual of the solution in each channel.
@@ -212,7 +212,7 @@ impl<'a> LightTransport<'a> {
             paths: Paths::new(self.scene, self.settings.layers),
             framebuffer: self.framebuffer,
             sky: false,
-            levels: [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect(),
+            levels: self.levels().collect(),
             rays: self.settings.rays,
             lobe,
             seed: self.settings.seed ^ 3 << 32,
@@ -233,6 +233,11 @@ impl<'a> LightTransport<'a> {
         let rays = self.settings.rays as usize * rows.len();
         // Without samples, nobody knows.
         (rays == 0 || rows.columns.len() as f64 > CLOSED * rays as f64).then_some(rows)
+    }
+
+    /// The fine level, then the coarse one if there is one.
+    fn levels(&self) -> impl Iterator<Item = &Level> {
+        [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten()
     }
 
     /// The level among whose samples light bounces on.
@@ -271,17 +276,24 @@ impl<'a> LightTransport<'a> {
     /// fixed number. Only for few samples: takes three matrices of coarse x fine coefficients in double precision.
     pub fn further_bounces(&self) -> [Mat<f64>; 3] {
         let right = self.from_fine.as_ref().unwrap_or(&self.bounce_matrix);
-        let (resolvents, terms) = (self.resolvents(), self.settings.bounces.unwrap_or(0).saturating_sub(1));
+        let terms = self.settings.bounces.unwrap_or(0).saturating_sub(1);
+        let resolvents = Resolvent::new(&self.bounce_matrix, self.settings.bounces.is_none());
         let of_channel = |channel: usize| {
-            resolvents[channel].times(right.to_dense(self.fine.coefficient_count(), channel).as_ref(), false, terms)
+            resolvents[channel].times(right.to_dense(self.fine.coefficient_count(), channel).as_ref(), terms)
         };
         let channels: Vec<_> = (0..3).into_par_iter().map(of_channel).collect();
         channels.try_into().expect("there are three")
     }
 
-    /// Of each channel what maps light at the level among whose samples light bounces on to all bounces there.
-    pub fn resolvents(&self) -> &[Resolvent; 3] {
-        self.resolvents.get_or_init(|| Resolvent::new(&self.bounce_matrix, self.settings.bounces.is_none()))
+    /// Of each channel the matrix that maps light at the level among whose samples light bounces on to all bounces there;
+    /// where their number is limited, to `terms` of them.
+    pub fn resolvents(&self, terms: u32) -> Arc<[Mat<f32>; 3]> {
+        let all = self.settings.bounces.is_none();
+        let make = || {
+            let matrix = |resolvent: Resolvent| resolvent.matrix(self.bounce_matrix.len(), terms);
+            Arc::new(Resolvent::new(&self.bounce_matrix, all).map(matrix))
+        };
+        if all { self.resolvents.get_or_init(make).clone() } else { make() }
     }
 
     /// Relative residual of `further`, a solution for all further bounces of [uniform light](Self::even_light): |b - (I
