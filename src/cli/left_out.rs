@@ -16,7 +16,7 @@ pub struct LeftOut {
 /// Share of the surfaces that is not worth a word.
 const LITTLE: f64 = 0.01;
 
-/// `traced`: shadow rays are traced, no maps are drawn. `unneeded`: if there is, or will be, indirect light.
+/// `traced`: shadow rays are traced, no maps are drawn. `unneeded`: `None` without indirect light.
 pub fn left_out(counts: &FramebufferCounts, rig: &Rig, traced: bool, unneeded: Option<Unneeded>) -> Vec<LeftOut> {
     let mut list = Vec::new();
     let mut add = |what, why: &str, saves: String| list.push(LeftOut { what, why: why.into(), saves });

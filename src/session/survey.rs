@@ -66,8 +66,10 @@ pub struct Unneeded {
     pub sky: Option<NoSky>,
 }
 
+/// Why a scene needs no light of the sky.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoSky {
+    /// No light is a dome.
     NoDome,
     /// Hardly any ray leaves the scene.
     Closed,
@@ -145,7 +147,7 @@ impl Session {
     /// Absent without indirect light.
     pub fn unneeded(&self) -> Option<Unneeded> {
         let (transfers, transfer) = (self.transfers.as_ref()?, self.transfer.as_ref()?);
-        let open = transfer.sky.as_ref().is_some_and(|sky| !sky.chain.is_empty());
+        let open = transfer.sky.as_ref().is_none_or(|sky| !sky.chain.is_empty());
         Some(Unneeded::new(transfer.report.unseen, &transfers.plan, &self.rig, open))
     }
 }
@@ -176,7 +178,7 @@ impl Survey {
         let unneeded = transfer.as_ref().map(|plan| match plan {
             TransferPlan::Robust(TransferSettings { layers, seed, .. }, _) => {
                 let importance = report.stage("paths", || Importance::new(&scene, &framebuffer, *layers, PATHS, *seed));
-                Unneeded::new(importance.unseen, plan, &rig, importance.escaped > CLOSED)
+                Unneeded::new(importance.unseen, plan, &rig, importance.escaped.is_none_or(|share| share > CLOSED))
             }
             // It looks at all surfaces.
             TransferPlan::Thesis(_) => Unneeded { unseen: 0.0, sky: None },

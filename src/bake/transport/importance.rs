@@ -23,8 +23,9 @@ pub struct Importance {
     pub shares: Vec<f32>,
     /// Share of all surface area that no path has hit.
     pub unseen: f64,
-    /// Share of the paths' rays that leave the scene, straight or by mirrors.
-    pub escaped: f64,
+    /// Share of the paths' rays that leave the scene, straight or by mirrors. `None` if no surface that the eye sees
+    /// reflects.
+    pub escaped: Option<f64>,
 }
 
 /// What a path meets.
@@ -87,7 +88,7 @@ impl Importance {
         let all: f32 = shares.iter().sum();
         shares.iter_mut().for_each(|share| *share /= all.max(f32::MIN_POSITIVE));
         let (surfaces, unseen) = spread(scene, visits);
-        Self { surfaces, shares, unseen, escaped: escapes as f64 / rays.max(1) as f64 }
+        Self { surfaces, shares, unseen, escaped: (rays > 0).then(|| escapes as f64 / rays as f64) }
     }
 }
 
