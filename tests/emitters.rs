@@ -146,7 +146,56 @@ fn the_path_tracer_dims_emitters_too() {
     assert_same(&sum, &want, 1e-6, "the sum of both");
 }
 
-/// A panel shines up at a mirror, which throws its light onto the floor: beside the path tracer, in blocks of 8x8 pixels.
+/// Sides of the pictures beside the path tracer.
+const SIDE: usize = 32;
+
+/// Light of the emitter "panel": relume's with 200 gather samples, `coarse` of them for further bounces, and rows of 128
+/// rays; and the path tracer's.
+fn beside_the_path_tracer(build: Build, camera: &Camera, coarse: usize) -> [Vec<[f32; 3]>; 2] {
+    let (gpu, setup) = (gpu(), Setup::new(SIDE as u32, SIDE as u32));
+    let mut stage = Stage::new(build.scene(), camera, &rig(Vec::new()), &setup);
+    let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
+    let transport = LightTransport::new(&scene, &framebuffer, &settings(200, coarse, 128), &|_| ());
+    let compression = CompressionSettings { error: 0.05, lights: 32, lobe: Lobe::All, seed: 1 };
+    let nested = Transfer::nested(&transport, &compression, &mut Journal::default(), &|_| ()).unwrap();
+    stage.transfer = Some(Arc::new(nested));
+    let all = rig(vec![Light::emitter("panel", "panel")]);
+    let image = stage.relighter(&gpu, &all, &setup).linear(Picture::Emission).unwrap().to_vec();
+
+    let settings = Settings {
+        width: SIDE as u32,
+        height: SIDE as u32,
+        layers: 4,
+        max_bounces: None,
+        filter: Filter::Centre,
+        bounce_layers: 0,
+        light_layers: false,
+        seed: 1,
+    };
+    let film = PathTracer::new(&stage.scene, camera, &all, &settings).trace(8192, &|| false, &|_| ());
+    [image, film.layer(Half::Both, Layer::Emission)]
+}
+
+/// Relative RMS error and bias of blocks of `side` pixels, red.
+fn differences([ours, want]: &[Vec<[f32; 3]>; 2], side: usize) -> (f64, f64) {
+    let along = SIDE / side;
+    let blocks = |image: &[[f32; 3]]| -> Vec<f64> {
+        let mut blocks = vec![0.0; along * along];
+        image
+            .iter()
+            .enumerate()
+            .for_each(|(i, c)| blocks[i / SIDE / side * along + i % SIDE / side] += f64::from(c[0]));
+        blocks
+    };
+    let (ours, want) = (blocks(ours), blocks(want));
+    let bias = ours.iter().sum::<f64>() / want.iter().sum::<f64>() - 1.0;
+    let square = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>();
+    let error = (square(&mut ours.iter().zip(&want).map(|(a, b)| a - b)) / square(&mut want.iter().copied())).sqrt();
+    println!("blocks of {side}: error {error:.4}, bias {bias:+.4}");
+    (error, bias)
+}
+
+/// A panel shines up at a mirror, which throws its light onto the floor.
 #[test]
 fn mirrors_throw_light_of_emitters() {
     let mut build = Build::default();
@@ -157,38 +206,30 @@ fn mirrors_throw_light_of_emitters() {
     build.quad(DVec3::new(0.0, 1.5, 0.0), DVec3::X * 0.3, DVec3::Z * 0.3, shiny);
     build.quad(DVec3::new(0.3, 0.7, 0.0), DVec3::X * 0.1, DVec3::NEG_Z * 0.1, panel);
     let camera = look(DVec3::new(0.0, 0.6, 1.6), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.7 });
-    let (gpu, setup) = (gpu(), Setup::new(32, 32));
-    let mut stage = Stage::new(build.scene(), &camera, &rig(Vec::new()), &setup);
-    let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
-    let transport = LightTransport::new(&scene, &framebuffer, &settings(200, 0, 128), &|_| ());
-    let compression = CompressionSettings { error: 0.05, lights: 32, lobe: Lobe::All, seed: 1 };
-    let nested = Transfer::nested(&transport, &compression, &mut Journal::default(), &|_| ()).unwrap();
-    stage.transfer = Some(Arc::new(nested));
-    let all = rig(vec![Light::emitter("panel", "panel")]);
-    let image = stage.relighter(&gpu, &all, &setup).linear(Picture::Emission).unwrap().to_vec();
-
-    let settings = Settings {
-        width: 32,
-        height: 32,
-        layers: 4,
-        max_bounces: None,
-        filter: Filter::Centre,
-        bounce_layers: 0,
-        light_layers: false,
-        seed: 1,
-    };
-    let film = PathTracer::new(&stage.scene, &camera, &all, &settings).trace(8192, &|| false, &|_| ());
-    let truth = film.layer(Half::Both, Layer::Emission);
-    let block = |image: &[[f32; 3]], i: usize| -> f64 {
-        let [x, y] = [8 * (i % 4), 8 * (i / 4)];
-        (0..64).map(|j| f64::from(image[(y + j / 8) * 32 + x + j % 8][0])).sum()
-    };
-    let [ours, want] = [&image, &truth].map(|image| (0..16).map(|i| block(image, i)).collect::<Vec<f64>>());
-    let bias = ours.iter().sum::<f64>() / want.iter().sum::<f64>() - 1.0;
-    let square = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>();
-    let error = (square(&mut ours.iter().zip(&want).map(|(a, b)| a - b)) / square(&mut want.iter().copied())).sqrt();
-    println!("error {error:.4}, bias {bias:+.4}, {want:?}");
+    let (error, bias) = differences(&beside_the_path_tracer(build, &camera, 100), 8);
     assert!(error < 0.03 && bias.abs() < 0.02, "off by {error}, {bias:+}");
+}
+
+/// A panel shines up at a small card above it, which alone lights the floor: few of a row's rays find the card.
+#[test]
+fn small_bright_surfaces_leave_no_dots() {
+    // On two levels, and on one.
+    for coarse in [100, 200] {
+        let mut build = Build::default();
+        let grey = build.material(lambert(Vec3::splat(0.5)));
+        let white = build.material(lambert(Vec3::splat(0.8)));
+        let panel = build.material(Material { name: "panel".into(), ..emitter(Vec3::splat(100.0)) });
+        build.quad(DVec3::ZERO, DVec3::X, DVec3::NEG_Z, grey);
+        build.quad(DVec3::new(0.0, 0.75, 0.0), DVec3::X * 0.06, DVec3::Z * 0.06, white);
+        build.quad(DVec3::new(0.0, 0.55, 0.0), DVec3::X * 0.03, DVec3::NEG_Z * 0.03, panel);
+        let camera = look(DVec3::new(0.0, 0.6, 1.6), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.7 });
+        let images = beside_the_path_tracer(build, &camera, coarse);
+        let (error, bias) = differences(&images, 8);
+        assert!(error < 0.03 && bias.abs() < 0.02, "{coarse}: off by {error}, {bias:+}");
+        // The limit for single pixels is larger because of the path tracer's noise.
+        let (error, _) = differences(&images, 1);
+        assert!(error < 0.08, "{coarse}: pixels are off by {error}");
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::bvh::TracedScene;
+use super::bvh::{Hit, TracedScene};
 use super::surface::SurfacePoint;
 use crate::scene::Scene;
 
@@ -39,6 +39,23 @@ impl From<&SurfacePoint> for Receiver {
     fn from(point: &SurfacePoint) -> Self {
         let SurfacePoint { position, normal, geometric_normal, .. } = *point;
         Self { position, normal, geometric_normal }
+    }
+}
+
+impl Receiver {
+    /// The unit direction to a point of a triangle, and the hit there; `None` if the receiver does not see it.
+    pub fn sees(&self, scene: &TracedScene, triangle: u32, barycentric: Vec2) -> Option<(Vec3, Hit)> {
+        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
+        let target = a + (b - a) * barycentric.x + (c - a) * barycentric.y;
+        let direction = (target - self.position).try_normalize()?;
+        if self.normal.dot(direction) <= 0.0 {
+            return None;
+        }
+        let offset = scene.bvh.shadow_offset(self.position.distance(target));
+        let side = offset.copysign(self.geometric_normal.dot(direction));
+        let origin = self.position + self.geometric_normal * side;
+        let hit = scene.closest_hit(origin, direction, f32::INFINITY).filter(|hit| hit.triangle == triangle)?;
+        Some((direction, hit))
     }
 }
 
@@ -84,16 +101,7 @@ impl EmittingTriangles {
     /// Draws a point; `None` if the receiver does not see it. `u`: uniform in 0..1.
     pub fn draw(&self, scene: &TracedScene, receiver: &Receiver, u: [f64; 3]) -> Option<DrawnEmitter> {
         let (triangle, barycentric) = self.place(u)?;
-        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
-        let target = a + (b - a) * barycentric.x + (c - a) * barycentric.y;
-        let direction = (target - receiver.position).try_normalize()?;
-        if receiver.normal.dot(direction) <= 0.0 {
-            return None;
-        }
-        let offset = scene.bvh.shadow_offset(receiver.position.distance(target));
-        let side = offset.copysign(receiver.geometric_normal.dot(direction));
-        let origin = receiver.position + receiver.geometric_normal * side;
-        let hit = scene.closest_hit(origin, direction, f32::INFINITY).filter(|hit| hit.triangle == triangle)?;
+        let (direction, hit) = receiver.sees(scene, triangle, barycentric)?;
         let seen = SurfacePoint::new(scene, &hit, direction, 0.0);
         let density = self.density(&seen, direction, hit.distance);
         (density > 0.0).then(|| DrawnEmitter {

@@ -35,33 +35,52 @@ struct Photon {
     flux: Vec3,
 }
 
-/// Photons that set out from each emitter towards mirrors.
-const PHOTONS: u32 = 1 << 18;
+/// Photons that set out from all emitters towards mirrors, and the most from one.
+const PHOTONS: usize = 1 << 20;
+const PHOTONS_OF_ONE: usize = 1 << 18;
 /// Number of photons whose density is taken.
 const NEAREST: usize = 64;
 /// Largest distance of these, relative to the scene's radius.
 const REACH: f32 = 0.05;
 /// Least cosine between the normals of surfaces that share photons.
 const MIN_NORMAL_COSINE: f32 = 0.9;
+/// Largest height of photons above a surface, relative to their distance: they may lie on a parallel one. Rays start above
+/// surfaces, so a share of the largest distance is added.
+const OFF_PLANE: f32 = 0.3;
+const LIFTED: f32 = 0.02;
 /// Least cosine by which irradiance is divided.
 const MIN_COSINE: f64 = 0.05;
 
 impl Caustics {
-    /// Sends photons from an emitter's triangles towards triangles of mirrors.
-    pub fn new(paths: &Paths, emitter: &EmittingTriangles, mirrors: &EmittingTriangles, points: &Points) -> Self {
-        let land = |i: u32| land(paths, emitter, mirrors, |set| points.at(i, set));
-        let photons: Vec<Photon> = match mirrors.is_empty() || emitter.is_empty() {
-            true => Vec::new(),
-            false => (0..PHOTONS).into_par_iter().flat_map_iter(land).collect(),
+    /// Sends photons from the triangles of one of `emitters` emitters towards triangles of mirrors.
+    pub fn new(
+        paths: &Paths,
+        emitter: &EmittingTriangles,
+        emitters: usize,
+        mirrors: &EmittingTriangles,
+        points: &Points,
+    ) -> Self {
+        let count = match mirrors.is_empty() || emitter.is_empty() {
+            true => 0,
+            false => (PHOTONS / emitters).min(PHOTONS_OF_ONE) as u32,
         };
+        let land = |i: u32| land(paths, emitter, mirrors, f64::from(count), |set| points.at(i, set));
+        let photons: Vec<Photon> = (0..count).into_par_iter().flat_map_iter(land).collect();
         let positions: Vec<_> = photons.iter().map(|photon| point(photon.position, Vec3::ZERO, 0.0)).collect();
         let reach = REACH * paths.scene.bvh.radius;
         Self { photons, tree: PointTree::new(&positions), reach2: reach * reach }
     }
 
-    /// Light that arrives around a point of a surface: `arrive` gets its unit direction and irradiance, RGB.
+    /// Light that arrives around a point of a surface: `arrive` gets its unit direction, and its irradiance on a plane that
+    /// faces it, RGB.
     pub fn arriving(&self, position: Vec3, geometric_normal: Vec3, mut arrive: impl FnMut(DVec3, DVec3)) {
-        let alike = |i: u32| self.photons[i as usize].geometric_normal.dot(geometric_normal) > MIN_NORMAL_COSINE;
+        let lifted = LIFTED * self.reach2.sqrt();
+        let alike = |i: u32| {
+            let photon = &self.photons[i as usize];
+            let offset = photon.position - position;
+            photon.geometric_normal.dot(geometric_normal) > MIN_NORMAL_COSINE
+                && offset.dot(geometric_normal).abs() <= OFF_PLANE * offset.length() + lifted
+        };
         let found = self.tree.nearest_within::<NEAREST>(&point(position, Vec3::ZERO, 0.0), self.reach2, alike);
         let found = found.items();
         // The last one lies on the edge of the disc and is not counted.
@@ -69,28 +88,23 @@ impl Caustics {
             Some((&(distance2, _), inside)) if found.len() == NEAREST => (inside, distance2),
             _ => (found, self.reach2),
         };
-        let area = (PI * f64::from(radius2)).max(f64::MIN_POSITIVE);
+        if radius2 <= 0.0 {
+            return;
+        }
         for &(_, i) in inside {
             let Photon { wi, flux, .. } = &self.photons[i as usize];
-            arrive(wi.as_dvec3().normalize(), flux.as_dvec3() / area);
+            let cosine = f64::from(geometric_normal.dot(*wi)).max(MIN_COSINE);
+            arrive(wi.as_dvec3().normalize(), flux.as_dvec3() / (PI * f64::from(radius2) * cosine));
         }
-    }
-
-    /// Light that a surface reflects. `reflect`: BRDF times cosine for a unit direction, 1/sr.
-    pub fn reflected(&self, position: Vec3, geometric_normal: Vec3, reflect: impl Fn(DVec3) -> DVec3) -> DVec3 {
-        let mut sum = DVec3::ZERO;
-        self.arriving(position, geometric_normal, |wi, irradiance| {
-            sum += irradiance * reflect(wi) / geometric_normal.as_dvec3().dot(wi).max(MIN_COSINE);
-        });
-        sum
     }
 }
 
-/// The photons of one path from an emitter, one at each surface after a mirror.
+/// The photons of one of `count` paths from an emitter, one at each surface after a mirror.
 fn land(
     paths: &Paths,
     emitter: &EmittingTriangles,
     mirrors: &EmittingTriangles,
+    count: f64,
     random: impl Fn(u32) -> [f64; 4],
 ) -> Vec<Photon> {
     let scene = paths.scene;
@@ -104,7 +118,7 @@ fn land(
     let [u, v, w, _] = random(1);
     let Some(towards) = mirrors.draw(scene, &receiver, [u, v, w]) else { return landed };
     let cosine = from.geometric_normal.as_dvec3().dot(towards.wi);
-    let density = emitter.area_density(material) * towards.density * f64::from(PHOTONS);
+    let density = emitter.area_density(material) * towards.density * count;
     let flux = (from.emission.as_dvec3() * (cosine * sides / density)).as_vec3();
     let mut is_thrown = false;
     let at_mirror = |layer: u32| {

@@ -1,6 +1,8 @@
 //! Lookup of the gather samples that a surface point reads. Every side of every triangle is divided into cells that are
 //! small compared with the distance of samples; each cell stores its samples and their weights.
 
+use std::ops::Range;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -87,6 +89,30 @@ impl Cells {
     pub fn index(&self, place: &Place) -> Option<u32> {
         let grid = &self.grids[2 * place.triangle as usize + usize::from(place.back)];
         grid.cell(place.barycentric)
+    }
+
+    /// Indices of the cells of a side: the front of triangle `side / 2` if even, else its back.
+    pub fn of_side(&self, side: u32) -> Range<u32> {
+        let grid = &self.grids[side as usize];
+        grid.first..grid.first + u32::from(grid.columns) * u32::from(grid.rows)
+    }
+
+    /// Area of each cell of a side, mesh space, with what lies outside of the triangle.
+    pub fn area(&self, scene: &Scene, side: u32) -> f64 {
+        let [a, b, c] = scene.mesh.triangles[side as usize / 2].map(|v| scene.mesh.positions[v as usize]);
+        let grid = &self.grids[side as usize];
+        f64::from((b - a).cross(c - a).length()) / (f64::from(grid.columns) * f64::from(grid.rows))
+    }
+
+    /// A point of a cell of a side, uniform for `u` in 0..1; `None` outside of the triangle.
+    pub fn point_in(&self, side: u32, cell: u32, u: [f64; 2]) -> Option<Place> {
+        let grid = &self.grids[side as usize];
+        let (columns, rows) = (u32::from(grid.columns), u32::from(grid.rows));
+        let (row, column) = ((cell - grid.first) / columns, (cell - grid.first) % columns);
+        let along = |from: u32, u: f64, count: u32| ((f64::from(from) + u) / f64::from(count)) as f32;
+        let on_grid = Vec2::new(along(column, u[0], columns), along(row, u[1], rows));
+        let barycentric = (on_grid.element_sum() <= 1.0).then(|| grid.barycentric(on_grid))?;
+        Some(Place { triangle: side / 2, barycentric, back: side % 2 == 1 })
     }
 
     /// The cell at an index from [`Self::index`].
@@ -243,12 +269,16 @@ impl Grid {
             middle = (middle - 0.5 * outside).max(Vec2::ZERO);
             middle /= middle.element_sum().max(1.0);
         }
-        // From weights of the two vertices after `corner` to weights of the second and third vertex.
+        Some(self.barycentric(middle))
+    }
+
+    /// From weights of the two vertices after `corner` to those of the second and third vertex.
+    fn barycentric(&self, on_grid: Vec2) -> Vec2 {
         let mut weights = [0.0; 3];
-        weights[self.corner as usize] = 1.0 - middle.element_sum();
-        weights[(self.corner as usize + 1) % 3] = middle.x;
-        weights[(self.corner as usize + 2) % 3] = middle.y;
-        Some(Vec2::new(weights[1], weights[2]))
+        weights[self.corner as usize] = 1.0 - on_grid.element_sum();
+        weights[(self.corner as usize + 1) % 3] = on_grid.x;
+        weights[(self.corner as usize + 2) % 3] = on_grid.y;
+        Vec2::new(weights[1], weights[2])
     }
 
     #[inline(always)]

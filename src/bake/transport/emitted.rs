@@ -2,17 +2,19 @@
 //!
 //! Emitters may be small and bright, so their light on view samples and on gather samples is estimated from both sides:
 //! by points on the emitters, and by directions that surfaces reflect. The balance heuristic weighs them [Veach 1995,
-//! Eq. 9]. What mirrors throw is left to [`Caustics`], except into narrow lobes. What gather samples reflect then takes
-//! the way of all direct light.
+//! Eq. 9]. Light that comes from an emitter by mirrors is left to [`Caustics`], except in narrow lobes. What gather samples
+//! reflect then takes the way of all direct light, but for [`BrightSpots`], which are sources like emitters; in mirrors
+//! they are found by directions alone.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::LightTransport;
+use super::bright_spots::BrightSpots;
 use super::caustics::Caustics;
 use super::directions::Lobe;
-use super::level::local;
-use super::paths::{Encounter, Paths};
+use super::level::{Level, local};
+use super::paths::{Arrival, Encounter, Paths};
 use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::csr_matrix::CsrMatrix;
@@ -22,6 +24,7 @@ use crate::physics::octahedral;
 use crate::physics::sequence::Points;
 use crate::scene::Emitters;
 use crate::shared::{NARROW_ALPHA, NO_BRDF};
+use crate::trace::bvh::TracedScene;
 use crate::trace::emitting_triangles::{EmittingTriangles, Receiver};
 
 /// Indirect light of one emitter.
@@ -38,7 +41,7 @@ pub struct EmitterLight {
 pub struct Emitted<'a> {
     /// `None` if nothing emits light.
     view: Option<View<'a>>,
-    /// Of each emitter: what the rows of Φ are multiplied by for light that was reflected before.
+    /// Of each emitter: what the rows of Φ are multiplied by for light that was reflected before, bright spots left out.
     operands: Vec<Vec<DVec3>>,
 }
 
@@ -50,20 +53,45 @@ struct View<'a> {
     aims: Aims<'a>,
 }
 
-/// Rays to the emitters of a scene.
+/// Rays towards emitters and bright spots.
 struct Aims<'a> {
     paths: Paths<'a>,
-    emitters: Emitters,
+    /// The emitters in order, then bright spots.
+    sources: Vec<Source<'a>>,
     /// Of each emitter.
-    triangles: Vec<EmittingTriangles>,
     caustics: Vec<Caustics>,
 }
 
-/// Rays from a view sample to all emitters, and bounds of those to each; and rays in directions that it reflects.
+/// A surface that sends light of one emitter.
+struct Source<'a> {
+    emitter: usize,
+    surface: Surface<'a>,
+}
+
+enum Surface<'a> {
+    /// The emitter itself.
+    Emitting(EmittingTriangles),
+    /// What reflects its light.
+    Bright(BrightSpots<'a>),
+}
+
+/// How sources are looked for from a surface.
+struct Search<'a> {
+    sources: &'a [Source<'a>],
+    receiver: Receiver,
+    /// Rays to points on each source.
+    points: usize,
+    /// Rays in directions that the surface reflects.
+    directions: usize,
+    random: Points,
+}
+
+/// Rays from a view sample to points of each source: this number divided by that of emitters, within bounds; and rays in
+/// directions that it reflects.
 const AIMED_RAYS: usize = 256;
 const AIMED_RAYS_EACH: [usize; 2] = [16, 64];
 const LOBE_RAYS: usize = 256;
-/// Rays from a point of a gather sample to each emitter, and in other directions.
+/// Rays from a point of a gather sample to each source, and in other directions.
 const GATHER_RAYS: usize = 4;
 
 /// A direction in which light of an emitter arrives.
@@ -73,33 +101,19 @@ struct Arriving {
     /// RGB radiance, divided by the density of such directions: their sum estimates the integral.
     weight: DVec3,
     emitter: usize,
+    /// Whether [`Caustics`] have it: it comes from the emitter by a mirror.
     is_thrown: bool,
 }
 
 impl<'a> Emitted<'a> {
     pub(super) fn new(transport: &'a LightTransport, framebuffer: &'a DeepFramebuffer, lobe: Lobe) -> Self {
-        let scene = transport.scene();
-        let emitters = Emitters::of(scene);
+        let emitters = Emitters::of(transport.scene());
         if emitters.is_empty() || transport.bounces() == Some(0) {
             return Self::default();
         }
-        let radiance = |emitter: u32, material: u32| match emitters.index(material) == Some(emitter) {
-            true => scene.materials[material as usize].emissive.max_element().into(),
-            false => 0.0,
-        };
-        let of_emitter = |emitter: u32| EmittingTriangles::new(scene, |material| radiance(emitter, material));
-        let triangles: Vec<_> = (0..emitters.len() as u32).map(of_emitter).collect();
-        let (paths, seed) = (Paths::new(scene, transport.settings.layers), transport.settings.seed);
-        let mirrors = EmittingTriangles::new(scene, |material| f64::from(u8::from(paths.is_mirror(material))));
-        let caustics = |(emitter, triangles): (usize, &EmittingTriangles)| {
-            Caustics::new(&paths, triangles, &mirrors, &Points::new(seed ^ 8 << 32, emitter as u64))
-        };
-        let caustics = triangles.iter().enumerate().map(caustics).collect();
-        let aims = Aims { paths, emitters, triangles, caustics };
-        let bounces = transport.bounces().map(|bounces| bounces - 1);
-        let reflected = aims.reflected(transport, seed ^ 7 << 32);
-        let operands = reflected.iter().map(|light| transport.bounce_times(light, bounces).0).collect();
-        Self { view: Some(View { framebuffer, lobe, seed: seed ^ 6 << 32, aims }), operands }
+        let mut aims = Aims::new(transport, &emitters);
+        let operands = aims.take_bright_spots(transport);
+        Self { view: Some(View { framebuffer, lobe, seed: transport.settings.seed ^ 6 << 32, aims }), operands }
     }
 
     /// Number of emitters.
@@ -129,7 +143,7 @@ impl<'a> Emitted<'a> {
 impl View<'_> {
     /// Light that comes from each emitter, straight or by mirrors, and is reflected to the eye.
     fn reflected(&self, sample: u32) -> Vec<DVec3> {
-        let count = self.aims.triangles.len();
+        let count = self.aims.caustics.len();
         let mut sums = vec![DVec3::ZERO; count];
         let view = &self.framebuffer.samples[sample as usize];
         if view.brdf == NO_BRDF {
@@ -144,92 +158,170 @@ impl View<'_> {
         };
         let is_narrow = self.framebuffer.brdfs[view.brdf as usize].alpha < NARROW_ALPHA;
         let [fewest, most] = AIMED_RAYS_EACH;
-        let rays = [(AIMED_RAYS / count).clamp(fewest, most), LOBE_RAYS];
         let draw = |u| lobes.sample(u).map(|wi| (wi, lobes.at(wi).density));
-        let points = Points::new(self.seed, sample.into());
+        let search = Search {
+            sources: &self.aims.sources,
+            receiver,
+            points: (AIMED_RAYS / count).clamp(fewest, most),
+            directions: LOBE_RAYS,
+            random: Points::new(self.seed, sample.into()),
+        };
+        // Narrow lobes find thrown light by directions, all others by photons.
+        let parts = |wi: DVec3| {
+            let Reflected { diffuse, specular, .. } = lobes.at(wi);
+            [if self.lobe == Lobe::All { diffuse } else { DVec3::ZERO }, specular]
+        };
+        let by_directions = |wi| if is_narrow { parts(wi)[1] } else { DVec3::ZERO };
+        let by_photons = |wi| parts(wi)[0] + parts(wi)[1] - by_directions(wi);
         self.aims.look(
-            &receiver,
-            rays,
-            &points,
+            &search,
             draw,
             |wi| lobes.at(wi).density,
             |Arriving { wi, weight, emitter, is_thrown }| {
-                let at = lobes.at(wi);
-                let part = match is_thrown {
-                    true if is_narrow => at.specular,
-                    true => DVec3::ZERO,
-                    false if self.lobe == Lobe::All => at.sum(),
-                    false => at.specular,
-                };
-                sums[emitter] += weight * part;
+                let [diffuse, specular] = parts(wi);
+                sums[emitter] += weight * if is_thrown { by_directions(wi) } else { diffuse + specular };
             },
         );
-        let of_caustics = |wi: DVec3| {
-            let Reflected { diffuse, specular, .. } = lobes.at(wi);
-            let diffuse = if self.lobe == Lobe::All { diffuse } else { DVec3::ZERO };
-            if is_narrow { diffuse } else { diffuse + specular }
-        };
         for (sum, caustics) in sums.iter_mut().zip(&self.aims.caustics) {
-            *sum += caustics.reflected(receiver.position, receiver.geometric_normal, of_caustics);
+            let arrive = |wi, light| *sum += light * by_photons(wi);
+            caustics.arriving(receiver.position, receiver.geometric_normal, arrive);
         }
         sums
     }
 }
 
-impl Aims<'_> {
-    /// Looks for emitters: by `rays[0]` points on each, and by `rays[1]` directions that `draw` makes from three random
-    /// numbers, with their `density`. `arrive` gets what they find, straight or by mirrors.
+impl Source<'_> {
+    /// Draws a point: the unit direction to it, its RGB radiance, and the density per solid angle. `None` if the receiver
+    /// does not see it. `u`: uniform in 0..1.
+    fn draw(&self, scene: &TracedScene, receiver: &Receiver, u: [f64; 3]) -> Option<(DVec3, DVec3, f64)> {
+        match &self.surface {
+            Surface::Emitting(triangles) => {
+                triangles.draw(scene, receiver, u).map(|drawn| (drawn.wi, drawn.emission, drawn.density))
+            }
+            Surface::Bright(spots) => {
+                spots.draw(scene, receiver, u).map(|(wi, r, density)| (wi.as_dvec3(), r, density))
+            }
+        }
+    }
+
+    /// What a ray finds: RGB radiance, and the density per solid angle with which [`Self::draw`] finds it.
+    fn found(&self, scene: &TracedScene, arrival: &Arrival) -> Option<(DVec3, f64)> {
+        match &self.surface {
+            Surface::Emitting(triangles) => {
+                let material = scene.mesh.triangle_materials[arrival.place.triangle as usize];
+                (triangles.area_density(material) > 0.0).then(|| {
+                    let seen = arrival.place.surface(scene, 0.0);
+                    (seen.emission.as_dvec3(), triangles.density(&seen, -arrival.wo, arrival.distance))
+                })
+            }
+            Surface::Bright(spots) => spots.found(scene, arrival),
+        }
+    }
+}
+
+impl<'a> Aims<'a> {
+    /// With the emitters as the only sources.
+    fn new(transport: &'a LightTransport, emitters: &Emitters) -> Self {
+        let scene = transport.scene();
+        let radiance = |emitter: u32, material: u32| match emitters.index(material) == Some(emitter) {
+            true => scene.materials[material as usize].emissive.max_element().into(),
+            false => 0.0,
+        };
+        let of_emitter = |emitter: u32| EmittingTriangles::new(scene, |material| radiance(emitter, material));
+        let triangles: Vec<_> = (0..emitters.len() as u32).map(of_emitter).collect();
+        let (paths, seed) = (Paths::new(scene, transport.settings.layers), transport.settings.seed);
+        let mirrors = EmittingTriangles::new(scene, |material| if paths.is_mirror(material) { 1.0 } else { 0.0 });
+        let caustics = |(emitter, triangles): (usize, &EmittingTriangles)| {
+            let points = Points::new(seed ^ 8 << 32, emitter as u64);
+            Caustics::new(&paths, triangles, emitters.len(), &mirrors, &points)
+        };
+        let caustics = triangles.iter().enumerate().map(caustics).collect();
+        let source = |(emitter, triangles)| Source { emitter, surface: Surface::Emitting(triangles) };
+        let sources = triangles.into_iter().enumerate().map(source).collect();
+        Self { paths, sources, caustics }
+    }
+
+    /// Adds the bright spots of each emitter's reflected light to the sources. Returns of each emitter the rest: the
+    /// operand of Φ.
+    fn take_bright_spots(&mut self, transport: &'a LightTransport) -> Vec<Vec<DVec3>> {
+        let LightTransport { settings, fine, .. } = transport;
+        // Bounces between the first gather sample and the pixel.
+        let bounces = transport.bounces().map(|bounces| bounces - 1);
+        let take = |emitter: usize, radiance: &mut [DVec3], level: &'a Level| {
+            let taken = BrightSpots::taken_from(radiance, level, transport.scene(), settings.rays);
+            taken.map(|spots| Source { emitter, surface: Surface::Bright(spots) })
+        };
+        let mut reflected = self.reflected(fine, &self.sources, &self.caustics, settings.seed ^ 7 << 32);
+        if bounces == Some(0) {
+            return reflected.iter().map(|light| transport.bounce_times(light, bounces).0).collect();
+        }
+        let lights = reflected.iter_mut().enumerate();
+        let mut spots: Vec<Source> = lights.filter_map(|(emitter, light)| take(emitter, light, fine)).collect();
+        let level = transport.bouncing();
+        let by_spots = (!spots.is_empty()).then(|| self.reflected(level, &spots, &[], settings.seed ^ 9 << 32));
+        let mut operands: Vec<_> = reflected.iter().map(|light| transport.bounce_times(light, bounces).0).collect();
+        for (emitter, operand) in operands.iter_mut().enumerate() {
+            if let Some(by_spots) = &by_spots {
+                transport.add_reflected(operand, &by_spots[emitter], bounces.map(|bounces| bounces - 1));
+            }
+            let first = operand.len() - level.coefficient_count();
+            spots.extend(take(emitter, &mut operand[first..], level));
+        }
+        self.sources.extend(spots);
+        operands
+    }
+
+    /// Looks for sources: by points on each, and by directions that `draw` makes from three random numbers, with their
+    /// `density`. `arrive` gets what they find, straight or by mirrors.
     fn look(
         &self,
-        receiver: &Receiver,
-        rays: [usize; 2],
-        points: &Points,
+        search: &Search,
         draw: impl Fn([f64; 3]) -> Option<(DVec3, f64)>,
         density: impl Fn(DVec3) -> f64,
         mut arrive: impl FnMut(Arriving),
     ) {
+        let Search { sources, receiver, points, directions, random } = search;
         let scene = self.paths.scene;
         let random = |i: usize, set: usize| {
-            let [u, v, w, _] = points.at(i as u32, set as u32);
+            let [u, v, w, _] = random.at(i as u32, set as u32);
             [u, v, w]
         };
-        let [aimed, drawn] = rays.map(|count| count as f64);
-        for (emitter, triangles) in self.triangles.iter().enumerate() {
-            for i in 0..rays[0] {
-                let Some(found) = triangles.draw(scene, receiver, random(i, emitter)) else { continue };
-                let weight = found.emission / (aimed * found.density + drawn * density(found.wi));
-                arrive(Arriving { wi: found.wi, weight, emitter, is_thrown: false });
+        let [by_points, by_directions] = [points, directions].map(|&count| count as f64);
+        for (set, source) in sources.iter().enumerate() {
+            for i in 0..*points {
+                let Some((wi, emission, point_density)) = source.draw(scene, receiver, random(i, set)) else {
+                    continue;
+                };
+                let weight = emission / (by_points * point_density + by_directions * density(wi));
+                arrive(Arriving { wi, weight, emitter: source.emitter, is_thrown: false });
             }
         }
-        for i in 0..rays[1] {
-            let Some((wi, density)) = draw(random(i, self.triangles.len())) else { continue };
-            let at_mirror = |layer: u32| random(i, self.triangles.len() + 1 + layer as usize);
+        for i in 0..*directions {
+            let Some((wi, direction_density)) = draw(random(i, sources.len())) else { continue };
+            let at_mirror = |layer: u32| random(i, sources.len() + 1 + layer as usize);
             let mut is_straight = true;
             self.paths.follow(receiver.position, receiver.geometric_normal, wi.as_vec3(), at_mirror, |met| {
                 let Encounter::Surface(arrival) = met else { return };
-                // Points on emitters are not looked for in mirrors.
+                // Points on sources are not looked for in mirrors.
                 let is_straight = std::mem::replace(&mut is_straight, false);
-                let material = scene.mesh.triangle_materials[arrival.place.triangle as usize];
-                let Some(emitter) = self.emitters.index(material) else { return };
-                let seen = arrival.place.surface(scene, 0.0);
-                let aimed_density = match is_straight {
-                    true => aimed * self.triangles[emitter as usize].density(&seen, -arrival.wo, arrival.distance),
-                    false => 0.0,
-                };
-                let emission = (arrival.tint * seen.emission).as_dvec3();
-                let weight = emission / (drawn * density + aimed_density);
-                arrive(Arriving { wi, weight, emitter: emitter as usize, is_thrown: !is_straight });
+                for source in *sources {
+                    let Some((emission, point_density)) = source.found(scene, &arrival) else { continue };
+                    let of_points = if is_straight { by_points * point_density } else { 0.0 };
+                    let density = by_directions * direction_density + of_points;
+                    let weight = arrival.tint.as_dvec3() * emission / density;
+                    let is_thrown = !is_straight && matches!(source.surface, Surface::Emitting(_));
+                    arrive(Arriving { wi, weight, emitter: source.emitter, is_thrown });
+                }
             });
         }
     }
 
-    /// Coefficients of the fine level for light that comes from each emitter and is reflected once.
-    fn reflected(&self, transport: &LightTransport, seed: u64) -> Vec<Vec<DVec3>> {
-        let level = &transport.fine;
+    /// By emitter: coefficients of a level for light that comes from `sources` or by `caustics` and is reflected once.
+    fn reflected(&self, level: &Level, sources: &[Source], caustics: &[Caustics], seed: u64) -> Vec<Vec<DVec3>> {
         let of_sample = |index: usize| {
             let sample = &level.samples.samples[index];
             let mut values = vec![Vec3::ZERO; level.coefficients(index).len()];
-            let mut sums = vec![vec![DVec3::ZERO; values.len()]; self.triangles.len()];
+            let mut sums = vec![vec![DVec3::ZERO; values.len()]; self.caustics.len()];
             let share = 1.0 / level.samples.points_per_sample as f64;
             for (i, point) in level.samples.points_of(index).iter().enumerate() {
                 let GatherPoint { position, normal, geometric_normal } = *point;
@@ -241,7 +333,7 @@ impl Aims<'_> {
                 };
                 let cosine = |wi: DVec3| axes[2].dot(wi).max(0.0);
                 let density = |wi: DVec3| cosine(wi) / std::f64::consts::PI;
-                let points = Points::new(seed, (index * level.samples.points_per_sample + i) as u64);
+                let random = Points::new(seed, (index * level.samples.points_per_sample + i) as u64);
                 let receiver = Receiver { position, normal, geometric_normal };
                 let mut arrive = |emitter: usize, wi: DVec3, irradiance: DVec3| {
                     let at = local(&frame, wi.as_vec3());
@@ -252,21 +344,23 @@ impl Aims<'_> {
                         }
                     }
                 };
-                self.look(&receiver, [GATHER_RAYS; 2], &points, draw, density, |arriving| {
+                let (points, directions) = (GATHER_RAYS, GATHER_RAYS);
+                let search = Search { sources, receiver, points, directions, random };
+                self.look(&search, draw, density, |arriving| {
                     let Arriving { wi, weight, emitter, is_thrown } = arriving;
                     if !is_thrown {
                         arrive(emitter, wi, weight * cosine(wi));
                     }
                 });
-                for (emitter, caustics) in self.caustics.iter().enumerate() {
-                    caustics.arriving(position, geometric_normal, |wi, irradiance| arrive(emitter, wi, irradiance));
+                for (emitter, caustics) in caustics.iter().enumerate() {
+                    caustics.arriving(position, geometric_normal, |wi, light| arrive(emitter, wi, light * cosine(wi)));
                 }
             }
             sums
         };
         let by_sample: Vec<Vec<Vec<DVec3>>> = (0..level.samples.len()).into_par_iter().map(of_sample).collect();
         let of_emitter = |emitter: usize| by_sample.iter().flat_map(|sums| sums[emitter].iter().copied()).collect();
-        (0..self.triangles.len()).map(of_emitter).collect()
+        (0..self.caustics.len()).map(of_emitter).collect()
     }
 }
 

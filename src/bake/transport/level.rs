@@ -106,7 +106,7 @@ impl Level {
 /// Number of functions from which on a row reads one sample instead of all neighbours.
 const MANY_FUNCTIONS: usize = 9;
 /// The first function: the square root of 1/pi.
-const CONSTANT: f32 = 0.564_189_6;
+pub const CONSTANT: f32 = 0.564_189_6;
 
 /// A direction in a frame of two tangents and a normal.
 #[inline(always)]

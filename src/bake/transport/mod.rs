@@ -13,6 +13,7 @@
 //! them](importance).
 
 pub mod bounces;
+mod bright_spots;
 mod caustics;
 pub mod cells;
 pub mod direct;
@@ -212,7 +213,7 @@ impl<'a> LightTransport<'a> {
             paths: Paths::new(self.scene, self.settings.layers),
             framebuffer: self.framebuffer,
             sky: false,
-            levels: self.levels().collect(),
+            levels: [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten().collect(),
             rays: self.settings.rays,
             lobe,
             seed: self.settings.seed ^ 3 << 32,
@@ -235,11 +236,6 @@ impl<'a> LightTransport<'a> {
         (rays == 0 || rows.columns.len() as f64 > CLOSED * rays as f64).then_some(rows)
     }
 
-    /// The fine level, then the coarse one if there is one.
-    fn levels(&self) -> impl Iterator<Item = &Level> {
-        [Some(&self.fine), self.coarse.as_ref()].into_iter().flatten()
-    }
-
     /// The level among whose samples light bounces on.
     fn bouncing(&self) -> &Level {
         self.coarse.as_ref().unwrap_or(&self.fine)
@@ -249,6 +245,17 @@ impl<'a> LightTransport<'a> {
     /// bounces. Also returns the residual of the solution, 0 for a fixed number of bounces.
     pub fn bounce(&self, direct: &[DVec3]) -> (Vec<DVec3>, f64) {
         self.bounce_times(direct, self.settings.bounces)
+    }
+
+    /// Adds light that samples of the level among which light bounces on reflect, and its `bounces` there, to an operand of
+    /// Φ.
+    fn add_reflected(&self, operand: &mut [DVec3], reflected: &[DVec3], bounces: Option<u32>) {
+        let sum = match bounces {
+            Some(bounces) => solve::sum_of_powers(&self.bounce_matrix, reflected, bounces),
+            None => solve::solve(&self.bounce_matrix, reflected, TOLERANCE).coefficients,
+        };
+        let first = operand.len() - sum.len();
+        operand[first..].iter_mut().zip(sum).for_each(|(operand, sum)| *operand += sum);
     }
 
     /// [`Self::bounce`] with another number of bounces.

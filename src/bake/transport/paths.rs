@@ -71,7 +71,7 @@ impl<'a> Paths<'a> {
 
     /// Whether rays can continue at some point of a material.
     pub fn is_mirror(&self, material: u32) -> bool {
-        self.sides[material as usize].goes_on
+        self.layers > 0 && self.sides[material as usize].goes_on
     }
 
     /// Follows the ray from a surface point into a unit direction. `random` returns three numbers for each surface
