@@ -110,6 +110,7 @@
 
 pub mod bake;
 pub mod error;
+pub mod final_gather;
 pub mod gpu;
 pub mod image;
 pub mod physics;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Each folder, and those that it may use. A folder stands below all that it uses, so that there are no circles.
-const ALLOWED: [(&str, &[&str]); 15] = [
+const ALLOWED: [(&str, &[&str]); 16] = [
     ("error", &[]),
     ("shared", &[]),
     ("physics", &["shared"]),
@@ -13,6 +13,7 @@ const ALLOWED: [(&str, &[&str]); 15] = [
     ("scene", &["error", "image", "physics", "shared", "storage"]),
     ("trace", &["physics", "scene", "shared"]),
     ("bake", &["error", "physics", "scene", "shared", "storage", "trace"]),
+    ("final_gather", &["bake", "physics", "scene", "shared", "trace"]),
     ("gpu", &["error", "shared", "storage"]),
     ("relight", &["bake", "error", "gpu", "physics", "scene", "shared", "trace"]),
     ("session", &["bake", "error", "gpu", "relight", "scene", "shared", "storage", "trace"]),
@@ -23,6 +24,7 @@ const ALLOWED: [(&str, &[&str]); 15] = [
         "cli",
         &[
             "bake",
+            "final_gather",
             "gpu",
             "image",
             "reference",

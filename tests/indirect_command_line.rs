@@ -75,6 +75,45 @@ fn methods_agree_roughly_and_bounces_add() {
     assert!((many / bounces[4] - 1.0).abs() < 1e-3, "{many} of {bounces:?}");
 }
 
+/// Few samples and rays are far off; final gathering makes up for it, in all passes alike, and says how well.
+#[test]
+fn final_gathering_refines_a_coarse_operator() {
+    let folder = folder();
+    let stats = folder.path().join("stats.json");
+    let refined = ["--gi", "glossy", "--final", "8%", "--passes", "all", "--stats", stats.to_str().unwrap()];
+    let image = rendered(folder.path(), &refined);
+    let of = |name: &str| layer(&image, name);
+    let parts = ["direct", "reflection", "indirect"].map(of);
+    assert!(difference(&of(""), &sum(&parts)) < 1e-5);
+    let figures = &json(&stats)["final"];
+    let expected = figures["expected_error"].as_f64().unwrap();
+    assert!(expected > 0.0 && expected <= 0.08 && figures["passes"].as_u64() >= Some(2), "{figures}");
+
+    let truth = folder.path().join("truth.exr");
+    let mut command = relume();
+    command.arg("reference").arg(shipped("cornell-glossy.glb")).arg("-o").arg(&truth);
+    Run::of(command.args(["--size", "40x30", "--spp", "1024"])).done();
+    let (want, plain) = (read_exr(&truth), rendered(folder.path(), &["--gi", "glossy", "--passes", "all"]));
+    let off = |image: &Image| {
+        let [got, want] = [image, &want].map(|image| layer(image, "indirect"));
+        let squares = |of: &mut dyn Iterator<Item = f32>| of.map(|x| f64::from(x).powi(2)).sum::<f64>();
+        (squares(&mut got.iter().zip(&want).map(|(a, b)| a - b)) / squares(&mut want.iter().copied())).sqrt()
+    };
+    let [before, after] = [&plain, &image].map(off);
+    println!("indirect light is {before:.3} off, refined {after:.3}");
+    assert!(after < 0.5 * before, "{before} before, {after} after");
+
+    // A picture in 8 bits, and at once when the time is over.
+    render(&folder.path().join("a.png"), &["--no-cache", "--gi", "diffuse", "--seconds", "0.01"]).done();
+    let refused = |arguments: &[&str]| render(&folder.path().join("b.exr"), arguments);
+    refused(&["--final", "1%", "--gi", "off"]).failed(&["--final", "--gi off"]);
+    refused(&["--seconds", "1", "--gi", "diffuse", "--bounces", "2"]).failed(&["--seconds", "all bounces"]);
+    refused(&["--final", "1%", "--gi", "diffuse", "--method", "thesis"]).failed(&["--final", "all bounces"]);
+    refused(&["--final", "0"]).refused("more than 0");
+    refused(&["--final", "200%"]).refused("less than 1");
+    refused(&["--seconds", "0"]).refused("seconds");
+}
+
 #[test]
 fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
     let folder = folder();

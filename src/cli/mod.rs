@@ -6,6 +6,7 @@ mod bench_rays;
 mod bench_rig;
 mod compare;
 mod devices;
+mod final_gather;
 mod left_out;
 mod options;
 mod output;

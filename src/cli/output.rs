@@ -3,12 +3,14 @@
 use std::collections::HashSet;
 use std::path::PathBuf;
 
+use glam::Vec3;
 use relume::gpu::PassTime;
 use relume::image::{Image, exr, png};
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
-use relume::scene::{LightKind, Rig};
+use relume::scene::{Light, LightKind, Rig};
 use relume::{Error, Result};
 
+use super::final_gather::Refinement;
 use super::options::{Exposure, check_extension};
 use super::output_file::make_parent;
 
@@ -132,6 +134,17 @@ impl PassKind {
     /// What `{pass}` stands for in the name of a file. A light called `../key` stays in the folder.
     fn file_name(&self) -> String {
         self.name().replace(['/', '\\', '\0'], "_")
+    }
+
+    /// Whether it has indirect light of a light, all of it.
+    fn has_indirect(&self, light: &Light) -> bool {
+        match self {
+            Self::Beauty => true,
+            Self::Direct | Self::Reflection | Self::IndirectGlossy => false,
+            Self::Indirect => light.kind != LightKind::Emitter,
+            Self::Emission => light.kind == LightKind::Emitter,
+            Self::Light(name) => light.name == *name,
+        }
     }
 
     /// What this pass asks of the relighter.
@@ -269,17 +282,20 @@ pub struct Display {
     pub tone_map: ToneMap,
 }
 
-/// Renders a rig and writes its files.
+/// Renders a rig and writes its files. `refine` may improve its indirect light.
 pub fn write(
     relighters: &mut Relighters,
     job: &Job,
     size: (usize, usize),
     display: &mut Display,
+    refine: &mut dyn FnMut(&mut Relighter) -> Result<Option<Refinement>>,
     written: &mut Written,
 ) -> Result<()> {
     relighters.whole.set_rig(job.rig)?;
     relighters.glossy.as_mut().map_or(Ok(()), |glossy| glossy.set_rig(job.rig))?;
-    let beauty = linear(relighters, &PassKind::Beauty, written)?;
+    let refinement = refine(&mut relighters.whole)?;
+    let refined = refinement.as_ref();
+    let beauty = linear(relighters, &PassKind::Beauty, refined, written)?;
     written.negative += beauty.iter().flatten().filter(|v| **v < 0.0).count();
     let stops = match display.exposure {
         Exposure::Stops(stops) => stops,
@@ -298,26 +314,46 @@ pub fn write(
             for pass in passes {
                 let pixels = match pass {
                     PassKind::Beauty => beauty.clone(),
-                    _ => linear(relighters, pass, written)?,
+                    _ => linear(relighters, pass, refined, written)?,
                 };
                 image.push_layer(if *named { String::new() } else { pass.layer_name() }, pixels);
             }
             exr::write(path, &image)?;
         } else {
-            let relighter = relighters.of(&passes[0]);
-            let request = Request { exposure: stops, tone_map: display.tone_map, ..passes[0].request(job.rig) };
-            png::write(path, size.0, size.1, relighter.display(request)?)?;
-            written.frames.push(relighter.times().to_vec());
+            match refined {
+                Some(_) => {
+                    let pixels = linear(relighters, &passes[0], refined, written)?;
+                    let shown = |pixel: &[f32; 3]| {
+                        let [r, g, b] = display.tone_map.display(stops.exp2() * Vec3::from(*pixel));
+                        [r, g, b, 255]
+                    };
+                    png::write(path, size.0, size.1, &pixels.iter().map(shown).collect::<Vec<_>>())?;
+                }
+                None => {
+                    let relighter = relighters.of(&passes[0]);
+                    let request = Request { exposure: stops, tone_map: display.tone_map, ..passes[0].request(job.rig) };
+                    png::write(path, size.0, size.1, relighter.display(request)?)?;
+                    written.frames.push(relighter.times().to_vec());
+                }
+            }
         }
         written.files.push(path.clone());
     }
     Ok(())
 }
 
-fn linear(relighters: &mut Relighters, pass: &PassKind, written: &mut Written) -> Result<Vec<[f32; 3]>> {
+fn linear(
+    relighters: &mut Relighters,
+    pass: &PassKind,
+    refined: Option<&Refinement>,
+    written: &mut Written,
+) -> Result<Vec<[f32; 3]>> {
     let relighter = relighters.of(pass);
     let request = pass.request(relighter.rig());
-    let pixels = relighter.linear(request)?.to_vec();
+    let mut pixels = relighter.linear(request)?.to_vec();
     written.frames.push(relighter.times().to_vec());
+    if let Some(refined) = refined {
+        refined.add_to(&mut pixels, |light| pass.has_indirect(&relighter.rig().lights[light]));
+    }
     Ok(pixels)
 }

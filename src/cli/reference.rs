@@ -207,7 +207,7 @@ fn label(film: &Film, args: &Args) -> String {
     )
 }
 
-fn parse_seconds(text: &str) -> Result<f64, String> {
+pub fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e8);
     seconds.ok_or("expected a time in seconds: more than 0, at most 1e8".into())
 }

@@ -2,9 +2,12 @@
 
 use std::path::PathBuf;
 
+use relume::relight::Relighter;
 use relume::scene::{Emitters, Rig};
 use relume::{Error, Result};
+use serde_json::Value;
 
+use super::final_gather::{FinalOptions, Refinement};
 use super::options::{DisplayOptions, LightOptions, RecordOptions, SceneOptions};
 use super::output::{self, Display, Has, PassKind, Passes, Relighters, Template, Written};
 use super::progress::Terminal;
@@ -27,6 +30,8 @@ pub struct Args {
     #[arg(long, value_name = "LIST", default_value = "beauty", value_parser = output::parse_passes)]
     passes: Passes,
     #[command(flatten)]
+    refine: FinalOptions,
+    #[command(flatten)]
     record: RecordOptions,
     #[command(flatten)]
     scene_options: SceneOptions,
@@ -40,6 +45,7 @@ pub fn run(args: &Args) -> Result<()> {
     args.record.make_parents()?;
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
+    args.refine.check(args.scene_options.settings()?.indirect.as_ref())?;
     let target = args.light_options.target()?;
     let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
     let emitters = Emitters::of(&session.scene);
@@ -73,8 +79,16 @@ pub fn run(args: &Args) -> Result<()> {
     let DisplayOptions { exposure, tonemap } = args.light_options.display;
     let mut display = Display { exposure, tone_map: tonemap.into() };
     let mut written = Written::default();
+    let mut figures_of_final = None;
     for job in &jobs {
-        output::write(&mut relighters, job, session.size(), &mut display, &mut written)?;
+        let mut refine = |relighter: &mut Relighter| {
+            let seed = args.scene_options.view.seed;
+            let refine = || args.refine.refine(&session, relighter, seed);
+            let refinement = args.refine.is_wanted().then(refine).transpose()?;
+            figures_of_final.get_or_insert(refinement.as_ref().map_or(Value::Null, Refinement::figures));
+            Ok(refinement)
+        };
+        output::write(&mut relighters, job, session.size(), &mut display, &mut refine, &mut written)?;
     }
     for file in &written.files {
         tracing::info!("wrote {}", file.display());
@@ -84,6 +98,10 @@ pub fn run(args: &Args) -> Result<()> {
         tracing::warn!("the pass {pass:?} gave {count} values that are infinite or not a number");
     }
     let first = written.frames.first().map_or(&[][..], Vec::as_slice);
-    let figures = || stats::figures(&session, &relighters.whole, first, Some(&strange));
+    let figures = || {
+        let mut figures = stats::figures(&session, &relighters.whole, first, Some(&strange));
+        figures["final"] = figures_of_final.unwrap_or(Value::Null);
+        figures
+    };
     args.record.write(figures, || stats::trace(&session.bake.stages, &written.frames))
 }

@@ -43,11 +43,17 @@ pub const BLOCK: usize = 16;
 impl ShiftedPoints {
     /// The first `count` points of set 0 of stream 0.
     pub fn new(seed: u64, count: u32) -> Self {
+        Self::of(seed, 0..count)
+    }
+
+    /// A range of the points of set 0 of stream 0.
+    pub fn of(seed: u64, range: std::ops::Range<u32>) -> Self {
         let points = Points::new(seed, 0);
+        let (first, count) = (range.start, range.len());
         // The generator's numbers are multiples of 2^-24, so this is exact.
-        let digits = |index: usize, dimension: usize| (points.at(index as u32, 0)[dimension] * f64::exp2(32.0)) as u32;
+        let digits =
+            |index: usize, dimension: usize| (points.at(first + index as u32, 0)[dimension] * f64::exp2(32.0)) as u32;
         let block = |b: usize| [0, 1, 2].map(|d| std::array::from_fn(|i| digits(BLOCK * b + i, d)));
-        let count = count as usize;
         Self { seed, count, digits: (0..count.div_ceil(BLOCK)).map(block).collect() }
     }
 

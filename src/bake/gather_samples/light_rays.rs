@@ -183,7 +183,7 @@ pub fn per_solid_angle(light: &PackedLight) -> Option<f32> {
 }
 
 /// 1 - cos of the angle between a light's axis and the edge of its cone; 2 if it has no cone.
-fn versine(light: &PackedLight) -> f32 {
+pub fn versine(light: &PackedLight) -> f32 {
     match light.kind {
         LIGHT_SPOT => light.cone_versine,
         LIGHT_FACET | LIGHT_TWO_SIDED_FACET => 2.0 * (half_spread(light) / 2.0).sin().powi(2),

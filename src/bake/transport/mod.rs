@@ -19,6 +19,7 @@ pub mod cells;
 pub mod direct;
 pub mod directions;
 pub mod emitted;
+pub mod fan;
 pub mod importance;
 pub mod level;
 pub mod paths;

@@ -4,7 +4,8 @@ use glam::Vec3;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::directions::{Directions, Lobe};
+use super::directions::Lobe;
+use super::fan::Fan;
 use super::level::Level;
 use super::paths::{Encounter, Paths};
 use super::sky;
@@ -12,10 +13,9 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
-use crate::physics::sequence::{BLOCK, Points, ShiftedPoints};
+use crate::physics::sequence::{Points, ShiftedPoints};
 use crate::shared::NO_BRDF;
-use crate::trace::packet::PACKET_SIZE;
-use crate::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
+use crate::trace::packet::common_origin::trace_common_origin;
 
 /// Gathers rows.
 pub struct RowGatherer<'a> {
@@ -48,12 +48,7 @@ struct Scratch<'a> {
     sky: Option<Row<'a>>,
     /// One per level.
     rows: Vec<Row<'a>>,
-    directions: Directions,
-    /// Part of the hemisphere that each direction belongs to.
-    parts: Vec<u8>,
-    packets: Vec<CommonOriginPacket>,
-    /// For each ray in `packets`: index, and weight of its radiance.
-    rays: Vec<(u32, Vec3)>,
+    fan: Fan,
 }
 
 impl RowGatherer<'_> {
@@ -92,13 +87,11 @@ impl RowGatherer<'_> {
         let normal = octahedral::decode(view.normal).as_dvec3().normalize();
         let wo = octahedral::decode(view.wo).as_dvec3().normalize();
         let Some(lobes) = Lobes::new(brdf, normal, wo) else { return };
-        let eye = (normal.dot(wo) as f32, lobes.specular_share() as f32);
-        scratch.directions.draw(brdf, eye, self.lobe, points, points.shifts(sample.into()));
-        let frame = frame_towards(normal.as_vec3(), wo.as_vec3());
+        let eye = (normal.as_vec3(), wo.as_vec3(), lobes.specular_share() as f32);
+        scratch.fan.draw(brdf, eye, self.lobe, points, sample.into());
         let geometric_normal = self.framebuffer.geometric_normals[sample as usize];
         let origin = self.paths.off(view.position, geometric_normal, geometric_normal, 0.0);
-        scratch.fill_packets(frame);
-        trace_common_origin(self.paths.scene, origin, &mut scratch.packets);
+        trace_common_origin(self.paths.scene, origin, &mut scratch.fan.packets);
         pulp::Arch::new().dispatch(Deposit { gatherer: self, sample, geometric_normal, scratch });
     }
 }
@@ -119,11 +112,10 @@ impl WithSimd for Deposit<'_, '_, '_> {
         let Self { gatherer: RowGatherer { paths, levels, .. }, sample, geometric_normal, scratch } = self;
         let position = self.gatherer.framebuffer.samples[sample as usize].position;
         let numbers = Points::new(self.gatherer.seed, u64::from(sample));
-        let Scratch { sky, rows, packets, rays, .. } = scratch;
+        let Scratch { sky, rows, fan } = scratch;
         let shift = numbers.at(0, 0)[0];
-        for (i, &(ray, weight)) in rays.iter().enumerate() {
+        for (ray, weight, direction, hit) in fan.rays() {
             let among = (shift + f64::from(ray) * GOLDEN).fract() as f32;
-            let (packet, lane) = (&packets[i / PACKET_SIZE], i % PACKET_SIZE);
             let random = |layer: u32| {
                 let [u, v, w, _] = numbers.at(ray, 1 + layer);
                 [u, v, w]
@@ -143,11 +135,10 @@ impl WithSimd for Deposit<'_, '_, '_> {
                     }
                 }
             };
-            let direction = packet.direction(lane);
             // Above the horizon of an interpolated normal, but below the face: such rays start on the other side.
             let hit = match direction.dot(geometric_normal) < 0.0 {
                 true => paths.first_hit(position, geometric_normal, direction),
-                false => packet.hit(lane),
+                false => hit,
             };
             paths.go_on(hit, direction, random, meet);
         }
@@ -158,76 +149,14 @@ impl WithSimd for Deposit<'_, '_, '_> {
 const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Rows per parallel task: some milliseconds of work.
 pub const TASK: usize = 16;
-/// Parts of the hemisphere along each axis of the disc that it projects to.
-const PARTS: usize = 8;
-/// The part of directions with weight 0.
-const NO_LIGHT: u8 = (PARTS * PARTS) as u8;
-
 impl<'a> Scratch<'a> {
     fn new(sky: bool, levels: &[&'a Level]) -> Self {
         Self {
             sky: sky.then(Row::of_sky),
             rows: levels.iter().map(|level| Row::new(&level.first, u32::MAX)).collect(),
-            directions: Directions::default(),
-            parts: Vec::new(),
-            packets: Vec::new(),
-            rays: Vec::new(),
+            fan: Fan::default(),
         }
     }
-
-    /// Sorts directions of nonzero weight by their part of the hemisphere, and transforms them to mesh space by
-    /// `frame`.
-    fn fill_packets(&mut self, frame: [Vec3; 3]) {
-        let part = |x: f32| ((0.5 + 0.5 * x) * PARTS as f32).clamp(0.0, PARTS as f32 - 1.0) as usize;
-        let mut next = [0; PARTS * PARTS + 1];
-        self.parts.clear();
-        for block in self.directions.blocks() {
-            for (wi, weight) in (0..BLOCK).map(|i| block.get(i)) {
-                let part = if weight.max_element() > 0.0 { ALONG_CURVE[part(wi.y)][part(wi.x)] } else { NO_LIGHT };
-                next[usize::from(part)] += 1;
-                self.parts.push(part);
-            }
-        }
-        let mut count = 0usize;
-        next[..PARTS * PARTS].iter_mut().for_each(|next| count += std::mem::replace(next, count));
-        self.packets.resize_with(count.div_ceil(PACKET_SIZE), CommonOriginPacket::default);
-        self.rays.resize(count, (0, Vec3::ZERO));
-        for (i, &part) in self.parts.iter().enumerate() {
-            if part == NO_LIGHT {
-                continue;
-            }
-            let (wi, weight) = self.directions.blocks()[i / BLOCK].get(i % BLOCK);
-            let place = &mut next[usize::from(part)];
-            self.rays[*place] = (i as u32, weight);
-            let direction = frame[0] * wi.x + frame[1] * wi.y + frame[2] * wi.z;
-            self.packets[*place / PACKET_SIZE].set(*place % PACKET_SIZE, direction);
-            *place += 1;
-        }
-        (count..self.packets.len() * PACKET_SIZE).for_each(|i| self.packets[i / PACKET_SIZE].clear(i % PACKET_SIZE));
-    }
-}
-
-/// Index of each part along a Z-order curve, which mostly preserves neighbourhoods.
-const ALONG_CURVE: [[u8; PARTS]; PARTS] = {
-    let mut places = [[0; PARTS]; PARTS];
-    let mut i = 0;
-    while i < PARTS * PARTS {
-        let (mut x, mut y, mut bit) = (0, 0, 0);
-        while bit < 3 {
-            x |= (i >> (2 * bit) & 1) << bit;
-            y |= (i >> (2 * bit + 1) & 1) << bit;
-            bit += 1;
-        }
-        places[y][x] = i as u8;
-        i += 1;
-    }
-    places
-};
-
-/// Two tangents and the normal; `wo` is in the half plane of the normal and the first tangent.
-fn frame_towards(normal: Vec3, wo: Vec3) -> [Vec3; 3] {
-    let tangent = (wo - normal * normal.dot(wo)).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
-    [tangent, normal.cross(tangent), normal]
 }
 
 impl Row<'static> {

@@ -1,0 +1,518 @@
+//! The estimate of indirect light at 64 view samples at a time.
+//!
+//! Light of a source that one surface reflects, or an emitter sends, to a view sample is found from both sides, and the
+//! balance heuristic weighs what is found [Veach 1995, Eq. 14]:
+//!
+//! - Rays from the view samples. Where they hit, a source is chosen by what the cache knows, and a shadow ray decides.
+//! - Points where photons landed, or that emit light, chosen by what they could send; shadow rays connect them to all 64.
+//!
+//! Light that was reflected before is read from the cache where the rays hit; specular lobes there send the rays on.
+
+use glam::{DVec3, Vec3};
+
+use super::irradiance_cache::IrradianceCache;
+use super::photons::{LitPoint, Sent};
+use super::sources::Source;
+use super::surface_cells::SurfaceCells;
+use crate::bake::DeepFramebuffer;
+use crate::bake::brdf_factors::Projection;
+use crate::bake::transport::directions::Lobe;
+use crate::bake::transport::fan::Fan;
+use crate::physics::brdf::{self, Lobes};
+use crate::physics::octahedral;
+use crate::physics::sequence::{Points, ShiftedPoints};
+use crate::shared::{Brdf, LIGHT_FACET, NO_BRDF, PackedLight};
+use crate::trace::bvh::{Hit, TracedScene};
+use crate::trace::packet::common_origin::trace_common_origin;
+use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
+use crate::trace::surface::SurfacePoint;
+
+/// Rays of a view sample, and points that are connected to it, in one pass.
+pub const RAYS: u32 = 32;
+const CONNECTIONS: usize = 32;
+/// Points of which these are chosen.
+const CANDIDATES: usize = 1024;
+
+/// Probability that a source is chosen by chance, not by what the cache knows.
+pub const BY_CHANCE: f64 = 0.2;
+/// Vertices that share a point of a source with a size.
+const VERTICES_A_POINT: usize = 8;
+/// Surfaces that a ray goes on from by specular lobes.
+const MAX_SURFACES: u32 = 8;
+
+/// What all estimates of a pass share.
+pub struct Pass<'a> {
+    pub scene: &'a TracedScene,
+    pub framebuffer: &'a DeepFramebuffer,
+    pub sources: &'a [Source],
+    pub cells: &'a SurfaceCells,
+    pub cache: &'a IrradianceCache,
+    pub lit: &'a [LitPoint],
+    /// Maximum number of perfect mirrors along a ray.
+    pub layers: u32,
+    pub points: &'a ShiftedPoints,
+    pub seed: u64,
+    /// Number of the pass.
+    pub number: u32,
+}
+
+/// Buffers that a thread reuses.
+#[derive(Default)]
+pub struct Scratch {
+    fan: Fan,
+    vertices: Vec<Vertex>,
+    /// Points to connect, and how many times.
+    chosen: Vec<(u32, f64)>,
+}
+
+/// A view sample that receives light.
+struct Receiver<'a> {
+    lane: usize,
+    index: u32,
+    position: Vec3,
+    geometric_normal: Vec3,
+    lobes: Lobes<'a>,
+    normal: Vec3,
+    wo: Vec3,
+}
+
+/// Where a ray looks for direct light of one source.
+struct Vertex {
+    lane: u8,
+    source: u32,
+    surface: SurfacePoint,
+    wo: DVec3,
+    /// What its radiance is multiplied by; with the probability of the source.
+    weight: DVec3,
+    /// Density of such vertices by area; 0 if no connection finds them.
+    density: f64,
+    /// Neighbours in this order are close to each other as the source sees them.
+    order: u32,
+}
+
+/// 64 view samples, as points that send light see them.
+struct Bounds {
+    /// Positions and unit normals of some.
+    some: [(Vec3, Vec3); SOME],
+    /// Least squared distance that counts.
+    near2: f32,
+    /// Expected connections for each unit of potential, by area.
+    per_potential: f64,
+}
+
+/// Number of view samples that stand for 64.
+const SOME: usize = 4;
+
+impl Pass<'_> {
+    /// Radiance of the view samples `64 chunk` and up, by source and lane, from sources of unit strength.
+    pub fn gather(&self, chunk: usize, scratch: &mut Scratch) -> Vec<Vec3> {
+        let mut sums = vec![DVec3::ZERO; self.sources.len() * PACKET_SIZE];
+        let receivers = self.receivers(chunk);
+        if receivers.is_empty() {
+            return vec![Vec3::ZERO; sums.len()];
+        }
+        let bounds = self.choose(chunk, Bounds::of(&receivers), scratch);
+        scratch.vertices.clear();
+        receivers.iter().for_each(|receiver| self.cast(receiver, &bounds, scratch, &mut sums));
+        self.light(chunk, &bounds, scratch, &mut sums);
+        self.connect(chunk, &receivers, &bounds, scratch, &mut sums);
+        sums.into_iter().map(DVec3::as_vec3).collect()
+    }
+
+    fn receivers(&self, chunk: usize) -> Vec<Receiver<'_>> {
+        let DeepFramebuffer { samples, brdfs, geometric_normals, .. } = self.framebuffer;
+        let first = chunk * PACKET_SIZE;
+        let receiver = |index: usize| {
+            let view = &samples[index];
+            if view.brdf == NO_BRDF {
+                return None;
+            }
+            let [normal, wo] = [view.normal, view.wo].map(octahedral::decode);
+            let lobes =
+                Lobes::new(&brdfs[view.brdf as usize], normal.as_dvec3().normalize(), wo.as_dvec3().normalize())?;
+            let (position, geometric_normal) = (view.position, geometric_normals[index]);
+            let lane = index - first;
+            Some(Receiver { lane, index: index as u32, position, geometric_normal, lobes, normal, wo })
+        };
+        (first..(first + PACKET_SIZE).min(samples.len())).filter_map(receiver).collect()
+    }
+
+    /// Chooses points to connect, and how many of each.
+    fn choose(&self, chunk: usize, mut bounds: Bounds, scratch: &mut Scratch) -> Bounds {
+        let Scratch { chosen, .. } = scratch;
+        chosen.clear();
+        let count = CANDIDATES.min(self.lit.len() / 2);
+        if count == 0 {
+            return bounds;
+        }
+        let [offset, start, ..] = Points::new(self.seed ^ 1 << 40, chunk as u64).at(self.number, 0);
+        let stride = self.lit.len() as f64 / count as f64;
+        let candidate = |i: usize, offset: f64| ((i as f64 + offset) * stride) as usize % self.lit.len();
+        let weight = |index: usize| {
+            let lit = &self.lit[index];
+            self.potential(&bounds, lit) / lit.density
+        };
+        // What is expected of points must not depend on those that are chosen: other ones tell.
+        let total: f64 = (0..count).map(|i| weight(candidate(i, offset + 0.5))).sum();
+        if total <= 0.0 {
+            return bounds;
+        }
+        let mut left = start;
+        for i in 0..count {
+            let index = candidate(i, offset);
+            left += CONNECTIONS as f64 * weight(index) / total;
+            let times = left.floor();
+            if times > 0.0 {
+                chosen.push((index as u32, times));
+                left -= times;
+            }
+        }
+        // Candidates stand for all points.
+        bounds.per_potential = CONNECTIONS as f64 / (stride * total);
+        bounds
+    }
+
+    fn potential(&self, bounds: &Bounds, lit: &LitPoint) -> f64 {
+        let strength = match lit.light {
+            Sent::Reflected { wi, irradiance } => reflected_strength(&lit.surface, wi, irradiance),
+            Sent::Emitted => lit.surface.emission.max_element().into(),
+        };
+        let form = bounds.form(lit.surface.position, lit.surface.geometric_normal);
+        self.sources[lit.source as usize].scale * strength * f64::from(form)
+    }
+
+    /// Casts the rays of one view sample.
+    fn cast(&self, receiver: &Receiver, bounds: &Bounds, scratch: &mut Scratch, sums: &mut [DVec3]) {
+        let Receiver { lane, index, position, geometric_normal, lobes, normal, wo } = receiver;
+        let brdf = &self.framebuffer.brdfs[self.framebuffer.samples[*index as usize].brdf as usize];
+        let scene = self.scene;
+        let eye = (*normal, *wo, lobes.specular_share() as f32);
+        let Scratch { fan, vertices, .. } = scratch;
+        fan.draw(brdf, eye, Lobe::All, self.points, u64::from(*index));
+        let origin = off(scene, *position, *geometric_normal, *geometric_normal, 0.0);
+        trace_common_origin(scene, origin, &mut fan.packets);
+        let random = Points::new(self.seed ^ 2 << 40, u64::from(*index));
+        for (number, weight, direction, hit) in fan.rays() {
+            let hit = match direction.dot(*geometric_normal) < 0.0 {
+                true => {
+                    let origin = off(scene, *position, *geometric_normal, direction, 0.0);
+                    scene.closest_hit(origin, direction, f32::INFINITY)
+                }
+                false => hit.map(|(hit, _)| hit),
+            };
+            let Some(hit) = hit else { continue };
+            let at = lobes.at(direction.as_dvec3().normalize());
+            let mut walk = Walk {
+                pass: self,
+                bounds,
+                lane: *lane,
+                random: |set| random.at(self.number * RAYS + number, set),
+                vertices,
+                sums,
+            };
+            walk.follow(hit, direction, weight.as_dvec3(), f64::from(RAYS) * at.density);
+        }
+    }
+
+    /// Adds direct light at the vertices.
+    fn light(&self, chunk: usize, bounds: &Bounds, scratch: &mut Scratch, sums: &mut [DVec3]) {
+        let vertices = &mut scratch.vertices;
+        vertices.sort_unstable_by_key(|vertex| (vertex.source, vertex.order));
+        let random = Points::new(self.seed ^ 3 << 40, chunk as u64);
+        let mut number = 0;
+        let mut visibility = [0; PACKET_SIZE];
+        for of_source in vertices.chunk_by(|a, b| a.source == b.source) {
+            let index = of_source[0].source as usize;
+            let source = &self.sources[index];
+            let count = if source.is_punctual() { PACKET_SIZE } else { VERTICES_A_POINT };
+            for vertices in of_source.chunks(count) {
+                let point = source.point(self.scene, random.at(self.number << 12 | number, 0));
+                number += 1;
+                let arriving: Vec<_> =
+                    vertices.iter().map(|vertex| source.arriving(self.scene, &point, &vertex.surface)).collect();
+                if arriving.iter().all(Option::is_none) {
+                    continue;
+                }
+                visibility.fill(255);
+                if source.casts_shadows() {
+                    let packet = packet(vertices.iter().map(|vertex| &vertex.surface));
+                    trace_packets(source.linked(self.scene), &point.packed, &[packet], &mut visibility);
+                }
+                for ((vertex, arriving), visible) in vertices.iter().zip(arriving).zip(visibility) {
+                    let Some(arriving) = arriving.filter(|_| visible > 0) else { continue };
+                    let surface = &vertex.surface;
+                    let reflected = brdf::reflected(&surface.brdf, surface.normal.as_dvec3(), arriving.wi, vertex.wo);
+                    let mut share = f64::from(visible) / 255.0;
+                    if vertex.density > 0.0 {
+                        let strength = reflected_strength(surface, arriving.wi, arriving.irradiance);
+                        let form = bounds.form(surface.position, surface.geometric_normal);
+                        let connected = bounds.per_potential * source.scale * strength * f64::from(form);
+                        share *= vertex.density / (vertex.density + connected);
+                    }
+                    sums[index * PACKET_SIZE + usize::from(vertex.lane)] +=
+                        vertex.weight * reflected * arriving.irradiance * share;
+                }
+            }
+        }
+    }
+
+    /// Connects the chosen points with all view samples.
+    fn connect(&self, chunk: usize, receivers: &[Receiver], bounds: &Bounds, scratch: &Scratch, sums: &mut [DVec3]) {
+        let mut visibility = [0; PACKET_SIZE];
+        let packets = &self.framebuffer.packets[chunk..=chunk];
+        for &(index, times) in &scratch.chosen {
+            let lit = &self.lit[index as usize];
+            let density = bounds.per_potential * self.potential(bounds, lit);
+            let chance = match self.sources.len() {
+                1 => 1.0,
+                _ => {
+                    let cell = self.cells.of_place(lit.surface.position, lit.surface.geometric_normal);
+                    self.chances(cell).nth(lit.source as usize).expect("of each source")
+                }
+            };
+            let (normal, geometric_normal) = (lit.surface.normal.as_dvec3(), lit.surface.geometric_normal.as_dvec3());
+            let light = PackedLight {
+                position: lit.surface.position + lit.surface.geometric_normal * self.scene.bvh.shadow_offset(0.0),
+                kind: LIGHT_FACET,
+                direction: lit.surface.geometric_normal,
+                ..bytemuck::Zeroable::zeroed()
+            };
+            trace_packets(self.scene, &light, packets, &mut visibility);
+            for receiver in receivers {
+                let visible = visibility[receiver.lane];
+                if visible == 0 {
+                    continue;
+                }
+                let between = lit.surface.position.as_dvec3() - receiver.position.as_dvec3();
+                let distance2 = between.length_squared();
+                if distance2 <= 0.0 {
+                    continue;
+                }
+                let wi = between / distance2.sqrt();
+                let leaving = -geometric_normal.dot(wi);
+                if leaving <= 0.0 {
+                    continue;
+                }
+                let at = receiver.lobes.at(wi);
+                let by_area = leaving / distance2;
+                let radiance = match lit.light {
+                    Sent::Emitted => lit.surface.emission.as_dvec3(),
+                    Sent::Reflected { wi: from, irradiance } => {
+                        if normal.dot(wi) >= 0.0 {
+                            continue;
+                        }
+                        irradiance * brdf::reflected(&lit.surface.brdf, normal, from, -wi)
+                    }
+                };
+                let mut rays = f64::from(RAYS) * at.density * by_area;
+                if matches!(lit.light, Sent::Reflected { .. }) {
+                    rays *= chance;
+                }
+                let value = at.sum() * radiance * (times * by_area / (rays + density));
+                sums[lit.source as usize * PACKET_SIZE + receiver.lane] += value * (f64::from(visible) / 255.0);
+            }
+        }
+    }
+
+    /// Of each source the probability that it is chosen in a cell.
+    fn chances(&self, cell: Option<u32>) -> impl Iterator<Item = f64> {
+        let known = cell.map(|cell| self.cache.direct(cell));
+        let power = move |i: usize| known.map_or(0.0, |known| self.sources[i].scale * f64::from(known[i]));
+        let count = self.sources.len();
+        let total: f64 = (0..count).map(power).sum();
+        let by_chance = if total > 0.0 { BY_CHANCE } else { 1.0 };
+        (0..count).map(move |i| {
+            let known = if total > 0.0 { power(i) / total } else { 0.0 };
+            by_chance / count as f64 + (1.0 - by_chance) * known
+        })
+    }
+}
+
+/// A ray on its way through specular lobes.
+struct Walk<'a, R: Fn(u32) -> [f64; 4]> {
+    pass: &'a Pass<'a>,
+    bounds: &'a Bounds,
+    lane: usize,
+    random: R,
+    vertices: &'a mut Vec<Vertex>,
+    sums: &'a mut [DVec3],
+}
+
+impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
+    /// Collects light from the first hit on. `density`: of rays per solid angle.
+    fn follow(&mut self, mut hit: Hit, mut direction: Vec3, mut weight: DVec3, density: f64) {
+        let Pass { scene, cells, cache, layers, sources, .. } = *self.pass;
+        let mut density = Some(density);
+        let mut mirrors = 0;
+        for number in 0..MAX_SURFACES {
+            let surface = SurfacePoint::new(scene, &hit, direction, 0.0);
+            let wo = -direction.as_dvec3().normalize();
+            let facing = surface.geometric_normal.as_dvec3().dot(wo).abs();
+            let distance2 = f64::from(hit.distance * hit.distance) * direction.as_dvec3().length_squared();
+            let by_area = density.map(|density| density * facing / distance2);
+            if surface.emission != Vec3::ZERO {
+                self.emission(&surface, weight, by_area);
+            }
+            let normal = surface.normal.as_dvec3();
+            let cosine = normal.dot(wo);
+            if cosine <= 0.0 {
+                return;
+            }
+            let [choice, u, v, survival] = (self.random)(number);
+            if surface.brdf.reflects_directly() {
+                let cell = cells.of_place(surface.position, surface.geometric_normal);
+                self.vertex((&surface, cell), wo, weight, by_area.unwrap_or(0.0), choice);
+                let diffuse = Brdf { f0: Vec3::ZERO, f90: 0.0, ..surface.brdf };
+                if let Some(cell) = cell.filter(|_| diffuse.diffuse != Vec3::ZERO) {
+                    let albedo = Projection::get().albedo(&diffuse, cosine as f32).as_dvec3();
+                    let radiance = weight * albedo * std::f64::consts::FRAC_1_PI;
+                    for (source, irradiance) in cache.reflected(cell).enumerate() {
+                        self.sums[source * PACKET_SIZE + self.lane] += radiance * irradiance.as_dvec3();
+                    }
+                }
+            }
+            let specular = brdf::specular_reflectance(&surface.brdf, cosine);
+            let goes_on = specular.max_element().min(1.0);
+            if survival >= goes_on {
+                return;
+            }
+            if surface.brdf.has_lobe() {
+                let Some(lobes) = Lobes::of_specular_lobe(&surface.brdf, normal, wo) else { return };
+                let Some(wi) = lobes.sample([u, v, 0.0]) else { return };
+                let at = lobes.at(wi);
+                weight *= at.specular / (at.density * goes_on);
+                direction = wi.as_vec3();
+            } else {
+                mirrors += 1;
+                if mirrors > layers {
+                    return;
+                }
+                weight *= specular / goes_on;
+                direction = surface.mirrored(wo.as_vec3());
+            }
+            density = None;
+            let origin = off(scene, surface.position, surface.geometric_normal, direction, hit.distance);
+            let next = scene.closest_hit(origin, direction, f32::INFINITY);
+            if !surface.brdf.has_lobe() {
+                // Shadow rays find no lights in a perfect mirror.
+                let end = next.map_or(f32::INFINITY, |hit| hit.distance);
+                for (index, source) in sources.iter().enumerate() {
+                    if let Some(radiance) = source.seen(scene, surface.triangle, [origin, direction], end) {
+                        self.sums[index * PACKET_SIZE + self.lane] += weight * radiance;
+                    }
+                }
+            }
+            let Some(next) = next else { return };
+            hit = next;
+        }
+    }
+
+    fn emission(&mut self, surface: &SurfacePoint, weight: DVec3, by_area: Option<f64>) {
+        let sources = self.pass.sources;
+        let radiance = surface.emission.as_dvec3();
+        for (index, source) in sources.iter().enumerate().filter(|(_, source)| source.emits(surface.material)) {
+            let share = by_area.map_or(1.0, |by_area| {
+                let form = self.bounds.form(surface.position, surface.geometric_normal);
+                let potential = source.scale * radiance.max_element() * f64::from(form);
+                by_area / (by_area + self.bounds.per_potential * potential)
+            });
+            self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * share;
+        }
+    }
+
+    fn vertex(
+        &mut self,
+        (surface, cell): (&SurfacePoint, Option<u32>),
+        wo: DVec3,
+        weight: DVec3,
+        density: f64,
+        choice: f64,
+    ) {
+        let pass = self.pass;
+        let (source, chance) = match pass.sources.len() {
+            0 => return,
+            1 => (0, 1.0),
+            _ => {
+                let mut left = choice;
+                let mut picked = None;
+                for (i, chance) in pass.chances(cell).enumerate() {
+                    picked = Some((i, chance));
+                    if left < chance {
+                        break;
+                    }
+                    left -= chance;
+                }
+                picked.expect("there are sources")
+            }
+        };
+        self.vertices.push(Vertex {
+            lane: self.lane as u8,
+            source: source as u32,
+            surface: *surface,
+            wo,
+            weight: weight / chance,
+            density: density * chance,
+            order: along_curve(surface.position),
+        });
+    }
+}
+
+impl Bounds {
+    fn of(receivers: &[Receiver]) -> Self {
+        let last = receivers.len() - 1;
+        let some = [9, 14, 49, 54].map(|lane| {
+            let receiver = &receivers[lane * last / (PACKET_SIZE - 1)];
+            (receiver.position, receiver.normal)
+        });
+        let centre = some.iter().map(|(position, _)| *position).sum::<Vec3>() / SOME as f32;
+        let near2 = some.iter().map(|(position, _)| position.distance_squared(centre)).fold(1e-12, f32::max);
+        Self { some, near2, per_potential: 0.0 }
+    }
+
+    /// Mean of cosines over squared distance between a place and the view samples, bounded where these are near.
+    fn form(&self, position: Vec3, normal: Vec3) -> f32 {
+        let form = |(receiver, facing): &(Vec3, Vec3)| {
+            let to = *receiver - position;
+            let distance2 = to.length_squared();
+            let leaving = normal.dot(to).max(0.0);
+            let arriving = (-facing.dot(to)).max(0.0);
+            leaving * arriving / (distance2.max(1e-18) * distance2.max(self.near2))
+        };
+        self.some.iter().map(form).sum::<f32>() / SOME as f32
+    }
+}
+
+/// About the greatest radiance that a lit surface sends.
+fn reflected_strength(surface: &SurfacePoint, wi: DVec3, irradiance: DVec3) -> f64 {
+    let albedo = f64::from((surface.brdf.diffuse + surface.brdf.f0).max_element());
+    let cosine = surface.normal.as_dvec3().dot(wi).max(0.0);
+    irradiance.max_element() * cosine * albedo * std::f64::consts::FRAC_1_PI
+}
+
+/// Surface points as receivers of shadow rays.
+fn packet<'a>(surfaces: impl Iterator<Item = &'a SurfacePoint>) -> SamplePacket {
+    let mut packet = SamplePacket::default();
+    for (lane, surface) in surfaces.enumerate() {
+        let position = surface.lifted();
+        for axis in 0..3 {
+            packet.position[axis][lane] = position[axis];
+            packet.normal[axis][lane] = surface.normal[axis];
+            packet.geometric_normal[axis][lane] = surface.geometric_normal[axis];
+        }
+    }
+    packet
+}
+
+/// Place along a Z-order curve through the scene.
+fn along_curve(position: Vec3) -> u32 {
+    let spread = |x: f32| {
+        let x = ((0.5 + 0.5 * x).clamp(0.0, 1.0) * 1023.0) as u32;
+        (0..10).map(|bit| (x >> bit & 1) << (3 * bit)).sum::<u32>()
+    };
+    spread(position.x) | spread(position.y) << 1 | spread(position.z) << 2
+}
+
+/// Origin of a ray: off the surface, to the side of its direction.
+fn off(scene: &TracedScene, position: Vec3, geometric_normal: Vec3, direction: Vec3, distance: f32) -> Vec3 {
+    position + geometric_normal * scene.bvh.shadow_offset(distance).copysign(geometric_normal.dot(direction))
+}

@@ -1,0 +1,211 @@
+//! What sends light: lights of a rig and emitters, as points on them; and the photons that leave these points.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+
+use crate::bake::gather_samples::Place;
+use crate::bake::gather_samples::light_rays::versine;
+use crate::physics::brdf::basis;
+use crate::physics::light::{color, incident};
+use crate::scene::light_filter::PosedFilter;
+use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig};
+use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_TWO_SIDED_FACET, PackedLight};
+use crate::trace::bvh::{Hit, TracedScene};
+use crate::trace::emitting_triangles::EmittingTriangles;
+use crate::trace::light_surface::{LightInScene, LightSurface};
+use crate::trace::linked::LinkedScene;
+use crate::trace::surface::SurfacePoint;
+
+/// One light of a rig that is not off.
+pub struct Source {
+    /// Index into the rig's lights.
+    pub light: usize,
+    /// Greatest channel of colour times intensity: how much this light matters.
+    pub scale: f64,
+    /// What surfaces get is computed at unit strength.
+    settings: Light,
+    links: Option<ResolvedLinks>,
+    filter: Option<PosedFilter>,
+    /// Of a light with a size.
+    surface: Option<LightSurface>,
+    /// Of an emitter.
+    triangles: Option<EmittingTriangles>,
+}
+
+/// A point of a source that stands for all of it.
+#[derive(Clone, Copy)]
+pub struct SourcePoint {
+    /// White.
+    pub packed: PackedLight,
+    /// What its light is multiplied by.
+    color: DVec3,
+    /// Of emitters.
+    pub emitting: Option<EmittingPoint>,
+}
+
+/// A point of an emitter.
+#[derive(Clone, Copy)]
+pub struct EmittingPoint {
+    pub surface: SurfacePoint,
+    /// Density with which this side of the surface is drawn, 1 / area in mesh space.
+    pub density: f64,
+}
+
+/// Light that reaches a surface without shadows.
+#[derive(Clone, Copy)]
+pub struct Arriving {
+    /// Unit, towards the source.
+    pub wi: DVec3,
+    /// RGB, on a plane that faces the source, from a source of unit strength.
+    pub irradiance: DVec3,
+}
+
+/// A ray on which light leaves a point of a source.
+pub struct Emission {
+    pub origin: Vec3,
+    /// Unit.
+    pub direction: Vec3,
+}
+
+impl Source {
+    /// The lights of a complete rig whose strength is not zero. Panics if links name what the scene lacks: see
+    /// [`Rig::resolve_links`].
+    pub fn of(scene: &TracedScene, rig: &Rig) -> Vec<Self> {
+        let rig = &*rig.with_solo_applied();
+        let mut links = rig.resolve_links(scene).unwrap_or_else(|reason| panic!("{reason}"));
+        let emitters = Emitters::of(scene);
+        let source = |i: usize| {
+            let settings = rig.lights[i].clone();
+            let triangles = (settings.kind == LightKind::Emitter).then(|| {
+                let is_meant = |material: u32| {
+                    let emitter = emitters.index(material).map(|emitter| &emitters.names[emitter as usize]);
+                    emitter.is_some() && emitter == settings.material.as_ref()
+                };
+                let radiance = |material: u32| scene.materials[material as usize].emissive.max_element();
+                EmittingTriangles::new(scene, |m| if is_meant(m) { radiance(m).into() } else { 0.0 })
+            });
+            Self {
+                light: i,
+                scale: rig.scale(i).max_element().into(),
+                filter: PosedFilter::new(&settings),
+                surface: LightSurface::new(&settings, scene.space, None),
+                links: links.remove(&i),
+                triangles,
+                settings,
+            }
+        };
+        let is_on = |i: &usize| rig.scale(*i) != Vec3::ZERO;
+        let shines = |source: &Self| source.triangles.as_ref().is_none_or(|triangles| !triangles.is_empty());
+        (0..rig.lights.len()).filter(is_on).map(source).filter(shines).collect()
+    }
+
+    /// The scene with the links of the light.
+    pub fn linked<'a>(&'a self, scene: &'a TracedScene) -> LinkedScene<'a> {
+        scene.linked(self.links.as_ref())
+    }
+
+    pub fn casts_shadows(&self) -> bool {
+        self.settings.shadows
+    }
+
+    /// Whether all of it is one point or one direction.
+    pub fn is_punctual(&self) -> bool {
+        self.settings.is_punctual() && self.triangles.is_none()
+    }
+
+    /// Whether this emitter is what a material emits.
+    pub fn emits(&self, material: u32) -> bool {
+        self.triangles.as_ref().is_some_and(|triangles| triangles.area_density(material) > 0.0)
+    }
+
+    /// Draws a point; the mean over `u` in the unit cube is the light.
+    pub fn point(&self, scene: &TracedScene, [u, v, w, side]: [f64; 4]) -> SourcePoint {
+        let Some(triangles) = &self.triangles else {
+            let packed = self.settings.pack_point(scene.space, [u, v], None);
+            return SourcePoint { color: color(&packed), packed, emitting: None };
+        };
+        let (triangle, barycentric) = triangles.place([u, v, w]).expect("a source has triangles");
+        let material = scene.mesh.triangle_materials[triangle as usize];
+        let is_double = scene.materials[material as usize].double_sided;
+        let surface = Place { triangle, barycentric, back: is_double && side < 0.5 }.surface(scene, 0.0);
+        let density = triangles.area_density(material) * if is_double { 0.5 } else { 1.0 };
+        let radiance = surface.emission.as_dvec3();
+        let packed = PackedLight {
+            // Off the surface, which would stop its own light.
+            position: surface.position + surface.geometric_normal * scene.bvh.shadow_offset(0.0),
+            kind: LIGHT_FACET,
+            direction: surface.geometric_normal,
+            strength: 1.0,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        SourcePoint { packed, color: radiance / density, emitting: Some(EmittingPoint { surface, density }) }
+    }
+
+    /// Light that would reach a surface point if nothing was between; `None` if it faces away or gets none.
+    pub fn arriving(&self, scene: &TracedScene, point: &SourcePoint, at: &SurfacePoint) -> Option<Arriving> {
+        let arriving = incident(&point.packed, at.position.as_dvec3())?;
+        if arriving.irradiance <= 0.0 || at.normal.as_dvec3().dot(arriving.wi) <= 0.0 {
+            return None;
+        }
+        let filtered = self.filter.as_ref().map_or(Vec3::ONE, |filter| filter.factor(-arriving.wi.as_vec3()));
+        let factor = self.linked(scene).factor(at.triangle) * filtered;
+        let irradiance = arriving.irradiance * point.color * factor.as_dvec3();
+        (irradiance != DVec3::ZERO).then_some(Arriving { wi: arriving.wi, irradiance })
+    }
+
+    /// Radiance of a light with a size along a ray from the surface of a triangle, of which the next one is at `end`.
+    pub fn seen(&self, scene: &TracedScene, triangle: u32, ray: [Vec3; 2], end: f32) -> Option<DVec3> {
+        let surface = self.surface.as_ref()?;
+        let scene = self.linked(scene);
+        let light = LightInScene { light: &self.settings, surface, filter: self.filter.as_ref(), scene };
+        light.arriving(triangle, ray, Some(end)).map(|arriving| arriving.radiance)
+    }
+
+    /// The surfaces that the light on a ray meets: up to the first that stops it.
+    pub fn lands(&self, scene: &TracedScene, emission: &Emission, mut land: impl FnMut(Hit)) {
+        let Emission { origin, direction } = *emission;
+        if self.settings.shadows {
+            return self.linked(scene).surfaces_met(origin, direction).take(MAX_LANDINGS).for_each(land);
+        }
+        let mut beyond = 0.0;
+        for _ in 0..MAX_LANDINGS {
+            let Some(hit) = scene.closest_hit_unless(origin, direction, |hit| hit.distance <= beyond) else { return };
+            beyond = hit.distance;
+            land(hit);
+        }
+    }
+}
+
+/// Surfaces that light of one ray reaches, if none casts shadows.
+const MAX_LANDINGS: usize = 16;
+
+impl SourcePoint {
+    /// Draws a ray on which light leaves, for `u` in the unit cube.
+    pub fn emit(&self, scene: &TracedScene, [u, v, w]: [f64; 3]) -> Emission {
+        let axis = self.packed.direction.as_dvec3().normalize_or(DVec3::NEG_Y);
+        let (sin, cos) = (TAU * v).sin_cos();
+        if self.packed.kind == LIGHT_DIRECTIONAL {
+            // Through a disk that hides the scene.
+            let radius = f64::from(scene.bvh.radius);
+            let (s, t) = axis.any_orthonormal_pair();
+            let across = (s * cos + t * sin) * (radius * u.sqrt());
+            return Emission { origin: (across - 2.0 * radius * axis).as_vec3(), direction: axis.as_vec3() };
+        }
+        let versine = u * f64::from(versine(&self.packed));
+        let sine = (versine * (2.0 - versine)).sqrt();
+        let side = if self.packed.kind == LIGHT_TWO_SIDED_FACET && w < 0.5 { -1.0 } else { 1.0 };
+        let direction = basis(side * axis) * DVec3::new(sine * cos, sine * sin, 1.0 - versine);
+        let direction = direction.normalize().as_vec3();
+        Emission { origin: self.packed.position, direction }
+    }
+
+    /// Density of [`Self::emit`]'s rays through an area that faces the point at a distance; 1 / area in mesh space.
+    pub fn ray_density(&self, scene: &TracedScene, distance: f64) -> f64 {
+        if self.packed.kind == LIGHT_DIRECTIONAL {
+            return f64::from(scene.bvh.radius).powi(-2) / PI;
+        }
+        let sides = if self.packed.kind == LIGHT_TWO_SIDED_FACET { 2.0 } else { 1.0 };
+        (sides * TAU * f64::from(versine(&self.packed)) * distance * distance).recip()
+    }
+}
