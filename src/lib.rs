@@ -15,6 +15,7 @@
 //! - [`bake`]: [`scene::Scene`] -> [`bake::DeepFramebuffer`], what does not depend on the lights: view samples, transfer, its compression.
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
 //! - [`session`]: from a scene's file to a relighter: settings, plan, cache, bake.
+//! - [`final_gather`]: indirect light gathered anew for known lights, better with each pass.
 //! - [`view`]: the window, its keys, and the lighting desk behind them.
 //! - [`physics`]: glTF's BRDF, punctual lights, sampling sequences, directions: pure functions.
 //! - [`trace`]: BVH, packets of shadow rays, the surface at a hit.
@@ -46,6 +47,7 @@
 //!
 //! - [Andersson 2020] Andersson et al., FLIP: a difference evaluator for alternating images, Proc. ACM CGIT 3(2).
 //! - [Atanasov 2018] Atanasov et al., Adaptive environment sampling on CPU and GPU, SIGGRAPH Talks.
+//! - [Binder 2019] Binder, Fricke, Keller, Massively parallel path space filtering, arXiv 1902.05942.
 //! - [Burley 2020] Burley, Practical hash-based Owen scrambling, JCGT 9(4).
 //! - [Christensen 2003] Christensen, Adjoints and importance in rendering: an overview, IEEE TVCG 9(3).
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
@@ -75,6 +77,7 @@
 //! - [IES 2002] ANSI/IESNA LM-63-02, the version before the next.
 //! - [IES 2019] ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data.
 //! - [Keinert 2015] Keinert et al., Spherical Fibonacci mapping, ACM Transactions on Graphics 34(6).
+//! - [James 1961] James, Stein, Estimation with quadratic loss, Berkeley Symposium on Mathematical Statistics.
 //! - [Jensen 1996] Jensen, Global illumination using photon maps, Eurographics Workshop on Rendering.
 //! - [Keller 2001] Keller, Heidrich, Interleaved sampling, Eurographics Workshop on Rendering.
 //! - [Keller 2017] Keller et al., The Iray light transport simulation and rendering system, SIGGRAPH talks.
@@ -100,7 +103,9 @@
 //! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
+//! - [Sutherland 1974] Sutherland, Hodgman, Reentrant polygon clipping, Communications of the ACM.
 //! - [Veach 1995] Veach, Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH.
+//! - [Veach 1997] Veach, Robust Monte Carlo methods for light transport simulation, dissertation, Stanford University.
 //! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.
 //! - [Ward 1988] Ward, Rubinstein, Clear, A ray tracing solution for diffuse interreflection, SIGGRAPH.
 //! - [Wilson 1931] Wilson, Hilferty, The distribution of chi-square, PNAS 17(12).

@@ -11,8 +11,8 @@ use relume::session::{IndirectSettings, Session};
 use relume::{Error, Result};
 use serde_json::{Value, json};
 
+use super::options::parse_seconds;
 use super::progress;
-use super::reference::parse_seconds;
 
 #[derive(clap::Args)]
 pub struct FinalOptions {
@@ -72,7 +72,6 @@ impl FinalOptions {
         let mut gather = FinalGather::new(&session.scene, &session.framebuffer, &rig, seed);
         let lights: Vec<usize> = gather.lights().collect();
         let beauty = vectors(relighter.linear(Request::default())?);
-        let mean = beauty.iter().map(|pixel| f64::from(luminance(pixel.to_array()))).sum::<f64>() / beauty.len() as f64;
         // Of each light, its indirect light by the operator.
         let operator: Vec<Vec<Vec3>> =
             lights.iter().map(|&light| indirect(session, relighter, &rig, light)).collect::<Result<_>>()?;
@@ -91,17 +90,22 @@ impl FinalOptions {
             let combination = Combination::new(session.size().0, &biased, [&a, &b]);
             let errors2 = combination.errors2();
             let square = errors2.iter().copied().map(f64::from).sum::<f64>() / errors2.len() as f64;
-            (combination, square.sqrt() / mean.max(f64::MIN_POSITIVE))
+            let changed = beauty.iter().zip(biased.iter().zip(a.iter().zip(&b)));
+            let refined = changed.map(|(beauty, (biased, (a, b)))| *beauty - *biased + (*a + *b) * 0.5);
+            let sum: f64 = refined.map(|pixel| f64::from(luminance(pixel.to_array()))).sum();
+            let mean = sum / beauty.len() as f64;
+            (combination, if square > 0.0 { square.sqrt() / mean.abs() } else { 0.0 })
         };
         let mut next_check = 2;
         let (combination, error) = loop {
             gather.pass(&is_late);
-            if gather.passes() < 2 || !is_late() && (self.error.is_none() || gather.passes() < next_check) {
+            let may_end = is_late() || lights.is_empty() || self.error.is_some() && gather.passes() >= next_check;
+            if gather.passes() < 2 || !may_end {
                 continue;
             }
             let (combination, error) = combine(&gather);
             bar.set_message(format!("final gathering: {:.2} %", 100.0 * error));
-            if is_late() || self.error.is_some_and(|asked| error <= asked) {
+            if is_late() || lights.is_empty() || !error.is_finite() || self.error.is_some_and(|asked| error <= asked) {
                 break (combination, error);
             }
             next_check = gather.passes() + 1 + (CHECK_EVERY * f64::from(gather.passes())) as u32;

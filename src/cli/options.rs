@@ -265,6 +265,11 @@ fn parse_size(text: &str) -> Result<[u32; 2], String> {
 /// From candles to suns and back is 50 stops; a factor of 2^100 times any sane radiance still is a number.
 const MAX_STOPS: f32 = 100.0;
 
+pub fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e8);
+    seconds.ok_or("expected a time in seconds: more than 0, at most 1e8".into())
+}
+
 fn parse_bytes(text: &str) -> Result<u64, String> {
     let (digits, factor) = match text.to_ascii_uppercase().trim_end_matches('B') {
         t if t.ends_with('G') => (t.trim_end_matches('G').to_owned(), 1e9),

@@ -12,7 +12,7 @@ use relume::session::{BakeReport, Opened, build_bvh, check_fits, cpu_seconds, pe
 use relume::{Error, Result};
 use serde_json::json;
 
-use super::options::{RecordOptions, ViewOptions, check_extension};
+use super::options::{RecordOptions, ViewOptions, check_extension, parse_seconds};
 use super::output::find_light;
 use super::output_file::make_parent;
 use super::progress::{self, Terminal};
@@ -205,11 +205,6 @@ fn label(film: &Film, args: &Args) -> String {
          the mean luminance {:.2e} of it, of a pixel {:.2e}",
         args.view.seed, errors.of_mean, errors.of_pixel
     )
-}
-
-pub fn parse_seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e8);
-    seconds.ok_or("expected a time in seconds: more than 0, at most 1e8".into())
 }
 
 /// Layers with a name that is the same for all scenes.

@@ -1,8 +1,8 @@
 //! Two estimates of one picture, one without noise but biased, one noisy but right in the mean, combined so that the
-//! expected squared error is least [James, Stein 1961].
+//! expected squared error is least [James 1961].
 //!
-//! Bias is smooth, noise is not: so their difference is taken apart into means of blocks and what is left inside of them,
-//! as by Haar's wavelets, and at each size as much is kept as its noise allows.
+//! Bias is smooth and noise is not. So the difference is split by Haar wavelets, and each size is shrunk according to its
+//! noise.
 
 use glam::Vec3;
 
@@ -62,6 +62,11 @@ impl Means {
     }
 }
 
+/// No difference where an estimate is not finite.
+fn finite(difference: Vec3) -> Vec3 {
+    if difference.is_finite() { difference } else { Vec3::ZERO }
+}
+
 fn parent(i: usize, width: usize, parents: usize) -> usize {
     i / width / 2 * parents + i % width / 2
 }
@@ -77,7 +82,8 @@ fn details(levels: &[Means], level: usize) -> Vec<Vec3> {
 impl Combination {
     /// From pictures of `width` pixels a row: the biased one, and two independent halves of the noisy one.
     pub fn new(width: usize, biased: &[Vec3], halves: [&[Vec3]; 2]) -> Self {
-        let difference = |half: &[Vec3]| half.iter().zip(biased).map(|(pixel, biased)| *pixel - *biased).collect();
+        let difference =
+            |half: &[Vec3]| half.iter().zip(biased).map(|(pixel, biased)| finite(*pixel - *biased)).collect();
         let [a, b] = halves.map(|half| Means::new(width, difference(half)).pyramid());
         let level = |level: usize| {
             let size = a[level].size;
@@ -92,7 +98,7 @@ impl Combination {
                 *count += 3.0;
             }
             let windows: Vec<_> = (0..squares.len()).map(|owner| around(&squares, owners, owner)).collect();
-            // Squares of the bias, none below 0, which is too much, in proportion to what it is in the mean.
+            // Clamping at 0 overestimates the squared bias. `held` scales the clamped values back to the unclamped sum.
             let excess = windows.iter().map(|[all, noise, _]| f64::from(all - noise));
             let (sum, above) = excess.fold((0.0, 0.0), |(sum, above), excess| (sum + excess, above + excess.max(0.0)));
             let held = if above > 0.0 { (sum / above).max(0.0) as f32 } else { 0.0 };
@@ -105,7 +111,7 @@ impl Combination {
     /// What is added to the biased estimate, of all light or of a part of it.
     pub fn change(&self, biased: &[Vec3], halves: [&[Vec3]; 2]) -> Vec<Vec3> {
         let difference = biased.iter().zip(halves[0].iter().zip(halves[1]));
-        let difference = difference.map(|(biased, (a, b))| (*a + *b) * 0.5 - *biased).collect();
+        let difference = difference.map(|(biased, (a, b))| finite((*a + *b) * 0.5 - *biased)).collect();
         let levels = Means::new(self.levels[0].size[0], difference).pyramid();
         let mut sums: Vec<Vec3> = Vec::new();
         for (level, Level { size, shares, .. }) in self.levels.iter().enumerate().rev() {
@@ -137,7 +143,7 @@ impl Combination {
     }
 }
 
-/// Standard deviations that a sum of squares is above that of the noise before it counts.
+/// Standard deviations by which a sum of squares must exceed that of the noise.
 const DOUBT: f32 = 1.0;
 
 /// Sum over an owner and its neighbours: one alone has few blocks to tell from.

@@ -11,7 +11,7 @@
 use glam::{DVec3, Vec3};
 
 use super::irradiance_cache::IrradianceCache;
-use super::photons::{LitPoint, Sent};
+use super::photons::{LitPoint, MAX_TILT, Sent};
 use super::sources::Source;
 use super::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
@@ -33,7 +33,7 @@ const CONNECTIONS: usize = 32;
 /// Points of which these are chosen.
 const CANDIDATES: usize = 1024;
 
-/// Probability that a source is chosen by chance, not by what the cache knows.
+/// Probability of choosing a source uniformly instead of by cached irradiance.
 pub const BY_CHANCE: f64 = 0.2;
 /// Vertices that share a point of a source with a size.
 const VERTICES_A_POINT: usize = 8;
@@ -90,7 +90,7 @@ struct Vertex {
     order: u32,
 }
 
-/// 64 view samples, as points that send light see them.
+/// Approximates 64 view samples as seen from points that send light.
 struct Bounds {
     /// Positions and unit normals of some.
     some: [(Vec3, Vec3); SOME],
@@ -152,7 +152,7 @@ impl Pass<'_> {
             let lit = &self.lit[index];
             self.potential(&bounds, lit) / lit.density
         };
-        // What is expected of points must not depend on those that are chosen: other ones tell.
+        // The normalization must not depend on the chosen points, so other candidates estimate it.
         let total: f64 = (0..count).map(|i| weight(candidate(i, offset + 0.5))).sum();
         if total <= 0.0 {
             return bounds;
@@ -226,7 +226,7 @@ impl Pass<'_> {
             let source = &self.sources[index];
             let count = if source.is_punctual() { PACKET_SIZE } else { VERTICES_A_POINT };
             for vertices in of_source.chunks(count) {
-                let point = source.point(self.scene, random.at(self.number << 12 | number, 0));
+                let point = source.point(self.scene, random.at(self.number << 14 | number, 0));
                 number += 1;
                 let arriving: Vec<_> =
                     vertices.iter().map(|vertex| source.arriving(self.scene, &point, &vertex.surface)).collect();
@@ -247,6 +247,9 @@ impl Pass<'_> {
                         let strength = reflected_strength(surface, arriving.wi, arriving.irradiance);
                         let form = bounds.form(surface.position, surface.geometric_normal);
                         let connected = bounds.per_potential * source.scale * strength * f64::from(form);
+                        // Where normals differ much, fewer photons land than their light would need.
+                        let [g, n] = [surface.geometric_normal, surface.normal].map(|n| n.as_dvec3().dot(arriving.wi));
+                        let connected = connected * (MAX_TILT * g / n).clamp(0.0, 1.0);
                         share *= vertex.density / (vertex.density + connected);
                     }
                     sums[index * PACKET_SIZE + usize::from(vertex.lane)] +=
@@ -296,7 +299,7 @@ impl Pass<'_> {
                 let at = receiver.lobes.at(wi);
                 let by_area = leaving / distance2;
                 let radiance = match lit.light {
-                    Sent::Emitted => lit.surface.emission.as_dvec3(),
+                    Sent::Emitted => (lit.surface.coverage * lit.surface.emission).as_dvec3(),
                     Sent::Reflected { wi: from, irradiance } => {
                         if normal.dot(wi) >= 0.0 {
                             continue;
@@ -347,9 +350,11 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         for number in 0..MAX_SURFACES {
             let surface = SurfacePoint::new(scene, &hit, direction, 0.0);
             let wo = -direction.as_dvec3().normalize();
-            let facing = surface.geometric_normal.as_dvec3().dot(wo).abs();
+            let facing = surface.geometric_normal.as_dvec3().dot(wo);
             let distance2 = f64::from(hit.distance * hit.distance) * direction.as_dvec3().length_squared();
+            // Density by area, if connections can find this place, too.
             let by_area = density.map(|density| density * facing / distance2);
+            let by_area = by_area.filter(|by_area| *by_area > 0.0 && by_area.is_finite());
             if surface.emission != Vec3::ZERO {
                 self.emission(&surface, weight, by_area);
             }

@@ -88,9 +88,9 @@ impl<'a> FinalGather<'a> {
         let seed = self.seed ^ (1 + half as u64) << 48;
         let counts = self.photon_counts();
         let photons = Photons::trace((self.scene, &self.cells), &self.sources, &counts, &self.photons[half], seed);
-        self.photons[half].iter_mut().zip(&counts).for_each(|(sum, count)| *sum += count);
+        self.photons[half].iter_mut().zip(&counts).for_each(|(sum, count)| *sum = sum.wrapping_add(*count));
         self.caches[half].add_reflected(&self.cells, &photons.landings);
-        let points = ShiftedPoints::of(seed, number * RAYS..(number + 1) * RAYS);
+        let points = ShiftedPoints::of(seed ^ 4 << 40, number * RAYS..(number + 1) * RAYS);
         let pass = Pass {
             scene: self.scene,
             framebuffer: self.framebuffer,
@@ -111,11 +111,12 @@ impl<'a> FinalGather<'a> {
             }
             let found = pass.gather(index, scratch);
             let sums = &mut chunk.sums[half * found.len()..][..found.len()];
-            sums.iter_mut().zip(found).for_each(|(sum, value)| *sum += value);
+            let finite = sums.iter_mut().zip(found).filter(|(_, value)| value.is_finite());
+            finite.for_each(|(sum, value)| *sum += value);
             chunk.counts[half] += 1;
         };
         self.chunks.par_iter_mut().enumerate().for_each_init(Scratch::default, gather);
-        // Only now: with this pass's own points, what is known of sources would depend on where they are connected.
+        // Added after gathering: otherwise the probability of a source would depend on this pass's connections.
         self.caches[half].add_direct(&self.cells, &photons.landings);
         for landing in photons.landings.iter().filter(|landing| landing.is_direct) {
             self.powers[landing.source as usize] += f64::from(landing.power.max_element());
@@ -132,7 +133,7 @@ impl<'a> FinalGather<'a> {
         let count = (PHOTONS_A_SAMPLE * self.framebuffer.samples.len()).clamp(fewest, most) as f64;
         let photons = |of: (&Source, &f64)| {
             let known = if total > 0.0 { power(of) / total } else { even };
-            (count * (BY_CHANCE * even + (1.0 - BY_CHANCE) * known)) as u32
+            (count * (BY_CHANCE * even + (1.0 - BY_CHANCE) * known)).max(1.0) as u32
         };
         self.sources.iter().zip(&self.powers).map(photons).collect()
     }

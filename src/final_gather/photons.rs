@@ -19,7 +19,7 @@ pub struct LitPoint {
     pub light: Sent,
     /// Points like this by area, 1 / area in mesh space.
     pub density: f64,
-    /// Place on the source, or of its ray.
+    /// Z-order index of the place on the source; of the direction, if it has no size.
     order: u32,
 }
 
@@ -61,7 +61,7 @@ pub struct Photons {
 const TASK: u32 = 1024;
 const MAX_BOUNCES: u32 = 64;
 /// Largest ratio of cosines at the shading and at the geometric normal.
-const MAX_TILT: f64 = 4.0;
+pub const MAX_TILT: f64 = 4.0;
 
 impl Photons {
     /// `counts[i]` photons of source i, which are numbers `first[i]` and up in its sequence.
@@ -80,7 +80,7 @@ impl Photons {
             let mut found = Self::default();
             for i in task * TASK..(task * TASK + TASK).min(count) {
                 found.follow((scene, cells), (index as u32, &sources[index]), f64::from(count), |set| {
-                    points.at(first + i, set)
+                    points.at(first.wrapping_add(i), set)
                 });
             }
             found
@@ -182,7 +182,12 @@ impl Photons {
                 let Some(lobes) = lobes else { return };
                 let Some(wi) = lobes.sample([u, v, (choice - share) / (1.0 - share)]) else { return };
                 let at = lobes.at(wi);
-                (wi.as_vec3(), at.sum() / (at.density * (1.0 - share)))
+                // Light that arrives is symmetric at the shading normal, photons are not [Veach 1997, Section 5.3].
+                let tilt = surface.geometric_normal.as_dvec3().dot(wi) / normal.dot(wi);
+                if tilt <= 0.0 {
+                    return;
+                }
+                (wi.as_vec3(), at.sum() * (tilt.min(MAX_TILT) / (at.density * (1.0 - share))))
             };
             let survives = factor.max_element().min(MAX_SURVIVAL);
             if survival >= survives {

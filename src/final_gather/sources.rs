@@ -11,7 +11,7 @@ use crate::physics::light::{color, incident};
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_TWO_SIDED_FACET, PackedLight};
-use crate::trace::bvh::{Hit, TracedScene};
+use crate::trace::bvh::{Hit, TracedScene, passes_by_chance};
 use crate::trace::emitting_triangles::EmittingTriangles;
 use crate::trace::light_surface::{LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
@@ -90,7 +90,8 @@ impl Source {
                 scale: rig.scale(i).max_element().into(),
                 filter: PosedFilter::new(&settings),
                 surface: LightSurface::new(&settings, scene.space, None),
-                links: links.remove(&i),
+                // All that emitters shine on gets their light.
+                links: if triangles.is_some() { None } else { links.remove(&i) },
                 triangles,
                 settings,
             }
@@ -106,7 +107,7 @@ impl Source {
     }
 
     pub fn casts_shadows(&self) -> bool {
-        self.settings.shadows
+        self.settings.shadows || self.triangles.is_some()
     }
 
     /// Whether all of it is one point or one direction.
@@ -128,9 +129,10 @@ impl Source {
         let (triangle, barycentric) = triangles.place([u, v, w]).expect("a source has triangles");
         let material = scene.mesh.triangle_materials[triangle as usize];
         let is_double = scene.materials[material as usize].double_sided;
-        let surface = Place { triangle, barycentric, back: is_double && side < 0.5 }.surface(scene, 0.0);
+        let place = Place { triangle, barycentric, back: is_double && side < 0.5 };
+        let surface = SurfacePoint { coverage: place.coverage(scene), ..place.surface(scene, 0.0) };
         let density = triangles.area_density(material) * if is_double { 0.5 } else { 1.0 };
-        let radiance = surface.emission.as_dvec3();
+        let radiance = (surface.coverage * surface.emission).as_dvec3();
         let packed = PackedLight {
             // Off the surface, which would stop its own light.
             position: surface.position + surface.geometric_normal * scene.bvh.shadow_offset(0.0),
@@ -165,12 +167,16 @@ impl Source {
     /// The surfaces that the light on a ray meets: up to the first that stops it.
     pub fn lands(&self, scene: &TracedScene, emission: &Emission, mut land: impl FnMut(Hit)) {
         let Emission { origin, direction } = *emission;
-        if self.settings.shadows {
+        if self.casts_shadows() {
             return self.linked(scene).surfaces_met(origin, direction).take(MAX_LANDINGS).for_each(land);
         }
         let mut beyond = 0.0;
         for _ in 0..MAX_LANDINGS {
-            let Some(hit) = scene.closest_hit_unless(origin, direction, |hit| hit.distance <= beyond) else { return };
+            let Some(hit) = scene.closest_hit_unless(origin, direction, |hit| {
+                hit.distance <= beyond || passes_by_chance(scene, hit.triangle, hit.barycentric, [origin, direction])
+            }) else {
+                return;
+            };
             beyond = hit.distance;
             land(hit);
         }

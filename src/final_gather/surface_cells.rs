@@ -14,8 +14,9 @@ pub struct SurfaceCells {
     eye: Vec3,
     /// Width that cells have at most: fixed, and by distance from the eye.
     width: [f32; 2],
-    /// Half the width of the root.
-    radius: f32,
+    /// Lowest corner and width of the root.
+    low: Vec3,
+    root: f32,
     /// Hash table with linear probing: key and cell; a power of two of slots.
     slots: Vec<(u64, u32)>,
     /// Area of each cell, mesh space.
@@ -31,6 +32,8 @@ struct Cube {
 
 /// Cells along the height of the picture.
 const CELLS_ALONG: f64 = 64.0;
+/// Least width: as a share of the distance from the eye, or of the scene's radius. Bounds the number of cells.
+const LEAST_WIDTH: f64 = 0.008;
 const MAX_LEVEL: u32 = 12;
 /// Area of the smallest cells, relative to a face of their cube.
 const SLIVER: f64 = 0.25;
@@ -39,14 +42,19 @@ const EMPTY: u64 = u64::MAX;
 impl SurfaceCells {
     pub fn new(scene: &TracedScene, camera: &Camera) -> Self {
         let (eye, _) = camera.ray(0.5, 0.5, 1.0);
-        let width = match camera.projection {
-            Projection::Perspective { yfov } => [0.0, 2.0 * (yfov / 2.0).tan()],
-            Projection::Orthographic { ymag } => [2.0 * ymag / scene.space.unit, 0.0],
+        let radius = scene.bvh.radius;
+        let [fixed, growing] = match camera.projection {
+            Projection::Perspective { yfov } => [0.0, (2.0 * (yfov / 2.0).tan() / CELLS_ALONG).max(LEAST_WIDTH)],
+            Projection::Orthographic { ymag } => {
+                let width = 2.0 * ymag / scene.space.unit / CELLS_ALONG;
+                [width.max(LEAST_WIDTH * f64::from(radius)), 0.0]
+            }
         };
         let mut cells = Self {
             eye: scene.space.from_world(eye).as_vec3(),
-            width: width.map(|width| (width / CELLS_ALONG) as f32),
-            radius: 1.001 * scene.bvh.radius,
+            width: [fixed as f32, growing as f32],
+            low: -radius * Vec3::new(1.013, 1.007, 1.019),
+            root: 2.04 * radius,
             slots: vec![(EMPTY, 0); 1 << 16],
             areas: Vec::new(),
         };
@@ -61,6 +69,7 @@ impl SurfaceCells {
                     pieces.push((key(cube, -normal), area));
                 }
             };
+            let normal = normal.normalize_or_zero();
             if normal != Vec3::ZERO {
                 cells.cut(Cube { level: 0, at: [0; 3] }, &corners.map(Vec3::as_dvec3), &mut add);
             }
@@ -122,7 +131,7 @@ impl SurfaceCells {
 
     /// The cell of a place on the side of a surface that `geometric_normal` points to; `None` by rounding on seams.
     pub fn of_place(&self, position: Vec3, geometric_normal: Vec3) -> Option<u32> {
-        let place = (position + self.radius) * (0.5 / self.radius * (1 << MAX_LEVEL) as f32);
+        let place = (position - self.low) * ((1 << MAX_LEVEL) as f32 / self.root);
         let place = place.as_uvec3().min(glam::UVec3::splat((1 << MAX_LEVEL) - 1));
         let mut cube = Cube { level: 0, at: [0; 3] };
         while self.is_split(cube) {
@@ -135,12 +144,12 @@ impl SurfaceCells {
     }
 
     fn width_of(&self, level: u32) -> f32 {
-        2.0 * self.radius / (1 << level) as f32
+        self.root / (1 << level) as f32
     }
 
     fn is_split(&self, cube: Cube) -> bool {
         let width = self.width_of(cube.level);
-        let centre = (Vec3::from(cube.at.map(|at| at as f32)) + 0.5) * width - self.radius;
+        let centre = (Vec3::from(cube.at.map(|at| at as f32)) + 0.5) * width + self.low;
         let [fixed, growing] = self.width;
         // The diagonal is that of the cube: the eye may be in it.
         cube.level < MAX_LEVEL && {
@@ -156,7 +165,7 @@ impl SurfaceCells {
             return add(cube, 0.5 * fan.sum::<DVec3>().length());
         }
         let width = self.width_of(cube.level + 1);
-        let middle = |axis: usize| f64::from((2 * cube.at[axis] + 1) as f32 * width - self.radius);
+        let middle = |axis: usize| f64::from((2 * cube.at[axis] + 1) as f32 * width + self.low[axis]);
         let mut parts = vec![([0; 3], polygon.to_vec())];
         for axis in 0..3 {
             let halves = |(half, polygon): ([u32; 3], Vec<DVec3>)| {
@@ -220,7 +229,7 @@ fn parent(key: u64) -> u64 {
     x | y | z | u64::from(level_of(key) - 1) << 36 | key >> 40 << 40
 }
 
-/// The part of a convex polygon on one side of a plane [Sutherland, Hodgman 1974].
+/// The part of a convex polygon on one side of a plane [Sutherland 1974].
 fn clipped(polygon: &[DVec3], axis: usize, plane: f64, side: f64) -> Vec<DVec3> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     let mut last = polygon[polygon.len() - 1];
