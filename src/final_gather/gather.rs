@@ -150,7 +150,7 @@ impl Pass<'_> {
         let candidate = |i: usize, offset: f64| ((i as f64 + offset) * stride) as usize % self.lit.len();
         let weight = |index: usize| {
             let lit = &self.lit[index];
-            self.potential(&bounds, lit) / lit.density
+            potential(&bounds, &self.sources[lit.source as usize], &lit.surface, lit.light) / lit.density
         };
         // The normalization must not depend on the chosen points, so other candidates estimate it.
         let total: f64 = (0..count).map(|i| weight(candidate(i, offset + 0.5))).sum();
@@ -172,13 +172,17 @@ impl Pass<'_> {
         bounds
     }
 
-    fn potential(&self, bounds: &Bounds, lit: &LitPoint) -> f64 {
-        let strength = match lit.light {
-            Sent::Reflected { wi, irradiance } => reflected_strength(&lit.surface, wi, irradiance),
-            Sent::Emitted => lit.surface.emission.max_element().into(),
+    /// Expected connections to a place that sends light of a source, by area.
+    fn connections(&self, bounds: &Bounds, source: &Source, surface: &SurfacePoint, light: Sent) -> f64 {
+        let landed = match light {
+            // Where normals differ much, fewer photons land than the density of lit points says.
+            Sent::Reflected { wi, .. } => {
+                let [facing, cosine] = [surface.geometric_normal, surface.normal].map(|n| n.as_dvec3().dot(wi));
+                (MAX_TILT * facing / cosine).clamp(0.0, 1.0)
+            }
+            Sent::Emitted => 1.0,
         };
-        let form = bounds.form(lit.surface.position, lit.surface.geometric_normal);
-        self.sources[lit.source as usize].scale * strength * f64::from(form)
+        bounds.per_potential * potential(bounds, source, surface, light) * landed
     }
 
     /// Casts the rays of one view sample.
@@ -244,13 +248,9 @@ impl Pass<'_> {
                     let reflected = brdf::reflected(&surface.brdf, surface.normal.as_dvec3(), arriving.wi, vertex.wo);
                     let mut share = f64::from(visible) / 255.0;
                     if vertex.density > 0.0 {
-                        let strength = reflected_strength(surface, arriving.wi, arriving.irradiance);
-                        let form = bounds.form(surface.position, surface.geometric_normal);
-                        let connected = bounds.per_potential * source.scale * strength * f64::from(form);
-                        // Where normals differ much, fewer photons land than their light would need.
-                        let [g, n] = [surface.geometric_normal, surface.normal].map(|n| n.as_dvec3().dot(arriving.wi));
-                        let connected = connected * (MAX_TILT * g / n).clamp(0.0, 1.0);
-                        share *= vertex.density / (vertex.density + connected);
+                        let light = Sent::Reflected { wi: arriving.wi, irradiance: arriving.irradiance };
+                        let connections = self.connections(bounds, source, surface, light);
+                        share *= vertex.density / (vertex.density + connections);
                     }
                     sums[index * PACKET_SIZE + usize::from(vertex.lane)] +=
                         vertex.weight * reflected * arriving.irradiance * share;
@@ -265,7 +265,7 @@ impl Pass<'_> {
         let packets = &self.framebuffer.packets[chunk..=chunk];
         for &(index, times) in &scratch.chosen {
             let lit = &self.lit[index as usize];
-            let density = bounds.per_potential * self.potential(bounds, lit);
+            let density = self.connections(bounds, &self.sources[lit.source as usize], &lit.surface, lit.light);
             let chance = match self.sources.len() {
                 1 => 1.0,
                 _ => {
@@ -417,9 +417,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         let radiance = surface.emission.as_dvec3();
         for (index, source) in sources.iter().enumerate().filter(|(_, source)| source.emits(surface.material)) {
             let share = by_area.map_or(1.0, |by_area| {
-                let form = self.bounds.form(surface.position, surface.geometric_normal);
-                let potential = source.scale * radiance.max_element() * f64::from(form);
-                by_area / (by_area + self.bounds.per_potential * potential)
+                by_area / (by_area + self.pass.connections(self.bounds, source, surface, Sent::Emitted))
             });
             self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * share;
         }
@@ -487,11 +485,17 @@ impl Bounds {
     }
 }
 
-/// About the greatest radiance that a lit surface sends.
-fn reflected_strength(surface: &SurfacePoint, wi: DVec3, irradiance: DVec3) -> f64 {
-    let albedo = f64::from((surface.brdf.diffuse + surface.brdf.f0).max_element());
-    let cosine = surface.normal.as_dvec3().dot(wi).max(0.0);
-    irradiance.max_element() * cosine * albedo * std::f64::consts::FRAC_1_PI
+/// What a place could send to the view samples, by area: about its greatest radiance times their form factor.
+fn potential(bounds: &Bounds, source: &Source, surface: &SurfacePoint, light: Sent) -> f64 {
+    let radiance = match light {
+        Sent::Reflected { wi, irradiance } => {
+            let albedo = f64::from((surface.brdf.diffuse + surface.brdf.f0).max_element());
+            let cosine = surface.normal.as_dvec3().dot(wi).max(0.0);
+            irradiance.max_element() * cosine * albedo * std::f64::consts::FRAC_1_PI
+        }
+        Sent::Emitted => surface.emission.max_element().into(),
+    };
+    source.scale * radiance * f64::from(bounds.form(surface.position, surface.geometric_normal))
 }
 
 /// Surface points as receivers of shadow rays.

@@ -149,6 +149,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
 const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Rows per parallel task: some milliseconds of work.
 pub const TASK: usize = 16;
+
 impl<'a> Scratch<'a> {
     fn new(sky: bool, levels: &[&'a Level]) -> Self {
         Self {
