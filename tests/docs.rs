@@ -58,7 +58,7 @@ fn every_citation_is_in_the_bibliography() {
                 folders.push(path);
                 continue;
             }
-            let text = std::fs::read_to_string(&path).unwrap();
+            let Ok(text) = std::fs::read_to_string(&path) else { continue }; // tables of numbers
             for cited in text.split('[').skip(1).filter_map(|rest| rest.split(']').next()) {
                 // "Author 2007, Eq. 3; Other 1999"
                 for one in cited.split(';').map(|c| c.split(',').next().unwrap_or_default().trim()) {

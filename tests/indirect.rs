@@ -391,11 +391,17 @@ fn shade_gather() {
             false => Vec3::ONE,
         };
         let packed = light.pack(stage.scene.space);
-        let projection = Projection::from_tables(&framebuffer.projection);
         let mut found = Vec::new();
-        level.light_rays.shade(&*stage.scene, &framebuffer.samples, &projection, &[packed], None, |index, value| {
-            found.push(Contribution { value: value * factor(index as usize), index });
-        });
+        level.light_rays.shade(
+            &*stage.scene,
+            &framebuffer.samples,
+            Projection::get(),
+            &[packed],
+            None,
+            |index, value| {
+                found.push(Contribution { value: value * factor(index as usize), index });
+            },
+        );
         assert_eq!(found.is_empty(), light.kind == LightKind::Directional, "rays of {}", light.name);
         let copies = Buffer::from_slice(&gpu, "test points of a light", &[packed; SOFT_POINTS as usize]).unwrap();
         let mut visibility =

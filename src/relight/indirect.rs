@@ -22,6 +22,7 @@ use super::light_rays::RayCaster;
 use super::light_target::{LightTarget, LightTargets};
 use super::sky_light::SkyLight;
 use super::sparse::SparseProduct;
+use crate::bake::brdf_factors::Projection;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel, is_out_of_memory};
@@ -172,7 +173,7 @@ impl GatherShading {
         let kernel = |soft| Kernel::new(context, ShadeGatherConstants { degrees, points_per_sample, soft });
         Ok(Self::Projected {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
-            tables: Buffer::from_slice(context, "gather samples (tables)", &transfer.projection)?,
+            tables: Buffer::from_slice(context, "gather samples (tables)", &Projection::get().tables())?,
             kernels: [kernel(false)?, kernel(true)?],
         })
     }

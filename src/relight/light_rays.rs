@@ -16,7 +16,6 @@ use crate::trace::linked::LinkedScene;
 /// Casts rays from lights and adds their contributions to λ0.
 pub struct RayCaster {
     rays: LightRays,
-    projection: Projection,
     kernel: Kernel<AddLightRaysPush>,
 }
 
@@ -32,11 +31,7 @@ impl RayCaster {
     /// `transfer.samples` must not be empty.
     pub fn new(context: &Arc<Context>, transfer: &Transfer) -> Result<Self> {
         let points = transfer.points.iter().map(|p| (p.position, octahedral::decode(p.normal)));
-        Ok(Self {
-            rays: LightRays::new(&transfer.samples, points),
-            projection: Projection::from_tables(&transfer.projection),
-            kernel: Kernel::new(context, ())?,
-        })
+        Ok(Self { rays: LightRays::new(&transfer.samples, points), kernel: Kernel::new(context, ())? })
     }
 
     /// Casts the rays of a light, from its points `lights` in turn. `transfer` is the one that was given to [`Self::new`].
@@ -50,7 +45,7 @@ impl RayCaster {
     ) {
         let contributions = hits.contributions.host_mut();
         let mut count = 0;
-        self.rays.shade(scene, &transfer.samples, &self.projection, lights, filter, |index, value| {
+        self.rays.shade(scene, &transfer.samples, Projection::get(), lights, filter, |index, value| {
             contributions[count] = Contribution { value, index };
             count += 1;
         });

@@ -109,11 +109,11 @@ fn broken_values_are_counted_by_pass() {
     assert_eq!(counts(&relit), [0; 6]);
     let names: Vec<&str> = relit.non_finite(&gpu, &lights).into_iter().map(|(name, _)| name).collect();
     assert_eq!(names, ["shade light", "transfer", "resolve", "seen lights", "sum lights", "composite"]);
-    let sound = relit.baked().1.projection.clone();
-    relit.baked().1.projection.fill(f32::NAN);
+    let sound = relit.baked().1.samples.clone();
+    relit.baked().1.samples.iter_mut().for_each(|sample| sample.brdf.diffuse = Vec3::NAN);
     let transfer = counts(&relit);
     assert!(transfer[0] == 0 && transfer[1] == 3 * 256 && transfer[5] > 0, "{transfer:?}");
-    relit.baked().1.projection = sound;
+    relit.baked().1.samples = sound;
     relit.baked().0.brdfs[0].diffuse.y = f32::INFINITY;
     let shading = counts(&relit);
     assert!(shading[0] == 256 && shading[1] == 256 && shading[5] > 0, "{shading:?}");

@@ -2,19 +2,20 @@
 //! a gather sample, and h_i evaluates its outgoing radiance.
 //!
 //! [`harmonics`] and [`Projection`] are our method: one basis h = B for all materials, hemispherical harmonics, and
-//! k_i(ωi) = ∫ B_i f cosθ dω, tabulated once for every roughness. [`svd`] is the method of [Yang 2007, Section 4.4].
+//! k_i(ωi) = ∫ B_i f cosθ dω, tabulated for every roughness. [`svd`] is the method of [Yang 2007, Section 4.4].
 
 pub mod harmonics;
+#[cfg(test)]
+mod integrals;
 pub mod svd;
 
 use std::f64::consts::PI;
 use std::sync::OnceLock;
 
-use glam::{DVec3, Vec3};
-use rayon::prelude::*;
+use glam::Vec3;
 
-use self::harmonics::{DEGREES, Harmonics, MAX_FUNCTIONS, RADIAL_COUNT, RADIALS, azimuths, radials_of, spread};
-use crate::physics::brdf::{self, Lobes};
+use self::harmonics::{DEGREES, MAX_FUNCTIONS, RADIAL_COUNT, azimuths, radials_of, spread};
+use crate::physics::brdf;
 use crate::shared::{Brdf, TABLE_COSINES, TABLE_ROUGHNESSES};
 
 pub use crate::shared::ALBEDO_CAP;
@@ -24,10 +25,6 @@ pub const NEAR_MIRROR_ALPHA: f32 = 0.04;
 const ROUGHNESSES: usize = TABLE_ROUGHNESSES as usize;
 /// Number of cosines, equidistant in their square root, as k is steep near grazing.
 const COSINES: usize = TABLE_COSINES as usize;
-/// Facets to integrate an entry, in azimuth and in elevation. Only half of the azimuths are used, as the other half is
-/// symmetric.
-const FACETS: [usize; 2] = [12, 288];
-
 /// k_i over roughness and angle, without the reflectances of glTF's model: it is linear in all of them.
 pub struct Projection {
     /// [roughness][cosine]: radial parts of the specular lobe's k with Fresnel term 1, and with Schlick's weight.
@@ -40,35 +37,13 @@ impl Projection {
     /// Number of elements of [`Self::tables`].
     pub const TABLE_LENGTH: usize = (2 * ROUGHNESSES + 1) * COSINES * RADIAL_COUNT;
 
-    /// The only instance, computed at first use.
+    /// The only instance. Its tables took two CPU seconds and are part of the program; a test computes them anew.
     pub fn get() -> &'static Self {
         static PROJECTION: OnceLock<Projection> = OnceLock::new();
-        PROJECTION.get_or_init(Self::new)
-    }
-
-    fn new() -> Self {
-        let white = Brdf {
-            diffuse: Vec3::ZERO,
-            alpha: 0.0,
-            f0: Vec3::X, // red has Fresnel term 1, green Schlick's weight
-            f90: 1.0,
-            dielectric_f0: 0.0,
-            dielectric_f90: 0.0,
-        };
-        let alpha = |row: usize| {
-            let narrowest = NEAR_MIRROR_ALPHA.sqrt();
-            (narrowest + (1.0 - narrowest) * row as f32 / (ROUGHNESSES - 1) as f32).powi(2)
-        };
-        let row = |row: usize| {
-            let brdf = Brdf { alpha: alpha(row), ..white };
-            column(|wi| integrate(&brdf, wi, |reflected| [reflected.specular.x, reflected.specular.y]))
-        };
-        let specular = (0..ROUGHNESSES).into_par_iter().flat_map_iter(row).map(|k| k.map(|k| k.map(|k| k as f32)));
-        // Its diffuse lobe is 1/pi minus Schlick's weight over pi.
-        let lambert = Brdf { diffuse: Vec3::ONE, f0: Vec3::ZERO, f90: 0.0, dielectric_f90: 1.0, ..white };
-        let missing = |wi| integrate(&lambert, wi, |r| [r.density - r.diffuse.x, 0.0]);
-        let schlick = column(missing).into_iter().map(|k| k.map(|[missing, _]| missing as f32)).collect();
-        Self { specular: specular.collect(), schlick }
+        PROJECTION.get_or_init(|| {
+            let (words, _) = include_bytes!("projection.f32").as_chunks();
+            Self::from_tables(&words.iter().copied().map(f32::from_le_bytes).collect::<Vec<_>>())
+        })
     }
 
     /// k_i of `brdf` for light from the unit direction `wi` of the local frame, above the horizon: the first
@@ -125,7 +100,7 @@ impl Projection {
     }
 
     /// The inverse of [`Self::tables`]; `tables` has [`Self::TABLE_LENGTH`] elements.
-    pub fn from_tables(tables: &[f32]) -> Self {
+    fn from_tables(tables: &[f32]) -> Self {
         let (specular, schlick) = tables.split_at(2 * ROUGHNESSES * COSINES * RADIAL_COUNT);
         Self { specular: bytemuck::cast_slice(specular).to_vec(), schlick: bytemuck::cast_slice(schlick).to_vec() }
     }
@@ -181,58 +156,13 @@ fn place(x: f32, count: usize) -> (usize, f32) {
     (index, x - index as f32)
 }
 
-/// Entries for all cosines: `integrate` applied to directions of light.
-fn column(integrate: impl Fn(DVec3) -> [[f64; 2]; RADIAL_COUNT]) -> Vec<[[f64; 2]; RADIAL_COUNT]> {
-    let entry = |i: usize| {
-        // Never exactly on the horizon, where nothing is reflected.
-        let z = ((i as f64 / (COSINES - 1) as f64).powi(2)).clamp(1e-6, 1.0);
-        integrate(DVec3::new((1.0 - z * z).sqrt(), 0.0, z))
-    };
-    let mut entries: Vec<_> = (0..COSINES).map(entry).collect();
-    // At normal incidence radial parts of higher orders are 0/0: they are extrapolated.
-    let [.., before, last, top] = &mut entries[..] else { unreachable!("there are {COSINES}") };
-    for (i, &(_, order)) in RADIALS.iter().enumerate() {
-        if order > 0 {
-            top[i] = std::array::from_fn(|part| 2.0 * last[i][part] - before[i][part]);
-        }
-    }
-    entries
-}
-
-/// Radial parts of ∫ B_i(ωo) f cosθo dωo for light from `wi`, by sampling facets; `parts` selects two parts of BRDF
-/// times cosine.
-fn integrate(
-    brdf: &Brdf,
-    wi: DVec3,
-    parts: impl Fn(&crate::physics::brdf::Reflected) -> [f64; 2],
-) -> [[f64; 2]; RADIAL_COUNT] {
-    let mut sums = [[0.0; 2]; RADIAL_COUNT];
-    let Some(lobes) = Lobes::new(brdf, DVec3::Z, wi) else { return sums };
-    for facet in 0..FACETS[0] * FACETS[1] {
-        let around = 0.5 * ((facet / FACETS[1]) as f64 + 0.5) / FACETS[0] as f64;
-        let along = ((facet % FACETS[1]) as f64 + 0.5) / FACETS[1] as f64;
-        let Some(wo) = lobes.sample([around, along, 0.5]) else { continue };
-        let reflected = lobes.at(wo);
-        let values = Harmonics::get().evaluate_exactly(wo);
-        let mut next = 0;
-        for (sum, &(_, order)) in sums.iter_mut().zip(&RADIALS) {
-            // The other function of this order is odd in the azimuth: its integral is zero.
-            for (sum, part) in sum.iter_mut().zip(parts(&reflected)) {
-                *sum += values[next] * part / reflected.density / (FACETS[0] * FACETS[1]) as f64;
-            }
-            next += if order > 0 { 2 } else { 1 };
-        }
-    }
-    let sine = wi.x.max(1e-9);
-    for (sum, &(_, order)) in sums.iter_mut().zip(&RADIALS) {
-        *sum = sum.map(|s| s / sine.powi(order as i32));
-    }
-    sums
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
+    use super::harmonics::Harmonics;
     use super::*;
+    use crate::physics::brdf::Lobes;
     use crate::physics::sequence::Points;
 
     fn brdf(diffuse: f32, roughness: f32, f0: f32, metal: bool) -> Brdf {

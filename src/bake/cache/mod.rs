@@ -25,7 +25,7 @@ use crate::storage::file::{is_temporary, open, write_whole};
 use crate::storage::mapped::{Elements, Mapping};
 
 /// Version of the file format; incremented when the content changes.
-const FORMAT: &str = "28";
+const FORMAT: &str = "29";
 
 /// Hash of all inputs of a bake; names its file.
 #[derive(Clone, Debug, PartialEq, Eq)]

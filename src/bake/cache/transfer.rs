@@ -36,7 +36,6 @@ pub fn store_transfer(
 ) -> Result<()> {
     let mut writer = Writer { tensors: Vec::new() };
     writer.add("gather_samples", Dtype::U32, 20, &transfer.samples);
-    writer.add("projection_tables", Dtype::F32, 2, &transfer.projection);
     writer.add("factored_samples", Dtype::U32, 9, &transfer.factored);
     writer.add("factor_tables", Dtype::F32, 4, &transfer.tables);
     writer.add("gather_points", Dtype::U32, 8, &transfer.points);
@@ -127,7 +126,6 @@ fn chain(reader: &Reader) -> Option<Vec<BlockMatrix>> {
 fn decode(reader: &Reader, framebuffer: &DeepFramebuffer) -> Option<Transfer> {
     let mut transfer = Transfer {
         samples: reader.take("gather_samples")?,
-        projection: reader.take("projection_tables")?,
         factored: reader.take("factored_samples")?,
         tables: reader.take("factor_tables")?,
         points: reader.take("gather_points")?,

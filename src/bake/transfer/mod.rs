@@ -16,7 +16,6 @@ use self::blocks::BlockMatrix;
 use self::sky::SkyTransfer;
 use self::sparse::SellMatrix;
 use crate::bake::DeepFramebuffer;
-use crate::bake::brdf_factors::Projection;
 use crate::bake::compression;
 use crate::bake::compression::clusters::Clusters;
 use crate::bake::compression::haar::Haar;
@@ -34,8 +33,6 @@ use crate::trace::packet::SamplePacket;
 pub struct Transfer {
     /// Samples of our method; empty for the thesis's.
     pub samples: Vec<LightSample>,
-    /// [`Projection::tables`] for shading these; stored, as computing them takes a second.
-    pub projection: Vec<f32>,
     /// Whether the kernel that shades them handles all harmonics although no sample has so many. Not stored in the cache.
     pub all_degrees: bool,
     /// Samples of the thesis's method, with the tables of k that they refer to; empty for ours.
@@ -112,8 +109,7 @@ impl Transfer {
     /// Applies `chain` to the direct light of `level`.
     pub fn new(level: &Level, vector_length: usize, chain: Vec<BlockMatrix>) -> Self {
         let samples = level.light_samples.clone();
-        let projection = Projection::get().tables();
-        Self { samples, projection, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
+        Self { samples, vector_length, chain, ..Self::lit_at(&level.samples) }.with_packets()
     }
 
     /// Only the points of gather samples.
@@ -172,7 +168,6 @@ impl Transfer {
             && self.points.len() == self.geometric_normals.len()
             && (self.samples.is_empty() || self.factored.is_empty())
             && (self.factored.is_empty() || self.points_per_sample == 1)
-            && (self.samples.is_empty() || self.projection.len() == Projection::TABLE_LENGTH)
             && self.samples.iter().all(ours)
             && self.factored.iter().all(thesis)
             && self.emission.iter().all(|light| light.radiance.len() == view_samples)

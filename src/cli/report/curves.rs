@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use relume::bake::brdf_factors::Projection;
 use relume::bake::transport::directions::Lobe;
 use relume::gpu::Processor;
 use relume::image::{Image, exr};
@@ -63,8 +62,6 @@ enum Outcome {
 impl Lab<'_> {
     /// All curves.
     pub fn curves(&mut self, truth: &Truth) -> Result<()> {
-        // Tables that all scenes share are made once, by nobody's clock.
-        Projection::get().tables();
         let extent = self.extent;
         let [thesis, gather] = [extent.thesis, extent.gather].map(|all| self.up_to_pixels(all));
         for &samples in extent.samples {
