@@ -35,6 +35,7 @@ fn only_whole_files_are_taken() {
     let of_transfer = TransferSettings {
         outgoing: Outgoing::Diffuse,
         samples: 40,
+        paths: TransferSettings::paths_for(40),
         coarse_samples: 20,
         points: 2,
         rays: 16,

@@ -85,7 +85,7 @@ fn larger_pictures_get_the_light_of_the_same_surfaces() {
     let sizes = [Setup::new(71, 48), Setup::new(181, 120)];
     let [small, large] = [0, 1].map(|i| stage("balls-2.glb", &sizes[i]));
     let [plain, of_its_own] = transfers([&small, &large]);
-    let spread = plain.spread(&small.framebuffer, &large.framebuffer, small.scene.bvh.radius).unwrap();
+    let spread = plain.upsampled(&small.framebuffer, &large.framebuffer, small.scene.bvh.radius).unwrap();
     assert!(spread.is_consistent(large.framebuffer.samples.len()));
     let picture = |transfer: &Arc<Transfer>| {
         let (scene, framebuffer) = (large.scene.clone(), large.framebuffer.clone());

@@ -3,7 +3,15 @@
 /// Runs `work` in a thread pool of its own, at low priority and with one thread fewer than there are cores, so that
 /// lights can be edited meanwhile.
 pub fn low_priority<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    let threads = rayon::current_num_threads().saturating_sub(1).max(1);
+    give_way_with(rayon::current_num_threads().saturating_sub(1).max(1), work)
+}
+
+/// The same on all cores, for work that ends at the next edit.
+pub fn at_rest<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    give_way_with(rayon::current_num_threads(), work)
+}
+
+fn give_way_with<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     match rayon::ThreadPoolBuilder::new().num_threads(threads).start_handler(|_| give_way()).build() {
         Ok(pool) => pool.install(work),
         Err(_) => work(), // no more threads are available

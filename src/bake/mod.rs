@@ -17,5 +17,5 @@ mod linear;
 pub mod transfer;
 pub mod transport;
 
-pub use self::background::low_priority;
+pub use self::background::{at_rest, low_priority};
 pub use self::framebuffer::{BakeSettings, DeepFramebuffer, bake};

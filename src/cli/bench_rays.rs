@@ -107,6 +107,7 @@ pub fn gather_rays_per_s(session: &Session) -> f64 {
     let settings = TransferSettings {
         outgoing: Outgoing::Glossy { functions: None },
         samples: 1024,
+        paths: TransferSettings::paths_for(1024),
         coarse_samples: 1024,
         points: 1,
         rays: 256,

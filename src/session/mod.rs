@@ -34,7 +34,7 @@ use crate::bake::transfer::sky::SkyTransfer;
 use crate::bake::transport::Outgoing;
 use crate::bake::transport::TransferSettings;
 use crate::bake::transport::directions::Lobe;
-use crate::bake::{BakeSettings, DeepFramebuffer, bake, cache, low_priority};
+use crate::bake::{BakeSettings, DeepFramebuffer, at_rest, bake, cache, low_priority};
 use crate::error::{Error, Result};
 use crate::gpu::{Context, Validation};
 use crate::relight::{RelightSettings, Relighter, choose_device};
@@ -157,8 +157,8 @@ impl Transfers {
         cache::load_sky(self.dir.as_deref()?, &self.sky_key(lobe), framebuffer)
     }
 
-    /// Calls `show` with a coarse transfer after seconds, unless the cache has the fine one, then with that, which it also
-    /// returns. Bakes on threads of its own, so that lights can be edited meanwhile.
+    /// Calls `show` with a first transfer after a second and a coarse one after many, unless the cache has the fine one, then
+    /// with that, which it also returns. Bakes on threads of its own, so that lights can be edited meanwhile.
     pub fn refine(
         &self,
         seen: BakeInput,
@@ -172,19 +172,23 @@ impl Transfers {
             show(transfer.clone());
             transfer
         };
+        let preview = |plan: Option<TransferPlan>, pixels: f64, report: &mut BakeReport| {
+            let Some(plan) = plan.filter(|_| !is_stored) else { return Ok(()) };
+            let BakeInput { scene, framebuffer } = seen;
+            let small = reduced(seen, pixels);
+            let input = BakeInput { scene, framebuffer: small.as_ref().unwrap_or(framebuffer) };
+            let made = plan.bake(input, Lobe::All, false, report, progress)?;
+            let made = match &small {
+                Some(small) => made.upsampled(small, framebuffer, scene.bvh.radius).expect("it has blocks"),
+                None => made,
+            };
+            show(self.forced(made));
+            Ok(())
+        };
+        until_cancelled(|| at_rest(|| preview(self.plan.first(), FIRST_PIXELS, &mut report)))?;
         until_cancelled(|| {
             low_priority(|| {
-                if let Some(coarse) = self.plan.coarse().filter(|_| !is_stored) {
-                    let BakeInput { scene, framebuffer } = seen;
-                    let small = reduced(seen);
-                    let input = BakeInput { scene, framebuffer: small.as_ref().unwrap_or(framebuffer) };
-                    let coarse = coarse.bake(input, Lobe::All, false, &mut report, progress)?;
-                    let coarse = match &small {
-                        Some(small) => coarse.spread(small, framebuffer, scene.bvh.radius).expect("it has blocks"),
-                        None => coarse,
-                    };
-                    show(self.forced(coarse));
-                }
+                preview(self.plan.coarse(), COARSE_PIXELS, &mut report)?;
                 let first = |transfer: &Transfer| {
                     show(transfer.clone());
                 };
@@ -290,13 +294,14 @@ impl Transfers {
     }
 }
 
-/// Pixels of a coarse transfer at most: it takes as long for large pictures.
+/// Pixels of a first and of a coarse transfer at most: they take as long for large pictures.
+const FIRST_PIXELS: f64 = 5_400.0;
 const COARSE_PIXELS: f64 = 65_536.0;
 
-/// The same view with at most [`COARSE_PIXELS`] pixels; `None` if it has no more.
-fn reduced(BakeInput { scene, framebuffer }: BakeInput) -> Option<DeepFramebuffer> {
+/// The same view with at most `pixels` pixels; `None` if it has no more.
+fn reduced(BakeInput { scene, framebuffer }: BakeInput, pixels: f64) -> Option<DeepFramebuffer> {
     let [width, height] = [framebuffer.tiling.width, framebuffer.tiling.height];
-    let scale = (COARSE_PIXELS / (f64::from(width) * f64::from(height))).sqrt();
+    let scale = (pixels / (f64::from(width) * f64::from(height))).sqrt();
     let [width, height] = [width, height].map(|side| ((f64::from(side) * scale) as u32).max(1));
     let settings = BakeSettings { width, height, layers: framebuffer.asked_layers, samples: 1 };
     (scale < 1.0).then(|| bake(scene, &framebuffer.camera, &Rig::default(), &settings, &|_| ()))

@@ -146,6 +146,7 @@ impl IndirectSettings {
                 let settings = TransferSettings {
                     outgoing,
                     samples,
+                    paths: TransferSettings::paths_for(samples),
                     // The compressed form inverts the matrix among them.
                     coarse_samples: if form == Form::Dense { COARSE_SAMPLES } else { COARSE_SAMPLES.min(samples / 2) },
                     points: (POINTS / samples).clamp(1, 16),
@@ -274,13 +275,29 @@ impl TransferPlan {
         !matches!(self, Self::Robust(_, Form::Haar(_)))
     }
 
+    /// What takes about a second: for a compressed form, as a first look.
+    pub fn first(&self) -> Option<Self> {
+        let Self::Robust(settings, Form::Nested(_) | Form::Haar(_)) = self else { return None };
+        let settings = TransferSettings {
+            outgoing: Outgoing::Diffuse,
+            samples: settings.samples.min(512),
+            paths: 1 << 15,
+            coarse_samples: settings.coarse_samples.min(256),
+            points: 2,
+            rays: settings.rays.min(64),
+            ..settings.clone()
+        };
+        Some(Self::Robust(settings, Form::Dense))
+    }
+
     /// What takes seconds and tells where the light goes; for a compressed form.
     pub fn coarse(&self) -> Option<Self> {
         let Self::Robust(settings, Form::Nested(error) | Form::Haar(error)) = self else { return None };
         let samples = settings.samples.min(1024);
         let coarse_samples = settings.coarse_samples.min(samples / 4);
         let rays = settings.rays.min(64);
-        let settings = TransferSettings { samples, coarse_samples, points: 4, rays, ..settings.clone() };
+        let paths = TransferSettings::paths_for(samples);
+        let settings = TransferSettings { samples, paths, coarse_samples, points: 4, rays, ..settings.clone() };
         Some(Self::Robust(settings, Form::Nested(error.max(0.05))))
     }
 

@@ -14,6 +14,7 @@ pub fn settings(samples: usize, coarse_samples: usize, rays: u32) -> TransferSet
     TransferSettings {
         outgoing: Outgoing::Glossy { functions: None },
         samples,
+        paths: TransferSettings::paths_for(samples),
         coarse_samples,
         points: 4,
         rays,

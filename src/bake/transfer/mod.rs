@@ -8,6 +8,7 @@ mod nested;
 pub mod sky;
 pub mod sparse;
 mod spread;
+mod upsampled;
 
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3, Vec4};

@@ -64,6 +64,8 @@ pub struct TransferSettings {
     pub outgoing: Outgoing,
     /// Number of gather samples.
     pub samples: usize,
+    /// Number of eye paths, which determine where samples are placed: see [`TransferSettings::paths_for`].
+    pub paths: usize,
     /// Number of gather samples for further bounces; if not smaller than `samples`, there is only one level.
     pub coarse_samples: usize,
     /// Points per sample at which direct light is evaluated, 1 to 16.
@@ -76,6 +78,13 @@ pub struct TransferSettings {
     pub bounces: Option<u32>,
     /// Parts of a bake derive their seeds from it, as `seed ^ n << 32` with small numbers n.
     pub seed: u64,
+}
+
+impl TransferSettings {
+    /// Eye paths that place a number of gather samples well.
+    pub fn paths_for(samples: usize) -> usize {
+        (PATHS_A_SAMPLE * samples).max(MIN_PATHS)
+    }
 }
 
 /// Figures that tell how reliable the solution is.
@@ -122,8 +131,8 @@ impl<'a> LightTransport<'a> {
         settings: &TransferSettings,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Self {
-        let paths = (PATHS_A_SAMPLE * settings.samples).max(MIN_PATHS);
-        let importance = Importance::new(scene, framebuffer, settings.layers, paths, settings.seed ^ 4 << 32);
+        let TransferSettings { layers, paths, seed, .. } = *settings;
+        let importance = Importance::new(scene, framebuffer, layers, paths, seed ^ 4 << 32);
         let level = |count: usize, points: usize, seed: u64, choices: &[u8], limit: usize| {
             let placement = Placement::Clustered { points };
             let mut samples = GatherSamples::place(scene, &importance.surfaces, placement, count, seed);

@@ -50,6 +50,7 @@ impl Lab<'_> {
         let settings = TransferSettings {
             outgoing: Outgoing::Diffuse,
             samples: GATHER_SAMPLES,
+            paths: TransferSettings::paths_for(GATHER_SAMPLES),
             coarse_samples: GATHER_SAMPLES,
             points: 16,
             rays: RAYS,
