@@ -22,6 +22,13 @@ pub(super) struct FinalOutput<'a> {
     screen: Option<Screen<'a>>,
 }
 
+impl FinalOutput<'_> {
+    /// Scene-linear, for the host.
+    pub fn linear(picture: Picture) -> Self {
+        Self { picture, inspection: Inspection::default(), output: Output::Linear, screen: None }
+    }
+}
+
 /// Points of one step fit into a frame.
 const _: () = assert!((POINTS_A_STEP as usize) < visibility::BUFFERS);
 
@@ -90,7 +97,7 @@ impl Relighter {
     }
 
     /// Records one frame, or several if the steps do not fit into one.
-    fn execute(&mut self, plan: &Plan, mut last: Option<FinalOutput>) -> Result<()> {
+    pub(super) fn execute(&mut self, plan: &Plan, mut last: Option<FinalOutput>) -> Result<()> {
         self.times.clear();
         let shown = last.as_ref().map(|last| (last.picture, last.output, plan.picture.clone()));
         let unchanged = plan.steps.is_empty() && shown.is_some() && self.shown == shown;
@@ -112,6 +119,7 @@ impl Relighter {
             indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),
             images: &self.images,
             some_points: self.some_points.as_ref(),
+            changes: &self.changes,
             rest: &self.rest,
             extras: &self.extras,
             kernels: &self.kernels,

@@ -78,26 +78,26 @@ impl EmitterImages {
 
 /// Radiance of an emitter as it is seen, and all its indirect light: planes R, G, B; `None` if there is none.
 fn planes(emitter: u32, framebuffer: &DeepFramebuffer, transfer: Option<&Transfer>) -> Option<Vec<f32>> {
-    let stride = framebuffer.pixel_stride();
-    let light = transfer.and_then(|transfer| transfer.emission.iter().find(|light| light.emitter == emitter));
+    let indirect = indirect_of_emitter(emitter, framebuffer, transfer);
     let seen = framebuffer.emission.iter().filter(|part| part.emitter == emitter);
-    if light.is_none() && seen.clone().next().is_none() {
+    if indirect.is_none() && seen.clone().next().is_none() {
         return None;
     }
-    let mut image = vec![DVec3::ZERO; stride];
-    if let Some(light) = light {
-        let radiance: Vec<DVec3> = light.radiance.iter().map(|e| e.as_dvec3()).collect();
-        let (pixels, extras) = radiance.split_at(stride);
-        image.copy_from_slice(pixels);
-        resolve(
-            &framebuffer.extra_pixels,
-            &framebuffer.extra_indices,
-            &framebuffer.extra_samples,
-            extras,
-            u32::MAX,
-            &mut image,
-        );
-    }
+    let mut image = indirect.unwrap_or_else(|| vec![DVec3::ZERO; framebuffer.pixel_stride()]);
     seen.for_each(|part| image[part.pixel as usize] += part.radiance.as_dvec3());
     Some((0..3).flat_map(|plane| image.iter().map(move |pixel| pixel[plane] as f32)).collect())
+}
+
+/// Indirect light of an emitter in the pixels of the deep framebuffer; `None` if there is none.
+pub fn indirect_of_emitter(
+    emitter: u32,
+    framebuffer: &DeepFramebuffer,
+    transfer: Option<&Transfer>,
+) -> Option<Vec<DVec3>> {
+    let light = transfer?.emission.iter().find(|light| light.emitter == emitter)?;
+    let mut pixels: Vec<DVec3> = light.radiance.iter().map(|e| e.as_dvec3()).collect();
+    let extras = pixels.split_off(framebuffer.pixel_stride());
+    let DeepFramebuffer { extra_pixels, extra_indices, extra_samples, .. } = framebuffer;
+    resolve(extra_pixels, extra_indices, extra_samples, &extras, u32::MAX, &mut pixels);
+    Some(pixels)
 }

@@ -81,6 +81,10 @@ struct Node {
     needed: Option<u32>,
     /// Of a leaf: points that its image of the whole picture needed, as far as known.
     needed_by_whole: Option<u32>,
+    /// Of a leaf: what is added to its complete image; see [`LightCache::set_changes`].
+    change: Option<u64>,
+    /// Of a leaf: slot of its image with the change.
+    changed: Option<usize>,
 }
 
 impl Node {
@@ -162,6 +166,11 @@ impl LightCache {
                 self.mark_edited(node);
             }
         }
+    }
+
+    /// Adds empty slots up to `slot_count`.
+    pub fn grow(&mut self, slot_count: usize) {
+        self.slots.grow(slot_count);
     }
 
     /// Sets the accuracy of images computed from now on. The focus does not change.
@@ -282,8 +291,8 @@ impl LightCache {
     /// Number of lights that a whole picture needs and that no image includes, and the first of them.
     pub fn pending(&self) -> (usize, Option<usize>) {
         let is_complete = |n: usize| {
-            let Node { slot, light, .. } = self.nodes[n];
-            slot.is_some() && (light.is_none() || self.nodes[n].is_complete())
+            let Node { slot, light, changed, .. } = self.nodes[n];
+            changed.is_some() || (slot.is_some() && (light.is_none() || self.nodes[n].is_complete()))
         };
         let held = |node: usize| {
             let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
@@ -321,6 +330,29 @@ impl LightCache {
             plan.picture.push(Term { source: Source::Slot(slot), scale });
         }
         plan
+    }
+
+    /// Plans the picture of one light alone at unit intensity, without changes.
+    pub fn plan_unit(&mut self, light: usize) -> Plan {
+        self.clock += 1;
+        let mut plan = Plan::default();
+        let slot = self.add_points(self.leaf_of[light], light, u32::MAX, &mut plan.steps);
+        plan.picture.push(Term { source: Source::Slot(slot), scale: Vec3::ONE });
+        plan
+    }
+
+    /// Whether the exact image of one light is there.
+    pub fn is_complete(&self, light: usize) -> bool {
+        let node = &self.nodes[self.leaf_of[light]];
+        node.slot.is_some() && node.is_complete() && !node.coarse
+    }
+
+    /// Gives the image of a light as many points as it has in another cache for the same rig, if that is known.
+    pub fn take_points(&mut self, other: &Self, light: usize) {
+        let leaf = self.leaf_of[light];
+        if self.nodes[leaf].slot.is_none() {
+            self.nodes[leaf].needed = other.nodes[other.leaf_of[light]].needed;
+        }
     }
 
     /// Plans a part of the image of one light: all of it if the light has no size, else at most `most` times some of its
@@ -415,8 +447,7 @@ impl LightCache {
     fn ensure_image(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
         let Node { slot, children, light, .. } = self.nodes[node];
         if let Some(light) = light {
-            let most = if self.detail == Detail::Progressive { 1 } else { u32::MAX };
-            return self.add_points(node, light, most, steps);
+            return self.ensure_leaf(node, light, steps);
         }
         if let Some(slot) = slot {
             self.slots.use_at(slot, self.clock);
@@ -444,16 +475,42 @@ impl LightCache {
         target
     }
 
-    /// Assigns `node` a free slot or the least recently used one.
+    /// The same of a leaf, with its change.
+    fn ensure_leaf(&mut self, leaf: usize, light: usize, steps: &mut Vec<Step>) -> usize {
+        if let Some(slot) = self.nodes[leaf].changed {
+            self.slots.use_at(slot, self.clock);
+            return slot;
+        }
+        let most = if self.detail == Detail::Progressive { 1 } else { u32::MAX };
+        let slot = self.add_points(leaf, light, most, steps);
+        let node = &self.nodes[leaf];
+        let Some(change) = node.change.filter(|_| node.is_complete() && !node.coarse) else { return slot };
+        self.slots.pin(slot);
+        let target = self.take_free_slot(leaf);
+        self.slots.unpin(slot);
+        self.nodes[leaf].changed = Some(target);
+        let terms = [Source::Slot(slot), Source::Change(change)].map(|source| Term { source, scale: Vec3::ONE });
+        steps.push(Step::Sum { target: Source::Slot(target), terms: terms.into(), kept: 0.0 });
+        target
+    }
+
+    /// Assigns `node` a free slot or the least recently used one, for its image.
     fn take_slot(&mut self, node: usize) -> usize {
+        let slot = self.take_free_slot(node);
+        self.nodes[node].slot = Some(slot);
+        slot
+    }
+
+    fn take_free_slot(&mut self, node: usize) -> usize {
         let (slot, evicted) = self.slots.take(node, self.clock);
         if let Some(evicted) = evicted {
-            if self.nodes[evicted].slot == Some(slot) {
-                (self.nodes[evicted].slot, self.nodes[evicted].coarse) = (None, false);
+            let node = &mut self.nodes[evicted];
+            if node.slot == Some(slot) {
+                (node.slot, node.coarse) = (None, false);
             }
+            node.changed = node.changed.filter(|&changed| changed != slot);
             self.stop_growing(evicted, slot);
         }
-        self.nodes[node].slot = Some(slot);
         slot
     }
 
@@ -461,9 +518,17 @@ impl LightCache {
     fn release(&mut self, node: usize) {
         self.nodes[node].coarse = false;
         (self.nodes[node].needed, self.nodes[node].needed_by_whole) = (None, None);
+        self.release_changed(node);
         if let Some(slot) = self.nodes[node].slot.take() {
             self.slots.clear(slot);
             self.stop_growing(node, slot);
+        }
+    }
+
+    /// Discards `node`'s image with its change.
+    fn release_changed(&mut self, node: usize) {
+        if let Some(slot) = self.nodes[node].changed.take() {
+            self.slots.clear(slot);
         }
     }
 
@@ -479,12 +544,30 @@ impl LightCache {
 
     /// Records that `node`'s contribution changed: invalidates the sums above it.
     fn mark_edited(&mut self, node: usize) {
+        self.release_above(node);
+        self.edited.push(node);
+    }
+
+    fn release_above(&mut self, node: usize) {
         let mut above = self.nodes[node].parent;
         while let Some(n) = above {
             self.release(n);
             above = self.nodes[n].parent;
         }
-        self.edited.push(node);
+    }
+
+    /// Sets what is added to the complete images of the lights, by number of the change: see [`Source::Change`]. `change`
+    /// gets the rig and the index of a light.
+    pub fn set_changes(&mut self, change: impl Fn(&Rig, usize) -> Option<u64>) {
+        for light in 0..self.leaf_of.len() {
+            let (leaf, change) = (self.leaf_of[light], change(&self.rig, light));
+            if self.nodes[leaf].change != change {
+                self.nodes[leaf].change = change;
+                self.release_changed(leaf);
+                self.release_above(leaf);
+                self.rest = None;
+            }
+        }
     }
 
     fn scale(&self, node: usize) -> Vec3 {
@@ -516,6 +599,8 @@ impl LightCache {
             points: 0,
             needed: None,
             needed_by_whole: None,
+            change: None,
+            changed: None,
         };
         self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
         self.leaf_of = (0..self.rig.lights.len()).collect();
@@ -555,6 +640,8 @@ impl LightCache {
                     points: 0,
                     needed: None,
                     needed_by_whole: None,
+                    change: None,
+                    changed: None,
                 });
                 for child in children {
                     self.nodes[child].parent = Some(this);
@@ -604,7 +691,7 @@ impl LightCache {
 
 /// Whether the image at unit intensity is the same for two states of a light. `same_sets`: the sets that links may name
 /// did not change.
-fn same_image(a: &Light, b: &Light, same_sets: bool) -> bool {
+pub(super) fn same_image(a: &Light, b: &Light, same_sets: bool) -> bool {
     (a.kind, a.position, a.direction) == (b.kind, b.position, b.direction)
         && (a.radius, a.size, a.up, a.angle) == (b.radius, b.size, b.up, b.angle)
         && (a.spread, a.two_sided, a.visible) == (b.spread, b.two_sided, b.visible)

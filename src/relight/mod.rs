@@ -11,9 +11,11 @@ mod frame;
 mod gpu_framebuffer;
 mod haar;
 mod indirect;
+mod indirect_images;
 pub mod inspect;
 mod interleaved;
 pub mod light_cache;
+mod light_changes;
 mod light_factors;
 mod light_rays;
 mod light_sights;
@@ -43,9 +45,11 @@ pub use self::device_choice::{DeviceSpeed, choose_device};
 use self::finite_check::FiniteCheck;
 use self::gpu_framebuffer::{EmitterImages, GpuFramebuffer};
 use self::indirect::Indirect;
+use self::indirect_images::IndirectImages;
 use self::inspect::Inspector;
 pub use self::light_cache::Detail;
 use self::light_cache::{LightCache, Term};
+pub use self::light_changes::{LightChanges, StandingLight};
 use self::light_factors::SampleTriangles;
 use self::light_sights::LightSights;
 use self::output::{Output, Outputs};
@@ -63,7 +67,7 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::{Error, Result};
 use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen, is_out_of_memory};
-use crate::scene::{Emitters, ResolvedLinks, Rig};
+use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig};
 use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
@@ -107,6 +111,10 @@ pub struct Relighter {
     images: Vec<Buffer<Vec4>>,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     some_points: Option<SomePoints>,
+    /// What is added to images of lights.
+    changes: LightChanges,
+    /// `None` as long as none was asked for.
+    indirect_images: Option<IndirectImages>,
     /// Maximum number of light images within the budget.
     image_budget: usize,
     /// Bytes of device memory for the factors of the transfer.
@@ -197,6 +205,8 @@ impl Relighter {
             indirect,
             images,
             some_points,
+            changes: LightChanges::default(),
+            indirect_images: None,
             image_budget,
             transfer_budget,
             rest,
@@ -282,7 +292,30 @@ impl Relighter {
         }
         self.skies.update(&self.scene, &self.framebuffer, self.transfer.as_deref(), rig, &self.links);
         self.cache.set_rig(rig, self.images.len());
+        self.match_changes();
         Ok(())
+    }
+
+    /// Replaces what is added to images of lights that stand as the changes say, in all pictures with indirect light.
+    pub fn set_changes(&mut self, changes: &LightChanges) -> Result<()> {
+        if self.changes.is_same(changes) {
+            return Ok(());
+        }
+        // An image more of each light that has a change.
+        let counts = slot_counts(self.cache.rig(), self.image_budget);
+        let most = (counts.end() + changes.len()).min(self.image_budget.max(*counts.end()));
+        add_images(&mut self.images, &self.context, &self.framebuffer, *counts.start()..=most)?;
+        self.cache.grow(self.images.len());
+        self.changes = changes.clone();
+        self.match_changes();
+        Ok(())
+    }
+
+    fn match_changes(&mut self) {
+        let layers = self.layers;
+        // Pictures of indirect light alone do not show emitters.
+        let shows = |light: &Light| layers == Layers::All || (layers.indirect() && light.kind != LightKind::Emitter);
+        self.cache.set_changes(|rig, light| self.changes.of(rig, light).filter(|_| shows(&rig.lights[light])));
     }
 
     /// Replaces the transfer by another one to the same view samples; the next picture uses it.
@@ -350,6 +383,7 @@ impl Relighter {
 
     /// Invalidates all images.
     fn invalidate_all(&mut self) {
+        self.indirect_images = None;
         self.invalidate_images();
         self.shown = None;
         self.sheet.invalidate();
@@ -399,6 +433,7 @@ impl Relighter {
             let whole = [self.layers, layers].map(|layers| layers == Layers::All);
             self.layers = layers;
             self.cache.change_layers(self.emitters(), whole);
+            self.match_changes();
         }
         self.cache.set_detail(detail);
     }
@@ -443,6 +478,13 @@ impl Relighter {
         self.run(&request, output, Some(screen))
     }
 
+    /// Shows the pixels of the last picture that was shown again, whatever has changed since. Panics if there was none.
+    pub fn show_again(&mut self, screen: Screen) -> Result<()> {
+        let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
+        let pixels = Pixels { buffer: self.outputs.shown(), width, height };
+        Self::show_pixels(&mut self.frames, &mut self.times, pixels, screen)
+    }
+
     /// The picture in scene-linear Rec. 709 radiance, row by row.
     pub fn linear(&mut self, request: impl Into<Request>) -> Result<&[[f32; 3]]> {
         let request = request.into();
@@ -455,12 +497,16 @@ impl Relighter {
     }
 
     /// Shows given pixels in a window.
-    pub fn show_still(&mut self, pixels: Pixels, mut screen: Screen) -> Result<()> {
-        self.times.clear();
-        let mut frame = self.frames.begin()?;
+    pub fn show_still(&mut self, pixels: Pixels, screen: Screen) -> Result<()> {
+        Self::show_pixels(&mut self.frames, &mut self.times, pixels, screen)
+    }
+
+    fn show_pixels(frames: &mut Frames, times: &mut Vec<PassTime>, pixels: Pixels, mut screen: Screen) -> Result<()> {
+        times.clear();
+        let mut frame = frames.begin()?;
         frame.draw(&mut screen, Some(pixels))?;
         frame.finish_on(screen.surface)?;
-        self.times.extend(self.frames.times());
+        times.extend(frames.times());
         Ok(())
     }
 

@@ -100,6 +100,11 @@ impl Outputs {
         self.sheet_kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
+    /// Pixels of the last picture for a window. Panics if there was none.
+    pub fn shown(&self) -> &Buffer<u32> {
+        self.screen.as_ref().expect("there was a picture")
+    }
+
     /// Pixels of `output`, which must be prepared.
     pub fn pixels(&self, output: Output) -> &Buffer<u32> {
         let buffer = match output {

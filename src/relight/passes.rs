@@ -8,6 +8,7 @@ use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
 use super::indirect::Indirect;
 use super::light_cache::{Detail, LightPoints, Shade, Source, Term};
+use super::light_changes::LightChanges;
 use super::light_factors::{self, LightFactors, SampleTriangles};
 use super::light_sights::{LightSights, directions_per_point};
 use super::light_target::{LightTarget, LightTargets};
@@ -47,6 +48,7 @@ pub struct FrameResources<'a> {
     pub images: &'a [Buffer<Vec4>],
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     pub some_points: Option<&'a SomePoints>,
+    pub changes: &'a LightChanges,
     pub rest: &'a Buffer<Vec4>,
     /// Radiance of extra samples, for each light of a batch.
     pub extras: &'a [Buffer<f32>],
@@ -421,7 +423,7 @@ impl FrameResources<'_> {
             Source::Rest => self.rest,
             Source::SomePoints => &self.some_points.expect("a light has a size").mean,
             Source::Checkpoint => &self.some_points.expect("a light has a size").checkpoint,
-            Source::Emitter(_) => unreachable!("emitters are read as floats"),
+            Source::Emitter(_) | Source::Change(_) => unreachable!("they are read as floats"),
         }
     }
 
@@ -489,6 +491,7 @@ impl FrameResources<'_> {
             read.scale = term.scale;
             read.image = match term.source {
                 Source::Emitter(index) => pass.read_as(self.gpu.emitters.image(index)),
+                Source::Change(number) => pass.read_as(self.changes.image(number)),
                 source => pass.read(self.image(source)),
             };
         }

@@ -23,6 +23,8 @@ pub enum Source {
     SomePoints,
     /// The image of a light with a size when it had fewer points.
     Checkpoint,
+    /// What final gathering adds to the image of a light, by its number; see [`LightChanges`](super::super::LightChanges).
+    Change(u64),
 }
 
 /// Accuracy of a light's image.

@@ -39,6 +39,7 @@ impl Numbers {
                 Source::Emitter(index) => EMITTERS[index].1,
                 Source::SomePoints => self.some_points,
                 Source::Checkpoint => self.checkpoint,
+                Source::Change(number) => number as f32,
             }
     }
 
@@ -62,7 +63,7 @@ impl Numbers {
                     match target {
                         Source::Slot(slot) => self.slots[*slot] = value,
                         Source::SomePoints => self.some_points = value,
-                        Source::Rest | Source::Emitter(_) | Source::Checkpoint => unreachable!(),
+                        Source::Rest | Source::Emitter(_) | Source::Checkpoint | Source::Change(_) => unreachable!(),
                     }
                     self.shaded += 1;
                 }
@@ -74,7 +75,7 @@ impl Numbers {
                         Source::Slot(slot) => self.slots[*slot] = sum,
                         Source::Rest => self.rest = sum,
                         Source::Checkpoint => self.checkpoint = sum,
-                        Source::Emitter(_) | Source::SomePoints => unreachable!(),
+                        Source::Emitter(_) | Source::SomePoints | Source::Change(_) => unreachable!(),
                     }
                 }
                 Step::Compare { light, image } => {
@@ -115,11 +116,20 @@ fn image(light: &Light) -> f32 {
     }
 }
 
+/// The same with its change.
+fn image_with(light: &Light, changes: &HashMap<String, u64>) -> f32 {
+    image(light) + changes.get(&light.name).map_or(0.0, |number| *number as f32)
+}
+
 fn truth(rig: &Rig) -> f32 {
+    truth_with(rig, &HashMap::new())
+}
+
+fn truth_with(rig: &Rig, changes: &HashMap<String, u64>) -> f32 {
     let rig = rig.with_solo_applied();
     let one = |l: &Light| {
         let group = l.group.map_or(1.0, |g| rig.groups[g].scale().x);
-        image(l) * l.scale().x * group
+        image_with(l, changes) * l.scale().x * group
     };
     rig.lights.iter().map(one).sum()
 }
@@ -170,7 +180,7 @@ proptest! {
         light_count in 0usize..40,
         group_count in 0usize..4,
         scarce in any::<bool>(),
-        edits in prop::collection::vec((0usize..15, 0usize..1000, 1usize..20), 0..40),
+        edits in prop::collection::vec((0usize..17, 0usize..1000, 1usize..20), 0..40),
     ) {
         let mut rig = rig(light_count, group_count);
         for (i, light) in rig.lights.iter_mut().enumerate().filter(|(i, _)| i % 4 == 1) {
@@ -183,6 +193,8 @@ proptest! {
         let mut cache = LightCache::new(&rig, slot_count, emitters);
         let mut numbers = Numbers::new(slot_count);
         let mut detail = Detail::Exact;
+        // By name of the light.
+        let mut changes = HashMap::new();
         for (kind, which, amount) in edits {
             let lights = rig.lights.len();
             let amount_f = amount as f64;
@@ -214,12 +226,15 @@ proptest! {
                     let plan = cache.plan_part(which % lights, 1);
                     run(&mut cache, &mut numbers, &rig, plan);
                 }
+                15 if lights > 0 => _ = changes.insert(rig.lights[which % lights].name.clone(), amount as u64),
+                16 if lights > 0 => _ = changes.remove(&rig.lights[which % lights].name),
                 _ => {}
             }
             let (fewest, most) = LightCache::slot_range(rig.lights.len());
             let slot_count = if scarce { fewest } else { most };
             numbers.slots.resize(slot_count.max(numbers.slots.len()), f32::NAN);
             cache.set_rig(&rig, slot_count);
+            cache.set_changes(|rig, light| changes.get(&rig.lights[light].name).copied());
             if kind == 9 || which % 3 == 0 {
                 let lights = rig.lights.len();
                 cache.select(&(0..lights).filter(|i| (i + which) % (1 + amount / 4) == 0).collect::<Vec<_>>());
@@ -231,14 +246,14 @@ proptest! {
             let plan = cache.plan();
             let picture = run(&mut cache, &mut numbers, &rig, plan);
             prop_assert!(detail != Detail::Exact || !cache.is_coarse());
-            prop_assert!(cache.is_coarse() || is_near(&rig, picture, truth(&rig)));
+            prop_assert!(cache.is_coarse() || is_near(&rig, picture, truth_with(&rig, &changes)));
             if which % 5 == 0 {
                 let plan = cache.plan_emitters();
                 let emitters = Rig {
                     lights: rig.with_solo_applied().lights.iter().filter(|l| l.material.is_some()).cloned().collect(),
                     ..rig.clone()
                 };
-                prop_assert_eq!(run(&mut cache, &mut numbers, &rig, plan), truth(&emitters));
+                prop_assert_eq!(run(&mut cache, &mut numbers, &rig, plan), truth_with(&emitters, &changes));
             }
             if !rig.lights.is_empty() {
                 let one = which % rig.lights.len();
@@ -246,7 +261,7 @@ proptest! {
                 let rig = rig.with_solo_applied();
                 let light = &rig.lights[one];
                 let group = light.group.map_or(1.0, |g| rig.groups[g].scale().x);
-                let want = image(light) * light.scale().x * group;
+                let want = image_with(light, &changes) * light.scale().x * group;
                 let alone = run(&mut cache, &mut numbers, &rig, alone);
                 prop_assert!(cache.is_coarse() || is_near(&rig, alone, want));
             }
@@ -254,7 +269,7 @@ proptest! {
         cache.set_detail(Detail::Exact);
         decide(&mut cache, &mut numbers, &rig);
         let plan = cache.plan();
-        prop_assert!(is_near(&rig, run(&mut cache, &mut numbers, &rig, plan), truth(&rig)));
+        prop_assert!(is_near(&rig, run(&mut cache, &mut numbers, &rig, plan), truth_with(&rig, &changes)));
         prop_assert!(!cache.is_coarse());
         prop_assert!(scarce || cache.pending().0 == 0);
     }
