@@ -6,13 +6,14 @@ use std::f64::consts::PI;
 
 use common::drawn::tracing;
 use common::random::Random;
-use common::shipped;
-use common::stage::{Build, emitter, lambert, look, mirror, rig};
+use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
+use common::{gpu, shipped, transfer};
 use glam::{DVec3, Vec3};
 use rayon::ThreadPoolBuilder;
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
-use relume::final_gather::{Combination, FinalGather};
+use relume::final_gather::{Combination, FinalGather, Refined};
 use relume::reference::path_tracer::{Half, Layer, PathTracer};
+use relume::relight::{Layers, LightChanges, Picture, Relighter, Request};
 use relume::scene::{Camera, Light, LightKind, Material, Projection, Rig, Scene};
 use relume::trace::bvh::TracedScene;
 
@@ -26,7 +27,7 @@ fn seen(scene: &TracedScene, camera: &Camera) -> DeepFramebuffer {
 /// Mean of indirect light over the picture and channels, by final gathering and by the path tracer.
 fn means(scene: &TracedScene, camera: &Camera, rig: &Rig, passes: u32) -> [f64; 2] {
     let framebuffer = seen(scene, camera);
-    let mut gather = FinalGather::new(scene, &framebuffer, rig, 1);
+    let mut gather = FinalGather::new(scene, &framebuffer, rig, |_| true, 1);
     (0..passes).for_each(|_| gather.pass(&|| false));
     let tracer = PathTracer::new(scene, camera, rig, &tracing(SIDE, SIDE));
     let film = tracer.trace(1024, &|| false, &|_| ());
@@ -128,7 +129,7 @@ fn a_furnace_is_even() {
     let camera = look(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, Projection::Perspective { yfov: PI / 2.0 });
     let scene = TracedScene::new(build.scene());
     let framebuffer = seen(&scene, &camera);
-    let mut gather = FinalGather::new(&scene, &framebuffer, &rig(vec![Light::emitter("wall", "wall")]), 1);
+    let mut gather = FinalGather::new(&scene, &framebuffer, &rig(vec![Light::emitter("wall", "wall")]), |_| true, 1);
     (0..64).for_each(|_| gather.pass(&|| false));
     let image: Vec<f32> = [0, 1].iter().flat_map(|&half| gather.image(half, 0)).map(|pixel| pixel.x).collect();
     let mean = image.iter().sum::<f32>() / image.len() as f32;
@@ -143,7 +144,7 @@ fn threads_do_not_matter() {
     let framebuffer = seen(&scene, &scene.cameras[0]);
     let images = |threads: usize| {
         ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, 3);
+            let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, 3);
             (0..3).for_each(|_| gather.pass(&|| false));
             [0, 1].map(|half| [0, 1].map(|source| gather.image(half, source)))
         })
@@ -191,4 +192,107 @@ fn the_combination_is_at_least_as_good_as_the_better_estimate() {
             assert!((2.0 / 3.0..1.5).contains(&(known / combined)), "{known} is expected, it is {combined}");
         }
     }
+}
+
+/// Where less is known more rays are cast, and nowhere else; the rays of two gathers add up.
+#[test]
+fn rays_go_where_the_error_is() {
+    let scene = TracedScene::new(Scene::load(&shipped("cornell-diffuse.glb")).unwrap());
+    let framebuffer = seen(&scene, &scene.cameras[0]);
+    let gathered = |seed: u64, focused: bool| {
+        let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, seed);
+        (0..2).for_each(|_| gather.pass(&|| false));
+        if focused {
+            let errors2: Vec<f32> = (0..SIDE * SIDE).map(|i| if i % SIDE < 8 { 1.0 } else { 0.0 }).collect();
+            gather.focus(&errors2);
+        }
+        (0..4).for_each(|_| gather.pass(&|| false));
+        gather.estimate(0)
+    };
+    let estimate = gathered(1, true);
+    for half in &estimate.rays {
+        let [left, right] = [half[0], half[8]];
+        assert!(left > right && right > 0, "{left} and {right} rays");
+        assert!((0..).zip(half).all(|(i, &rays)| rays == if i % SIDE < 8 { left } else { right }));
+    }
+    let other = gathered(2, false);
+    let joined = estimate.clone().joined(&other);
+    for (half, i) in [(0, 0), (1, 20), (0, 500)] {
+        let [a, b] = [&estimate, &other].map(|e| (e.halves[half][i], e.rays[half][i] as f32));
+        let want = (a.0 * a.1 + b.0 * b.1) / (a.1 + b.1);
+        assert!((joined.halves[half][i] - want).length() <= 1e-5 * want.length());
+        assert_eq!(joined.rays[half][i], estimate.rays[half][i] + other.rays[half][i]);
+    }
+    assert_eq!(joined.passes, 12);
+}
+
+/// The parts of the error that lights have add up to all of it, at their scales in the picture.
+#[test]
+fn each_light_has_a_part_of_the_error() {
+    let scene = TracedScene::new(Scene::load(&shipped("balls-2.glb")).unwrap());
+    let framebuffer = seen(&scene, &scene.cameras[0]);
+    let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, 1);
+    (0..4).for_each(|_| gather.pass(&|| false));
+    let estimates = [0, 1].map(|source| gather.estimate(source));
+    let black = vec![Vec3::ZERO; (SIDE * SIDE) as usize];
+    let scales = [Vec3::new(1.0, 0.5, 0.0), Vec3::splat(3.0)];
+    let lights = [0, 1].map(|i| (scales[i], &black[..], &estimates[i]));
+    let refined = Refined::new(SIDE as usize, &lights);
+    let sum: f32 = refined.parts.iter().zip(scales).map(|(part, scale)| part * scale.length_squared() / 3.0).sum();
+    assert!((sum - 1.0).abs() < 1e-5 && refined.parts.iter().all(|part| *part > 0.0), "{sum}: {:?}", refined.parts);
+}
+
+/// What is added to the image of a light is there wherever that light shines as it stood, and nowhere else.
+#[test]
+fn changes_belong_to_lights_as_they_stand() {
+    let gpu = gpu();
+    let setup = Setup::new(SIDE, SIDE);
+    let scene = Scene::load(&shipped("balls-2.glb")).unwrap();
+    let (camera, mut rig) = (scene.cameras[0].clone(), scene.rig.clone());
+    rig.lights[1].radius = 0.1;
+    let mut stage = Stage::new(scene, &camera, &rig, &setup);
+    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(64, 64, 32)));
+    let mut relighter = stage.relighter(&gpu, &rig, &setup);
+    let all = |relighter: &mut Relighter| pixels(relighter, Layers::All);
+    let before = all(&mut relighter);
+
+    for light in 0..2 {
+        let unit = relighter.indirect(light).unwrap();
+        let request = Request { picture: Picture::Light(light), layers: Layers::Indirect, ..Request::default() };
+        let want = stage.relighter(&gpu, &rig, &setup).linear(request).unwrap().to_vec();
+        for (unit, want) in unit.iter().zip(want).map(|(unit, want)| (*unit * rig.scale(light), Vec3::from(want))) {
+            assert!((unit - want).length() <= 1e-4 * want.length(), "{unit}, want {want}");
+        }
+    }
+    assert_eq!(all(&mut relighter), before, "a look aside");
+
+    let change = vec![Vec3::new(0.25, 0.5, 1.0); (SIDE * SIDE) as usize];
+    let mut changes = LightChanges::default();
+    for light in 0..2 {
+        changes.set(&gpu, &stage.framebuffer, (&rig, light), &change, 2).unwrap();
+    }
+    relighter.set_changes(&changes).unwrap();
+    let changed = all(&mut relighter);
+    let is_changed_by = |picture: &[[f32; 3]], plain: &[[f32; 3]], by: Vec3| {
+        let change = picture.iter().zip(plain).map(|(a, b)| Vec3::from(*a) - Vec3::from(*b));
+        change.into_iter().all(|change| (change - by).abs().max_element() <= 1e-5 * by.max_element())
+    };
+    assert!(is_changed_by(&changed, &before, (rig.scale(0) + rig.scale(1)) * change[0]));
+    assert_eq!(pixels(&mut relighter, Layers::FirstHand), {
+        let mut plain = stage.relighter(&gpu, &rig, &setup);
+        pixels(&mut plain, Layers::FirstHand)
+    });
+
+    let mut recoloured = rig.clone();
+    (recoloured.lights[0].color, recoloured.lights[1].enabled) = (Vec3::new(0.5, 1.0, 0.0), false);
+    relighter.set_rig(&recoloured).unwrap();
+    let plain = all(&mut stage.relighter(&gpu, &recoloured, &setup));
+    assert!(is_changed_by(&all(&mut relighter), &plain, recoloured.scale(0) * change[0]));
+
+    let mut moved = rig.clone();
+    moved.lights.iter_mut().for_each(|light| light.position.x += 0.2);
+    relighter.set_rig(&moved).unwrap();
+    assert_eq!(all(&mut relighter), all(&mut stage.relighter(&gpu, &moved, &setup)));
+    relighter.set_rig(&rig).unwrap();
+    assert_eq!(all(&mut relighter), changed, "as it stood");
 }

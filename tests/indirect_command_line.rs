@@ -88,6 +88,12 @@ fn final_gathering_refines_a_coarse_operator() {
     let figures = &json(&stats)["final"];
     let expected = figures["expected_error"].as_f64().unwrap();
     assert!(expected > 0.0 && expected <= 0.08 && figures["passes"].as_u64() >= Some(2), "{figures}");
+    let [errors, beauty] = [of("expected_error"), of("")].map(|pixels| pixels.into_iter().map(f64::from));
+    let (square, count) =
+        errors.map(|error| error * error).fold((0.0, 0.0), |(sum, n), square| (sum + square, n + 1.0));
+    let luminances = beauty.zip([0.2126, 0.7152, 0.0722].into_iter().cycle()).map(|(value, share)| value * share);
+    let relative = (square / count).sqrt() / (3.0 * luminances.sum::<f64>() / count);
+    assert!((relative / expected - 1.0).abs() < 1e-3, "{relative} in the layer, {expected} in the figures");
 
     let truth = folder.path().join("truth.exr");
     let mut command = relume();
@@ -109,6 +115,7 @@ fn final_gathering_refines_a_coarse_operator() {
     refused(&["--final", "1%", "--gi", "off"]).failed(&["--final", "--gi off"]);
     refused(&["--seconds", "1", "--gi", "diffuse", "--bounces", "2"]).failed(&["--seconds", "all bounces"]);
     refused(&["--final", "1%", "--gi", "diffuse", "--method", "thesis"]).failed(&["--final", "all bounces"]);
+    refused(&["--gi", "diffuse", "--passes", "expected_error"]).failed(&["expected_error", "--final"]);
     refused(&["--final", "0"]).refused("more than 0");
     refused(&["--final", "200%"]).refused("less than 1");
     refused(&["--seconds", "0"]).refused("seconds");

@@ -7,7 +7,7 @@ use glam::Vec3;
 use relume::gpu::PassTime;
 use relume::image::{Image, exr, png};
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
-use relume::scene::{Light, LightKind, Rig};
+use relume::scene::{LightKind, Rig};
 use relume::{Error, Result};
 
 use super::final_gather::Refinement;
@@ -26,6 +26,8 @@ pub enum PassKind {
     Emission,
     /// Everything that one light does, by its name.
     Light(String),
+    /// Expected error of each pixel after final gathering: root mean square over its channels.
+    ExpectedError,
 }
 
 /// What `--passes` asks for.
@@ -46,10 +48,12 @@ pub fn parse_passes(text: &str) -> Result<Passes, String> {
         "emission" => Ok(PassKind::Emission),
         "indirect" => Ok(PassKind::Indirect),
         "indirect_glossy" => Ok(PassKind::IndirectGlossy),
+        "expected_error" => Ok(PassKind::ExpectedError),
         _ => match name.strip_prefix("light:") {
             Some(light) => Ok(PassKind::Light(light.to_owned())),
             None => Err(format!(
-                "{name}: expected beauty, direct, reflection, indirect, indirect_glossy, emission, light:NAME or all"
+                "{name}: expected beauty, direct, reflection, indirect, indirect_glossy, emission, expected_error, \
+                 light:NAME or all"
             )),
         },
     };
@@ -65,6 +69,7 @@ pub fn parse_passes(text: &str) -> Result<Passes, String> {
 pub struct Has {
     pub emission: bool,
     pub indirect: bool,
+    pub expected_error: bool,
 }
 
 impl Passes {
@@ -80,12 +85,17 @@ impl Passes {
                 let emission = has.emission.then_some(Emission);
                 let indirect = if has.indirect { &[Indirect, IndirectGlossy][..] } else { &[] };
                 let always = [Beauty, Direct, Reflection].iter().chain(indirect).cloned();
-                Ok(always.chain(emission).chain(each).collect())
+                let error = has.expected_error.then_some(ExpectedError);
+                Ok(always.chain(emission).chain(error).chain(each).collect())
             }
             Self::List(list) => {
                 for pass in list {
                     if !has.indirect && matches!(pass, Indirect | IndirectGlossy) {
                         let reason = "with --gi off there is no indirect light to write";
+                        return Err(Error::invalid(format!("--passes {}", pass.name()), reason));
+                    }
+                    if *pass == ExpectedError && !has.expected_error {
+                        let reason = "comes from final gathering: add --final or --seconds";
                         return Err(Error::invalid(format!("--passes {}", pass.name()), reason));
                     }
                     if let Light(name) = pass {
@@ -122,6 +132,7 @@ impl PassKind {
             Self::Indirect => "indirect".into(),
             Self::IndirectGlossy => "indirect_glossy".into(),
             Self::Emission => "emission".into(),
+            Self::ExpectedError => "expected_error".into(),
             Self::Light(name) => format!("light.{name}"),
         }
     }
@@ -136,21 +147,10 @@ impl PassKind {
         self.name().replace(['/', '\\', '\0'], "_")
     }
 
-    /// Whether it has indirect light of a light, all of it.
-    fn has_indirect(&self, light: &Light) -> bool {
-        match self {
-            Self::Beauty => true,
-            Self::Direct | Self::Reflection | Self::IndirectGlossy => false,
-            Self::Indirect => light.kind != LightKind::Emitter,
-            Self::Emission => light.kind == LightKind::Emitter,
-            Self::Light(name) => light.name == *name,
-        }
-    }
-
     /// What this pass asks of the relighter.
     fn request(&self, rig: &Rig) -> Request {
         match self {
-            Self::Beauty => Request::default(),
+            Self::Beauty | Self::ExpectedError => Request::default(),
             Self::Direct => Layers::Direct.into(),
             Self::Reflection => Layers::Reflection.into(),
             Self::Indirect | Self::IndirectGlossy => Layers::Indirect.into(),
@@ -294,8 +294,8 @@ pub fn write(
     relighters.whole.set_rig(job.rig)?;
     relighters.glossy.as_mut().map_or(Ok(()), |glossy| glossy.set_rig(job.rig))?;
     let refinement = refine(&mut relighters.whole)?;
-    let refined = refinement.as_ref();
-    let beauty = linear(relighters, &PassKind::Beauty, refined, written)?;
+    let errors = refinement.as_ref().map_or(&[][..], |refinement| &refinement.errors);
+    let beauty = linear(relighters, &PassKind::Beauty, written)?;
     written.negative += beauty.iter().flatten().filter(|v| **v < 0.0).count();
     let stops = match display.exposure {
         Exposure::Stops(stops) => stops,
@@ -314,22 +314,22 @@ pub fn write(
             for pass in passes {
                 let pixels = match pass {
                     PassKind::Beauty => beauty.clone(),
-                    _ => linear(relighters, pass, refined, written)?,
+                    PassKind::ExpectedError => errors.iter().map(|error| [*error; 3]).collect(),
+                    _ => linear(relighters, pass, written)?,
                 };
                 image.push_layer(if *named { String::new() } else { pass.layer_name() }, pixels);
             }
             exr::write(path, &image)?;
         } else {
-            match refined {
-                Some(_) => {
-                    let pixels = linear(relighters, &passes[0], refined, written)?;
-                    let shown = |pixel: &[f32; 3]| {
-                        let [r, g, b] = display.tone_map.display(stops.exp2() * Vec3::from(*pixel));
+            match &passes[0] {
+                PassKind::ExpectedError => {
+                    let shown = |error: &f32| {
+                        let [r, g, b] = display.tone_map.display(Vec3::splat(stops.exp2() * error));
                         [r, g, b, 255]
                     };
-                    png::write(path, size.0, size.1, &pixels.iter().map(shown).collect::<Vec<_>>())?;
+                    png::write(path, size.0, size.1, &errors.iter().map(shown).collect::<Vec<_>>())?;
                 }
-                None => {
+                _ => {
                     let relighter = relighters.of(&passes[0]);
                     let request = Request { exposure: stops, tone_map: display.tone_map, ..passes[0].request(job.rig) };
                     png::write(path, size.0, size.1, relighter.display(request)?)?;
@@ -342,18 +342,10 @@ pub fn write(
     Ok(())
 }
 
-fn linear(
-    relighters: &mut Relighters,
-    pass: &PassKind,
-    refined: Option<&Refinement>,
-    written: &mut Written,
-) -> Result<Vec<[f32; 3]>> {
+fn linear(relighters: &mut Relighters, pass: &PassKind, written: &mut Written) -> Result<Vec<[f32; 3]>> {
     let relighter = relighters.of(pass);
     let request = pass.request(relighter.rig());
-    let mut pixels = relighter.linear(request)?.to_vec();
+    let pixels = relighter.linear(request)?.to_vec();
     written.frames.push(relighter.times().to_vec());
-    if let Some(refined) = refined {
-        refined.add_to(&mut pixels, |light| pass.has_indirect(&relighter.rig().lights[light]));
-    }
     Ok(pixels)
 }

@@ -25,7 +25,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     rig: Vec<PathBuf>,
     /// Passes to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission,
-    /// light:NAME; or all. One EXR file holds them as layers. If the name of the image has {pass}, each pass gets its
+    /// expected_error (with --final), light:NAME; or all. One EXR file holds them as layers. If the name of the image has {pass}, each pass gets its
     /// own file.
     #[arg(long, value_name = "LIST", default_value = "beauty", value_parser = output::parse_passes)]
     passes: Passes,
@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let transfer = session.transfer.as_ref();
     let emission = !session.framebuffer.emission.is_empty() || transfer.is_some_and(|t| !t.emission.is_empty());
-    let has = Has { emission, indirect: transfer.is_some() };
+    let has = Has { emission, indirect: transfer.is_some(), expected_error: args.refine.is_wanted() };
     let jobs = output::plan(&args.passes, &template, &rigs, has)?;
 
     let settings = args.light_options.relight_settings();

@@ -27,9 +27,8 @@ use crate::trace::packet::common_origin::trace_common_origin;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 use crate::trace::surface::SurfacePoint;
 
-/// Rays of a view sample, and points that are connected to it, in one pass.
+/// Most rays of a view sample in one pass, and points that are connected to it.
 pub const RAYS: u32 = 32;
-const CONNECTIONS: usize = 32;
 /// Points of which these are chosen.
 const CANDIDATES: usize = 1024;
 
@@ -50,6 +49,7 @@ pub struct Pass<'a> {
     pub lit: &'a [LitPoint],
     /// Maximum number of perfect mirrors along a ray.
     pub layers: u32,
+    /// One for each ray of a view sample.
     pub points: &'a ShiftedPoints,
     pub seed: u64,
     /// Number of the pass.
@@ -119,6 +119,11 @@ impl Pass<'_> {
         sums.into_iter().map(DVec3::as_vec3).collect()
     }
 
+    /// Rays of a view sample, and points that are connected to it.
+    fn rays(&self) -> f64 {
+        self.points.len() as f64
+    }
+
     fn receivers(&self, chunk: usize) -> Vec<Receiver<'_>> {
         let DeepFramebuffer { samples, brdfs, geometric_normals, .. } = self.framebuffer;
         let first = chunk * PACKET_SIZE;
@@ -160,7 +165,7 @@ impl Pass<'_> {
         let mut left = start;
         for i in 0..count {
             let index = candidate(i, offset);
-            left += CONNECTIONS as f64 * weight(index) / total;
+            left += self.rays() * weight(index) / total;
             let times = left.floor();
             if times > 0.0 {
                 chosen.push((index as u32, times));
@@ -168,7 +173,7 @@ impl Pass<'_> {
             }
         }
         // Candidates stand for all points.
-        bounds.per_potential = CONNECTIONS as f64 / (stride * total);
+        bounds.per_potential = self.rays() / (stride * total);
         bounds
     }
 
@@ -214,7 +219,7 @@ impl Pass<'_> {
                 vertices,
                 sums,
             };
-            walk.follow(hit, direction, weight.as_dvec3(), f64::from(RAYS) * at.density);
+            walk.follow(hit, direction, weight.as_dvec3(), self.rays() * at.density);
         }
     }
 
@@ -307,7 +312,7 @@ impl Pass<'_> {
                         irradiance * brdf::reflected(&lit.surface.brdf, normal, from, -wi)
                     }
                 };
-                let mut rays = f64::from(RAYS) * at.density * by_area;
+                let mut rays = self.rays() * at.density * by_area;
                 if matches!(lit.light, Sent::Reflected { .. }) {
                     rays *= chance;
                 }

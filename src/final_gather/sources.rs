@@ -69,9 +69,9 @@ pub struct Emission {
 }
 
 impl Source {
-    /// The lights of a complete rig whose strength is not zero. Panics if links name what the scene lacks: see
+    /// The `wanted` lights of a complete rig whose strength is not zero, by index. Panics if links name what the scene lacks: see
     /// [`Rig::resolve_links`].
-    pub fn of(scene: &TracedScene, rig: &Rig) -> Vec<Self> {
+    pub fn of(scene: &TracedScene, rig: &Rig, wanted: impl Fn(usize) -> bool) -> Vec<Self> {
         let rig = &*rig.with_solo_applied();
         let mut links = rig.resolve_links(scene).unwrap_or_else(|reason| panic!("{reason}"));
         let emitters = Emitters::of(scene);
@@ -96,7 +96,7 @@ impl Source {
                 settings,
             }
         };
-        let is_on = |i: &usize| rig.scale(*i) != Vec3::ZERO;
+        let is_on = |i: &usize| rig.scale(*i) != Vec3::ZERO && wanted(*i);
         let shines = |source: &Self| source.triangles.as_ref().is_none_or(|triangles| !triangles.is_empty());
         (0..rig.lights.len()).filter(is_on).map(source).filter(shines).collect()
     }
