@@ -19,7 +19,10 @@ const ALLOWED: [(&str, &[&str]); 16] = [
     ("session", &["bake", "error", "gpu", "relight", "scene", "shared", "storage", "trace"]),
     ("reference", &["bake", "image", "physics", "scene", "shared", "trace"]),
     ("report", &["error", "image", "storage"]),
-    ("view", &["bake", "error", "gpu", "image", "relight", "scene", "session", "shared", "storage", "trace"]),
+    (
+        "view",
+        &["bake", "error", "final_gather", "gpu", "image", "relight", "scene", "session", "shared", "storage", "trace"],
+    ),
     (
         "cli",
         &[

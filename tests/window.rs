@@ -8,6 +8,8 @@ use std::path::Path;
 
 use desktop::Desktop;
 use desktop::pictures::{cut, difference, render, scene, scene_in};
+use relume::image::exr;
+use relume::relight::ToneMap;
 use relume::scene::Rig;
 
 #[test]
@@ -165,4 +167,53 @@ fn a_scene_that_does_not_load_ends_the_window_with_its_error() {
     let output =
         desktop.output(&["view", scene("balls-2.glb").to_str().unwrap(), "--script", script.to_str().unwrap()]);
     command::Run::from(output).failed(&["wrong.script", "line 1", "dance"]);
+}
+
+/// Once the lights rest, indirect light is gathered until the error is as asked. What is known of a light stays.
+#[test]
+fn at_rest_the_picture_becomes_right() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, size) = (scene_in(folder.path(), "cornell-glossy.glb"), [64, 64]);
+    let stats = folder.path().join("stats.json");
+    let mut arguments = vec!["view", scene.to_str().unwrap(), "--size", "64x64", "--exposure", "0", "--no-cache"];
+    arguments.extend(["--gi", "glossy", "--gather", "200", "--rays", "16"]);
+    let shown = |more: &[&str]| {
+        let mut window = desktop.relume(&[&arguments, more].concat());
+        window.wait_for_window();
+        window.key("F2", "stops");
+        window.key("1", "picture 1:1");
+        window
+    };
+    let window = shown(&["--final", "off"]);
+    let rough = cut(&window.screenshot(), size);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+
+    let window = shown(&["--final", "3%", "--stats", stats.to_str().unwrap()]);
+    window.wait_for_title("expected error");
+    let gathered = cut(&window.screenshot(), size);
+    let truth = folder.path().join("truth.exr");
+    let mut reference = command::relume();
+    reference.args(["reference", scene.to_str().unwrap(), "--size", "64x64", "--seconds", "6"]);
+    command::Run::of(reference.arg("-o").arg(&truth)).done();
+    let truth = exr::read(&truth).unwrap();
+    let display = |pixel: &[f32; 3]| ToneMap::Agx.display((*pixel).into());
+    let truth: Vec<[u8; 3]> = truth.layer("").unwrap().pixels.iter().map(display).collect();
+    let [before, after] = [&rough, &gathered].map(|picture| difference(picture, &truth));
+    println!("{before} levels off before it rests, {after} after");
+    assert!(after < 0.5 * before, "{after} levels off, {before} before");
+
+    for (key, says) in [("comma", "colour"), ("d", "moved"), ("m", "off")] {
+        window.key(key, says);
+        let edited = cut(&window.screenshot(), size);
+        assert!(difference(&edited, &gathered) > 0.05, "the edit shows");
+        window.key("ctrl+z", "undone");
+        assert_eq!(difference(&cut(&window.screenshot(), size), &gathered), 0.0, "undone, bit for bit");
+    }
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+    let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+    let gathering = &stats["view"]["final"];
+    assert!(gathering["expected_error"].as_f64().unwrap() <= 0.03 && gathering["goes_on"] == false, "{gathering}");
 }

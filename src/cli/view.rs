@@ -11,6 +11,7 @@ use relume::view::{Opened, ViewSettings, keys};
 use relume::{Result, Session, SessionSettings};
 use serde_json::json;
 
+use super::final_gather::parse_error;
 use super::options::{Exposure, LightOptions, RecordOptions, SceneOptions};
 use super::output_file::make_parent;
 use super::stats;
@@ -40,6 +41,10 @@ pub struct Args {
     /// coarser pictures during the drag, and the exact picture after it. 0: never coarser.
     #[arg(long, value_name = "MS", default_value_t = 33.0, value_parser = parse_budget)]
     frame_budget: f64,
+    /// Once the lights rest, gathers their indirect light anew until the expected error of a pixel, relative to the mean of
+    /// the picture, is at most this: a fraction, or percent with %. off: never.
+    #[arg(id = "final", long, value_name = "ERROR", default_value = "1%", value_parser = parse_at_rest)]
+    final_error: AtRest,
     #[command(flatten)]
     scene_options: SceneOptions,
     #[command(flatten)]
@@ -67,6 +72,7 @@ pub fn run(args: &Args) -> Result<()> {
         record: args.record.clone(),
         frame_budget: Duration::from_secs_f64(args.frame_budget * 1e-3),
         rest_samples: args.scene_options.samples.unwrap_or(REST_SAMPLES),
+        final_error: args.final_error.0,
         trace: args.files.trace.is_some(),
     };
     let (path, rig) = (args.scene.clone(), args.rig.clone());
@@ -87,6 +93,15 @@ pub fn run(args: &Args) -> Result<()> {
     })?;
     let figures = || json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report });
     args.files.write(figures, || stats::trace_frames(&report.trace))
+}
+
+/// Error to gather down to, if any.
+#[derive(Clone, Copy)]
+struct AtRest(Option<f64>);
+
+fn parse_at_rest(text: &str) -> std::result::Result<AtRest, String> {
+    let error = |text| parse_error(text).map_err(|reason| reason + ", or off");
+    if text == "off" { Ok(AtRest(None)) } else { error(text).map(|error| AtRest(Some(error))) }
 }
 
 /// View samples of a pixel on an edge, once lights rest.

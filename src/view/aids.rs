@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use super::converge::Progress;
 use super::desk::{Desk, luminance};
+use super::gathered::GatheringState;
 use super::still::MIDDLE_ERROR;
 use super::views::{Aid, View, Views};
 use crate::relight::exposure::{stop_color, stops};
@@ -22,6 +23,7 @@ pub struct OverlayInfo {
     pub is_coarse: bool,
     /// Progress towards extra samples on edges.
     pub progress: Progress,
+    pub gathering: GatheringState,
 }
 
 /// Points.
@@ -36,7 +38,11 @@ impl OverlayInfo {
             _ if self.is_coarse => Some("coarse".into()),
             Progress::Bakes(share) => Some(format!("refining edges {:.0} %", 100.0 * share)),
             Progress::Shades(done, of) => Some(format!("refining edges, light {} of {of}", done + 1)),
-            Progress::Waits | Progress::Done => None,
+            Progress::Waits | Progress::Done => {
+                let error = 100.0 * self.gathering.expected_error?;
+                let what = if self.gathering.goes_on { "final gathering, expected error" } else { "expected error" };
+                Some(format!("{what} {error:.1} %"))
+            }
         }
     }
 }
@@ -63,14 +69,16 @@ pub fn draw(ui: &Ui, views: &Views, overlay: &OverlayInfo, corner: Pos2) {
                 bars(ui, counts);
             }
             if legend {
-                stop_legend(ui, errors);
+                let relative_to =
+                    if overlay.gathering.expected_error.is_some() { "picture's mean" } else { "image's RMS" };
+                stop_legend(ui, errors.then_some(relative_to));
             }
         });
     });
 }
 
-/// Draws one colour box per stop, or per doubling of an error, with labels.
-fn stop_legend(ui: &mut Ui, errors: bool) {
+/// Draws one colour box per stop, or per doubling of an error, with labels. `errors`: what they are relative to.
+fn stop_legend(ui: &mut Ui, errors: Option<&str>) {
     let (place, _) = ui.allocate_exact_size(Vec2::new(WIDTH, 34.0), Sense::hover());
     let width = WIDTH / STOP_COUNT as f32;
     for band in 0..STOP_COUNT {
@@ -80,16 +88,19 @@ fn stop_legend(ui: &mut Ui, errors: bool) {
         let of_band = Rect::from_min_size(Pos2::new(left, place.top()), Vec2::new(width, 14.0));
         ui.painter().rect_filled(of_band, 0.0, Color32::from_rgb(r, g, b));
         let text = match errors {
-            true => percent(MIDDLE_ERROR * stop.exp2()),
-            false if stop == 0.0 => "0".into(),
-            false => format!("{stop:+}"),
+            Some(_) => percent(MIDDLE_ERROR * stop.exp2()),
+            None if stop == 0.0 => "0".into(),
+            None => format!("{stop:+}"),
         };
-        if !errors || band % 4 == 0 {
+        if errors.is_none() || band % 4 == 0 {
             let under = Pos2::new(left + width / 2.0, place.top() + 16.0);
             ui.painter().text(under, Align2::CENTER_TOP, text, FontId::proportional(9.0), TEXT);
         }
     }
-    let what = if errors { "error of indirect light, relative to the image's RMS" } else { "stops from middle grey" };
+    let what = match errors {
+        Some(relative_to) => format!("error of indirect light, relative to the {relative_to}"),
+        None => "stops from middle grey".into(),
+    };
     ui.painter().text(place.center_bottom(), Align2::CENTER_BOTTOM, what, FontId::proportional(9.0), TEXT);
 }
 

@@ -95,6 +95,15 @@ impl Converge {
         self.relighter.as_ref()
     }
 
+    pub fn relighter_mut(&mut self) -> Option<&mut Relighter> {
+        self.relighter.as_mut()
+    }
+
+    /// Whether there is nothing left to do for `rig`.
+    pub fn is_done(&self, opened: &Opened, rig: &Rig) -> bool {
+        self.next_step_at(opened, rig, true).is_none()
+    }
+
     fn is_current(&self, opened: &Opened, rig: &Rig) -> bool {
         self.has
             .as_ref()

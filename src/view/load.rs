@@ -9,6 +9,7 @@ use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
 use super::edge_refinement::EdgeRefinement;
+use super::gathered::Gathered;
 use super::map_answer::Answer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
@@ -24,6 +25,8 @@ pub enum LoadEvent {
     Transfer(Arc<Transfer>),
     /// A bake with extra samples on edges, made while lights rest.
     EdgesRefined(Box<EdgeRefinement>),
+    /// Indirect light that was gathered while lights rest.
+    Gathered(Box<Gathered>),
     /// The thread that reads environment maps has done a job.
     Maps(Box<Answer>),
     /// The loading thread has nothing to do any more, or failed.

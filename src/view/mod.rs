@@ -15,7 +15,9 @@ pub mod desk;
 mod detail_control;
 mod edge_refinement;
 mod filter_values;
+mod final_gathering;
 mod gather;
+mod gathered;
 mod gizmo;
 mod graphics;
 pub mod history;
@@ -51,6 +53,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+pub use self::gathered::GatheringState;
 pub use self::load::Loader;
 pub use self::window::run;
 use crate::bake::DeepFramebuffer;
@@ -82,6 +85,9 @@ pub struct ViewSettings {
     pub frame_budget: Duration,
     /// View samples per pixel on edges once the lights rest; 1 adds none.
     pub rest_samples: u32,
+    /// Error at which final gathering ends once the lights rest, relative to the mean luminance of the picture; `None`:
+    /// nothing is gathered.
+    pub final_error: Option<f64>,
     /// Whether [`ViewReport::trace`] is recorded; it grows with every frame.
     pub trace: bool,
 }
@@ -109,7 +115,9 @@ pub struct ViewReport {
     pub driver: String,
     /// Time from the start to the first picture.
     pub first_picture_ms: Option<f64>,
-    /// Part of it for the device and its pipelines.
+    /// Time from the start to the first picture with indirect light.
+    pub first_indirect_ms: Option<f64>,
+    /// Part of the time to the first picture for the device and its pipelines.
     pub device_ms: f64,
     /// Number of frames drawn.
     pub frames: usize,
@@ -121,6 +129,9 @@ pub struct ViewReport {
     pub latency_ms: Option<Latency>,
     /// Median times of the passes of relit frames.
     pub passes: Vec<PassReport>,
+    /// Final gathering of the last picture.
+    #[serde(rename = "final")]
+    pub gathering: Option<GatheringState>,
     /// Start of each frame, in milliseconds since the window's start, and its passes; for `--trace`.
     #[serde(skip)]
     pub trace: Vec<(f64, Vec<PassTime>)>,

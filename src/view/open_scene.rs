@@ -20,7 +20,9 @@ use super::desk::selection::Selection;
 use super::desk::{Desk, Pick};
 use super::detail_control::DetailControl;
 use super::edge_refinement::EdgeRefinement;
+use super::final_gathering::FinalGathering;
 use super::gather::GatherMarks;
+use super::gathered::{Gathered, GatheringState};
 use super::keys::Command;
 use super::light_view::LightView;
 use super::load::LoadEvent;
@@ -36,7 +38,7 @@ use super::views::{Aid, View};
 use super::{Opened, ViewSettings};
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
-use crate::gpu::{Context, PassTime, Placement, Screen};
+use crate::gpu::{Context, PassTime, Placement, Screen, is_out_of_memory};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
 use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
@@ -48,6 +50,8 @@ pub struct OpenScene {
     pub desk: Desk,
     pub opened: Opened,
     pub shares: Shares,
+    /// Whether indirect light is being baked.
+    pub is_baking: bool,
     relighter: Relighter,
     shows_light_view: bool,
     /// Version of the desk's lights in the relighter, and whether it was unsaved.
@@ -58,9 +62,12 @@ pub struct OpenScene {
     converge: Converge,
     /// Whether the picture has extra samples on edges.
     is_refined: bool,
+    final_gathering: FinalGathering,
     /// Version of the desk's lights in the picture.
     drawn: Option<u64>,
     still: Option<Still>,
+    /// Whether the picture at rest stays until another operator has one as good.
+    waits_for_operator: bool,
     /// Data for the aids over the picture.
     pub overlay: OverlayInfo,
     pub gather_marks: Option<GatherMarks>,
@@ -107,6 +114,7 @@ impl OpenScene {
             autosave: Autosave::new(settings.rig_path.as_ref().unwrap_or(&scene.path), &desk),
             desk,
             shares: Shares::default(),
+            is_baking: true,
             relighter,
             shows_light_view: false,
             synced_version: None,
@@ -114,8 +122,10 @@ impl OpenScene {
             detail_control: DetailControl::new(settings.frame_budget),
             converge: Converge::new(context, proxy.clone(), &settings.relight, settings.rest_samples),
             is_refined: false,
+            final_gathering: FinalGathering::new(settings.final_error, proxy.clone()),
             drawn: None,
             still: None,
+            waits_for_operator: false,
             overlay: OverlayInfo::default(),
             gather_marks: None,
             thumbnails: Default::default(),
@@ -168,6 +178,30 @@ impl OpenScene {
         self.converge.accept(refinement, &self.opened, self.desk.rig());
     }
 
+    /// Accepts indirect light that was gathered.
+    pub fn accept_gathered(&mut self, gathered: Gathered) -> Result<()> {
+        let outcome = self.final_gathering.accept(gathered, &self.opened, &self.relighter);
+        self.without_gathering_if(outcome)
+    }
+
+    /// Goes on without final gathering if the device has no room for it: the picture remains as it is.
+    fn without_gathering_if(&mut self, outcome: Result<()>) -> Result<()> {
+        match outcome {
+            Err(error) if is_out_of_memory(&error) => {
+                tracing::warn!("indirect light is not gathered at rest: {error}");
+                self.waits_for_operator = false;
+                self.final_gathering.give_up();
+                Ok(())
+            }
+            outcome => outcome,
+        }
+    }
+
+    /// How far final gathering has come.
+    pub fn gathering(&self) -> GatheringState {
+        self.final_gathering.state()
+    }
+
     /// Accepts what the thread that reads environment maps did.
     pub fn accept_maps(&mut self, answer: Answer) {
         self.map_browser.accept(answer, &mut self.desk);
@@ -195,6 +229,8 @@ impl OpenScene {
         self.comparison_image.iter_mut().for_each(ComparisonImage::invalidate);
         self.relighter.set_transfer(transfer.clone())?;
         self.opened.transfer = Some(transfer);
+        self.final_gathering.forget_operator();
+        self.waits_for_operator = self.final_gathering.catches_up() && !self.is_coarse();
         self.still = None;
         Ok(())
     }
@@ -227,7 +263,8 @@ impl OpenScene {
         let Some((layers, picture)) = view.views.view.picture(self.desk.selected()) else {
             let blue_first = screen.surface.wants_blue_first();
             let context = self.relighter.context();
-            let still = Still::get(self.still.take(), context, &self.opened, &view.views, blue_first)?;
+            let errors = (&self.final_gathering, self.relighter.rig());
+            let still = Still::get(self.still.take(), context, &self.opened, &view.views, blue_first, errors)?;
             self.relighter.show_still(still.pixels(), screen)?;
             if let Some([x, y]) = probe {
                 let value = still.value([x, y]).map_or("no value".into(), |v| match v.x == v.y && v.y == v.z {
@@ -236,6 +273,7 @@ impl OpenScene {
                 });
                 self.overlay.probe = vec![format!("pixel {x}, {y}"), format!("{}: {value}", view.views.title())];
             }
+            self.overlay.gathering = self.final_gathering.state();
             self.still = Some(still);
             return Ok(());
         };
@@ -244,8 +282,23 @@ impl OpenScene {
         let edited = self.drawn.replace(self.desk.version()) != Some(self.desk.version());
         if edited {
             self.converge.restart(start);
-        } else if !self.relighter.is_coarse() {
+            self.final_gathering.restart(start);
+        } else if !self.relighter.is_coarse() && !self.waits_for_indirect() {
             self.converge.step(&self.opened, self.desk.rig())?;
+            if layers == Layers::All && self.converge.is_done(&self.opened, self.desk.rig()) {
+                self.gather_step()?;
+            }
+        }
+        let is_better = self.converge.is_done(&self.opened, self.desk.rig()) && !self.final_gathering.catches_up();
+        if edited || layers != Layers::All || is_better {
+            self.waits_for_operator = false;
+        }
+        if self.waits_for_operator {
+            _ = self.converge.ready(&self.opened, self.desk.rig(), layers)?;
+            return match self.converge.relighter_mut().filter(|_| self.is_refined) {
+                Some(refined) => refined.show_again(screen),
+                None => self.relighter.show_again(screen),
+            };
         }
         let comparing = self.compare(view, screen.surface.wants_blue_first())?;
         // Both sides of a comparison use the same samples.
@@ -256,12 +309,14 @@ impl OpenScene {
         self.is_refined = refined.is_some();
         let relighter = match refined {
             Some(refined) => {
+                refined.set_changes(self.final_gathering.changes())?;
                 refined.select(self.desk.history().focus());
                 refined
             }
             None => {
                 self.sync_lights()?;
                 self.layers = layers;
+                self.relighter.set_changes(self.final_gathering.changes())?;
                 &mut self.relighter
             }
         };
@@ -275,6 +330,7 @@ impl OpenScene {
         if let Some((pixel, radiance)) = relighter.probed() {
             self.overlay.probe = aids::radiance_lines(pixel, radiance, view.exposure);
         }
+        self.overlay.gathering = self.final_gathering.state();
         self.overlay.progress = self.converge.progress(&self.opened, self.desk.rig());
         if self.times().iter().any(|pass| pass.name == "shade light") {
             self.detail_control.shown(Instant::now(), edited, detail, start.elapsed());
@@ -314,11 +370,33 @@ impl OpenScene {
 
     /// Returns when refinement of the picture continues, if no event comes before; `None` if it is complete.
     pub fn next_step_at(&self, view: &ViewState) -> Option<Instant> {
-        view.views.view.picture(None)?;
+        let (layers, _) = view.views.view.picture(None)?;
         match self.is_coarse() {
             true => self.detail_control.exact_due_at(),
-            false => self.converge.next_step_at(&self.opened, self.desk.rig(), view.panel || view.overlay),
+            false if self.waits_for_indirect() => None,
+            false => {
+                let shows_progress = view.panel || view.overlay;
+                let edges = self.converge.next_step_at(&self.opened, self.desk.rig(), shows_progress);
+                // Gathering reads the whole picture; images of some layers would be made again each time.
+                edges.or_else(|| self.final_gathering.next_step_at(&self.opened).filter(|_| layers == Layers::All))
+            }
         }
+    }
+
+    /// Whether the first indirect light is about to come: nothing else takes time from it.
+    fn waits_for_indirect(&self) -> bool {
+        self.is_baking && self.opened.transfer.is_none()
+    }
+
+    fn gather_step(&mut self) -> Result<()> {
+        self.sync_lights()?;
+        let met = self.final_gathering.step(&self.opened, &mut self.relighter, self.is_baking);
+        if let Ok(Some(error)) = &met
+            && *error > 0.0
+        {
+            self.desk.message = format!("expected error {:.1} %", 100.0 * error);
+        }
+        self.without_gathering_if(met.map(|_| ()))
     }
 
     /// Selects the light whose contact-sheet cell is under the mouse. Returns whether there is one.
@@ -365,6 +443,7 @@ impl OpenScene {
     }
 
     pub fn act(&mut self, action: &Action, view: &mut ViewState, pointer: Pointer) -> Result<Flow> {
+        self.waits_for_operator = false;
         match action {
             Action::Do(command) => return self.command(*command, view, pointer),
             Action::SaveTo(path) => {

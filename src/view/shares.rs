@@ -63,6 +63,7 @@ impl Shares {
     }
 }
 
-fn mean_luminance(pixels: &[[f32; 3]]) -> f64 {
+/// Mean luminance of a picture.
+pub fn mean_luminance(pixels: &[[f32; 3]]) -> f64 {
     pixels.iter().map(|pixel| f64::from(luminance((*pixel).into()))).sum::<f64>() / pixels.len() as f64
 }

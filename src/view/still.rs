@@ -1,21 +1,25 @@
-//! Pictures that do not depend on the lights: channels of the deep framebuffer, errors of indirect light.
+//! Pictures of data: channels of the deep framebuffer, errors of indirect light.
 
 use std::sync::Arc;
 
 use glam::Vec3;
 
 use super::Opened;
+use super::final_gathering::FinalGathering;
 use super::views::{View, Views};
 use crate::bake::channels::Channel;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Pixels};
 use crate::image::png::srgb8_from_linear;
 use crate::relight::exposure::stop_color;
+use crate::scene::Rig;
 
 /// A picture, and the values that its colours show.
 pub struct Still {
     view: View,
     layer: u32,
+    /// Version of the errors that final gathering expects.
+    version: u64,
     values: Vec<Option<Vec3>>,
     pixels: Buffer<u32>,
     size: [u32; 2],
@@ -34,9 +38,11 @@ impl Still {
         opened: &Opened,
         views: &Views,
         blue_first: bool,
+        (gathering, rig): (&FinalGathering, &Rig),
     ) -> Result<Self> {
+        let version = gathering.version();
         if let Some(still) = still
-            && (still.view, still.layer) == (views.view, views.layer)
+            && (still.view, still.layer, still.version) == (views.view, views.layer, version)
         {
             return Ok(still);
         }
@@ -50,7 +56,9 @@ impl Still {
                 (values, colors)
             }
             _ => {
-                let errors = opened.transfer.as_ref().and_then(|t| t.errors(framebuffer));
+                let of_transfer = || opened.transfer.as_ref().and_then(|t| t.errors(framebuffer));
+                let gathered = gathering.errors(rig).map(|errors| errors.into_iter().map(Some).collect());
+                let errors: Option<Vec<Option<f32>>> = gathered.or_else(of_transfer);
                 let values = errors.map_or_else(nothing, |e| e.into_iter().map(|e| e.map(Vec3::splat)).collect());
                 let color = |value: &Option<Vec3>| value.map_or(NOTHING, |v| stop_color((v.x / MIDDLE_ERROR).log2()));
                 let colors = values.iter().map(color).collect();
@@ -60,7 +68,7 @@ impl Still {
         let order = |[r, g, b]: [u8; 3]| if blue_first { [b, g, r, 255] } else { [r, g, b, 255] };
         let words: Vec<u32> = colors.into_iter().map(|color| u32::from_le_bytes(order(color))).collect();
         let pixels = Buffer::from_slice(context, "pictures (still)", &words)?;
-        Ok(Self { view: views.view, layer: views.layer, values, pixels, size })
+        Ok(Self { view: views.view, layer: views.layer, version, values, pixels, size })
     }
 
     pub fn pixels(&self) -> Pixels<'_> {

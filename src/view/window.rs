@@ -68,6 +68,8 @@ struct App {
     /// Whether idle work has a result that no frame has shown yet.
     idle_work_unshown: bool,
     first_picture: Option<Instant>,
+    /// Time of the first picture with indirect light.
+    first_indirect: Option<Instant>,
     played: usize,
     recorded: Script,
     timings: Timings,
@@ -109,6 +111,7 @@ impl App {
             idle_work_at: None,
             idle_work_unshown: false,
             first_picture: None,
+            first_indirect: None,
             played: 0,
             recorded: Script::default(),
             timings: Timings::default(),
@@ -123,6 +126,7 @@ impl App {
         let info = self.graphics.as_ref().map(|graphics| graphics.context.info.clone());
         // Dropped before the graphics, whose device it uses.
         let open_scene = self.open_scene.take();
+        let gathering = open_scene.as_ref().map(OpenScene::gathering);
         self.outcome?; // after an error the autosave file remains
         let is_answered = !matches!(self.view.dialog, Some(Dialog::Recover(_)));
         open_scene.filter(|_| is_answered).map_or(Ok(()), OpenScene::close)?;
@@ -134,12 +138,14 @@ impl App {
             device: info.as_ref().map(|info| info.name.clone()).unwrap_or_default(),
             driver: info.map(|info| info.driver).unwrap_or_default(),
             first_picture_ms: self.first_picture.map(|at| ms(at - self.began)),
+            first_indirect_ms: self.first_indirect.map(|at| ms(at - self.began)),
             device_ms: ms(self.device_time),
             frames: self.frames,
             relit_frames,
             coarse_frames: self.timings.coarse_frames(),
             latency_ms: latency.map(|[best, median, p95]| Latency { best, median, p95 }),
             passes: self.timings.median_passes(),
+            gathering,
             trace: self.trace,
         })
     }
@@ -366,6 +372,9 @@ impl App {
                     self.first_picture = Some(Instant::now());
                     self.pending = None; // the first picture is no edit
                 }
+                if open_scene.opened.transfer.is_some() {
+                    self.first_indirect.get_or_insert_with(Instant::now);
+                }
             }
             None => {
                 let mut frame = graphics.frames.begin()?;
@@ -416,7 +425,12 @@ impl ApplicationHandler<LoadEvent> for App {
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, event: LoadEvent) {
         match event {
-            LoadEvent::Progress { what, share } => self.loading = Some((what, share)),
+            LoadEvent::Progress { what, share } => {
+                self.loading = Some((what, share));
+                if let Some(open_scene) = &mut self.open_scene {
+                    open_scene.is_baking = true;
+                }
+            }
             LoadEvent::Opened(opened) => {
                 let outcome = self.open(*opened).map(|()| Flow::Continue);
                 self.check(outcome, event_loop);
@@ -432,6 +446,12 @@ impl ApplicationHandler<LoadEvent> for App {
                 }
                 self.stale = true;
             }
+            LoadEvent::Gathered(gathered) => {
+                let accept = |open_scene: &mut OpenScene| open_scene.accept_gathered(*gathered);
+                let outcome = self.open_scene.as_mut().map_or(Ok(()), accept);
+                self.stale = true;
+                self.check(outcome.map(|()| Flow::Continue), event_loop);
+            }
             LoadEvent::Maps(answer) => {
                 if let Some(open_scene) = &mut self.open_scene {
                     open_scene.accept_maps(*answer);
@@ -440,6 +460,10 @@ impl ApplicationHandler<LoadEvent> for App {
             }
             LoadEvent::Ended(outcome) => {
                 self.loading = None;
+                if let Some(open_scene) = &mut self.open_scene {
+                    open_scene.is_baking = false;
+                    self.stale = true;
+                }
                 match (&mut self.open_scene, outcome) {
                     // Direct light can still be edited.
                     (Some(open_scene), Err(error)) => {

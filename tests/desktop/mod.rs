@@ -95,8 +95,10 @@ impl Desktop {
             .env("VK_LAYER_ENABLES", "VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT");
         without_indirect(&mut command);
         // Pictures stay as they are first made, unless a test asks for more.
-        if arguments[0] == "view" && !arguments.contains(&"--samples") {
-            command.args(["--samples", "1"]);
+        for [option, value] in [["--samples", "1"], ["--final", "off"]] {
+            if arguments[0] == "view" && !arguments.contains(&option) {
+                command.args([option, value]);
+            }
         }
         command
     }
