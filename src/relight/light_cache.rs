@@ -10,6 +10,7 @@
 //! recomputed when it is needed again. This module only plans: [`LightCache::plan`] lists the work, the relighter
 //! executes it.
 
+mod changes;
 mod focus;
 mod plan;
 mod points;
@@ -332,29 +333,6 @@ impl LightCache {
         plan
     }
 
-    /// Plans the picture of one light alone at unit intensity, without changes.
-    pub fn plan_unit(&mut self, light: usize) -> Plan {
-        self.clock += 1;
-        let mut plan = Plan::default();
-        let slot = self.add_points(self.leaf_of[light], light, u32::MAX, &mut plan.steps);
-        plan.picture.push(Term { source: Source::Slot(slot), scale: Vec3::ONE });
-        plan
-    }
-
-    /// Whether the exact image of one light is there.
-    pub fn is_complete(&self, light: usize) -> bool {
-        let node = &self.nodes[self.leaf_of[light]];
-        node.slot.is_some() && node.is_complete() && !node.coarse
-    }
-
-    /// Gives the image of a light as many points as it has in another cache for the same rig, if that is known.
-    pub fn take_points(&mut self, other: &Self, light: usize) {
-        let leaf = self.leaf_of[light];
-        if self.nodes[leaf].slot.is_none() {
-            self.nodes[leaf].needed = other.nodes[other.leaf_of[light]].needed;
-        }
-    }
-
     /// Plans a part of the image of one light: all of it if the light has no size, else at most `most` times some of its
     /// points.
     pub fn plan_part(&mut self, light: usize, most: u32) -> Plan {
@@ -475,25 +453,6 @@ impl LightCache {
         target
     }
 
-    /// The same of a leaf, with its change.
-    fn ensure_leaf(&mut self, leaf: usize, light: usize, steps: &mut Vec<Step>) -> usize {
-        if let Some(slot) = self.nodes[leaf].changed {
-            self.slots.use_at(slot, self.clock);
-            return slot;
-        }
-        let most = if self.detail == Detail::Progressive { 1 } else { u32::MAX };
-        let slot = self.add_points(leaf, light, most, steps);
-        let node = &self.nodes[leaf];
-        let Some(change) = node.change.filter(|_| node.is_complete() && !node.coarse) else { return slot };
-        self.slots.pin(slot);
-        let target = self.take_free_slot(leaf);
-        self.slots.unpin(slot);
-        self.nodes[leaf].changed = Some(target);
-        let terms = [Source::Slot(slot), Source::Change(change)].map(|source| Term { source, scale: Vec3::ONE });
-        steps.push(Step::Sum { target: Source::Slot(target), terms: terms.into(), kept: 0.0 });
-        target
-    }
-
     /// Assigns `node` a free slot or the least recently used one, for its image.
     fn take_slot(&mut self, node: usize) -> usize {
         let slot = self.take_free_slot(node);
@@ -525,13 +484,6 @@ impl LightCache {
         }
     }
 
-    /// Discards `node`'s image with its change.
-    fn release_changed(&mut self, node: usize) {
-        if let Some(slot) = self.nodes[node].changed.take() {
-            self.slots.clear(slot);
-        }
-    }
-
     /// Discards the image that grows, after `node` lost `slot`.
     fn stop_growing(&mut self, node: usize, slot: usize) {
         if let Some(growing) = self.nodes[node].growing.take() {
@@ -553,20 +505,6 @@ impl LightCache {
         while let Some(n) = above {
             self.release(n);
             above = self.nodes[n].parent;
-        }
-    }
-
-    /// Sets what is added to the complete images of the lights, by number of the change: see [`Source::Change`]. `change`
-    /// gets the rig and the index of a light.
-    pub fn set_changes(&mut self, change: impl Fn(&Rig, usize) -> Option<u64>) {
-        for light in 0..self.leaf_of.len() {
-            let (leaf, change) = (self.leaf_of[light], change(&self.rig, light));
-            if self.nodes[leaf].change != change {
-                self.nodes[leaf].change = change;
-                self.release_changed(leaf);
-                self.release_above(leaf);
-                self.rest = None;
-            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! An open scene: its desk and relighter, and the commands that act on them.
 
 mod comparison;
+mod gathering;
 mod mouse_edits;
 
 use std::path::{Path, PathBuf};
@@ -22,7 +23,6 @@ use super::detail_control::DetailControl;
 use super::edge_refinement::EdgeRefinement;
 use super::final_gathering::FinalGathering;
 use super::gather::GatherMarks;
-use super::gathered::{Gathered, GatheringState};
 use super::keys::Command;
 use super::light_view::LightView;
 use super::load::LoadEvent;
@@ -38,7 +38,7 @@ use super::views::{Aid, View};
 use super::{Opened, ViewSettings};
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
-use crate::gpu::{Context, PassTime, Placement, Screen, is_out_of_memory};
+use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
 use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
@@ -176,30 +176,6 @@ impl OpenScene {
     /// Accepts a bake with extra samples on edges.
     pub fn accept_refinement(&mut self, refinement: EdgeRefinement) {
         self.converge.accept(refinement, &self.opened, self.desk.rig());
-    }
-
-    /// Accepts indirect light that was gathered.
-    pub fn accept_gathered(&mut self, gathered: Gathered) -> Result<()> {
-        let outcome = self.final_gathering.accept(gathered, &self.opened, &self.relighter);
-        self.without_gathering_if(outcome)
-    }
-
-    /// Goes on without final gathering if the device has no room for it: the picture remains as it is.
-    fn without_gathering_if(&mut self, outcome: Result<()>) -> Result<()> {
-        match outcome {
-            Err(error) if is_out_of_memory(&error) => {
-                tracing::warn!("indirect light is not gathered at rest: {error}");
-                self.waits_for_operator = false;
-                self.final_gathering.give_up();
-                Ok(())
-            }
-            outcome => outcome,
-        }
-    }
-
-    /// How far final gathering has come.
-    pub fn gathering(&self) -> GatheringState {
-        self.final_gathering.state()
     }
 
     /// Accepts what the thread that reads environment maps did.
@@ -381,22 +357,6 @@ impl OpenScene {
                 edges.or_else(|| self.final_gathering.next_step_at(&self.opened).filter(|_| layers == Layers::All))
             }
         }
-    }
-
-    /// Whether the first indirect light is about to come: nothing else takes time from it.
-    fn waits_for_indirect(&self) -> bool {
-        self.is_baking && self.opened.transfer.is_none()
-    }
-
-    fn gather_step(&mut self) -> Result<()> {
-        self.sync_lights()?;
-        let met = self.final_gathering.step(&self.opened, &mut self.relighter, self.is_baking);
-        if let Ok(Some(error)) = &met
-            && *error > 0.0
-        {
-            self.desk.message = format!("expected error {:.1} %", 100.0 * error);
-        }
-        self.without_gathering_if(met.map(|_| ()))
     }
 
     /// Selects the light whose contact-sheet cell is under the mouse. Returns whether there is one.
