@@ -37,7 +37,7 @@ impl Projection {
     /// Number of elements of [`Self::tables`].
     pub const TABLE_LENGTH: usize = (2 * ROUGHNESSES + 1) * COSINES * RADIAL_COUNT;
 
-    /// The only instance. Its tables took two CPU seconds and are part of the program; a test computes them anew.
+    /// The only instance. Its tables take 1.4 CPU seconds and are part of the program; a test computes them anew.
     pub fn get() -> &'static Self {
         static PROJECTION: OnceLock<Projection> = OnceLock::new();
         PROJECTION.get_or_init(|| {
