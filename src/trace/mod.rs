@@ -7,6 +7,7 @@ pub mod emitting_triangles;
 pub mod light_surface;
 pub mod linked;
 pub mod packet;
+pub mod photon_map;
 pub mod point_tree;
 pub mod surface;
 pub mod triangle_lookup;
