@@ -8,12 +8,16 @@ use super::film::{DIRECT, INDIRECT, INDIRECT_GLOSSY, REFLECTION, Sample};
 use crate::bake::framebuffer::view_samples::PathVertex;
 use crate::physics::brdf::{Lobes, mirror};
 use crate::physics::sequence::Points;
+use crate::shared::ALBEDO_CAP;
 use crate::trace::surface::SurfacePoint;
 
 /// Bounces before Russian roulette begins.
 const SURE_BOUNCES: u32 = 3;
 /// Maximum survival probability, so that paths between white surfaces end.
-const MAX_SURVIVAL: f64 = 0.95;
+const MAX_SURVIVAL: f64 = ALBEDO_CAP as f64;
+/// Throughput, relative to that at the pixel, at which a path ends: where surfaces reflect more light than they receive
+/// there is no answer, but a number. Others hardly reach it.
+const MAX_THROUGHPUT: f64 = 100.0;
 
 /// Source of a path's random numbers.
 #[derive(Clone, Copy)]
@@ -126,6 +130,9 @@ impl PathTracer<'_> {
                 sums.glossy = share(reflected.specular, reflected.sum());
             }
             throughput *= reflected.sum() * (1.0 / density);
+            if throughput.max_element() > MAX_THROUGHPUT * weight.max_element() {
+                break;
+            }
 
             let mut direction = wi.as_vec3();
             let mut origin = point.leave(direction, self.scene.bvh.shadow_offset(last_distance));
