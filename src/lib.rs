@@ -92,6 +92,7 @@
 //! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
 //! - [OpenGL 4.6] The Khronos Group, The OpenGL Graphics System: A Specification, version 4.6, core profile, 2022.
 //! - [Poulin 1992] Poulin, Fournier, Lights from highlights and shadows, I3D.
+//! - [Knaus 2011] Knaus, Zwicker, Progressive photon mapping: a probabilistic approach, ACM TOG 30(3).
 //! - [Kopf 2007] Kopf, Cohen, Lischinski, Uyttendaele, Joint bilateral upsampling, SIGGRAPH.
 //! - [Preetham 1999] Preetham, Shirley, Smits, A practical analytic model for daylight, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.

@@ -19,20 +19,20 @@ use relume::trace::bvh::TracedScene;
 
 const SIDE: u32 = 24;
 
-fn seen(scene: &TracedScene, camera: &Camera) -> DeepFramebuffer {
-    let settings = BakeSettings { width: SIDE, height: SIDE, layers: 4, samples: 1 };
+fn seen(scene: &TracedScene, camera: &Camera, side: u32) -> DeepFramebuffer {
+    let settings = BakeSettings { width: side, height: side, layers: 4, samples: 1 };
     bake(scene, camera, &Rig::default(), &settings, &|_| ())
 }
 
 /// Mean of indirect light over the picture and channels, by final gathering and by the path tracer.
-fn means(scene: &TracedScene, camera: &Camera, rig: &Rig, passes: u32) -> [f64; 2] {
-    let framebuffer = seen(scene, camera);
-    let mut gather = FinalGather::new(scene, &framebuffer, rig, |_| true, 1);
+fn means(scene: &TracedScene, camera: &Camera, side: u32, rig: &Rig, passes: u32) -> [f64; 2] {
+    let framebuffer = seen(scene, camera, side);
+    let mut gather = FinalGather::new(scene, &framebuffer, rig, |_| true, 1, 0);
     (0..passes).for_each(|_| gather.pass(&|| false));
-    let tracer = PathTracer::new(scene, camera, rig, &tracing(SIDE, SIDE));
+    let tracer = PathTracer::new(scene, camera, rig, &tracing(side, side));
     let film = tracer.trace(1024, &|| false, &|_| ());
     let mean = |pixels: &mut dyn Iterator<Item = Vec3>| {
-        pixels.map(|pixel| f64::from(pixel.element_sum())).sum::<f64>() / f64::from(3 * SIDE * SIDE)
+        pixels.map(|pixel| f64::from(pixel.element_sum())).sum::<f64>() / f64::from(3 * side * side)
     };
     let of_source = |(source, light): (usize, usize)| {
         let halves = [0, 1].map(|half| gather.image(half, source));
@@ -43,7 +43,7 @@ fn means(scene: &TracedScene, camera: &Camera, rig: &Rig, passes: u32) -> [f64; 
     let of_layer = |layer| mean(&mut film.layer(Half::Both, layer).into_iter().map(Vec3::from));
     // What emitters add to the picture, seen directly, is no indirect light.
     let emitted = framebuffer.emission.iter().map(|part| f64::from(part.radiance.element_sum())).sum::<f64>();
-    let emission = of_layer(Layer::Emission) - emitted / f64::from(3 * SIDE * SIDE);
+    let emission = of_layer(Layer::Emission) - emitted / f64::from(3 * side * side);
     [gathered, of_layer(Layer::Indirect) + emission]
 }
 
@@ -97,15 +97,22 @@ fn light_of_any_kind_is_what_the_path_tracer_finds() {
         ("without shadows", vec![without_shadows]),
     ];
     for (what, lights) in rigs {
-        assert_alike(what, means(&scene, &camera, &rig(lights), 96));
+        assert_alike(what, means(&scene, &camera, SIDE, &rig(lights), 96));
     }
 }
 
-/// Mirrors send on light that comes from matt surfaces, and show emitters to these.
+/// Mirrors send on light that comes from matt surfaces, and from lights: small ones by photons, others by rays. Emitters,
+/// too.
 #[test]
 fn mirrors_and_emitters() {
     let scene = TracedScene::new(Scene::load(&shipped("balls-2.glb")).unwrap());
-    assert_alike("balls", means(&scene, &scene.cameras[0].clone(), &scene.rig.clone(), 48));
+    for share in [0.04, 0.1] {
+        let mut rig = scene.rig.clone();
+        let radius = share * f64::from(scene.bvh.radius) * scene.space.unit;
+        rig.lights.iter_mut().for_each(|light| *light = Light { kind: LightKind::Point, radius, ..light.clone() });
+        let what = format!("balls under spheres of {radius:.2} m");
+        assert_alike(&what, means(&scene, &scene.cameras[0].clone(), 2 * SIDE, &rig, 48));
+    }
 
     let mut build = Build::default();
     let grey = build.material(lambert(Vec3::splat(0.5)));
@@ -116,7 +123,89 @@ fn mirrors_and_emitters() {
     build.quad(DVec3::new(0.3, 0.4, 0.0), DVec3::X * 0.1, DVec3::NEG_Z * 0.1, panel);
     let camera = look(DVec3::new(0.0, 0.0, 0.9), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.4 });
     let all = rig(vec![Light::emitter("panel", "panel")]);
-    assert_alike("panel below a mirror", means(&TracedScene::new(build.scene()), &camera, &all, 48));
+    assert_alike("panel below a mirror", means(&TracedScene::new(build.scene()), &camera, SIDE, &all, 48));
+}
+
+/// Glossy walls send on what they get, many times.
+#[test]
+fn rooms_of_metal() {
+    for (color, roughness) in [(1.0, 1.0), (0.9, 0.4), (0.95, 0.2)] {
+        let mut build = Build::default();
+        let base_color = Vec3::splat(color).extend(1.0);
+        let wall = Material { name: "wall".into(), base_color, emissive: Vec3::ONE, roughness, ..Material::default() };
+        let wall = build.material(Material { metallic: 1.0, ..wall });
+        build.room(DVec3::ZERO, 1.0, wall);
+        let camera = look(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, Projection::Perspective { yfov: 1.2 });
+        let all = rig(vec![Light::emitter("wall", "wall")]);
+        let what = format!("a room of metal, roughness {roughness}");
+        assert_alike(&what, means(&TracedScene::new(build.scene()), &camera, SIDE, &all, 32));
+    }
+}
+
+/// Light leaves a can, open to one side, after many bounces in it.
+#[test]
+fn a_lamp_in_a_can() {
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(0.6)));
+    let tin = build.material(Material { double_sided: true, ..lambert(Vec3::splat(0.8)) });
+    let bulb = build.material(Material { name: "bulb".into(), ..emitter(Vec3::splat(100.0)) });
+    build.room(DVec3::ZERO, 1.0, grey);
+    let (middle, sides, radius, height) = (DVec3::new(0.2, -0.3, -0.1), 8, 0.12, 0.3);
+    for side in 0..sides {
+        let (sin, cos) = (2.0 * PI * f64::from(side) / f64::from(sides)).sin_cos();
+        let out = DVec3::new(cos, 0.0, sin);
+        let along = DVec3::new(-sin, 0.0, cos) * (radius * (PI / f64::from(sides)).tan());
+        build.quad(middle + out * radius, along, DVec3::Y * (height / 2.0), tin);
+    }
+    build.quad(middle - DVec3::Y * (height / 2.0), DVec3::X * 0.2, DVec3::Z * 0.2, tin);
+    build.quad(middle - DVec3::Y * (height / 2.0 - 0.02), DVec3::Z * 0.05, DVec3::X * 0.05, bulb);
+    let camera = look(DVec3::new(0.7, 0.5, 0.9), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.2 });
+    let all = rig(vec![Light::emitter("bulb", "bulb")]);
+    assert_alike("a lamp in a can", means(&TracedScene::new(build.scene()), &camera, SIDE, &all, 96));
+}
+
+/// A plane mirror throws light on a floor as if the light stood behind it, through a window as large as the mirror.
+#[test]
+fn a_mirror_is_a_window() {
+    let mut build = Build::default();
+    let floor = build.material(lambert(Vec3::splat(0.5)));
+    let silver = build.material(mirror(Vec3::splat(0.8), 1.0));
+    build.quad(DVec3::ZERO, 2.0 * DVec3::Z, 2.0 * DVec3::X, floor);
+    build.quad(DVec3::new(0.0, 0.5, -1.0), 0.6 * DVec3::X, 0.5 * DVec3::Y, silver);
+    let camera = look(DVec3::new(0.0, 3.0, 0.0), DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: 0.9 });
+    let scene = TracedScene::new(build.scene());
+    let framebuffer = seen(&scene, &camera, SIDE);
+    let at = DVec3::new(0.2, 0.8, -0.2);
+    let image = DVec3::new(at.x, at.y, -2.0 - at.z);
+    let thrown = |floor: DVec3| {
+        let between = floor - image;
+        let through = image + between * ((-1.0 - image.z) / between.z);
+        let is_in = through.x.abs() < 0.6 && (0.0..1.0).contains(&through.y);
+        let wi = -between.normalize();
+        let fresnel = 0.8 + 0.2 * (1.0 - wi.z.abs()).powi(5);
+        if is_in { fresnel * 0.5 / PI * wi.y / between.length_squared() } else { 0.0 }
+    };
+    let at_pixel = |i: u32| {
+        let along = |i: u32| 0.9 * (2.0 * (f64::from(i) + 0.5) / f64::from(SIDE) - 1.0);
+        DVec3::new(along(i % SIDE), 0.0, along(i / SIDE))
+    };
+    let want: Vec<f64> = (0..SIDE * SIDE).map(|i| thrown(at_pixel(i))).collect();
+    for kind in [LightKind::Point, LightKind::Spot] {
+        let light =
+            Light { kind, direction: DVec3::NEG_Z, outer_angle: 1.5, inner_angle: 1.5, ..Light::point("l", at) };
+        let mut gather = FinalGather::new(&scene, &framebuffer, &rig(vec![light]), |_| true, 1, 0);
+        (0..32).for_each(|_| gather.pass(&|| false));
+        let halves = [0, 1].map(|half| gather.image(half, 0));
+        let got: Vec<f64> = halves[0].iter().zip(&halves[1]).map(|(a, b)| f64::from(0.5 * (a + b).x)).collect();
+        let off = got.iter().sum::<f64>() / want.iter().sum::<f64>() - 1.0;
+        // Edges of the window are blurred.
+        let inside = |i: &usize| [1, SIDE as usize].iter().all(|by| [i - by, i + by].iter().all(|j| want[*j] > 0.0));
+        let inside: Vec<usize> = (25..want.len() - 25).filter(|&i| want[i] > 0.0).filter(inside).collect();
+        let squares = inside.iter().map(|&i| (got[i] / want[i] - 1.0).powi(2)).sum::<f64>();
+        let error = (squares / inside.len() as f64).sqrt();
+        println!("{kind:?}: mean {:+.2} %, {} pixels inside {:.2} % off", 100.0 * off, inside.len(), 100.0 * error);
+        assert!(inside.len() > 100 && off.abs() < 0.01 && error < 0.05, "{off}, {error}");
+    }
 }
 
 /// Inside a white-hot box whose walls reflect half of the light, indirect radiance is emission times albedo / (1 - albedo).
@@ -128,8 +217,8 @@ fn a_furnace_is_even() {
     build.room(DVec3::ZERO, 1.0, wall);
     let camera = look(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, Projection::Perspective { yfov: PI / 2.0 });
     let scene = TracedScene::new(build.scene());
-    let framebuffer = seen(&scene, &camera);
-    let mut gather = FinalGather::new(&scene, &framebuffer, &rig(vec![Light::emitter("wall", "wall")]), |_| true, 1);
+    let framebuffer = seen(&scene, &camera, SIDE);
+    let mut gather = FinalGather::new(&scene, &framebuffer, &rig(vec![Light::emitter("wall", "wall")]), |_| true, 1, 0);
     (0..64).for_each(|_| gather.pass(&|| false));
     let image: Vec<f32> = [0, 1].iter().flat_map(|&half| gather.image(half, 0)).map(|pixel| pixel.x).collect();
     let mean = image.iter().sum::<f32>() / image.len() as f32;
@@ -141,10 +230,10 @@ fn a_furnace_is_even() {
 #[test]
 fn threads_do_not_matter() {
     let scene = TracedScene::new(Scene::load(&shipped("balls-2.glb")).unwrap());
-    let framebuffer = seen(&scene, &scene.cameras[0]);
+    let framebuffer = seen(&scene, &scene.cameras[0], SIDE);
     let images = |threads: usize| {
         ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, 3);
+            let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, 3, 0);
             (0..3).for_each(|_| gather.pass(&|| false));
             [0, 1].map(|half| [0, 1].map(|source| gather.image(half, source)))
         })
@@ -182,7 +271,7 @@ fn the_combination_is_at_least_as_good_as_the_better_estimate() {
         let noisy = error(&mut a.iter().zip(&b).map(|(a, b)| (*a + *b) * 0.5));
         let best = noisy.min(error(&mut biased.iter().copied()));
         let known = combination.errors2();
-        let known = (known.iter().copied().map(f64::from).sum::<f64>() / known.len() as f64).sqrt();
+        let known = (known.iter().sum::<f64>() / known.len() as f64).sqrt();
         println!("bias {bias}, noise {noise}: best {best:.4}, combined {combined:.4}, expected {known:.4}");
         assert!(
             combined <= 1.1 * best + LEFT * noise + 1e-6,
@@ -198,12 +287,12 @@ fn the_combination_is_at_least_as_good_as_the_better_estimate() {
 #[test]
 fn rays_go_where_the_error_is() {
     let scene = TracedScene::new(Scene::load(&shipped("cornell-diffuse.glb")).unwrap());
-    let framebuffer = seen(&scene, &scene.cameras[0]);
+    let framebuffer = seen(&scene, &scene.cameras[0], SIDE);
     let gathered = |seed: u64, focused: bool| {
-        let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, seed);
+        let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, seed, 0);
         (0..2).for_each(|_| gather.pass(&|| false));
         if focused {
-            let errors2: Vec<f32> = (0..SIDE * SIDE).map(|i| if i % SIDE < 8 { 1.0 } else { 0.0 }).collect();
+            let errors2: Vec<f64> = (0..SIDE * SIDE).map(|i| if i % SIDE < 8 { 1.0 } else { 0.0 }).collect();
             gather.focus(&errors2);
         }
         (0..4).for_each(|_| gather.pass(&|| false));
@@ -230,15 +319,16 @@ fn rays_go_where_the_error_is() {
 #[test]
 fn each_light_has_a_part_of_the_error() {
     let scene = TracedScene::new(Scene::load(&shipped("balls-2.glb")).unwrap());
-    let framebuffer = seen(&scene, &scene.cameras[0]);
-    let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, 1);
+    let framebuffer = seen(&scene, &scene.cameras[0], SIDE);
+    let mut gather = FinalGather::new(&scene, &framebuffer, &scene.rig, |_| true, 1, 0);
     (0..4).for_each(|_| gather.pass(&|| false));
     let estimates = [0, 1].map(|source| gather.estimate(source));
     let black = vec![Vec3::ZERO; (SIDE * SIDE) as usize];
     let scales = [Vec3::new(1.0, 0.5, 0.0), Vec3::splat(3.0)];
     let lights = [0, 1].map(|i| (scales[i], &black[..], &estimates[i]));
     let refined = Refined::new(SIDE as usize, &lights);
-    let sum: f32 = refined.parts.iter().zip(scales).map(|(part, scale)| part * scale.length_squared() / 3.0).sum();
+    let strengths2 = scales.map(|scale| scale.as_dvec3().length_squared() / 3.0);
+    let sum: f64 = refined.parts.iter().zip(strengths2).map(|(part, strength2)| part * strength2).sum();
     assert!((sum - 1.0).abs() < 1e-5 && refined.parts.iter().all(|part| *part > 0.0), "{sum}: {:?}", refined.parts);
 }
 

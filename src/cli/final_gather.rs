@@ -69,7 +69,7 @@ impl FinalOptions {
         let is_late = || self.seconds.is_some_and(|seconds| start.elapsed().as_secs_f64() >= seconds);
         let bar = progress::spinner("final gathering");
         let rig = relighter.rig().clone();
-        let mut gather = FinalGather::new(&session.scene, &session.framebuffer, &rig, |_| true, seed);
+        let mut gather = FinalGather::new(&session.scene, &session.framebuffer, &rig, |_| true, seed, 0);
         let lights: Vec<usize> = gather.lights().collect();
         let beauty: Vec<Vec3> = relighter.linear(Request::default())?.iter().copied().map(Vec3::from).collect();
         let operator: Vec<Vec<Vec3>> = lights.iter().map(|&light| relighter.indirect(light)).collect::<Result<_>>()?;
@@ -116,7 +116,7 @@ impl FinalOptions {
         if self.error.is_some_and(|asked| error > asked) {
             tracing::warn!("after {seconds:.0} s the expected error of a pixel is {:.2} %", 100.0 * error);
         }
-        let errors = refined.errors2.iter().map(|error2| error2.sqrt()).collect();
+        let errors = refined.errors2.iter().map(|error2| error2.sqrt() as f32).collect();
         Ok(Refinement { errors, error, passes, seconds })
     }
 }

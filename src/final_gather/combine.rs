@@ -21,7 +21,7 @@ struct Level {
     /// By parent: share of a block's difference from its parent that is kept. At the last level: by block, of all of it.
     shares: Vec<f32>,
     /// By parent or block: expected squared error of what is kept.
-    errors2: Vec<f32>,
+    errors2: Vec<f64>,
 }
 
 /// An image at one level: means of its blocks.
@@ -89,19 +89,20 @@ impl Combination {
             let size = a[level].size;
             let owners = a.get(level + 1).map_or(size, |parents| parents.size);
             // Sums over the blocks of each owner: of squares, of squared differences of the halves, and their number.
+            // In double precision, since lights may be of any brightness.
             let mut squares = vec![[0.0; 3]; owners[0] * owners[1]];
             for (i, (a, b)) in details(&a, level).into_iter().zip(details(&b, level)).enumerate() {
                 let owner = if owners == size { i } else { parent(i, size[0], owners[0]) };
                 let [all, noise, count] = &mut squares[owner];
-                *all += 0.25 * (a + b).length_squared();
-                *noise += 0.25 * (a - b).length_squared();
+                *all += 0.25 * (a + b).as_dvec3().length_squared();
+                *noise += 0.25 * (a - b).as_dvec3().length_squared();
                 *count += 3.0;
             }
             let windows: Vec<_> = (0..squares.len()).map(|owner| around(&squares, owners, owner)).collect();
             // Clamping at 0 overestimates the squared bias. `held` scales the clamped values back to the unclamped sum.
-            let excess = windows.iter().map(|[all, noise, _]| f64::from(all - noise));
+            let excess = windows.iter().map(|[all, noise, _]| all - noise);
             let (sum, above) = excess.fold((0.0, 0.0), |(sum, above), excess| (sum + excess, above + excess.max(0.0)));
-            let held = if above > 0.0 { (sum / above).max(0.0) as f32 } else { 0.0 };
+            let held = if above > 0.0 { (sum / above).max(0.0) } else { 0.0 };
             let (shares, errors2) = windows.iter().map(|window| kept(window, held)).unzip();
             Level { size, shares, errors2 }
         };
@@ -129,8 +130,8 @@ impl Combination {
     }
 
     /// Expected squared error of each pixel, mean over its channels.
-    pub fn errors2(&self) -> Vec<f32> {
-        let mut sums: Vec<f32> = self.levels[LEVELS - 1].errors2.clone();
+    pub fn errors2(&self) -> Vec<f64> {
+        let mut sums: Vec<f64> = self.levels[LEVELS - 1].errors2.clone();
         for level in (0..LEVELS - 1).rev() {
             let Level { size, errors2, .. } = &self.levels[level];
             let parents = self.levels[level + 1].size[0];
@@ -144,10 +145,10 @@ impl Combination {
 }
 
 /// Standard deviations by which a sum of squares must exceed that of the noise.
-const DOUBT: f32 = 1.0;
+const DOUBT: f64 = 1.0;
 
 /// Sum over an owner and its neighbours: one alone has few blocks to tell from.
-fn around(squares: &[[f32; 3]], size: [usize; 2], owner: usize) -> [f32; 3] {
+fn around(squares: &[[f64; 3]], size: [usize; 2], owner: usize) -> [f64; 3] {
     let (x, y) = (owner % size[0], owner / size[0]);
     let mut sum = [0.0; 3];
     for y in y.saturating_sub(1)..(y + 2).min(size[1]) {
@@ -160,11 +161,11 @@ fn around(squares: &[[f32; 3]], size: [usize; 2], owner: usize) -> [f32; 3] {
 
 /// Share that is kept, and the expected squared error: from sums of squares, of those by noise, and their number. `held`:
 /// what the excess over noise is multiplied by.
-fn kept(&[all, noise, count]: &[f32; 3], held: f32) -> (f32, f32) {
+fn kept(&[all, noise, count]: &[f64; 3], held: f64) -> (f32, f64) {
     let count = count.max(1.0);
     // Where there is nothing but noise, sums of few squares differ by chance. Channels mostly have the same noise.
     let doubt = 1.0 + DOUBT / (count / 3.0).sqrt();
     let share = if all > doubt * noise { 1.0 - doubt * noise / all } else { 0.0 };
     let bias = held * (all - noise).max(0.0);
-    (share, (share * share * noise + (1.0 - share) * (1.0 - share) * bias) / count)
+    (share as f32, (share * share * noise + (1.0 - share) * (1.0 - share) * bias) / count)
 }

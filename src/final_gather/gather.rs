@@ -6,7 +6,8 @@
 //! - Rays from the view samples. Where they hit, a source is chosen by what the cache knows, and a shadow ray decides.
 //! - Points where photons landed, or that emit light, chosen by what they could send; shadow rays connect them to all 64.
 //!
-//! Light that was reflected before is read from the cache where the rays hit; specular lobes there send the rays on.
+//! Light that was reflected before is read from the cache where the rays hit; specular lobes there send the rays on. Light
+//! of small sources that perfect mirrors throw on the view samples is the density of photons around them [Jensen 1996].
 
 use glam::{DVec3, Vec3};
 
@@ -18,13 +19,14 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::fan::Fan;
-use crate::physics::brdf::{self, Lobes};
+use crate::physics::brdf::{self, Lobes, Reflected};
 use crate::physics::octahedral;
 use crate::physics::sequence::{Points, ShiftedPoints};
 use crate::shared::{Brdf, LIGHT_FACET, NO_BRDF, PackedLight};
 use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::packet::common_origin::trace_common_origin;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
+use crate::trace::photon_map::PhotonMap;
 use crate::trace::surface::SurfacePoint;
 
 /// Most rays of a view sample in one pass, and points that are connected to it.
@@ -36,8 +38,11 @@ const CANDIDATES: usize = 1024;
 pub const BY_CHANCE: f64 = 0.2;
 /// Vertices that share a point of a source with a size.
 const VERTICES_A_POINT: usize = 8;
-/// Surfaces that a ray goes on from by specular lobes.
-const MAX_SURFACES: u32 = 8;
+/// Surfaces after which only a share of the rays goes on, and that share.
+const FREE_SURFACES: u32 = 8;
+const FURTHER: f64 = 1.0 / 16.0;
+/// Maximum probability with which other rays go on.
+const MAX_SURVIVAL: f64 = 0.999;
 
 /// What all estimates of a pass share.
 pub struct Pass<'a> {
@@ -47,6 +52,12 @@ pub struct Pass<'a> {
     pub cells: &'a SurfaceCells,
     pub cache: &'a IrradianceCache,
     pub lit: &'a [LitPoint],
+    /// Of each source.
+    pub thrown: &'a [PhotonMap],
+    /// Largest distance of such photons: fixed, and by distance from the eye; mesh space.
+    pub reach: [f32; 2],
+    /// Mesh space.
+    pub eye: Vec3,
     /// Maximum number of perfect mirrors along a ray.
     pub layers: u32,
     /// One for each ray of a view sample.
@@ -84,10 +95,65 @@ struct Vertex {
     wo: DVec3,
     /// What its radiance is multiplied by; with the probability of the source.
     weight: DVec3,
-    /// Density of such vertices by area; 0 if no connection finds them.
-    density: f64,
+    /// Probability of the source.
+    chance: f64,
+    /// Probability that the ray goes on by the specular lobe.
+    goes_on: f64,
+    /// Density of such rays by area; `None` if no connection finds them.
+    density: Option<f64>,
     /// Neighbours in this order are close to each other as the source sees them.
     order: u32,
+}
+
+/// How likely light of a source is found in all ways that there are, at a surface that a ray from a view sample met.
+#[derive(Clone, Copy, Default)]
+struct Found {
+    /// Density of such rays by area; `None` if no connection finds the surface.
+    rays: Option<f64>,
+    /// Probability that the source is chosen there, to look at one point of it.
+    chance: f64,
+    /// Density with which the specular lobe finds that point, relative to that of points.
+    by_lobe: f64,
+    /// By area.
+    connections: f64,
+}
+
+impl Found {
+    /// The balance heuristic's weight of light that is found by points on the source.
+    fn by_point(self) -> f64 {
+        self.chance / self.all()
+    }
+
+    /// The same of light that is found by the lobe.
+    fn by_lobe(self) -> f64 {
+        self.by_lobe / self.all()
+    }
+
+    /// The same of light that a connection finds.
+    fn by_connection(self) -> f64 {
+        1.0 - (self.chance + self.by_lobe) / self.all()
+    }
+
+    /// Reflected light with the `weight` of its parts, if a lobe goes on with a probability, times the solid angle that a
+    /// point of the source stands for.
+    fn reflected(self, at: Reflected, goes_on: f64, weight: fn(Self) -> f64) -> DVec3 {
+        let specular = Self { by_lobe: goes_on * at.density, ..self };
+        at.diffuse * weight(self) + at.specular * weight(specular)
+    }
+
+    fn all(self) -> f64 {
+        self.chance + self.by_lobe + self.rays.map_or(0.0, |rays| self.connections / rays)
+    }
+}
+
+/// A surface that a ray left by its specular lobe.
+struct Last {
+    surface: SurfacePoint,
+    cell: Option<u32>,
+    /// Density of rays to it by area; `None` if no connection finds it.
+    rays: Option<f64>,
+    /// Density of the direction, 1/sr.
+    density: f64,
 }
 
 /// Approximates 64 view samples as seen from points that send light.
@@ -116,6 +182,7 @@ impl Pass<'_> {
         receivers.iter().for_each(|receiver| self.cast(receiver, &bounds, scratch, &mut sums));
         self.light(chunk, &bounds, scratch, &mut sums);
         self.connect(chunk, &receivers, &bounds, scratch, &mut sums);
+        self.receive_thrown(&receivers, &mut sums);
         sums.into_iter().map(DVec3::as_vec3).collect()
     }
 
@@ -250,15 +317,24 @@ impl Pass<'_> {
                 for ((vertex, arriving), visible) in vertices.iter().zip(arriving).zip(visibility) {
                     let Some(arriving) = arriving.filter(|_| visible > 0) else { continue };
                     let surface = &vertex.surface;
-                    let reflected = brdf::reflected(&surface.brdf, surface.normal.as_dvec3(), arriving.wi, vertex.wo);
-                    let mut share = f64::from(visible) / 255.0;
-                    if vertex.density > 0.0 {
+                    let mut found = Found { rays: vertex.density, chance: vertex.chance, ..Found::default() };
+                    if vertex.density.is_some() {
                         let light = Sent::Reflected { wi: arriving.wi, irradiance: arriving.irradiance };
-                        let connections = self.connections(bounds, source, surface, light);
-                        share *= vertex.density / (vertex.density + connections);
+                        found.connections = self.connections(bounds, source, surface, light);
                     }
+                    let normal = surface.normal.as_dvec3();
+                    let lobes = point.emitting.and_then(|emitting| {
+                        Some((emitting, Lobes::of_specular_lobe(&surface.brdf, normal, vertex.wo)?))
+                    });
+                    let reflected = match lobes {
+                        Some((emitting, lobes)) => {
+                            let goes_on = vertex.goes_on * emitting.solid_angle(surface.position);
+                            found.reflected(lobes.at(arriving.wi), goes_on, Found::by_point)
+                        }
+                        None => brdf::reflected(&surface.brdf, normal, arriving.wi, vertex.wo) * found.by_point(),
+                    };
                     sums[index * PACKET_SIZE + usize::from(vertex.lane)] +=
-                        vertex.weight * reflected * arriving.irradiance * share;
+                        vertex.weight * reflected * arriving.irradiance * (f64::from(visible) / 255.0);
                 }
             }
         }
@@ -271,9 +347,10 @@ impl Pass<'_> {
         for &(index, times) in &scratch.chosen {
             let lit = &self.lit[index as usize];
             let density = self.connections(bounds, &self.sources[lit.source as usize], &lit.surface, lit.light);
-            let chance = match self.sources.len() {
-                1 => 1.0,
-                _ => {
+            let chance = match lit.light {
+                // All that shines is seen where a ray hits.
+                Sent::Emitted => 1.0,
+                Sent::Reflected { .. } => {
                     let cell = self.cells.of_place(lit.surface.position, lit.surface.geometric_normal);
                     self.chances(cell).nth(lit.source as usize).expect("of each source")
                 }
@@ -303,21 +380,43 @@ impl Pass<'_> {
                 }
                 let at = receiver.lobes.at(wi);
                 let by_area = leaving / distance2;
+                let rays = self.rays() * at.density * by_area;
+                let found = Found { rays: Some(rays), chance, connections: density, ..Found::default() };
                 let radiance = match lit.light {
-                    Sent::Emitted => (lit.surface.coverage * lit.surface.emission).as_dvec3(),
+                    Sent::Emitted => (lit.surface.coverage * lit.surface.emission).as_dvec3() * found.by_connection(),
                     Sent::Reflected { wi: from, irradiance } => {
-                        if normal.dot(wi) >= 0.0 {
+                        let cosine = -normal.dot(wi);
+                        if cosine <= 0.0 {
                             continue;
                         }
-                        irradiance * brdf::reflected(&lit.surface.brdf, normal, from, -wi)
+                        let brdf = &lit.surface.brdf;
+                        let lobes = Lobes::of_specular_lobe(brdf, normal, -wi).filter(|_| lit.solid_angle > 0.0);
+                        irradiance
+                            * match lobes {
+                                Some(lobes) => {
+                                    let goes_on =
+                                        brdf::specular_reflectance(brdf, cosine).max_element().min(MAX_SURVIVAL);
+                                    found.reflected(lobes.at(from), goes_on * lit.solid_angle, Found::by_connection)
+                                }
+                                None => brdf::reflected(brdf, normal, from, -wi) * found.by_connection(),
+                            }
                     }
                 };
-                let mut rays = self.rays() * at.density * by_area;
-                if matches!(lit.light, Sent::Reflected { .. }) {
-                    rays *= chance;
-                }
-                let value = at.sum() * radiance * (times * by_area / (rays + density));
+                let value = at.sum() * radiance * (times * by_area / density);
                 sums[lit.source as usize * PACKET_SIZE + receiver.lane] += value * (f64::from(visible) / 255.0);
+            }
+        }
+    }
+
+    /// Adds light that perfect mirrors throw on the view samples.
+    fn receive_thrown(&self, receivers: &[Receiver], sums: &mut [DVec3]) {
+        let [fixed, growing] = self.reach;
+        for (source, photons) in self.thrown.iter().enumerate().filter(|(_, photons)| !photons.is_empty()) {
+            for Receiver { lane, position, geometric_normal, lobes, .. } in receivers {
+                let reach = fixed + growing * position.distance(self.eye);
+                photons.arriving(*position, *geometric_normal, reach * reach, |wi, irradiance| {
+                    sums[source * PACKET_SIZE + lane] += lobes.at(wi).sum() * irradiance;
+                });
             }
         }
     }
@@ -352,7 +451,10 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         let Pass { scene, cells, cache, layers, sources, .. } = *self.pass;
         let mut density = Some(density);
         let mut mirrors = 0;
-        for number in 0..MAX_SURFACES {
+        // Whether nothing but mirrors was met.
+        let mut is_straight = true;
+        let mut last: Option<Last> = None;
+        for number in 0.. {
             let surface = SurfacePoint::new(scene, &hit, direction, 0.0);
             let wo = -direction.as_dvec3().normalize();
             let facing = surface.geometric_normal.as_dvec3().dot(wo);
@@ -361,7 +463,10 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
             let by_area = density.map(|density| density * facing / distance2);
             let by_area = by_area.filter(|by_area| *by_area > 0.0 && by_area.is_finite());
             if surface.emission != Vec3::ZERO {
-                self.emission(&surface, weight, by_area);
+                match &last {
+                    Some(last) => self.emission_by_lobe(&surface, weight, last, facing / distance2, direction),
+                    None => self.emission(&surface, weight, by_area),
+                }
             }
             let normal = surface.normal.as_dvec3();
             let cosine = normal.dot(wo);
@@ -369,9 +474,12 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
                 return;
             }
             let [choice, u, v, survival] = (self.random)(number);
+            let cell = cells.of_place(surface.position, surface.geometric_normal);
+            let specular = brdf::specular_reflectance(&surface.brdf, cosine);
+            let further = if number == FREE_SURFACES { FURTHER } else { 1.0 };
+            let goes_on = specular.max_element().min(MAX_SURVIVAL) * further;
             if surface.brdf.reflects_directly() {
-                let cell = cells.of_place(surface.position, surface.geometric_normal);
-                self.vertex((&surface, cell), wo, weight, by_area.unwrap_or(0.0), choice);
+                self.vertex((&surface, cell), wo, weight, (by_area, goes_on), choice);
                 let diffuse = Brdf { f0: Vec3::ZERO, f90: 0.0, ..surface.brdf };
                 if let Some(cell) = cell.filter(|_| diffuse.diffuse != Vec3::ZERO) {
                     let albedo = Projection::get().albedo(&diffuse, cosine as f32).as_dvec3();
@@ -381,8 +489,6 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
                     }
                 }
             }
-            let specular = brdf::specular_reflectance(&surface.brdf, cosine);
-            let goes_on = specular.max_element().min(1.0);
             if survival >= goes_on {
                 return;
             }
@@ -392,7 +498,10 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
                 let at = lobes.at(wi);
                 weight *= at.specular / (at.density * goes_on);
                 direction = wi.as_vec3();
+                is_straight = false;
+                last = Some(Last { surface, cell, rays: by_area, density: goes_on * at.density });
             } else {
+                last = None;
                 mirrors += 1;
                 if mirrors > layers {
                     return;
@@ -404,9 +513,10 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
             let origin = off(scene, surface.position, surface.geometric_normal, direction, hit.distance);
             let next = scene.closest_hit(origin, direction, f32::INFINITY);
             if !surface.brdf.has_lobe() {
-                // Shadow rays find no lights in a perfect mirror.
+                // Shadow rays find no lights in a perfect mirror. Photons bring small ones.
                 let end = next.map_or(f32::INFINITY, |hit| hit.distance);
-                for (index, source) in sources.iter().enumerate() {
+                let looked_for = |source: &Source| !(is_straight && source.is_small(scene));
+                for (index, source) in sources.iter().enumerate().filter(|(_, source)| looked_for(source)) {
                     if let Some(radiance) = source.seen(scene, surface.triangle, [origin, direction], end) {
                         self.sums[index * PACKET_SIZE + self.lane] += weight * radiance;
                     }
@@ -428,12 +538,34 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         }
     }
 
+    /// Light of emitters that the specular lobe of the last surface found, and points on emitters could have. `by_distance`:
+    /// cosine of the direction at the emitter over squared distance.
+    fn emission_by_lobe(
+        &mut self,
+        surface: &SurfacePoint,
+        weight: DVec3,
+        last: &Last,
+        by_distance: f64,
+        direction: Vec3,
+    ) {
+        let pass = self.pass;
+        let radiance = surface.emission.as_dvec3();
+        for (index, source) in pass.sources.iter().enumerate().filter(|(_, source)| source.emits(surface.material)) {
+            let by_area = by_distance / source.point_density(pass.scene, surface.material);
+            let chance = pass.chances(last.cell).nth(index).expect("of each source");
+            let light = Sent::Reflected { wi: direction.as_dvec3(), irradiance: radiance * by_area };
+            let connections = last.rays.map_or(0.0, |_| pass.connections(self.bounds, source, &last.surface, light));
+            let found = Found { rays: last.rays, chance, by_lobe: last.density * by_area, connections };
+            self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * found.by_lobe();
+        }
+    }
+
     fn vertex(
         &mut self,
         (surface, cell): (&SurfacePoint, Option<u32>),
         wo: DVec3,
         weight: DVec3,
-        density: f64,
+        (density, goes_on): (Option<f64>, f64),
         choice: f64,
     ) {
         let pass = self.pass;
@@ -459,7 +591,9 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
             surface: *surface,
             wo,
             weight: weight / chance,
-            density: density * chance,
+            chance,
+            goes_on,
+            density,
             order: along_curve(surface.position),
         });
     }

@@ -21,32 +21,51 @@ pub use self::refined::{Estimate, Refined, mean};
 
 use self::gather::{BY_CHANCE, Pass, RAYS, Scratch};
 use self::irradiance_cache::IrradianceCache;
-use self::photons::Photons;
+use self::photons::{Photons, Surfaces};
 use self::sources::Source;
 use self::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
 use crate::bake::framebuffer::view_samples::resolve;
 use crate::physics::sequence::ShiftedPoints;
-use crate::scene::{Emitters, Rig};
+use crate::scene::{Camera, Emitters, Projection, Rig};
 use crate::trace::bvh::TracedScene;
+use crate::trace::emitting_triangles::EmittingTriangles;
 use crate::trace::packet::PACKET_SIZE;
+use crate::trace::photon_map::{Photon, PhotonMap};
 
 /// Indirect light of a view under the lights of a rig.
 pub struct FinalGather<'a> {
     scene: &'a TracedScene,
     framebuffer: &'a DeepFramebuffer,
     sources: Vec<Source>,
-    cells: SurfaceCells,
-    /// One for each half of the passes.
-    caches: [IrradianceCache; 2],
+    /// Where perfect mirrors may be.
+    mirrors: EmittingTriangles,
+    /// `None` before the first pass.
+    lighting: Option<Lighting>,
+    /// How often cells are halved at most.
+    most_halvings: u32,
     seed: u64,
+    /// Passes of others that the estimate will be joined with.
+    others: u32,
     passes: u32,
     /// Of each source, photons in each half of the passes so far.
     photons: [Vec<u32>; 2],
+    /// Share of the photons that goes on after some bounces.
+    further: f64,
+    /// Bounces that these would make in all passes if all photons did so, and number of photons.
+    further_bounces: [f64; 2],
     /// Of each source, the power that landed in all passes; at unit strength.
     powers: Vec<f64>,
     /// Of each 64 view samples, in their order.
     chunks: Vec<Chunk>,
+}
+
+/// What photons carry, in two independent halves.
+struct Lighting {
+    cells: SurfaceCells,
+    /// If there were room for them.
+    wanted_halvings: u32,
+    caches: [IrradianceCache; 2],
 }
 
 /// Sums of 64 view samples over two independent halves of the passes.
@@ -62,30 +81,99 @@ struct Chunk {
 /// Photons of a pass for each view sample, and their number within bounds: all sources together.
 const PHOTONS_A_SAMPLE: usize = 4;
 const PHOTONS: [usize; 2] = [1 << 15, 1 << 18];
+/// Share of the photons of a pass that tell, before the first one, where light goes and how often it bounces.
+const PILOT: f64 = 1.0 / 16.0;
+/// Bounces of a photon, in the mean, beyond those that all photons may make: in white rooms few photons go far.
+const FURTHER_BOUNCES: f64 = 64.0;
+/// Distance of photons that a view sample takes from a mirror, in pixels, in the first passes.
+const REACH: f64 = 3.0;
 /// Passes before the expected error can be relied on: that of fewer rays misses what few of them find.
 pub const LEAST_PASSES: u32 = 4;
+/// How often cells are halved.
+const MOST_HALVINGS: u32 = 5;
+/// Cells times sources beyond which they are not.
+const MOST_CELLS: usize = 1 << 22;
 /// Share of what a pass can gain for which it is made.
 const FOCUS: f64 = 0.9;
 
 impl<'a> FinalGather<'a> {
-    /// Light of the `wanted` lights that are not off, by index in the complete rig. Panics if links of a light name what
-    /// the scene lacks: see [`Rig::resolve_links`].
+    /// Light of the `wanted` lights that are not off, by index in the complete rig. `others`: passes of other gathers that
+    /// the estimate will be joined with. Panics if links of a light name what the scene lacks: see [`Rig::resolve_links`].
     pub fn new(
         scene: &'a TracedScene,
         framebuffer: &'a DeepFramebuffer,
         rig: &Rig,
         wanted: impl Fn(usize) -> bool,
         seed: u64,
+        others: u32,
     ) -> Self {
         let sources = Source::of(scene, &Emitters::of(scene).complete(rig), wanted);
-        let cells = SurfaceCells::new(scene, &framebuffer.camera);
-        let caches = [0, 1].map(|_| IrradianceCache::new(&cells, sources.len()));
         let sums = || vec![Vec3::ZERO; 2 * sources.len() * PACKET_SIZE];
         let count = framebuffer.samples.len().div_ceil(PACKET_SIZE);
-        let chunks = (0..count).map(|_| Chunk { sums: sums(), rays: [0; 2], is_wanted: true }).collect();
-        let photons = [0, 1].map(|_| vec![0; sources.len()]);
-        let powers = vec![0.0; sources.len()];
-        Self { scene, framebuffer, sources, cells, caches, seed, passes: 0, photons, powers, chunks }
+        Self {
+            scene,
+            framebuffer,
+            mirrors: EmittingTriangles::new(scene, |material| f64::from(u8::from(scene.may_mirror(material)))),
+            lighting: None,
+            most_halvings: MOST_HALVINGS,
+            seed,
+            others,
+            passes: 0,
+            photons: [0, 1].map(|_| vec![0; sources.len()]),
+            further: PILOT,
+            further_bounces: [0.0; 2],
+            powers: vec![0.0; sources.len()],
+            chunks: (0..count).map(|_| Chunk { sums: sums(), rays: [0; 2], is_wanted: true }).collect(),
+            sources,
+        }
+    }
+
+    /// Prepares cells as small as the number of passes allows, so that their bias vanishes with time. Returns whether there
+    /// are any: not if `stop` returns true.
+    fn prepare(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
+        // A halving takes 4 times the photons to fill the cells.
+        let wanted = (self.others.saturating_add(self.passes).max(1).ilog2() / 2).min(MOST_HALVINGS);
+        if self.lighting.as_ref().is_some_and(|lighting| lighting.wanted_halvings >= wanted) {
+            return true;
+        }
+        let camera = &self.framebuffer.camera;
+        let mut cells = loop {
+            let halvings = wanted.min(self.most_halvings);
+            let most = if halvings == 0 { usize::MAX } else { MOST_CELLS / self.sources.len().max(1) };
+            match SurfaceCells::new(self.scene, camera, halvings, &|cells| stop() || cells > most) {
+                Some(cells) => break cells,
+                None if stop() => return false,
+                None => self.most_halvings = halvings - 1,
+            }
+        };
+        let counts = self.photon_counts(PILOT);
+        let surfaces = Surfaces { scene: self.scene, cells: &cells, mirrors: &self.mirrors };
+        let of_half = (&counts[..], &self.photons[0][..]);
+        let seed = self.seed ^ u64::from(5 + wanted) << 40;
+        let mut pilot = Photons::trace(surfaces, &self.sources, of_half, self.further, seed, stop);
+        if stop() {
+            return false;
+        }
+        // Photons that fill the cells until the next ones are prepared, relative to those of the pilot.
+        let ratio = f64::from(3 << (2 * wanted)) / 2.0 / PILOT;
+        let joined = cells.join(pilot.reflected().map(|landing| landing.cell), ratio);
+        pilot.landings.iter_mut().for_each(|landing| landing.cell = joined[landing.cell as usize]);
+        let mut caches = [0, 1].map(|_| IrradianceCache::new(&cells, self.sources.len()));
+        caches.iter_mut().for_each(|cache| cache.add_direct(&cells, &pilot.landings));
+        self.learn(&counts, &pilot);
+        self.lighting = Some(Lighting { cells, wanted_halvings: wanted, caches });
+        true
+    }
+
+    /// Learns from photons which sources matter, and how many photons go on.
+    fn learn(&mut self, counts: &[u32], photons: &Photons) {
+        for landing in photons.direct() {
+            self.powers[landing.source as usize] += f64::from(landing.power.max_element());
+        }
+        let [bounces, count] = &mut self.further_bounces;
+        *bounces += photons.further_bounces as f64 / self.further;
+        *count += counts.iter().copied().map(f64::from).sum::<f64>();
+        self.further = (FURTHER_BOUNCES * *count / *bounces).min(1.0);
     }
 
     /// The lights of the rig that have images, by index.
@@ -99,23 +187,39 @@ impl<'a> FinalGather<'a> {
 
     /// Makes one more pass; ends early if `stop` returns true.
     pub fn pass(&mut self, stop: &(dyn Fn() -> bool + Sync)) {
+        if !self.prepare(stop) {
+            return;
+        }
         let half = (self.passes % 2) as usize;
         let number = self.passes / 2;
         let seed = self.seed ^ (1 + half as u64) << 48;
-        let counts = self.photon_counts();
-        let photons = Photons::trace((self.scene, &self.cells), &self.sources, &counts, &self.photons[half], seed);
+        let counts = self.photon_counts(1.0);
+        let Lighting { cells, caches, .. } = self.lighting.as_mut().expect("it is prepared");
+        let surfaces = Surfaces { scene: self.scene, cells, mirrors: &self.mirrors };
+        let of_half = (&counts[..], &self.photons[half][..]);
+        let mut photons = Photons::trace(surfaces, &self.sources, of_half, self.further, seed, stop);
+        if stop() {
+            return;
+        }
         self.photons[half].iter_mut().zip(&counts).for_each(|(sum, count)| *sum = sum.wrapping_add(*count));
-        self.caches[half].add_reflected(&self.cells, &photons.landings);
+        caches[half].add_reflected(cells, &photons.landings);
         // A first look at the picture comes sooner.
         let rays = if number == 0 { RAYS / 8 } else { RAYS };
         let points = ShiftedPoints::of(seed ^ 4 << 40, number * RAYS..number * RAYS + rays);
+        // Photons of some pixels around at first, of fewer later [Knaus 2011].
+        let pixels = REACH / f64::from(number + 1).powf(1.0 / 6.0);
+        let camera = &self.framebuffer.camera;
+        let height = f64::from(self.framebuffer.tiling.height) / pixels;
         let pass = Pass {
             scene: self.scene,
             framebuffer: self.framebuffer,
             sources: &self.sources,
-            cells: &self.cells,
-            cache: &self.caches[half],
+            cells,
+            cache: &caches[half],
             lit: &photons.lit,
+            thrown: &photon_maps(self.scene, &self.sources, std::mem::take(&mut photons.thrown)),
+            reach: width_of_strip(camera, self.scene, height).map(|width| width as f32),
+            eye: self.scene.space.from_world(camera.ray(0.5, 0.5, 1.0).0).as_vec3(),
             layers: self.framebuffer.asked_layers,
             points: &points,
             seed,
@@ -137,21 +241,19 @@ impl<'a> FinalGather<'a> {
         };
         self.chunks.par_iter_mut().enumerate().for_each_init(Scratch::default, gather);
         // Added after gathering: otherwise the probability of a source would depend on this pass's connections.
-        self.caches[half].add_direct(&self.cells, &photons.landings);
-        for landing in photons.landings.iter().filter(|landing| landing.is_direct) {
-            self.powers[landing.source as usize] += f64::from(landing.power.max_element());
-        }
+        caches[half].add_direct(cells, &photons.landings);
+        self.learn(&counts, &photons);
         self.passes += 1;
     }
 
     /// Lets further passes gather where they lower the error most. `errors2`: expected squared errors of the pixels.
-    pub fn focus(&mut self, errors2: &[f32]) {
+    pub fn focus(&mut self, errors2: &[f64]) {
         let tiling = &self.framebuffer.tiling;
         let tiles = self.framebuffer.pixel_stride() / PACKET_SIZE;
         let mut gains = vec![0.0; tiles];
         for (i, error2) in errors2.iter().enumerate() {
             let index = tiling.index(i as u32 % tiling.width, i as u32 / tiling.width);
-            gains[index / PACKET_SIZE] += f64::from(*error2);
+            gains[index / PACKET_SIZE] += *error2;
         }
         // With n times the rays there is an n-th of the squared error.
         let rays = |chunk: &Chunk| f64::from(chunk.rays.iter().sum::<u32>().max(1));
@@ -169,13 +271,13 @@ impl<'a> FinalGather<'a> {
         }
     }
 
-    /// Photons of each source in the next pass: as its light matters in the scene.
-    fn photon_counts(&self) -> Vec<u32> {
+    /// Photons of each source in the next pass, or in a share of it: as its light matters in the scene.
+    fn photon_counts(&self, share: f64) -> Vec<u32> {
         let power = |(source, power): (&Source, &f64)| source.scale * power;
         let total: f64 = self.sources.iter().zip(&self.powers).map(power).sum();
         let even = 1.0 / self.sources.len() as f64;
         let [fewest, most] = PHOTONS;
-        let count = (PHOTONS_A_SAMPLE * self.framebuffer.samples.len()).clamp(fewest, most) as f64;
+        let count = share * (PHOTONS_A_SAMPLE * self.framebuffer.samples.len()).clamp(fewest, most) as f64;
         let photons = |of: (&Source, &f64)| {
             let known = if total > 0.0 { power(of) / total } else { even };
             (count * (BY_CHANCE * even + (1.0 - BY_CHANCE) * known)).max(1.0) as u32
@@ -213,4 +315,21 @@ impl<'a> FinalGather<'a> {
         let pixels = (0..tiling.height).flat_map(|y| (0..tiling.width).map(move |x| (x, y)));
         pixels.map(|(x, y)| value(tiling.index(x, y))).collect()
     }
+}
+
+/// Width of a strip of the picture, if `count` of them make up its height, in mesh space: fixed, and by distance from the
+/// eye.
+fn width_of_strip(camera: &Camera, scene: &TracedScene, count: f64) -> [f64; 2] {
+    match camera.projection {
+        Projection::Perspective { yfov } => [0.0, 2.0 * (yfov / 2.0).tan() / count],
+        Projection::Orthographic { ymag } => [2.0 * ymag / scene.space.unit / count, 0.0],
+    }
+}
+
+/// Of each source, the photons that view samples take.
+fn photon_maps(scene: &TracedScene, sources: &[Source], thrown: Vec<(u32, Photon)>) -> Vec<PhotonMap> {
+    let mut of_source: Vec<Vec<Photon>> = sources.iter().map(|_| Vec::new()).collect();
+    let of_small = thrown.into_iter().filter(|(source, _)| sources[*source as usize].is_small(scene));
+    of_small.for_each(|(source, photon)| of_source[source as usize].push(photon));
+    of_source.into_iter().map(PhotonMap::new).collect()
 }

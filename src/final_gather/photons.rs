@@ -5,9 +5,13 @@ use rayon::prelude::*;
 
 use super::sources::Source;
 use super::surface_cells::SurfaceCells;
+use crate::bake::brdf_factors::Projection;
 use crate::physics::brdf::{self, Lobes};
 use crate::physics::sequence::Points;
+use crate::shared::ALBEDO_CAP;
 use crate::trace::bvh::TracedScene;
+use crate::trace::emitting_triangles::EmittingTriangles;
+use crate::trace::photon_map::Photon;
 use crate::trace::surface::SurfacePoint;
 
 /// A surface point that sends light of a source: an end of paths that begin at view samples.
@@ -19,6 +23,8 @@ pub struct LitPoint {
     pub light: Sent,
     /// Points like this by area, 1 / area in mesh space.
     pub density: f64,
+    /// Solid angle that the point of an emitter stands for which shines on it; 0 of other sources.
+    pub solid_angle: f64,
     /// Z-order index of the place on the source; of the direction, if it has no size.
     order: u32,
 }
@@ -49,39 +55,91 @@ pub struct Landing {
     pub power: Vec3,
 }
 
+/// What photons meet.
+#[derive(Clone, Copy)]
+pub struct Surfaces<'a> {
+    pub scene: &'a TracedScene,
+    pub cells: &'a SurfaceCells,
+    /// Where there may be perfect mirrors.
+    pub mirrors: &'a EmittingTriangles,
+}
+
+/// A photon that lands on its first surface.
+struct Start {
+    source: u32,
+    surface: SurfacePoint,
+    wo: DVec3,
+    power: DVec3,
+    /// Whether perfect mirrors throw it on, or all else.
+    by_mirrors: bool,
+}
+
 /// What photons find.
 #[derive(Default)]
 pub struct Photons {
     /// Neighbours are neighbours on their source.
     pub lit: Vec<LitPoint>,
     pub landings: Vec<Landing>,
+    /// What came from a source by perfect mirrors, with the index of the source.
+    pub thrown: Vec<(u32, Photon)>,
+    /// Bounces beyond those that all photons may make.
+    pub further_bounces: u64,
 }
 
 /// Photons of a task.
 const TASK: u32 = 1024;
-const MAX_BOUNCES: u32 = 64;
+/// Photons of a source, relative to those of them that set out towards mirrors.
+const TO_MIRRORS: u32 = 2;
+/// Bounces after which only a share of the photons goes on.
+const FREE_BOUNCES: u32 = 8;
+/// Growth of a photon's power at which it ends: where surfaces reflect more light than they receive there is no answer, but
+/// a number.
+const MAX_GROWTH: f64 = 100.0;
 /// Largest ratio of cosines at the shading and at the geometric normal.
 pub const MAX_TILT: f64 = 4.0;
 
 impl Photons {
-    /// `counts[i]` photons of source i, which are numbers `first[i]` and up in its sequence.
+    /// What came straight from the sources.
+    pub fn direct(&self) -> impl Iterator<Item = &Landing> {
+        self.landings.iter().filter(|landing| landing.is_direct)
+    }
+
+    /// What was reflected before.
+    pub fn reflected(&self) -> impl Iterator<Item = &Landing> {
+        self.landings.iter().filter(|landing| !landing.is_direct)
+    }
+
+    /// `counts[i]` photons of source i, which are numbers `first[i]` and up in its sequence, and some more towards mirrors.
+    /// The share `further` of them goes on after some bounces. Finds less if `stop` returns true.
     pub fn trace(
-        (scene, cells): (&TracedScene, &SurfaceCells),
+        surfaces: Surfaces,
         sources: &[Source],
-        counts: &[u32],
-        first: &[u32],
+        (counts, first): (&[u32], &[u32]),
+        further: f64,
         seed: u64,
+        stop: &(dyn Fn() -> bool + Sync),
     ) -> Self {
-        let tasks = |source: usize| (0..counts[source].div_ceil(TASK)).map(move |task| (source, task));
-        let tasks: Vec<(usize, u32)> = (0..sources.len()).flat_map(tasks).collect();
-        let trace = |&(index, task): &(usize, u32)| {
-            let (count, first) = (counts[index], first[index]);
-            let points = Points::new(seed, index as u64);
+        let to_mirrors = |count: u32| if surfaces.mirrors.is_empty() { 0 } else { count.div_ceil(TO_MIRRORS) };
+        let tasks = |(source, count): (usize, u32)| {
+            let by_mirrors = [(false, count), (true, to_mirrors(count))];
+            by_mirrors.into_iter().flat_map(move |(by_mirrors, count)| {
+                (0..count.div_ceil(TASK)).map(move |task| (source, by_mirrors, count, task))
+            })
+        };
+        let tasks: Vec<_> = counts.iter().copied().enumerate().flat_map(tasks).collect();
+        let trace = |&(index, by_mirrors, count, task): &(usize, bool, u32, u32)| {
+            let points = Points::new(seed ^ u64::from(by_mirrors) << 32, index as u64);
+            let source = (index as u32, &sources[index]);
             let mut found = Self::default();
+            if stop() {
+                return found;
+            }
             for i in task * TASK..(task * TASK + TASK).min(count) {
-                found.follow((scene, cells), (index as u32, &sources[index]), f64::from(count), |set| {
-                    points.at(first.wrapping_add(i), set)
-                });
+                let random = |set| points.at(first[index].wrapping_add(i), set);
+                match by_mirrors {
+                    true => found.throw(surfaces, source, (f64::from(count), further), random),
+                    false => found.follow(surfaces, source, (f64::from(count), further), random),
+                }
             }
             found
         };
@@ -93,6 +151,8 @@ impl Photons {
         order.par_sort_unstable();
         Self {
             lit: order.into_par_iter().map(|(_, part, i)| parts[part as usize].lit[i as usize]).collect(),
+            thrown: parts.iter().flat_map(|part| part.thrown.iter().copied()).collect(),
+            further_bounces: parts.iter().map(|part| part.further_bounces).sum(),
             landings: parts.into_iter().flat_map(|part| part.landings).collect(),
         }
     }
@@ -100,11 +160,12 @@ impl Photons {
     /// Follows one of `count` photons.
     fn follow(
         &mut self,
-        (scene, cells): (&TracedScene, &SurfaceCells),
+        surfaces: Surfaces,
         (index, source): (u32, &Source),
-        count: f64,
+        (count, further): (f64, f64),
         random: impl Fn(u32) -> [f64; 4],
     ) {
+        let scene = surfaces.scene;
         let at_source = random(0);
         let from = source.point(scene, at_source);
         let to = random(1);
@@ -118,6 +179,7 @@ impl Photons {
                 surface: emitting.surface,
                 light: Sent::Emitted,
                 density: count * emitting.density,
+                solid_angle: 0.0,
                 order,
             });
         }
@@ -139,32 +201,65 @@ impl Photons {
                 surface,
                 light: Sent::Reflected { wi: arriving.wi, irradiance: arriving.irradiance },
                 density: across * facing.max(cosine / MAX_TILT),
+                solid_angle: from.emitting.map_or(0.0, |emitting| emitting.solid_angle(surface.position)),
                 order,
             });
-            self.bounce((scene, cells), (index, source.is_punctual()), (surface, wo, power), &random);
+            let start = Start { source: index, surface, wo, power, by_mirrors: false };
+            self.bounce(surfaces, start, further, &random);
+        });
+    }
+
+    /// Follows one of `count` photons towards mirrors.
+    fn throw(
+        &mut self,
+        surfaces: Surfaces,
+        (index, source): (u32, &Source),
+        (count, further): (f64, f64),
+        random: impl Fn(u32) -> [f64; 4],
+    ) {
+        let Surfaces { scene, mirrors, .. } = surfaces;
+        let from = source.point(scene, random(0));
+        let [u, v, w, _] = random(1);
+        let Some((triangle, barycentric)) = mirrors.place([u, v, w]) else { return };
+        let [a, b, c] = scene.mesh.triangles[triangle as usize].map(|v| scene.mesh.positions[v as usize]);
+        let place = a + (b - a) * barycentric.x + (c - a) * barycentric.y;
+        let Some(emission) = from.emit_towards(scene, place) else { return };
+        source.lands(scene, &emission, |hit| {
+            if hit.triangle != triangle {
+                return;
+            }
+            let surface = SurfacePoint::new(scene, &hit, emission.direction, 0.0);
+            let wo = -emission.direction.as_dvec3();
+            let [cosine, facing] = [surface.normal, surface.geometric_normal].map(|n| n.as_dvec3().dot(wo));
+            let Some(arriving) = source.arriving(scene, &from, &surface).filter(|_| facing > 0.0) else { return };
+            let across = count * mirrors.area_density(surface.material) / facing;
+            let power = arriving.irradiance * (cosine / facing).min(MAX_TILT) / across;
+            let start = Start { source: index, surface, wo, power, by_mirrors: true };
+            self.bounce(surfaces, start, further, &random);
         });
     }
 
     /// Follows power that lands on a surface and bounces.
-    fn bounce(
-        &mut self,
-        (scene, cells): (&TracedScene, &SurfaceCells),
-        (source, is_punctual): (u32, bool),
-        (mut surface, mut wo, mut power): (SurfacePoint, DVec3, DVec3),
-        random: impl Fn(u32) -> [f64; 4],
-    ) {
-        for bounce in 0..MAX_BOUNCES {
-            if let Some(cell) = cells.of_place(surface.position, surface.geometric_normal) {
-                self.landings.push(Landing { cell, source, is_direct: bounce == 0, power: power.as_vec3() });
+    fn bounce(&mut self, surfaces: Surfaces, start: Start, further: f64, random: impl Fn(u32) -> [f64; 4]) {
+        let Surfaces { scene, cells, .. } = surfaces;
+        let Start { source, mut surface, mut wo, mut power, by_mirrors } = start;
+        let mut is_thrown = by_mirrors;
+        let mut most = MAX_GROWTH * power.max_element();
+        for bounce in 0.. {
+            self.further_bounces += u64::from(bounce > FREE_BOUNCES);
+            let is_first = bounce == 0;
+            if !(by_mirrors && is_first)
+                && let Some(cell) = cells.of_landing(scene, &surface)
+            {
+                self.landings.push(Landing { cell, source, is_direct: is_first, power: power.as_vec3() });
             }
             let [u, v, choice, survival] = random(2 + bounce);
             let normal = surface.normal.as_dvec3();
             let cosine = normal.dot(wo);
-            // What perfect mirrors throw of a light without size is left out, as by all other estimates.
-            let is_thrown = bounce == 0 && is_punctual;
-            let mirrored = if is_thrown { DVec3::ZERO } else { brdf::mirror(&surface.brdf, cosine) };
+            // At the first surface photons of two kinds have one part each.
+            let mirrored = if is_first && !by_mirrors { DVec3::ZERO } else { brdf::mirror(&surface.brdf, cosine) };
             let lobes = Lobes::new(&surface.brdf, normal, wo);
-            let by_lobes = if lobes.is_none() {
+            let by_lobes = if lobes.is_none() || is_first && by_mirrors {
                 0.0
             } else if surface.brdf.has_lobe() {
                 1.0
@@ -177,23 +272,31 @@ impl Photons {
             }
             let share = by_mirror / (by_lobes + by_mirror);
             let (direction, factor) = if choice < share {
-                (surface.mirrored(wo.as_vec3()), mirrored / share)
+                (surface.mirrored(wo.as_vec3()).as_dvec3(), mirrored / share)
             } else {
+                is_thrown = false;
                 let Some(lobes) = lobes else { return };
                 let Some(wi) = lobes.sample([u, v, (choice - share) / (1.0 - share)]) else { return };
                 let at = lobes.at(wi);
-                // Light that arrives is symmetric at the shading normal, photons are not [Veach 1997, Section 5.3].
-                let tilt = surface.geometric_normal.as_dvec3().dot(wi) / normal.dot(wi);
-                if tilt <= 0.0 {
-                    return;
-                }
-                (wi.as_vec3(), at.sum() * (tilt.min(MAX_TILT) / (at.density * (1.0 - share))))
+                let capped = Projection::get().cap(&surface.brdf, cosine as f32).as_dvec3();
+                (wi, at.sum() * capped / (at.density * (1.0 - share)))
             };
-            let survives = factor.max_element().min(MAX_SURVIVAL);
+            // Light that arrives is symmetric at the shading normal, photons are not [Veach 1997, Section 5.3].
+            let tilt = surface.geometric_normal.as_dvec3().dot(direction) / normal.dot(direction);
+            if tilt <= 0.0 {
+                return;
+            }
+            let (direction, factor) = (direction.as_vec3(), factor * tilt.min(MAX_TILT));
+            let goes_on = if bounce == FREE_BOUNCES { further } else { 1.0 };
+            let survives = factor.max_element().min(ALBEDO_CAP.into()) * goes_on;
             if survival >= survives {
                 return;
             }
             power *= factor / survives;
+            most /= goes_on;
+            if power.max_element() > most {
+                return;
+            }
             let origin = surface.leave(direction, scene.bvh.shadow_offset(0.0));
             let Some(hit) = scene.closest_hit(origin, direction, f32::INFINITY) else { return };
             surface = SurfacePoint::new(scene, &hit, direction, 0.0);
@@ -202,13 +305,15 @@ impl Photons {
             if cosine <= 0.0 || facing <= 0.0 {
                 return;
             }
+            if is_thrown && surface.brdf.reflects_directly() {
+                let SurfacePoint { position, geometric_normal, .. } = surface;
+                let photon = Photon { position, geometric_normal, wi: wo.as_vec3(), flux: power.as_vec3() };
+                self.thrown.push((source, photon));
+            }
             power *= (cosine / facing).min(MAX_TILT);
         }
     }
 }
-
-/// Maximum probability that a photon goes on.
-const MAX_SURVIVAL: f64 = 0.98;
 
 /// Place along a Z-order curve of 2^16 x 2^16 cells.
 fn along_curve([u, v]: [f64; 2]) -> u32 {

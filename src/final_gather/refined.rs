@@ -19,9 +19,9 @@ pub struct Refined {
     /// Of each light what is added to its picture at unit strength, row by row.
     pub changes: Vec<Vec<Vec3>>,
     /// Expected squared error of each pixel, mean over its channels; of all lights together.
-    pub errors2: Vec<f32>,
+    pub errors2: Vec<f64>,
     /// Of each light its part of the squared error at unit strength, relative to `errors2`.
-    pub parts: Vec<f32>,
+    pub parts: Vec<f64>,
 }
 
 impl Estimate {
@@ -56,14 +56,14 @@ impl Refined {
             add(&mut biased, *scale, operator);
             add(&mut a, *scale, &halves[0]);
             add(&mut b, *scale, &halves[1]);
-            let noise = |(a, b): (&Vec3, &Vec3)| f64::from((*scale * (*a - *b)).length_squared());
+            let noise = |(a, b): (&Vec3, &Vec3)| (*scale * (*a - *b)).as_dvec3().length_squared();
             noises.push(halves[0].iter().zip(&halves[1]).map(noise).filter(|noise| noise.is_finite()).sum::<f64>());
         }
         let combination = Combination::new(width, &biased, [&a, &b]);
         let all: f64 = noises.iter().sum();
         let part = |((scale, ..), noise): (&(Vec3, &[Vec3], &Estimate), f64)| {
-            let strength2 = f64::from(scale.length_squared()) / 3.0;
-            if all > 0.0 && strength2 > 0.0 { (noise / all / strength2) as f32 } else { 0.0 }
+            let strength2 = scale.as_dvec3().length_squared() / 3.0;
+            if all > 0.0 && strength2 > 0.0 { noise / all / strength2 } else { 0.0 }
         };
         let changes =
             lights.iter().map(|(_, operator, Estimate { halves: [a, b], .. })| combination.change(operator, [a, b]));
@@ -81,6 +81,6 @@ impl Refined {
 }
 
 /// Mean of the squared errors of pixels.
-pub fn mean(errors2: &[f32]) -> f64 {
-    errors2.iter().copied().map(f64::from).sum::<f64>() / errors2.len().max(1) as f64
+pub fn mean(errors2: &[f64]) -> f64 {
+    errors2.iter().sum::<f64>() / errors2.len().max(1) as f64
 }

@@ -52,6 +52,16 @@ pub struct EmittingPoint {
     pub density: f64,
 }
 
+impl EmittingPoint {
+    /// Solid angle that each drawn point stands for, as seen from a place; 0 from behind.
+    pub fn solid_angle(&self, place: Vec3) -> f64 {
+        let between = place.as_dvec3() - self.surface.position.as_dvec3();
+        let distance2 = between.length_squared();
+        let cosine = self.surface.geometric_normal.as_dvec3().dot(between) / distance2.sqrt();
+        cosine.max(0.0) / (distance2 * self.density)
+    }
+}
+
 /// Light that reaches a surface without shadows.
 #[derive(Clone, Copy)]
 pub struct Arriving {
@@ -115,6 +125,16 @@ impl Source {
         self.settings.is_punctual() && self.triangles.is_none()
     }
 
+    /// Whether photons, not rays, find it in mirrors: rays would do so seldom or never.
+    pub fn is_small(&self, scene: &TracedScene) -> bool {
+        let extent = match self.settings.kind {
+            LightKind::Dome | LightKind::Emitter => return false,
+            LightKind::Directional => 1.0,
+            _ => f64::from(scene.bvh.radius) * scene.space.unit,
+        };
+        self.settings.projected_area().unwrap_or(0.0) <= PI * (SMALL * extent).powi(2)
+    }
+
     /// Whether this emitter is what a material emits.
     pub fn emits(&self, material: u32) -> bool {
         self.triangles.as_ref().is_some_and(|triangles| triangles.area_density(material) > 0.0)
@@ -131,17 +151,28 @@ impl Source {
         let is_double = scene.materials[material as usize].double_sided;
         let place = Place { triangle, barycentric, back: is_double && side < 0.5 };
         let surface = SurfacePoint { coverage: place.coverage(scene), ..place.surface(scene, 0.0) };
-        let density = triangles.area_density(material) * if is_double { 0.5 } else { 1.0 };
-        let radiance = (surface.coverage * surface.emission).as_dvec3();
+        // Of two triangles in one place one shines.
+        let (position, normal, offset) = (surface.position, surface.geometric_normal, scene.bvh.shadow_offset(0.0));
+        let top = scene.closest_hit(position + 2.0 * offset * normal, -normal, 4.0 * offset);
+        let is_top = top.is_none_or(|top| top.triangle == triangle);
+        let density = self.point_density(scene, material);
+        let radiance = if is_top { (surface.coverage * surface.emission).as_dvec3() } else { DVec3::ZERO };
         let packed = PackedLight {
             // Off the surface, which would stop its own light.
-            position: surface.position + surface.geometric_normal * scene.bvh.shadow_offset(0.0),
+            position: position + normal * offset,
             kind: LIGHT_FACET,
             direction: surface.geometric_normal,
             strength: 1.0,
             ..bytemuck::Zeroable::zeroed()
         };
-        SourcePoint { packed, color: radiance / density, emitting: Some(EmittingPoint { surface, density }) }
+        let emitting = is_top.then_some(EmittingPoint { surface, density });
+        SourcePoint { packed, color: radiance / density, emitting }
+    }
+
+    /// Density with which points of an emitter are drawn on a side of a material, 1 / area in mesh space.
+    pub fn point_density(&self, scene: &TracedScene, material: u32) -> f64 {
+        let sides = if scene.materials[material as usize].double_sided { 2.0 } else { 1.0 };
+        self.triangles.as_ref().map_or(0.0, |triangles| triangles.area_density(material) / sides)
     }
 
     /// Light that would reach a surface point if nothing was between; `None` if it faces away or gets none.
@@ -183,6 +214,8 @@ impl Source {
     }
 }
 
+/// Radius of small lights, relative to the scene's; of suns half the angle, in radians.
+const SMALL: f64 = 0.05;
 /// Surfaces that light of one ray reaches, if none casts shadows.
 const MAX_LANDINGS: usize = 16;
 
@@ -204,6 +237,16 @@ impl SourcePoint {
         let direction = basis(side * axis) * DVec3::new(sine * cos, sine * sin, 1.0 - versine);
         let direction = direction.normalize().as_vec3();
         Emission { origin: self.packed.position, direction }
+    }
+
+    /// A ray on which light leaves towards a place, in mesh space; `None` if the point lies there.
+    pub fn emit_towards(&self, scene: &TracedScene, place: Vec3) -> Option<Emission> {
+        if self.packed.kind == LIGHT_DIRECTIONAL {
+            let direction = self.packed.direction;
+            return Some(Emission { origin: place - 4.0 * scene.bvh.radius * direction, direction });
+        }
+        let direction = (place - self.packed.position).try_normalize()?;
+        Some(Emission { origin: self.packed.position, direction })
     }
 
     /// Density of [`Self::emit`]'s rays through an area that faces the point at a distance; 1 / area in mesh space.

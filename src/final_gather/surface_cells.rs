@@ -1,10 +1,15 @@
 //! Cells of surface: places in one leaf of an octree that face the same way [Binder 2019].
 
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::width_of_strip;
 use crate::scene::{Camera, Projection};
 use crate::trace::bvh::TracedScene;
+use crate::trace::surface::SurfacePoint;
 
 /// All surfaces of a scene in cells whose width grows with the distance from the eye.
 ///
@@ -19,8 +24,20 @@ pub struct SurfaceCells {
     root: f32,
     /// Hash table with linear probing: key and cell; a power of two of slots.
     slots: Vec<(u64, u32)>,
-    /// Area of each cell, mesh space.
+    /// Area of each cell that light can reach, mesh space.
     areas: Vec<f32>,
+    /// Cells with layers of surface, of which one hides another.
+    layered: Vec<bool>,
+}
+
+/// The part of a triangle that lies in a cell.
+struct Piece {
+    key: u64,
+    triangle: u32,
+    /// Unit, on the side of the cell.
+    normal: Vec3,
+    centre: Vec3,
+    area: f64,
 }
 
 /// A cube of the octree.
@@ -34,65 +51,127 @@ struct Cube {
 const CELLS_ALONG: f64 = 64.0;
 /// Least width: as a share of the distance from the eye, or of the scene's radius. Bounds the number of cells.
 const LEAST_WIDTH: f64 = 0.008;
+/// Greatest width as a share of the distance from the eye, for wide angles.
+const MOST_WIDTH: f64 = 0.03;
 const MAX_LEVEL: u32 = 12;
 /// Area of the smallest cells, relative to a face of their cube.
 const SLIVER: f64 = 0.25;
+/// Photons that land in the smallest cells, about.
+const LEAST_LANDINGS: f64 = 4.0;
+/// Level of the cubes in which pilot photons are counted.
+const PILOT_LEVEL: u32 = 5;
+/// Surface in a cube that covers more than a face of it lies in layers, of which one may hide another.
+const ONE_LAYER: f64 = 1.01;
+/// A gap between two layers that is narrower than this share of a cube, and has surface on all sides within the other, gets
+/// no light.
+const NARROW: [f32; 2] = [0.5, 2.0];
 const EMPTY: u64 = u64::MAX;
 
 impl SurfaceCells {
-    pub fn new(scene: &TracedScene, camera: &Camera) -> Self {
+    /// Cells of which each has a 2^-`halvings`th of the width; `None` if `stop` returns true. It gets a number of cells that
+    /// there may be.
+    pub fn new(
+        scene: &TracedScene,
+        camera: &Camera,
+        halvings: u32,
+        stop: &(dyn Fn(usize) -> bool + Sync),
+    ) -> Option<Self> {
         let (eye, _) = camera.ray(0.5, 0.5, 1.0);
         let radius = scene.bvh.radius;
+        let [fixed, growing] = width_of_strip(camera, scene, CELLS_ALONG);
         let [fixed, growing] = match camera.projection {
-            Projection::Perspective { yfov } => [0.0, (2.0 * (yfov / 2.0).tan() / CELLS_ALONG).max(LEAST_WIDTH)],
-            Projection::Orthographic { ymag } => {
-                let width = 2.0 * ymag / scene.space.unit / CELLS_ALONG;
-                [width.max(LEAST_WIDTH * f64::from(radius)), 0.0]
-            }
+            Projection::Perspective { .. } => [0.0, growing.clamp(LEAST_WIDTH, MOST_WIDTH)],
+            Projection::Orthographic { .. } => [fixed.max(LEAST_WIDTH * f64::from(radius)), 0.0],
         };
         let mut cells = Self {
             eye: scene.space.from_world(eye).as_vec3(),
-            width: [fixed as f32, growing as f32],
+            width: [fixed, growing].map(|width| width as f32 / (1 << halvings) as f32),
             low: -radius * Vec3::new(1.013, 1.007, 1.019),
             root: 2.04 * radius,
             slots: vec![(EMPTY, 0); 1 << 16],
             areas: Vec::new(),
+            layered: Vec::new(),
         };
+        let count = AtomicUsize::new(0);
         let pieces = |triangle: usize| {
+            if stop(count.load(Ordering::Relaxed)) {
+                return Vec::new();
+            }
             let corners = scene.mesh.triangles[triangle].map(|v| scene.mesh.positions[v as usize]);
-            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
             let both = scene.materials[scene.mesh.triangle_materials[triangle] as usize].double_sided;
             let mut pieces = Vec::new();
-            let mut add = |cube: Cube, area: f64| {
-                pieces.push((key(cube, normal), area));
-                if both {
-                    pieces.push((key(cube, -normal), area));
-                }
+            let mut add = |cube: Cube, polygon: &[DVec3]| {
+                let fan = polygon.windows(2).skip(1).map(|edge| (edge[0] - polygon[0]).cross(edge[1] - polygon[0]));
+                let area = 0.5 * fan.sum::<DVec3>().length();
+                let centre = (polygon.iter().sum::<DVec3>() / polygon.len() as f64).as_vec3();
+                let piece = |normal| Piece { key: key(cube, normal), triangle: triangle as u32, normal, centre, area };
+                pieces.push(piece(normal));
+                pieces.extend(both.then(|| piece(-normal)));
             };
-            let normal = normal.normalize_or_zero();
             if normal != Vec3::ZERO {
                 cells.cut(Cube { level: 0, at: [0; 3] }, &corners.map(Vec3::as_dvec3), &mut add);
             }
+            // Triangles with more than a cell make cells, all others share them.
+            count.fetch_add(pieces.len().saturating_sub(1), Ordering::Relaxed);
             pieces
         };
-        let pieces: Vec<(u64, f64)> = (0..scene.mesh.triangles.len()).into_par_iter().flat_map_iter(pieces).collect();
-        let mut areas: Vec<f64> = Vec::new();
-        for (key, area) in pieces {
-            let cell = cells.insert(key, areas.len() as u32) as usize;
-            areas.resize(areas.len().max(cell + 1), 0.0);
-            areas[cell] += area;
+        let pieces: Vec<Piece> = (0..scene.mesh.triangles.len()).into_par_iter().flat_map_iter(pieces).collect();
+        if stop(count.into_inner()) {
+            return None;
         }
-        cells.join_slivers(areas);
-        cells
+        // Of each cell: area, and that of its projection onto a face of the cube.
+        let mut areas: Vec<[f64; 2]> = Vec::new();
+        for Piece { key, normal, area, .. } in &pieces {
+            let cell = cells.insert(*key, areas.len() as u32) as usize;
+            areas.resize(areas.len().max(cell + 1), [0.0; 2]);
+            areas[cell][0] += area;
+            areas[cell][1] += area * f64::from(normal.abs().max_element());
+        }
+        let hidden = |&Piece { key, triangle, normal, centre, area }: &Piece| {
+            let cell = cells.slots[cells.slot(key)].1;
+            let width = cells.width_of(level_of(key));
+            let in_layers = areas[cell as usize][1] > ONE_LAYER * f64::from(width).powi(2);
+            let hides = || match covering(scene, centre, normal, width) {
+                // Of two triangles in one place one counts.
+                Some(covering) => covering.triangle != triangle || covering.is_narrow,
+                None => false,
+            };
+            (in_layers && hides()).then_some((cell, area))
+        };
+        let hidden: Vec<(u32, f64)> = pieces.par_iter().filter_map(hidden).collect();
+        let mut open: Vec<f64> = areas.iter().map(|[area, _]| *area).collect();
+        cells.layered = vec![false; areas.len()];
+        for (cell, area) in hidden {
+            open[cell as usize] -= area;
+            cells.layered[cell as usize] = true;
+        }
+        // Where all is hidden no ray looks.
+        let area = |(open, [all, _]): (f64, &[f64; 2])| if open > 1e-3 * all { open as f32 } else { *all as f32 };
+        cells.areas = open.into_iter().zip(&areas).map(area).collect();
+        Some(cells)
     }
 
-    /// Joins cells that are too small for photons to tell their light with larger ones beside them.
-    fn join_slivers(&mut self, mut areas: Vec<f64>) {
+    /// Joins cells that are too small for photons to tell their light with larger ones beside them. `landed`: cells of pilot
+    /// photons, of which there will be `ratio` times as many. Returns the new cell of each.
+    pub fn join(&mut self, landed: impl Iterator<Item = u32>, ratio: f64) -> Vec<u32> {
+        let mut areas: Vec<f64> = self.areas.iter().copied().map(f64::from).collect();
         let mut into: Vec<u32> = (0..areas.len() as u32).collect();
-        let mut least = vec![0.0; areas.len()];
         let mut cells: Vec<(u64, u32)> = self.slots.iter().copied().filter(|(key, _)| *key != EMPTY).collect();
+        let mut landings = vec![0.0; areas.len()];
+        landed.for_each(|cell| landings[cell as usize] += ratio);
+        // Of each large cube and side: area, and photons of a pass.
+        let mut around: HashMap<u64, [f64; 2]> = HashMap::new();
         for &(key, cell) in &cells {
-            least[cell as usize] = SLIVER * f64::from(self.width_of(level_of(key))).powi(2);
+            let [area, photons] = around.entry(ancestor(key)).or_insert([0.0, 0.5 * ratio]);
+            *area += areas[cell as usize];
+            *photons += landings[cell as usize];
+        }
+        let mut least = vec![0.0; areas.len()];
+        for &(key, cell) in &cells {
+            let [area, photons] = around[&ancestor(key)];
+            let sliver = SLIVER * f64::from(self.width_of(level_of(key))).powi(2);
+            least[cell as usize] = sliver.max(LEAST_LANDINGS * area / photons);
         }
         for level in (1..=MAX_LEVEL).rev() {
             // Cells of one family lie in one cube of the next level and face the same way.
@@ -104,6 +183,7 @@ impl SurfaceCells {
                 for cell in members.filter(|cell| *cell != largest) {
                     if areas[cell] < least[cell] {
                         areas[largest] += areas[cell];
+                        self.layered[largest] |= self.layered[cell];
                         into[cell] = largest as u32;
                     }
                 }
@@ -116,8 +196,10 @@ impl SurfaceCells {
             }
             cell
         };
-        self.slots.iter_mut().filter(|(key, _)| *key != EMPTY).for_each(|(_, cell)| *cell = root(*cell));
+        let joined: Vec<u32> = (0..areas.len() as u32).map(root).collect();
+        self.slots.iter_mut().filter(|(key, _)| *key != EMPTY).for_each(|(_, cell)| *cell = joined[*cell as usize]);
         self.areas = areas.into_iter().map(|area| area as f32).collect();
+        joined
     }
 
     pub fn len(&self) -> usize {
@@ -129,8 +211,24 @@ impl SurfaceCells {
         self.areas[cell as usize]
     }
 
+    /// The cell in which light lands; `None` where its area does not count, and by rounding on seams.
+    pub fn of_landing(&self, scene: &TracedScene, surface: &SurfacePoint) -> Option<u32> {
+        let (cell, level) = self.find(surface.position, surface.geometric_normal)?;
+        let hides = || {
+            let width = self.width_of(level);
+            let covering = covering(scene, surface.position, surface.geometric_normal, width);
+            covering.is_some_and(|covering| covering.is_above || covering.is_narrow)
+        };
+        (!(self.layered[cell as usize] && hides())).then_some(cell)
+    }
+
     /// The cell of a place on the side of a surface that `geometric_normal` points to; `None` by rounding on seams.
     pub fn of_place(&self, position: Vec3, geometric_normal: Vec3) -> Option<u32> {
+        Some(self.find(position, geometric_normal)?.0)
+    }
+
+    /// The cell, and its level.
+    fn find(&self, position: Vec3, geometric_normal: Vec3) -> Option<(u32, u32)> {
         let place = (position - self.low) * ((1 << MAX_LEVEL) as f32 / self.root);
         let place = place.as_uvec3().min(glam::UVec3::splat((1 << MAX_LEVEL) - 1));
         let mut cube = Cube { level: 0, at: [0; 3] };
@@ -140,7 +238,7 @@ impl SurfaceCells {
         }
         let key = key(cube, geometric_normal);
         let (found, cell) = self.slots[self.slot(key)];
-        (found == key).then_some(cell)
+        (found == key).then_some((cell, cube.level))
     }
 
     fn width_of(&self, level: u32) -> f32 {
@@ -158,11 +256,10 @@ impl SurfaceCells {
         }
     }
 
-    /// Cuts a polygon into the leaves below a cube that holds it; `add` gets their areas.
-    fn cut(&self, cube: Cube, polygon: &[DVec3], add: &mut impl FnMut(Cube, f64)) {
+    /// Cuts a polygon into the leaves below a cube that holds it; `add` gets what lies in each.
+    fn cut(&self, cube: Cube, polygon: &[DVec3], add: &mut impl FnMut(Cube, &[DVec3])) {
         if !self.is_split(cube) {
-            let fan = polygon.windows(2).skip(1).map(|edge| (edge[0] - polygon[0]).cross(edge[1] - polygon[0]));
-            return add(cube, 0.5 * fan.sum::<DVec3>().length());
+            return add(cube, polygon);
         }
         let width = self.width_of(cube.level + 1);
         let middle = |axis: usize| f64::from((2 * cube.at[axis] + 1) as f32 * width + self.low[axis]);
@@ -227,6 +324,38 @@ fn level_of(key: u64) -> u32 {
 fn parent(key: u64) -> u64 {
     let [x, y, z] = [0, 12, 24].map(|shift| (key >> shift & 0xfff) >> 1 << shift);
     x | y | z | u64::from(level_of(key) - 1) << 36 | key >> 40 << 40
+}
+
+/// The key of the same side in a cube in which pilot photons are counted, or in the cell's own if that is larger.
+fn ancestor(mut key: u64) -> u64 {
+    while level_of(key) > PILOT_LEVEL {
+        key = parent(key);
+    }
+    key
+}
+
+/// What is met from above a place.
+struct Covering {
+    triangle: u32,
+    /// Whether it lies above the place by more than rounding.
+    is_above: bool,
+    /// Whether light can hardly get between the place and what faces it.
+    is_narrow: bool,
+}
+
+/// What lies on a place of a cell that is `width` wide.
+fn covering(scene: &TracedScene, place: Vec3, normal: Vec3, width: f32) -> Option<Covering> {
+    let offset = scene.bvh.shadow_offset(0.0);
+    let origin = place + normal * offset;
+    let free = scene.closest_hit(origin, normal, width).map_or(width, |hit| hit.distance);
+    let (s, t) = normal.any_orthonormal_pair();
+    let tilted = [s, t, -s, -t].map(|side| (0.5 * normal + 0.75f32.sqrt() * side).normalize());
+    let is_narrow = free < NARROW[0] * width
+        && tilted.iter().all(|direction| scene.closest_hit(origin, *direction, NARROW[1] * width).is_some());
+    // A skin may lie closer than rays can start.
+    let height = offset + 0.5 * free;
+    let hit = scene.closest_hit(place + normal * height, -normal, 2.0 * height)?;
+    Some(Covering { triangle: hit.triangle, is_above: hit.distance < height - offset, is_narrow })
 }
 
 /// The part of a convex polygon on one side of a plane [Sutherland 1974].

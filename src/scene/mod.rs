@@ -112,7 +112,12 @@ impl Scene {
 
     /// Whether any surface is a perfect mirror somewhere.
     pub fn has_mirrors(&self) -> bool {
-        self.materials.iter().any(|material| material.least_roughness(&self.textures) == 0.0)
+        (0..self.materials.len() as u32).any(|material| self.may_mirror(material))
+    }
+
+    /// Whether a material is a perfect mirror somewhere.
+    pub fn may_mirror(&self, material: u32) -> bool {
+        self.materials[material as usize].least_roughness(&self.textures) == 0.0
     }
 
     /// Default image size through `camera`: the scene's own, else 480 rows with the camera's aspect ratio, else

@@ -53,8 +53,8 @@ struct Known {
     /// Indirect light by the operator that its change belongs to; `None` if that was replaced.
     operator: Option<Arc<Vec<Vec3>>>,
     /// Expected squared error of each pixel at unit strength, relative to `errors2`.
-    part: f32,
-    errors2: Arc<Vec<f32>>,
+    part: f64,
+    errors2: Arc<Vec<f64>>,
 }
 
 /// A running thread.
@@ -96,7 +96,7 @@ const INTERVAL: Duration = Duration::from_millis(700);
 const FIRST_PASSES: u32 = 2;
 /// Bytes of what is known, unless the lights of the rig alone need more.
 const MOST_BYTES: usize = 1 << 30;
-const BYTES_A_PIXEL: usize = 3 * size_of::<Vec3>() + 2 * size_of::<u32>() + size_of::<f32>();
+const BYTES_A_PIXEL: usize = 3 * size_of::<Vec3>() + 2 * size_of::<u32>() + size_of::<f64>();
 
 impl FinalGathering {
     pub fn new(error: Option<f64>, proxy: EventLoopProxy<LoadEvent>) -> Self {
@@ -173,8 +173,8 @@ impl FinalGathering {
     }
 
     /// Expected squared error of each pixel for the lights as they are; `None` if there is a light of which nothing is known.
-    fn errors2(&self, rig: &Rig) -> Option<Vec<f32>> {
-        let mut sum: Vec<f32> = Vec::new();
+    fn errors2(&self, rig: &Rig) -> Option<Vec<f64>> {
+        let mut sum: Vec<f64> = Vec::new();
         for light in shining(rig) {
             let known = self.known(rig, light)?;
             let weight = known.weight(rig.scale(light));
@@ -188,7 +188,7 @@ impl FinalGathering {
     /// gathered.
     pub fn errors(&self, rig: &Rig) -> Option<Vec<f32>> {
         let errors2 = self.errors2(rig).filter(|errors2| !errors2.is_empty() && self.mean > 0.0)?;
-        Some(errors2.into_iter().map(|error2| error2.sqrt() / self.mean as f32).collect())
+        Some(errors2.into_iter().map(|error2| (error2.sqrt() / self.mean) as f32).collect())
     }
 
     fn passes(&self, rig: &Rig, light: usize) -> u32 {
@@ -197,7 +197,7 @@ impl FinalGathering {
 
     /// Notes what is known of the lights as they are; `mean`: luminance of the picture.
     fn assess(&mut self, rig: &Rig, mean: f64) {
-        let relative = |errors2: Vec<f32>| match final_gather::mean(&errors2).sqrt() {
+        let relative = |errors2: Vec<f64>| match final_gather::mean(&errors2).sqrt() {
             0.0 => 0.0, // also of black pictures
             error => error / mean,
         };
@@ -253,7 +253,7 @@ impl FinalGathering {
         let is_other = |light: &usize| !lights.contains(light);
         let others = shining(&rig).filter(is_other).filter_map(|light| {
             let known = self.known(&rig, light)?;
-            Some(final_gather::mean(&known.errors2) * f64::from(known.weight(rig.scale(light))))
+            Some(final_gather::mean(&known.errors2) * known.weight(rig.scale(light)))
         });
         let of_light = |&index: &usize| {
             let operator = self.operator.iter().find(|(light, _)| *light == index).expect("made above").1.clone();
@@ -319,8 +319,8 @@ impl FinalGathering {
 
 impl Known {
     /// What its part of `errors2` is multiplied by, at a scale of the light.
-    fn weight(&self, scale: Vec3) -> f32 {
-        self.part * scale.length_squared() / 3.0
+    fn weight(&self, scale: Vec3) -> f64 {
+        self.part * scale.as_dvec3().length_squared() / 3.0
     }
 }
 
@@ -340,7 +340,7 @@ impl Task {
             }
         }
         let wanted = |light| lights.iter().any(|wanted| wanted.index == light);
-        let mut gather = FinalGather::new(scene, framebuffer, rig, wanted, self.seed);
+        let mut gather = FinalGather::new(scene, framebuffer, rig, wanted, self.seed, before);
         let mut told_at = Instant::now();
         let mut whole_passes = 0;
         loop {

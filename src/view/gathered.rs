@@ -10,7 +10,7 @@ use crate::final_gather::Estimate;
 pub struct Gathered {
     pub lights: Vec<GatheredLight>,
     /// Expected squared error of each pixel, row by row; of these lights together.
-    pub errors2: Arc<Vec<f32>>,
+    pub errors2: Arc<Vec<f64>>,
     /// Whether the thread finds no more.
     pub has_ended: bool,
 }
@@ -24,7 +24,7 @@ pub struct GatheredLight {
     /// What is added to the light's image.
     pub change: Vec<Vec3>,
     /// Its part of the squared error at unit strength, relative to [`Gathered::errors2`].
-    pub part: f32,
+    pub part: f64,
 }
 
 /// How far final gathering has come with the lights as they are.

@@ -52,9 +52,13 @@ impl Projection {
     /// perfect mirror's reflection.
     pub fn project(&self, brdf: &Brdf, wi: Vec3, values: &mut [Vec3]) {
         let radials = self.radials(brdf, wi.z, radials_of(values.len()));
-        let albedo = radials[0] * PI.sqrt() as f32;
-        let cap = (left_by_mirror(brdf, wi.z, ALBEDO_CAP) / albedo.max(Vec3::splat(1e-6))).min(Vec3::ONE);
-        spread(values, |i| radials[i] * cap, azimuths(wi.x, wi.y));
+        let capped = capped(brdf, wi.z, radials[0] * PI.sqrt() as f32);
+        spread(values, |i| radials[i] * capped, azimuths(wi.x, wi.y));
+    }
+
+    /// What [`Self::project`] multiplies light at this cosine by, so that no more than [`ALBEDO_CAP`] is reflected.
+    pub fn cap(&self, brdf: &Brdf, cosine: f32) -> Vec3 {
+        capped(brdf, cosine, self.albedo(brdf, cosine))
     }
 
     /// Directional albedo of `brdf` at this cosine, without the cap.
@@ -136,6 +140,11 @@ impl Projection {
         }
         radials
     }
+}
+
+/// The share of light that may be reflected, beside a perfect mirror's reflection, of what an albedo says.
+fn capped(brdf: &Brdf, cosine: f32, albedo: Vec3) -> Vec3 {
+    (left_by_mirror(brdf, cosine, ALBEDO_CAP) / albedo.max(Vec3::splat(1e-6))).min(Vec3::ONE)
 }
 
 /// The part of `cap` that remains after a perfect mirror's reflection.
