@@ -4,12 +4,16 @@ use glam::{DVec3, Vec3};
 use relume::bake::baselines::thesis::{Thesis, shade_thesis};
 use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
-use relume::scene::{Light, Material, Scene};
+use relume::reference::path_tracer::{Half, Layer, PathTracer};
+use relume::scene::{Light, Material, Rig, Scene};
 use relume::shared::ALBEDO_CAP;
 
+use crate::common::drawn::tracing;
 use crate::common::stage::{Build, ball, lambert};
-use crate::even::{Stage, errors, settings, shining};
+use crate::even::{Stage, errors, gathered, settings, shining};
 use crate::table::{Row, check, full};
+
+const FEW_GO_FAR: &str = "some thousand photons answer for all bounces beyond the eighth; both halves may err alike";
 
 fn room(material: Material) -> Scene {
     let mut build = Build::default();
@@ -54,7 +58,8 @@ fn closed_rooms_at_any_albedo() {
         }
         for (what, scene) in [("box", room(shining(albedo))), ("ball", ball(12, shining(albedo)))] {
             let errors = errors(&Stage::inside(scene), albedo);
-            rows.extend(errors.rows(&format!("closed {what}, albedo {albedo}, shining evenly"), albedo));
+            let few = (albedo > 0.9995).then_some(FEW_GO_FAR);
+            rows.extend(errors.rows(&format!("closed {what}, albedo {albedo}, shining evenly"), albedo, few));
         }
     }
     check("energy", &rows);
@@ -96,8 +101,19 @@ fn furnaces() {
             let case = format!("box of {what}, roughness {roughness}");
             let radius = transfer.certificate.spectral_radius;
             let note = format!("{:.2} % scaled away", 100.0 * transfer.certificate.capped);
-            let row = Row::new(case, "spectral radius below 1", 1.0 - 1e-6, radius).note(note);
+            let row = Row::new(&case, "spectral radius below 1", 1.0 - 1e-6, radius).note(note);
             rows.push(row.thesis(thesis.spectral_radius));
+            let gathered = gathered(&stage.scene, &stage.framebuffer, &Rig::default(), 4).concat();
+            let tracer = PathTracer::new(&stage.scene, &stage.framebuffer.camera, &Rig::default(), &tracing(32, 32));
+            let traced = tracer.trace(1, &|| false, &|_| ()).layer(Half::Both, Layer::Emission);
+            let most = 1.0 / (1.0 - f64::from(ALBEDO_CAP));
+            for (asked, bound, image) in [
+                ("gathered light, mean over pixels, not without bounds", 100.0 * most, gathered),
+                ("path-traced light, mean over pixels, not without bounds", 100.0 * most, traced),
+            ] {
+                let mean = image.iter().map(|pixel| f64::from(pixel[0])).sum::<f64>() / image.len() as f64;
+                rows.push(Row::new(&case, asked, bound, mean));
+            }
         }
     }
     check("furnaces", &rows);

@@ -9,11 +9,14 @@ use relume::bake::transfer::Transfer;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
-use relume::scene::{Camera, Material, Projection, Scene};
+use relume::final_gather::{FinalGather, Refined};
+use relume::reference::path_tracer::{Half, Layer, PathTracer};
+use relume::scene::{Camera, Material, Projection, Rig, Scene};
 use relume::shared::NO_BRDF;
 use relume::storage::journal::Journal;
 use relume::trace::bvh::TracedScene;
 
+use crate::common::drawn::tracing;
 use crate::common::stage::{lambert, look};
 use crate::common::transfer;
 use crate::table::Row;
@@ -73,6 +76,17 @@ pub fn compressed(transfer: &LightTransport, error: f64) -> Transfer {
     Transfer::nested(transfer, &settings, &mut Journal::default(), &|_| ()).unwrap()
 }
 
+/// Mean of both halves of what final gathering finds of each light, row by row, at unit strength.
+pub fn gathered(scene: &TracedScene, framebuffer: &DeepFramebuffer, rig: &Rig, passes: u32) -> Vec<Vec<[f32; 3]>> {
+    let mut gather = FinalGather::new(scene, framebuffer, rig, |_| true, 1, 0);
+    (0..passes).for_each(|_| gather.pass(&|| false));
+    let image = |source: usize| {
+        let [a, b] = [0, 1].map(|half| gather.image(half, source));
+        a.iter().zip(b).map(|(a, b)| (0.5 * (*a + b)).to_array()).collect()
+    };
+    (0..gather.lights().count()).map(image).collect()
+}
+
 /// Relative errors of indirect light, root mean square over pixels.
 pub struct Errors {
     /// Of the operator.
@@ -82,22 +96,40 @@ pub struct Errors {
     /// Noise of rows that compression leaves out, as it reports it.
     noise: f64,
     thesis: f64,
+    /// Of final gathering alone and of the path tracer, mean over the picture.
+    gathered: f64,
+    traced: f64,
+    /// Of the compressed form, refined by final gathering.
+    refined: f64,
 }
 
 /// Error that compression is asked for.
 const COMPRESSION: f64 = 0.01;
 
 impl Errors {
-    /// What the table says of them.
-    pub fn rows(&self, case: &str, albedo: f32) -> [Row; 2] {
+    /// What the table says of them. `few`: why few photons answer, if that is known.
+    pub fn rows(&self, case: &str, albedo: f32, few: Option<&'static str>) -> [Row; 5] {
         let asked = format!("every pixel ρ/(1-ρ), ρ = {albedo}");
         let compressed = "the same, compressed: noise and 1 %";
+        let by_photons = |row: Row| match few {
+            Some(few) => row.short(few),
+            None => row,
+        };
+        let refined = Row::new(case, "the same, refined by final gathering", self.noise + COMPRESSION, self.refined);
         [
             Row::new(case, asked, 1e-3, self.ours).thesis(self.thesis),
             Row::new(case, compressed, self.noise + COMPRESSION, self.compressed),
+            by_photons(refined),
+            by_photons(Row::new(case, "the same, gathered alone, mean over pixels", MEANS, self.gathered)),
+            Row::new(case, "the same, path-traced, mean over pixels", MEANS, self.traced),
         ]
     }
 }
+
+/// Error of the mean of noisy pictures.
+const MEANS: f64 = 2e-2;
+/// Passes of final gathering.
+const PASSES: u32 = 16;
 
 /// How far a closed scene of [`shining`] material is from its answer.
 pub fn errors(stage: &Stage, albedo: f32) -> Errors {
@@ -122,5 +154,33 @@ pub fn errors_with(stage: &Stage, albedo: f32, settings: &TransferSettings) -> E
     let thesis = stage.thesis(settings.samples);
     let emitted: Vec<DVec3> = thesis.samples.samples.iter().map(|s| s.emission.as_dvec3()).collect();
     let thesis = thesis.rows(&lit, Lobe::All).multiply(&thesis.bounce(&emitted));
-    Errors { ours: error(&rows), compressed: error(&compressed), noise, thesis: error(&thesis) }
+    let mut gather = FinalGather::new(&stage.scene, &stage.framebuffer, &Rig::default(), |_| true, 1, 0);
+    (0..PASSES).for_each(|_| gather.pass(&|| false));
+    let estimate = gather.estimate(0);
+    let DeepFramebuffer { tiling, .. } = &stage.framebuffer;
+    let pixels: Vec<(u32, u32)> = (0..tiling.height).flat_map(|y| (0..tiling.width).map(move |x| (x, y))).collect();
+    let operator: Vec<Vec3> = pixels.iter().map(|&(x, y)| all[tiling.index(x, y)].as_vec3()).collect();
+    let Refined { changes, .. } = Refined::new(tiling.width as usize, &[(Vec3::ONE, &operator, &estimate)]);
+    let refined: Vec<DVec3> = operator.iter().zip(&changes[0]).map(|(a, b)| (*a + *b).as_dvec3()).collect();
+    let of_mean = |pixels: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) = pixels.fold((0.0, 0.0), |(sum, count), pixel| (sum + pixel, count + 1.0));
+        (sum / count / want - 1.0).abs()
+    };
+    let halves = estimate.halves.iter().flatten();
+    let traced = tracing(tiling.width, tiling.height);
+    // Paths between nearly white surfaces are long.
+    let samples = (320.0 * (1.0 - albedo)).clamp(1.0, 32.0) * (1024.0 / tiling.len() as f32).max(1.0);
+    let camera = &stage.framebuffer.camera;
+    let film =
+        PathTracer::new(&stage.scene, camera, &Rig::default(), &traced).trace(samples as u32, &|| false, &|_| ());
+    Errors {
+        ours: error(&rows),
+        compressed: error(&compressed),
+        noise,
+        thesis: error(&thesis),
+        gathered: of_mean(&mut halves.map(|pixel| f64::from(pixel.x))),
+        // What surfaces emit themselves is no indirect light.
+        traced: of_mean(&mut film.layer(Half::Both, Layer::Emission).iter().map(|pixel| f64::from(pixel[0]) - 1.0)),
+        refined: error(&refined),
+    }
 }

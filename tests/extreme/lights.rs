@@ -12,6 +12,7 @@ use relume::bake::transfer::sky::SkyTransfer;
 use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
+use relume::final_gather::{FinalGather, Refined};
 use relume::relight::{Layers, Picture, Relighter, Request};
 use relume::scene::{Camera, Light, LightKind, Projection, Rig, Scene};
 use relume::storage::journal::Journal;
@@ -59,6 +60,31 @@ impl Relit {
 
     pub fn relighter(&self, gpu: &Gpu, rig: &Rig) -> Relighter {
         self.stage.relighter(gpu, rig, &self.setup)
+    }
+
+    /// What final gathering finds of each light; see [`even::gathered`].
+    pub fn gathered(&self, rig: &Rig, passes: u32) -> Vec<Vec<[f32; 3]>> {
+        even::gathered(&self.stage.scene, &self.stage.framebuffer, rig, passes)
+    }
+
+    /// Indirect light, refined by final gathering.
+    pub fn refined(&self, gpu: &Gpu, rig: &Rig) -> Vec<DVec3> {
+        let mut gather = FinalGather::new(&self.stage.scene, &self.stage.framebuffer, rig, |_| true, 1, 0);
+        (0..4).for_each(|_| gather.pass(&|| false));
+        let lights: Vec<usize> = gather.lights().collect();
+        let mut relighter = self.relighter(gpu, rig);
+        let operator: Vec<Vec<Vec3>> = lights.iter().map(|&light| relighter.indirect(light).unwrap()).collect();
+        let estimates: Vec<_> = (0..lights.len()).map(|source| gather.estimate(source)).collect();
+        let of_light = |i: usize| (rig.scale(lights[i]), &operator[i][..], &estimates[i]);
+        let of_lights: Vec<_> = (0..lights.len()).map(of_light).collect();
+        let refined = Refined::new(self.setup.width as usize, &of_lights);
+        assert!(refined.error().is_finite() && refined.error() > 0.0, "{}", refined.error());
+        let mut sum = vec![DVec3::ZERO; operator[0].len()];
+        for ((scale, operator, _), change) in of_lights.iter().zip(&refined.changes) {
+            let pixels = operator.iter().zip(change).map(|(a, b)| scale.as_dvec3() * (*a + *b).as_dvec3());
+            sum.iter_mut().zip(pixels).for_each(|(sum, pixel)| *sum += pixel);
+        }
+        sum
     }
 
     /// What each pass leaves that is not finite.
@@ -136,9 +162,18 @@ fn brightness_and_number() {
     let setup = Setup::new(64, 48);
     let relit = Relit::new(scene, &camera, &rig(vec![plain.clone()]), &setup);
     let [direct, indirect] = relit.pictures(&gpu, &rig(vec![plain.clone()])).map(|image| over(&image, 1.0));
+    let refined = |lights: &[Light]| relit.refined(&gpu, &rig(lights.to_vec()));
+    let plain_refined = refined(std::slice::from_ref(&plain));
     let mut rows = Vec::new();
     for candelas in [1e-20, 1e20] {
         let light = Light { intensity: candelas, ..plain.clone() };
+        let of_unit: Vec<DVec3> = refined(std::slice::from_ref(&light)).iter().map(|p| *p / candelas).collect();
+        rows.push(Row::new(
+            format!("a light of {candelas:.0e} cd"),
+            "refined indirect light of 1 cd, so many times",
+            1e-5,
+            relative(&of_unit, &plain_refined),
+        ));
         let pictures = relit.pictures(&gpu, &rig(vec![light]));
         for (what, got, want) in [("first-hand", &pictures[0], &direct), ("indirect", &pictures[1], &indirect)] {
             let asked = format!("{what} light of 1 cd, so many times");
@@ -154,6 +189,10 @@ fn brightness_and_number() {
     let [first, _] = relit.pictures(&gpu, &rig(both.to_vec()));
     let asked = "as the brighter one alone";
     rows.push(Row::new("lights of 1e-20 and 1e20 cd", asked, 1e-5, relative(&over(&first, 1e20), &direct)));
+
+    let both: Vec<DVec3> = refined(&both).iter().map(|p| *p / 1e20).collect();
+    let asked = "refined indirect light, as of the brighter one alone";
+    rows.push(Row::new("lights of 1e-20 and 1e20 cd", asked, 0.05, relative(&both, &plain_refined)));
 
     let black = relit.pictures(&gpu, &rig(Vec::new()));
     let most = black.iter().map(|image| largest(image)).fold(0.0, f64::max);
@@ -189,16 +228,18 @@ fn places() {
     };
     let lights: Vec<Light> = places.iter().map(light).collect();
     let relit = Relit::new(scene, &camera, &rig(lights.clone()), &Setup::new(64, 48));
+    let gathered = relit.gathered(&rig(lights.clone()), 4);
     let mut rows = Vec::new();
-    for (i, pictures) in relit.by_light(&gpu, &lights).iter().enumerate() {
+    for (i, pictures) in relit.by_light(&gpu, &lights).into_iter().enumerate() {
         let case = format!("a light {}", places[i].0);
+        let pictures = [&pictures[0][..], &pictures[1], &gathered[i]];
         match i {
             0..4 => {
-                let most = negative(&pictures[0]).max(negative(&pictures[1]));
+                let most = pictures.map(negative).into_iter().fold(0.0, f64::max);
                 rows.push(Row::new(case, "finite, hardly any of it below 0", 1e-4, most));
             }
             _ => {
-                let most = largest(&pictures[0]).max(largest(&pictures[1]));
+                let most = pictures.map(largest).into_iter().fold(0.0, f64::max);
                 rows.push(Row::new(case, "black", 0.0, most));
             }
         }

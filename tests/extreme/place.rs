@@ -98,7 +98,7 @@ fn closed_rooms_of_any_size() {
         let material = build.material(shining(0.9));
         build.room(DVec3::ZERO, scale, material);
         let errors = crate::even::errors(&crate::even::Stage::inside(build.scene()), 0.9);
-        rows.extend(errors.rows(&format!("closed box of side {:.0e} m", 2.0 * scale), 0.9));
+        rows.extend(errors.rows(&format!("closed box of side {:.0e} m", 2.0 * scale), 0.9, None));
     }
     check("size", &rows);
 }

@@ -26,6 +26,7 @@ const ROUNDING: f64 = 1e-8;
 const TOUCHES: &str =
     "its points are bounded within their share of its surface, which takes light from where it touches";
 const HIDDEN: &str = "none of its 256 points is in the room; paths find the way to the others";
+const SELDOM: &str = "few of the points that are drawn on it are in the room, so both are noisy";
 
 fn grey() -> Material {
     Material { name: "grey".into(), ..lambert(Vec3::splat(ALBEDO as f32)) }
@@ -161,6 +162,16 @@ fn sizes_and_places() {
                 row.short(TOUCHES)
             }
             "a disk of 100 m below the ceiling" | "a spot of 100 m" => row.short(HIDDEN),
+            _ => row,
+        });
+        let gathered = relit.gathered(&rig(vec![light.clone()]), 16);
+        let [ours, want] =
+            [&gathered.concat(), &traced(&relit, &light, u32::MAX, 64, Layer::Indirect)].map(|p| mean(p));
+        let ours = if gathered.is_empty() { 0.0 } else { ours * rig(vec![light]).scale(0).x as f64 };
+        let asked = "gathered indirect light as path-traced, mean over pixels";
+        let row = Row::new(case, asked, 3e-2, (ours - want).abs() / want.max(ROUNDING));
+        rows.push(match case {
+            "a disk of 100 m below the ceiling" | "a spot of 100 m" => row.short(SELDOM),
             _ => row,
         });
     }
