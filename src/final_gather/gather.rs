@@ -11,15 +11,17 @@
 
 use glam::{DVec3, Vec3};
 
+use super::balance::Found;
+use super::bounds::Bounds;
 use super::irradiance_cache::IrradianceCache;
-use super::photons::{LitPoint, MAX_TILT, Sent};
+use super::photons::{LitPoint, Sent};
 use super::sources::Source;
 use super::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::fan::Fan;
-use crate::physics::brdf::{self, Lobes, Reflected};
+use crate::physics::brdf::{self, Lobes};
 use crate::physics::octahedral;
 use crate::physics::sequence::{Points, ShiftedPoints};
 use crate::shared::{Brdf, LIGHT_FACET, NO_BRDF, PackedLight};
@@ -105,47 +107,6 @@ struct Vertex {
     order: u32,
 }
 
-/// How likely light of a source is found in all ways that there are, at a surface that a ray from a view sample met.
-#[derive(Clone, Copy, Default)]
-struct Found {
-    /// Density of such rays by area; `None` if no connection finds the surface.
-    rays: Option<f64>,
-    /// Probability that the source is chosen there, to look at one point of it.
-    chance: f64,
-    /// Density with which the specular lobe finds that point, relative to that of points.
-    by_lobe: f64,
-    /// By area.
-    connections: f64,
-}
-
-impl Found {
-    /// The balance heuristic's weight of light that is found by points on the source.
-    fn by_point(self) -> f64 {
-        self.chance / self.all()
-    }
-
-    /// The same of light that is found by the lobe.
-    fn by_lobe(self) -> f64 {
-        self.by_lobe / self.all()
-    }
-
-    /// The same of light that a connection finds.
-    fn by_connection(self) -> f64 {
-        1.0 - (self.chance + self.by_lobe) / self.all()
-    }
-
-    /// Reflected light with the `weight` of its parts, if a lobe goes on with a probability, times the solid angle that a
-    /// point of the source stands for.
-    fn reflected(self, at: Reflected, goes_on: f64, weight: fn(Self) -> f64) -> DVec3 {
-        let specular = Self { by_lobe: goes_on * at.density, ..self };
-        at.diffuse * weight(self) + at.specular * weight(specular)
-    }
-
-    fn all(self) -> f64 {
-        self.chance + self.by_lobe + self.rays.map_or(0.0, |rays| self.connections / rays)
-    }
-}
-
 /// A surface that a ray left by its specular lobe.
 struct Last {
     surface: SurfacePoint,
@@ -156,19 +117,6 @@ struct Last {
     density: f64,
 }
 
-/// Approximates 64 view samples as seen from points that send light.
-struct Bounds {
-    /// Positions and unit normals of some.
-    some: [(Vec3, Vec3); SOME],
-    /// Least squared distance that counts.
-    near2: f32,
-    /// Expected connections for each unit of potential, by area.
-    per_potential: f64,
-}
-
-/// Number of view samples that stand for 64.
-const SOME: usize = 4;
-
 impl Pass<'_> {
     /// Radiance of the view samples `64 chunk` and up, by source and lane, from sources of unit strength.
     pub fn gather(&self, chunk: usize, scratch: &mut Scratch) -> Vec<Vec3> {
@@ -177,7 +125,8 @@ impl Pass<'_> {
         if receivers.is_empty() {
             return vec![Vec3::ZERO; sums.len()];
         }
-        let bounds = self.choose(chunk, Bounds::of(&receivers), scratch);
+        let bounds =
+            self.choose(chunk, Bounds::of(&receivers, |receiver| (receiver.position, receiver.normal)), scratch);
         scratch.vertices.clear();
         receivers.iter().for_each(|receiver| self.cast(receiver, &bounds, scratch, &mut sums));
         self.light(chunk, &bounds, scratch, &mut sums);
@@ -222,7 +171,7 @@ impl Pass<'_> {
         let candidate = |i: usize, offset: f64| ((i as f64 + offset) * stride) as usize % self.lit.len();
         let weight = |index: usize| {
             let lit = &self.lit[index];
-            potential(&bounds, &self.sources[lit.source as usize], &lit.surface, lit.light) / lit.density
+            bounds.potential(&self.sources[lit.source as usize], &lit.surface, lit.light) / lit.density
         };
         // The normalization must not depend on the chosen points, so other candidates estimate it.
         let total: f64 = (0..count).map(|i| weight(candidate(i, offset + 0.5))).sum();
@@ -242,19 +191,6 @@ impl Pass<'_> {
         // Candidates stand for all points.
         bounds.per_potential = self.rays() / (stride * total);
         bounds
-    }
-
-    /// Expected connections to a place that sends light of a source, by area.
-    fn connections(&self, bounds: &Bounds, source: &Source, surface: &SurfacePoint, light: Sent) -> f64 {
-        let landed = match light {
-            // Where normals differ much, fewer photons land than the density of lit points says.
-            Sent::Reflected { wi, .. } => {
-                let [facing, cosine] = [surface.geometric_normal, surface.normal].map(|n| n.as_dvec3().dot(wi));
-                (MAX_TILT * facing / cosine).clamp(0.0, 1.0)
-            }
-            Sent::Emitted => 1.0,
-        };
-        bounds.per_potential * potential(bounds, source, surface, light) * landed
     }
 
     /// Casts the rays of one view sample.
@@ -320,7 +256,7 @@ impl Pass<'_> {
                     let mut found = Found { rays: vertex.density, chance: vertex.chance, ..Found::default() };
                     if vertex.density.is_some() {
                         let light = Sent::Reflected { wi: arriving.wi, irradiance: arriving.irradiance };
-                        found.connections = self.connections(bounds, source, surface, light);
+                        found.connections = bounds.connections(source, surface, light);
                     }
                     let normal = surface.normal.as_dvec3();
                     let lobes = point.emitting.and_then(|emitting| {
@@ -346,7 +282,7 @@ impl Pass<'_> {
         let packets = &self.framebuffer.packets[chunk..=chunk];
         for &(index, times) in &scratch.chosen {
             let lit = &self.lit[index as usize];
-            let density = self.connections(bounds, &self.sources[lit.source as usize], &lit.surface, lit.light);
+            let density = bounds.connections(&self.sources[lit.source as usize], &lit.surface, lit.light);
             let chance = match lit.light {
                 // All that shines is seen where a ray hits.
                 Sent::Emitted => 1.0,
@@ -464,7 +400,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
             let by_area = by_area.filter(|by_area| *by_area > 0.0 && by_area.is_finite());
             if surface.emission != Vec3::ZERO {
                 match &last {
-                    Some(last) => self.emission_by_lobe(&surface, weight, last, facing / distance2, direction),
+                    Some(last) => self.emission_by_lobe(&surface, weight, last, facing.max(0.0) / distance2, direction),
                     None => self.emission(&surface, weight, by_area),
                 }
             }
@@ -531,9 +467,8 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         let sources = self.pass.sources;
         let radiance = surface.emission.as_dvec3();
         for (index, source) in sources.iter().enumerate().filter(|(_, source)| source.emits(surface.material)) {
-            let share = by_area.map_or(1.0, |by_area| {
-                by_area / (by_area + self.pass.connections(self.bounds, source, surface, Sent::Emitted))
-            });
+            let share = by_area
+                .map_or(1.0, |by_area| by_area / (by_area + self.bounds.connections(source, surface, Sent::Emitted)));
             self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * share;
         }
     }
@@ -554,7 +489,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
             let by_area = by_distance / source.point_density(pass.scene, surface.material);
             let chance = pass.chances(last.cell).nth(index).expect("of each source");
             let light = Sent::Reflected { wi: direction.as_dvec3(), irradiance: radiance * by_area };
-            let connections = last.rays.map_or(0.0, |_| pass.connections(self.bounds, source, &last.surface, light));
+            let connections = last.rays.map_or(0.0, |_| self.bounds.connections(source, &last.surface, light));
             let found = Found { rays: last.rays, chance, by_lobe: last.density * by_area, connections };
             self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * found.by_lobe();
         }
@@ -597,44 +532,6 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
             order: along_curve(surface.position),
         });
     }
-}
-
-impl Bounds {
-    fn of(receivers: &[Receiver]) -> Self {
-        let last = receivers.len() - 1;
-        let some = [9, 14, 49, 54].map(|lane| {
-            let receiver = &receivers[lane * last / (PACKET_SIZE - 1)];
-            (receiver.position, receiver.normal)
-        });
-        let centre = some.iter().map(|(position, _)| *position).sum::<Vec3>() / SOME as f32;
-        let near2 = some.iter().map(|(position, _)| position.distance_squared(centre)).fold(1e-12, f32::max);
-        Self { some, near2, per_potential: 0.0 }
-    }
-
-    /// Mean of cosines over squared distance between a place and the view samples, bounded where these are near.
-    fn form(&self, position: Vec3, normal: Vec3) -> f32 {
-        let form = |(receiver, facing): &(Vec3, Vec3)| {
-            let to = *receiver - position;
-            let distance2 = to.length_squared();
-            let leaving = normal.dot(to).max(0.0);
-            let arriving = (-facing.dot(to)).max(0.0);
-            leaving * arriving / (distance2.max(1e-18) * distance2.max(self.near2))
-        };
-        self.some.iter().map(form).sum::<f32>() / SOME as f32
-    }
-}
-
-/// What a place could send to the view samples, by area: about its greatest radiance times their form factor.
-fn potential(bounds: &Bounds, source: &Source, surface: &SurfacePoint, light: Sent) -> f64 {
-    let radiance = match light {
-        Sent::Reflected { wi, irradiance } => {
-            let albedo = f64::from((surface.brdf.diffuse + surface.brdf.f0).max_element());
-            let cosine = surface.normal.as_dvec3().dot(wi).max(0.0);
-            irradiance.max_element() * cosine * albedo * std::f64::consts::FRAC_1_PI
-        }
-        Sent::Emitted => surface.emission.max_element().into(),
-    };
-    source.scale * radiance * f64::from(bounds.form(surface.position, surface.geometric_normal))
 }
 
 /// Surface points as receivers of shadow rays.

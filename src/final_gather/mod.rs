@@ -3,6 +3,8 @@
 //! A pass sends photons from the lights, keeps the irradiance that they carry after a bounce in [cells](surface_cells),
 //! and [gathers](gather) at all view samples: the first bounce by rays and connections, further ones from the cells.
 
+mod balance;
+mod bounds;
 mod combine;
 mod gather;
 mod irradiance_cache;
