@@ -19,7 +19,7 @@ use relume::trace::bvh::TracedScene;
 use crate::common::drawn::tracing;
 use crate::common::stage::{lambert, look};
 use crate::common::transfer;
-use crate::table::Row;
+use crate::table::{Row, full};
 
 pub fn shining(albedo: f32) -> Material {
     Material { emissive: Vec3::ONE, ..lambert(Vec3::splat(albedo)) }
@@ -96,6 +96,12 @@ pub struct Errors {
     /// Noise of rows that compression leaves out, as it reports it.
     noise: f64,
     thesis: f64,
+    /// `None` where light bounces so often that it takes long.
+    noisy: Option<NoisyErrors>,
+}
+
+/// The same where light is gathered anew.
+struct NoisyErrors {
     /// Of final gathering alone and of the path tracer, mean over the picture.
     gathered: f64,
     traced: f64,
@@ -108,21 +114,26 @@ const COMPRESSION: f64 = 0.01;
 
 impl Errors {
     /// What the table says of them. `few`: why few photons answer, if that is known.
-    pub fn rows(&self, case: &str, albedo: f32, few: Option<&'static str>) -> [Row; 5] {
+    pub fn rows(&self, case: &str, albedo: f32, few: Option<&'static str>) -> Vec<Row> {
         let asked = format!("every pixel ρ/(1-ρ), ρ = {albedo}");
         let compressed = "the same, compressed: noise and 1 %";
         let by_photons = |row: Row| match few {
             Some(few) => row.short(few),
             None => row,
         };
-        let refined = Row::new(case, "the same, refined by final gathering", self.noise + COMPRESSION, self.refined);
-        [
+        let mut rows = vec![
             Row::new(case, asked, 1e-3, self.ours).thesis(self.thesis),
             Row::new(case, compressed, self.noise + COMPRESSION, self.compressed),
-            by_photons(refined),
-            by_photons(Row::new(case, "the same, gathered alone, mean over pixels", MEANS, self.gathered)),
-            Row::new(case, "the same, path-traced, mean over pixels", MEANS, self.traced),
-        ]
+        ];
+        if let Some(NoisyErrors { gathered, traced, refined }) = self.noisy {
+            let bound = self.noise + COMPRESSION;
+            rows.extend([
+                by_photons(Row::new(case, "the same, refined by final gathering", bound, refined)),
+                by_photons(Row::new(case, "the same, gathered alone, mean over pixels", MEANS, gathered)),
+                Row::new(case, "the same, path-traced, mean over pixels", MEANS, traced),
+            ]);
+        }
+        rows
     }
 }
 
@@ -130,6 +141,8 @@ impl Errors {
 const MEANS: f64 = 2e-2;
 /// Passes of final gathering.
 const PASSES: u32 = 16;
+/// Albedo from which light bounces so often that [`NoisyErrors`] take long.
+const WHITE: f32 = 0.99;
 
 /// How far a closed scene of [`shining`] material is from its answer.
 pub fn errors(stage: &Stage, albedo: f32) -> Errors {
@@ -154,33 +167,43 @@ pub fn errors_with(stage: &Stage, albedo: f32, settings: &TransferSettings) -> E
     let thesis = stage.thesis(settings.samples);
     let emitted: Vec<DVec3> = thesis.samples.samples.iter().map(|s| s.emission.as_dvec3()).collect();
     let thesis = thesis.rows(&lit, Lobe::All).multiply(&thesis.bounce(&emitted));
-    let mut gather = FinalGather::new(&stage.scene, &stage.framebuffer, &Rig::default(), |_| true, 1, 0);
-    (0..PASSES).for_each(|_| gather.pass(&|| false));
-    let estimate = gather.estimate(0);
-    let DeepFramebuffer { tiling, .. } = &stage.framebuffer;
-    let pixels: Vec<(u32, u32)> = (0..tiling.height).flat_map(|y| (0..tiling.width).map(move |x| (x, y))).collect();
-    let operator: Vec<Vec3> = pixels.iter().map(|&(x, y)| all[tiling.index(x, y)].as_vec3()).collect();
-    let Refined { changes, .. } = Refined::new(tiling.width as usize, &[(Vec3::ONE, &operator, &estimate)]);
-    let refined: Vec<DVec3> = operator.iter().zip(&changes[0]).map(|(a, b)| (*a + *b).as_dvec3()).collect();
-    let of_mean = |pixels: &mut dyn Iterator<Item = f64>| {
-        let (sum, count) = pixels.fold((0.0, 0.0), |(sum, count), pixel| (sum + pixel, count + 1.0));
-        (sum / count / want - 1.0).abs()
-    };
-    let halves = estimate.halves.iter().flatten();
-    let traced = tracing(tiling.width, tiling.height);
-    // Paths between nearly white surfaces are long.
-    let samples = (320.0 * (1.0 - albedo)).clamp(1.0, 32.0) * (1024.0 / tiling.len() as f32).max(1.0);
-    let camera = &stage.framebuffer.camera;
-    let film =
-        PathTracer::new(&stage.scene, camera, &Rig::default(), &traced).trace(samples as u32, &|| false, &|_| ());
     Errors {
         ours: error(&rows),
         compressed: error(&compressed),
         noise,
         thesis: error(&thesis),
-        gathered: of_mean(&mut halves.map(|pixel| f64::from(pixel.x))),
+        noisy: (albedo < WHITE || full()).then(|| noisy_errors(stage, albedo, &all)),
+    }
+}
+
+/// `operator`: indirect light by view sample.
+fn noisy_errors(stage: &Stage, albedo: f32, operator: &[DVec3]) -> NoisyErrors {
+    let want = f64::from(albedo) / (1.0 - f64::from(albedo));
+    let Stage { scene, framebuffer } = stage;
+    let mut gather = FinalGather::new(scene, framebuffer, &Rig::default(), |_| true, 1, 0);
+    (0..PASSES).for_each(|_| gather.pass(&|| false));
+    let estimate = gather.estimate(0);
+    let DeepFramebuffer { tiling, camera, .. } = framebuffer;
+    let pixels: Vec<(u32, u32)> = (0..tiling.height).flat_map(|y| (0..tiling.width).map(move |x| (x, y))).collect();
+    let operator: Vec<Vec3> = pixels.iter().map(|&(x, y)| operator[tiling.index(x, y)].as_vec3()).collect();
+    let Refined { changes, .. } = Refined::new(tiling.width as usize, &[(Vec3::ONE, &operator, &estimate)]);
+    let squares = operator.iter().zip(&changes[0]).map(|(operator, change)| {
+        let refined = (*operator + *change).as_dvec3();
+        (refined / want - 1.0).length_squared() / 3.0
+    });
+    let of_mean = |pixels: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) = pixels.fold((0.0, 0.0), |(sum, count), pixel| (sum + pixel, count + 1.0));
+        (sum / count / want - 1.0).abs()
+    };
+    // Paths between nearly white surfaces are long.
+    let samples = (320.0 * (1.0 - albedo)).clamp(1.0, 32.0) * (1024.0 / tiling.len() as f32).max(1.0);
+    let traced = tracing(tiling.width, tiling.height);
+    let tracer = PathTracer::new(scene, camera, &Rig::default(), &traced);
+    let film = tracer.trace(samples as u32, &|| false, &|_| ());
+    NoisyErrors {
+        gathered: of_mean(&mut estimate.halves.iter().flatten().map(|pixel| f64::from(pixel.x))),
         // What surfaces emit themselves is no indirect light.
         traced: of_mean(&mut film.layer(Half::Both, Layer::Emission).iter().map(|pixel| f64::from(pixel[0]) - 1.0)),
-        refined: error(&refined),
+        refined: (squares.sum::<f64>() / operator.len() as f64).sqrt(),
     }
 }
