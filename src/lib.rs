@@ -16,7 +16,8 @@
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
 //! - [`session`]: from a scene's file to a relighter: settings, plan, cache, bake.
 //! - [`final_gather`]: indirect light gathered anew for known lights, better with each pass.
-//! - [`view`]: the window, its keys, and the lighting desk behind them.
+//! - [`desk`]: the lighting desk without a window: edits of the lights, groups, snapshots, undo.
+//! - [`view`]: the window and its keys.
 //! - [`physics`]: glTF's BRDF, punctual lights, sampling sequences, directions: pure functions.
 //! - [`trace`]: BVH, packets of shadow rays, the surface at a hit.
 //! - [`storage`]: mapped files, journals, files that are whole or not there.
@@ -116,6 +117,7 @@
 //! - [Yang 2007] Yang, Glossy direct-to-indirect transfer for relighting, Master thesis, National Taiwan University.
 
 pub mod bake;
+pub mod desk;
 pub mod error;
 pub mod final_gather;
 pub mod gpu;

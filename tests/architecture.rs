@@ -4,13 +4,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Each folder, and those that it may use. A folder stands below all that it uses, so that there are no circles.
-const ALLOWED: [(&str, &[&str]); 16] = [
+const ALLOWED: [(&str, &[&str]); 17] = [
     ("error", &[]),
     ("shared", &[]),
     ("physics", &["shared"]),
     ("storage", &["error"]),
     ("image", &["error", "storage"]),
     ("scene", &["error", "image", "physics", "shared", "storage"]),
+    ("desk", &["error", "scene"]),
     ("trace", &["physics", "scene", "shared"]),
     ("bake", &["error", "physics", "scene", "shared", "storage", "trace"]),
     ("final_gather", &["bake", "physics", "scene", "shared", "trace"]),
@@ -21,7 +22,20 @@ const ALLOWED: [(&str, &[&str]); 16] = [
     ("report", &["error", "image", "storage"]),
     (
         "view",
-        &["bake", "error", "final_gather", "gpu", "image", "relight", "scene", "session", "shared", "storage", "trace"],
+        &[
+            "bake",
+            "desk",
+            "error",
+            "final_gather",
+            "gpu",
+            "image",
+            "relight",
+            "scene",
+            "session",
+            "shared",
+            "storage",
+            "trace",
+        ],
     ),
     (
         "cli",

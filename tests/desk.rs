@@ -6,10 +6,10 @@ use common::random::Random;
 use common::stage::{Setup, Stage};
 use common::{Gpu, gpu, transfer};
 use glam::{DVec3, Vec3};
+use relume::desk::selection::Selection;
+use relume::desk::{Desk, Frame, GroupEdit, LightEdit, Pick};
 use relume::relight::{Picture, Relighter};
 use relume::scene::{Light, LightGroup, LightKind, Scene};
-use relume::view::desk::selection::Selection;
-use relume::view::desk::{Desk, Frame, GroupEdit, LightEdit, Pick};
 
 /// The most lights at a time, so that memory has a bound.
 const MOST_LIGHTS: usize = 24;

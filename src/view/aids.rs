@@ -4,10 +4,10 @@ use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, Vec
 use glam::Vec3;
 
 use super::converge::Progress;
-use super::desk::{Desk, luminance};
 use super::gathered::GatheringState;
 use super::still::MIDDLE_ERROR;
 use super::views::{Aid, View, Views};
+use crate::desk::{Desk, luminance};
 use crate::relight::exposure::{stop_color, stops};
 use crate::relight::sheet::Grid;
 use crate::shared::{BINS_PER_STOP, HISTOGRAM_BINS, MIDDLE_STOP, STOP_COUNT};

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 
-use super::desk::Desk;
+use crate::desk::Desk;
 use crate::error::{Error, Result};
 use crate::scene::Rig;
 
@@ -192,8 +192,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use crate::desk::LightEdit;
     use crate::scene::{Camera, Light, Projection};
-    use crate::view::desk::LightEdit;
 
     /// A window on a rig.
     struct Window {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::desk::Desk;
+use crate::desk::Desk;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, ComparisonOverlay, Context, Pixels};
 use crate::relight::{Picture, Relighter, Request, ToneMap};

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use egui::{Color32, DragValue, Grid, Key, Modifiers, RichText, ScrollArea, Ui};
 
 use super::action::Action;
-use super::desk::{Desk, GroupEdit, LightEdit};
 use super::filter_values::filter_values;
 use super::keys::{self, Command, SECTIONS, STEPS_TEXT, Section};
 use super::light_values::light_values;
@@ -16,6 +15,7 @@ use super::open_scene::OpenScene;
 use super::snapshots::snapshots;
 use super::view_menu::view_menu;
 use super::view_state::{Dialog, ViewState};
+use crate::desk::{Desk, GroupEdit, LightEdit};
 use crate::relight::ToneMap;
 use crate::scene::{LightKind, Links};
 

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use egui::{Grid, Ui};
 use glam::Vec3;
 
-use super::desk::{Desk, TakesMap};
 use super::light_values::{Selected, color_button};
 use super::map_browser::MapBrowser;
+use crate::desk::{Desk, TakesMap};
 use crate::scene::light_filter::{BarnDoors, SOFTNESS_DEG};
 use crate::scene::{DomeMap, Light, LightKind};
 

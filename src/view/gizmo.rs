@@ -8,8 +8,8 @@ use egui::{Color32, Painter, Pos2, Rect, Stroke};
 use glam::DVec3;
 
 use super::Opened;
-use super::desk::{Desk, LEAST_SPREAD};
 use super::lights_list::chip;
+use crate::desk::{Desk, LEAST_SPREAD};
 use crate::gpu::Placement;
 use crate::scene::{Light, LightKind};
 

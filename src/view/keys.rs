@@ -3,8 +3,8 @@
 use egui::{Key, Modifiers};
 use glam::DVec3;
 
-use super::desk::{Frame, GroupEdit, LightEdit, LinkEdit};
 use super::views::{Aid, View};
+use crate::desk::{Frame, GroupEdit, LightEdit, LinkEdit};
 use crate::scene::LightKind;
 use crate::scene::rig::SLOTS;
 

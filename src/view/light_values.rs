@@ -4,7 +4,7 @@
 use egui::{DragValue, Grid, Ui};
 use glam::{DVec3, Vec3};
 
-use super::desk::{Desk, SizeKeeps, luminance};
+use crate::desk::{Desk, SizeKeeps, luminance};
 use crate::scene::rig::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb};
 use crate::scene::sky_map::TURBIDITY;
 use crate::scene::{DomeMap, Light, LightGroup, LightKind, LightUnit, PhysicalSky};

@@ -4,7 +4,7 @@ use egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
 use glam::{DVec2, DVec3, Vec3};
 
 use super::Opened;
-use super::desk::Desk;
+use crate::desk::Desk;
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Camera, Light, LightKind, MeshSpace, Projection};
 use crate::trace::surface::SurfacePoint;

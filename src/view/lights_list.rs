@@ -3,10 +3,10 @@
 use egui::{Color32, RichText, ScrollArea, Ui};
 use glam::Vec3;
 
-use super::describe::{kind_name, rounded};
-use super::desk::Desk;
-use super::desk::selection::Selection;
 use super::shares::Shares;
+use crate::desk::Desk;
+use crate::desk::describe::{kind_name, rounded};
+use crate::desk::selection::Selection;
 use crate::scene::{Light, LightGroup, Rig};
 
 /// A line of the list.

@@ -2,7 +2,7 @@
 
 use egui::{DragValue, Grid, RichText, Ui};
 
-use super::desk::Desk;
+use crate::desk::Desk;
 use crate::scene::links::MAX_FACTOR;
 use crate::scene::{Light, Links};
 

@@ -4,8 +4,8 @@ use egui::{Color32, ColorImage, Rect, Sense, TextureHandle, TextureOptions, Ui};
 use glam::{DMat3, Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::desk::Desk;
 use super::view_state::ViewState;
+use crate::desk::Desk;
 use crate::relight::ToneMap;
 use crate::scene::{DomeMap, Light, LightKind, SkyMap};
 

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use egui::{Color32, ColorImage, RichText, ScrollArea, Ui, Vec2};
 use winit::event_loop::EventLoopProxy;
 
-use super::desk::{Desk, TakesMap};
 use super::load::LoadEvent;
 use super::map_answer::{Answer, MapFile};
 use super::map_reader::{Job, MapReader, THUMBNAIL};
 use super::snapshots::Thumbnail;
+use crate::desk::{Desk, TakesMap};
 use crate::scene::SkyMap;
 use crate::scene::light_filter::{Attached, RigFiles};
 

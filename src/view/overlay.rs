@@ -2,8 +2,8 @@
 
 use egui::{Color32, Pos2, RichText, Ui};
 
-use super::desk::Desk;
 use super::timings::Timings;
+use crate::desk::Desk;
 use crate::gpu::Processor;
 
 /// Draws pass times, latency and the selection, with the upper left corner near `corner`, points.

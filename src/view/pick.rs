@@ -4,7 +4,7 @@ use egui::Pos2;
 use glam::{DVec3, Vec3};
 
 use super::Opened;
-use super::desk::{Pick, PickedObject};
+use crate::desk::{Pick, PickedObject};
 use crate::gpu::Placement;
 use crate::trace::surface::SurfacePoint;
 

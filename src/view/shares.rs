@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
-use super::desk::luminance;
-use super::rig_state::RigState;
+use crate::desk::luminance;
+use crate::desk::rig_state::RigState;
 use crate::error::Result;
 use crate::relight::{Picture, Relighter};
 use crate::scene::{Light, LightGroup};

@@ -4,9 +4,9 @@ use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui};
 
 use super::action::Action;
 use super::compare::{Comparing, Comparison};
-use super::desk::Desk;
 use super::keys::Command;
 use super::view_state::ViewState;
+use crate::desk::Desk;
 use crate::scene::rig::SLOTS;
 
 /// Width of a thumbnail, pixels.

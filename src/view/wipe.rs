@@ -3,8 +3,8 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui};
 
 use super::compare::{Comparing, Comparison};
-use super::desk::Desk;
 use super::view_state::ViewState;
+use crate::desk::Desk;
 use crate::gpu::Placement;
 
 /// Half the width in which the mouse grabs the line, points.

@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::{OpenScene, Pointer};
+use crate::desk::Pick;
+use crate::desk::describe::rounded;
+use crate::desk::selection::Selection;
 use crate::gpu::Placement;
-use crate::view::describe::rounded;
-use crate::view::desk::Pick;
-use crate::view::desk::selection::Selection;
 use crate::view::gizmo::{Gizmos, Grab, Handle};
 
 impl OpenScene {

@@ -1,10 +1,10 @@
 //! Snapshots: states of the lights, stored to be recalled or compared.
 
 use super::Desk;
+use super::rig_state::RigState;
 use super::selection::Selection;
 use crate::scene::Rig;
 use crate::scene::rig::{RigSnapshot, SLOTS};
-use crate::view::rig_state::RigState;
 
 /// A stored state of the lights.
 pub struct Snapshot {

@@ -5,11 +5,11 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use glam::DVec3;
 
 use super::Desk;
+use super::describe::kind_name;
 use super::place::MARGIN;
 use super::selection::Selection;
 use crate::scene::rig::UniqueNames;
 use crate::scene::{Light, LightKind};
-use crate::view::describe::kind_name;
 
 impl Desk {
     /// Adds a light above and right of the camera, aimed at `target`, or nearer if less is `free` along

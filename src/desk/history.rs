@@ -1,8 +1,8 @@
 //! Unlimited undo and redo: all states of the lights, which share their unchanged parts.
 
 use super::describe;
-use super::desk::selection::Selection;
 use super::rig_state::RigState;
+use super::selection::Selection;
 use crate::scene::Rig;
 
 /// A state, and the edit that led to it.

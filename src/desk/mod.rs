@@ -3,23 +3,26 @@
 mod apply_change;
 mod attach;
 mod check;
+pub mod describe;
 mod edit;
 mod groups;
+pub mod history;
 mod linking;
 mod lists;
 mod place;
+pub mod rig_state;
 pub mod selection;
 pub mod snapshots;
 
 pub use self::attach::TakesMap;
+use self::describe::{kind_name, rounded};
 pub use self::edit::{Frame, LEAST_SPREAD, LightEdit, luminance};
 pub use self::groups::GroupEdit;
+use self::history::History;
 pub use self::linking::{LinkEdit, PickedObject};
 pub use self::place::Pick;
 use self::selection::Selection;
 use self::snapshots::Snapshots;
-use super::describe::{kind_name, rounded};
-use super::history::History;
 use crate::scene::{Camera, Light, Rig};
 
 /// What a light keeps when its size changes.

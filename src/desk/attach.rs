@@ -5,11 +5,11 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 
 use super::Desk;
+use super::describe::kind_name;
 use super::selection::Selection;
 use crate::error::Result;
 use crate::scene::light_filter::{Attached, Gobo, RigFiles};
 use crate::scene::{DomeMap, Light, LightKind, SkyMap};
-use crate::view::describe::kind_name;
 
 /// What takes an environment map.
 #[derive(Clone, PartialEq)]
