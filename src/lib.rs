@@ -47,6 +47,7 @@
 //! # Bibliography
 //!
 //! - [Andersson 2020] Andersson et al., FLIP: a difference evaluator for alternating images, Proc. ACM CGIT 3(2).
+//! - [Appleby 2011] Appleby, MurmurHash3, public domain.
 //! - [Atanasov 2018] Atanasov et al., Adaptive environment sampling on CPU and GPU, SIGGRAPH Talks.
 //! - [Binder 2019] Binder, Fricke, Keller, Massively parallel path space filtering, arXiv 1902.05942.
 //! - [Burley 2020] Burley, Practical hash-based Owen scrambling, JCGT 9(4).
@@ -56,6 +57,8 @@
 //! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
 //! - [Dupuy 2023] Dupuy, Benyoub, Sampling visible GGX normals with spherical caps, Computer Graphics Forum 42(8).
 //! - [Enderton 2010] Enderton et al., Stochastic transparency, I3D.
+//! - [Friedman 2015] Friedman, Jones, Fully automatic ID mattes with support for motion blur and transparency,
+//!   SIGGRAPH Posters.
 //! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
 //!   KHR_lights_punctual, EXT_lights_area (draft), EXT_lights_ies, EXT_lights_image_based, KHR_materials_specular,
@@ -88,6 +91,7 @@
 //! - [Kreutzer 2014] Kreutzer et al., A unified sparse matrix data format for efficient general sparse matrix-vector
 //!   multiplication on modern processors with wide SIMD units, SIAM Journal on Scientific Computing 36(5).
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
+//! - [Lindbloom 2017] Lindbloom, Chromatic adaptation, brucelindbloom.com.
 //! - [Lloyd 1982] Lloyd, Least squares quantization in PCM, IEEE Transactions on Information Theory 28(2).
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
 //! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
@@ -98,6 +102,8 @@
 //! - [Preetham 1999] Preetham, Shirley, Smits, A practical analytic model for daylight, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
+//! - [RP 177-1993] SMPTE, Derivation of basic television color equations.
+//! - [S-2014-004] Academy of Motion Picture Arts and Sciences, ACEScg: a working space for CGI render and compositing.
 //! - [Saad 1986] Saad, Schultz, GMRES: a generalized minimal residual algorithm, SIAM Journal on Scientific and
 //!   Statistical Computing 7(3).
 //! - [Sinkhorn 1967] Sinkhorn, Knopp, Concerning nonnegative matrices and doubly stochastic matrices, Pacific Journal of

@@ -7,8 +7,10 @@ use std::fs;
 use std::path::Path;
 
 use command::*;
-use relume::image::Image;
 use relume::image::png::srgb8_from_linear;
+use relume::image::{Image, cryptomatte};
+use relume::scene::Scene;
+use relume::trace::bvh::TracedScene;
 use serde_json::{Value, json};
 use support::Gltf;
 
@@ -226,6 +228,58 @@ fn passes_add_up() {
     assert!(difference(&layer(&image, ""), &sum(&image, &["direct", "reflection", "emission"])) < 1e-5);
     let center = 3 * (24 * 64 + 32);
     assert_eq!(layer(&image, "emission")[center..center + 3], [0.5, 0.25, 1.0]);
+}
+
+/// Depth, normals and positions of surfaces, and mattes of objects and materials, are those that rays find.
+#[test]
+fn surfaces_and_mattes_are_what_rays_find() {
+    let folder = folder();
+    let path = folder.path().join("surfaces.exr");
+    let (width, height) = (64, 48);
+    let passes = "beauty,depth,normal,position,albedo,cryptomatte";
+    render!(shipped("balls-2.glb"), &path, "--passes", passes, "--half").done();
+    let file = exr::prelude::read_all_flat_layers_from_file(&path).unwrap();
+    let layer = &file.layer_data[0];
+    let channel = |name: &str| {
+        let found = layer.channel_data.list.iter().find(|channel| channel.name.to_string() == name);
+        found.unwrap_or_else(|| panic!("{name}")).sample_data.values_as_f32().collect::<Vec<f32>>()
+    };
+    let mattes = ["CryptoObject", "CryptoMaterial"].map(|name| {
+        [channel(&format!("{name}00.R")), channel(&format!("{name}00.G")), channel(&format!("{name}00.A"))]
+    });
+    let (depth, albedo) = (channel("depth.Z"), channel("albedo.G"));
+    let [normal, position] =
+        ["normal", "position"].map(|name| ["X", "Y", "Z"].map(|c| channel(&format!("{name}.{c}"))));
+    let scene = TracedScene::new(Scene::load(&shipped("balls-2.glb")).unwrap());
+    let camera = &scene.cameras[0];
+    let mut seen = std::collections::HashSet::new();
+    for (pixel, (x, y)) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).enumerate() {
+        let [u, v] = [(x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64];
+        let (origin, direction) = camera.ray(u, v, width as f64 / height as f64);
+        let eye = scene.space.from_world(origin);
+        let Some(hit) = scene.closest_hit(eye.as_vec3(), direction.as_vec3(), f32::INFINITY) else {
+            assert_eq!((depth[pixel], mattes[0][1][pixel]), (1e10, 0.0));
+            continue;
+        };
+        let object = &scene.objects[scene.mesh.object(hit.triangle)].name;
+        let material = &scene.materials[scene.mesh.triangle_materials[hit.triangle as usize] as usize].name;
+        for ([hash, coverage, second], name) in mattes.iter().zip([object, material]) {
+            assert_eq!(hash[pixel].to_bits(), cryptomatte::hash(name), "{x} {y}: {name}");
+            assert_eq!((coverage[pixel], second[pixel]), (1.0, 0.0));
+        }
+        seen.insert(object.clone());
+        let distance = f64::from(hit.distance) * scene.space.unit;
+        assert!((f64::from(depth[pixel]) - distance).abs() < 1e-4 * distance, "{x} {y}: {} {distance}", depth[pixel]);
+        let at = origin + distance * direction;
+        let far = (0..3).map(|c| (f64::from(position[c][pixel]) - at[c]).abs()).fold(0.0, f64::max);
+        assert!(far < 1e-3, "{x} {y}: {far}");
+        let length = (0..3).map(|c| normal[c][pixel] * normal[c][pixel]).sum::<f32>();
+        assert!((length - 1.0).abs() < 1e-4 && albedo[pixel] >= 0.0, "{x} {y}");
+    }
+    assert!(seen.len() > 2, "{seen:?}");
+    let refused = "is for EXR files";
+    let png = folder.path().join("{pass}.png");
+    render!(shipped("balls-2.glb"), png, "--passes", "depth").failed(&[refused]);
 }
 
 #[test]

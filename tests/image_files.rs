@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude as ex;
 use exr::prelude::{Blocks, Compression, Encoding, FlatSamples, LayerAttributes, LineOrder, Vec2, WritableImage, f16};
-use relume::image::{Image, exr as our_exr, png};
+use relume::image::{DataChannel, Image, exr as our_exr, png};
 use relume::storage::file;
 use relume::{Error, Result};
 
@@ -79,6 +79,42 @@ fn exr_is_one_part_with_the_contract_s_channel_names() {
 }
 
 /// Several layers of any channels, each its own part if there is more than one.
+/// Colours with 16 bits, data with 32 whatever the colours have, attributes in one order: another program's reader sees
+/// what was written.
+#[test]
+fn data_channels_and_attributes_are_written() {
+    let folder = folder();
+    let path = folder.path().join("data.exr");
+    let data = ["depth.Z", "normal.X"].map(|name| DataChannel { name: name.into(), values: vec![1e10, 0.1] });
+    let image = Image { data: data.to_vec(), ..Image::single(2, 1, vec![[0.1, 2.0, 3.0]; 2]) };
+    let texts = (0..8).map(|i| (format!("cryptomatte/{i}/name"), format!("Crypto{i} with ü"))).collect();
+    let metadata = our_exr::ExrMetadata { texts, precision: our_exr::Precision::Half, ..Default::default() };
+    let write = || {
+        our_exr::write_with_metadata(&path, &image, &metadata).unwrap();
+        fs::read(&path).unwrap()
+    };
+    let bytes = write();
+    assert!((0..5).all(|_| write() == bytes), "the same bytes each time");
+    let read = ex::read_all_flat_layers_from_file(&path).unwrap();
+    let layer = &read.layer_data[0];
+    let kind = |samples: &FlatSamples| match samples {
+        FlatSamples::F16(_) => "half",
+        FlatSamples::F32(_) => "float",
+        FlatSamples::U32(_) => "uint",
+    };
+    let kinds: Vec<(String, &str)> =
+        layer.channel_data.list.iter().map(|c| (c.name.to_string(), kind(&c.sample_data))).collect();
+    let kinds: Vec<(&str, &str)> = kinds.iter().map(|(name, kind)| (name.as_str(), *kind)).collect();
+    let wanted = [("B", "half"), ("G", "half"), ("R", "half"), ("depth.Z", "float"), ("normal.X", "float")];
+    assert_eq!(kinds, wanted);
+    let values = |index: usize| layer.channel_data.list[index].sample_data.values_as_f32().collect::<Vec<f32>>();
+    assert_eq!((values(3), values(4)), (vec![1e10, 0.1], vec![1e10, 0.1]));
+    assert_eq!(values(2), [f16::from_f32(0.1).to_f32(); 2]);
+    // As bytes: the reader takes texts for Latin-1.
+    let has = |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes());
+    assert!(layer.attributes.other.len() == 8 && has("Crypto7 with ü") && has("cryptomatte/7/name"));
+}
+
 fn foreign(parts: Vec<(&str, Vec<(&str, FlatSamples)>)>, size: (usize, usize), encoding: Encoding) -> Vec<u8> {
     let layers = parts.into_iter().map(|(part, channels)| {
         let channels = channels.into_iter().map(|(name, samples)| ex::AnyChannel::new(name, samples)).collect();

@@ -52,6 +52,43 @@ fn passes_add_up() {
     assert!(difference(&layer(&stripped, "indirect"), &layer(&stripped, "indirect_glossy")) < 1e-5);
 }
 
+/// Direct and indirect light, diffuse and specular, of each light add up to the beauty, also on mirrors and anti-aliased
+/// edges, and under a light with a size.
+#[test]
+fn parts_of_lights_add_up() {
+    let folder = folder();
+    let rig = folder.path().join("rig.toml");
+    let sized =
+        "[[light]]\nname = \"ball\"\nkind = \"sphere\"\nposition = [0.5, 1.5, 0.5]\nradius = 0.2\nintensity = 3\n";
+    fs::write(&rig, format!("{sized}[[light]]\nname = \"key\"\nkind = \"point\"\nposition = [-0.5, 1.4, 0.6]\n"))
+        .unwrap();
+    for (scene, more) in [("cornell-glossy.glb", &["--samples", "4"][..]), ("balls-2.glb", &["--samples", "4"])] {
+        let path = folder.path().join("parts.exr");
+        let mut command = relume();
+        command.arg("render").arg(shipped(scene)).arg("-o").arg(&path).args(SMALL).args(more).arg("--rig").arg(&rig);
+        command.args(["--gi", "glossy", "--no-cache", "--passes", "beauty,parts,light:ball"]);
+        Run::of(&mut command).done();
+        let image = read_exr(&path);
+        let parts = ["direct.diffuse", "direct.specular", "reflection", "indirect.diffuse", "indirect.specular"];
+        let of_light = |name: &str| parts.map(|part| layer(&image, &format!("light.{name}.{part}")));
+        let (ball, key) = (of_light("ball"), of_light("key"));
+        assert!(difference(&layer(&image, "light.ball"), &sum(&ball)) < 1e-6, "{scene}");
+        assert!(difference(&layer(&image, ""), &sum(&[&ball[..], &key[..]].concat())) < 1e-6, "{scene}");
+        for part in [0, 1, 3] {
+            assert!(mean(&key[part]) > 0.0, "{scene}: {}", parts[part]);
+        }
+    }
+    // Without diffuse lobes there is no diffuse light, and without indirect light no part of it.
+    let path = folder.path().join("specular.exr");
+    let mut command = relume();
+    command.arg("render").arg(shipped("cornell-glossy.glb")).arg("-o").arg(&path).args(SMALL).arg("--rig").arg(&rig);
+    Run::of(command.args(["--gi", "off", "--no-cache", "--strip-diffuse", "--passes", "parts"])).done();
+    let image = read_exr(&path);
+    assert_eq!(mean(&layer(&image, "light.key.direct.diffuse")), 0.0);
+    assert!(mean(&layer(&image, "light.key.direct.specular")) > 0.0);
+    assert!(image.layer("light.key.indirect.diffuse").is_none());
+}
+
 #[test]
 fn methods_agree_roughly_and_bounces_add() {
     let folder = folder();

@@ -43,7 +43,7 @@ fn read(path: &Path) -> Image {
 
 fn compare(got: Vec<[f32; 3]>, want: Image) -> Pictures {
     assert_eq!(got.len(), want.width * want.height, "pixels of {}x{}", want.width, want.height);
-    let Image { width, height, mut layers } = want;
+    let Image { width, height, mut layers, .. } = want;
     Pictures { width, height, image: got, reference: layers.remove(0).pixels, second: None, mask: None }
 }
 

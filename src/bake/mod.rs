@@ -18,4 +18,4 @@ pub mod transfer;
 pub mod transport;
 
 pub use self::background::{at_rest, low_priority};
-pub use self::framebuffer::{BakeSettings, DeepFramebuffer, bake};
+pub use self::framebuffer::{BakeSettings, DeepFramebuffer, Thing, bake};

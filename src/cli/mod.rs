@@ -20,6 +20,7 @@ mod report;
 mod rig;
 mod stats;
 mod stdout;
+mod surfaces;
 mod transfer;
 mod view;
 

@@ -5,7 +5,10 @@ use std::path::PathBuf;
 
 use glam::Vec3;
 use relume::gpu::PassTime;
-use relume::image::{Image, exr, png};
+use relume::image::cryptomatte::Cryptomatte;
+use relume::image::exr::{self, ExrMetadata, Precision};
+use relume::image::primaries::Primaries;
+use relume::image::{Image, png};
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
 use relume::scene::{LightKind, Rig};
 use relume::{Error, Result};
@@ -13,6 +16,7 @@ use relume::{Error, Result};
 use super::final_gather::Refinement;
 use super::options::{Exposure, check_extension};
 use super::output_file::make_parent;
+use super::surfaces::{Data, Surfaces};
 
 /// One picture that a render can give.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,8 +30,58 @@ pub enum PassKind {
     Emission,
     /// Everything that one light does, by its name.
     Light(String),
+    /// A part of it.
+    Part(String, LightPart),
+    /// The parts of all lights, and emission.
+    Parts,
+    /// Of the surface at the centre of a pixel.
+    Data(Data),
+    /// Its base colour.
+    Albedo,
+    /// Cryptomattes of objects and of materials.
+    Cryptomatte,
     /// Expected error of each pixel after final gathering: root mean square over its channels.
     ExpectedError,
+}
+
+/// A part of a light; all of them add up to what the light does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightPart {
+    /// Direct light that surfaces reflect diffusely.
+    DirectDiffuse,
+    DirectSpecular,
+    /// Direct light in mirrors.
+    Reflection,
+    IndirectDiffuse,
+    IndirectSpecular,
+}
+
+impl LightPart {
+    const ALL: [Self; 5] =
+        [Self::DirectDiffuse, Self::DirectSpecular, Self::Reflection, Self::IndirectDiffuse, Self::IndirectSpecular];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::DirectDiffuse => "direct.diffuse",
+            Self::DirectSpecular => "direct.specular",
+            Self::Reflection => "reflection",
+            Self::IndirectDiffuse => "indirect.diffuse",
+            Self::IndirectSpecular => "indirect.specular",
+        }
+    }
+
+    fn is_indirect(self) -> bool {
+        matches!(self, Self::IndirectDiffuse | Self::IndirectSpecular)
+    }
+
+    /// The layers that it is part of.
+    fn layers(self) -> Layers {
+        match self {
+            Self::DirectDiffuse | Self::DirectSpecular => Layers::Direct,
+            Self::Reflection => Layers::Reflection,
+            Self::IndirectDiffuse | Self::IndirectSpecular => Layers::Indirect,
+        }
+    }
 }
 
 /// What `--passes` asks for.
@@ -49,11 +103,17 @@ pub fn parse_passes(text: &str) -> Result<Passes, String> {
         "indirect" => Ok(PassKind::Indirect),
         "indirect_glossy" => Ok(PassKind::IndirectGlossy),
         "expected_error" => Ok(PassKind::ExpectedError),
+        "parts" => Ok(PassKind::Parts),
+        "depth" => Ok(PassKind::Data(Data::Depth)),
+        "normal" => Ok(PassKind::Data(Data::Normal)),
+        "position" => Ok(PassKind::Data(Data::Position)),
+        "albedo" => Ok(PassKind::Albedo),
+        "cryptomatte" => Ok(PassKind::Cryptomatte),
         _ => match name.strip_prefix("light:") {
             Some(light) => Ok(PassKind::Light(light.to_owned())),
             None => Err(format!(
                 "{name}: expected beauty, direct, reflection, indirect, indirect_glossy, emission, expected_error, \
-                 light:NAME or all"
+                 light:NAME, parts, depth, normal, position, albedo, cryptomatte or all"
             )),
         },
     };
@@ -102,7 +162,15 @@ impl Passes {
                         find_light(rig, name)?;
                     }
                 }
-                let mut list = list.clone();
+                let parts = || {
+                    let shine = lights.iter().filter(|light| light.kind != LightKind::Emitter);
+                    let of = LightPart::ALL.into_iter().filter(|part| has.indirect || !part.is_indirect());
+                    let parts = shine.flat_map(|light| of.clone().map(|part| Part(light.name.clone(), part)));
+                    let emission = (has.emission && !list.contains(&Emission)).then_some(Emission);
+                    parts.chain(emission).collect::<Vec<_>>()
+                };
+                let expand = |pass: &PassKind| if *pass == Parts { parts() } else { vec![pass.clone()] };
+                let mut list: Vec<PassKind> = list.iter().flat_map(expand).collect();
                 list.sort_by_key(|pass| *pass != Beauty); // first, so that its parts add up to it
                 Ok(list)
             }
@@ -134,7 +202,26 @@ impl PassKind {
             Self::Emission => "emission".into(),
             Self::ExpectedError => "expected_error".into(),
             Self::Light(name) => format!("light.{name}"),
+            Self::Part(name, part) => format!("light.{name}.{}", part.name()),
+            Self::Parts => "parts".into(),
+            Self::Data(data) => data.name().into(),
+            Self::Albedo => "albedo".into(),
+            Self::Cryptomatte => "cryptomatte".into(),
         }
+    }
+
+    /// Whether it needs indirect light of the specular lobes alone.
+    pub fn is_glossy(&self) -> bool {
+        match self {
+            Self::IndirectGlossy => true,
+            Self::Part(_, part) => part.is_indirect(),
+            _ => false,
+        }
+    }
+
+    /// Whether it needs direct light without specular lobes.
+    pub fn is_split(&self) -> bool {
+        matches!(self, Self::Part(_, LightPart::DirectDiffuse | LightPart::DirectSpecular))
     }
 
     /// What EXR calls its layer; the beauty is the unnamed one.
@@ -150,7 +237,9 @@ impl PassKind {
     /// What this pass asks of the relighter.
     fn request(&self, rig: &Rig) -> Request {
         match self {
-            Self::Beauty | Self::ExpectedError => Request::default(),
+            Self::Beauty | Self::ExpectedError | Self::Parts => Request::default(),
+            Self::Data(_) | Self::Albedo | Self::Cryptomatte => Request::default(),
+            Self::Part(name, part) => Request { layers: part.layers(), ..Self::Light(name.clone()).request(rig) },
             Self::Direct => Layers::Direct.into(),
             Self::Reflection => Layers::Reflection.into(),
             Self::Indirect | Self::IndirectGlossy => Layers::Indirect.into(),
@@ -174,10 +263,19 @@ impl Template {
         }
         let several = match passes {
             Passes::All => true,
-            Passes::List(list) => list.len() > 1,
+            Passes::List(list) => list.len() > 1 || list.contains(&PassKind::Parts),
         };
         if several && !self.is_exr() && !self.holds("{pass}") {
             return needs("a PNG file has one pass; put {pass} into the name, or write an EXR file");
+        }
+        let is_exr_only = |pass: &PassKind| {
+            matches!(pass, PassKind::Parts | PassKind::Data(_) | PassKind::Albedo | PassKind::Cryptomatte)
+        };
+        if let Passes::List(list) = passes
+            && let Some(pass) = list.iter().find(|pass| is_exr_only(pass))
+            && !self.is_exr()
+        {
+            return needs(&format!("the pass {} is for EXR files", pass.name()));
         }
         Ok(())
     }
@@ -206,8 +304,8 @@ struct Target {
 }
 
 impl Job<'_> {
-    pub fn shows(&self, pass: &PassKind) -> bool {
-        self.targets.iter().any(|target| target.passes.contains(pass))
+    pub fn shows(&self, is: &dyn Fn(&PassKind) -> bool) -> bool {
+        self.targets.iter().any(|target| target.passes.iter().any(is))
     }
 }
 
@@ -251,18 +349,20 @@ pub struct Written {
     pub frames: Vec<Vec<PassTime>>,
 }
 
-/// Who makes pictures: with all indirect light, and with glossy one where it is asked for.
+/// Who makes pictures: with all light, and where it is asked for with glossy indirect light, and with diffuse direct
+/// light.
 pub struct Relighters {
     pub whole: Relighter,
     pub glossy: Option<Relighter>,
+    pub diffuse: Option<Relighter>,
 }
 
 impl Relighters {
     /// By pass, how many of the values that it left were infinite or not a number, in all pictures.
     pub fn non_finite(&self) -> Vec<(&'static str, u32)> {
         let mut counts = self.whole.non_finite();
-        if let Some(glossy) = &self.glossy {
-            counts.iter_mut().zip(glossy.non_finite()).for_each(|(sum, (_, count))| sum.1 += count);
+        for other in self.glossy.iter().chain(&self.diffuse) {
+            counts.iter_mut().zip(other.non_finite()).for_each(|(sum, (_, count))| sum.1 += count);
         }
         counts
     }
@@ -272,6 +372,11 @@ impl Relighters {
             (PassKind::IndirectGlossy, Some(glossy)) => glossy,
             _ => &mut self.whole,
         }
+    }
+
+    fn set_rig(&mut self, rig: &Rig) -> Result<()> {
+        let Self { whole, glossy, diffuse } = self;
+        [Some(whole), glossy.as_mut(), diffuse.as_mut()].into_iter().flatten().try_for_each(|one| one.set_rig(rig))
     }
 }
 
@@ -286,13 +391,14 @@ pub struct Display {
 pub fn write(
     relighters: &mut Relighters,
     job: &Job,
-    size: (usize, usize),
     display: &mut Display,
+    surfaces: &Surfaces,
+    (precision, primaries): (Precision, Primaries),
     refine: &mut dyn FnMut(&mut Relighter) -> Result<Option<Refinement>>,
     written: &mut Written,
 ) -> Result<()> {
-    relighters.whole.set_rig(job.rig)?;
-    relighters.glossy.as_mut().map_or(Ok(()), |glossy| glossy.set_rig(job.rig))?;
+    let size = surfaces.size();
+    relighters.set_rig(job.rig)?;
     let refinement = refine(&mut relighters.whole)?;
     let errors = refinement.as_ref().map_or(&[][..], |refinement| &refinement.errors);
     let beauty = linear(relighters, &PassKind::Beauty, written)?;
@@ -310,16 +416,30 @@ pub fn write(
     for Target { path, passes, named } in &job.targets {
         make_parent(path)?;
         if check_extension(path, &["exr"]).is_ok() {
-            let mut image = Image { width: size.0, height: size.1, layers: Vec::new() };
+            let mut image = Image { width: size.0, height: size.1, ..Image::default() };
+            let mut metadata = ExrMetadata { precision, primaries, ..ExrMetadata::default() };
             for pass in passes {
                 let pixels = match pass {
+                    PassKind::Data(data) => {
+                        image.data.extend(surfaces.channels(*data));
+                        continue;
+                    }
+                    PassKind::Cryptomatte => {
+                        for Cryptomatte { channels, texts } in surfaces.cryptomattes() {
+                            image.data.extend(channels);
+                            metadata.texts.extend(texts);
+                        }
+                        continue;
+                    }
                     PassKind::Beauty => beauty.clone(),
+                    PassKind::Albedo => surfaces.albedo(),
                     PassKind::ExpectedError => errors.iter().map(|error| [*error; 3]).collect(),
+                    PassKind::Part(_, part) => light_part(relighters, pass, *part, written)?,
                     _ => linear(relighters, pass, written)?,
                 };
                 image.push_layer(if *named { String::new() } else { pass.layer_name() }, pixels);
             }
-            exr::write(path, &image)?;
+            exr::write_with_metadata(path, &image, &metadata)?;
         } else {
             match &passes[0] {
                 PassKind::ExpectedError => {
@@ -340,6 +460,29 @@ pub fn write(
         written.files.push(path.clone());
     }
     Ok(())
+}
+
+/// A part of a light. Diffuse and specular parts add up to the whole, as one of them is what the other leaves.
+fn light_part(
+    relighters: &mut Relighters,
+    pass: &PassKind,
+    part: LightPart,
+    written: &mut Written,
+) -> Result<Vec<[f32; 3]>> {
+    let request = pass.request(relighters.whole.rig());
+    let (other, is_rest) = match part {
+        LightPart::Reflection => return linear(relighters, pass, written),
+        LightPart::DirectDiffuse => (&mut relighters.diffuse, false),
+        LightPart::DirectSpecular => (&mut relighters.diffuse, true),
+        LightPart::IndirectSpecular => (&mut relighters.glossy, false),
+        LightPart::IndirectDiffuse => (&mut relighters.glossy, true),
+    };
+    let other = other.as_mut().expect("it was made for such passes").linear(request)?.to_vec();
+    if !is_rest {
+        return Ok(other);
+    }
+    let rest = |(whole, other): ([f32; 3], [f32; 3])| [0, 1, 2].map(|c| whole[c] - other[c]);
+    Ok(linear(relighters, pass, written)?.into_iter().zip(other).map(rest).collect())
 }
 
 fn linear(relighters: &mut Relighters, pass: &PassKind, written: &mut Written) -> Result<Vec<[f32; 3]>> {

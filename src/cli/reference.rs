@@ -131,8 +131,8 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
         paths.iter().zip([Half::Both, Half::A, Half::B]).try_for_each(|(path, half)| {
             let [samples, _] = film.samples();
             let samples_per_pixel = if half == Half::Both { samples } else { samples / 2 };
-            let label = ExrMetadata { comments: label.clone(), samples_per_pixel };
-            exr::write_with_metadata(path, &film.image(half, &layers), Some(&label))
+            let label = ExrMetadata { comments: label.clone(), samples_per_pixel, ..ExrMetadata::default() };
+            exr::write_with_metadata(path, &film.image(half, &layers), &label)
         })
     })?;
     let segments = tracer.segments() as f64 / cpu.max(0.01);

@@ -1,7 +1,10 @@
 //! `relume render`
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
+use relume::image::exr::Precision;
+use relume::image::primaries::Primaries;
 use relume::relight::Relighter;
 use relume::scene::{Emitters, Rig};
 use relume::{Error, Result};
@@ -12,6 +15,7 @@ use super::options::{DisplayOptions, LightOptions, RecordOptions, SceneOptions};
 use super::output::{self, Display, Has, PassKind, Passes, Relighters, Template, Written};
 use super::progress::Terminal;
 use super::stats::{self, Strange};
+use super::surfaces::Surfaces;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -25,10 +29,17 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     rig: Vec<PathBuf>,
     /// Passes to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission,
-    /// expected_error (with --final), light:NAME; or all. One EXR file holds them as layers. If the name of the image has {pass}, each pass gets its
-    /// own file.
+    /// expected_error (with --final), light:NAME; or all. For EXR files also parts: direct and indirect light, diffuse and
+    /// specular, of each light; depth, normal, position, albedo; cryptomatte. One EXR file holds them as layers. If the
+    /// name of the image has {pass}, each pass gets its own file.
     #[arg(long, value_name = "LIST", default_value = "beauty", value_parser = output::parse_passes)]
     passes: Passes,
+    /// Writes the colours of EXR files with 16 bits a channel. Depth, normals, positions and mattes keep 32.
+    #[arg(long)]
+    half: bool,
+    /// Primaries of the colours in EXR files: those of Rec. 709, or ACEScg.
+    #[arg(long, value_enum, value_name = "NAME", default_value = "rec709")]
+    primaries: PrimariesOption,
     #[command(flatten)]
     refine: FinalOptions,
     #[command(flatten)]
@@ -37,6 +48,22 @@ pub struct Args {
     scene_options: SceneOptions,
     #[command(flatten)]
     light_options: LightOptions,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum PrimariesOption {
+    Rec709,
+    #[value(name = "acescg")]
+    AcesCg,
+}
+
+impl From<PrimariesOption> for Primaries {
+    fn from(option: PrimariesOption) -> Self {
+        match option {
+            PrimariesOption::Rec709 => Self::REC_709,
+            PrimariesOption::AcesCg => Self::ACES_CG,
+        }
+    }
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -71,11 +98,18 @@ pub fn run(args: &Args) -> Result<()> {
     let context = session.context(args.light_options.device.device.as_deref())?;
     let mut whole = session.relighter(&context, &first, &settings)?;
     whole.check_finite()?;
-    let glossy = jobs.iter().any(|job| job.shows(&PassKind::IndirectGlossy));
+    let glossy = jobs.iter().any(|job| job.shows(&PassKind::is_glossy));
+    let diffuse = jobs.iter().any(|job| job.shows(&PassKind::is_split));
     let progress = Terminal::default();
     let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &settings, &progress)).transpose()?;
     glossy.as_mut().map_or(Ok(()), |glossy| glossy.check_finite())?;
-    let mut relighters = Relighters { whole, glossy };
+    let diffuse = diffuse.then(|| {
+        let framebuffer = Arc::new(session.framebuffer.without_specular());
+        Relighter::new(&context, &session.scene, &framebuffer, None, &first, &settings)
+    });
+    let mut relighters = Relighters { whole, glossy, diffuse: diffuse.transpose()? };
+    let surfaces = Surfaces { scene: &session.scene, framebuffer: &session.framebuffer };
+    let precision = if args.half { Precision::Half } else { Precision::Float };
     let DisplayOptions { exposure, tonemap } = args.light_options.display;
     let mut display = Display { exposure, tone_map: tonemap.into() };
     let mut written = Written::default();
@@ -88,7 +122,15 @@ pub fn run(args: &Args) -> Result<()> {
             figures_of_final.get_or_insert(refinement.as_ref().map_or(Value::Null, Refinement::figures));
             Ok(refinement)
         };
-        output::write(&mut relighters, job, session.size(), &mut display, &mut refine, &mut written)?;
+        output::write(
+            &mut relighters,
+            job,
+            &mut display,
+            &surfaces,
+            (precision, args.primaries.into()),
+            &mut refine,
+            &mut written,
+        )?;
     }
     for file in &written.files {
         tracing::info!("wrote {}", file.display());

@@ -1,4 +1,4 @@
-//! EXR files: writes float32 layers, reads any flat RGB or grey layers.
+//! EXR files: writes layers and data channels, reads any flat RGB or grey layers.
 //!
 //! One part holds every channel, named `R` or `direct.R` as other programs show them; the `exr` crate's own layers
 //! would become parts.
@@ -14,29 +14,48 @@ use exr::math::Vec2;
 use exr::meta::BlockDescription;
 use exr::meta::attribute::{AttributeValue, ChannelDescription, Chromaticities, LineOrder, SampleType, Text};
 use exr::meta::header::Header;
+use glam::Vec3;
+use half::f16;
 use rayon::prelude::*;
 
 use super::Image;
 pub use super::exr_read::read;
+use super::primaries::Primaries;
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// Metadata of a file.
-#[derive(Clone, Debug)]
+/// Metadata of a file; none by default.
+#[derive(Clone, Debug, Default)]
 pub struct ExrMetadata {
-    /// The attribute `comments` of OpenEXR.
+    /// The attribute `comments` of OpenEXR, if not empty.
     pub comments: String,
-    /// Samples per pixel, the attribute `samplesPerPixel`.
+    /// Samples per pixel, the attribute `samplesPerPixel`, if not 0.
     pub samples_per_pixel: u32,
+    /// Further attributes, as texts.
+    pub texts: Vec<(String, String)>,
+    /// Precision of the layers.
+    pub precision: Precision,
+    /// Of the layers in the file; those of the image have the primaries of Rec. 709.
+    pub primaries: Primaries,
+}
+
+/// Precision of colours. Data channels have 32 bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// 32 bits.
+    #[default]
+    Float,
+    /// 16 bits: three digits, up to 65504; what is brighter becomes that.
+    Half,
 }
 
 /// Writes float32 layers atomically.
 pub fn write(path: &Path, image: &Image) -> Result<()> {
-    write_with_metadata(path, image, None)
+    write_with_metadata(path, image, &ExrMetadata::default())
 }
 
-/// [`write()`], optionally with metadata.
-pub fn write_with_metadata(path: &Path, image: &Image, metadata: Option<&ExrMetadata>) -> Result<()> {
+/// [`write()`] with metadata.
+pub fn write_with_metadata(path: &Path, image: &Image, metadata: &ExrMetadata) -> Result<()> {
     let bytes =
         encode(image, metadata).map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
     file::write_bytes(path, &bytes)
@@ -44,8 +63,9 @@ pub fn write_with_metadata(path: &Path, image: &Image, metadata: Option<&ExrMeta
 
 /// Encodes one part of scan lines, ZIP-compressed in blocks of sixteen; the bytes do not depend on the number of
 /// threads.
-fn encode(image: &Image, metadata: Option<&ExrMetadata>) -> ExrResult<Vec<u8>> {
-    let channels = sorted_channels(image)?;
+pub(crate) fn encode(image: &Image, metadata: &ExrMetadata) -> ExrResult<Vec<u8>> {
+    let converted = converted(image, metadata.primaries);
+    let channels = sorted_channels(converted.as_ref().unwrap_or(image))?;
     let headers = [header(image, &channels, metadata)?];
     let mut bytes = Vec::new();
     exr::block::write(Cursor::new(&mut bytes), headers.into_iter().collect(), true, |meta, file| {
@@ -59,8 +79,11 @@ fn encode(image: &Image, metadata: Option<&ExrMetadata>) -> ExrResult<Vec<u8>> {
                     let channel = &channels[line.location.channel];
                     let Vec2(x, y) = line.location.position;
                     let start = y * image.width + x;
-                    line.write_samples(|i| channel.pixels[start + i][channel.component])
-                        .expect("a line's buffer is as long as its samples");
+                    let written = match channel.sample_type(metadata.precision) {
+                        SampleType::F16 => line.write_samples(|i| half(channel.value(start + i))),
+                        _ => line.write_samples(|i| channel.value(start + i)),
+                    };
+                    written.expect("a line's buffer is as long as its samples");
                 });
                 Ok((order, block.compress_to_chunk(&meta.headers)?))
             })
@@ -72,21 +95,66 @@ fn encode(image: &Image, metadata: Option<&ExrMetadata>) -> ExrResult<Vec<u8>> {
     if channels.iter().any(|channel| channel.name.len() > 31) {
         bytes[LONG_NAMES.0] |= LONG_NAMES.1;
     }
+    sort_attributes(&mut bytes);
     Ok(bytes)
 }
 
 /// Byte and mask of bit 10 of the version field, which follows the four magic bytes [OpenEXR File Layout].
 const LONG_NAMES: (usize, u8) = (4 + 1, 1 << (10 - 8));
 
+/// Sorts the attributes of a file's one header by name: the crate writes those of others in random order.
+fn sort_attributes(bytes: &mut [u8]) {
+    let begin = 8; // after magic number and version
+    let mut attributes = Vec::new();
+    let mut at = begin;
+    // Name and type end with a NUL, then come four bytes of size and the value [OpenEXR File Layout].
+    while bytes[at] != 0 {
+        let text = |at: usize| bytes[at..].iter().position(|byte| *byte == 0).map(|length| at + length + 1);
+        let size_at = text(at).and_then(text).expect("the header is whole");
+        let size = u32::from_le_bytes(bytes[size_at..size_at + 4].try_into().expect("four bytes"));
+        let end = size_at + 4 + size as usize;
+        attributes.push(bytes[at..end].to_vec());
+        at = end;
+    }
+    attributes.sort();
+    bytes[begin..at].copy_from_slice(&attributes.concat());
+}
+
+/// The nearest of 16 bits; brighter than these can be becomes the brightest.
+fn half(value: f32) -> f16 {
+    f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+}
+
 struct Channel<'a> {
     name: String,
-    component: usize,
-    pixels: &'a [[f32; 3]],
+    values: Values<'a>,
+}
+
+enum Values<'a> {
+    /// A component of a layer.
+    Layer(&'a [[f32; 3]], usize),
+    Data(&'a [f32]),
+}
+
+impl Channel<'_> {
+    fn value(&self, pixel: usize) -> f32 {
+        match self.values {
+            Values::Layer(pixels, component) => pixels[pixel][component],
+            Values::Data(values) => values[pixel],
+        }
+    }
+
+    fn sample_type(&self, precision: Precision) -> SampleType {
+        match (&self.values, precision) {
+            (Values::Layer(..), Precision::Half) => SampleType::F16,
+            _ => SampleType::F32,
+        }
+    }
 }
 
 /// Every layer's channels, sorted by the bytes of their names, as the format requires.
 fn sorted_channels(image: &Image) -> ExrResult<Vec<Channel<'_>>> {
-    if image.width == 0 || image.height == 0 || image.layers.is_empty() {
+    if image.width == 0 || image.height == 0 || image.layers.is_empty() && image.data.is_empty() {
         return Err(ExrError::Invalid("an image without pixels".into()));
     }
     let mut channels = Vec::with_capacity(3 * image.layers.len());
@@ -98,18 +166,22 @@ fn sorted_channels(image: &Image) -> ExrResult<Vec<Channel<'_>>> {
         }
         for (component, letter) in ["R", "G", "B"].into_iter().enumerate() {
             let name = if layer.name.is_empty() { letter.to_owned() } else { format!("{}.{letter}", layer.name) };
-            channels.push(Channel { name, component, pixels: &layer.pixels });
+            channels.push(Channel { name, values: Values::Layer(&layer.pixels, component) });
         }
+    }
+    for channel in &image.data {
+        assert_eq!(channel.values.len(), image.width * image.height, "values of channel `{}`", channel.name);
+        channels.push(Channel { name: channel.name.clone(), values: Values::Data(&channel.values) });
     }
     channels.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(channels)
 }
 
-fn header(image: &Image, channels: &[Channel], metadata: Option<&ExrMetadata>) -> ExrResult<Header> {
+fn header(image: &Image, channels: &[Channel], metadata: &ExrMetadata) -> ExrResult<Header> {
     let described = channels.iter().map(|channel| ChannelDescription {
         // Names are UTF-8, as in OpenEXR; the crate's own conversion supports only Latin-1.
         name: Text::from_slice_unchecked(channel.name.as_bytes()),
-        sample_type: SampleType::F32,
+        sample_type: channel.sample_type(metadata.precision),
         quantize_linearly: false,
         sampling: Vec2(1, 1),
     });
@@ -125,20 +197,37 @@ fn header(image: &Image, channels: &[Channel], metadata: Option<&ExrMetadata>) -
     // Only files of several parts have part names.
     header.own_attributes.layer_name = None;
     header.own_attributes.software_name = Some(Text::from(concat!("relume ", env!("CARGO_PKG_VERSION"))));
-    header.shared_attributes.chromaticities = Some(REC_709);
-    if let Some(metadata) = metadata {
+    header.shared_attributes.chromaticities = Some(chromaticities(metadata.primaries));
+    if !metadata.comments.is_empty() {
         header.own_attributes.comments = Some(Text::new_or_panic(&metadata.comments));
+    }
+    let others = &mut header.own_attributes.other;
+    if metadata.samples_per_pixel > 0 {
         let samples = AttributeValue::I32(metadata.samples_per_pixel.try_into().unwrap_or(i32::MAX));
-        // Only one such attribute: the crate writes them in no particular order.
-        header.own_attributes.other.insert(Text::from("samplesPerPixel"), samples);
+        others.insert(Text::from("samplesPerPixel"), samples);
+    }
+    for (name, text) in &metadata.texts {
+        let text = AttributeValue::Text(Text::from_slice_unchecked(text.as_bytes()));
+        others.insert(Text::from_slice_unchecked(name.as_bytes()), text);
     }
     Ok(header)
 }
 
-/// [ITU-R BT.709-6, Section 1].
-const REC_709: Chromaticities = Chromaticities {
-    red: Vec2(0.64, 0.33),
-    green: Vec2(0.30, 0.60),
-    blue: Vec2(0.15, 0.06),
-    white: Vec2(0.3127, 0.3290),
-};
+fn chromaticities(Primaries { rgb: [red, green, blue], white }: Primaries) -> Chromaticities {
+    let [red, green, blue, white] = [red, green, blue, white].map(|xy| Vec2(xy.x as f32, xy.y as f32));
+    Chromaticities { red, green, blue, white }
+}
+
+/// The layers in other primaries; `None` if these are those of Rec. 709.
+fn converted(image: &Image, primaries: Primaries) -> Option<Image> {
+    if primaries == Primaries::REC_709 {
+        return None;
+    }
+    let matrix = primaries.from_rec_709();
+    let pixel = |pixel: &[f32; 3]| (matrix * Vec3::from_array(*pixel).as_dvec3()).as_vec3().to_array();
+    let mut image = image.clone();
+    for layer in &mut image.layers {
+        layer.pixels = layer.pixels.par_iter().map(pixel).collect();
+    }
+    Some(image)
+}

@@ -294,6 +294,6 @@ impl Canvas {
         }
         let Vec2(width, height) = self.window.size;
         let layers = self.wanted.names.into_iter().zip(self.layers).map(|(name, pixels)| Layer { name, pixels });
-        Ok(Image { width, height, layers: layers.collect() })
+        Ok(Image { width, height, layers: layers.collect(), data: Vec::new() })
     }
 }

@@ -1,9 +1,11 @@
 //! Image files and image comparison.
 
 pub mod compare;
+pub mod cryptomatte;
 pub mod exr;
 mod exr_read;
 pub mod png;
+pub mod primaries;
 
 /// Layers of linear RGB, all of one size. Row 0 is the top.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -12,6 +14,17 @@ pub struct Image {
     pub height: usize,
     /// In file order. The unnamed layer is `""`; others have their name in the file, `direct` or `light.key`.
     pub layers: Vec<Layer>,
+    /// Channels that are no colours: distances, normals, mattes. Only written, not read.
+    pub data: Vec<DataChannel>,
+}
+
+/// A channel that is no colour.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DataChannel {
+    /// In the file, like `normal.X`.
+    pub name: String,
+    /// width * height, row by row.
+    pub values: Vec<f32>,
 }
 
 /// One named layer of linear RGB.
@@ -25,7 +38,7 @@ pub struct Layer {
 impl Image {
     /// An image with only the unnamed layer; `pixels` are width * height, row by row.
     pub fn single(width: usize, height: usize, pixels: Vec<[f32; 3]>) -> Self {
-        Self { width, height, layers: Vec::new() }.with_layer("", pixels)
+        Self { width, height, ..Self::default() }.with_layer("", pixels)
     }
 
     /// Adds a layer and returns the image; the name must be new, and `pixels` must fill the image's size.

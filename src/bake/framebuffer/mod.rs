@@ -30,6 +30,15 @@ impl BakeSettings {
     }
 }
 
+/// What a matte tells apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Thing {
+    /// Index into the scene's objects.
+    Object,
+    /// Index into the scene's materials.
+    Material,
+}
+
 /// What a pixel sees of an emitter.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -99,6 +108,29 @@ impl DeepFramebuffer {
     /// Indices of the samples that reflect direct light.
     pub fn reflecting(&self) -> Vec<u32> {
         (0..self.samples.len() as u32).filter(|&i| self.samples[i as usize].brdf != NO_BRDF).collect()
+    }
+
+    /// The same without specular lobes: surfaces keep what those leave to the diffuse lobe.
+    #[must_use]
+    pub fn without_specular(&self) -> Self {
+        let brdfs = self.brdfs.iter().map(|brdf| Brdf { alpha: 0.0, ..*brdf }).collect();
+        Self { brdfs, has_specular: false, ..self.clone() }
+    }
+
+    /// Objects (`of` is [`Thing::Object`]) or materials that each pixel sees directly, and how much of it each one
+    /// covers: pixels row by row, things in the order in which its eye paths meet them.
+    pub fn coverage(&self, scene: &TracedScene, of: Thing) -> Vec<Vec<(u32, f32)>> {
+        let width = self.tiling.width as usize;
+        let mut covers = vec![Vec::new(); width * self.tiling.height as usize];
+        for (pixel, (point, share)) in view_samples::seen(scene, self) {
+            let (x, y) = self.tiling.pixel(pixel as usize);
+            let thing = match of {
+                Thing::Object => scene.mesh.object(point.triangle) as u32,
+                Thing::Material => point.material,
+            };
+            covers[y as usize * width + x as usize].push((thing, share));
+        }
+        covers
     }
 
     /// Number of layer-1 samples, padding included; the size of one image plane.

@@ -354,24 +354,42 @@ pub fn segments(
     framebuffer: &DeepFramebuffer,
     wanted: impl Fn(&PathSegment) -> bool + Sync,
 ) -> Vec<(u32, PathSegment)> {
+    parts(scene, framebuffer, |part, paths| match part {
+        PathPart::Segment(segment) if wanted(&segment) => {
+            Some(PathSegment { weight: segment.weight / paths, ..segment })
+        }
+        _ => None,
+    })
+}
+
+/// What is seen directly, not in mirrors: the pixel in tile order, the point, and how much of the pixel it covers.
+pub fn seen(scene: &TracedScene, framebuffer: &DeepFramebuffer) -> Vec<(u32, (SurfacePoint, f32))> {
+    parts(scene, framebuffer, |part, paths| match part {
+        PathPart::Vertex(vertex) if vertex.layer == 0 => Some((vertex.point, vertex.weight.x / paths)),
+        _ => None,
+    })
+}
+
+/// What is `wanted` of the eye paths of a baked view, each with its pixel, in tile order. `wanted` gets the number of
+/// paths of the pixel.
+fn parts<T: Send>(
+    scene: &TracedScene,
+    framebuffer: &DeepFramebuffer,
+    wanted: impl Fn(PathPart, f32) -> Option<T> + Sync,
+) -> Vec<(u32, T)> {
     let DeepFramebuffer { camera, tiling, asked_layers, edges, samples_on_edges, .. } = framebuffer;
     let eye = EyeRays { scene, camera, tiling: *tiling, layers: *asked_layers };
     let of_pixel = |pixel: usize| {
         let (x, y) = tiling.pixel(pixel);
         let is_on_edge = edges.binary_search(&(pixel as u32)).is_ok();
         let samples = if is_on_edge { *samples_on_edges } else { 1 };
-        let mut segments = Vec::new();
+        let mut found = Vec::new();
         for (u, v) in image_points(samples).filter(|_| tiling.contains((x, y))) {
             eye.follow(f64::from(x) + u, f64::from(y) + v, |part| {
-                if let PathPart::Segment(segment) = part
-                    && wanted(&segment)
-                {
-                    let weight = segment.weight / samples as f32;
-                    segments.push((pixel as u32, PathSegment { weight, ..segment }));
-                }
+                found.extend(wanted(part, samples as f32).map(|wanted| (pixel as u32, wanted)));
             });
         }
-        segments
+        found
     };
     (0..tiling.len()).into_par_iter().flat_map_iter(of_pixel).collect()
 }

@@ -186,7 +186,7 @@ fn halved(image: Image) -> Image {
         return image;
     }
     let (width, height) = (image.width / 2, image.height / 2);
-    let mut small = Image { width, height, layers: Vec::new() };
+    let mut small = Image { width, height, ..Image::default() };
     for layer in image.layers {
         let at = |x: usize, y: usize| layer.pixels[y * image.width + x];
         let mean = |x: usize, y: usize| {

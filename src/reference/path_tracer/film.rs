@@ -188,7 +188,7 @@ impl Film {
     /// Several layers as one image; the beauty layer is unnamed.
     pub fn image(&self, half: Half, layers: &[Layer]) -> Image {
         let (width, height) = (self.tiling.width as usize, self.tiling.height as usize);
-        let empty = Image { width, height, layers: Vec::new() };
+        let empty = Image { width, height, ..Image::default() };
         layers.iter().fold(empty, |image, layer| image.with_layer(layer.name(&self.lights), self.layer(half, *layer)))
     }
 
