@@ -17,6 +17,7 @@
 //! - [`session`]: from a scene's file to a relighter: settings, plan, cache, bake.
 //! - [`final_gather`]: indirect light gathered anew for known lights, better with each pass.
 //! - [`desk`]: the lighting desk without a window: edits of the lights, groups, snapshots, undo.
+//! - [`wire`]: other programs read and edit the lights, one JSON object a line.
 //! - [`view`]: the window and its keys.
 //! - [`physics`]: glTF's BRDF, punctual lights, sampling sequences, directions: pure functions.
 //! - [`trace`]: BVH, packets of shadow rays, the surface at a hit.
@@ -102,6 +103,7 @@
 //! - [Preetham 1999] Preetham, Shirley, Smits, A practical analytic model for daylight, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
+//! - [RFC 7396] Hoffman, Snell, JSON Merge Patch, Internet Engineering Task Force, 2014.
 //! - [RP 177-1993] SMPTE, Derivation of basic television color equations.
 //! - [S-2014-004] Academy of Motion Picture Arts and Sciences, ACEScg: a working space for CGI render and compositing.
 //! - [Saad 1986] Saad, Schultz, GMRES: a generalized minimal residual algorithm, SIAM Journal on Scientific and
@@ -138,6 +140,7 @@ pub mod shared;
 pub mod storage;
 pub mod trace;
 pub mod view;
+pub mod wire;
 
 pub use error::{Error, Result};
 pub use session::{Session, SessionSettings};

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Each folder, and those that it may use. A folder stands below all that it uses, so that there are no circles.
-const ALLOWED: [(&str, &[&str]); 17] = [
+const ALLOWED: [(&str, &[&str]); 18] = [
     ("error", &[]),
     ("shared", &[]),
     ("physics", &["shared"]),
@@ -18,6 +18,7 @@ const ALLOWED: [(&str, &[&str]); 17] = [
     ("gpu", &["error", "shared", "storage"]),
     ("relight", &["bake", "error", "gpu", "physics", "scene", "shared", "trace"]),
     ("session", &["bake", "error", "gpu", "relight", "scene", "shared", "storage", "trace"]),
+    ("wire", &["desk", "error", "image", "relight", "scene", "storage"]),
     ("reference", &["bake", "image", "physics", "scene", "shared", "trace"]),
     ("report", &["error", "image", "storage"]),
     (
@@ -35,6 +36,7 @@ const ALLOWED: [(&str, &[&str]); 17] = [
             "shared",
             "storage",
             "trace",
+            "wire",
         ],
     ),
     (

@@ -18,6 +18,7 @@ mod reference;
 mod render;
 mod report;
 mod rig;
+mod serve;
 mod stats;
 mod stdout;
 mod surfaces;
@@ -56,6 +57,9 @@ enum Command {
     Render(render::Args),
     /// Opens the lighting desk: a window in which you edit lights with keyboard and mouse.
     View(view::Args),
+    /// Lets other programs edit the lights of a scene, and answers with pictures; opens no window.
+    #[command(after_long_help = serve::AFTER_HELP)]
+    Serve(serve::Args),
     /// Bakes a scene and stores the result in the cache.
     Bake(bake::Args),
     /// Measures how long edits of lights take.
@@ -88,6 +92,7 @@ pub fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
         Command::View(args) => view::run(args),
+        Command::Serve(args) => serve::run(args),
         Command::Bake(args) => bake::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Report(args) => report::run(args),

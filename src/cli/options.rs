@@ -3,8 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use relume::gpu::Validation;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
 use relume::session::{OpenSettings, Target, check_size, user_cache_dir};
+use relume::view::PictureSettings;
 use relume::{Error, Result, Session, SessionSettings};
 use serde_json::Value;
 
@@ -210,6 +212,21 @@ impl LightOptions {
 
     pub fn target(&self) -> Result<Target> {
         self.shadows.target(&self.device)
+    }
+
+    /// For pictures that are edited.
+    pub fn picture_settings(&self, cache_dir: Option<PathBuf>) -> PictureSettings {
+        PictureSettings {
+            exposure: match self.display.exposure {
+                Exposure::Auto => None,
+                Exposure::Stops(stops) => Some(stops),
+            },
+            device: self.device.device.clone(),
+            validation: if cfg!(debug_assertions) { Validation::On } else { Validation::Off },
+            cache_dir,
+            relight: self.relight_settings(),
+            tone_map: self.display.tonemap.into(),
+        }
     }
 }
 

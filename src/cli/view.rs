@@ -1,18 +1,16 @@
 //! `relume view`
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
-use relume::gpu::{Validation, Vsync};
-use relume::session::BakeInput;
+use relume::gpu::Vsync;
 use relume::view::script::Script;
-use relume::view::{Opened, ViewSettings, keys};
-use relume::{Result, Session, SessionSettings};
+use relume::view::{SceneSource, ViewSettings, keys};
+use relume::{Result, SessionSettings};
 use serde_json::json;
 
 use super::final_gather::parse_error;
-use super::options::{Exposure, LightOptions, RecordOptions, SceneOptions};
+use super::options::{LightOptions, RecordOptions, SceneOptions};
 use super::output_file::make_parent;
 use super::stats;
 
@@ -32,6 +30,10 @@ pub struct Args {
     /// Writes all keyboard and mouse events to this file. --script plays it.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Lets other programs of this user read and edit the lights, and writes to this file how they connect.
+    /// docs/protocol.md tells what they can say.
+    #[arg(long, value_name = "FILE")]
+    listen: Option<PathBuf>,
     /// Does not wait for the display: pictures appear sooner, but may tear.
     #[arg(long)]
     no_vsync: bool,
@@ -53,44 +55,26 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     args.files.make_parents()?;
-    args.record.iter().try_for_each(|path| make_parent(path))?;
+    args.record.iter().chain(&args.listen).try_for_each(|path| make_parent(path))?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let view_settings = ViewSettings {
         name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         rig_path: args.rig.clone(),
-        exposure: match args.light_options.display.exposure {
-            Exposure::Auto => None,
-            Exposure::Stops(stops) => Some(stops),
-        },
-        device: args.light_options.device.device.clone(),
-        validation: if cfg!(debug_assertions) { Validation::On } else { Validation::Off },
-        cache_dir: args.scene_options.cache.dir(),
-        relight: args.light_options.relight_settings(),
-        tone_map: args.light_options.display.tonemap.into(),
+        pictures: args.light_options.picture_settings(args.scene_options.cache.dir()),
         vsync: if args.no_vsync { Vsync::Off } else { Vsync::On },
         script,
         record: args.record.clone(),
+        listen: args.listen.clone(),
         frame_budget: Duration::from_secs_f64(args.frame_budget * 1e-3),
         rest_samples: args.scene_options.samples.unwrap_or(REST_SAMPLES),
         final_error: args.final_error.0,
         trace: args.files.trace.is_some(),
     };
-    let (path, rig) = (args.scene.clone(), args.rig.clone());
     args.scene_options.view.use_threads();
     let target = Some(args.light_options.target()?);
     let settings = SessionSettings { samples: 1, target, ..args.scene_options.settings()? };
-    let report = relume::view::run(view_settings, move |loader| {
-        let session = Session::open_direct(&path, rig.as_deref(), &settings, loader)?;
-        let Session { scene, framebuffer, rig, transfers, .. } = session;
-        loader.show(Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig });
-        let Some(transfers) = transfers else { return Ok(()) };
-        let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
-        let transfer = transfers.refine(seen, loader, |transfer| loader.show_transfer(transfer))?;
-        if transfers.lacks_sky() && loader.wait_for_dome() {
-            loader.show_transfer(Arc::new(transfers.add_sky(&transfer, seen, loader)?));
-        }
-        Ok(())
-    })?;
+    let source = SceneSource { path: args.scene.clone(), rig: args.rig.clone(), settings };
+    let report = relume::view::run(view_settings, source)?;
     let figures = || json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report });
     args.files.write(figures, || stats::trace_frames(&report.trace))
 }

@@ -22,6 +22,12 @@ pub struct Entry {
     id: u64,
 }
 
+impl Entry {
+    pub fn state(&self) -> &RigState {
+        &self.state
+    }
+}
+
 /// The history of the lights.
 pub struct History {
     /// The first entry is the opened rig.

@@ -97,20 +97,8 @@ impl Desk {
         }
         self.history.end_gesture();
         let mut rig = self.rig.clone();
-        let mut left = 0;
-        let new_index: Vec<Option<usize>> = (0..rig.lights.len())
-            .map(|light| {
-                let stays = !self.selection.contains(light) || is_emitter(light);
-                left += usize::from(stays);
-                stays.then(|| left - 1)
-            })
-            .collect();
-        let mut index = 0;
-        rig.lights.retain_mut(|light| {
-            light.follows = light.follows.and_then(|leader| new_index[leader]);
-            index += 1;
-            new_index[index - 1].is_some()
-        });
+        rig.retain_lights(|light, _| !self.selection.contains(light) || is_emitter(light));
+        let left = rig.lights.len();
         let selection = match left {
             0 => Selection::default(),
             _ => Selection::only(first.min(left - 1)),

@@ -18,12 +18,12 @@ pub use self::attach::TakesMap;
 use self::describe::{kind_name, rounded};
 pub use self::edit::{Frame, LEAST_SPREAD, LightEdit, luminance};
 pub use self::groups::GroupEdit;
-use self::history::History;
+use self::history::{Entry, History};
 pub use self::linking::{LinkEdit, PickedObject};
 pub use self::place::Pick;
 use self::selection::Selection;
 use self::snapshots::Snapshots;
-use crate::scene::{Camera, Light, Rig};
+use crate::scene::{Camera, Emitters, Light, Rig, Scene};
 
 /// What a light keeps when its size changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,8 +63,8 @@ impl Desk {
             rig,
             version: 0,
             camera,
-            step: nice(radius / 100.0),
-            lift: radius / 20.0,
+            step: step(radius),
+            lift: lift(radius),
             size_keeps: SizeKeeps::Power,
             message: String::new(),
         };
@@ -73,6 +73,40 @@ impl Desk {
             false => desk.summary(),
         };
         desk
+    }
+
+    /// The lights as they stand in `scene`, which was loaded again, with `own` lights in its file. Emitters are those of
+    /// the scene. An error names the light whose links name what is not there any more.
+    pub fn rig_in(&self, scene: &Scene, own: &Rig) -> Result<Rig, String> {
+        let emitters = Emitters::of(scene);
+        let mut rig = self.rig.clone();
+        rig.camera.clone_from(&own.camera);
+        rig.retain_lights(|_, light| light.material.as_ref().is_none_or(|material| emitters.names.contains(material)));
+        for light in &mut rig.lights {
+            light.node = own.lights.iter().find(|own| own.name == light.name).and_then(|own| own.node);
+        }
+        let rig = emitters.complete(&rig).into_owned();
+        rig.check_links(scene)?;
+        Ok(rig)
+    }
+
+    /// Continues in a scene that was loaded again, with its [`Self::rig_in`]. If states of the history name objects that
+    /// are not there any more, nothing can be undone.
+    pub fn change_scene(&mut self, rig: Rig, scene: &Scene, camera: Camera) {
+        let radius = scene.space.unit;
+        (self.camera, self.step, self.lift) = (camera, step(radius), lift(radius));
+        let fits = |entry: &Entry| {
+            let mut rig = Rig::default();
+            entry.state().put_into(&mut rig);
+            rig.check_links(scene).is_ok()
+        };
+        if !self.history.entries().iter().all(fits) {
+            self.history = History::new(&self.rig);
+        }
+        let selection = self.selection.clone().within(rig.lights.len());
+        self.history.end_gesture();
+        self.replace_rig(rig, selection, Some("scene loaded again".into()));
+        self.history.end_gesture();
     }
 
     /// The current lights, without snapshots.
@@ -198,6 +232,19 @@ impl Desk {
         self.version += 1;
     }
 
+    /// Replaces the lights by those of another program, as an edit. Followers of changed lights change with them. Lights
+    /// stay selected by their names. An error tells what no rig file could store.
+    pub fn take_rig(&mut self, mut rig: Rig) -> Result<(), String> {
+        check::check(&self.rig, &rig)?;
+        apply_change::update_followers(&self.rig, &mut rig);
+        let index = |name: &str| rig.lights.iter().position(|light| light.name == name);
+        let same_list = rig.lights.len() == self.rig.lights.len();
+        let kept = |light: usize| index(&self.rig.lights[light].name).or(Some(light).filter(|_| same_list));
+        let selection = Selection::of(self.selection.iter().filter_map(kept));
+        self.replace_rig(rig, selection, None);
+        Ok(())
+    }
+
     pub fn undo(&mut self) {
         match self.history.names()[0].map(ToOwned::to_owned) {
             None => self.message = "nothing to undo".into(),
@@ -232,6 +279,16 @@ impl Desk {
         self.history.mark_saved();
         self.snapshots.mark_saved();
     }
+}
+
+/// Length of a move step in a scene of this radius, metres.
+fn step(radius: f64) -> f64 {
+    nice(radius / 100.0)
+}
+
+/// Distance from a surface at which a light is placed, metres.
+fn lift(radius: f64) -> f64 {
+    radius / 20.0
 }
 
 /// Returns the nearest of 1, 2, 5 and 10 times a power of ten.

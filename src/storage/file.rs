@@ -11,6 +11,21 @@ use crate::error::{Error, Result};
 /// A symbolic link is preserved and its target replaced; a device or pipe is written directly. If the disk fails, the
 /// error is `Error::Io` with `path`, whatever error `encode` returns.
 pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
+    write_with(path, &temporary(), encode)
+}
+
+/// Writes `bytes` as the whole of `path`, which nobody but this user can read.
+pub fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut private = tempfile::Builder::new(); // its default permissions are 0600
+    private.prefix(PREFIX).suffix(SUFFIX);
+    write_with(path, &private, |out| out.write_all(bytes).map_err(Error::io("write", path)))
+}
+
+fn write_with(
+    path: &Path,
+    temporary: &tempfile::Builder,
+    encode: impl FnOnce(&mut dyn Write) -> Result<()>,
+) -> Result<()> {
     match fs::metadata(path) {
         Ok(kind) if kind.is_dir() => return Err(Error::io("write", path)(io::ErrorKind::IsADirectory.into())),
         // Renaming onto /dev/null or /dev/stdout would replace the device.
@@ -25,7 +40,7 @@ pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    let beside = temporary().tempfile_in(folder).map_err(|e| Error::io("create", path)(without_path(e)))?;
+    let beside = temporary.tempfile_in(folder).map_err(|e| Error::io("create", path)(without_path(e)))?;
     encode_into(path, beside.as_file(), encode)?;
     beside.as_file().sync_all().map_err(Error::io("write", path))?;
     beside.persist(&target).map_err(|failed| Error::io("rename a finished file to", path)(failed.error))?;

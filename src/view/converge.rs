@@ -8,11 +8,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use winit::event_loop::EventLoopProxy;
-
 use super::Opened;
 use super::edge_refinement::EdgeRefinement;
-use super::load::LoadEvent;
+use super::load::{LoadEvent, Messenger};
 use crate::bake::framebuffer::edges::edge_lights;
 use crate::bake::transfer::Transfer;
 use crate::bake::{BakeSettings, bake, low_priority};
@@ -27,7 +25,7 @@ pub struct Converge {
     samples: u32,
     settings: RelightSettings,
     context: Arc<Context>,
-    proxy: EventLoopProxy<LoadEvent>,
+    messenger: Messenger,
     relighter: Option<Relighter>,
     /// Edges and source transfer of the relighter's bake.
     has: Option<(Vec<u8>, Option<Arc<Transfer>>)>,
@@ -65,17 +63,12 @@ const REFINEMENT_DELAY: Duration = Duration::from_millis(400);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Converge {
-    pub fn new(
-        context: &Arc<Context>,
-        proxy: EventLoopProxy<LoadEvent>,
-        settings: &RelightSettings,
-        samples: u32,
-    ) -> Self {
+    pub fn new(context: &Arc<Context>, messenger: Messenger, settings: &RelightSettings, samples: u32) -> Self {
         Self {
             samples,
             settings: settings.clone(),
             context: context.clone(),
-            proxy,
+            messenger,
             relighter: None,
             has: None,
             layers: Layers::All,
@@ -167,7 +160,7 @@ impl Converge {
         };
         let done = Arc::new(AtomicUsize::new(0));
         self.baking = Some(Baking { done: done.clone(), total: 2 * settings.tile_count() });
-        let proxy = self.proxy.clone();
+        let messenger = self.messenger.clone();
         // Not joined, so that closing the window does not wait for it.
         std::thread::spawn(move || {
             let advance = |tiles| {
@@ -181,7 +174,7 @@ impl Converge {
             });
             let refinement = EdgeRefinement { edges: edge_lights(scene.space, &rig), of, framebuffer, transfer };
             // Fails only after the window is closed.
-            let _ = proxy.send_event(LoadEvent::EdgesRefined(Box::new(refinement)));
+            let _ = messenger.send(LoadEvent::EdgesRefined(Box::new(refinement)));
         });
     }
 

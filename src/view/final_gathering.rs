@@ -9,11 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
 use super::gathered::{Gathered, GatheredLight, GatheringState};
-use super::load::LoadEvent;
+use super::load::{LoadEvent, Messenger};
 use super::shares::mean_luminance;
 use crate::bake::{DeepFramebuffer, at_rest, low_priority};
 use crate::error::Result;
@@ -26,7 +25,7 @@ use crate::trace::bvh::TracedScene;
 pub struct FinalGathering {
     /// Asked error; `None`: nothing is gathered.
     error: Option<f64>,
-    proxy: EventLoopProxy<LoadEvent>,
+    messenger: Messenger,
     /// Latest last.
     known: Vec<Known>,
     changes: LightChanges,
@@ -99,10 +98,10 @@ const MOST_BYTES: usize = 1 << 30;
 const BYTES_A_PIXEL: usize = 3 * size_of::<Vec3>() + 2 * size_of::<u32>() + size_of::<f64>();
 
 impl FinalGathering {
-    pub fn new(error: Option<f64>, proxy: EventLoopProxy<LoadEvent>) -> Self {
+    pub fn new(error: Option<f64>, messenger: Messenger) -> Self {
         Self {
             error,
-            proxy,
+            messenger,
             known: Vec::new(),
             changes: LightChanges::default(),
             job: None,
@@ -149,9 +148,9 @@ impl FinalGathering {
 
     /// Gathers no more, and forgets all.
     pub fn give_up(&mut self) {
-        let proxy = self.proxy.clone();
+        let messenger = self.messenger.clone();
         self.stop();
-        *self = Self::new(None, proxy);
+        *self = Self::new(None, messenger);
     }
 
     /// Forgets all that depends on the operator.
@@ -274,10 +273,10 @@ impl FinalGathering {
         let task = if is_baking && !gives_way { Task { passes: Some(FIRST_PASSES), ..task } } else { task };
         let stop = Arc::new(AtomicBool::new(false));
         self.job = Some(Job { rig, mean, stop: stop.clone(), has_operator: true });
-        let proxy = self.proxy.clone();
+        let messenger = self.messenger.clone();
         // Not joined, so that closing the window does not wait for it. Sending fails only after the window is closed.
         std::thread::spawn(move || {
-            let run = || task.run(&stop, |gathered| proxy.send_event(LoadEvent::Gathered(Box::new(gathered))).is_ok());
+            let run = || task.run(&stop, |gathered| messenger.send(LoadEvent::Gathered(Box::new(gathered))));
             if gives_way { low_priority(run) } else { at_rest(run) }
         });
         Ok(None)
@@ -314,6 +313,12 @@ impl FinalGathering {
             self.assess(&rig, mean);
         }
         Ok(())
+    }
+}
+
+impl Drop for FinalGathering {
+    fn drop(&mut self) {
+        self.stop();
     }
 }
 

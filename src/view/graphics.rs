@@ -35,9 +35,9 @@ impl Graphics {
         let title = format!("{} - relume", settings.name);
         let attributes = Window::default_attributes().with_title(&title).with_inner_size(size);
         let window = Arc::new(event_loop.create_window(attributes).map_err(|e| no_window(e.into()))?);
-        let cache_dir = settings.cache_dir.as_deref();
-        let device = choose_device(settings.device.as_deref(), cache_dir)?;
-        let context = Context::for_display(device.as_deref(), settings.validation, cache_dir, &*window)?;
+        let cache_dir = settings.pictures.cache_dir.as_deref();
+        let device = choose_device(settings.pictures.device.as_deref(), cache_dir)?;
+        let context = Context::for_display(device.as_deref(), settings.pictures.validation, cache_dir, &*window)?;
         let PhysicalSize { width, height } = window.inner_size();
         let surface = Surface::new(&context, window.clone(), [width, height], settings.vsync)?;
         let egui_context = egui::Context::default();

@@ -1,11 +1,10 @@
-//! Messages from the loading thread to the window: scenes, indirect light and progress.
+//! Messages from other threads to the window: scenes, indirect light, progress, and requests of other programs.
 
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-
-use winit::event_loop::EventLoopProxy;
 
 use super::Opened;
 use super::edge_refinement::EdgeRefinement;
@@ -13,9 +12,75 @@ use super::gathered::Gathered;
 use super::map_answer::Answer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
-use crate::session::Progress;
+use crate::session::{BakeInput, Progress, Session, SessionSettings};
+use crate::wire::Inbound;
 
-/// A message to the event loop from a loading or baking thread.
+/// A message to the event loop, with the number of the scene that it is for. The scene may have been loaded again since.
+pub struct Numbered {
+    pub scene: u32,
+    pub event: LoadEvent,
+}
+
+/// Sends messages of one scene to the event loop.
+#[derive(Clone)]
+pub struct Messenger {
+    send: Arc<dyn Fn(Numbered) -> bool + Send + Sync>,
+    scene: u32,
+}
+
+impl Messenger {
+    /// `send` returns whether somebody still takes messages.
+    pub fn new(send: impl Fn(Numbered) -> bool + Send + Sync + 'static) -> Self {
+        Self { send: Arc::new(send), scene: 0 }
+    }
+
+    /// The same for another scene.
+    #[must_use]
+    pub fn of_scene(&self, scene: u32) -> Self {
+        Self { send: self.send.clone(), scene }
+    }
+
+    /// Returns whether somebody still takes messages.
+    pub fn send(&self, event: LoadEvent) -> bool {
+        (self.send)(Numbered { scene: self.scene, event })
+    }
+}
+
+/// A scene to load.
+pub struct SceneSource {
+    pub path: PathBuf,
+    /// Rig file whose lights replace those of the scene.
+    pub rig: Option<PathBuf>,
+    pub settings: SessionSettings,
+}
+
+impl SceneSource {
+    /// Starts to load the scene and to bake it on a thread, which tells `messenger`.
+    pub fn start(self: &Arc<Self>, messenger: Messenger) -> Loading {
+        let (loader, loading) = Loader::new(messenger);
+        let source = self.clone();
+        // Not joined, so that closing the window does not wait for a long bake.
+        std::thread::spawn(move || loader.end(source.load(&loader)));
+        loading
+    }
+
+    fn load(&self, loader: &Loader) -> Result<()> {
+        let session = Session::open_direct(&self.path, self.rig.as_deref(), &self.settings, loader)?;
+        let Session { scene, framebuffer, rig, transfers, .. } = session;
+        let opened = Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig };
+        loader.send(LoadEvent::Opened(Box::new(opened)));
+        let Some(transfers) = transfers else { return Ok(()) };
+        let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
+        let show = |transfer| loader.send(LoadEvent::Transfer(transfer));
+        let transfer = transfers.refine(seen, loader, show)?;
+        if transfers.lacks_sky() && loader.wait_for_dome() {
+            loader.send(LoadEvent::Transfer(Arc::new(transfers.add_sky(&transfer, seen, loader)?)));
+        }
+        Ok(())
+    }
+}
+
+/// A message to the event loop from another thread.
 pub enum LoadEvent {
     Progress {
         what: &'static str,
@@ -31,15 +96,31 @@ pub enum LoadEvent {
     Maps(Box<Answer>),
     /// The loading thread has nothing to do any more, or failed.
     Ended(Result<()>),
+    /// Of another program, whatever scene is open.
+    Wire(Inbound),
 }
 
 /// Sends messages from the loading thread to the window; any thread may report progress.
-pub struct Loader {
-    proxy: EventLoopProxy<LoadEvent>,
+struct Loader {
+    messenger: Messenger,
     state: Mutex<State>,
-    window_is_gone: AtomicBool,
+    /// The window is gone, or loads again.
+    is_cancelled: Arc<AtomicBool>,
     /// Receives once the rig has a dome; ends with the window.
     domes: Mutex<Receiver<()>>,
+}
+
+/// What the window holds of a loading thread. When it is dropped, the thread ends soon.
+pub struct Loading {
+    /// Tells the thread that the rig has a dome; `None` once it was told.
+    pub first_dome: Option<Sender<()>>,
+    is_cancelled: Arc<AtomicBool>,
+}
+
+impl Drop for Loading {
+    fn drop(&mut self) {
+        self.is_cancelled.store(true, Ordering::Relaxed);
+    }
 }
 
 struct State {
@@ -53,41 +134,32 @@ struct State {
 const INTERVAL: Duration = Duration::from_millis(100);
 
 impl Loader {
-    /// Returns a loader, and what tells it that the rig has a dome.
-    pub(super) fn new(proxy: EventLoopProxy<LoadEvent>) -> (Self, Sender<()>) {
+    /// Returns a loader, and the window's end of it.
+    fn new(messenger: Messenger) -> (Self, Loading) {
         let (sender, domes) = channel();
         let loader = Self {
-            proxy,
+            messenger,
             state: Mutex::new(State { what: "", total: 0, done: 0, last_sent: None }),
-            window_is_gone: AtomicBool::new(false),
+            is_cancelled: Arc::default(),
             domes: Mutex::new(domes),
         };
-        (loader, sender)
-    }
-
-    /// Sends the scene to the window, which shows it.
-    pub fn show(&self, opened: Opened) {
-        self.send(LoadEvent::Opened(Box::new(opened)));
-    }
-
-    /// Sends indirect light to the window; it replaces the previous one.
-    pub fn show_transfer(&self, transfer: Arc<Transfer>) {
-        self.send(LoadEvent::Transfer(transfer));
+        let loading = Loading { first_dome: Some(sender), is_cancelled: loader.is_cancelled.clone() };
+        (loader, loading)
     }
 
     /// Waits until the rig has a dome. Returns whether it has one, and not the window is gone.
-    pub fn wait_for_dome(&self) -> bool {
+    fn wait_for_dome(&self) -> bool {
         self.end(Ok(()));
         self.domes.lock().expect("no thread panics while it holds this lock").recv().is_ok()
     }
 
-    pub(super) fn end(&self, outcome: Result<()>) {
+    fn end(&self, outcome: Result<()>) {
         self.send(LoadEvent::Ended(outcome));
     }
 
     fn send(&self, event: LoadEvent) {
-        if self.proxy.send_event(event).is_err() {
-            self.window_is_gone.store(true, Ordering::Relaxed);
+        if !self.messenger.send(event) {
+            self.is_cancelled.store(true, Ordering::Relaxed);
         }
     }
 
@@ -115,6 +187,6 @@ impl Progress for Loader {
     }
 
     fn is_cancelled(&self) -> bool {
-        self.window_is_gone.load(Ordering::Relaxed)
+        self.is_cancelled.load(Ordering::Relaxed)
     }
 }

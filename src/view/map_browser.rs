@@ -5,9 +5,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use egui::{Color32, ColorImage, RichText, ScrollArea, Ui, Vec2};
-use winit::event_loop::EventLoopProxy;
 
-use super::load::LoadEvent;
+use super::load::Messenger;
 use super::map_answer::{Answer, MapFile};
 use super::map_reader::{Job, MapReader, THUMBNAIL};
 use super::snapshots::Thumbnail;
@@ -43,9 +42,9 @@ struct Row {
 }
 
 impl MapBrowser {
-    pub fn new(proxy: EventLoopProxy<LoadEvent>) -> Self {
+    pub fn new(messenger: Messenger) -> Self {
         Self {
-            reader: MapReader::new(proxy),
+            reader: MapReader::new(messenger),
             is_open: false,
             folder: PathBuf::new(),
             is_stale: false,

@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 
 use egui::{Color32, ColorImage};
 use glam::Vec3;
-use winit::event_loop::EventLoopProxy;
 
-use super::load::LoadEvent;
+use super::load::{LoadEvent, Messenger};
 use super::map_answer::{Answer, MapFile, ReadMap};
 use crate::relight::{ToneMap, exposure};
 use crate::scene::SkyMap;
@@ -22,7 +21,7 @@ const MAX_KEPT: usize = 4;
 
 /// The thread's owner, and the maps that are kept.
 pub struct MapReader {
-    proxy: EventLoopProxy<LoadEvent>,
+    messenger: Messenger,
     is_busy: bool,
     /// The map that was used last is the last one.
     kept: Vec<(MapFile, Attached<SkyMap>)>,
@@ -39,8 +38,8 @@ pub enum Job {
 }
 
 impl MapReader {
-    pub fn new(proxy: EventLoopProxy<LoadEvent>) -> Self {
-        Self { proxy, is_busy: false, kept: Vec::new() }
+    pub fn new(messenger: Messenger) -> Self {
+        Self { messenger, is_busy: false, kept: Vec::new() }
     }
 
     pub fn is_busy(&self) -> bool {
@@ -54,7 +53,7 @@ impl MapReader {
         let keeps = matches!(job, Job::Use(_)) || self.kept.len() < MAX_KEPT;
         let makes_room = matches!(job, Job::Use(_)) && self.kept.len() == MAX_KEPT;
         let oldest = makes_room.then(|| self.kept.remove(0));
-        let proxy = self.proxy.clone();
+        let messenger = self.messenger.clone();
         // Not joined, so that closing the window does not wait for it.
         std::thread::spawn(move || {
             drop(oldest); // takes a while
@@ -69,7 +68,7 @@ impl MapReader {
                 }
             };
             // Fails only after the window is closed.
-            let _ = proxy.send_event(LoadEvent::Maps(Box::new(answer)));
+            let _ = messenger.send(LoadEvent::Maps(Box::new(answer)));
         });
     }
 

@@ -26,6 +26,7 @@ mod light_view;
 mod lights_list;
 mod linking_values;
 mod load;
+mod loads;
 mod map_answer;
 mod map_ball;
 mod map_browser;
@@ -34,7 +35,9 @@ mod open_scene;
 mod overlay;
 mod pick;
 mod profile;
+mod remote;
 pub mod script;
+mod serve;
 pub mod shares;
 mod snapshots;
 mod still;
@@ -50,7 +53,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use self::gathered::GatheringState;
-pub use self::load::Loader;
+pub use self::load::SceneSource;
+pub use self::serve::serve;
 pub use self::window::run;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
@@ -65,18 +69,14 @@ pub struct ViewSettings {
     pub name: String,
     /// File that `save` writes; `None` asks for a path.
     pub rig_path: Option<PathBuf>,
-    /// Exposure in stops; `None` derives it from the first picture.
-    pub exposure: Option<f32>,
-    pub device: Option<String>,
-    pub validation: Validation,
-    pub cache_dir: Option<PathBuf>,
-    pub relight: RelightSettings,
-    pub tone_map: ToneMap,
+    pub pictures: PictureSettings,
     pub vsync: Vsync,
     /// Events to play.
     pub script: Option<script::Script>,
     /// File to which events are recorded.
     pub record: Option<PathBuf>,
+    /// File that tells other programs how to connect; `None`: they cannot.
+    pub listen: Option<PathBuf>,
     /// Time budget of a frame during a drag. A picture that exceeds it is drawn coarsely, and exactly at rest.
     pub frame_budget: Duration,
     /// View samples per pixel on edges once the lights rest; 1 adds none.
@@ -86,6 +86,17 @@ pub struct ViewSettings {
     pub final_error: Option<f64>,
     /// Whether [`ViewReport::trace`] is recorded; it grows with every frame.
     pub trace: bool,
+}
+
+/// How pictures are made and shown.
+pub struct PictureSettings {
+    /// Exposure in stops; `None` derives it from the first picture.
+    pub exposure: Option<f32>,
+    pub device: Option<String>,
+    pub validation: Validation,
+    pub cache_dir: Option<PathBuf>,
+    pub relight: RelightSettings,
+    pub tone_map: ToneMap,
 }
 
 /// A loaded and baked scene.

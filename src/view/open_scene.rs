@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
-use winit::event_loop::EventLoopProxy;
+use serde_json::Value;
 
 use super::action::Action;
 use super::aids::{self, OverlayInfo};
@@ -22,7 +22,7 @@ use super::final_gathering::FinalGathering;
 use super::gather::GatherMarks;
 use super::keys::Command;
 use super::light_view::LightView;
-use super::load::LoadEvent;
+use super::load::Messenger;
 use super::map_answer::Answer;
 use super::map_ball::MapBall;
 use super::map_browser::MapBrowser;
@@ -37,13 +37,15 @@ use crate::bake::transfer::Transfer;
 use crate::desk::describe::rounded;
 use crate::desk::selection::Selection;
 use crate::desk::{Desk, Pick};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
 use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
 use crate::scene::rig::SLOTS;
-use crate::scene::{Rig, export_gltf};
+use crate::scene::{Rig, Scene, export_gltf};
+use crate::wire::message::PictureRequest;
+use crate::wire::picture::picture;
 
 /// An open scene with its desk and relighter.
 pub struct OpenScene {
@@ -99,14 +101,10 @@ pub struct Pointer {
 }
 
 impl OpenScene {
-    pub fn new(
-        context: &Arc<Context>,
-        opened: Opened,
-        settings: &ViewSettings,
-        proxy: EventLoopProxy<LoadEvent>,
-    ) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<Self> {
         let Opened { scene, framebuffer, transfer, rig } = &opened;
-        let relighter = Relighter::new(context, scene, framebuffer, transfer.as_ref(), rig, &settings.relight)?;
+        let relighter =
+            Relighter::new(context, scene, framebuffer, transfer.as_ref(), rig, &settings.pictures.relight)?;
         let desk = Desk::new(rig.clone(), framebuffer.camera.clone(), scene.space.unit);
         let suggested = scene.path.with_extension("rig.toml");
         let suggested_path = suggested.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -120,9 +118,9 @@ impl OpenScene {
             synced_version: None,
             layers: Layers::All,
             detail_control: DetailControl::new(settings.frame_budget),
-            converge: Converge::new(context, proxy.clone(), &settings.relight, settings.rest_samples),
+            converge: Converge::new(context, messenger.clone(), &settings.pictures.relight, settings.rest_samples),
             is_refined: false,
-            final_gathering: FinalGathering::new(settings.final_error, proxy.clone()),
+            final_gathering: FinalGathering::new(settings.final_error, messenger.clone()),
             drawn: None,
             still: None,
             waits_for_operator: false,
@@ -131,13 +129,48 @@ impl OpenScene {
             thumbnails: Default::default(),
             comparison_image: None,
             light_view: LightView::default(),
-            map_browser: MapBrowser::new(proxy),
+            map_browser: MapBrowser::new(messenger),
             map_ball: MapBall::default(),
             caster: None,
             rig_path: settings.rig_path.clone(),
             suggested_path,
             opened,
         })
+    }
+
+    /// Replaces the scene, which was loaded again; lights, history and snapshots stay. An error leaves all as it was.
+    pub fn replace(&mut self, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
+        let Opened { scene, framebuffer, transfer, rig } = &opened;
+        let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);
+        let rig = self.desk.rig_in(scene, rig).map_err(wrong)?;
+        let context = self.relighter.context().clone();
+        let relighter =
+            Relighter::new(&context, scene, framebuffer, transfer.as_ref(), &rig, &settings.pictures.relight)?;
+        self.desk.change_scene(rig, scene, framebuffer.camera.clone());
+        self.relighter = relighter;
+        self.shares.invalidate();
+        (self.synced_version, self.drawn, self.still) = (None, None, None);
+        (self.is_refined, self.waits_for_operator) = (false, false);
+        self.layers = Layers::All;
+        self.converge = Converge::new(&context, messenger.clone(), &settings.pictures.relight, settings.rest_samples);
+        self.final_gathering = FinalGathering::new(settings.final_error, messenger);
+        (self.gather_marks, self.comparison_image, self.caster) = (None, None, None);
+        self.light_view = LightView::default();
+        self.opened = opened;
+        Ok(())
+    }
+
+    /// What other programs may read and edit.
+    pub fn lit(&mut self) -> (&mut Desk, &Scene) {
+        (&mut self.desk, &self.opened.scene)
+    }
+
+    /// The picture of the lights as they are, for another program.
+    pub fn picture(&mut self, request: PictureRequest, view: &ViewState) -> Result<Value> {
+        self.sync_lights()?;
+        self.layers = Layers::All;
+        self.relighter.set_changes(self.final_gathering.changes())?;
+        picture(&mut self.relighter, request, (view.exposure, view.curve()))
     }
 
     /// Takes a file that the user dropped.

@@ -1,6 +1,5 @@
 //! The event loop: pending events become one edit, and one edit becomes one frame.
 
-use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use egui::{Event, ViewportId};
@@ -16,9 +15,11 @@ use super::graphics::Graphics;
 use super::input_state::{InputContext, InputResult, InputState};
 use super::interface::{Interface, loading_bar};
 use super::keys::Command;
-use super::load::{LoadEvent, Loader};
+use super::load::{LoadEvent, Messenger, Numbered, SceneSource};
+use super::loads::{Change, Loads};
 use super::open_scene::{Flow, OpenScene, Pointer};
 use super::pick::placement;
+use super::remote::Remote;
 use super::script::Script;
 use super::timings::Timings;
 use super::view_state::{Dialog, ViewState};
@@ -26,22 +27,21 @@ use super::{Latency, Opened, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 
-/// Opens a window and runs it until it is closed. `load` runs on its own thread and sends its results to the window.
-/// Fails if no window can be opened or the scene cannot be loaded.
-pub fn run(settings: ViewSettings, load: impl FnOnce(&Loader) -> Result<()> + Send + 'static) -> Result<ViewReport> {
+/// Opens a window and runs it until it is closed. The scene is loaded and baked on a thread of its own. Fails if no window
+/// can be opened or the scene cannot be loaded.
+pub fn run(settings: ViewSettings, source: SceneSource) -> Result<ViewReport> {
     let no_window = |source: Cause| Error::NoWindow { source };
-    let event_loop = EventLoop::<LoadEvent>::with_user_event().build().map_err(|e| no_window(e.into()))?;
-    let (loader, first_dome) = Loader::new(event_loop.create_proxy());
-    let mut app = App::new(settings, event_loop.create_proxy(), first_dome);
-    // Not joined, so that closing the window does not wait for a long bake.
-    std::thread::spawn(move || loader.end(load(&loader)));
+    let event_loop = EventLoop::<Numbered>::with_user_event().build().map_err(|e| no_window(e.into()))?;
+    let mut app = App::new(settings, event_loop.create_proxy(), source)?;
     event_loop.run_app(&mut app).map_err(|e| no_window(e.into()))?;
     app.finish()
 }
 
 struct App {
     settings: ViewSettings,
-    proxy: EventLoopProxy<LoadEvent>,
+    loads: Loads,
+    /// Other programs; `None` if they cannot connect.
+    remote: Option<Remote>,
     began: Instant,
     device_time: Duration,
     view: ViewState,
@@ -50,8 +50,6 @@ struct App {
     graphics: Option<Graphics>,
     /// Current step of the loading thread, and its progress from 0 to 1.
     loading: Option<(&'static str, f32)>,
-    /// Tells the loading thread that the rig has a dome; `None` once it was told.
-    first_dome: Option<Sender<()>>,
     input: InputState,
     /// Time of the first event that no frame has shown yet.
     pending: Option<Instant>,
@@ -90,18 +88,20 @@ const IDLE_UI_DELAY: Duration = Duration::from_millis(40);
 const IDLE_DELAY: Duration = Duration::from_millis(150);
 
 impl App {
-    fn new(settings: ViewSettings, proxy: EventLoopProxy<LoadEvent>, first_dome: Sender<()>) -> Self {
-        let view = ViewState::new(settings.exposure.unwrap_or(0.0), settings.tone_map);
-        Self {
+    fn new(settings: ViewSettings, proxy: EventLoopProxy<Numbered>, source: SceneSource) -> Result<Self> {
+        let view = ViewState::new(settings.pictures.exposure.unwrap_or(0.0), settings.pictures.tone_map);
+        let messenger = Messenger::new(move |message| proxy.send_event(message).is_ok());
+        let remote = settings.listen.as_ref().map(|file| Remote::listen(file, messenger.clone())).transpose()?;
+        Ok(Self {
             settings,
-            proxy,
+            loads: Loads::new(source, messenger),
+            remote,
             began: Instant::now(),
             device_time: Duration::ZERO,
             view,
             open_scene: None,
             graphics: None,
             loading: Some(("loading", 0.0)),
-            first_dome: Some(first_dome),
             input: InputState::default(),
             pending: None,
             stale: true,
@@ -118,7 +118,7 @@ impl App {
             frames: 0,
             trace: Vec::new(),
             outcome: Ok(()),
-        }
+        })
     }
 
     fn finish(mut self) -> Result<ViewReport> {
@@ -166,16 +166,55 @@ impl App {
     fn open(&mut self, opened: Opened) -> Result<()> {
         let Some(graphics) = &self.graphics else { return Ok(()) };
         let start = Instant::now();
-        let mut open_scene = OpenScene::new(&graphics.context, opened, &self.settings, self.proxy.clone())?;
+        let mut open_scene = OpenScene::new(&graphics.context, opened, &self.settings, self.loads.messenger())?;
         self.device_time += start.elapsed();
-        if self.settings.exposure.is_none() {
+        if self.settings.pictures.exposure.is_none() {
             self.view.exposure = open_scene.automatic_exposure()?;
         }
         graphics.make_room(open_scene.picture_size());
         open_scene.ask_to_recover(&mut self.view);
+        if let Some(remote) = &mut self.remote {
+            remote.opened(&mut open_scene);
+        }
         self.open_scene = Some(open_scene);
         self.stale = true;
         Ok(())
+    }
+
+    /// Loads the scene's file again, while the old picture stays.
+    fn reload(&mut self) {
+        self.loads.again();
+        self.loading = Some(("loading", 0.0));
+        if let Some(open_scene) = &mut self.open_scene {
+            open_scene.is_baking = true;
+            open_scene.desk.message = "loading the scene again".into();
+        }
+    }
+
+    /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
+    fn replace(&mut self, opened: Opened) {
+        let (Some(open_scene), Some(graphics)) = (&mut self.open_scene, &self.graphics) else { return };
+        match open_scene.replace(opened, &self.settings, self.loads.messenger()) {
+            Ok(()) => {
+                self.loads.replaced();
+                graphics.make_room(open_scene.picture_size());
+                open_scene.desk.message = "the scene was loaded again".into();
+                if let Some(remote) = &mut self.remote {
+                    remote.opened(open_scene);
+                }
+            }
+            Err(error) => self.reload_failed(&error),
+        }
+        self.stale = true;
+    }
+
+    fn reload_failed(&mut self, error: &Error) {
+        if let Some(open_scene) = &mut self.open_scene {
+            open_scene.desk.message = format!("the scene stays as it is: {}", error.chain());
+        }
+        if let Some(remote) = &self.remote {
+            remote.host.failed(error);
+        }
     }
 
     /// Returns the current position of the picture in the window.
@@ -252,7 +291,7 @@ impl App {
     /// Tells the loading thread once that the rig has a dome: it then bakes light of the sky.
     fn tell_of_dome(&mut self) {
         let has_domes = self.open_scene.as_ref().is_some_and(|open_scene| open_scene.desk.rig().has_domes());
-        if let Some(first_dome) = self.first_dome.take_if(|_| has_domes) {
+        if let Some(first_dome) = self.loads.thread.first_dome.take_if(|_| has_domes) {
             let _ = first_dome.send(()); // fails if the thread has ended: there is no indirect light
         }
     }
@@ -375,6 +414,9 @@ impl App {
                 if open_scene.opened.transfer.is_some() {
                     self.first_indirect.get_or_insert_with(Instant::now);
                 }
+                if let Some(remote) = &mut self.remote {
+                    remote.drawn(open_scene);
+                }
             }
             None => {
                 let mut frame = graphics.frames.begin()?;
@@ -394,6 +436,46 @@ impl App {
         Ok(())
     }
 
+    /// Shows what the loading thread has made.
+    fn change(&mut self, change: Change, event_loop: &ActiveEventLoop) {
+        let outcome = match (change, &mut self.open_scene) {
+            (Change::Open(opened), _) => self.open(*opened),
+            (Change::Replace(opened), _) => {
+                self.replace(*opened);
+                Ok(())
+            }
+            (Change::Transfer(transfer), Some(open_scene)) => open_scene.set_transfer(transfer),
+            (Change::Transfer(_), None) | (Change::None, _) => Ok(()),
+        };
+        self.stale = true;
+        self.check(outcome.map(|()| Flow::Continue), event_loop);
+    }
+
+    fn loading_ended(&mut self, outcome: Result<()>, event_loop: &ActiveEventLoop) {
+        self.loading = None;
+        let change = self.loads.ended(outcome.is_err());
+        self.change(change, event_loop);
+        let is_shown = self.loads.is_shown();
+        let Some(open_scene) = &mut self.open_scene else {
+            return self.check(outcome.map(|()| Flow::Continue), event_loop);
+        };
+        open_scene.is_baking = false;
+        match outcome {
+            Ok(()) if is_shown => self.remote.iter_mut().for_each(|remote| remote.host.indirect(true)),
+            Ok(()) => {}
+            Err(error) if is_shown => {
+                // Direct light can still be edited.
+                let what = match open_scene.opened.transfer {
+                    Some(_) => "indirect light stays as it is",
+                    None => "no indirect light",
+                };
+                open_scene.desk.message = format!("{what}: {error}");
+                self.remote.iter().for_each(|remote| remote.host.failed(&error));
+            }
+            Err(error) => self.reload_failed(&error),
+        }
+    }
+
     /// Ends the loop on quit or on an error.
     fn check(&mut self, outcome: Result<Flow>, event_loop: &ActiveEventLoop) {
         match outcome {
@@ -407,7 +489,7 @@ impl App {
     }
 }
 
-impl ApplicationHandler<LoadEvent> for App {
+impl ApplicationHandler<Numbered> for App {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         if self.graphics.is_some() {
             return;
@@ -423,22 +505,30 @@ impl ApplicationHandler<LoadEvent> for App {
         }
     }
 
-    fn user_event(&mut self, event_loop: &ActiveEventLoop, event: LoadEvent) {
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, Numbered { scene, event }: Numbered) {
+        if !self.loads.concerns(scene, &event) {
+            return;
+        }
         match event {
             LoadEvent::Progress { what, share } => {
                 self.loading = Some((what, share));
+                if let Some(remote) = &self.remote {
+                    remote.progress(what, share);
+                }
                 if let Some(open_scene) = &mut self.open_scene {
                     open_scene.is_baking = true;
                 }
             }
             LoadEvent::Opened(opened) => {
-                let outcome = self.open(*opened).map(|()| Flow::Continue);
-                self.check(outcome, event_loop);
+                let change = self.loads.opened(opened);
+                self.change(change, event_loop);
             }
             LoadEvent::Transfer(transfer) => {
-                let outcome = self.open_scene.as_mut().map_or(Ok(()), |open_scene| open_scene.set_transfer(transfer));
-                self.stale = true;
-                self.check(outcome.map(|()| Flow::Continue), event_loop);
+                let change = self.loads.has_transfer(transfer);
+                self.change(change, event_loop);
+                if let (Some(remote), true) = (&mut self.remote, self.loads.is_shown()) {
+                    remote.host.indirect(false);
+                }
             }
             LoadEvent::EdgesRefined(refinement) => {
                 if let Some(open_scene) = &mut self.open_scene {
@@ -458,23 +548,15 @@ impl ApplicationHandler<LoadEvent> for App {
                 }
                 self.stale = true;
             }
-            LoadEvent::Ended(outcome) => {
-                self.loading = None;
-                if let Some(open_scene) = &mut self.open_scene {
-                    open_scene.is_baking = false;
-                    self.stale = true;
+            LoadEvent::Ended(outcome) => self.loading_ended(outcome, event_loop),
+            LoadEvent::Wire(inbound) => {
+                let Some(remote) = &mut self.remote else { return };
+                if let Some(pending) = remote.take(inbound, self.open_scene.as_mut(), &self.view) {
+                    remote.reloads(pending);
+                    self.reload();
                 }
-                match (&mut self.open_scene, outcome) {
-                    // Direct light can still be edited.
-                    (Some(open_scene), Err(error)) => {
-                        let what = match open_scene.opened.transfer {
-                            Some(_) => "indirect light stays as it is",
-                            None => "no indirect light",
-                        };
-                        open_scene.desk.message = format!("{what}: {error}");
-                    }
-                    (_, outcome) => self.check(outcome.map(|()| Flow::Continue), event_loop),
-                }
+                self.stale = true;
+                self.pending.get_or_insert_with(Instant::now);
             }
         }
         self.ask_for_frame();

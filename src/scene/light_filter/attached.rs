@@ -8,11 +8,11 @@ use std::sync::Arc;
 
 use super::Profile;
 use crate::error::{Error, Result};
-use crate::scene::SkyMap;
 use crate::scene::files;
 use crate::scene::gltf::image_lights::read_sky_map;
 use crate::scene::gltf::profile_files::{file_and_index, path_in_file, read_profile};
 use crate::scene::texture::{Encoding, Image, TexelCount, Texture};
+use crate::scene::{DomeMap, Light, SkyMap};
 
 /// A decoded file and where it lies.
 pub struct Attached<T> {
@@ -117,6 +117,17 @@ impl<'a> RigFiles<'a> {
         Self { scene: Some(scene), sky_maps, ..Self::new(scene.parent().unwrap_or(Path::new(""))) }
     }
 
+    /// The same, with the files of `light` already read: they need not exist any more.
+    #[must_use]
+    pub fn with_files_of(mut self, light: &Light) -> Self {
+        let file = |path: &Path| path.to_owned();
+        self.profiles.extend(light.filter.ies.iter().map(|ies| (file(ies.path()), ies.clone())));
+        self.images.extend(light.filter.gobo.iter().map(|gobo| (file(gobo.image.path()), gobo.image.clone())));
+        let map = light.map.as_ref().and_then(DomeMap::as_file);
+        self.sky_maps.extend(map.map(|map| (file(map.path()), map.clone())));
+        self
+    }
+
     fn find(&self, name: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
         if self.scene.is_some() {
@@ -135,6 +146,9 @@ impl<'a> RigFiles<'a> {
 
     /// Reads an IES profile: a file, or `scene.glb#0` for the first of `EXT_lights_ies` in a glTF file.
     pub fn profile(&mut self, name: &str) -> Result<Attached<Profile>> {
+        if let Some(known) = self.profiles.get(&self.folder.join(name)) {
+            return Ok(known.clone());
+        }
         let (path, index) = self.find_in_gltf(name)?;
         let decode = |bytes: &[u8]| Profile::parse(bytes).map_err(|reason| Error::import(&path, reason));
         match index {
@@ -149,6 +163,9 @@ impl<'a> RigFiles<'a> {
     /// Reads an environment map: EXR, Radiance, PNG, JPEG or WebP, or `scene.glb#0` for the first of
     /// `EXT_lights_image_based` in a glTF file. In the rig of a scene, `#0` is that of the scene itself.
     pub fn sky_map(&mut self, name: &str) -> Result<Attached<SkyMap>> {
+        if let Some(known) = self.sky_maps.get(&self.folder.join(name)) {
+            return Ok(known.clone());
+        }
         let scene = self.scene.filter(|_| name.starts_with('#')).and_then(|scene| scene.file_name()?.to_str());
         let (path, index) = self.find_in_gltf(&format!("{}{name}", scene.unwrap_or_default()))?;
         let Some(index) = index else {
@@ -168,6 +185,9 @@ impl<'a> RigFiles<'a> {
 
     /// Reads an image: PNG, JPEG or WebP; sRGB.
     pub fn image(&mut self, name: &str) -> Result<Attached<Texture>> {
+        if let Some(known) = self.images.get(&self.folder.join(name)) {
+            return Ok(known.clone());
+        }
         let path = self.find(name)?;
         let decode = |bytes: &[u8]| {
             TexelCount::default().add(bytes).map_err(|refusal| refusal.at(&path, "the image"))?;

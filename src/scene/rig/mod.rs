@@ -72,6 +72,16 @@ impl Rig {
         file::write_whole(path, |out| out.write_all(text.as_bytes()).map_err(Error::io("write", path)))
     }
 
+    /// Light `index` as the table `[[light]]` of [`Rig::to_toml`], with absolute paths.
+    pub fn light_entry(&self, index: usize) -> toml::Table {
+        write::light_entry(self, index)
+    }
+
+    /// Group `index` as the table `[[group]]` of [`Rig::to_toml`].
+    pub fn group_entry(&self, index: usize) -> toml::Table {
+        write::group_entry(&self.groups[index])
+    }
+
     /// Whether any light has a size.
     pub fn has_sizes(&self) -> bool {
         self.lights.iter().any(|light| !light.is_punctual())
@@ -97,6 +107,17 @@ impl Rig {
         let mut rig = self.clone();
         rig.lights.iter_mut().for_each(|light| light.enabled &= is_solo(light));
         Cow::Owned(rig)
+    }
+
+    /// Removes the lights for which `stays` does not hold; their followers follow no light any more.
+    pub fn retain_lights(&mut self, stays: impl Fn(usize, &Light) -> bool) {
+        let stays: Vec<bool> = self.lights.iter().enumerate().map(|(index, light)| stays(index, light)).collect();
+        let stay_before = |light: usize| stays[..light].iter().filter(|stays| **stays).count();
+        for light in &mut self.lights {
+            light.follows = light.follows.filter(|leader| stays[*leader]).map(stay_before);
+        }
+        let mut stays = stays.iter();
+        self.lights.retain(|_| *stays.next().expect("there is one for each light"));
     }
 
     /// Indices of all lights, leaders before their followers; `Err` is a light whose chain of leaders is cyclic.

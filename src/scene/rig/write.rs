@@ -32,6 +32,32 @@ pub fn to_toml(rig: &Rig, folder: &Path) -> String {
     out.text
 }
 
+/// A light as a table of [`to_toml`], with absolute paths.
+pub fn light_entry(rig: &Rig, light: usize) -> toml::Table {
+    let mut out = Document::default();
+    out.light(&rig.lights[light], rig, Path::new(""));
+    let mut entry = out.only_entry("light");
+    let Light { map, filter, .. } = &rig.lights[light];
+    let absolute = |path: &Path| toml::Value::from(&*path.to_string_lossy());
+    if let Some(map) = map.as_ref().and_then(DomeMap::as_file) {
+        entry.insert("map".into(), absolute(map.path()));
+    }
+    if let Some(ies) = &filter.ies {
+        entry.insert("ies".into(), absolute(ies.path()));
+    }
+    if let (Some(gobo), Some(toml::Value::Table(entry))) = (&filter.gobo, entry.get_mut("gobo")) {
+        entry.insert("image".into(), absolute(gobo.image.path()));
+    }
+    entry
+}
+
+/// A group as a table of [`to_toml`].
+pub fn group_entry(group: &LightGroup) -> toml::Table {
+    let mut out = Document::default();
+    out.group(group);
+    out.only_entry("group")
+}
+
 #[derive(Default)]
 struct Document {
     text: String,
@@ -40,6 +66,18 @@ struct Document {
 }
 
 impl Document {
+    /// The one entry of the list `list`.
+    fn only_entry(&self, list: &str) -> toml::Table {
+        let mut document: toml::Table = self.text.parse().expect("it is TOML");
+        match document.remove(list) {
+            Some(toml::Value::Array(mut entries)) => match entries.pop() {
+                Some(toml::Value::Table(entry)) => entry,
+                _ => unreachable!("entries are tables"),
+            },
+            _ => unreachable!("an entry was written"),
+        }
+    }
+
     /// Begins an entry of a list.
     fn header(&mut self, list: &str) {
         let gap = if self.text.is_empty() { "" } else { "\n" };

@@ -35,6 +35,11 @@ impl OpenScene {
 
     /// Recalls the lights of a slot. A snapshot from a file gets its thumbnail.
     pub(super) fn recall_snapshot(&mut self, slot: usize, view: &ViewState) -> Result<()> {
+        // It may be of before the scene was loaded again.
+        if let Some(Err(reason)) = self.desk.snapshot_rig(slot).map(|rig| rig.check_links(&self.opened.scene)) {
+            self.desk.message = format!("slot {} does not fit the scene: {reason}", slot + 1);
+            return Ok(());
+        }
         self.desk.recall(slot);
         if self.desk.snapshots().get(slot).is_some() && self.thumbnails[slot].is_none() {
             self.thumbnails[slot] = Some(self.thumbnail(view)?);

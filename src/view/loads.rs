@@ -1,0 +1,102 @@
+//! A scene that is loaded, and loaded again while the old one stays.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::Opened;
+use super::load::{LoadEvent, Loading, Messenger, SceneSource};
+use crate::bake::transfer::Transfer;
+
+/// Which scene is loaded, and which is shown.
+pub struct Loads {
+    source: Arc<SceneSource>,
+    messenger: Messenger,
+    pub thread: Loading,
+    /// Number of the scene that was loaded last.
+    latest: u32,
+    /// Number of the scene that is shown.
+    shown: Option<u32>,
+    /// The scene that was loaded again: it replaces the shown one as soon as it has indirect light.
+    replacement: Option<Box<Opened>>,
+}
+
+/// What a message of the loading thread changes.
+pub enum Change {
+    /// The first scene is open.
+    Open(Box<Opened>),
+    /// The scene was loaded again; see [`Loads::replaced`].
+    Replace(Box<Opened>),
+    /// The shown scene has better indirect light.
+    Transfer(Arc<Transfer>),
+    None,
+}
+
+impl Loads {
+    /// Starts to load.
+    pub fn new(source: SceneSource, messenger: Messenger) -> Self {
+        let source = Arc::new(source);
+        let thread = source.start(messenger.clone());
+        Self { source, messenger, thread, latest: 0, shown: None, replacement: None }
+    }
+
+    /// Starts to load again; the thread before ends.
+    pub fn again(&mut self) {
+        self.latest += 1;
+        self.replacement = None;
+        self.thread = self.source.start(self.messenger());
+    }
+
+    /// The rig file that replaces the scene's lights.
+    pub fn rig_path(&self) -> Option<&Path> {
+        self.source.rig.as_deref()
+    }
+
+    /// Sends messages of the scene that was loaded last.
+    pub fn messenger(&self) -> Messenger {
+        self.messenger.of_scene(self.latest)
+    }
+
+    /// Whether `event` of a scene still means something.
+    pub fn concerns(&self, scene: u32, event: &LoadEvent) -> bool {
+        match event {
+            LoadEvent::Wire(_) | LoadEvent::Maps(_) => true,
+            LoadEvent::EdgesRefined(_) | LoadEvent::Gathered(_) => self.shown == Some(scene),
+            LoadEvent::Progress { .. } | LoadEvent::Opened(_) | LoadEvent::Transfer(_) | LoadEvent::Ended(_) => {
+                scene == self.latest
+            }
+        }
+    }
+
+    /// Whether the scene that was loaded last is shown.
+    pub fn is_shown(&self) -> bool {
+        self.shown == Some(self.latest)
+    }
+
+    pub fn opened(&mut self, opened: Box<Opened>) -> Change {
+        if self.shown.is_some() {
+            self.replacement = Some(opened);
+            return Change::None;
+        }
+        self.shown = Some(self.latest);
+        Change::Open(opened)
+    }
+
+    pub fn has_transfer(&mut self, transfer: Arc<Transfer>) -> Change {
+        match self.replacement.take() {
+            Some(opened) => Change::Replace(Box::new(Opened { transfer: Some(transfer), ..*opened })),
+            None if self.is_shown() => Change::Transfer(transfer),
+            // Of a scene that did not fit the lights.
+            None => Change::None,
+        }
+    }
+
+    pub fn ended(&mut self, has_failed: bool) -> Change {
+        let opened = self.replacement.take().filter(|_| !has_failed);
+        opened.map_or(Change::None, Change::Replace) // there is no indirect light
+    }
+
+    /// The scene that was loaded last is shown now.
+    pub fn replaced(&mut self) {
+        self.shown = Some(self.latest);
+    }
+}

@@ -1,0 +1,92 @@
+//! A patch that one side makes is what the other side applies.
+
+use std::path::Path;
+
+use glam::{DVec3, Vec3};
+use proptest::prelude::*;
+use relume::scene::light_filter::BarnDoors;
+use relume::scene::{Light, LightGroup, LightKind, ObjectSet, Rig};
+use relume::wire::merge_patch::{Object, merge};
+use relume::wire::rig_diff::{diff, whole};
+use relume::wire::rig_patch::apply;
+
+fn light(name: String) -> impl Strategy<Value = Light> {
+    let kind = prop_oneof![Just(LightKind::Point), Just(LightKind::Spot), Just(LightKind::Rect), Just(LightKind::Disk)];
+    let switches = (any::<bool>(), any::<bool>(), any::<bool>());
+    let numbers = (-1e6..1e6f64, 0.0..1e9f64, -20.0..20.0f64, 0.0..3.0f32, 0.01..1.5f64);
+    let group = proptest::option::of(0..2usize);
+    (kind, switches, numbers, group, any::<u8>()).prop_map(move |(kind, switches, numbers, group, more)| {
+        let mut light = Light::point(&name, DVec3::new(numbers.0, numbers.4, -numbers.0));
+        (light.kind, light.group) = (kind, group);
+        (light.enabled, light.two_sided, light.visible) = switches;
+        (light.intensity, light.stops, light.color) = (numbers.1, numbers.2, Vec3::new(1.0, numbers.3, 0.1));
+        (light.outer_angle, light.inner_angle) = (numbers.4, 0.5 * numbers.4);
+        if more & 1 == 1 {
+            light.range = Some(numbers.4);
+            light.filter.barn_doors = Some(BarnDoors { angles: [numbers.4; 4], softness: 0.1 });
+        }
+        if more & 2 == 2 {
+            light.links.only = vec!["Ball".into(), "Floor".into()];
+            light.links.factor.insert("Wall".into(), 0.5);
+        }
+        light
+    })
+}
+
+fn rig() -> impl Strategy<Value = Rig> {
+    let groups = (0.0..2.0f64, any::<bool>(), prop_oneof![Just("one"), Just("two")]);
+    let names = proptest::sample::subsequence(vec!["a", "b", "c", "d", "e"], 0..=5);
+    let lights = names.prop_flat_map(|names| names.into_iter().map(|name| light(name.into())).collect::<Vec<_>>());
+    (groups, lights, any::<bool>(), any::<bool>()).prop_map(|((stops, enabled, name), mut lights, set, follows)| {
+        let group = LightGroup { stops, enabled, ..LightGroup::new(name) };
+        if let (true, [first, .., last]) = (follows, &mut lights[..]) {
+            last.follows = Some(0);
+            first.follows = None;
+        }
+        let sets = ObjectSet { name: "set".into(), items: vec!["Ball".into()] };
+        Rig {
+            groups: vec![group, LightGroup::new("always")],
+            sets: if set { vec![sets] } else { Vec::new() },
+            lights,
+            ..Rig::default()
+        }
+    })
+}
+
+fn by_name(rig: &Rig) -> Object {
+    let mut lights = whole(rig);
+    lights.values_mut().for_each(|list| list.as_object_mut().unwrap().sort_keys());
+    lights
+}
+
+proptest! {
+    #[test]
+    fn a_difference_applied_gives_the_other_rig(before in rig(), after in rig()) {
+        let patch = diff(&before, &after);
+        let applied = apply(&before, patch.clone(), Path::new("")).unwrap();
+        prop_assert_eq!(by_name(&applied), by_name(&after), "{:?}", patch);
+        prop_assert!(diff(&applied, &after).is_empty());
+        // A client that only merges has the same, but for renamed groups, which keep their old keys.
+        if before.groups[0].name == after.groups[0].name {
+            let mut merged = whole(&before);
+            merge(&mut merged, patch.clone());
+            let has_renamed = patch.get("lights").is_some_and(|lights| {
+                lights.as_object().unwrap().iter().any(|(key, light)| light.get("name").is_some_and(|name| name != key))
+            });
+            merged.values_mut().for_each(|list| list.as_object_mut().unwrap().sort_keys());
+            prop_assert!(has_renamed || merged == by_name(&after), "{:?}", patch);
+        }
+    }
+}
+
+#[test]
+fn renamed_lights_keep_their_place() {
+    let lights = ["a", "b"].map(|name| Light::point(name, DVec3::ZERO));
+    let before = Rig { lights: lights.to_vec(), ..Rig::default() };
+    let mut after = before.clone();
+    after.lights[0].name = "c".into();
+    after.lights[0].stops = 1.0;
+    let patch = diff(&before, &after);
+    assert_eq!(serde_json::json!(patch), serde_json::json!({ "lights": { "a": { "name": "c", "stops": 1.0 } } }));
+    assert_eq!(apply(&before, patch, Path::new("")).unwrap(), after);
+}
