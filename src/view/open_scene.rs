@@ -3,13 +3,13 @@
 mod comparison;
 mod gathering;
 mod mouse_edits;
+mod other_programs;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
-use serde_json::Value;
 
 use super::action::Action;
 use super::aids::{self, OverlayInfo};
@@ -37,15 +37,13 @@ use crate::bake::transfer::Transfer;
 use crate::desk::describe::rounded;
 use crate::desk::selection::Selection;
 use crate::desk::{Desk, Pick};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
 use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
 use crate::scene::rig::SLOTS;
-use crate::scene::{Rig, Scene, export_gltf};
-use crate::wire::message::PictureRequest;
-use crate::wire::picture::picture;
+use crate::scene::{Rig, export_gltf};
 
 /// An open scene with its desk and relighter.
 pub struct OpenScene {
@@ -136,41 +134,6 @@ impl OpenScene {
             suggested_path,
             opened,
         })
-    }
-
-    /// Replaces the scene, which was loaded again; lights, history and snapshots stay. An error leaves all as it was.
-    pub fn replace(&mut self, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
-        let Opened { scene, framebuffer, transfer, rig } = &opened;
-        let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);
-        let rig = self.desk.rig_in(scene, rig).map_err(wrong)?;
-        let context = self.relighter.context().clone();
-        let relighter =
-            Relighter::new(&context, scene, framebuffer, transfer.as_ref(), &rig, &settings.pictures.relight)?;
-        self.desk.change_scene(rig, scene, framebuffer.camera.clone());
-        self.relighter = relighter;
-        self.shares.invalidate();
-        (self.synced_version, self.drawn, self.still) = (None, None, None);
-        (self.is_refined, self.waits_for_operator) = (false, false);
-        self.layers = Layers::All;
-        self.converge = Converge::new(&context, messenger.clone(), &settings.pictures.relight, settings.rest_samples);
-        self.final_gathering = FinalGathering::new(settings.final_error, messenger);
-        (self.gather_marks, self.comparison_image, self.caster) = (None, None, None);
-        self.light_view = LightView::default();
-        self.opened = opened;
-        Ok(())
-    }
-
-    /// What other programs may read and edit.
-    pub fn lit(&mut self) -> (&mut Desk, &Scene) {
-        (&mut self.desk, &self.opened.scene)
-    }
-
-    /// The picture of the lights as they are, for another program.
-    pub fn picture(&mut self, request: PictureRequest, view: &ViewState) -> Result<Value> {
-        self.sync_lights()?;
-        self.layers = Layers::All;
-        self.relighter.set_changes(self.final_gathering.changes())?;
-        picture(&mut self.relighter, request, (view.exposure, view.curve()))
     }
 
     /// Takes a file that the user dropped.

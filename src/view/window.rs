@@ -1,5 +1,7 @@
 //! The event loop: pending events become one edit, and one edit becomes one frame.
 
+mod loading;
+
 use std::time::{Duration, Instant};
 
 use egui::{Event, ViewportId};
@@ -16,7 +18,7 @@ use super::input_state::{InputContext, InputResult, InputState};
 use super::interface::{Interface, loading_bar};
 use super::keys::Command;
 use super::load::{LoadEvent, Messenger, Numbered, SceneSource};
-use super::loads::{Change, Loads};
+use super::loads::Loads;
 use super::open_scene::{Flow, OpenScene, Pointer};
 use super::pick::placement;
 use super::remote::Remote;
@@ -179,42 +181,6 @@ impl App {
         self.open_scene = Some(open_scene);
         self.stale = true;
         Ok(())
-    }
-
-    /// Loads the scene's file again, while the old picture stays.
-    fn reload(&mut self) {
-        self.loads.again();
-        self.loading = Some(("loading", 0.0));
-        if let Some(open_scene) = &mut self.open_scene {
-            open_scene.is_baking = true;
-            open_scene.desk.message = "loading the scene again".into();
-        }
-    }
-
-    /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
-    fn replace(&mut self, opened: Opened) {
-        let (Some(open_scene), Some(graphics)) = (&mut self.open_scene, &self.graphics) else { return };
-        match open_scene.replace(opened, &self.settings, self.loads.messenger()) {
-            Ok(()) => {
-                self.loads.replaced();
-                graphics.make_room(open_scene.picture_size());
-                open_scene.desk.message = "the scene was loaded again".into();
-                if let Some(remote) = &mut self.remote {
-                    remote.opened(open_scene);
-                }
-            }
-            Err(error) => self.reload_failed(&error),
-        }
-        self.stale = true;
-    }
-
-    fn reload_failed(&mut self, error: &Error) {
-        if let Some(open_scene) = &mut self.open_scene {
-            open_scene.desk.message = format!("the scene stays as it is: {}", error.chain());
-        }
-        if let Some(remote) = &self.remote {
-            remote.host.failed(error);
-        }
     }
 
     /// Returns the current position of the picture in the window.
@@ -434,46 +400,6 @@ impl App {
             self.ask_for_frame();
         }
         Ok(())
-    }
-
-    /// Shows what the loading thread has made.
-    fn change(&mut self, change: Change, event_loop: &ActiveEventLoop) {
-        let outcome = match (change, &mut self.open_scene) {
-            (Change::Open(opened), _) => self.open(*opened),
-            (Change::Replace(opened), _) => {
-                self.replace(*opened);
-                Ok(())
-            }
-            (Change::Transfer(transfer), Some(open_scene)) => open_scene.set_transfer(transfer),
-            (Change::Transfer(_), None) | (Change::None, _) => Ok(()),
-        };
-        self.stale = true;
-        self.check(outcome.map(|()| Flow::Continue), event_loop);
-    }
-
-    fn loading_ended(&mut self, outcome: Result<()>, event_loop: &ActiveEventLoop) {
-        self.loading = None;
-        let change = self.loads.ended(outcome.is_err());
-        self.change(change, event_loop);
-        let is_shown = self.loads.is_shown();
-        let Some(open_scene) = &mut self.open_scene else {
-            return self.check(outcome.map(|()| Flow::Continue), event_loop);
-        };
-        open_scene.is_baking = false;
-        match outcome {
-            Ok(()) if is_shown => self.remote.iter_mut().for_each(|remote| remote.host.indirect(true)),
-            Ok(()) => {}
-            Err(error) if is_shown => {
-                // Direct light can still be edited.
-                let what = match open_scene.opened.transfer {
-                    Some(_) => "indirect light stays as it is",
-                    None => "no indirect light",
-                };
-                open_scene.desk.message = format!("{what}: {error}");
-                self.remote.iter().for_each(|remote| remote.host.failed(&error));
-            }
-            Err(error) => self.reload_failed(&error),
-        }
     }
 
     /// Ends the loop on quit or on an error.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::client::{Client, Serve, address, connect};
-use crate::random::Random;
+use crate::common::random::Random;
 
 fn balls() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/balls-2.glb")

@@ -2,12 +2,10 @@
 
 #[path = "../command/mod.rs"]
 mod command;
+#[path = "../common/mod.rs"]
+mod common;
 #[path = "../desktop/mod.rs"]
 mod desktop;
-
-#[allow(dead_code)] // other tests use the rest of it
-#[path = "../common/random.rs"]
-mod random;
 
 mod client;
 mod hostile;

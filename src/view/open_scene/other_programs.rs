@@ -1,0 +1,54 @@
+//! What other programs see and edit, and the scene that they changed.
+
+use serde_json::Value;
+
+use super::OpenScene;
+use crate::desk::Desk;
+use crate::error::{Error, Result};
+use crate::relight::{Layers, Relighter};
+use crate::scene::Scene;
+use crate::view::converge::Converge;
+use crate::view::final_gathering::FinalGathering;
+use crate::view::light_view::LightView;
+use crate::view::load::Messenger;
+use crate::view::view_state::ViewState;
+use crate::view::{Opened, ViewSettings};
+use crate::wire::message::PictureRequest;
+use crate::wire::picture::picture;
+
+impl OpenScene {
+    /// Replaces the scene, which was loaded again; lights, history and snapshots stay. An error leaves all as it was.
+    pub fn replace(&mut self, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
+        let Opened { scene, framebuffer, transfer, rig } = &opened;
+        let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);
+        let rig = self.desk.rig_in(scene, rig).map_err(wrong)?;
+        let context = self.relighter.context().clone();
+        let relighter =
+            Relighter::new(&context, scene, framebuffer, transfer.as_ref(), &rig, &settings.pictures.relight)?;
+        self.desk.change_scene(rig, scene, framebuffer.camera.clone());
+        self.relighter = relighter;
+        self.shares.invalidate();
+        (self.synced_version, self.drawn, self.still) = (None, None, None);
+        (self.is_refined, self.waits_for_operator) = (false, false);
+        self.layers = Layers::All;
+        self.converge = Converge::new(&context, messenger.clone(), &settings.pictures.relight, settings.rest_samples);
+        self.final_gathering = FinalGathering::new(settings.final_error, messenger);
+        (self.gather_marks, self.comparison_image, self.caster) = (None, None, None);
+        self.light_view = LightView::default();
+        self.opened = opened;
+        Ok(())
+    }
+
+    /// What other programs may read and edit.
+    pub fn lit(&mut self) -> (&mut Desk, &Scene) {
+        (&mut self.desk, &self.opened.scene)
+    }
+
+    /// The picture of the lights as they are, for another program.
+    pub fn picture(&mut self, request: PictureRequest, view: &ViewState) -> Result<Value> {
+        self.sync_lights()?;
+        self.layers = Layers::All;
+        self.relighter.set_changes(self.final_gathering.changes())?;
+        picture(&mut self.relighter, request, (view.exposure, view.curve()))
+    }
+}

@@ -1,0 +1,87 @@
+//! What the loading thread makes, and the scene loaded again.
+
+use winit::event_loop::ActiveEventLoop;
+
+use super::App;
+use crate::error::{Error, Result};
+use crate::view::Opened;
+use crate::view::loads::Change;
+use crate::view::open_scene::Flow;
+
+impl App {
+    /// Loads the scene's file again, while the old picture stays.
+    pub(super) fn reload(&mut self) {
+        self.loads.again();
+        self.loading = Some(("loading", 0.0));
+        if let Some(open_scene) = &mut self.open_scene {
+            open_scene.is_baking = true;
+            open_scene.desk.message = "loading the scene again".into();
+        }
+    }
+
+    /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
+    pub(super) fn replace(&mut self, opened: Opened) {
+        let (Some(open_scene), Some(graphics)) = (&mut self.open_scene, &self.graphics) else { return };
+        match open_scene.replace(opened, &self.settings, self.loads.messenger()) {
+            Ok(()) => {
+                self.loads.replaced();
+                graphics.make_room(open_scene.picture_size());
+                open_scene.desk.message = "the scene was loaded again".into();
+                if let Some(remote) = &mut self.remote {
+                    remote.opened(open_scene);
+                }
+            }
+            Err(error) => self.reload_failed(&error),
+        }
+        self.stale = true;
+    }
+
+    pub(super) fn reload_failed(&mut self, error: &Error) {
+        if let Some(open_scene) = &mut self.open_scene {
+            open_scene.desk.message = format!("the scene stays as it is: {}", error.chain());
+        }
+        if let Some(remote) = &self.remote {
+            remote.host.failed(error);
+        }
+    }
+
+    /// Shows what the loading thread has made.
+    pub(super) fn change(&mut self, change: Change, event_loop: &ActiveEventLoop) {
+        let outcome = match (change, &mut self.open_scene) {
+            (Change::Open(opened), _) => self.open(*opened),
+            (Change::Replace(opened), _) => {
+                self.replace(*opened);
+                Ok(())
+            }
+            (Change::Transfer(transfer), Some(open_scene)) => open_scene.set_transfer(transfer),
+            (Change::Transfer(_), None) | (Change::None, _) => Ok(()),
+        };
+        self.stale = true;
+        self.check(outcome.map(|()| Flow::Continue), event_loop);
+    }
+
+    pub(super) fn loading_ended(&mut self, outcome: Result<()>, event_loop: &ActiveEventLoop) {
+        self.loading = None;
+        let change = self.loads.ended(outcome.is_err());
+        self.change(change, event_loop);
+        let is_shown = self.loads.is_shown();
+        let Some(open_scene) = &mut self.open_scene else {
+            return self.check(outcome.map(|()| Flow::Continue), event_loop);
+        };
+        open_scene.is_baking = false;
+        match outcome {
+            Ok(()) if is_shown => self.remote.iter_mut().for_each(|remote| remote.host.indirect(true)),
+            Ok(()) => {}
+            Err(error) if is_shown => {
+                // Direct light can still be edited.
+                let what = match open_scene.opened.transfer {
+                    Some(_) => "indirect light stays as it is",
+                    None => "no indirect light",
+                };
+                open_scene.desk.message = format!("{what}: {error}");
+                self.remote.iter().for_each(|remote| remote.host.failed(&error));
+            }
+            Err(error) => self.reload_failed(&error),
+        }
+    }
+}
