@@ -21,7 +21,8 @@ ONLY_RELUME = (
 )
 PROPERTY = "relume"
 # Keys of an entry that only some lights of Blender have.
-OPTIONAL = ("only", "except", "no_shadow_from", "group", "ies", "map")
+LINKS = ("only", "except", "no_shadow_from")
+OPTIONAL = (*LINKS, "group", "ies", "map")
 
 
 def key_of(name):
@@ -200,7 +201,7 @@ def apply(thing, entry, changed, folder):
         if group and known is None:
             known = layer.lightgroups.add(name=group).name
         thing.lightgroup = known or ""
-    if changed & {"only", "except", "no_shadow_from"}:
+    if changed & set(LINKS):
         links.link(thing, entry)
     extras = {key: entry[key] for key in ONLY_RELUME if key in entry}
     if extras:

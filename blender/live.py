@@ -107,9 +107,22 @@ class Live:
 
     def reload(self):
         """Exports again; relume bakes it while the old picture stays."""
+        before = self.exported
         self.export()
         if self.connection:
+            self.unlink(before - self.exported)
             self.connection.request("reload")
+
+    def unlink(self, gone):
+        """Takes objects that are gone out of relume's links, as it refuses a scene that lacks them."""
+        unsure = {*self.rejected, *(key for patch in self.pending.values() for key in patch)}
+        for key, entry in self.theirs.items():
+            linked = gone.union(*(entry.get(name, ()) for name in lights.LINKS)) if key in unsure else gone
+            links = {name: entry.get(name, []) for name in lights.LINKS}
+            left = {name: [thing for thing in things if thing not in linked] or None for name, things in links.items()}
+            if key in unsure or left != {name: things or None for name, things in links.items()}:
+                self.send({key: left})
+                merge(entry, left)
 
     def bring_back(self):
         """Gives Blender's lights all values of relume's."""
@@ -140,8 +153,9 @@ class Live:
             self.connection.flush()
             for message in self.connection.receive():
                 self.take(message)
-            if time.monotonic() > self.poll_at:  # of light groups Blender tells nothing
+            if time.monotonic() > self.poll_at:  # of light groups and new names Blender tells nothing
                 self.poll_at, self.is_dirty = time.monotonic() + POLL, True
+                self.outdated |= self.exported ^ export.shown(self.scene)
             if self.is_open and self.is_dirty:
                 self.send_edits()
             self.connection.flush()
@@ -221,6 +235,12 @@ class Live:
 
     def opened(self, message):
         """relume has told all of its lights: agrees with it anew."""
+        self.message = "the scene is open in relume"
+        # New objects can be linked now.
+        self.rejected.clear()
+        for entry in self.ours.values():
+            for name in lights.LINKS:
+                entry.pop(name, None)
         theirs = self.soon(message["rig"]["lights"])
         is_same = self.connection.process == self.peer
         known, self.theirs, self.is_open = self.theirs, theirs, True
