@@ -115,6 +115,58 @@ fn data_channels_and_attributes_are_written() {
     assert!(layer.attributes.other.len() == 8 && has("Crypto7 with ü") && has("cryptomatte/7/name"));
 }
 
+/// Lines or tiles, one part or one for each layer: the same channels, read by another program's reader.
+#[test]
+fn parts_and_tiles_hold_the_same() {
+    let folder = folder();
+    let path = folder.path().join("parts.exr");
+    let (width, height) = (150, 70); // neither is a multiple of the side of a tile
+    let mut image = Image::single(width, height, ramp(width, height, 0.0))
+        .with_layer("light.key", ramp(width, height, 1.0))
+        .with_layer("light.key.direct.diffuse", ramp(width, height, 2.0));
+    image.data.push(DataChannel { name: "light.key.Z".into(), values: vec![0.25; width * height] });
+    let texts = vec![("cryptomatte/1/name".to_owned(), "Crypto".to_owned())];
+    for blocks in [our_exr::Blocks::Lines, our_exr::Blocks::Tiles] {
+        for has_parts in [false, true] {
+            let metadata = our_exr::ExrMetadata { texts: texts.clone(), blocks, has_parts, ..Default::default() };
+            our_exr::write_with_metadata(&path, &image, &metadata).unwrap();
+            let bytes = fs::read(&path).unwrap();
+            our_exr::write_with_metadata(&path, &image, &metadata).unwrap();
+            assert_eq!(fs::read(&path).unwrap(), bytes);
+            let read = ex::read_all_flat_layers_from_file(&path).unwrap();
+            let parts: Vec<String> = read
+                .layer_data
+                .iter()
+                .map(|part| part.attributes.layer_name.as_ref().map_or("".into(), |n| n.to_string()))
+                .collect();
+            let wanted: &[&str] = if has_parts { &["beauty", "light.key", "light.key.direct.diffuse"] } else { &[""] };
+            assert_eq!(parts, wanted);
+            assert!(read.layer_data.iter().all(|part| part.encoding.blocks
+                == match blocks {
+                    our_exr::Blocks::Lines => Blocks::ScanLines,
+                    our_exr::Blocks::Tiles => Blocks::Tiles(Vec2(64, 64)),
+                }));
+            assert!(read.layer_data.iter().all(|part| part.attributes.other.len() == 1));
+            let channels = read.layer_data.iter().flat_map(|part| &part.channel_data.list);
+            let mut count = 0;
+            for channel in channels {
+                let name = channel.name.to_string();
+                let (layer, letter) = name.rsplit_once('.').unwrap_or(("", &name));
+                let values: Vec<f32> = channel.sample_data.values_as_f32().collect();
+                match "RGB".find(letter) {
+                    Some(c) => {
+                        let pixels = &image.layers.iter().find(|l| l.name == layer).unwrap().pixels;
+                        assert!(values.iter().zip(pixels).all(|(value, pixel)| *value == pixel[c]), "{name}");
+                    }
+                    None => assert_eq!((name.as_str(), &values), ("light.key.Z", &image.data[0].values)),
+                }
+                count += 1;
+            }
+            assert_eq!(count, 10);
+        }
+    }
+}
+
 fn foreign(parts: Vec<(&str, Vec<(&str, FlatSamples)>)>, size: (usize, usize), encoding: Encoding) -> Vec<u8> {
     let layers = parts.into_iter().map(|(part, channels)| {
         let channels = channels.into_iter().map(|(name, samples)| ex::AnyChannel::new(name, samples)).collect();

@@ -1,7 +1,7 @@
 //! EXR files: writes layers and data channels, reads any flat RGB or grey layers.
 //!
-//! One part holds every channel, named `R` or `direct.R` as other programs show them; the `exr` crate's own layers
-//! would become parts.
+//! One part holds every channel, or each layer has a part. Channels are named `R` or `direct.R` in both, as other programs
+//! show them; the `exr` crate's own layers would lose their prefix.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -10,9 +10,11 @@ use exr::block::UncompressedBlock;
 use exr::block::writer::ChunksWriter;
 use exr::compression::Compression;
 use exr::error::{Error as ExrError, Result as ExrResult};
-use exr::math::Vec2;
+use exr::math::{RoundingMode, Vec2};
 use exr::meta::BlockDescription;
-use exr::meta::attribute::{AttributeValue, ChannelDescription, Chromaticities, LineOrder, SampleType, Text};
+use exr::meta::attribute::{
+    AttributeValue, ChannelDescription, Chromaticities, LevelMode, LineOrder, SampleType, Text, TileDescription,
+};
 use exr::meta::header::Header;
 use glam::Vec3;
 use half::f16;
@@ -37,6 +39,19 @@ pub struct ExrMetadata {
     pub precision: Precision,
     /// Of the layers in the file; those of the image have the primaries of Rec. 709.
     pub primaries: Primaries,
+    pub blocks: Blocks,
+    /// Whether each layer has a part of its own.
+    pub has_parts: bool,
+}
+
+/// What is compressed together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Blocks {
+    /// Sixteen lines.
+    #[default]
+    Lines,
+    /// 64 by 64 pixels.
+    Tiles,
 }
 
 /// Precision of colours. Data channels have 32 bits.
@@ -61,22 +76,28 @@ pub fn write_with_metadata(path: &Path, image: &Image, metadata: &ExrMetadata) -
     file::write_bytes(path, &bytes)
 }
 
-/// Encodes one part of scan lines, ZIP-compressed in blocks of sixteen; the bytes do not depend on the number of
-/// threads.
+/// Encodes the image, ZIP-compressed; the bytes do not depend on the number of threads.
 pub(crate) fn encode(image: &Image, metadata: &ExrMetadata) -> ExrResult<Vec<u8>> {
     let converted = converted(image, metadata.primaries);
-    let channels = sorted_channels(converted.as_ref().unwrap_or(image))?;
-    let headers = [header(image, &channels, metadata)?];
+    let mut channels = sorted_channels(converted.as_ref().unwrap_or(image))?;
+    if metadata.has_parts {
+        channels.sort_by(|a, b| a.layer().cmp(b.layer())); // stable; a.R and a.x are no neighbours if there is a.b.R
+    }
+    let parts: Vec<&[Channel]> = match metadata.has_parts {
+        true => channels.chunk_by(|a, b| a.layer() == b.layer()).collect(),
+        false => vec![&channels],
+    };
+    let headers: Vec<Header> = parts.iter().map(|part| header(image, part, metadata)).collect::<ExrResult<_>>()?;
+    let part_count = headers.len();
     let mut bytes = Vec::new();
     exr::block::write(Cursor::new(&mut bytes), headers.into_iter().collect(), true, |meta, file| {
-        let header = &meta.headers[0];
         let blocks: Vec<_> = meta.enumerate_ordered_header_block_indices().collect();
         // The crate's parallel writer starts a thread pool for every file; this uses the existing threads.
         let chunks: ExrResult<Vec<_>> = blocks
             .into_par_iter()
             .map(|(order, index)| {
-                let block = UncompressedBlock::from_lines(&header.channels, index, |line| {
-                    let channel = &channels[line.location.channel];
+                let block = UncompressedBlock::from_lines(&meta.headers[index.layer].channels, index, |line| {
+                    let channel = &parts[index.layer][line.location.channel];
                     let Vec2(x, y) = line.location.position;
                     let start = y * image.width + x;
                     let written = match channel.sample_type(metadata.precision) {
@@ -95,16 +116,22 @@ pub(crate) fn encode(image: &Image, metadata: &ExrMetadata) -> ExrResult<Vec<u8>
     if channels.iter().any(|channel| channel.name.len() > 31) {
         bytes[LONG_NAMES.0] |= LONG_NAMES.1;
     }
-    sort_attributes(&mut bytes);
+    let mut at = 8; // after magic number and version
+    for _ in 0..part_count {
+        at = sort_attributes(&mut bytes, at);
+    }
     Ok(bytes)
 }
+
+/// Pixels; as most programs write it.
+const TILE_SIDE: usize = 64;
 
 /// Byte and mask of bit 10 of the version field, which follows the four magic bytes [OpenEXR File Layout].
 const LONG_NAMES: (usize, u8) = (4 + 1, 1 << (10 - 8));
 
-/// Sorts the attributes of a file's one header by name: the crate writes those of others in random order.
-fn sort_attributes(bytes: &mut [u8]) {
-    let begin = 8; // after magic number and version
+/// Sorts the attributes of the header that begins at a byte, by name: the crate writes those of others in random order.
+/// Returns where the next one begins.
+fn sort_attributes(bytes: &mut [u8], begin: usize) -> usize {
     let mut attributes = Vec::new();
     let mut at = begin;
     // Name and type end with a NUL, then come four bytes of size and the value [OpenEXR File Layout].
@@ -118,6 +145,7 @@ fn sort_attributes(bytes: &mut [u8]) {
     }
     attributes.sort();
     bytes[begin..at].copy_from_slice(&attributes.concat());
+    at + 1
 }
 
 /// The nearest of 16 bits; brighter than these can be becomes the brightest.
@@ -137,6 +165,11 @@ enum Values<'a> {
 }
 
 impl Channel<'_> {
+    /// Name of its layer; empty for `R`.
+    fn layer(&self) -> &str {
+        self.name.rsplit_once('.').map_or("", |(layer, _)| layer)
+    }
+
     fn value(&self, pixel: usize) -> f32 {
         match self.values {
             Values::Layer(pixels, component) => pixels[pixel][component],
@@ -191,11 +224,22 @@ fn header(image: &Image, channels: &[Channel], metadata: &ExrMetadata) -> ExrRes
     }
     let mut header = Header::new(Text::from("relume"), size, described.collect()).with_encoding(
         Compression::ZIP16,
-        BlockDescription::ScanLines,
+        match metadata.blocks {
+            Blocks::Lines => BlockDescription::ScanLines,
+            Blocks::Tiles => BlockDescription::Tiles(TileDescription {
+                tile_size: Vec2(TILE_SIDE, TILE_SIDE),
+                level_mode: LevelMode::Singular,
+                rounding_mode: RoundingMode::Down,
+            }),
+        },
         LineOrder::Increasing,
     );
     // Only files of several parts have part names.
-    header.own_attributes.layer_name = None;
+    let part = match channels[0].layer() {
+        "" => "beauty",
+        layer => layer,
+    };
+    header.own_attributes.layer_name = metadata.has_parts.then(|| Text::from_slice_unchecked(part.as_bytes()));
     header.own_attributes.software_name = Some(Text::from(concat!("relume ", env!("CARGO_PKG_VERSION"))));
     header.shared_attributes.chromaticities = Some(chromaticities(metadata.primaries));
     if !metadata.comments.is_empty() {
