@@ -47,8 +47,9 @@ fn only_whole_files_are_taken() {
     let compression = CompressionSettings { error: 0.1, lights: 32, lobe: Lobe::All, seed: 1 };
     let transfer = Transfer::nested(&transfer, &compression, &mut Journal::default(), &|_| ()).unwrap();
 
-    let key = cache::key(&scene, camera, &scene.rig, &settings);
-    cache::store(dir, &key, "a", &framebuffer).unwrap();
+    let inputs = cache::Inputs::of(&scene, camera, &scene.rig, &settings);
+    let key = inputs.key();
+    cache::store(dir, &inputs, "a", &framebuffer).unwrap();
     let of_framebuffer = bakes_in(dir).remove(0);
     let transfer_key = cache::transfer_key(&key, &"settings");
     cache::store_transfer(dir, &transfer_key, "a", &framebuffer, &transfer).unwrap();
@@ -227,4 +228,50 @@ fn listing_reads_headers_alone() {
     }
     let listed = run!("bake", "--list", "--cache", folder.path()).silent().stdout;
     assert!(listed.contains("1099511.6 MB") && listed.contains("7x5") && listed.contains("huge"), "{listed}");
+}
+
+/// What a bake does not depend on finds it again; what it depends on is named.
+#[test]
+fn a_bake_says_what_changed() {
+    let folder = folder();
+    let dir = folder.path();
+    let load = || Scene::load(&shipped("cornell-glossy.glb")).unwrap();
+    let settings = BakeSettings { width: 24, height: 16, layers: 4, samples: 1 };
+    let inputs = |scene: &Scene| cache::Inputs::of(scene, &scene.cameras[0], &scene.rig, &settings);
+    let scene = load();
+    let first = inputs(&scene);
+    assert_eq!(first.changes(dir, "a"), None, "there is no bake yet");
+    let traced = TracedScene::new(load());
+    let framebuffer = bake(&traced, &scene.cameras[0], &scene.rig, &settings, &|_| ());
+    cache::store(dir, &first, "a", &framebuffer).unwrap();
+    let changed = |edit: &dyn Fn(&mut Scene)| {
+        let mut scene = load();
+        edit(&mut scene);
+        let inputs = inputs(&scene);
+        ((inputs.key() != first.key()).then(|| inputs.changes(dir, "a").expect("it names what changed")), inputs)
+    };
+    let names: Vec<String> = scene.materials.iter().map(|material| material.name.clone()).collect();
+    assert_eq!(changed(&|scene| scene.materials[0].name = "other".into()).0, None);
+    assert_eq!(changed(&|scene| scene.rig.lights[0].intensity = 7.0).0, None);
+    let repainted = changed(&|scene| scene.materials[1].base_color.x = 0.123);
+    assert_eq!(repainted.0, Some(format!("the material \"{}\"", names[1])));
+    assert_eq!(changed(&|scene| scene.cameras[0].position.y += 0.01).0, Some("the camera".into()));
+    let all = changed(&|scene| {
+        scene.mesh.positions[0].x += 0.01;
+        scene.materials.iter_mut().for_each(|material| material.roughness = 0.77);
+    });
+    assert_eq!(all.0, Some(format!("geometry, {} of {0} materials", names.len())));
+    assert_eq!(all.1.changes(dir, "b"), None, "another scene's bake is no earlier one");
+    // Of several earlier bakes the most similar one counts.
+    cache::store(dir, &all.1, "a", &framebuffer).unwrap();
+    assert_eq!(repainted.1.changes(dir, "a"), Some(format!("the material \"{}\"", names[1])));
+
+    let bake = |size: &str| {
+        let mut command = relume();
+        command.arg("bake").arg(shipped("balls-2.glb")).args(["--gi", "off", "--size", size, "--cache"]).arg(dir);
+        Run::of(&mut command).done().stdout
+    };
+    assert!(!bake("32x24").contains("baked again"));
+    assert!(bake("33x24").contains("what changed since: the size of the picture"));
+    assert!(!bake("32x24").contains("baked again"), "it is in the cache");
 }

@@ -174,8 +174,9 @@ fn cache_files_with_the_right_checksum() {
     let scene = TracedScene::new(Scene::load(&shipped("cornell-glossy.glb")).unwrap());
     let settings = BakeSettings { width: 16, height: 16, layers: 4, samples: 1 };
     let framebuffer = bake(&scene, &scene.cameras[0], &scene.rig, &settings, &|_| ());
-    let key = cache::key(&scene, &scene.cameras[0], &scene.rig, &settings);
-    cache::store(dir, &key, "a", &framebuffer).unwrap();
+    let inputs = cache::Inputs::of(&scene, &scene.cameras[0], &scene.rig, &settings);
+    let key = inputs.key();
+    cache::store(dir, &inputs, "a", &framebuffer).unwrap();
     let files = || -> Vec<_> { std::fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().path()).collect() };
     let of_framebuffer = files().remove(0);
     let of_transfer = TransferSettings {

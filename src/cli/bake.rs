@@ -19,7 +19,7 @@ pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     #[arg(required_unless_present_any = ["list", "prune"])]
     scene: Option<PathBuf>,
-    /// Rig file whose lights replace those of the scene. They matter only with --samples, which smooths the edges of their
+    /// Rig file, or USD file, whose lights replace those of the scene. They matter only with --samples, which smooths the edges of their
     /// shadows.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
@@ -63,6 +63,9 @@ pub fn run(args: &Args) -> Result<()> {
         return Err(error);
     }
     let report = &session.bake;
+    if let Some(changed) = &report.because {
+        out!("baked again, because of what changed since: {changed}")?;
+    }
     for stage in &report.stages {
         out!("{:<20} {:9.1} ms", stage.name, 1e3 * stage.seconds)?;
     }

@@ -61,6 +61,7 @@ pub fn figures_of_bake(session: &Session, traced: bool) -> Value {
             "cpu_seconds": session.bake.cpu_seconds,
             "stages": session.bake.stages,
             "cached": session.bake.cached,
+            "because": session.bake.because,
             "peak_bytes": peak_bytes(),
         },
         "samples": { "view": framebuffer.samples.len(), "gather": transfer.map_or(0, Transfer::sample_count), "layers": session.layers() },

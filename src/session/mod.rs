@@ -386,7 +386,8 @@ impl Session {
         let of_framebuffer = BakeSettings { width, height, layers, samples };
         let cache_dir = &settings.cache_dir;
         let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, DeepFramebuffer)> {
-            let key = cache::key(&scene, &camera, &rig, settings);
+            let inputs = cache::Inputs::of(&scene, &camera, &rig, settings);
+            let key = inputs.key();
             let stored = cache_dir
                 .as_deref()
                 .and_then(|dir| report.stage("read cache", || cache::load(dir, &key, &camera, settings)));
@@ -394,13 +395,18 @@ impl Session {
             if let Some(framebuffer) = stored {
                 return Ok((key, framebuffer));
             }
+            report.because = cache_dir.as_deref().and_then(|dir| inputs.changes(dir, &scene.name()));
+            if let Some(changed) = &report.because {
+                tracing::info!("baked again, because of what changed since: {changed}");
+            }
             let passes = if settings.samples > 1 { 2 } else { 1 };
             progress.begin("deep framebuffer", passes * settings.tile_count());
             let make = || bake(&scene, &camera, &rig, settings, &advance(progress));
             let framebuffer = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
             progress.end();
             if let Some(dir) = cache_dir
-                && let Err(error) = report.stage("write cache", || cache::store(dir, &key, &scene.name(), &framebuffer))
+                && let Err(error) =
+                    report.stage("write cache", || cache::store(dir, &inputs, &scene.name(), &framebuffer))
             {
                 tracing::info!("not stored in the cache: {error}"); // a read-only cache works
                 report.not_stored = Some(error);

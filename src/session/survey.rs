@@ -209,7 +209,7 @@ impl View<'_> {
     fn stored(&self, size: [u32; 2]) -> Option<DeepFramebuffer> {
         let dir = self.settings.cache_dir.as_deref().filter(|dir| dir.is_dir())?;
         let settings = self.bake_settings(size, self.settings.samples);
-        let key = cache::key(self.scene, self.camera, self.rig, &settings);
+        let key = cache::Inputs::of(self.scene, self.camera, self.rig, &settings).key();
         cache::load(dir, &key, self.camera, &settings).map(|framebuffer| self.forced(framebuffer))
     }
 

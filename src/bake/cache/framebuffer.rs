@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::Vec3;
 use safetensors::tensor::Dtype;
 
-use super::{Key, Reader, Writer, file, read};
+use super::{Inputs, Key, Reader, Writer, file, inputs, read};
 use crate::bake::framebuffer::view_samples::{Tiling, pack};
 use crate::bake::{BakeSettings, DeepFramebuffer};
 use crate::error::Result;
@@ -20,8 +20,8 @@ pub fn load(dir: &Path, key: &Key, camera: &Camera, settings: &BakeSettings) -> 
     Some(DeepFramebuffer { packets, ..framebuffer })
 }
 
-/// Stores a bake of the scene called `name`.
-pub fn store(dir: &Path, key: &Key, name: &str, framebuffer: &DeepFramebuffer) -> Result<()> {
+/// Stores a bake of `inputs`, the scene called `name`.
+pub fn store(dir: &Path, inputs: &Inputs, name: &str, framebuffer: &DeepFramebuffer) -> Result<()> {
     let mut writer = Writer { tensors: Vec::new() };
     writer.add("view_samples", Dtype::U32, 8, &framebuffer.samples);
     writer.add("geometric_normals", Dtype::F32, 3, &framebuffer.geometric_normals);
@@ -38,8 +38,9 @@ pub fn store(dir: &Path, key: &Key, name: &str, framebuffer: &DeepFramebuffer) -
         ("what", "deep framebuffer".to_owned()),
         ("width", framebuffer.tiling.width.to_string()),
         ("height", framebuffer.tiling.height.to_string()),
+        (inputs::METADATA, serde_json::to_string(inputs).expect("plain text")),
     ];
-    writer.write(&file(dir, key), &metadata)
+    writer.write(&file(dir, &inputs.key()), &metadata)
 }
 
 /// `None` if the file differs from what [`store`] writes. Kernels follow these indices, so every index is checked.

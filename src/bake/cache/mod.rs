@@ -5,6 +5,7 @@
 //! src/shared/mod.rs; float fields of a tensor of type U32 are stored by their bits.
 
 mod framebuffer;
+mod inputs;
 mod transfer;
 
 use std::ops::Range;
@@ -15,17 +16,15 @@ use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorInfo};
 use serde::Serialize;
 
 pub use self::framebuffer::{load, store};
+pub use self::inputs::Inputs;
 pub use self::transfer::{load_sky, load_transfer, store_sky, store_transfer, transfer_key};
 
-use super::BakeSettings;
-use super::framebuffer::edges::edge_lights;
 use crate::error::{Cause, Error, Result};
-use crate::scene::{Camera, Rig, Scene};
 use crate::storage::file::{is_temporary, open, write_whole};
 use crate::storage::mapped::{Elements, Mapping};
 
 /// Version of the file format; incremented when the content changes.
-const FORMAT: &str = "29";
+const FORMAT: &str = "30";
 
 /// Hash of all inputs of a bake; names its file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,40 +39,6 @@ pub struct Entry {
     pub what: String,
     pub size: String,
     pub bytes: u64,
-}
-
-/// Key of the deep framebuffer: a hash of relume's version, `FORMAT`, `settings`, camera, and the scene's space,
-/// materials, mesh and finest texture levels. Lights are hashed only if their edges are anti-aliased. The key of a
-/// transfer is [`transfer_key`].
-pub fn key(scene: &Scene, camera: &Camera, rig: &Rig, settings: &BakeSettings) -> Key {
-    let mut hasher = blake3::Hasher::new();
-    let seen = (camera.position, camera.world_from_camera, camera.projection);
-    hasher.update(&serialized(&(env!("CARGO_PKG_VERSION"), FORMAT, settings, scene.space, seen, &scene.materials)));
-    if settings.samples > 1 {
-        hasher.update(&edge_lights(scene.space, rig));
-    }
-    let mesh = &scene.mesh;
-    let arrays: [&[u8]; 8] = [
-        bytemuck::cast_slice(&mesh.positions),
-        bytemuck::cast_slice(&mesh.normals),
-        bytemuck::cast_slice(&mesh.uvs[0]),
-        bytemuck::cast_slice(&mesh.uvs[1]),
-        bytemuck::cast_slice(&mesh.colors),
-        bytemuck::cast_slice(&mesh.tangents),
-        bytemuck::cast_slice(&mesh.triangles),
-        bytemuck::cast_slice(&mesh.triangle_materials),
-    ];
-    for array in arrays {
-        hasher.update(&(array.len() as u64).to_le_bytes());
-        hasher.update_rayon(array);
-    }
-    for texture in &scene.textures {
-        let finest = &texture.levels[0];
-        hasher.update(&serialized(&(texture.encoding, finest.width, finest.height)));
-        hasher.update_rayon(bytemuck::cast_slice(&finest.texels));
-        hasher.update_rayon(bytemuck::cast_slice(&finest.low));
-    }
-    Key(name(&hasher.finalize()))
 }
 
 /// A byte string that identifies these settings among all settings of their type.
@@ -97,7 +62,7 @@ pub fn journal(dir: &Path, key: &Key) -> PathBuf {
 /// Every bake in a cache directory. Reads only the headers of the files.
 pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     let mut entries = Vec::new();
-    for path in files(dir, |name| name.starts_with("bake-") && name.ends_with(".safetensors"))? {
+    for path in files(dir, is_bake)? {
         let (opened, bytes) = open(&path)?;
         let reader = Reader::new(Mapping::new(&opened).map_err(Error::io("read", &path))?);
         let field = |name: &str| reader.as_ref().and_then(|r| r.text(name)).unwrap_or("?").to_owned();
@@ -147,6 +112,11 @@ fn read<T: Send>(dir: &Path, key: &Key, decode: impl Fn(&Reader) -> Option<T> + 
     };
     tracing::warn!("{} is {reason}: baking again", path.display());
     None
+}
+
+/// Whether a file name is that of a finished bake.
+fn is_bake(name: &str) -> bool {
+    name.starts_with("bake-") && name.ends_with(".safetensors")
 }
 
 fn files(dir: &Path, chosen: impl Fn(&str) -> bool) -> Result<Vec<PathBuf>> {
