@@ -78,6 +78,8 @@
 //! - [Hosek 2012] Hošek, Wilkie, An analytic model for full spectral sky-dome radiance, SIGGRAPH.
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
+//! - [Kasson 1995] Kasson, Nin, Plouffe, Hafner, Performing color space conversions with three-dimensional linear
+//!   interpolation, Journal of Electronic Imaging 4(3).
 //! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
 //! - [IES 2002] ANSI/IESNA LM-63-02, the version before the next.
 //! - [IES 2019] ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data.
@@ -113,6 +115,7 @@
 //! - [Sobotka 2022] Sobotka, AgX; [Wrensch 2023] Wrensch, Minimal AgX implementation.
 //! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
+//! - [UsdLux 2025] Pixar Animation Studios, UsdLux: USD lighting schema, documentation of OpenUSD 25.11.
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
 //! - [Sutherland 1974] Sutherland, Hodgman, Reentrant polygon clipping, Communications of the ACM.
 //! - [Veach 1995] Veach, Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH.

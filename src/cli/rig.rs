@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use relume::scene::{Rig, Scene, export_gltf};
+use relume::scene::{Rig, Scene, export_gltf, usd};
 use relume::{Error, Result};
 
 use super::output_file::make_parent;
@@ -11,10 +11,11 @@ use super::output_file::make_parent;
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     pub scene: PathBuf,
-    /// Rig file. With it, relume writes the scene with the lights of this rig.
+    /// Rig file. With it, relume writes the lights of this rig.
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
-    /// File to write. Without --rig: a rig (.toml). With --rig: a scene (.glb or .gltf).
+    /// File to write. Without --rig: a rig (.toml). With --rig: the scene with these lights (.glb or .gltf). Either way
+    /// .usda: the lights for programs that read USD.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -22,6 +23,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     make_parent(&args.output)?;
     let scene = Scene::load(&args.scene)?;
+    if let Some(rig) = args.rig.as_ref().filter(|_| usd::is_usd(&args.output)) {
+        return usd::save(&Rig::load(rig)?, &args.output);
+    }
     if let Some(rig) = &args.rig {
         return export_gltf(&scene, &Rig::load(rig)?, &args.output);
     }

@@ -23,6 +23,7 @@ mod obj;
 pub mod rig;
 pub mod sky_map;
 mod tangents;
+pub mod usd;
 
 use std::path::{Path, PathBuf};
 

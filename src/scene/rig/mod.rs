@@ -15,7 +15,7 @@ use std::path::Path;
 
 pub use blackbody::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb, xyz_to_rgb};
 
-use super::{Camera, Light, LightGroup, LightKind, ObjectSet, RigFiles};
+use super::{Camera, Light, LightGroup, LightKind, ObjectSet, RigFiles, usd};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -46,8 +46,11 @@ pub struct RigSnapshot {
 }
 
 impl Rig {
-    /// Reads a rig file and the files that it names; errors name the line.
+    /// Reads a rig file and the files that it names, or the lights of a USD file; errors name the line of a rig file.
     pub fn load(path: &Path) -> Result<Self> {
+        if usd::is_usd(path) {
+            return usd::load(path);
+        }
         let text = super::files::read(path)?;
         let text = String::from_utf8(text).map_err(|e| Error::import_from(path, "is not UTF-8 text", e))?;
         let files = RigFiles::new(path.parent().unwrap_or(Path::new("")));
@@ -66,8 +69,11 @@ impl Rig {
         write::to_toml(self, folder)
     }
 
-    /// Writes [`Rig::to_toml`] to `path` atomically.
+    /// Writes [`Rig::to_toml`] to `path` atomically; lights for USD if it ends in `.usda` ([`usd::save`]).
     pub fn save(&self, path: &Path) -> Result<()> {
+        if usd::is_usd(path) {
+            return usd::save(self, path);
+        }
         let text = self.to_toml(path.parent().unwrap_or(Path::new("")));
         file::write_whole(path, |out| out.write_all(text.as_bytes()).map_err(Error::io("write", path)))
     }
