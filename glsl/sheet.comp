@@ -18,7 +18,7 @@ void main() {
         for (uint y = first.y; y < end.y; ++y) {
             for (uint x = first.x; x < end.x; ++x) {
                 uint at = tiled(uvec2(x, y), push.size.x);
-                sum += read_pixel(push.term.image, at, push.pixel_stride);
+                sum += read_pixel(push.term.image, at, tiled_length(push.size));
             }
         }
         sum *= push.term.scale / float((end.x - first.x) * (end.y - first.y));

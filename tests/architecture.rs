@@ -16,7 +16,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
     ("bake", &["error", "physics", "scene", "shared", "storage", "trace"]),
     ("final_gather", &["bake", "physics", "scene", "shared", "trace"]),
     ("gpu", &["error", "shared", "storage"]),
-    ("relight", &["bake", "error", "gpu", "physics", "scene", "shared", "trace"]),
+    ("relight", &["bake", "error", "gpu", "image", "physics", "scene", "shared", "trace"]),
     ("session", &["bake", "error", "gpu", "relight", "scene", "shared", "storage", "trace"]),
     ("wire", &["desk", "error", "image", "relight", "scene", "storage"]),
     ("reference", &["bake", "image", "physics", "scene", "shared", "trace"]),

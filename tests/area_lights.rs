@@ -400,7 +400,7 @@ fn a_light_is_the_mean_of_its_points() {
     let progressive = Request { detail: Detail::Progressive, ..Request::default() };
     let mut pictures = 0;
     loop {
-        let picture = relighter.linear(progressive).unwrap().to_vec();
+        let picture = relighter.linear(progressive.clone()).unwrap().to_vec();
         pictures += 1;
         if !relighter.is_coarse() {
             assert_eq!(picture, exact);

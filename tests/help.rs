@@ -107,7 +107,17 @@ fn options_of_a_picture_are_in_its_help() {
     for option in ["--rig", "--size", "--camera", "--gi", "--layers", "--samples", "--strip-diffuse", "--force-all"]
         .iter()
         .chain(&["--visibility", "--shadow-size", "--seed", "--device", "--threads", "--budget", "--cache"])
-        .chain(&["--no-cache", "--passes", "--exposure", "--tonemap", "--stats", "--trace", "--quiet", "--verbose"])
+        .chain(&[
+            "--no-cache",
+            "--passes",
+            "--exposure",
+            "--tonemap",
+            "--ocio",
+            "--stats",
+            "--trace",
+            "--quiet",
+            "--verbose",
+        ])
     {
         assert!(help.contains(option), "no {option} in {help}");
     }

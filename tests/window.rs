@@ -198,8 +198,7 @@ fn at_rest_the_picture_becomes_right() {
     reference.args(["reference", scene.to_str().unwrap(), "--size", "64x64", "--seconds", "6"]);
     command::Run::of(reference.arg("-o").arg(&truth)).done();
     let truth = exr::read(&truth).unwrap();
-    let display = |pixel: &[f32; 3]| ToneMap::Agx.display((*pixel).into());
-    let truth: Vec<[u8; 3]> = truth.layer("").unwrap().pixels.iter().map(display).collect();
+    let truth: Vec<[u8; 3]> = ToneMap::Agx.display8(truth.layer("").unwrap().pixels.clone());
     let [before, after] = [&rough, &gathered].map(|picture| difference(picture, &truth));
     println!("{before} levels off before it rests, {after} after");
     assert!(after < 0.5 * before, "{after} levels off, {before} before");

@@ -13,7 +13,7 @@ use relume::{Error, Result};
 use serde_json::json;
 
 use super::bench_rig::{light_like_scene, nudge};
-use super::options::{DisplayOptions, Exposure, LightOptions, RecordOptions, SceneOptions};
+use super::options::{Exposure, LightOptions, RecordOptions, SceneOptions};
 use super::output_file::{make_parent, write_json};
 use super::percentile::{median, percentile};
 use super::stats::{self, sum_by_name};
@@ -132,7 +132,7 @@ pub fn run(args: &Args) -> Result<()> {
             let rig = light_like_scene(&session, count, args.scene_options.view.seed);
             let mut relighter = session.relighter(&context, &rig, &args.light_options.relight_settings())?;
             let timing = Timing { session: &session, frames: args.frames, shown: shown(args, &mut relighter)? };
-            relighter.display(timing.shown)?;
+            relighter.display(timing.shown.clone())?;
             if figures.is_null() {
                 figures = stats::figures(&session, &relighter, relighter.times(), None);
             }
@@ -233,7 +233,7 @@ impl<'a> Timing<'a> {
         edited: usize,
         (edit, name): (Edit, &'static str),
     ) -> Result<Record> {
-        let Self { session, frames, shown } = *self;
+        let Self { session, frames, ref shown } = *self;
         let mut rig = rig.clone();
         if edit == Edit::Group {
             let group = LightGroup::new("half");
@@ -242,9 +242,9 @@ impl<'a> Timing<'a> {
             rig.lights.iter_mut().take(half).for_each(|light| light.group = Some(rig.groups.len() - 1));
         }
         let layers = if edit == Edit::MoveDirect { Layers::FirstHand } else { Layers::All };
-        let shown = Request { layers, ..shown };
+        let shown = Request { layers, ..shown.clone() };
         relighter.set_rig(&rig)?;
-        relighter.display(shown)?;
+        relighter.display(shown.clone())?;
         let original = rig.clone();
         let count = rig.lights.len();
         // Coprime to any even count: `select` meets every light, each far from the one before.
@@ -274,7 +274,7 @@ impl<'a> Timing<'a> {
                 Edit::None => {}
             }
             relighter.set_rig(&rig)?;
-            relighter.display(hurried)?;
+            relighter.display(hurried.clone())?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
             bar.inc(1);
             if frame >= warm_up {
@@ -322,14 +322,14 @@ fn passes_of(frames: &[Vec<PassTime>]) -> Vec<PassRecord> {
     all_ms.into_iter().map(record).collect()
 }
 
-/// The picture that --tonemap and --exposure ask for; an automatic exposure is that of the lights as they are.
+/// The picture that the display options ask for; an automatic exposure is that of the lights as they are.
 fn shown(args: &Args, relighter: &mut Relighter) -> Result<Request> {
-    let DisplayOptions { tonemap, exposure } = args.light_options.display;
-    let exposure = match exposure {
+    let options = &args.light_options.display;
+    let exposure = match options.exposure {
         Exposure::Stops(stops) => stops,
         Exposure::Auto => exposure::automatic(relighter.linear(Picture::Whole)?),
     };
-    Ok(Request { exposure, tone_map: tonemap.into(), ..Request::default() })
+    Ok(Request { exposure, tone_map: options.tone_map(options.config()?.as_ref())?, ..Request::default() })
 }
 
 /// Where --stats and --trace of each scene go: {scene} in their names is replaced by its name. Two scenes for one file are an

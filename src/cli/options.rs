@@ -1,9 +1,11 @@
 //! Options that several subcommands take; defaults as in their help.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::ValueEnum;
 use relume::gpu::Validation;
+use relume::image::display_view::DisplayConfig;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
 use relume::session::{OpenSettings, Target, check_size, user_cache_dir};
 use relume::view::PictureSettings;
@@ -100,10 +102,20 @@ pub struct DeviceOptions {
     pub budget: Option<u64>,
 }
 
-/// How scene-linear pictures become 8 bits.
+/// How scene-linear pictures are shown.
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Light and picture")]
 pub struct DisplayOptions {
+    /// Shows PNG images and the window through an OpenColorIO configuration, not a tone curve: a file (.ocio, .ocioz),
+    /// or a built-in one, like ocio://default, which is ACES 2.
+    #[arg(long, value_name = "CONFIG", conflicts_with = "tonemap")]
+    pub ocio: Option<String>,
+    /// Display of that configuration [default: its first].
+    #[arg(long, value_name = "NAME", requires = "ocio")]
+    pub display: Option<String>,
+    /// View of that display [default: its first].
+    #[arg(long, value_name = "NAME", requires = "ocio")]
+    pub view: Option<String>,
     /// Tone curve of PNG images and of the window. EXR images are always scene-linear.
     #[arg(long, value_enum, value_name = "CURVE", default_value = "agx")]
     pub tonemap: Tonemap,
@@ -166,14 +178,21 @@ impl From<Visibility> for VisibilityMethod {
     }
 }
 
-impl From<Tonemap> for ToneMap {
-    fn from(t: Tonemap) -> Self {
-        match t {
-            Tonemap::None => Self::None,
-            Tonemap::Agx => Self::Agx,
-            Tonemap::PbrNeutral => Self::PbrNeutral,
-            Tonemap::FalseColor => Self::FalseColor,
-        }
+impl DisplayOptions {
+    /// The OpenColorIO configuration, if one is asked for. Fails if it cannot be read.
+    pub fn config(&self) -> Result<Option<DisplayConfig>> {
+        self.ocio.as_deref().map(DisplayConfig::load).transpose()
+    }
+
+    /// The tone curve, or the view of `config`. Fails if there is no such view.
+    pub fn tone_map(&self, config: Option<&DisplayConfig>) -> Result<ToneMap> {
+        Ok(match (config, self.tonemap) {
+            (Some(config), _) => ToneMap::View(Arc::new(config.view(self.display.as_deref(), self.view.as_deref())?)),
+            (None, Tonemap::None) => ToneMap::None,
+            (None, Tonemap::Agx) => ToneMap::Agx,
+            (None, Tonemap::PbrNeutral) => ToneMap::PbrNeutral,
+            (None, Tonemap::FalseColor) => ToneMap::FalseColor,
+        })
     }
 }
 
@@ -215,8 +234,9 @@ impl LightOptions {
     }
 
     /// For pictures that are edited.
-    pub fn picture_settings(&self, cache_dir: Option<PathBuf>) -> PictureSettings {
-        PictureSettings {
+    pub fn picture_settings(&self, cache_dir: Option<PathBuf>) -> Result<PictureSettings> {
+        let displays = self.display.config()?;
+        Ok(PictureSettings {
             exposure: match self.display.exposure {
                 Exposure::Auto => None,
                 Exposure::Stops(stops) => Some(stops),
@@ -225,8 +245,9 @@ impl LightOptions {
             validation: if cfg!(debug_assertions) { Validation::On } else { Validation::Off },
             cache_dir,
             relight: self.relight_settings(),
-            tone_map: self.display.tonemap.into(),
-        }
+            tone_map: self.display.tone_map(displays.as_ref())?,
+            displays,
+        })
     }
 }
 

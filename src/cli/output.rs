@@ -3,11 +3,9 @@
 use std::collections::HashSet;
 use std::path::PathBuf;
 
-use glam::Vec3;
 use relume::gpu::PassTime;
 use relume::image::cryptomatte::Cryptomatte;
-use relume::image::exr::{self, ExrMetadata, Precision};
-use relume::image::primaries::Primaries;
+use relume::image::exr::{self, ExrMetadata};
 use relume::image::{Image, png};
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
 use relume::scene::{LightKind, Rig};
@@ -380,11 +378,12 @@ impl Relighters {
     }
 }
 
-/// How pictures become 8 bits.
+/// How pictures become PNG files.
 pub struct Display {
     /// Fixed by the first picture that needs it.
     pub exposure: Exposure,
     pub tone_map: ToneMap,
+    pub png_depth: png::Depth,
 }
 
 /// Renders a rig and writes its files. `refine` may improve its indirect light.
@@ -393,7 +392,7 @@ pub fn write(
     job: &Job,
     display: &mut Display,
     surfaces: &Surfaces,
-    (precision, primaries): (Precision, Primaries),
+    exr_metadata: &ExrMetadata,
     refine: &mut dyn FnMut(&mut Relighter) -> Result<Option<Refinement>>,
     written: &mut Written,
 ) -> Result<()> {
@@ -417,7 +416,7 @@ pub fn write(
         make_parent(path)?;
         if check_extension(path, &["exr"]).is_ok() {
             let mut image = Image { width: size.0, height: size.1, ..Image::default() };
-            let mut metadata = ExrMetadata { precision, primaries, ..ExrMetadata::default() };
+            let mut metadata = exr_metadata.clone();
             for pass in passes {
                 let pixels = match pass {
                     PassKind::Data(data) => {
@@ -441,21 +440,24 @@ pub fn write(
             }
             exr::write_with_metadata(path, &image, &metadata)?;
         } else {
-            match &passes[0] {
-                PassKind::ExpectedError => {
-                    let shown = |error: &f32| {
-                        let [r, g, b] = display.tone_map.display(Vec3::splat(stops.exp2() * error));
-                        [r, g, b, 255]
-                    };
-                    png::write(path, size.0, size.1, &errors.iter().map(shown).collect::<Vec<_>>())?;
-                }
-                _ => {
-                    let relighter = relighters.of(&passes[0]);
-                    let request = Request { exposure: stops, tone_map: display.tone_map, ..passes[0].request(job.rig) };
+            let Display { tone_map, png_depth, .. } = &*display;
+            let mut pixels = match &passes[0] {
+                PassKind::ExpectedError => errors.iter().map(|error| [*error; 3]).collect(),
+                pass if *png_depth == png::Depth::Eight && !matches!(tone_map, ToneMap::View(_)) => {
+                    // The window's pixels to the last bit: the device makes them.
+                    let relighter = relighters.of(pass);
+                    let request = Request { exposure: stops, tone_map: tone_map.clone(), ..pass.request(job.rig) };
                     png::write(path, size.0, size.1, relighter.display(request)?)?;
                     written.frames.push(relighter.times().to_vec());
+                    written.files.push(path.clone());
+                    continue;
                 }
-            }
+                PassKind::Beauty => beauty.clone(),
+                pass => linear(relighters, pass, written)?,
+            };
+            pixels.as_flattened_mut().iter_mut().for_each(|value| *value *= stops.exp2());
+            tone_map.display(&mut pixels);
+            png::write_display(path, size, &pixels, *png_depth, tone_map.is_srgb())?;
         }
         written.files.push(path.clone());
     }

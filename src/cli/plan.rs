@@ -16,7 +16,7 @@ use super::stdout::out;
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Rig file whose lights replace those of the scene.
+    /// Rig file, or USD file, whose lights replace those of the scene.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Prints JSON.

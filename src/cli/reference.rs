@@ -36,7 +36,7 @@ pub struct Args {
     /// Image to write, the mean of both halves: .exr. The halves are written beside it, as .a.exr and .b.exr.
     #[arg(short, long, value_name = "OUT.exr")]
     output: PathBuf,
-    /// Rig file whose lights replace those of the scene.
+    /// Rig file, or USD file, whose lights replace those of the scene.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Samples of each pixel, both halves together. Odd numbers are rounded up.

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use relume::image::exr::Precision;
+use relume::image::exr::{Blocks, ExrMetadata, Precision};
+use relume::image::png;
 use relume::image::primaries::Primaries;
 use relume::relight::Relighter;
 use relume::scene::{Emitters, Rig};
@@ -11,7 +12,7 @@ use relume::{Error, Result};
 use serde_json::Value;
 
 use super::final_gather::{FinalOptions, Refinement};
-use super::options::{DisplayOptions, LightOptions, RecordOptions, SceneOptions};
+use super::options::{LightOptions, RecordOptions, SceneOptions};
 use super::output::{self, Display, Has, PassKind, Passes, Relighters, Template, Written};
 use super::progress::Terminal;
 use super::stats::{self, Strange};
@@ -25,7 +26,7 @@ pub struct Args {
     /// pass.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Rig file whose lights replace those of the scene. Give --rig several times to write several images.
+    /// Rig file, or USD file, whose lights replace those of the scene. Give --rig several times to write several images.
     #[arg(long, value_name = "FILE")]
     rig: Vec<PathBuf>,
     /// Passes to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission,
@@ -37,6 +38,15 @@ pub struct Args {
     /// Writes the colours of EXR files with 16 bits a channel. Depth, normals, positions and mattes keep 32.
     #[arg(long)]
     half: bool,
+    /// Bits a channel of PNG files.
+    #[arg(long, value_name = "8|16", default_value = "8", value_parser = ["8", "16"])]
+    png_bits: String,
+    /// Writes EXR files in tiles of 64x64 pixels, not in lines.
+    #[arg(long)]
+    tiles: bool,
+    /// Gives each layer of an EXR file a part of its own.
+    #[arg(long)]
+    multi_part: bool,
     /// Primaries of the colours in EXR files: those of Rec. 709, or ACEScg.
     #[arg(long, value_enum, value_name = "NAME", default_value = "rec709")]
     primaries: PrimariesOption,
@@ -48,6 +58,12 @@ pub struct Args {
     scene_options: SceneOptions,
     #[command(flatten)]
     light_options: LightOptions,
+}
+
+impl Args {
+    fn png_depth(&self) -> png::Depth {
+        if self.png_bits == "16" { png::Depth::Sixteen } else { png::Depth::Eight }
+    }
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -73,6 +89,8 @@ pub fn run(args: &Args) -> Result<()> {
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
     args.refine.check(args.scene_options.settings()?.indirect.as_ref())?;
+    let config = args.light_options.display.config()?;
+    let tone_map = args.light_options.display.tone_map(config.as_ref())?;
     let target = args.light_options.target()?;
     let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
     let emitters = Emitters::of(&session.scene);
@@ -109,9 +127,14 @@ pub fn run(args: &Args) -> Result<()> {
     });
     let mut relighters = Relighters { whole, glossy, diffuse: diffuse.transpose()? };
     let surfaces = Surfaces { scene: &session.scene, framebuffer: &session.framebuffer };
-    let precision = if args.half { Precision::Half } else { Precision::Float };
-    let DisplayOptions { exposure, tonemap } = args.light_options.display;
-    let mut display = Display { exposure, tone_map: tonemap.into() };
+    let exr = ExrMetadata {
+        precision: if args.half { Precision::Half } else { Precision::Float },
+        primaries: args.primaries.into(),
+        blocks: if args.tiles { Blocks::Tiles } else { Blocks::Lines },
+        has_parts: args.multi_part,
+        ..ExrMetadata::default()
+    };
+    let mut display = Display { exposure: args.light_options.display.exposure, tone_map, png_depth: args.png_depth() };
     let mut written = Written::default();
     let mut figures_of_final = None;
     for job in &jobs {
@@ -122,15 +145,7 @@ pub fn run(args: &Args) -> Result<()> {
             figures_of_final.get_or_insert(refinement.as_ref().map_or(Value::Null, Refinement::figures));
             Ok(refinement)
         };
-        output::write(
-            &mut relighters,
-            job,
-            &mut display,
-            &surfaces,
-            (precision, args.primaries.into()),
-            &mut refine,
-            &mut written,
-        )?;
+        output::write(&mut relighters, job, &mut display, &surfaces, &exr, &mut refine, &mut written)?;
     }
     for file in &written.files {
         tracing::info!("wrote {}", file.display());

@@ -12,7 +12,7 @@ use super::output_file::make_parent;
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Rig file whose lights replace those of the scene.
+    /// Rig file, or USD file, whose lights replace those of the scene.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Listens for programs of this user, and writes to this file how they connect. Without --listen: one program, on
@@ -32,7 +32,7 @@ Messages are JSON objects, one a line; docs/protocol.md lists them. {\"do\": \"e
 pub fn run(args: &Args) -> Result<()> {
     args.listen.iter().try_for_each(|path| make_parent(path))?;
     args.scene_options.view.use_threads();
-    let pictures = args.light_options.picture_settings(args.scene_options.cache.dir());
+    let pictures = args.light_options.picture_settings(args.scene_options.cache.dir())?;
     let target = Some(args.light_options.target()?);
     let session = SessionSettings { target, ..args.scene_options.settings()? };
     let source = SceneSource { path: args.scene.clone(), rig: args.rig.clone(), settings: session };

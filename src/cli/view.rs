@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use relume::gpu::Vsync;
+use relume::scene::usd;
 use relume::view::script::Script;
 use relume::view::{SceneSource, ViewSettings, keys};
 use relume::{Result, SessionSettings};
@@ -19,7 +20,7 @@ use super::stats;
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Rig file whose lights replace those of the scene. Saving in the window writes this file. Without --rig, the
+    /// Rig file, or USD file, whose lights replace those of the scene. Saving in the window writes a rig file back. Without --rig, the
     /// window asks for a file name when you save.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
@@ -59,8 +60,9 @@ pub fn run(args: &Args) -> Result<()> {
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let view_settings = ViewSettings {
         name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-        rig_path: args.rig.clone(),
-        pictures: args.light_options.picture_settings(args.scene_options.cache.dir()),
+        // A USD file may have more than lights: saving asks for a name.
+        rig_path: args.rig.clone().filter(|path| !usd::is_usd(path)),
+        pictures: args.light_options.picture_settings(args.scene_options.cache.dir())?,
         vsync: if args.no_vsync { Vsync::Off } else { Vsync::On },
         script,
         record: args.record.clone(),

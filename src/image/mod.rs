@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod cryptomatte;
+pub mod display_view;
 pub mod exr;
 mod exr_read;
 pub mod png;

@@ -1,4 +1,4 @@
-//! PNG files: writes 8-bit sRGB, reads any PNG as 8-bit RGBA.
+//! PNG files: writes 8 or 16 bits a channel, reads any PNG as 8-bit RGBA.
 
 use std::io::BufReader;
 use std::path::Path;
@@ -14,32 +14,74 @@ pub struct Pixels {
     pub rgba: Vec<[u8; 4]>,
 }
 
+/// Bits a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    Eight,
+    Sixteen,
+}
+
 /// Writes 8-bit sRGB pixels (RGB or RGBA by `CHANNELS`) atomically.
 pub fn write<const CHANNELS: usize>(path: &Path, width: usize, height: usize, pixels: &[[u8; CHANNELS]]) -> Result<()> {
     assert_eq!(pixels.len(), width * height, "pixels of {width}x{height}");
-    let bytes = encode(width, height, pixels)
-        .map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
-    file::write_bytes(path, &bytes)
+    write_encoded(path, encode(width, height, pixels))
 }
 
-/// Encodes a PNG file.
+/// Writes values of a display in [0, 1], rounded to `depth`, atomically; `is_srgb`: whether the file says that they are sRGB.
+pub fn write_display(
+    path: &Path,
+    (width, height): (usize, usize),
+    pixels: &[[f32; 3]],
+    depth: Depth,
+    is_srgb: bool,
+) -> Result<()> {
+    assert_eq!(pixels.len(), width * height, "pixels of {width}x{height}");
+    let values = pixels.as_flattened().iter();
+    let (bits, bytes) = match depth {
+        Depth::Eight => (png::BitDepth::Eight, values.map(|value| (255.0 * value).round() as u8).collect::<Vec<_>>()),
+        Depth::Sixteen => {
+            let bytes = values.flat_map(|value| ((65535.0 * value).round() as u16).to_be_bytes());
+            (png::BitDepth::Sixteen, bytes.collect())
+        }
+    };
+    write_encoded(path, encode_bytes([width, height], (png::ColorType::Rgb, bits), &bytes, is_srgb))
+}
+
+/// Encodes a PNG file of 8-bit sRGB pixels.
 pub(crate) fn encode<const CHANNELS: usize>(
     width: usize,
     height: usize,
     pixels: &[[u8; CHANNELS]],
 ) -> Result<Vec<u8>, png::EncodingError> {
     const { assert!(CHANNELS == 3 || CHANNELS == 4, "RGB or RGBA") };
+    let color = if CHANNELS == 4 { png::ColorType::Rgba } else { png::ColorType::Rgb };
+    encode_bytes([width, height], (color, png::BitDepth::Eight), pixels.as_flattened(), true)
+}
+
+fn encode_bytes(
+    size: [usize; 2],
+    (color, depth): (png::ColorType, png::BitDepth),
+    data: &[u8],
+    is_srgb: bool,
+) -> Result<Vec<u8>, png::EncodingError> {
     // PNG sides are less than 2^31, so a clamped size is refused like the size itself.
-    let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+    let [width, height] = size.map(|side| u32::try_from(side).unwrap_or(u32::MAX));
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, side(width), side(height));
-    encoder.set_color(if CHANNELS == 4 { png::ColorType::Rgba } else { png::ColorType::Rgb });
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
+    if is_srgb {
+        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    }
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(pixels.as_flattened())?;
+    writer.write_image_data(data)?;
     writer.finish()?;
     Ok(bytes)
+}
+
+fn write_encoded(path: &Path, encoded: Result<Vec<u8>, png::EncodingError>) -> Result<()> {
+    let bytes = encoded.map_err(|source| Error::Export { path: path.to_owned(), source: source.into() })?;
+    file::write_bytes(path, &bytes)
 }
 
 /// Reads any PNG as 8-bit RGBA: grey is replicated, palettes are expanded, 16 bits are reduced to the upper 8.

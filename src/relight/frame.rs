@@ -43,7 +43,7 @@ impl Relighter {
         let Request { picture, layers, detail, inspection, .. } = *request;
         self.set_layers_and_detail(layers, detail);
         let is_sheet = picture == Picture::Sheet;
-        self.outputs.prepare(output, is_sheet)?;
+        self.outputs.prepare(&output, is_sheet)?;
         if inspection != Inspection::default() && self.inspector.is_none() {
             self.inspector = Some(Inspector::new(&self.context)?);
         }
@@ -55,7 +55,7 @@ impl Relighter {
             self.sheet.invalidate();
         }
         if is_sheet {
-            self.sheet.remove_unchanged(&mut plan, output);
+            self.sheet.remove_unchanged(&mut plan, &output);
         }
         plan.batch_shades();
         self.execute_or_invalidate(&plan, Some(FinalOutput { picture, inspection, output, screen }))
@@ -99,7 +99,7 @@ impl Relighter {
     /// Records one frame, or several if the steps do not fit into one.
     pub(super) fn execute(&mut self, plan: &Plan, mut last: Option<FinalOutput>) -> Result<()> {
         self.times.clear();
-        let shown = last.as_ref().map(|last| (last.picture, last.output, plan.picture.clone()));
+        let shown = last.as_ref().map(|last| (last.picture, last.output.clone(), plan.picture.clone()));
         let unchanged = plan.steps.is_empty() && shown.is_some() && self.shown == shown;
         if let Some(inspector) = self.inspector.as_mut().filter(|_| !unchanged) {
             inspector.invalidate();
@@ -137,7 +137,7 @@ impl Relighter {
             sky_terms.iter_mut().for_each(SkyTerms::restart);
             let begin_ms = began.elapsed().as_secs_f64() * 1e3;
             let mut frame = frames.begin()?;
-            let output = last.as_ref().map(|last| last.output);
+            let output = last.as_ref().map(|last| last.output.clone());
             let mut seeing = Seeing {
                 visibility,
                 shadow_maps: shadow_maps.as_mut(),
@@ -145,20 +145,20 @@ impl Relighter {
                 soft: soft.as_mut(),
                 sky_terms: sky_terms.as_mut(),
             };
-            steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output);
+            steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output.as_ref());
             let is_done = steps.is_empty();
             let mut surface = None;
             if let Some(FinalOutput { picture, inspection, output, screen }) = last.as_mut().filter(|_| is_done) {
                 let is_sheet = *picture == Picture::Sheet;
                 if !unchanged && !is_sheet {
-                    resources.composite(&mut frame, &plan.picture, outputs, *output);
+                    resources.composite(&mut frame, &plan.picture, outputs, output);
                 }
                 if let Some(inspector) = inspector.as_mut().filter(|_| !is_sheet) {
                     inspector.run(&mut frame, &resources, &plan.picture, *inspection, output.exposure());
                 }
                 if let Some(screen) = screen {
                     let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
-                    frame.draw(screen, Some(Pixels { buffer: outputs.pixels(*output), width, height }))?;
+                    frame.draw(screen, Some(Pixels { buffer: outputs.pixels(output), width, height }))?;
                     surface = Some(&mut *screen.surface);
                 }
             }
@@ -187,7 +187,7 @@ impl FrameResources<'_> {
         mut steps: &'p [Step],
         seeing: &mut Seeing,
         outputs: &Outputs,
-        output: Option<Output>,
+        output: Option<&Output>,
     ) -> &'p [Step] {
         while let Some(step) = steps.first() {
             let room = frame.passes_left().saturating_sub(MAX_FINAL_PASSES) / self.max_passes_per_step();

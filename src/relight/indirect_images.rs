@@ -63,9 +63,9 @@ impl Relighter {
             return self.execute(&plan, None).map(|()| None);
         }
         let plan = self.cache.plan_unit(light);
-        self.outputs.prepare(Output::Linear, false)?;
+        self.outputs.prepare(&Output::Linear, false)?;
         self.execute(&plan, Some(FinalOutput::linear(Picture::Light(light))))?;
-        let pixels: &[[f32; 3]] = bytemuck::cast_slice(self.outputs.pixels(Output::Linear).host());
+        let pixels: &[[f32; 3]] = bytemuck::cast_slice(self.outputs.pixels(&Output::Linear).host());
         Ok(Some(pixels.iter().copied().map(Vec3::from).collect()))
     }
 

@@ -3,6 +3,7 @@
 mod block_product;
 mod cutouts;
 mod device_choice;
+pub mod display_table;
 pub mod exposure;
 mod factor_budget;
 mod finite_check;
@@ -462,18 +463,18 @@ impl Relighter {
         self.inspector.as_ref()?.probed()
     }
 
-    /// The picture for a display: 8-bit sRGB with alpha, row by row.
+    /// The picture for a display: 8-bit values with alpha, row by row; sRGB but for [`ToneMap::View`].
     pub fn display(&mut self, request: impl Into<Request>) -> Result<&[[u8; 4]]> {
         let request = request.into();
-        let output = Output::Display { exposure: request.exposure, tone_map: request.tone_map };
-        self.run(&request, output, None)?;
-        Ok(bytemuck::cast_slice(self.outputs.pixels(output).host()))
+        let output = Output::Display { exposure: request.exposure, tone_map: request.tone_map.clone() };
+        self.run(&request, output.clone(), None)?;
+        Ok(bytemuck::cast_slice(self.outputs.pixels(&output).host()))
     }
 
     /// Shows the same picture in a window. An unchanged picture is presented again without compositing.
     pub fn show(&mut self, request: impl Into<Request>, screen: Screen) -> Result<()> {
         let request = request.into();
-        let Request { exposure, tone_map, .. } = request;
+        let (exposure, tone_map) = (request.exposure, request.tone_map.clone());
         let output = Output::Screen { exposure, tone_map, blue_first: screen.surface.wants_blue_first() };
         self.run(&request, output, Some(screen))
     }
@@ -493,7 +494,7 @@ impl Relighter {
             self.invalidate_all();
             self.run(&request, Output::Linear, None)?;
         }
-        Ok(bytemuck::cast_slice(self.outputs.pixels(Output::Linear).host()))
+        Ok(bytemuck::cast_slice(self.outputs.pixels(&Output::Linear).host()))
     }
 
     /// Shows given pixels in a window.

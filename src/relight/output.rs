@@ -2,20 +2,23 @@
 
 use std::sync::Arc;
 
+use glam::UVec2;
+
 use super::ToneMap;
+use super::display_table::DisplayTable;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Kernel};
 use crate::shared::gpu_struct::{Compute, Push};
 use crate::shared::*;
 
 /// Format and destination of a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Output {
     /// Scene-linear, for the host.
     Linear,
-    /// 8-bit sRGB, for the host.
+    /// 8-bit values of the display, for the host.
     Display { exposure: f32, tone_map: ToneMap },
-    /// 8-bit sRGB, for a window, in its channel order.
+    /// The same for a window, in its channel order.
     Screen { exposure: f32, tone_map: ToneMap, blue_first: bool },
 }
 
@@ -27,33 +30,46 @@ pub struct Outputs {
     linear: Option<Buffer<u32>>,
     display: Option<Buffer<u32>>,
     screen: Option<Buffer<u32>>,
+    display_table: Option<DisplayTable>,
     pixel_count: usize,
     context: Arc<Context>,
 }
 
 impl Output {
     /// Stops.
-    pub fn exposure(self) -> f32 {
+    pub fn exposure(&self) -> f32 {
         match self {
             Self::Linear => 0.0,
-            Self::Display { exposure, .. } | Self::Screen { exposure, .. } => exposure,
+            Self::Display { exposure, .. } | Self::Screen { exposure, .. } => *exposure,
         }
     }
 
-    pub fn is_blue_first(self) -> bool {
+    /// The term, brighter by the exposure.
+    pub fn exposed(&self, term: SumTerm) -> SumTerm {
+        SumTerm { scale: self.exposure().exp2() * term.scale, ..term }
+    }
+
+    pub fn is_blue_first(&self) -> bool {
         matches!(self, Self::Screen { blue_first: true, .. })
     }
 
-    /// The `OUTPUT_` constant.
-    fn kind(self) -> u32 {
+    /// `None`: scene-linear.
+    fn tone_map(&self) -> Option<&ToneMap> {
         match self {
-            Self::Linear => OUTPUT_LINEAR,
-            Self::Display { tone_map, .. } | Self::Screen { tone_map, .. } => match tone_map {
-                ToneMap::None => OUTPUT_CLAMPED,
-                ToneMap::Agx => OUTPUT_AGX,
-                ToneMap::PbrNeutral => OUTPUT_PBR_NEUTRAL,
-                ToneMap::FalseColor => OUTPUT_FALSE_COLOR,
-            },
+            Self::Linear => None,
+            Self::Display { tone_map, .. } | Self::Screen { tone_map, .. } => Some(tone_map),
+        }
+    }
+
+    /// The `OUTPUT_` constant.
+    fn kind(&self) -> u32 {
+        match self.tone_map() {
+            None => OUTPUT_LINEAR,
+            Some(ToneMap::None) => OUTPUT_CLAMPED,
+            Some(ToneMap::Agx) => OUTPUT_AGX,
+            Some(ToneMap::PbrNeutral) => OUTPUT_PBR_NEUTRAL,
+            Some(ToneMap::FalseColor) => OUTPUT_FALSE_COLOR,
+            Some(ToneMap::View(_)) => OUTPUT_TABLE,
         }
     }
 }
@@ -66,18 +82,24 @@ impl Outputs {
             linear: None,
             display: None,
             screen: None,
+            display_table: None,
             pixel_count,
             context: context.clone(),
         }
     }
 
-    /// Creates kernel and buffer of `output`, for a contact sheet or a whole picture.
-    pub fn prepare(&mut self, output: Output, sheet: bool) -> Result<()> {
+    /// Creates what `output` needs, for a contact sheet or a whole picture.
+    pub fn prepare(&mut self, output: &Output, sheet: bool) -> Result<()> {
         let kind = output.kind();
         if sheet {
             prepare(&self.context, &mut self.sheet_kernels, kind)?;
         } else {
             prepare(&self.context, &mut self.kernels, kind)?;
+        }
+        if let Some(ToneMap::View(view)) = output.tone_map()
+            && self.display_table.as_ref().is_none_or(|table| !table.is_of(view))
+        {
+            self.display_table = Some(DisplayTable::new(&self.context, view)?);
         }
         let (buffer, access, words) = match output {
             Output::Linear => (&mut self.linear, Access::HostReads, 3),
@@ -91,12 +113,18 @@ impl Outputs {
     }
 
     /// The composite kernel of `output`, which must be prepared.
-    pub fn kernel(&self, output: Output) -> &Kernel<CompositePush> {
+    pub fn kernel(&self, output: &Output) -> &Kernel<CompositePush> {
         self.kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
+    /// The table of the display of `output`, if it has one.
+    pub fn display_table(&self, output: &Output) -> Option<&Buffer<UVec2>> {
+        let table = self.display_table.as_ref().filter(|_| output.kind() == OUTPUT_TABLE);
+        table.map(DisplayTable::entries)
+    }
+
     /// The contact sheet kernel of `output`, which must be prepared.
-    pub fn sheet_kernel(&self, output: Output) -> &Kernel<SheetPush> {
+    pub fn sheet_kernel(&self, output: &Output) -> &Kernel<SheetPush> {
         self.sheet_kernels[output.kind() as usize].as_ref().expect("prepared")
     }
 
@@ -106,7 +134,7 @@ impl Outputs {
     }
 
     /// Pixels of `output`, which must be prepared.
-    pub fn pixels(&self, output: Output) -> &Buffer<u32> {
+    pub fn pixels(&self, output: &Output) -> &Buffer<u32> {
         let buffer = match output {
             Output::Linear => &self.linear,
             Output::Display { .. } => &self.display,

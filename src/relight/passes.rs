@@ -465,20 +465,19 @@ impl FrameResources<'_> {
     }
 
     /// Sums images into pixels, exposed and tone-mapped.
-    pub fn composite(&self, frame: &mut Frame, terms: &[Term], outputs: &Outputs, output: Output) {
+    pub fn composite(&self, frame: &mut Frame, terms: &[Term], outputs: &Outputs, output: &Output) {
         let mut pass = frame.pass("composite");
         let push = CompositePush {
             term_count: terms.len() as u32,
-            terms: self.read_terms(&mut pass, terms),
+            terms: self.read_terms(&mut pass, terms).map(|term| output.exposed(term)),
             target: pass.write(outputs.pixels(output)),
-            pixel_stride: self.framebuffer.pixel_stride() as u32,
+            display_table: outputs.display_table(output).map_or(bytemuck::Zeroable::zeroed(), |table| pass.read(table)),
             width: self.framebuffer.tiling.width,
             height: self.framebuffer.tiling.height,
-            exposure: output.exposure().exp2(),
             blue_first: u32::from(output.is_blue_first()),
         };
-        pass.dispatch(outputs.kernel(output), &push, push.pixel_stride);
-        if let Some(finite_check) = self.finite_check.filter(|_| output == Output::Linear) {
+        pass.dispatch(outputs.kernel(output), &push, self.framebuffer.pixel_stride() as u32);
+        if let Some(finite_check) = self.finite_check.filter(|_| *output == Output::Linear) {
             let pixels = push.width * push.height;
             finite_check.planes(frame, CheckedPass::Composite, outputs.pixels(output), pixels, pixels);
         }

@@ -4,15 +4,20 @@
 //! `relighter.linear(Layers::Reflection)` is direct light in mirrors alone. [`Request`] combines both with exposure,
 //! tone curve and detail.
 
-use glam::Vec3;
+use std::fmt;
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use super::exposure::{stop_color, stops};
 use super::inspect::Inspection;
 use super::light_cache::Detail;
+use crate::image::display_view::DisplayView;
 use crate::physics::tone_curve::{agx, pbr_neutral, srgb};
 
 /// Parameters of a picture. `Picture::Whole.into()` requests the whole picture with all layers, exact.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Request {
     pub picture: Picture,
     /// Only [`Layers::All`] includes emitters.
@@ -52,8 +57,8 @@ impl From<Layers> for Request {
     }
 }
 
-/// Mapping of scene-linear radiance to 8-bit sRGB.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Mapping of scene-linear radiance to values of a display, which are sRGB but for [`ToneMap::View`].
+#[derive(Clone, Debug, PartialEq)]
 pub enum ToneMap {
     /// Clamped to [0, 1].
     None,
@@ -61,22 +66,63 @@ pub enum ToneMap {
     PbrNeutral,
     /// [`STOP_COLORS`](crate::shared::STOP_COLORS) by luminance: one colour per stop; exposed middle grey is grey.
     FalseColor,
+    /// A view of an OpenColorIO configuration. The device interpolates in a table; [`ToneMap::display`] evaluates it.
+    View(Arc<DisplayView>),
 }
 
 impl ToneMap {
-    /// 8-bit sRGB of exposed radiance, as a picture shows it.
-    pub fn display(self, exposed: Vec3) -> [u8; 3] {
-        let linear = exposed.as_dvec3();
-        let encoded = match self {
-            Self::None => srgb(linear),
-            Self::Agx => agx(linear),
-            Self::PbrNeutral => srgb(pbr_neutral(linear)),
-            // Rec. 709 luminance, as in glsl/lib/color.glsl.
-            Self::FalseColor => return stop_color(stops(exposed.dot(Vec3::new(0.2126, 0.7152, 0.0722)))),
+    /// Maps exposed radiance, in place, to values of a display in [0, 1].
+    pub fn display(&self, exposed: &mut [[f32; 3]]) {
+        let each = |map: &(dyn Fn(DVec3) -> DVec3 + Sync), pixels: &mut [[f32; 3]]| {
+            pixels.par_iter_mut().with_min_len(PIXELS_PER_TASK).for_each(|pixel| {
+                *pixel = map(Vec3::from_array(*pixel).as_dvec3()).as_vec3().to_array();
+            });
         };
-        encoded.to_array().map(|channel| (255.0 * channel).round() as u8)
+        match self {
+            Self::None => each(&srgb, exposed),
+            Self::Agx => each(&agx, exposed),
+            Self::PbrNeutral => each(&|c| srgb(pbr_neutral(c)), exposed),
+            // Rec. 709 luminance, as in glsl/lib/color.glsl.
+            Self::FalseColor => each(
+                &|c| {
+                    let color = stop_color(stops(c.dot(DVec3::new(0.2126, 0.7152, 0.0722)) as f32));
+                    DVec3::from_array(color.map(f64::from)) / 255.0
+                },
+                exposed,
+            ),
+            Self::View(view) => {
+                view.apply(exposed);
+                exposed.as_flattened_mut().iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+            }
+        }
+    }
+
+    /// Whether its values are sRGB.
+    pub fn is_srgb(&self) -> bool {
+        !matches!(self, Self::View(view) if !view.is_srgb())
+    }
+
+    /// 8-bit values of exposed radiance, as a picture shows it.
+    pub fn display8(&self, mut exposed: Vec<[f32; 3]>) -> Vec<[u8; 3]> {
+        self.display(&mut exposed);
+        exposed.into_iter().map(|pixel| pixel.map(|value| (255.0 * value).round() as u8)).collect()
     }
 }
+
+impl fmt::Display for ToneMap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => f.write_str("no tone curve"),
+            Self::Agx => f.write_str("tone curve AgX"),
+            Self::PbrNeutral => f.write_str("tone curve PBR Neutral"),
+            Self::FalseColor => f.write_str("false colour"),
+            Self::View(view) => write!(f, "{}, {}", view.name(), view.display()),
+        }
+    }
+}
+
+/// Fewer pixels take less time than a task.
+const PIXELS_PER_TASK: usize = 1024;
 
 /// Parts of the light transport that a picture contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -57,10 +57,10 @@ pub(super) struct Sheet {
 
 impl Sheet {
     /// Removes cells from a plan that are already up to date.
-    pub fn remove_unchanged(&mut self, plan: &mut Plan, output: Output) {
+    pub fn remove_unchanged(&mut self, plan: &mut Plan, output: &Output) {
         let cells = plan.steps.iter().filter(|step| matches!(step, Step::Show { .. })).count();
-        if self.output != Some(output) || self.cells.len() != cells {
-            (self.output, self.cells) = (Some(output), vec![None; cells]);
+        if self.output.as_ref() != Some(output) || self.cells.len() != cells {
+            (self.output, self.cells) = (Some(output.clone()), vec![None; cells]);
         }
         let mut changed = Vec::new();
         plan.steps.retain(|step| match *step {
@@ -86,7 +86,7 @@ impl Sheet {
 
 impl FrameResources<'_> {
     /// Draws one light's contribution, or black, into its cell.
-    pub(super) fn show(&self, frame: &mut Frame, cell: usize, term: Option<Term>, outputs: &Outputs, output: Output) {
+    pub(super) fn show(&self, frame: &mut Frame, cell: usize, term: Option<Term>, outputs: &Outputs, output: &Output) {
         let tiling = self.framebuffer.tiling;
         let [left, top, width, height] = Grid::new(self.rig.lights.len(), [tiling.width, tiling.height]).cell(cell);
         if width == 0 || height == 0 {
@@ -96,13 +96,12 @@ impl FrameResources<'_> {
         let blank: SumTerm = bytemuck::Zeroable::zeroed();
         let push = SheetPush {
             term_count: u32::from(term.is_some()),
-            term: term.map_or(blank, |term| self.read_terms(&mut pass, &[term])[0]),
+            term: term.map_or(blank, |term| output.exposed(self.read_terms(&mut pass, &[term])[0])),
             target: pass.write(outputs.pixels(output)),
-            pixel_stride: self.framebuffer.pixel_stride() as u32,
+            display_table: outputs.display_table(output).map_or(bytemuck::Zeroable::zeroed(), |table| pass.read(table)),
             size: UVec2::new(tiling.width, tiling.height),
             corner: UVec2::new(left, top),
             cell: UVec2::new(width, height),
-            exposure: output.exposure().exp2(),
             blue_first: u32::from(output.is_blue_first()),
         };
         pass.dispatch(outputs.sheet_kernel(output), &push, width * height);

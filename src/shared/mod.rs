@@ -88,8 +88,14 @@ gpu_shared! {
         pub const OUTPUT_PBR_NEUTRAL: u32 = 3;
         /// Composite writes 8-bit sRGB: [`STOP_COLORS`] by luminance.
         pub const OUTPUT_FALSE_COLOR: u32 = 4;
+        /// Composite writes 8-bit values of a display, from a [`DISPLAY_TABLE_SIDE`]³ table.
+        pub const OUTPUT_TABLE: u32 = 5;
         /// Number of `OUTPUT_` constants.
-        pub const OUTPUT_COUNT: u32 = 5;
+        pub const OUTPUT_COUNT: u32 = 6;
+
+        /// Entries along each axis of the table of a display, from 0 to [`DISPLAY_TABLE_END`] of exposed radiance. With 65,
+        /// 99 % of plausible colours through ACES 2 are within a third of an 8-bit code; with 97, within a fifth.
+        pub const DISPLAY_TABLE_SIDE: u32 = 65;
 
         /// Number of false-colour bands; each is one stop wide.
         pub const STOP_COUNT: u32 = 16;
@@ -114,6 +120,11 @@ gpu_shared! {
         pub const DIRECTIONS_PER_POINT: f32 = 0.25;
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
+        /// Exposed radiance of the last entry of the table of a display, 11.5 stops above middle grey. Brighter light is
+        /// clamped to it.
+        pub const DISPLAY_TABLE_END: f32 = 512.0;
+        /// Entries of the table are spaced evenly in log2(1 + radiance / this): logarithmic, but linear near black.
+        pub const DISPLAY_TABLE_TOE: f32 = 0.005;
         /// Share of a light's power at which a point of a gather sample and light rays have equal weight. Below half of
         /// it only the point counts, above 1.5 times it only the rays (docs/method.md, "Light rays").
         pub const EVEN_SHARE: f32 = 0.00390625;
@@ -744,41 +755,37 @@ gpu_shared! {
         }
 
         pub push CompositePush for composite(OutputConstants) {
-            /// Terms of the sum.
+            /// Terms of the sum, exposed.
             pub terms: [SumTerm; MAX_TERMS as usize],
             /// One packed RGBA8 or three floats per pixel, row by row.
             pub target: Write<u32>,
+            /// Of a display: red changes fastest; four 16-bit fractions each. Read for OUTPUT_TABLE only.
+            pub display_table: Read<UVec2>,
             /// Number of terms.
             pub term_count: u32,
-            /// Floats per plane of the terms.
-            pub pixel_stride: u32,
             /// Pixels.
             pub width: u32,
             /// Pixels.
             pub height: u32,
-            /// Linear factor, 2^stops.
-            pub exposure: f32,
             /// 1: blue in the lowest byte, for windows with that format.
             pub blue_first: u32,
         }
 
         pub push SheetPush for sheet(OutputConstants) {
-            /// What the cell shows.
+            /// What the cell shows, exposed.
             pub term: SumTerm,
             /// One packed RGBA8 or three floats per pixel, row by row.
             pub target: Write<u32>,
+            /// Of a display: red changes fastest; four 16-bit fractions each. Read for OUTPUT_TABLE only.
+            pub display_table: Read<UVec2>,
             /// 1; 0: the cell is empty.
             pub term_count: u32,
-            /// Floats per plane of the term.
-            pub pixel_stride: u32,
             /// Width and height of the picture.
             pub size: UVec2,
             /// Left and top of the cell.
             pub corner: UVec2,
             /// Width and height of the cell.
             pub cell: UVec2,
-            /// Linear factor, 2^stops.
-            pub exposure: f32,
             /// 1: blue in the lowest byte, for windows with that format.
             pub blue_first: u32,
         }

@@ -32,7 +32,7 @@ pub struct ComparisonImage {
     linear: Option<(u64, Vec<[f32; 3]>)>,
 }
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, PartialEq)]
 struct MadeFor {
     snapshot: u64,
     exposure: f32,
@@ -72,10 +72,10 @@ impl ComparisonImage {
             snapshot: snapshot.id,
             exposure,
             blue_first,
-            tone_map: is_wipe.then_some(tone_map),
+            tone_map: is_wipe.then(|| tone_map.clone()),
             version: (!is_wipe).then_some(desk.version()),
         };
-        if self.made_for == Some(wanted) {
+        if self.made_for.as_ref() == Some(&wanted) {
             return Ok(false);
         }
         let mut relit = false;

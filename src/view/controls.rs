@@ -1,6 +1,7 @@
 //! The panel beside the picture and the dialogs over it. Every edit by a key is also possible here with the mouse.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use egui::{Color32, DragValue, Grid, Key, Modifiers, RichText, ScrollArea, Ui};
 
@@ -14,7 +15,7 @@ use super::map_browser::MapBrowser;
 use super::open_scene::OpenScene;
 use super::snapshots::snapshots;
 use super::view_menu::view_menu;
-use super::view_state::{Dialog, ViewState};
+use super::view_state::{Dialog, Displays, ViewState};
 use crate::desk::{Desk, GroupEdit, LightEdit};
 use crate::relight::ToneMap;
 use crate::scene::{LightKind, Links};
@@ -88,7 +89,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
                 }
             }
         });
-        picture_values(ui, view, actions);
+        picture_values(ui, desk, view, actions);
         ui.separator();
     });
 }
@@ -123,7 +124,41 @@ fn history_list(ui: &mut Ui, desk: &mut Desk) {
     });
 }
 
-fn picture_values(ui: &mut Ui, view: &mut ViewState, actions: &mut Vec<Action>) {
+/// Draws the displays and views of an OpenColorIO configuration. Choosing one shows it.
+fn display_values(ui: &mut Ui, desk: &mut Desk, view: &mut ViewState) {
+    let Some(Displays { config, chosen }) = &mut view.displays else { return };
+    let mut wanted = None;
+    ui.horizontal(|ui| {
+        ui.label("OCIO");
+        let menu = |ui: &mut Ui, id: &str, shown: &str, width: f32, names: Vec<String>| {
+            let menu = egui::ComboBox::from_id_salt(id).selected_text(shown).width(width).truncate();
+            let inner = menu.show_ui(ui, |ui| {
+                names.into_iter().find(|name| ui.selectable_label(name == shown, name.as_str()).clicked())
+            });
+            inner.response.on_hover_text(shown);
+            inner.inner.flatten()
+        };
+        if let Some(display) = menu(ui, "display", chosen.display(), 88.0, config.displays()) {
+            // A view of the same name, else the display's default one.
+            let name = config.views(&display).into_iter().find(|name| name == chosen.name());
+            wanted = Some((display, name));
+        }
+        if let Some(name) = menu(ui, "display view", chosen.name(), 120.0, config.views(chosen.display())) {
+            wanted = Some((chosen.display().to_owned(), Some(name)));
+        }
+    });
+    let Some((display, name)) = wanted else { return };
+    match config.view(Some(&display), name.as_deref()) {
+        Ok(made) => {
+            *chosen = Arc::new(made);
+            view.tone_map = ToneMap::View(chosen.clone());
+            desk.message = view.tone_map.to_string();
+        }
+        Err(error) => desk.message = error.chain(),
+    }
+}
+
+fn picture_values(ui: &mut Ui, desk: &mut Desk, view: &mut ViewState, actions: &mut Vec<Action>) {
     view_menu(ui, view, actions);
     ui.horizontal(|ui| {
         ui.label("exposure");
@@ -137,10 +172,15 @@ fn picture_values(ui: &mut Ui, view: &mut ViewState, actions: &mut Vec<Action>) 
         for (tone_map, text) in tone_maps {
             ui.selectable_value(&mut view.tone_map, tone_map, text);
         }
+        if let Some(Displays { chosen, .. }) = &view.displays {
+            let tone_map = ToneMap::View(chosen.clone());
+            ui.selectable_value(&mut view.tone_map, tone_map, "OCIO").on_hover_text(view.tone_map.to_string());
+        }
         ui.separator();
         ui.toggle_value(&mut view.one_to_one, "1:1").on_hover_text("one picture pixel per screen pixel");
         ui.toggle_value(&mut view.overlay, "times");
     });
+    display_values(ui, desk, view);
 }
 
 /// Draws the list of all keys, from the table that binds them.
@@ -186,7 +226,9 @@ pub fn dialog(ui: &mut Ui, view: &mut ViewState, rig_path: Option<&Path>, action
     egui::Modal::new(egui::Id::new("dialog")).show(ui.ctx(), |ui| match dialog {
         Dialog::SaveAs(path) => {
             ui.set_width(420.0);
-            ui.label("Save the rig as .toml, or export the scene with its lights as .glb or .gltf");
+            ui.label(
+                "Save the rig as .toml, or export: the scene with its lights as .glb or .gltf, the lights as .usda",
+            );
             let field = ui.add(egui::TextEdit::singleline(path).desired_width(f32::INFINITY));
             let entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             if !entered {

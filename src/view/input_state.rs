@@ -170,7 +170,7 @@ mod tests {
     /// A slow frame has several events: each key press and each drag is an edit of its own.
     #[test]
     fn events_of_one_frame_are_separate_edits() {
-        let view = ViewState::new(0.0, ToneMap::Agx);
+        let view = ViewState::new(0.0, ToneMap::Agx, None);
         let context = InputContext {
             open_scene: None,
             view: &view,

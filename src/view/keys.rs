@@ -172,7 +172,7 @@ pub const SECTIONS: &[Section] = &[
             once(&[(NONE, Key::Num9)], Command::Exposure(0.5), "exposure up half a stop"),
             once(&[(NONE, Key::Num8)], Command::Exposure(-0.5), "exposure down half a stop"),
             once(&[(NONE, Key::Num0)], Command::AutoExposure, "automatic exposure"),
-            once(&[(NONE, Key::Num7)], Command::ToneMap, "next tone curve: AgX, PBR Neutral, none"),
+            once(&[(NONE, Key::Num7)], Command::ToneMap, "next tone curve: AgX, PBR Neutral, none, OpenColorIO"),
             once(&[(NONE, Key::Num1)], Command::OneToOne, "picture 1:1, or fitted to the window"),
         ],
     },

@@ -66,8 +66,9 @@ impl SceneSource {
 
     fn load(&self, loader: &Loader) -> Result<()> {
         let session = Session::open_direct(&self.path, self.rig.as_deref(), &self.settings, loader)?;
-        let Session { scene, framebuffer, rig, transfers, .. } = session;
-        let opened = Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig };
+        let Session { scene, framebuffer, rig, transfers, bake, .. } = session;
+        let changed = bake.because;
+        let opened = Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig, changed };
         loader.send(LoadEvent::Opened(Box::new(opened)));
         let Some(transfers) = transfers else { return Ok(()) };
         let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };

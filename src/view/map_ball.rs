@@ -70,19 +70,24 @@ impl MapBall {
 /// The ball's pixels row by row, transparent beside it.
 fn pixels(light: &Light, shown: &Shown, world_from_camera: DMat3) -> Vec<Color32> {
     let map_from_camera = Mat3::from_quat(light.turn().inverse().as_quat()) * world_from_camera.as_mat3();
-    let pixel = |i: usize| {
+    let place = |i: usize| {
         let along = |i: usize| (i as f32 + 0.5) / SIDE as f32 * 2.0 - 1.0;
-        let (x, y) = (along(i % SIDE), -along(i / SIDE));
+        (along(i % SIDE), -along(i / SIDE))
+    };
+    let sky = light.sky();
+    let radiance = |i: usize| {
+        let (x, y) = place(i);
+        let radiance = sky.blurred_at(SkyMap::place(map_from_camera * reflected(x, y)));
+        (radiance * shown.scale).to_array()
+    };
+    let colors = shown.tone_map.display8((0..SIDE * SIDE).into_par_iter().map(radiance).collect());
+    let pixel = |(i, [r, g, b]): (usize, [u8; 3])| {
+        let (x, y) = place(i);
         // One pixel wide: the edge is smooth.
         let cover = (0.5 + (1.0 - x.hypot(y)) * SIDE as f32 / 2.0).clamp(0.0, 1.0);
-        if cover == 0.0 {
-            return Color32::TRANSPARENT;
-        }
-        let radiance = light.sky().blurred_at(SkyMap::place(map_from_camera * reflected(x, y)));
-        let [r, g, b] = shown.tone_map.display(radiance * shown.scale);
         Color32::from_rgba_unmultiplied(r, g, b, (255.0 * cover).round() as u8)
     };
-    (0..SIDE * SIDE).into_par_iter().map(pixel).collect()
+    colors.into_iter().enumerate().map(pixel).collect()
 }
 
 /// The direction, in the space of the camera, that a mirror ball shows at (x, y) of its unit disk, y up. The ball is seen

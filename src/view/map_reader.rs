@@ -5,7 +5,6 @@ use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};
 
 use egui::{Color32, ColorImage};
-use glam::Vec3;
 
 use super::load::{LoadEvent, Messenger};
 use super::map_answer::{Answer, MapFile, ReadMap};
@@ -107,11 +106,9 @@ fn thumbnail(map: &SkyMap) -> ColorImage {
     let radiance = |i: usize| map.blurred_at([share(i % width, width), share(i / width, height)]);
     let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| radiance(i).to_array()).collect();
     let exposure = exposure::automatic(&pixels).exp2();
-    let color = |pixel: &[f32; 3]| {
-        let [r, g, b] = ToneMap::Agx.display(exposure * Vec3::from_array(*pixel));
-        Color32::from_rgb(r, g, b)
-    };
-    ColorImage::new(THUMBNAIL, pixels.iter().map(color).collect())
+    let exposed = pixels.into_iter().map(|pixel| pixel.map(|value| exposure * value)).collect();
+    let color = |[r, g, b]: [u8; 3]| Color32::from_rgb(r, g, b);
+    ColorImage::new(THUMBNAIL, ToneMap::Agx.display8(exposed).into_iter().map(color).collect())
 }
 
 #[cfg(test)]

@@ -59,6 +59,7 @@ pub use self::window::run;
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::gpu::{PassTime, Processor, Validation, Vsync};
+use crate::image::display_view::DisplayConfig;
 use crate::relight::{RelightSettings, ToneMap};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
@@ -97,6 +98,8 @@ pub struct PictureSettings {
     pub cache_dir: Option<PathBuf>,
     pub relight: RelightSettings,
     pub tone_map: ToneMap,
+    /// The configuration whose views the window offers.
+    pub displays: Option<DisplayConfig>,
 }
 
 /// A loaded and baked scene.
@@ -106,6 +109,8 @@ pub struct Opened {
     /// `None` until it is baked, or without indirect light.
     pub transfer: Option<Arc<Transfer>>,
     pub rig: Rig,
+    /// What changed since the last bake, if it had to be baked again.
+    pub changed: Option<String>,
 }
 
 impl Opened {

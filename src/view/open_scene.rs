@@ -41,9 +41,9 @@ use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
-use crate::relight::{Detail, Layers, Picture, Relighter, Request, ToneMap, exposure};
+use crate::relight::{Detail, Layers, Picture, Relighter, Request, exposure};
 use crate::scene::rig::SLOTS;
-use crate::scene::{Rig, export_gltf};
+use crate::scene::{Rig, export_gltf, usd};
 
 /// An open scene with its desk and relighter.
 pub struct OpenScene {
@@ -100,7 +100,7 @@ pub struct Pointer {
 
 impl OpenScene {
     pub fn new(context: &Arc<Context>, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<Self> {
-        let Opened { scene, framebuffer, transfer, rig } = &opened;
+        let Opened { scene, framebuffer, transfer, rig, .. } = &opened;
         let relighter =
             Relighter::new(context, scene, framebuffer, transfer.as_ref(), rig, &settings.pictures.relight)?;
         let desk = Desk::new(rig.clone(), framebuffer.camera.clone(), scene.space.unit);
@@ -483,12 +483,8 @@ impl OpenScene {
                 self.desk.message = format!("exposure {} stops", rounded(f64::from(view.exposure)));
             }
             Command::ToneMap => {
-                view.tone_map = match view.tone_map {
-                    ToneMap::Agx => ToneMap::PbrNeutral,
-                    ToneMap::PbrNeutral => ToneMap::None,
-                    ToneMap::None | ToneMap::FalseColor => ToneMap::Agx,
-                };
-                desk.message = format!("tone curve {:?}", view.tone_map);
+                view.next_tone_map();
+                desk.message = view.tone_map.to_string();
             }
             Command::Save => match self.rig_path.clone() {
                 Some(path) => drop(self.save(path)),
@@ -561,12 +557,16 @@ impl OpenScene {
         pick.map_or(self.opened.scene.space.origin, |pick| pick.position)
     }
 
-    /// Saves the rig, or exports the scene if the path ends in `.glb` or `.gltf`. Puts the outcome into the message and
-    /// returns whether it succeeded.
+    /// Saves the rig, or exports the scene if the path ends in `.glb` or `.gltf`, or its lights as UsdLux. Puts the outcome
+    /// into the message and returns whether it succeeded.
     fn save(&mut self, path: PathBuf) -> bool {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        if matches!(extension.as_str(), "glb" | "gltf") {
-            let exported = export_gltf(&self.opened.scene, self.desk.rig(), &path);
+        let is_gltf = matches!(extension.as_str(), "glb" | "gltf");
+        if is_gltf || usd::is_usd(&path) {
+            let exported = match is_gltf {
+                true => export_gltf(&self.opened.scene, self.desk.rig(), &path),
+                false => usd::save(self.desk.rig(), &path),
+            };
             self.desk.message = match &exported {
                 Ok(()) => format!("exported {}; Blender draws the edges of cones differently", path.display()),
                 Err(error) => format!("NOT EXPORTED: {error}"),

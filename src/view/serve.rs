@@ -172,7 +172,7 @@ impl Served {
                 self.host.server.answer(pending, Ok(Object::new()));
             }
             Some(Other::Picture(pending, request)) => {
-                let shown = (open.exposure, self.settings.tone_map);
+                let shown = (open.exposure, self.settings.tone_map.clone());
                 let picture = open.relighter.set_rig(open.desk.rig()).and_then(|()| {
                     open.relighter.select(open.desk.history().focus());
                     picture(&mut open.relighter, request, shown)

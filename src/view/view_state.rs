@@ -1,7 +1,10 @@
 //! Settings of the window, and its open dialog.
 
+use std::sync::Arc;
+
 use super::compare::Comparing;
 use super::views::{Aid, Views};
+use crate::image::display_view::{DisplayConfig, DisplayView};
 use crate::relight::ToneMap;
 use crate::scene::{LightUnit, Rig};
 
@@ -10,6 +13,8 @@ pub struct ViewState {
     /// Exposure, stops.
     pub exposure: f32,
     pub tone_map: ToneMap,
+    /// Offered beside the tone curves.
+    pub displays: Option<Displays>,
     pub one_to_one: bool,
     pub panel: bool,
     pub overlay: bool,
@@ -28,6 +33,12 @@ pub struct ViewState {
     pub show_maps: bool,
 }
 
+/// An OpenColorIO configuration, and the view that was chosen last.
+pub struct Displays {
+    pub config: DisplayConfig,
+    pub chosen: Arc<DisplayView>,
+}
+
 /// An open dialog.
 pub enum Dialog {
     /// The path as typed so far.
@@ -39,18 +50,24 @@ pub enum Dialog {
 }
 
 impl ViewState {
-    /// The window as it opens.
-    pub fn new(exposure: f32, tone_map: ToneMap) -> Self {
+    /// The window as it opens. `config`: of `tone_map`, if that is a view.
+    pub fn new(exposure: f32, tone_map: ToneMap, config: Option<DisplayConfig>) -> Self {
+        let views = Views::new(&tone_map);
+        let displays = match &tone_map {
+            ToneMap::View(chosen) => config.map(|config| Displays { config, chosen: chosen.clone() }),
+            _ => None,
+        };
         Self {
             exposure,
             tone_map: match tone_map {
                 ToneMap::FalseColor => ToneMap::Agx,
                 curve => curve,
             },
+            displays,
             one_to_one: false,
             panel: true,
             overlay: false,
-            views: Views::new(tone_map),
+            views,
             help: false,
             dialog: None,
             search: String::new(),
@@ -67,8 +84,21 @@ impl ViewState {
         self.panel || self.overlay || self.help || over || self.dialog.is_some()
     }
 
-    /// Returns the tone curve from scene-linear to the display.
+    /// From scene-linear to the display.
     pub fn curve(&self) -> ToneMap {
-        if self.views.has(Aid::FalseColor) { ToneMap::FalseColor } else { self.tone_map }
+        if self.views.has(Aid::FalseColor) { ToneMap::FalseColor } else { self.tone_map.clone() }
+    }
+
+    /// Takes the next tone curve, or the chosen view after the last one.
+    pub fn next_tone_map(&mut self) {
+        self.tone_map = match &self.tone_map {
+            ToneMap::Agx => ToneMap::PbrNeutral,
+            ToneMap::PbrNeutral => ToneMap::None,
+            ToneMap::None => match &self.displays {
+                Some(Displays { chosen, .. }) => ToneMap::View(chosen.clone()),
+                None => ToneMap::Agx,
+            },
+            ToneMap::FalseColor | ToneMap::View(_) => ToneMap::Agx,
+        };
     }
 }

@@ -118,9 +118,9 @@ impl Aid {
 }
 
 impl Views {
-    pub fn new(tone_map: ToneMap) -> Self {
+    pub fn new(tone_map: &ToneMap) -> Self {
         let mut views = Self { view: View::Beauty, layer: 0, aids: [false; 5] };
-        views.aids[Aid::FalseColor as usize] = tone_map == ToneMap::FalseColor;
+        views.aids[Aid::FalseColor as usize] = *tone_map == ToneMap::FalseColor;
         views
     }
 

@@ -90,8 +90,10 @@ const IDLE_UI_DELAY: Duration = Duration::from_millis(40);
 const IDLE_DELAY: Duration = Duration::from_millis(150);
 
 impl App {
-    fn new(settings: ViewSettings, proxy: EventLoopProxy<Numbered>, source: SceneSource) -> Result<Self> {
-        let view = ViewState::new(settings.pictures.exposure.unwrap_or(0.0), settings.pictures.tone_map);
+    fn new(mut settings: ViewSettings, proxy: EventLoopProxy<Numbered>, source: SceneSource) -> Result<Self> {
+        let pictures = &mut settings.pictures;
+        let displays = pictures.displays.take();
+        let view = ViewState::new(pictures.exposure.unwrap_or(0.0), pictures.tone_map.clone(), displays);
         let messenger = Messenger::new(move |message| proxy.send_event(message).is_ok());
         let remote = settings.listen.as_ref().map(|file| Remote::listen(file, messenger.clone())).transpose()?;
         Ok(Self {

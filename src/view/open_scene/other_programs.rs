@@ -19,7 +19,7 @@ use crate::wire::picture::picture;
 impl OpenScene {
     /// Replaces the scene, which was loaded again; lights, history and snapshots stay. An error leaves all as it was.
     pub fn replace(&mut self, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
-        let Opened { scene, framebuffer, transfer, rig } = &opened;
+        let Opened { scene, framebuffer, transfer, rig, .. } = &opened;
         let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);
         let rig = self.desk.rig_in(scene, rig).map_err(wrong)?;
         let context = self.relighter.context().clone();

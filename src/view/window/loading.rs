@@ -22,11 +22,12 @@ impl App {
     /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
     pub(super) fn replace(&mut self, opened: Opened) {
         let (Some(open_scene), Some(graphics)) = (&mut self.open_scene, &self.graphics) else { return };
+        let changed = opened.changed.as_ref().map(|changed| format!(", baked again: {changed} changed"));
         match open_scene.replace(opened, &self.settings, self.loads.messenger()) {
             Ok(()) => {
                 self.loads.replaced();
                 graphics.make_room(open_scene.picture_size());
-                open_scene.desk.message = "the scene was loaded again".into();
+                open_scene.desk.message = format!("the scene was loaded again{}", changed.unwrap_or_default());
                 if let Some(remote) = &mut self.remote {
                     remote.opened(open_scene);
                 }
