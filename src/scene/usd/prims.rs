@@ -93,12 +93,18 @@ pub fn is_visible(prim: &Prim) -> Fallible<bool> {
     Ok(true)
 }
 
-/// A string of a text layer, in which the library leaves `\"` and `\\` as they are.
+/// A string of a text layer, in which the library leaves `\"`, `\\` and `\n` as they are.
 pub fn unescaped(text: &str) -> String {
     let mut unescaped = String::new();
     let mut chars = text.chars();
     while let Some(c) = chars.next() {
-        unescaped.extend(if c == '\\' { chars.next() } else { Some(c) });
+        let of_escape = |c| match c {
+            'n' => '\n',
+            'r' => '\r',
+            't' => '\t',
+            c => c,
+        };
+        unescaped.extend(if c == '\\' { chars.next().map(of_escape) } else { Some(c) });
     }
     unescaped
 }
@@ -126,4 +132,14 @@ pub fn flag(prim: &Prim, name: &str) -> Fallible<Option<bool>> {
 pub fn color(prim: &Prim, name: &str) -> Fallible<Option<Vec3>> {
     let color = value(&prim.attribute(name))?.map(|value| value.cast::<openusd::gf::Vec3f>()).transpose()?;
     Ok(color.map(|color| Vec3::new(color.x, color.y, color.z)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn escapes_of_text_layers_are_characters() {
+        assert_eq!(unescaped(r#"a \"b\" \\ \n\r\t é\q\"#), "a \"b\" \\ \n\r\t éq");
+    }
 }
