@@ -5,14 +5,18 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::storage::pods;
+
 /// Sparse matrix with one row per view sample.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CsrMatrix {
     /// Entries of row r: `first[r]..first[r + 1]`.
     pub first: Vec<usize>,
     /// Column of each entry, ascending within a row.
+    #[serde(with = "pods")]
     pub columns: Vec<u32>,
     /// RGB.
+    #[serde(with = "pods")]
     pub values: Vec<[f32; 3]>,
 }
 

@@ -6,6 +6,9 @@ use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_
 use faer::linalg::lu::partial_pivoting::{factor, solve};
 use faer::perm::PermRef;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
+use serde::{Deserialize, Serialize};
+
+use crate::storage::pods;
 
 /// `target += left * right`.
 pub fn add_product(target: MatMut<'_, f32>, left: MatRef<'_, f32>, right: MatRef<'_, f32>) {
@@ -22,6 +25,25 @@ pub fn product<T: faer::traits::ComplexField>(left: MatRef<'_, T>, right: MatRef
 /// The same matrix in double precision.
 pub fn widened(matrix: MatRef<'_, f32>) -> Mat<f64> {
     Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| f64::from(matrix[(i, j)]))
+}
+
+/// A square matrix in a file: its elements, column by column.
+#[derive(Serialize, Deserialize)]
+pub struct Square {
+    size: usize,
+    #[serde(with = "pods")]
+    elements: Vec<f32>,
+}
+
+impl Square {
+    pub fn of(matrix: &Mat<f32>) -> Self {
+        let elements = matrix.col_iter().flat_map(|column| column.iter().copied()).collect();
+        Self { size: matrix.ncols(), elements }
+    }
+
+    pub fn restore(self) -> Mat<f32> {
+        MatRef::from_column_major_slice(&self.elements, self.size, self.size).to_owned()
+    }
 }
 
 /// Eigenvalues of a symmetric matrix in descending order, clamped to 0 from below, and their vectors as columns.

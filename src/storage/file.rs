@@ -41,6 +41,7 @@ fn write_with(
         _ => Path::new("."),
     };
     let beside = temporary.tempfile_in(folder).map_err(|e| Error::io("create", path)(without_path(e)))?;
+    let _ = beside.as_file().try_lock(); // tells those who clean up that it is not abandoned
     encode_into(path, beside.as_file(), encode)?;
     beside.as_file().sync_all().map_err(Error::io("write", path))?;
     beside.persist(&target).map_err(|failed| Error::io("rename a finished file to", path)(failed.error))?;
@@ -61,6 +62,11 @@ pub fn open(path: &Path) -> Result<(File, u64)> {
     }
     let file = File::open(path).map_err(Error::io("open", path))?;
     Ok((file, kind.len()))
+}
+
+/// Marks a file of the cache as used now, so that pruning by age keeps it. Only its owner may do so.
+pub fn mark_used(file: &File) {
+    let _ = file.set_modified(std::time::SystemTime::now());
 }
 
 /// Whether a file name is that of a temporary file of [`write_whole`], in use or abandoned.

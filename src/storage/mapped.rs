@@ -11,17 +11,28 @@ use memmap2::Mmap;
 
 /// The bytes of a file that never changes; the system loads pages on first access and may evict them.
 #[derive(Clone, Debug)]
-pub struct Mapping(Arc<Mmap>);
+pub struct Mapping(Arc<(Mmap, Option<File>)>);
 
 impl Mapping {
     /// Maps a cache file.
     pub fn new(file: &File) -> io::Result<Self> {
+        Self::map(file).map(|map| Self(Arc::new((map, None))))
+    }
+
+    /// The same, with a lock that tells other processes that the file is in use.
+    pub fn in_use(file: File) -> io::Result<Self> {
+        // Where there are no locks, nobody is told.
+        let _ = file.try_lock_shared();
+        Self::map(&file).map(|map| Self(Arc::new((map, Some(file)))))
+    }
+
+    fn map(file: &File) -> io::Result<Mmap> {
         // SAFETY: no process may write to the file or truncate it while it is mapped. relume does not: cache files are
         // written to a temporary file and renamed, replaced by renaming others over them, and removed by unlinking; all
         // of these leave a mapped file unchanged. Another program could, as it could change our libraries, which are
         // mapped too. The consequences are limited: once a mapping has been validated, only its factors are used, which
         // are numbers whatever their bits. Indices that a kernel follows are copied before they are validated.
-        unsafe { Mmap::map(file) }.map(|map| Self(Arc::new(map)))
+        unsafe { Mmap::map(file) }
     }
 }
 
@@ -29,7 +40,7 @@ impl Deref for Mapping {
     type Target = [u8];
 
     fn deref(&self) -> &[u8] {
-        &self.0
+        &self.0.0
     }
 }
 

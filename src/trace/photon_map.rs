@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
 use super::point_tree::{PointTree, point};
@@ -13,7 +14,8 @@ pub struct PhotonMap {
 }
 
 /// Light that landed on a surface.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
 pub struct Photon {
     /// Mesh space.
     pub position: Vec3,
@@ -40,6 +42,10 @@ impl PhotonMap {
     pub fn new(photons: Vec<Photon>) -> Self {
         let positions: Vec<_> = photons.iter().map(|photon| point(photon.position, Vec3::ZERO, 0.0)).collect();
         Self { photons, tree: PointTree::new(&positions) }
+    }
+
+    pub fn photons(&self) -> &[Photon] {
+        &self.photons
     }
 
     pub fn is_empty(&self) -> bool {

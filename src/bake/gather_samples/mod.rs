@@ -8,8 +8,10 @@ mod clusters;
 pub mod light_rays;
 mod surface_points;
 
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 pub use self::surface_points::{Drawn, Patch, Place, Surfaces, Visited, is_back, is_from_behind, sides};
 
@@ -19,6 +21,7 @@ use super::brdf_factors::NEAR_MIRROR_ALPHA;
 use crate::physics::sequence::Points;
 use crate::scene::{Material, Scene};
 use crate::shared::Brdf;
+use crate::storage::pods;
 use crate::trace::bvh::TracedScene;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket};
 use crate::trace::point_tree::{Point, PointTree, point};
@@ -37,7 +40,8 @@ pub enum Placement {
 }
 
 /// One gather sample; mesh space.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub struct GatherSample {
     pub position: Vec3,
     /// Mesh space.
@@ -59,7 +63,8 @@ pub struct GatherSample {
 }
 
 /// A point of a gather sample's area; mesh space.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub struct GatherPoint {
     /// Origin of rays, above the surface by [`SurfacePoint::lift`].
     pub position: Vec3,
@@ -71,10 +76,12 @@ pub struct GatherPoint {
 
 /// All gather samples of a scene, in the leaf order of a balanced tree. A node with samples `first..end` is split into
 /// two children at [`crate::trace::point_tree::middle`].
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct GatherSamples {
+    #[serde(with = "pods")]
     pub samples: Vec<GatherSample>,
     /// `points_per_sample` points per sample; a sample receives the mean over its points.
+    #[serde(with = "pods")]
     pub points: Vec<GatherPoint>,
     pub points_per_sample: usize,
     /// Group of each material. The samples of a group represent only surfaces of its materials. Empty: all are in one

@@ -1,7 +1,6 @@
 //! The dense form: explicit G* and Φ, for few gather samples.
 
-use bytemuck::{cast_slice, pod_collect_to_vec};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, UVec4, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -13,8 +12,10 @@ use crate::bake::transport::LightTransport;
 use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::emitted::{self, Emitted, EmitterLight};
 use crate::bake::transport::rows::RowGatherer;
+use crate::shared::Panel;
 use crate::storage::journal::Journal;
 use crate::storage::mapped::Elements;
+use crate::storage::pods;
 use crate::trace::packet::PACKET_SIZE;
 
 impl Transfer {
@@ -119,40 +120,39 @@ pub(in crate::bake) fn last_matrix(
     (matrix, emission)
 }
 
-/// Some rows of a matrix in a journal, and the light of emitters there; panels, inputs, outputs and values as bytes.
+/// Some rows of a matrix in a journal, and the light of emitters there.
 #[derive(Serialize, Deserialize)]
 struct Recorded {
-    #[serde(with = "serde_bytes")]
-    panels: Vec<u8>,
-    #[serde(with = "serde_bytes")]
-    inputs: Vec<u8>,
-    #[serde(with = "serde_bytes")]
-    outputs: Vec<u8>,
-    #[serde(with = "serde_bytes")]
-    values: Vec<u8>,
+    #[serde(with = "pods")]
+    panels: Vec<Panel>,
+    #[serde(with = "pods")]
+    inputs: Vec<u32>,
+    #[serde(with = "pods")]
+    outputs: Vec<u32>,
+    #[serde(with = "pods")]
+    values: Vec<UVec4>,
     emission: Vec<Vec3>,
 }
 
 impl Recorded {
     fn new(matrix: &BlockMatrix, emission: Vec<Vec3>) -> Self {
         Self {
-            panels: cast_slice(&matrix.panels).to_vec(),
-            inputs: cast_slice(&matrix.inputs).to_vec(),
-            outputs: cast_slice(&matrix.outputs).to_vec(),
-            values: cast_slice(&matrix.values).to_vec(),
+            panels: matrix.panels.clone(),
+            inputs: matrix.inputs.clone(),
+            outputs: matrix.outputs.clone(),
+            values: matrix.values.to_vec(),
             emission,
         }
     }
 
     /// The rows as a part of a matrix with the shape of `empty`.
     fn matrix(&self, empty: BlockMatrix) -> BlockMatrix {
-        let inputs: Vec<u32> = pod_collect_to_vec(&self.inputs);
         BlockMatrix {
-            panels: pod_collect_to_vec(&self.panels),
-            tints: vec![Vec3::ONE; inputs.len()],
-            inputs,
-            outputs: pod_collect_to_vec(&self.outputs),
-            values: Elements::from(pod_collect_to_vec(&self.values)),
+            panels: self.panels.clone(),
+            tints: vec![Vec3::ONE; self.inputs.len()],
+            inputs: self.inputs.clone(),
+            outputs: self.outputs.clone(),
+            values: Elements::from(self.values.clone()),
             ..empty
         }
     }
