@@ -5,6 +5,8 @@ mod command;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant, SystemTime};
 
 use command::{Run, folder, json, names_in, relume, shipped};
 use relume::bake::compression::CompressionSettings;
@@ -274,4 +276,119 @@ fn a_bake_says_what_changed() {
     assert!(!bake("32x24").contains("baked again"));
     assert!(bake("33x24").contains("what changed since: the size of the picture"));
     assert!(!bake("32x24").contains("baked again"), "it is in the cache");
+}
+
+fn bake_command(cache: &Path, arguments: &[&str]) -> Run {
+    Run::of(relume().arg("bake").args(arguments).arg("--cache").arg(cache))
+}
+
+/// Makes a file of the cache as old as so many days.
+fn aged(path: &Path, days: u64) {
+    let then = SystemTime::now() - Duration::from_secs(days * 86400 + 60);
+    File::options().write(true).open(path).unwrap().set_modified(then).unwrap();
+}
+
+#[test]
+fn files_are_listed_and_pruned_by_last_use() {
+    let folder = folder();
+    let cache = folder.path().join("cache");
+    let sizes = ["32x24", "33x24", "34x24"];
+    let bake = |size: &str| {
+        let scene = shipped("balls-2.glb");
+        bake_command(&cache, &[scene.to_str().unwrap(), "--gi", "off", "--size", size]).done();
+    };
+    sizes.iter().for_each(|size| bake(size));
+    let listed = || bake_command(&cache, &["--list"]).silent().stdout;
+    let path_of = |size: &str| {
+        let listed = listed();
+        let line = listed.lines().find(|line| line.contains(size)).unwrap();
+        PathBuf::from(line.split_whitespace().last().unwrap())
+    };
+    let paths = sizes.map(path_of);
+    [3, 1, 2].iter().zip(&paths).for_each(|(days, path)| aged(path, *days));
+    let order: Vec<String> =
+        listed().lines().take(3).map(|line| line.split_whitespace().nth(2).unwrap().into()).collect();
+    assert_eq!(order, ["1d", "2d", "3d"], "{}", listed());
+    assert!(listed().contains("MB in 3 files of"), "{}", listed());
+    // A bake that is used is young again, listing is no use.
+    bake(sizes[0]);
+    let there = || paths.each_ref().map(|path| path.exists());
+    assert!(bake_command(&cache, &["--prune", "--older-than", "36h"]).done().stdout.contains("removed 1 files"));
+    assert_eq!(there(), [true, true, false]);
+    let bytes = paths[0].metadata().unwrap().len().to_string();
+    assert!(bake_command(&cache, &["--prune", "--keep", &bytes]).done().stdout.contains("removed 1 files"));
+    assert_eq!(there(), [true, false, false]);
+    bake_command(&cache, &["--prune", "--older-than", "1d", "--keep", "1G"]).done();
+    assert_eq!(there(), [true, false, false]);
+    let in_use = File::open(&paths[0]).unwrap();
+    in_use.lock_shared().unwrap();
+    assert!(bake_command(&cache, &["--prune"]).done().stdout.contains("removed 0 files, 0.0 MB, from"));
+    assert!(bake_command(&cache, &["--prune"]).done().stdout.contains("; 1 are in use"));
+    assert_eq!(there(), [true, false, false]);
+    drop(in_use);
+    bake_command(&cache, &["--prune"]).done();
+    assert_eq!(there(), [false, false, false]);
+    for wrong in ["12", "h", "1.5.2d", "1w"] {
+        bake_command(&cache, &["--prune", "--older-than", wrong]).refused("--older-than");
+    }
+    bake_command(&cache, &["--list", "--keep", "1G"]).refused("--list");
+}
+
+#[test]
+fn a_file_of_another_version_is_listed_as_such() {
+    let folder = folder();
+    let scene = shipped("balls-2.glb");
+    bake_command(folder.path(), &[scene.to_str().unwrap(), "--gi", "off", "--size", "32x24"]).done();
+    let path = bakes_in(folder.path()).remove(0);
+    let mut bytes = fs::read(&path).unwrap();
+    let field = b"\"relume\":\"";
+    let place = bytes.windows(field.len()).position(|w| w == field).unwrap() + field.len();
+    bytes[place] ^= 1;
+    fs::write(&path, bytes).unwrap();
+    fs::write(folder.path().join("bake-1.safetensors"), "nothing").unwrap();
+    let listed = bake_command(folder.path(), &["--list"]).silent().stdout;
+    assert!(listed.contains("deep framebuffer of another version") && listed.contains("damaged"), "{listed}");
+}
+
+/// Twenty processes at a time read, write and prune one folder: each picture has the right bytes, and no file goes that
+/// nobody wanted to go.
+#[test]
+fn a_shared_folder_gives_no_wrong_byte() {
+    let folder = folder();
+    let cache = folder.path().join("cache");
+    let seconds = if std::env::var_os("RELUME_FULL").is_some() { 300 } else { 3 };
+    let scenes = ["balls-2.glb", "cornell-glossy.glb", "cornell-diffuse.glb"].map(shipped);
+    let render = |number: usize, scene: &Path| {
+        let out = folder.path().join(format!("{number}.exr"));
+        let mut command = relume();
+        command.arg("render").arg(scene).arg("-o").arg(&out).args(SMALL).args(["--threads", "1"]);
+        Run::of(command.arg("--cache").arg(&cache)).silent();
+        fs::read(out).unwrap()
+    };
+    let want: Vec<Vec<u8>> = scenes.iter().map(|scene| render(0, scene)).collect();
+    let all = bakes_in(&cache);
+    let work = |prunes: &[&[&str]]| {
+        let end = Instant::now() + Duration::from_secs(seconds);
+        let runs = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for number in 0..20 {
+                let (runs, want, scenes, cache) = (&runs, &want, &scenes, &cache);
+                scope.spawn(move || {
+                    while Instant::now() < end {
+                        let run = runs.fetch_add(1, Ordering::Relaxed);
+                        match number {
+                            0 => drop(bake_command(cache, &["--list"]).silent()),
+                            1 | 2 => drop(bake_command(cache, prunes[run % prunes.len()]).silent()),
+                            _ => assert!(render(number, &scenes[run % 3]) == want[run % 3], "run {run}"),
+                        }
+                    }
+                });
+            }
+        });
+        println!("{} runs", runs.into_inner());
+    };
+    work(&[&["--prune"], &["--prune", "--keep", "100K"]]);
+    scenes.iter().for_each(|scene| drop(render(0, scene)));
+    work(&[&["--prune", "--older-than", "1h"], &["--prune", "--keep", "1G"]]);
+    assert_eq!(bakes_in(&cache), all, "no file is lost, and none is left over");
 }

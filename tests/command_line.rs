@@ -576,7 +576,7 @@ fn bake_list_prune() {
     assert!(again.contains("from the cache"), "{again}");
     run!("bake", &scene, "--size", "32x24", "--cache", &cache).silent();
     let list = run!("bake", "--list", "--cache", &cache).silent().stdout;
-    assert!(list.lines().count() == 2 && list.contains("64x48") && list.contains("balls-2"), "{list}");
+    assert!(list.lines().count() == 3 && list.contains("64x48") && list.contains("balls-2"), "{list}");
     // What bakes leave that were killed.
     fs::write(cache.join("bake-1.journal"), "").unwrap();
     fs::write(cache.join(".relume-1.part"), "").unwrap();

@@ -79,7 +79,7 @@ impl Inputs {
     }
 
     /// The parts that differ from an earlier bake's, in words.
-    fn changes_since(&self, earlier: &Self) -> Vec<String> {
+    pub fn changes_since(&self, earlier: &Self) -> Vec<String> {
         let mut changes = Vec::new();
         let mut part = |differs: bool, what: &str| changes.extend(differs.then(|| what.to_owned()));
         part(self.version != earlier.version, "the version of relume");

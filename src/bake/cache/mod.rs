@@ -4,6 +4,7 @@
 //! [`store`] and [`store_transfer`] name the tensors. Structs are rows of 32-bit words, in the order of their fields in
 //! src/shared/mod.rs; float fields of a tensor of type U32 are stored by their bits.
 
+mod folder;
 mod framebuffer;
 mod inputs;
 mod transfer;
@@ -13,33 +14,24 @@ use std::path::{Path, PathBuf};
 
 use bytemuck::Pod;
 use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorInfo};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
+pub use self::folder::{Entry, Keep, Pruned, list, prune};
 pub use self::framebuffer::{load, store};
 pub use self::inputs::Inputs;
 pub use self::transfer::{load_sky, load_transfer, store_sky, store_transfer, transfer_key};
 
+use crate::bake::compression::Part;
 use crate::error::{Cause, Error, Result};
-use crate::storage::file::{is_temporary, open, write_whole};
+use crate::storage::file::{mark_used, open, write_whole};
 use crate::storage::mapped::{Elements, Mapping};
 
 /// Version of the file format; incremented when the content changes.
-const FORMAT: &str = "30";
+const FORMAT: &str = "31";
 
 /// Hash of all inputs of a bake; names its file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Key(String);
-
-/// One file of the cache.
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct Entry {
-    pub path: PathBuf,
-    pub scene: String,
-    /// "deep framebuffer", "transfer" or "light of the sky".
-    pub what: String,
-    pub size: String,
-    pub bytes: u64,
-}
 
 /// A byte string that identifies these settings among all settings of their type.
 fn serialized(settings: &impl Serialize) -> Vec<u8> {
@@ -54,38 +46,31 @@ fn name(hash: &blake3::Hash) -> String {
     hash.to_hex()[..32].to_owned()
 }
 
-/// Path of the journal that stores the finished parts of the bake of `key`.
-pub fn journal(dir: &Path, key: &Key) -> PathBuf {
-    dir.join(format!("bake-{}.journal", key.0))
+/// Path of another file that belongs to the bake of `key`; what it is, its extension tells.
+pub fn file_of(dir: &Path, key: &Key, extension: &str) -> PathBuf {
+    dir.join(format!("bake-{}.{extension}", key.0))
 }
 
-/// Every bake in a cache directory. Reads only the headers of the files.
-pub fn list(dir: &Path) -> Result<Vec<Entry>> {
-    let mut entries = Vec::new();
-    for path in files(dir, is_bake)? {
-        let (opened, bytes) = open(&path)?;
-        let reader = Reader::new(Mapping::new(&opened).map_err(Error::io("read", &path))?);
-        let field = |name: &str| reader.as_ref().and_then(|r| r.text(name)).unwrap_or("?").to_owned();
-        let size = format!("{}x{}", field("width"), field("height"));
-        let [scene, what] = [field("scene"), field("what")];
-        entries.push(Entry { path, scene, what, size, bytes });
-    }
-    Ok(entries)
+/// The same of one part of that bake.
+pub fn file_of_part(dir: &Path, key: &Key, Part { number, count }: Part, extension: &str) -> PathBuf {
+    file_of(dir, key, &format!("{number}-of-{count}.{extension}"))
 }
 
-/// Removes every bake from a cache directory, including the files of interrupted bakes. Returns the number of files and
-/// bytes removed.
-pub fn prune(dir: &Path) -> Result<(usize, u64)> {
-    let mut bytes = 0;
-    let files = files(dir, |name| name.starts_with("bake-") || is_temporary(name))?;
-    for path in &files {
-        bytes += path.metadata().map_or(0, |m| m.len());
-        match std::fs::remove_file(path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {} // another process removed it
-            removed => removed.map_err(Error::io("remove", path))?,
-        }
-    }
-    Ok((files.len(), bytes))
+/// The finished parts of the bake of `key`, with their files.
+pub fn parts(dir: &Path, key: &Key) -> Result<Vec<(Part, PathBuf)>> {
+    let prefix = format!("bake-{}.", key.0);
+    let part = |name: &str| {
+        let numbers = name.strip_prefix(&prefix)?.strip_suffix(".part")?;
+        numbers.replace("-of-", "/").parse::<Part>().ok()
+    };
+    let paths = files(dir, |name| part(name).is_some())?;
+    let name = |path: &Path| path.file_name().and_then(|name| part(name.to_str()?));
+    Ok(paths.into_iter().filter_map(|path| Some((name(&path)?, path))).collect())
+}
+
+/// What files of a bake in parts call themselves; `what` they are.
+pub fn kind(what: &str) -> String {
+    format!("relume {what}, format {FORMAT} of {}", env!("CARGO_PKG_VERSION"))
 }
 
 /// Whether there is a file of a key, damaged or not.
@@ -94,7 +79,7 @@ pub fn has(dir: &Path, key: &Key) -> bool {
 }
 
 fn file(dir: &Path, key: &Key) -> PathBuf {
-    dir.join(format!("bake-{}.safetensors", key.0))
+    file_of(dir, key, "safetensors")
 }
 
 /// The file of a key as decoded by `decode`. A file that is damaged or of another version is reported in one line.
@@ -102,7 +87,8 @@ fn file(dir: &Path, key: &Key) -> PathBuf {
 fn read<T: Send>(dir: &Path, key: &Key, decode: impl Fn(&Reader) -> Option<T> + Sync) -> Option<T> {
     let path = file(dir, key);
     let (opened, _) = open(&path).ok()?;
-    let reason = match Reader::new(Mapping::new(&opened).ok()?) {
+    mark_used(&opened);
+    let reason = match Reader::new(Mapping::in_use(opened).ok()?) {
         Some(reader) if reader.text("relume") != Some(FORMAT) => "of another version",
         Some(reader) => match rayon::join(|| reader.is_whole(), || decode(&reader)) {
             (true, Some(decoded)) => return Some(decoded),
