@@ -6,6 +6,7 @@
 
 mod memory;
 mod open;
+mod parts;
 mod plan;
 mod progress;
 mod report;
@@ -25,9 +26,11 @@ pub use self::survey::{CountedIn, FramebufferCounts, NoSky, Survey, Unneeded};
 pub use self::target::Target;
 
 use self::memory::check_memory;
+use self::open::choose_view;
 use self::plan::Prepared;
 use self::progress::{advance, until_cancelled};
 use crate::bake::baselines::thesis::ThesisSettings;
+use crate::bake::compression::Fitted;
 use crate::bake::compression::validation::ValidationError;
 use crate::bake::transfer::Transfer;
 use crate::bake::transfer::sky::SkyTransfer;
@@ -38,7 +41,7 @@ use crate::bake::{BakeSettings, DeepFramebuffer, at_rest, bake, cache, low_prior
 use crate::error::{Error, Result};
 use crate::gpu::{Context, Validation};
 use crate::relight::{RelightSettings, Relighter, choose_device};
-use crate::scene::Rig;
+use crate::scene::{Camera, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 
 /// What a session bakes.
@@ -84,6 +87,13 @@ impl SessionSettings {
         }
         self.indirect.map_or(Ok(()), |indirect| indirect.check())
     }
+
+    /// Refuses what means nothing, and pictures that do not fit this machine.
+    fn check_view(&self, scene: &Scene, rig: &Rig, size: [u32; 2]) -> Result<()> {
+        self.check()?;
+        let forced = if self.force_all { self.layers - 1 } else { 0 };
+        check_memory(size, self.samples, forced, rig.lights.len(), &scene.path)
+    }
 }
 
 /// `$XDG_CACHE_HOME/relume`, else `~/.cache/relume`; `%LOCALAPPDATA%\relume` on Windows.
@@ -114,6 +124,8 @@ pub struct Session {
 /// Where transfers to one deep framebuffer come from.
 pub struct Transfers {
     pub plan: TransferPlan,
+    /// What the deep framebuffer depends on.
+    inputs: cache::Inputs,
     key: cache::Key,
     dir: Option<PathBuf>,
     force_all: bool,
@@ -192,7 +204,7 @@ impl Transfers {
                 let first = |transfer: &Transfer| {
                     show(transfer.clone());
                 };
-                Ok(show(self.get(seen, Lobe::All, &first, &mut report, progress)?))
+                Ok(show(self.get(seen, Lobe::All, [None, None], &first, &mut report, progress)?))
             })
         })
     }
@@ -207,8 +219,8 @@ impl Transfers {
         let mut report = BakeReport::default();
         let lobe = Lobe::All;
         let bake = |report: &mut BakeReport| {
-            let prepared = self.plan.prepare(seen, report, progress);
-            self.bake_sky(&prepared, seen, lobe, report, progress)
+            let mut prepared = self.prepare(seen, lobe, report, progress);
+            self.bake_sky(&mut prepared, lobe, None, report, progress)
         };
         let sky = match self.stored_sky(seen.framebuffer, lobe) {
             Some(sky) => sky,
@@ -222,11 +234,13 @@ impl Transfers {
         self.sky && self.plan.has_sky()
     }
 
-    /// From the cache, or baked and kept there. `first` gets what is there while light of the sky is baked.
+    /// From the cache, or baked and kept there; `fits` are those that parts made, of the operator and of light of the sky.
+    /// `first` gets what is there while light of the sky is baked.
     fn get(
         &self,
         seen: BakeInput,
         lobe: Lobe,
+        [fits, sky_fits]: [Option<Vec<Fitted>>; 2],
         first: &dyn Fn(&Transfer),
         report: &mut BakeReport,
         progress: &dyn Progress,
@@ -240,12 +254,12 @@ impl Transfers {
             Some(transfer) if is_complete => return Ok(Transfer { sky: stored_sky, ..transfer }),
             stored => stored,
         };
-        let prepared = self.plan.prepare(seen, report, progress);
+        let mut prepared = self.prepare(seen, lobe, report, progress);
         let transfer = match stored {
             Some(transfer) => transfer,
             None => {
                 let key = self.key(lobe);
-                let made = prepared.bake(lobe, self.journal(&key).as_deref(), report, progress)?;
+                let made = prepared.bake(lobe, fits, self.journal(&key).as_deref(), report, progress)?;
                 let name = seen.scene.name();
                 self.keep(report, |dir| cache::store_transfer(dir, &key, &name, framebuffer, &made));
                 self.forced(made)
@@ -258,7 +272,7 @@ impl Transfers {
             Some(sky) => sky,
             None => {
                 first(&transfer);
-                self.bake_sky(&prepared, seen, lobe, report, progress)?
+                self.bake_sky(&mut prepared, lobe, sky_fits, report, progress)?
             }
         };
         Ok(Transfer { sky: Some(sky), ..transfer })
@@ -267,20 +281,21 @@ impl Transfers {
     /// Bakes light of the sky and keeps it in the cache.
     fn bake_sky(
         &self,
-        prepared: &Prepared,
-        BakeInput { scene, framebuffer }: BakeInput,
+        prepared: &mut Prepared,
         lobe: Lobe,
+        fits: Option<Vec<Fitted>>,
         report: &mut BakeReport,
         progress: &dyn Progress,
     ) -> Result<SkyTransfer> {
         let key = self.sky_key(lobe);
-        let made = prepared.bake_sky(lobe, self.journal(&key).as_deref(), report, progress)?;
+        let made = prepared.bake_sky(lobe, fits, self.journal(&key).as_deref(), report, progress)?;
+        let BakeInput { scene, framebuffer } = prepared.input();
         self.keep(report, |dir| cache::store_sky(dir, &key, &scene.name(), framebuffer, &made));
         Ok(made)
     }
 
     fn journal(&self, key: &cache::Key) -> Option<PathBuf> {
-        self.dir.as_ref().map(|dir| cache::journal(dir, key))
+        self.dir.as_ref().map(|dir| cache::file_of(dir, key, "journal"))
     }
 
     /// Writes something to the cache. An error is only reported: a read-only cache works.
@@ -331,9 +346,10 @@ impl Session {
         let transfers = transfers.as_ref().expect("there is indirect light");
         let get = move |bake: &mut BakeReport| {
             let Some(plain) = plain.as_deref() else {
-                return transfers.get(BakeInput { scene, framebuffer }, lobe, &|_| (), bake, progress);
+                return transfers.get(BakeInput { scene, framebuffer }, lobe, [None, None], &|_| (), bake, progress);
             };
-            let transfer = transfers.get(BakeInput { scene, framebuffer: plain }, lobe, &|_| (), bake, progress)?;
+            let input = BakeInput { scene, framebuffer: plain };
+            let transfer = transfers.get(input, lobe, [None, None], &|_| (), bake, progress)?;
             let spread = bake.stage("spread transfer", || transfer.spread(plain, framebuffer, scene.bvh.radius));
             Ok(spread.expect("such a transfer has no plain bake"))
         };
@@ -368,14 +384,35 @@ impl Session {
         mut report: BakeReport,
         progress: &dyn Progress,
     ) -> Result<Self> {
+        let Opened { scene, rig, camera, size } = opened;
+        settings.check_view(&scene, &rig, size)?;
+        let scene = report.clocked(|report| report.stage("build BVH", || build_bvh(scene, progress)));
+        Self::of_view(Arc::new(scene), rig, (camera, size), settings, report, progress)
+    }
+
+    /// A scene that another session opened, from the camera that `settings` name.
+    pub fn of_traced(
+        scene: Arc<TracedScene>,
+        rig: Rig,
+        settings: &SessionSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let view = choose_view(&scene, &rig, &settings.open)?;
+        settings.check_view(&scene, &rig, view.1)?;
+        Self::of_view(scene, rig, view, settings, BakeReport::default(), progress)
+    }
+
+    fn of_view(
+        scene: Arc<TracedScene>,
+        rig: Rig,
+        (camera, size @ [width, height]): (Camera, [u32; 2]),
+        settings: &SessionSettings,
+        mut report: BakeReport,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         let (start, cpu_start) = (Instant::now(), cpu_seconds());
-        settings.check()?;
         let SessionSettings { layers, samples, seed, .. } = *settings;
-        let plan = settings.indirect.map(|indirect| indirect.plan(opened.size, layers, seed));
-        let forced = if settings.force_all { layers - 1 } else { 0 };
-        check_memory(opened.size, samples, forced, opened.rig.lights.len(), &opened.scene.path)?;
-        let Opened { scene, rig, camera, size: [width, height] } = opened;
-        let scene = report.stage("build BVH", || build_bvh(scene, progress));
+        let plan = settings.indirect.map(|indirect| indirect.plan(size, layers, seed));
         let fits = |counts: &FramebufferCounts| {
             let refusal = settings.target.as_ref().and_then(|target| {
                 target.footprint(&scene, &rig, [width, height], counts, plan.as_ref()).refusal(&target.device)
@@ -385,49 +422,52 @@ impl Session {
         fits(&FramebufferCounts::fewest([width, height]))?;
         let of_framebuffer = BakeSettings { width, height, layers, samples };
         let cache_dir = &settings.cache_dir;
-        let framebuffer = |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Key, DeepFramebuffer)> {
-            let inputs = cache::Inputs::of(&scene, &camera, &rig, settings);
-            let key = inputs.key();
-            let stored = cache_dir
-                .as_deref()
-                .and_then(|dir| report.stage("read cache", || cache::load(dir, &key, &camera, settings)));
-            report.cached = stored.is_some();
-            if let Some(framebuffer) = stored {
-                return Ok((key, framebuffer));
-            }
-            report.because = cache_dir.as_deref().and_then(|dir| inputs.changes(dir, &scene.name()));
-            if let Some(changed) = &report.because {
-                tracing::info!("baked again, because of what changed since: {changed}");
-            }
-            let passes = if settings.samples > 1 { 2 } else { 1 };
-            progress.begin("deep framebuffer", passes * settings.tile_count());
-            let make = || bake(&scene, &camera, &rig, settings, &advance(progress));
-            let framebuffer = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
-            progress.end();
-            if let Some(dir) = cache_dir
-                && let Err(error) =
-                    report.stage("write cache", || cache::store(dir, &inputs, &scene.name(), &framebuffer))
-            {
-                tracing::info!("not stored in the cache: {error}"); // a read-only cache works
-                report.not_stored = Some(error);
-            }
-            Ok((key, framebuffer))
-        };
+        let framebuffer =
+            |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Inputs, DeepFramebuffer)> {
+                let inputs = cache::Inputs::of(&scene, &camera, &rig, settings);
+                let key = inputs.key();
+                let stored = cache_dir
+                    .as_deref()
+                    .and_then(|dir| report.stage("read cache", || cache::load(dir, &key, &camera, settings)));
+                report.cached = stored.is_some();
+                if let Some(framebuffer) = stored {
+                    return Ok((inputs, framebuffer));
+                }
+                report.because = cache_dir.as_deref().and_then(|dir| inputs.changes(dir, &scene.name()));
+                if let Some(changed) = &report.because {
+                    tracing::info!("baked again, because of what changed since: {changed}");
+                }
+                let passes = if settings.samples > 1 { 2 } else { 1 };
+                progress.begin("deep framebuffer", passes * settings.tile_count());
+                let make = || bake(&scene, &camera, &rig, settings, &advance(progress));
+                let framebuffer = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
+                progress.end();
+                if let Some(dir) = cache_dir
+                    && let Err(error) =
+                        report.stage("write cache", || cache::store(dir, &inputs, &scene.name(), &framebuffer))
+                {
+                    tracing::info!("not stored in the cache: {error}"); // a read-only cache works
+                    report.not_stored = Some(error);
+                }
+                Ok((inputs, framebuffer))
+            };
         let plain = (samples > 1 && plan.as_ref().is_some_and(TransferPlan::spreads))
             .then(|| framebuffer(&BakeSettings { samples: 1, ..of_framebuffer.clone() }, &mut report))
             .transpose()?;
-        let (key, framebuffer) = framebuffer(&of_framebuffer, &mut report)?;
+        let (inputs, framebuffer) = framebuffer(&of_framebuffer, &mut report)?;
+        let key = inputs.key();
         let framebuffer = if settings.force_all { framebuffer.into_worst_case() } else { framebuffer };
         // Only now it is known how much mirrors and edges add. Indirect light takes longest.
         fits(&FramebufferCounts::new(&framebuffer, scene.materials.len()))?;
-        let plain_key = match &plain {
-            Some((key, _)) => key.clone(),
-            None if settings.force_all => cache::transfer_key(&key, &"nothing left out"),
-            None => key.clone(),
+        let plain_inputs = plain.as_ref().map_or(inputs, |(inputs, _)| inputs.clone());
+        let plain_key = match plain_inputs.key() {
+            key if plain.is_none() && settings.force_all => cache::transfer_key(&key, &"nothing left out"),
+            key => key,
         };
         let sky = rig.has_domes();
         let transfers = plan.map(|plan| Transfers {
             plan,
+            inputs: plain_inputs,
             key: plain_key,
             dir: cache_dir.clone(),
             force_all: settings.force_all,
@@ -436,7 +476,7 @@ impl Session {
         let plain = plain.map(|(_, framebuffer)| Arc::new(framebuffer));
         report.seconds += start.elapsed().as_secs_f64();
         report.cpu_seconds += cpu_seconds() - cpu_start;
-        let (scene, framebuffer) = (Arc::new(scene), Arc::new(framebuffer));
+        let framebuffer = Arc::new(framebuffer);
         Ok(Self {
             scene,
             framebuffer,

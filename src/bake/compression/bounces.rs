@@ -36,16 +36,8 @@ struct Operand {
 impl<'a> Bounces<'a> {
     pub fn new(operator: Operator<'a>) -> Self {
         let Operator { transport, from_sky } = operator;
-        let operand = Operand {
-            two_levels: from_sky.is_some() || transport.from_fine.is_some(),
-            fine: operator.coefficient_count(),
-            first: from_sky.is_some() || transport.bounces() != Some(0),
-        };
         let first = from_sky.or(transport.from_fine.as_ref()).unwrap_or(&transport.bounce_matrix);
-        // Light of the sky that gather samples reflect has bounced once, that of the fine level twice.
-        let before = if from_sky.is_some() { 0 } else { 1 };
-        let terms = transport.bounces().unwrap_or(0).saturating_sub(before);
-        Self { resolvents: transport.resolvents(terms), first, operand }
+        Self { resolvents: resolvents(operator), first, operand: Operand::new(operator) }
     }
 
     /// S `direct`.
@@ -98,15 +90,37 @@ impl<'a> Bounces<'a> {
     }
 }
 
+impl Operand {
+    fn new(operator: Operator) -> Self {
+        let Operator { transport, from_sky } = operator;
+        Self {
+            two_levels: from_sky.is_some() || transport.from_fine.is_some(),
+            fine: operator.coefficient_count(),
+            first: from_sky.is_some() || transport.bounces() != Some(0),
+        }
+    }
+}
+
+fn resolvents(Operator { transport, from_sky }: Operator) -> Arc<[Mat<f32>; 3]> {
+    // Light of the sky that gather samples reflect has bounced once, that of the fine level twice.
+    let before = if from_sky.is_some() { 0 } else { 1 };
+    transport.resolvents(transport.bounces().unwrap_or(0).saturating_sub(before))
+}
+
 /// Tᵀ in Haar terms.
 pub struct Thinned {
     resolvents: Arc<[Mat<f32>; 3]>,
     /// Rows of G_cf in Haar terms.
-    first: Transposed,
+    pub first: Transposed,
     operand: Operand,
 }
 
 impl Thinned {
+    /// With `first` from [`Bounces::thinned`] of the same operator.
+    pub fn new(operator: Operator, first: Transposed) -> Self {
+        Self { resolvents: resolvents(operator), first, operand: Operand::new(operator) }
+    }
+
     /// Haar terms of Tᵀ x, from Φᵀ x.
     pub fn terms(&self, haar: &Haar, mut gathered: VectorBatch) -> VectorBatch {
         let Operand { two_levels, fine, first } = self.operand;

@@ -1,5 +1,6 @@
 //! The fit of one supercluster: from the sparse rows of its pixels to V, B and U.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use faer::{Mat, MatRef};
@@ -12,7 +13,7 @@ use super::haar::Haar;
 use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
 use super::vector_batch::{self, Compact, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
-use super::{OUT_OF_BASIS_SHARE, ValidationSums};
+use super::{DECIDING, OUT_OF_BASIS_SHARE, Operator, ValidationSums};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::linear::{self, Lu};
 use crate::physics::sequence::Points;
@@ -35,6 +36,47 @@ pub struct Inputs {
     pub validation_terms: VectorBatch,
     /// The validation lights that determine the ranks.
     pub deciding: Range<usize>,
+}
+
+/// [`Inputs`] in a file, without what follows from the operator.
+#[derive(Serialize, Deserialize)]
+pub struct StoredInputs<'a> {
+    bounces: Cow<'a, Transposed>,
+    residual: Option<f64>,
+    combinations: Cow<'a, VectorBatch>,
+    validation_operands: Cow<'a, VectorBatch>,
+    training_terms: Cow<'a, Compact>,
+    power: Cow<'a, [Vec<f32>; 3]>,
+    validation_terms: Cow<'a, VectorBatch>,
+}
+
+impl<'a> StoredInputs<'a> {
+    pub fn of(inputs: &'a Inputs) -> Self {
+        Self {
+            bounces: Cow::Borrowed(&inputs.bounces.first),
+            residual: inputs.residual,
+            combinations: Cow::Borrowed(&inputs.combinations),
+            validation_operands: Cow::Borrowed(&inputs.validation_operands),
+            training_terms: Cow::Borrowed(&inputs.training_terms),
+            power: Cow::Borrowed(&inputs.power),
+            validation_terms: Cow::Borrowed(&inputs.validation_terms),
+        }
+    }
+
+    /// For the operator that they were made for.
+    pub fn restore(self, operator: Operator) -> Inputs {
+        Inputs {
+            bounces: Thinned::new(operator, self.bounces.into_owned()),
+            residual: self.residual,
+            haar: operator.haar(),
+            combinations: self.combinations.into_owned(),
+            validation_operands: self.validation_operands.into_owned(),
+            training_terms: self.training_terms.into_owned(),
+            power: self.power.into_owned(),
+            validation_terms: self.validation_terms.into_owned(),
+            deciding: DECIDING,
+        }
+    }
 }
 
 /// Squared errors allowed for the three steps, as shares of the whole image's square.

@@ -22,6 +22,7 @@ pub(super) mod largest;
 pub mod lights;
 mod noise_estimate;
 mod operator;
+mod parts;
 pub(super) mod report;
 mod skies;
 mod terms;
@@ -30,9 +31,11 @@ pub mod validation;
 pub mod vector_batch;
 
 pub use self::operator::{Operator, sky_haar};
+pub use self::parts::{MAX_PARTS, Part};
 pub use self::report::Report;
 
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -41,16 +44,18 @@ use serde::{Deserialize, Serialize};
 use self::bounces::Bounces;
 use self::chain::Chain;
 use self::clusters::Clusters;
-use self::fit::{Budget, Factors, Inputs, Projected, Resampled, RowProducts};
+use self::fit::{Budget, Factors, Inputs, Projected, Resampled, RowProducts, StoredInputs};
 use self::lights::Kind;
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
 use self::vector_batch::{Compact, WIDTH};
 use super::transfer::blocks::{BlockMatrix, check_addressable};
 use super::transport::directions::Lobe;
-use super::transport::emitted::{self, Emitted, EmitterLight};
-use crate::error::Result;
+use super::transport::emitted::{self, Emitted, EmitterLight, StoredEmitted};
+use super::transport::{LightTransport, direct};
+use crate::error::{Error, Result};
 use crate::physics::sequence::Points;
+use crate::shared::PackedLight;
 use crate::storage::journal::Journal;
 
 /// Accuracy of the compression.
@@ -72,6 +77,16 @@ pub struct Compressor<'a> {
     pub clusters: Clusters,
     inputs: Inputs,
     emitted: Emitted<'a>,
+    /// See [`Compressor::costs`].
+    costs: OnceLock<Vec<f64>>,
+}
+
+/// What a [`Compressor`] computes before it fits, in a file.
+#[derive(Serialize, Deserialize)]
+pub struct Stored<'a> {
+    inputs: StoredInputs<'a>,
+    emitted: StoredEmitted<'a>,
+    costs: Vec<f64>,
 }
 
 /// For each tile and validation light: squared error and square of the image; whole images have square 1.
@@ -115,16 +130,44 @@ impl Fitted {
 }
 
 impl<'a> Compressor<'a> {
-    /// `direct` computes the coefficients of direct light.
-    pub fn new(operator: Operator<'a>, direct: &Direct, settings: &CompressionSettings) -> Self {
+    /// Makes training lights.
+    pub fn new(operator: Operator<'a>, settings: &CompressionSettings) -> Self {
         let transport = operator.transport;
+        let direct = |light: &PackedLight| direct::shade(transport.scene(), &transport.fine, light);
         let clusters = Clusters::new(transport.framebuffer());
-        let inputs = training_inputs(operator, direct, &clusters.samples, settings);
+        let inputs = training_inputs(operator, &direct, &clusters.samples, settings);
         let emitted = match operator.from_sky {
             Some(_) => Emitted::default(),
             None => transport.emitted(transport.framebuffer(), settings.lobe),
         };
-        Self { operator, settings: settings.clone(), clusters, inputs, emitted }
+        Self { operator, settings: settings.clone(), clusters, inputs, emitted, costs: OnceLock::new() }
+    }
+
+    /// As an earlier compressor of the same operator with the same settings.
+    pub fn restore(operator: Operator<'a>, stored: Stored, settings: &CompressionSettings) -> Self {
+        let framebuffer = operator.transport.framebuffer();
+        Self {
+            operator,
+            settings: settings.clone(),
+            clusters: Clusters::new(framebuffer),
+            inputs: stored.inputs.restore(operator),
+            emitted: operator.transport.restore_emitted(framebuffer, settings.lobe, stored.emitted),
+            costs: OnceLock::from(stored.costs),
+        }
+    }
+
+    /// What takes long to compute, for [`Compressor::restore`].
+    pub fn stored(&self) -> Stored<'_> {
+        Stored {
+            inputs: StoredInputs::of(&self.inputs),
+            emitted: self.emitted.stored(self.operator.transport),
+            costs: self.costs().to_vec(),
+        }
+    }
+
+    /// What all view samples come from.
+    pub fn transport(&self) -> &LightTransport<'a> {
+        self.operator.transport
     }
 
     /// See [`LightTransport::residual`].
@@ -132,12 +175,63 @@ impl<'a> Compressor<'a> {
         self.inputs.residual
     }
 
-    /// Compresses all view samples that reflect light; `progress` counts them. Fits found in `journal` are reused. Fails
+    /// The superclusters of one part of the bake, for [`Compressor::compress`]. Arguments as there.
+    pub fn fit_part(&self, part: Part, journal: &mut Journal, progress: &dyn Fn(usize)) -> Result<Vec<Fitted>> {
+        self.fit_all(&self.superclusters_of(part), &mut 0, journal, progress)
+    }
+
+    /// Number of view samples in a part.
+    pub fn rows_of(&self, part: Part) -> usize {
+        self.superclusters_of(part).iter().map(|tiles| self.clusters.rows(tiles).len()).sum()
+    }
+
+    fn superclusters_of(&self, part: Part) -> Vec<Range<usize>> {
+        let all: Vec<_> = self.clusters.superclusters().collect();
+        part.of(self.costs()).into_iter().map(|item| all[item].clone()).collect()
+    }
+
+    /// About what the fit of each supercluster takes, in any unit: what its rows have in entries, and a constant.
+    fn costs(&self) -> &[f64] {
+        let cost = |tiles: Range<usize>| {
+            let samples = &self.clusters.samples[self.clusters.rows(&tiles)];
+            let count = COST_ROWS.min(samples.len());
+            let some: Vec<u32> = (0..count).map(|i| samples[i * samples.len() / count]).collect();
+            let entries = self.operator.row_gatherer(self.settings.lobe).gather(&some).columns.len();
+            samples.len() as f64 * (ENTRIES_A_ROW + entries as f64 / count as f64)
+        };
+        let superclusters: Vec<_> = self.clusters.superclusters().collect();
+        self.costs.get_or_init(|| superclusters.into_par_iter().map(cost).collect())
+    }
+
+    /// Whether these are the fits of all superclusters, in order.
+    fn is_complete(&self, fitted: &[Fitted]) -> bool {
+        let all = self.clusters.superclusters();
+        fitted.len() == all.count()
+            && self.clusters.superclusters().zip(fitted).all(|(tiles, fitted)| self.is_of(fitted, &tiles))
+    }
+
+    /// Compresses all view samples that reflect light; `progress` counts them. `made` are the fits of all
+    /// superclusters, in order, or `None`. Fits found in `journal` are reused. Fails if `made` is something else, and
     /// once there are more factors than offsets can address.
-    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> Result<Compressed> {
-        let mut bytes = 0;
+    pub fn compress(
+        &self,
+        made: Option<Vec<Fitted>>,
+        journal: &mut Journal,
+        progress: &dyn Fn(usize),
+    ) -> Result<Compressed> {
+        let mut bytes = made.iter().flatten().map(|fitted| fitted.factors.packed_bytes()).sum();
+        check_addressable(bytes)?;
         let mut fit_all = |ranges: &[Range<usize>]| self.fit_all(ranges, &mut bytes, journal, progress);
-        let mut fitted = fit_all(&self.clusters.superclusters().collect::<Vec<_>>())?;
+        let mut fitted = match made {
+            Some(made) if self.is_complete(&made) => made,
+            Some(_) => {
+                return Err(Error::invalid(
+                    "parts of a bake",
+                    "superclusters are missing, or a part belongs to another bake",
+                ));
+            }
+            None => fit_all(&self.clusters.superclusters().collect::<Vec<_>>())?,
+        };
         loop {
             let halves = take_halves(&mut fitted);
             if halves.is_empty() {
@@ -312,6 +406,10 @@ const ROWS_AT_ONCE: usize = 512;
 const RESAMPLED_ROWS: usize = 128;
 /// View samples from which the brightness of a light's image is estimated.
 const PROBES: usize = 512;
+/// Rows of each supercluster that tell what its fit takes, and how many entries cost as much as all that does not depend
+/// on their number (docs/farm.md, "Equal parts").
+const COST_ROWS: usize = 32;
+const ENTRIES_A_ROW: f64 = 3000.0;
 /// Random combinations of lights, in each channel, whose images span those of all lights.
 const COMBINATIONS: usize = 3 * WIDTH;
 /// Shares of the allowed error for omitted directions of a supercluster, omitted terms of light, and omitted directions

@@ -2,12 +2,15 @@
 
 use std::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
 use faer::{MatMut, MatRef};
 use half::bf16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::bake::csr_matrix::CsrMatrix;
+use crate::storage::pods;
 
 /// Vectors per panel: two cache lines of single precision.
 pub const WIDTH: usize = 32;
@@ -18,7 +21,7 @@ const ROWS: usize = 64;
 pub type Panel = Vec<[f32; WIDTH]>;
 
 /// An equal number of vectors for each channel, in panels; the last panel is padded with zeros.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VectorBatch {
     /// Number of vectors of each channel.
     pub count: usize,
@@ -167,25 +170,28 @@ pub fn matrix(panel: &[[f32; WIDTH]]) -> MatRef<'_, f32> {
 }
 
 /// A batch in bf16, row-major, for lookup of rows: rounding changes training lights only slightly.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Compact {
     /// Number of vectors, including the padding of the last panel.
     pub width: usize,
-    /// Row-major, by channel.
-    channels: [Vec<bf16>; 3],
+    /// Rows of each channel.
+    rows: usize,
+    /// Row-major, channel by channel.
+    #[serde(with = "pods")]
+    values: Vec<bf16>,
 }
 
 impl Compact {
     pub fn new(panels: VectorBatch) -> Self {
-        let width = panels.count.next_multiple_of(WIDTH);
-        let channels = panels.channels.map(|panels| {
-            let mut all = vec![bf16::ZERO; panels.first().map_or(0, Vec::len) * width];
+        let (width, rows) = (panels.count.next_multiple_of(WIDTH), panels.rows());
+        let mut values = vec![bf16::ZERO; 3 * rows * width];
+        for (values, panels) in values.chunks_exact_mut((rows * width).max(1)).zip(panels.channels) {
             for (number, panel) in panels.into_iter().enumerate() {
-                let places = all.chunks_exact_mut(width).map(|row| &mut row[number * WIDTH..][..WIDTH]);
+                let places = values.chunks_exact_mut(width).map(|row| &mut row[number * WIDTH..][..WIDTH]);
                 places.zip(&panel).for_each(|(place, row)| place.convert_from_f32_slice(row));
             }
-            all
-        });
-        Self { width, channels }
+        }
+        Self { width, rows, values }
     }
 
     /// The given rows of a channel, row-major.
@@ -193,7 +199,7 @@ impl Compact {
         let mut all = vec![0.0; rows.len() * self.width];
         let places = all.chunks_exact_mut(self.width.max(1));
         places.zip(rows).for_each(|(place, row)| {
-            self.channels[channel][row * self.width..][..self.width].convert_to_f32_slice(place)
+            self.values[(channel * self.rows + row) * self.width..][..self.width].convert_to_f32_slice(place)
         });
         all
     }
@@ -247,6 +253,7 @@ impl pulp::NullaryFnOnce for Multiply<'_> {
 const COLUMNS: usize = 256;
 
 /// Sparse rows sorted by pieces of columns, for fast repeated products with the transpose.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Transposed {
     pub columns: usize,
     /// Each part is constructed with the number of rows before it.
@@ -254,13 +261,16 @@ pub struct Transposed {
 }
 
 /// A range of the rows.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct TransposedPart {
     /// Entries of piece p, which has [`COLUMNS`] columns, row by row: `first[p]..first[p + 1]`.
     first: Vec<usize>,
+    #[serde(with = "pods")]
     entries: Vec<Entry>,
 }
 
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C)]
 struct Entry {
     /// Row times [`COLUMNS`] plus the column's offset in the piece.
     place: u32,

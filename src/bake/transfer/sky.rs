@@ -4,11 +4,10 @@ use glam::DVec3;
 
 use super::blocks::BlockMatrix;
 use super::{cost, multiply_chain, reads_only_what_is_there};
-use crate::bake::compression::{self, Compressed, CompressionSettings, Compressor, Operator, sky_haar};
+use crate::bake::compression::{self, Compressed, CompressionSettings, Compressor, Fitted, Operator, sky_haar};
 use crate::bake::transport::{LightTransport, sky};
 use crate::error::Result;
 use crate::physics::sky_cells;
-use crate::shared::PackedLight;
 use crate::storage::journal::Journal;
 
 /// The map from [`sky::COLUMNS`] coefficients, RGB radiance, in the layout of the device. Light from the sky that view
@@ -33,9 +32,18 @@ impl SkyTransfer {
         progress: &dyn Fn(usize),
     ) -> Result<Self> {
         let Some(from_sky) = transport.from_sky() else { return Ok(Self::default()) };
-        let no_light = |_: &PackedLight| unreachable!("skies are drawn");
-        let compressor = Compressor::new(Operator { transport, from_sky: Some(&from_sky) }, &no_light, settings);
-        let Compressed { chain, report, .. } = compressor.compress(journal, progress)?;
+        let compressor = Compressor::new(Operator { transport, from_sky: Some(&from_sky) }, settings);
+        Self::compressed(&compressor, None, journal, progress)
+    }
+
+    /// [`SkyTransfer::new`] by a compressor of what comes from the sky, see [`Compressor::compress`].
+    pub fn compressed(
+        compressor: &Compressor,
+        made: Option<Vec<Fitted>>,
+        journal: &mut Journal,
+        progress: &dyn Fn(usize),
+    ) -> Result<Self> {
+        let Compressed { chain, report, .. } = compressor.compress(made, journal, progress)?;
         Ok(Self { vector_length: chain[0].input_count as usize, chain, held_out: report })
     }
 

@@ -31,6 +31,11 @@ struct BrightCell {
     running: f64,
 }
 
+/// Of a sample with these coefficients.
+fn brightness(coefficients: &[DVec3]) -> f64 {
+    f64::from(CONSTANT) * coefficients.iter().map(|k| k.length_squared()).sum::<f64>().sqrt()
+}
+
 /// A sample is bright if one ray that hits it adds more than this share of the light of an average row.
 const BRIGHT: f64 = 0.05;
 
@@ -39,23 +44,25 @@ impl<'a> BrightSpots<'a> {
     /// sample is bright.
     pub fn taken_from(radiance: &mut [DVec3], level: &'a Level, scene: &Scene, rays: u32) -> Option<Self> {
         let samples = &level.samples.samples;
-        let brightness = |i: usize| {
-            let squares = radiance[level.coefficients(i)].iter().map(|k| k.length_squared()).sum::<f64>();
-            f64::from(CONSTANT) * squares.sqrt()
-        };
-        let mut bright: Vec<f64> = (0..samples.len()).map(brightness).collect();
+        let bright: Vec<f64> = (0..samples.len()).map(|i| brightness(&radiance[level.coefficients(i)])).collect();
         let area: f64 = samples.iter().map(|s| f64::from(s.area)).sum();
         let mean = samples.iter().zip(&bright).map(|(s, b)| f64::from(s.area) * b).sum::<f64>() / area;
         let limit = BRIGHT * f64::from(rays) * mean;
-        bright.iter_mut().filter(|b| **b <= limit).for_each(|b| *b = 0.0);
-        if bright.iter().all(|&b| b == 0.0) {
+        if bright.iter().all(|&b| b <= limit) {
             return None;
         }
         let mut taken = vec![DVec3::ZERO; radiance.len()];
-        for i in (0..samples.len()).filter(|&i| bright[i] > 0.0) {
+        for i in (0..samples.len()).filter(|&i| bright[i] > limit) {
             let range = level.coefficients(i);
             taken[range.clone()].swap_with_slice(&mut radiance[range]);
         }
+        Some(Self::new(taken, level, scene))
+    }
+
+    /// Of the coefficients of a level, which are 0 but for bright samples.
+    pub fn new(radiance: Vec<DVec3>, level: &'a Level, scene: &Scene) -> Self {
+        let of_sample = |i: usize| brightness(&radiance[level.coefficients(i)]);
+        let bright: Vec<f64> = (0..level.samples.len()).map(of_sample).collect();
         let mut cells = Vec::new();
         let mut total = 0.0;
         for side in 0..2 * scene.mesh.triangles.len() as u32 {
@@ -72,7 +79,16 @@ impl<'a> BrightSpots<'a> {
             cell.density /= total;
             cell.running /= total;
         }
-        Some(Self { level, radiance: taken, cells })
+        Self { level, radiance, cells }
+    }
+
+    /// What [`BrightSpots::new`] takes.
+    pub fn radiance(&self) -> &[DVec3] {
+        &self.radiance
+    }
+
+    pub fn is_of(&self, level: &Level) -> bool {
+        std::ptr::eq(self.level, level)
     }
 
     /// Draws a point: the unit direction to it, its RGB radiance, and the density per solid angle. `None` if the receiver

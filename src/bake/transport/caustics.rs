@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::paths::{Encounter, Paths};
 use crate::bake::gather_samples::Place;
 use crate::physics::sequence::Points;
+use crate::trace::bvh::TracedScene;
 use crate::trace::emitting_triangles::{EmittingTriangles, Receiver};
 use crate::trace::photon_map::{Photon, PhotonMap};
 
@@ -39,9 +40,17 @@ impl Caustics {
             false => (PHOTONS / emitters).min(PHOTONS_OF_ONE) as u32,
         };
         let land = |i: u32| land(paths, emitter, mirrors, f64::from(count), |set| points.at(i, set));
-        let photons: Vec<Photon> = (0..count).into_par_iter().flat_map_iter(land).collect();
-        let reach = REACH * paths.scene.bvh.radius;
+        Self::with((0..count).into_par_iter().flat_map_iter(land).collect(), paths.scene)
+    }
+
+    /// With photons of an earlier one.
+    pub fn with(photons: Vec<Photon>, scene: &TracedScene) -> Self {
+        let reach = REACH * scene.bvh.radius;
         Self { map: PhotonMap::new(photons), reach2: reach * reach }
+    }
+
+    pub fn photons(&self) -> &[Photon] {
+        self.map.photons()
     }
 
     /// See [`PhotonMap::arriving`].

@@ -3,11 +3,14 @@
 
 use std::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Place, carries_light};
 use crate::scene::Scene;
+use crate::storage::pods;
 use crate::trace::point_tree::{PointTree, point};
 
 /// Number of samples that a cell reads.
@@ -25,7 +28,8 @@ const MIN_NORMAL_COSINE: f32 = 0.7;
 
 /// Gather samples that a piece of surface reads. Weights sum to 1, or are all 0 if the surface neither reflects nor
 /// emits light.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct Cell {
     /// Indices of gather samples; some can have weight 0.
     pub samples: [u32; NEIGHBOURS],
@@ -33,20 +37,24 @@ pub struct Cell {
 }
 
 /// The cells of one side of a triangle: a parallelogram, half of which the triangle covers.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
 struct Grid {
     first: u32,
     /// 0 if the side is black: the back of a single-sided face.
     columns: u16,
     rows: u16,
     /// The vertex at the origin of the parallelogram: that opposite to the longest edge.
-    corner: u8,
+    corner: u32,
 }
 
 /// The cells of all triangles of a scene.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Cells {
     /// Front and back of each triangle.
+    #[serde(with = "pods")]
     grids: Vec<Grid>,
+    #[serde(with = "pods")]
     cells: Vec<Cell>,
 }
 
@@ -254,7 +262,7 @@ impl Grid {
         let corner = (0..3).max_by(|a, b| opposite(a).total_cmp(&opposite(b))).expect("there are three");
         let count = |length: f32| (length / width).ceil().clamp(1.0, MAX_CELLS_ALONG) as u16;
         let (columns, rows) = (count(edge(corner, corner + 1)), count(edge(corner, corner + 2)));
-        Self { first: 0, columns, rows, corner: corner as u8 }
+        Self { first: 0, columns, rows, corner: corner as u32 }
     }
 
     /// Barycentric coordinates of a cell's centre, moved onto the triangle; `None` if the cell lies completely outside.

@@ -6,8 +6,11 @@
 //! reflect then takes the way of all direct light, but for [`BrightSpots`], which are sources like emitters; in mirrors
 //! they are found by directions alone.
 
+use std::borrow::Cow;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::LightTransport;
 use super::bright_spots::BrightSpots;
@@ -24,8 +27,10 @@ use crate::physics::octahedral;
 use crate::physics::sequence::Points;
 use crate::scene::Emitters;
 use crate::shared::{NARROW_ALPHA, NO_BRDF};
+use crate::storage::pods;
 use crate::trace::bvh::TracedScene;
 use crate::trace::emitting_triangles::{EmittingTriangles, Receiver};
+use crate::trace::photon_map::Photon;
 
 /// Indirect light of one emitter.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +49,18 @@ pub struct Emitted<'a> {
     /// Of each emitter: what the rows of Φ are multiplied by for light that was reflected before, bright spots left out.
     operands: Vec<Vec<DVec3>>,
 }
+
+/// [`Emitted`] in a file: photons of each emitter, operands, and bright spots: their emitter, whether they are of the fine
+/// level, and their coefficients.
+#[derive(Default, Serialize, Deserialize)]
+pub struct StoredEmitted<'a> {
+    photons: Vec<StoredPhotons>,
+    operands: Cow<'a, [Vec<DVec3>]>,
+    spots: Vec<(usize, bool, Cow<'a, [DVec3]>)>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct StoredPhotons(#[serde(with = "pods")] Vec<Photon>);
 
 /// What view samples see.
 struct View<'a> {
@@ -111,9 +128,42 @@ impl<'a> Emitted<'a> {
         if emitters.is_empty() || transport.bounces() == Some(0) {
             return Self::default();
         }
-        let mut aims = Aims::new(transport, &emitters);
+        let mut aims = Aims::new(transport, &emitters, None);
         let operands = aims.take_bright_spots(transport);
-        Self { view: Some(View { framebuffer, lobe, seed: transport.settings.seed ^ 6 << 32, aims }), operands }
+        Self { view: Some(View::new(transport, framebuffer, lobe, aims)), operands }
+    }
+
+    /// As [`Emitted::stored`] of the same transport.
+    pub(super) fn restore(
+        transport: &'a LightTransport,
+        framebuffer: &'a DeepFramebuffer,
+        lobe: Lobe,
+        StoredEmitted { photons, operands, spots }: StoredEmitted,
+    ) -> Self {
+        if operands.is_empty() {
+            return Self::default();
+        }
+        let scene = transport.scene();
+        let mut aims = Aims::new(transport, &Emitters::of(scene), Some(photons));
+        aims.sources.extend(spots.into_iter().map(|(emitter, is_fine, radiance)| {
+            let level = if is_fine { &transport.fine } else { transport.bouncing() };
+            Source { emitter, surface: Surface::Bright(BrightSpots::new(radiance.into_owned(), level, scene)) }
+        }));
+        Self { view: Some(View::new(transport, framebuffer, lobe, aims)), operands: operands.into_owned() }
+    }
+
+    /// What takes long to compute, for [`Emitted::restore`].
+    pub fn stored(&self, transport: &LightTransport) -> StoredEmitted<'_> {
+        let Some(View { aims, .. }) = &self.view else { return StoredEmitted::default() };
+        let spots = aims.sources.iter().filter_map(|source| match &source.surface {
+            Surface::Emitting(_) => None,
+            Surface::Bright(spots) => Some((source.emitter, spots.is_of(&transport.fine), spots.radiance().into())),
+        });
+        StoredEmitted {
+            photons: aims.caustics.iter().map(|caustics| StoredPhotons(caustics.photons().to_vec())).collect(),
+            operands: Cow::Borrowed(&self.operands),
+            spots: spots.collect(),
+        }
     }
 
     /// Number of emitters.
@@ -140,7 +190,11 @@ impl<'a> Emitted<'a> {
     }
 }
 
-impl View<'_> {
+impl<'a> View<'a> {
+    fn new(transport: &LightTransport, framebuffer: &'a DeepFramebuffer, lobe: Lobe, aims: Aims<'a>) -> Self {
+        Self { framebuffer, lobe, seed: transport.settings.seed ^ 6 << 32, aims }
+    }
+
     /// Light that comes from each emitter, straight or by mirrors, and is reflected to the eye.
     fn reflected(&self, sample: u32) -> Vec<DVec3> {
         let count = self.aims.caustics.len();
@@ -220,8 +274,8 @@ impl Source<'_> {
 }
 
 impl<'a> Aims<'a> {
-    /// With the emitters as the only sources.
-    fn new(transport: &'a LightTransport, emitters: &Emitters) -> Self {
+    /// With the emitters as the only sources; `photons` are those of caustics that were stored.
+    fn new(transport: &'a LightTransport, emitters: &Emitters, photons: Option<Vec<StoredPhotons>>) -> Self {
         let scene = transport.scene();
         let radiance = |emitter: u32, material: u32| match emitters.index(material) == Some(emitter) {
             true => scene.materials[material as usize].emissive.max_element().into(),
@@ -235,7 +289,10 @@ impl<'a> Aims<'a> {
             let points = Points::new(seed ^ 8 << 32, emitter as u64);
             Caustics::new(&paths, triangles, emitters.len(), &mirrors, &points)
         };
-        let caustics = triangles.iter().enumerate().map(caustics).collect();
+        let caustics = match photons {
+            Some(stored) => stored.into_iter().map(|StoredPhotons(photons)| Caustics::with(photons, scene)).collect(),
+            None => triangles.iter().enumerate().map(caustics).collect(),
+        };
         let source = |(emitter, triangles)| Source { emitter, surface: Surface::Emitting(triangles) };
         let sources = triangles.into_iter().enumerate().map(source).collect();
         Self { paths, sources, caustics }

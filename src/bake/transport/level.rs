@@ -31,6 +31,12 @@ impl Level {
             *sum += u32::from(count);
             Some(*sum)
         }));
+        let cells = Cells::new(scene, &samples);
+        Self::with(samples, first, cells)
+    }
+
+    /// With cells that were made before.
+    pub fn with(samples: GatherSamples, first: Vec<u32>, cells: Cells) -> Self {
         let frames: Vec<_> = samples.samples.iter().map(|s| s.frame()).collect();
         let light_sample = |((s, frame), range): ((&GatherSample, &[Vec3; 3]), &[u32])| LightSample {
             brdf: s.direct_brdf,
@@ -44,7 +50,7 @@ impl Level {
         let light_samples: Vec<_> =
             samples.samples.iter().zip(&frames).zip(first.windows(2)).map(light_sample).collect();
         Self {
-            cells: Cells::new(scene, &samples),
+            cells,
             light_rays: LightRays::new(&light_samples, samples.points.iter().map(|p| (p.position, p.normal))),
             light_samples,
             frames,

@@ -26,16 +26,20 @@ pub mod paths;
 pub mod rows;
 pub mod sky;
 pub mod solve;
+mod stored;
 
 use std::sync::{Arc, OnceLock};
+
+pub use self::stored::Stored;
 
 use faer::Mat;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use self::bounces::{Bounce, BounceGatherer};
 use self::directions::Lobe;
-use self::emitted::Emitted;
+use self::emitted::{Emitted, StoredEmitted};
 use self::importance::Importance;
 use self::level::Level;
 use self::paths::Paths;
@@ -50,7 +54,7 @@ use crate::shared::Brdf;
 use crate::trace::bvh::TracedScene;
 
 /// Directional distribution of the light that leaves gather samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Outgoing {
     /// Equally in all directions, with the BRDF's hemispherical albedo [Yang 2007, Section 4.2].
     Diffuse,
@@ -59,7 +63,7 @@ pub enum Outgoing {
 }
 
 /// Settings of the transfer.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TransferSettings {
     pub outgoing: Outgoing,
     /// Number of gather samples.
@@ -88,7 +92,7 @@ impl TransferSettings {
 }
 
 /// Figures that tell how reliable the solution is.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Certificate {
     /// Largest absolute eigenvalue of G, by power iteration; after scaling.
     pub spectral_radius: f64,
@@ -353,6 +357,16 @@ impl<'a> LightTransport<'a> {
     /// Indirect light of emitters at view samples of `framebuffer`.
     pub fn emitted<'b>(&'b self, framebuffer: &'b DeepFramebuffer, lobe: Lobe) -> Emitted<'b> {
         Emitted::new(self, framebuffer, lobe)
+    }
+
+    /// The same as it was [stored](Emitted::stored).
+    pub fn restore_emitted<'b>(
+        &'b self,
+        framebuffer: &'b DeepFramebuffer,
+        lobe: Lobe,
+        stored: StoredEmitted,
+    ) -> Emitted<'b> {
+        Emitted::restore(self, framebuffer, lobe, stored)
     }
 
     /// Coefficients of samples that emit the given radiance uniformly.
