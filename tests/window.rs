@@ -7,7 +7,7 @@ mod window_desk;
 use std::path::Path;
 
 use desktop::Desktop;
-use desktop::pictures::{cut, difference, render, scene, scene_in};
+use desktop::pictures::{cut, difference, render, render_with, scene, scene_in};
 use relume::image::exr;
 use relume::relight::ToneMap;
 use relume::scene::Rig;
@@ -215,4 +215,41 @@ fn at_rest_the_picture_becomes_right() {
     let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
     let gathering = &stats["view"]["final"];
     assert!(gathering["expected_error"].as_f64().unwrap() <= 0.03 && gathering["goes_on"] == false, "{gathering}");
+}
+
+#[test]
+fn another_camera_of_the_scene_is_a_key_away() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scene = command::with_second_camera("balls-2.glb", "left", [-1.5, 1.6, 4.0], &path("balls.glb"));
+    let (scene_text, rig) = (scene.to_str().unwrap(), path("balls.toml"));
+    let rig_text = rig.to_str().unwrap();
+    command::Run::of(command::relume().args(["rig", scene_text, "-o", rig_text])).done();
+    let size = [360, 240];
+    let mut window = desktop.relume(&["view", scene_text, "--rig", rig_text, "--exposure", "0.5", "--size", "360x240"]);
+    window.wait_for_window();
+    window.key("F2", "stops");
+    window.key("1", "picture 1:1");
+    let first = cut(&window.screenshot(), size);
+    window.key("plus", "+0.5 stop");
+    window.key("ctrl+s", "saved");
+    let edited = cut(&window.screenshot(), size);
+    window.key("ctrl+Next", "camera left");
+    window.key("Tab", "2 of 2");
+    let headless = |camera: &str| {
+        let arguments = ["--exposure", "0.5", "--size", "360x240", "--rig", rig_text, "--camera", camera];
+        render_with(&scene, &arguments, &path("headless.png"))
+    };
+    assert_eq!(difference(&cut(&window.screenshot(), size), &headless("left")), 0.0, "with the edited lights");
+    window.key("ctrl+Next", "camera camera");
+    window.key("ctrl+z", "undone");
+    assert_eq!(difference(&cut(&window.screenshot(), size), &first), 0.0, "edits before the change can be undone");
+    window.key("ctrl+y", "+0.5 stop");
+    // Two changes in a row: the first one's bake ends.
+    window.keys(&["ctrl+Prior", "ctrl+Prior"]);
+    window.key("Tab", "of 2");
+    assert_eq!(difference(&cut(&window.screenshot(), size), &edited), 0.0);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
 }

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use super::options::parse_seconds;
 use super::progress;
 
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 pub struct FinalOptions {
     /// Gathers indirect light anew for the lights of the rig, until the expected error of a pixel, relative to the mean of
     /// the picture, is at most this: a fraction, or percent with %.

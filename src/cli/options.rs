@@ -1,5 +1,6 @@
 //! Options that several subcommands take; defaults as in their help.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -7,6 +8,7 @@ use clap::ValueEnum;
 use relume::gpu::Validation;
 use relume::image::display_view::DisplayConfig;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
+use relume::scene::Scene;
 use relume::session::{OpenSettings, Target, check_size, user_cache_dir};
 use relume::view::PictureSettings;
 use relume::{Error, Result, Session, SessionSettings};
@@ -24,7 +26,8 @@ pub struct ViewOptions {
     /// camera; else 720x480].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
-    /// Name of the camera to look from [default: the camera of the rig, else the first one of the scene].
+    /// Name of the camera to look from [default: the camera of the rig, else the first one of the scene]. all: `relume
+    /// render` and `relume bake` take one camera of the scene after the other.
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
     /// Layers of the deep framebuffer. The first layer is the surface that a pixel sees; the next layers are what
@@ -201,6 +204,20 @@ impl ViewOptions {
         OpenSettings { size: self.size, camera: self.camera.clone(), strip_diffuse: self.strip_diffuse }
     }
 
+    /// The names of all cameras of a scene, if all are asked for.
+    pub fn all_cameras(&self, scene: &Path) -> Result<Vec<String>> {
+        if self.camera.as_deref() != Some("all") {
+            return Ok(Vec::new());
+        }
+        let cameras: Vec<String> = Scene::load(scene)?.cameras.into_iter().map(|camera| camera.name).collect();
+        let mut names = BTreeSet::new();
+        match cameras.iter().find(|name| !names.insert(name.as_str())) {
+            _ if cameras.is_empty() => Err(Error::import(scene, "has no cameras")),
+            Some(twice) => Err(Error::import(scene, format!("has several cameras called \"{twice}\""))),
+            None => Ok(cameras),
+        }
+    }
+
     /// Before any work is done.
     pub fn use_threads(&self) {
         let Some(threads) = self.threads else { return };
@@ -259,6 +276,10 @@ impl CacheOptions {
 }
 
 impl RecordOptions {
+    pub fn is_wanted(&self) -> bool {
+        self.stats.is_some() || self.trace.is_some()
+    }
+
     /// Makes the folders of the files, before any work is done.
     pub fn make_parents(&self) -> Result<()> {
         self.stats.iter().chain(&self.trace).try_for_each(|path| make_parent(path))
@@ -292,6 +313,12 @@ impl SceneOptions {
         self.view.use_threads();
         Session::open(path, rig, &SessionSettings { target, ..self.settings()? }, &Terminal::default())
     }
+
+    /// Opens and bakes all but indirect light.
+    pub fn open_direct(&self, path: &Path, rig: Option<&Path>, progress: &Terminal) -> Result<Session> {
+        self.view.use_threads();
+        Session::open_direct(path, rig, &self.settings()?, progress)
+    }
 }
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {
@@ -308,7 +335,7 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or("expected a time in seconds: more than 0, at most 1e8".into())
 }
 
-fn parse_bytes(text: &str) -> Result<u64, String> {
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let (digits, factor) = match text.to_ascii_uppercase().trim_end_matches('B') {
         t if t.ends_with('G') => (t.trim_end_matches('G').to_owned(), 1e9),
         t if t.ends_with('M') => (t.trim_end_matches('M').to_owned(), 1e6),

@@ -13,7 +13,7 @@ use relume::{Error, Result};
 
 use super::final_gather::Refinement;
 use super::options::{Exposure, check_extension};
-use super::output_file::make_parent;
+use super::output_file::{as_file_name, make_parent};
 use super::surfaces::{Data, Surfaces};
 
 /// One picture that a render can give.
@@ -276,6 +276,17 @@ impl Template {
             return needs(&format!("the pass {} is for EXR files", pass.name()));
         }
         Ok(())
+    }
+
+    /// The name for the pictures of one of several cameras.
+    pub fn of_camera(&self, camera: &str) -> Result<PathBuf> {
+        match self.0.to_str().filter(|_| self.holds("{camera}")) {
+            Some(text) => Ok(PathBuf::from(text.replace("{camera}", &as_file_name(camera)))),
+            None => {
+                let reason = "with several cameras, the output name needs {camera}";
+                Err(Error::invalid(self.0.display().to_string(), reason))
+            }
+        }
     }
 
     /// Names that are not UTF-8 hold no placeholders and stay as they are.

@@ -18,6 +18,11 @@ pub fn make_parent(path: &Path) -> Result<()> {
     }
 }
 
+/// A name with nothing in it that would mean something to a file system.
+pub fn as_file_name(text: &str) -> String {
+    text.chars().map(|c| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' }).collect()
+}
+
 /// Writes JSON as the whole of `path`.
 pub fn write_json(path: &Path, json: &serde_json::Value) -> Result<()> {
     write_bytes(path, format!("{json:#}\n").as_bytes())

@@ -18,12 +18,12 @@ use super::progress::Terminal;
 use super::stats::{self, Strange};
 use super::surfaces::Surfaces;
 
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
     /// Image to write: .exr or .png. In its name, {rig} stands for the name of the rig, {pass} for the name of the
-    /// pass.
+    /// pass, {camera} for the name of the camera with --camera all.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Rig file, or USD file, whose lights replace those of the scene. Give --rig several times to write several images.
@@ -83,14 +83,34 @@ impl From<PrimariesOption> for Primaries {
 }
 
 pub fn run(args: &Args) -> Result<()> {
+    let config = args.light_options.display.config()?;
+    let tone_map = args.light_options.display.tone_map(config.as_ref())?;
+    // Pictures of several cameras share the exposure that the first one gets.
+    let mut display = Display { exposure: args.light_options.display.exposure, tone_map, png_depth: args.png_depth() };
+    let cameras = args.scene_options.view.all_cameras(&args.scene)?;
+    if cameras.is_empty() {
+        return render(args, &mut display);
+    }
+    if args.record.is_wanted() {
+        return Err(Error::invalid("--camera all", "--stats and --trace tell of one camera"));
+    }
+    for camera in cameras {
+        let mut args = args.clone();
+        args.output = Template(args.output).of_camera(&camera)?;
+        args.scene_options.view.camera = Some(camera);
+        render(&args, &mut display)?;
+    }
+    Ok(())
+}
+
+/// Renders the pictures of one camera.
+fn render(args: &Args, display: &mut Display) -> Result<()> {
     let template = Template(args.output.clone());
     template.check(args.rig.len(), &args.passes)?;
     args.record.make_parents()?;
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
     args.refine.check(args.scene_options.settings()?.indirect.as_ref())?;
-    let config = args.light_options.display.config()?;
-    let tone_map = args.light_options.display.tone_map(config.as_ref())?;
     let target = args.light_options.target()?;
     let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
     let emitters = Emitters::of(&session.scene);
@@ -134,7 +154,6 @@ pub fn run(args: &Args) -> Result<()> {
         has_parts: args.multi_part,
         ..ExrMetadata::default()
     };
-    let mut display = Display { exposure: args.light_options.display.exposure, tone_map, png_depth: args.png_depth() };
     let mut written = Written::default();
     let mut figures_of_final = None;
     for job in &jobs {
@@ -145,7 +164,7 @@ pub fn run(args: &Args) -> Result<()> {
             figures_of_final.get_or_insert(refinement.as_ref().map_or(Value::Null, Refinement::figures));
             Ok(refinement)
         };
-        output::write(&mut relighters, job, &mut display, &surfaces, &exr, &mut refine, &mut written)?;
+        output::write(&mut relighters, job, display, &surfaces, &exr, &mut refine, &mut written)?;
     }
     for file in &written.files {
         tracing::info!("wrote {}", file.display());

@@ -109,6 +109,11 @@ impl Desk {
         self.history.end_gesture();
     }
 
+    /// Takes another camera of the scene: lights move as it sees them.
+    pub fn look_from(&mut self, camera: Camera) {
+        self.camera = camera;
+    }
+
     /// The current lights, without snapshots.
     pub fn rig(&self) -> &Rig {
         &self.rig

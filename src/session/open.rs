@@ -60,15 +60,21 @@ impl Opened {
                 }
             }
         }
-        let camera = choose_camera(&scene, &rig, settings)?;
-        let size = settings.size.unwrap_or_else(|| scene.default_size(Some(&camera)));
-        if let (None, None, Some(aspect)) = (settings.size, scene.image_size, camera.aspect) {
-            let [width, height] = size;
-            tracing::info!("{width}x{height}: camera \"{}\" has an aspect ratio of {aspect:.4}", camera.name);
-        }
-        check_size(size).map_err(|reason| Error::invalid(path.display().to_string(), reason))?;
+        let (camera, size) = choose_view(&scene, &rig, settings)?;
         Ok(Self { scene, rig, camera, size })
     }
+}
+
+/// The camera, and the size of its picture.
+pub(super) fn choose_view(scene: &Scene, rig: &Rig, settings: &OpenSettings) -> Result<(Camera, [u32; 2])> {
+    let camera = choose_camera(scene, rig, settings)?;
+    let size = settings.size.unwrap_or_else(|| scene.default_size(Some(&camera)));
+    if let (None, None, Some(aspect)) = (settings.size, scene.image_size, camera.aspect) {
+        let [width, height] = size;
+        tracing::info!("{width}x{height}: camera \"{}\" has an aspect ratio of {aspect:.4}", camera.name);
+    }
+    check_size(size).map_err(|reason| Error::invalid(scene.path.display().to_string(), reason))?;
+    Ok((camera, size))
 }
 
 /// Makes a scene ready for rays.

@@ -56,6 +56,9 @@ pub enum Command {
     Quit,
     /// Toggles between one picture pixel per screen pixel and a fitted picture.
     OneToOne,
+    /// Looks from the next camera of the scene.
+    NextCamera,
+    PreviousCamera,
     View(View),
     /// Shows the next channel of the deep framebuffer.
     NextChannel,
@@ -174,6 +177,8 @@ pub const SECTIONS: &[Section] = &[
             once(&[(NONE, Key::Num0)], Command::AutoExposure, "automatic exposure"),
             once(&[(NONE, Key::Num7)], Command::ToneMap, "next tone curve: AgX, PBR Neutral, none, OpenColorIO"),
             once(&[(NONE, Key::Num1)], Command::OneToOne, "picture 1:1, or fitted to the window"),
+            once(&[(CTRL, Key::PageDown)], Command::NextCamera, "next camera of the scene"),
+            once(&[(CTRL, Key::PageUp)], Command::PreviousCamera, "previous camera"),
         ],
     },
     Section {

@@ -12,7 +12,9 @@ use super::gathered::Gathered;
 use super::map_answer::Answer;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
+use crate::scene::Rig;
 use crate::session::{BakeInput, Progress, Session, SessionSettings};
+use crate::trace::bvh::TracedScene;
 use crate::wire::Inbound;
 
 /// A message to the event loop, with the number of the scene that it is for. The scene may have been loaded again since.
@@ -47,6 +49,7 @@ impl Messenger {
 }
 
 /// A scene to load.
+#[derive(Clone)]
 pub struct SceneSource {
     pub path: PathBuf,
     /// Rig file whose lights replace those of the scene.
@@ -55,17 +58,21 @@ pub struct SceneSource {
 }
 
 impl SceneSource {
-    /// Starts to load the scene and to bake it on a thread, which tells `messenger`.
-    pub fn start(self: &Arc<Self>, messenger: Messenger) -> Loading {
+    /// Starts to load the scene and to bake it on a thread, which tells `messenger`. `known`: the scene as it is, with its
+    /// lights, if it is another camera that is wanted.
+    pub fn start(&self, messenger: Messenger, known: Option<(Arc<TracedScene>, Rig)>) -> Loading {
         let (loader, loading) = Loader::new(messenger);
         let source = self.clone();
         // Not joined, so that closing the window does not wait for a long bake.
-        std::thread::spawn(move || loader.end(source.load(&loader)));
+        std::thread::spawn(move || loader.end(source.load(known, &loader)));
         loading
     }
 
-    fn load(&self, loader: &Loader) -> Result<()> {
-        let session = Session::open_direct(&self.path, self.rig.as_deref(), &self.settings, loader)?;
+    fn load(&self, known: Option<(Arc<TracedScene>, Rig)>, loader: &Loader) -> Result<()> {
+        let session = match known {
+            Some((scene, rig)) => Session::of_traced(scene, rig, &self.settings, loader)?,
+            None => Session::open_direct(&self.path, self.rig.as_deref(), &self.settings, loader)?,
+        };
         let Session { scene, framebuffer, rig, transfers, bake, .. } = session;
         let changed = bake.because;
         let opened = Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig, changed };

@@ -6,10 +6,12 @@ use std::sync::Arc;
 use super::Opened;
 use super::load::{LoadEvent, Loading, Messenger, SceneSource};
 use crate::bake::transfer::Transfer;
+use crate::scene::Rig;
+use crate::trace::bvh::TracedScene;
 
 /// Which scene is loaded, and which is shown.
 pub struct Loads {
-    source: Arc<SceneSource>,
+    source: SceneSource,
     messenger: Messenger,
     pub thread: Loading,
     /// Number of the scene that was loaded last.
@@ -34,21 +36,35 @@ pub enum Change {
 impl Loads {
     /// Starts to load.
     pub fn new(source: SceneSource, messenger: Messenger) -> Self {
-        let source = Arc::new(source);
-        let thread = source.start(messenger.clone());
+        let thread = source.start(messenger.clone(), None);
         Self { source, messenger, thread, latest: 0, shown: None, replacement: None }
     }
 
     /// Starts to load again; the thread before ends.
     pub fn again(&mut self) {
+        self.start(None);
+    }
+
+    /// Starts to look at the scene that is shown from another of its cameras.
+    pub fn look_from(&mut self, camera: String, opened: &Opened) {
+        self.source.settings.open.camera = Some(camera);
+        self.start(Some((opened.scene.clone(), opened.rig.clone())));
+    }
+
+    fn start(&mut self, known: Option<(Arc<TracedScene>, Rig)>) {
         self.latest += 1;
         self.replacement = None;
-        self.thread = self.source.start(self.messenger());
+        self.thread = self.source.start(self.messenger(), known);
     }
 
     /// The rig file that replaces the scene's lights.
     pub fn rig_path(&self) -> Option<&Path> {
         self.source.rig.as_deref()
+    }
+
+    /// The camera that is shown, or the one that is being loaded.
+    pub fn camera<'a>(&'a self, opened: &'a Opened) -> &'a str {
+        self.source.settings.open.camera.as_deref().unwrap_or(&opened.framebuffer.camera.name)
     }
 
     /// Sends messages of the scene that was loaded last.

@@ -537,7 +537,7 @@ impl OpenScene {
                     view.views.view = View::Beauty;
                 }
             }
-            Command::FullScreen => {} // handled by the window
+            Command::FullScreen | Command::NextCamera | Command::PreviousCamera => {} // handled by the window
         }
         Ok(Flow::Continue)
     }

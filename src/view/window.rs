@@ -292,6 +292,11 @@ impl App {
                 let window = &graphics.window;
                 window.set_fullscreen(window.fullscreen().is_none().then_some(Fullscreen::Borderless(None)));
             }
+            match action {
+                Action::Do(Command::NextCamera) => self.change_camera(1),
+                Action::Do(Command::PreviousCamera) => self.change_camera(-1),
+                _ => {}
+            }
             let pointer = self.pointer();
             let flow = match &mut self.open_scene {
                 Some(open_scene) => open_scene.act(action, &mut self.view, pointer)?,

@@ -124,6 +124,27 @@ pub fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
+/// Writes a shipped scene with another camera, that looks as its first one does from another place.
+pub fn with_second_camera(scene: &str, name: &str, translation: [f64; 3], output: &Path) -> PathBuf {
+    let glb = std::fs::read(shipped(scene)).unwrap();
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let mut scene: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    let nodes = scene["nodes"].as_array_mut().unwrap();
+    let mut second = nodes.iter().find(|node| node["camera"].is_u64()).unwrap().clone();
+    second["name"] = name.into();
+    second["translation"] = serde_json::json!(translation);
+    let index = nodes.len();
+    nodes.push(second);
+    scene["scenes"][0]["nodes"].as_array_mut().unwrap().push(index.into());
+    let mut text = scene.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let rest = &glb[20 + length..];
+    let all = (20 + text.len() + rest.len()) as u32;
+    let header = [&glb[..8], &all.to_le_bytes(), &(text.len() as u32).to_le_bytes(), b"JSON"].concat();
+    std::fs::write(output, [&header[..], &text, rest].concat()).unwrap();
+    output.to_owned()
+}
+
 /// Manifest of the second Vulkan driver, where tools/setup found it.
 pub const SWIFTSHADER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/.deps/swiftshader/vk_swiftshader_icd.json");
 

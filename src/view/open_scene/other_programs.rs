@@ -1,5 +1,7 @@
 //! What other programs see and edit, and the scene that they changed.
 
+use std::sync::Arc;
+
 use serde_json::Value;
 
 use super::OpenScene;
@@ -17,15 +19,20 @@ use crate::wire::message::PictureRequest;
 use crate::wire::picture::picture;
 
 impl OpenScene {
-    /// Replaces the scene, which was loaded again; lights, history and snapshots stay. An error leaves all as it was.
+    /// Replaces the scene, which was loaded again or is seen from another camera; lights, history and snapshots stay. An
+    /// error leaves all as it was.
     pub fn replace(&mut self, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
         let Opened { scene, framebuffer, transfer, rig, .. } = &opened;
         let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);
-        let rig = self.desk.rig_in(scene, rig).map_err(wrong)?;
+        let is_same = Arc::ptr_eq(scene, &self.opened.scene);
+        let rig = if is_same { self.desk.rig().clone() } else { self.desk.rig_in(scene, rig).map_err(wrong)? };
         let context = self.relighter.context().clone();
         let relighter =
             Relighter::new(&context, scene, framebuffer, transfer.as_ref(), &rig, &settings.pictures.relight)?;
-        self.desk.change_scene(rig, scene, framebuffer.camera.clone());
+        match is_same {
+            true => self.desk.look_from(framebuffer.camera.clone()),
+            false => self.desk.change_scene(rig, scene, framebuffer.camera.clone()),
+        }
         self.relighter = relighter;
         self.shares.invalidate();
         (self.synced_version, self.drawn, self.still) = (None, None, None);

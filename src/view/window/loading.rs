@@ -1,5 +1,7 @@
 //! What the loading thread makes, and the scene loaded again.
 
+use std::sync::Arc;
+
 use winit::event_loop::ActiveEventLoop;
 
 use super::App;
@@ -19,15 +21,39 @@ impl App {
         }
     }
 
+    /// Looks from the camera that is `step` further in the scene, while the old picture stays.
+    pub(super) fn change_camera(&mut self, step: isize) {
+        let Some(open_scene) = &mut self.open_scene else { return };
+        let cameras = &open_scene.opened.scene.cameras;
+        let shown = cameras.iter().position(|camera| camera.name == self.loads.camera(&open_scene.opened));
+        let next = match shown {
+            Some(shown) => (shown as isize + step).rem_euclid(cameras.len() as isize) as usize,
+            None => 0, // a rig's camera is shown
+        };
+        if cameras.is_empty() || shown == Some(next) {
+            open_scene.desk.message = "the scene has no other camera".into();
+            return;
+        }
+        let name = cameras[next].name.clone();
+        open_scene.desk.message = format!("camera {name}");
+        open_scene.is_baking = true;
+        self.loads.look_from(name, &open_scene.opened);
+        self.loading = Some(("loading", 0.0));
+    }
+
     /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
     pub(super) fn replace(&mut self, opened: Opened) {
         let (Some(open_scene), Some(graphics)) = (&mut self.open_scene, &self.graphics) else { return };
         let changed = opened.changed.as_ref().map(|changed| format!(", baked again: {changed} changed"));
+        let message = match Arc::ptr_eq(&opened.scene, &open_scene.opened.scene) {
+            true => format!("camera {}", opened.framebuffer.camera.name),
+            false => format!("the scene was loaded again{}", changed.unwrap_or_default()),
+        };
         match open_scene.replace(opened, &self.settings, self.loads.messenger()) {
             Ok(()) => {
                 self.loads.replaced();
                 graphics.make_room(open_scene.picture_size());
-                open_scene.desk.message = format!("the scene was loaded again{}", changed.unwrap_or_default());
+                open_scene.desk.message = message;
                 if let Some(remote) = &mut self.remote {
                     remote.opened(open_scene);
                 }
