@@ -65,6 +65,7 @@
 //!   KHR_lights_punctual, EXT_lights_area (draft), EXT_lights_ies, EXT_lights_image_based, KHR_materials_specular,
 //!   KHR_materials_ior, ...
 //! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik 101.
+//! - [Graham 1969] Graham, Bounds on multiprocessing timing anomalies, SIAM Journal on Applied Mathematics 17(2).
 //! - [Grassmann 1985] Grassmann, Taksar, Heyman, Regenerative analysis and steady state distributions for Markov chains,
 //!   Operations Research 33(5).
 //! - [Halton 1960] Halton, On the efficiency of certain quasi-random sequences of points, Numerische Mathematik 2.
@@ -99,6 +100,7 @@
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
 //! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
 //! - [OpenGL 4.6] The Khronos Group, The OpenGL Graphics System: A Specification, version 4.6, core profile, 2022.
+//! - [OpenJD 2023] Open Job Description, Template schemas, version 2023-09.
 //! - [Poulin 1992] Poulin, Fournier, Lights from highlights and shadows, I3D.
 //! - [Knaus 2011] Knaus, Zwicker, Progressive photon mapping: a probabilistic approach, ACM TOG 30(3).
 //! - [Kopf 2007] Kopf, Cohen, Lischinski, Uyttendaele, Joint bilateral upsampling, SIGGRAPH.

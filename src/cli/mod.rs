@@ -6,6 +6,7 @@ mod bench_rays;
 mod bench_rig;
 mod compare;
 mod devices;
+mod farm;
 mod final_gather;
 mod left_out;
 mod options;
@@ -62,6 +63,9 @@ enum Command {
     Serve(serve::Args),
     /// Bakes a scene and stores the result in the cache.
     Bake(bake::Args),
+    /// Writes a job for a render farm, which bakes shots in parts and renders them.
+    #[command(after_long_help = farm::AFTER_HELP)]
+    Farm(farm::Args),
     /// Measures how long edits of lights take.
     #[command(after_long_help = bench::AFTER_HELP)]
     Bench(bench::Args),
@@ -94,6 +98,7 @@ pub fn main() -> ExitCode {
         Command::View(args) => view::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Bake(args) => bake::run(args),
+        Command::Farm(args) => farm::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Report(args) => report::run(args),
         Command::Plan(args) => plan::run(args),

@@ -55,6 +55,8 @@ pub struct Survey {
     pub transfer: Option<TransferPlan>,
     /// Absent without indirect light.
     pub unneeded: Option<Unneeded>,
+    /// Share of the rays from visible surfaces that leave the scene.
+    escaped: f64,
 }
 
 /// What indirect light of a scene and camera does without.
@@ -175,15 +177,29 @@ impl Survey {
         };
         let SessionSettings { layers, seed, indirect, .. } = settings;
         let transfer = indirect.map(|indirect| indirect.plan(size, *layers, *seed));
+        let mut escaped = 0.0;
         let unneeded = transfer.as_ref().map(|plan| match plan {
             TransferPlan::Robust(TransferSettings { layers, seed, .. }, _) => {
                 let importance = report.stage("paths", || Importance::new(&scene, &framebuffer, *layers, PATHS, *seed));
+                escaped = importance.escaped.unwrap_or(0.0);
                 Unneeded::new(importance.unseen, plan, &rig, importance.escaped.is_none_or(|share| share > CLOSED))
             }
             // It looks at all surfaces.
             TransferPlan::Thesis(_) => Unneeded { unseen: 0.0, sky: None },
         });
-        Ok(Self { size, counts, counted_in, transfer, unneeded, scene, rig })
+        Ok(Self { size, counts, counted_in, transfer, unneeded, scene, rig, escaped })
+    }
+
+    /// Bytes of memory and CPU seconds that the bake takes, within a factor of about three (docs/farm.md, "What a bake takes").
+    pub fn bake_cost(&self) -> (f64, f64) {
+        let samples = self.counts.samples as f64;
+        let scene = BYTES_A_TRIANGLE * self.scene.mesh.triangles.len() as f64 + BYTES_A_SAMPLE * samples;
+        let Some(TransferPlan::Robust(TransferSettings { rays, samples: gather, .. }, _)) = &self.transfer else {
+            return (LEAST_BYTES + scene, 0.0);
+        };
+        let hits = 1.0 - self.escaped;
+        let seconds = samples * f64::from(*rays) * (SECONDS_A_RAY + hits * SECONDS_A_HIT);
+        (LEAST_BYTES + scene + BYTES_A_GATHER_SAMPLE * *gather as f64, seconds)
     }
 
     /// Bytes of all light images of the rig, and of the fewest that work.
@@ -191,6 +207,14 @@ impl Survey {
         light_image_bytes(self.rig.lights.len(), self.counts.pixels)
     }
 }
+
+/// Of [`Survey::bake_cost`].
+const LEAST_BYTES: f64 = 0.3e9;
+const BYTES_A_TRIANGLE: f64 = 400.0;
+const BYTES_A_SAMPLE: f64 = 500.0;
+const BYTES_A_GATHER_SAMPLE: f64 = 190_000.0;
+const SECONDS_A_RAY: f64 = 0.1e-6;
+const SECONDS_A_HIT: f64 = 2.4e-6;
 
 /// What is looked at, and how it would be baked.
 struct View<'a> {
