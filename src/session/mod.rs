@@ -8,6 +8,7 @@ mod memory;
 mod open;
 mod parts;
 mod plan;
+mod prepared;
 mod progress;
 mod report;
 mod survey;
@@ -27,7 +28,7 @@ pub use self::target::Target;
 
 use self::memory::check_memory;
 use self::open::choose_view;
-use self::plan::Prepared;
+use self::prepared::Prepared;
 use self::progress::{advance, until_cancelled};
 use crate::bake::baselines::thesis::ThesisSettings;
 use crate::bake::compression::Fitted;

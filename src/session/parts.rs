@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::plan::{Prepared, Shared};
+use super::prepared::{Prepared, Shared};
 use super::progress::{Progress, until_cancelled};
 use super::report::BakeReport;
 use super::{BakeInput, Session, Transfers};
