@@ -143,6 +143,13 @@ fn what_is_no_job_is_told() {
     run(&["--lights", "missing.toml"]).failed(&["missing.toml"]);
     let scene = shipped("balls-2.glb");
     run(&["--", scene.to_str().unwrap()]).refused("unexpected argument");
+    run(&["--report", "quick", "--", "--gather", "99", "--seed", "3"]).done();
+    let template = json(&job.join("template.json"));
+    let step = template["steps"].as_array().unwrap().last().unwrap();
+    assert_eq!((&step["name"], &step["dependencies"][0]["dependsOn"]), (&"Report".into(), &"Plan".into()));
+    let arguments = step["script"]["actions"]["onRun"]["args"].to_string();
+    assert!(arguments.contains("--seed") && !arguments.contains("--gather"), "{arguments}");
+    fs::remove_dir_all(&job).unwrap();
     let mut command = relume();
     command.arg("farm").arg(&scene).arg(&scene).arg("-o").arg(&job);
     Run::of(&mut command).failed(&["two shots would have pictures called balls-2"]);

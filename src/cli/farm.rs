@@ -10,7 +10,7 @@ use relume::session::Survey;
 use relume::{Error, Result};
 use serde_json::{Value, json};
 
-use super::options::SceneOptions;
+use super::options::{SceneOptions, ViewOptions};
 use super::output_file::{as_file_name, write_json};
 use super::progress::Terminal;
 use super::stdout::out;
@@ -29,6 +29,10 @@ pub struct Args {
     /// Parts of each bake.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=MAX_PARTS as i64))]
     parts: u16,
+    /// Adds a step that compares settings for each shot with `relume report`, under the first rig. quick: small pictures,
+    /// minutes a shot; full: hours.
+    #[arg(long, value_enum, value_name = "quick|full", hide_possible_values = true)]
+    report: Option<Report>,
     /// Processors that each task asks the farm for, and uses.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: u16,
@@ -40,8 +44,14 @@ pub struct Args {
     options: Vec<String>,
 }
 
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Report {
+    Quick,
+    Full,
+}
+
 pub const AFTER_HELP: &str = "\
-The job has the steps Plan, Shared, Parts, Join and Pictures. All machines need relume, the scenes and the rigs at the \
+The job has the steps Plan, Shared, Parts, Join and Pictures, and Report with --report. All machines need relume, the scenes and the rigs at the \
 same paths, or path mapping rules, and a common cache folder. docs/farm.md tells more.";
 
 /// One picture's scene and camera.
@@ -75,7 +85,7 @@ pub fn run(args: &Args) -> Result<()> {
         shots.extend(shots_of(path, &args.cameras, bake_rig_path, &options)?);
     }
     check_names(shots.iter().map(|shot| shot.name.clone()), "scenes and cameras", "shots")?;
-    let template = template(args, &shots, &rigs, bake_rig_path);
+    let template = template(args, &options.view, &shots, &rigs, bake_rig_path);
     std::fs::create_dir_all(&args.output).map_err(Error::io("create", &args.output))?;
     let path = args.output.join("template.json");
     write_json(&path, &template)?;
@@ -148,33 +158,46 @@ fn shots_of(path: &Path, cameras: &[String], rig: Option<&str>, options: &SceneO
 }
 
 fn task_count(args: &Args, shots: &[Shot]) -> usize {
-    shots.len() * (4 + usize::from(args.parts))
+    shots.len() * (4 + usize::from(args.report.is_some()) + usize::from(args.parts))
 }
 
-fn template(args: &Args, shots: &[Shot], rigs: &[(String, Rig)], bake_rig: Option<&str>) -> Value {
+fn template(args: &Args, view: &ViewOptions, shots: &[Shot], rigs: &[(String, Rig)], bake_rig: Option<&str>) -> Value {
     let bake_rig: Vec<&str> = bake_rig.iter().flat_map(|rig| ["--rig", rig]).collect();
     let part = format!("{{{{Task.Param.Part}}}}/{}", args.parts);
-    let bake = |own: &[&str]| -> Vec<String> { bake_rig.iter().chain(own).map(|text| (*text).to_owned()).collect() };
+    let bake = |own: &[&str]| -> Vec<String> {
+        let own = bake_rig.iter().chain(own).map(|text| (*text).to_owned());
+        args.options.iter().cloned().chain(own).collect()
+    };
     let picture = match rigs {
         [] => "{{Param.Pictures}}/{{Task.Param.Shot}}.exr",
         // relume itself puts the rig's name there.
         _ => "{{Param.Pictures}}/{{Task.Param.Shot}}.{rig}.exr",
     };
     let picture_rigs = rigs.iter().flat_map(|(path, _)| ["--rig", path]);
-    let render = picture_rigs.chain(["-o", picture]).map(str::to_owned).collect();
+    let render = picture_rigs.chain(["-o", picture]).map(str::to_owned);
+    let render = args.options.iter().cloned().chain(render).collect();
     let seconds = shots.iter().map(|shot| shot.seconds).fold(0.0, f64::max);
     let shared = SHARED_SHARE * seconds;
     let each = PARTS_SHARE * seconds / f64::from(args.parts);
-    let steps = [
+    let mut steps = vec![
         Step::new("Plan", "plan", bake(&[]), "Opens each scene and tells what its bake needs."),
-        Step::new("Shared", "bake", bake(&["--shared"]), "Makes what parts share.").takes(shared),
-        Step::new("Parts", "bake", bake(&["--part", &part]), "Bakes a part.").takes(each),
-        Step::new("Join", "bake", bake(&["--join"]), "Makes the bake from its parts.").takes(JOIN_SHARE * seconds),
-        Step::new("Pictures", "render", render, "Renders a shot under all lights."),
+        Step::new("Shared", "bake", bake(&["--shared"]), "Makes what parts share.").after("Plan").takes(shared),
+        Step::new("Parts", "bake", bake(&["--part", &part]), "Bakes a part.").after("Shared").takes(each),
+        Step::new("Join", "bake", bake(&["--join"]), "Makes the bake from its parts.")
+            .after("Parts")
+            .takes(JOIN_SHARE * seconds),
+        Step::new("Pictures", "render", render, "Renders a shot under all lights.").after("Join"),
     ];
-    let before = [None].into_iter().chain(steps.iter().map(|step| Some(step.name)));
-    let steps: Vec<Value> = steps.iter().zip(before).map(|(step, before)| step.template(args, shots, before)).collect();
-    json!({
+    if let Some(report) = args.report {
+        let first = rigs.first().map(|(path, _)| ["--rig", path]);
+        let output = ["-o", "{{Param.Reports}}/{{Task.Param.Shot}}"];
+        let quick = (report == Report::Quick).then_some("--quick");
+        let own = quick.into_iter().chain(first.into_iter().flatten()).chain(output).map(str::to_owned);
+        let arguments = view.arguments().into_iter().chain(own).collect();
+        steps.push(Step::new("Report", "report", arguments, "Compares settings for a shot.").after("Plan"));
+    }
+    let steps: Vec<Value> = steps.iter().map(|step| step.template(args, shots)).collect();
+    let mut template = json!({
         "specificationVersion": "jobtemplate-2023-09",
         "name": format!("relume {}", shots[0].name).chars().take(128).collect::<String>(),
         "description": "Bakes scenes in parts, then makes pictures of them.",
@@ -191,7 +214,15 @@ fn template(args: &Args, shots: &[Shot], rigs: &[(String, Rig)], bake_rig: Optio
             "script": { "actions": { "onEnter": { "command": "{{Param.Relume}}", "args": ["--version"] } } },
         }],
         "steps": steps,
-    })
+    });
+    if args.report.is_some() {
+        let parameters = template["parameterDefinitions"].as_array_mut().expect("it was made as an array");
+        parameters.push(json!({
+            "name": "Reports", "type": "PATH", "objectType": "DIRECTORY", "dataFlow": "OUT", "default": "reports",
+            "description": "Folder for reports.",
+        }));
+    }
+    template
 }
 
 /// One step of the job: a command for each shot, or for each part of its bake.
@@ -201,21 +232,26 @@ struct Step {
     /// Beside those that all steps have.
     arguments: Vec<String>,
     description: &'static str,
+    /// The step that must have ended.
+    after: Option<&'static str>,
     /// CPU seconds of a task at most, estimated.
     seconds: Option<f64>,
 }
 
 impl Step {
     fn new(name: &'static str, command: &'static str, arguments: Vec<String>, description: &'static str) -> Self {
-        Self { name, command, arguments, description, seconds: None }
+        Self { name, command, arguments, description, after: None, seconds: None }
+    }
+
+    fn after(self, step: &'static str) -> Self {
+        Self { after: Some(step), ..self }
     }
 
     fn takes(self, seconds: f64) -> Self {
         Self { seconds: Some(seconds), ..self }
     }
 
-    /// `before` is the step that must have ended.
-    fn template(&self, args: &Args, shots: &[Shot], before: Option<&str>) -> Value {
+    fn template(&self, args: &Args, shots: &[Shot]) -> Value {
         let mut parameters = vec![
             json!({ "name": "Scene", "type": "PATH", "range": list(shots, |shot| &shot.scene) }),
             json!({ "name": "Camera", "type": "STRING", "range": list(shots, |shot| &shot.camera) }),
@@ -228,7 +264,7 @@ impl Step {
         }
         let threads = args.threads.to_string();
         let place = ["--camera={{Task.Param.Camera}}", "--cache", "{{Param.Cache}}", "--threads", &threads];
-        let own = args.options.iter().chain(&self.arguments).map(String::as_str);
+        let own = self.arguments.iter().map(String::as_str);
         let arguments: Vec<&str> = [self.command, "{{Task.Param.Scene}}"].into_iter().chain(place).chain(own).collect();
         let mut run = json!({ "command": "{{Param.Relume}}", "args": arguments });
         let mut description = self.description.to_owned();
@@ -247,8 +283,8 @@ impl Step {
             "parameterSpace": { "taskParameterDefinitions": parameters, "combination": combination },
             "script": { "actions": { "onRun": run } },
         });
-        if let Some(before) = before {
-            step["dependencies"] = json!([{ "dependsOn": before }]);
+        if let Some(after) = self.after {
+            step["dependencies"] = json!([{ "dependsOn": after }]);
         }
         step
     }

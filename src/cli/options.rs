@@ -200,6 +200,14 @@ impl DisplayOptions {
 }
 
 impl ViewOptions {
+    /// The options as they are given on a command line, without camera and threads.
+    pub fn arguments(&self) -> Vec<String> {
+        let size = self.size.map(|[width, height]| format!("--size={width}x{height}"));
+        let strip_diffuse = self.strip_diffuse.then(|| "--strip-diffuse".to_owned());
+        let numbers = [format!("--layers={}", self.layers), format!("--seed={}", self.seed)];
+        size.into_iter().chain(strip_diffuse).chain(numbers).collect()
+    }
+
     pub fn settings(&self) -> OpenSettings {
         OpenSettings { size: self.size, camera: self.camera.clone(), strip_diffuse: self.strip_diffuse }
     }
