@@ -747,3 +747,58 @@ fn links_survive_export() {
     rig.lights[0].node = read.rig.lights[0].node;
     assert_eq!(read.rig, rig);
 }
+
+#[test]
+fn shots_change_what_they_name() {
+    let text = r#"
+[[group]]
+name = "rim"
+
+[[light]]
+name = "key"
+kind = "point"
+position = [0, 1, 0]
+color = [1, 1, 1]
+intensity = 100
+range = 3
+
+[[light]]
+name = "back"
+kind = "point"
+position = [0, 1, 0]
+color = [1, 1, 1]
+intensity = 1
+group = "rim"
+
+[[shot]]
+camera = "eye.left"
+
+[[shot.group]]
+name = "rim"
+stops = -1
+
+[[shot.light]]
+name = "key"
+lumen = 2513.2741228718346
+unset = ["range"]
+"#;
+    let rig = parse(text).unwrap();
+    let [left, right] = ["eye_left", "right"].map(|camera| rig.of_shot(camera).unwrap());
+    assert_eq!((left.groups[0].stops, right.groups[0].stops), (-1.0, 0.0));
+    assert_eq!((left.lights[0].range, right.lights[0].range), (None, Some(3.0)));
+    assert!((left.lights[0].intensity - 200.0).abs() < 1e-9 && right.lights[0].intensity == 100.0, "{left:?}");
+    assert_eq!(left.lights[1], right.lights[1]);
+    let again = parse(&rig.to_toml(Path::new(""))).unwrap();
+    assert_eq!(again.shots, rig.shots, "{}", rig.to_toml(Path::new("")));
+
+    let wrong = |from: &str, to: &str| refusal(&text.replace(from, to));
+    let of_key = "name = \"key\"\nlumen";
+    let told = wrong(of_key, "name = \"kye\"\nlumen");
+    assert!(told.contains("line 22: shot \"eye_left\": light \"kye\": there is no such light"), "{told}");
+    assert!(wrong("lumen", "kind = \"disk\"\nlumen").contains("kind is the same in all shots"));
+    assert!(wrong("lumen", "lummen").contains("unknown field `lummen`"));
+    assert!(wrong("unset = [\"range\"]", "unset = 3").contains("no list of keys"));
+    assert!(wrong("unset = [\"range\"]", "range = -1").contains("light \"key\""));
+    assert!(wrong(of_key, "lumen").contains("an entry without a name"));
+    assert!(refusal(&format!("{text}\n[[shot]]\ncamera = \"eye_left\"")).contains("is defined twice"));
+}

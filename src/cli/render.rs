@@ -114,7 +114,11 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
     let target = args.light_options.target()?;
     let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
     let emitters = Emitters::of(&session.scene);
-    let rigs: Vec<Rig> = rigs.iter().map(|rig| emitters.complete(rig).into_owned()).collect();
+    let camera = &session.framebuffer.camera.name;
+    let of_shot = |(rig, path): (&Rig, &PathBuf)| {
+        emitters.complete(rig).of_shot(camera).map_err(|reason| Error::import(path, reason))
+    };
+    let rigs: Vec<Rig> = rigs.iter().zip(&args.rig).map(of_shot).collect::<Result<_>>()?;
     let first = session.rig.clone();
     let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let rigs: Vec<(String, &Rig)> = match rigs.as_slice() {

@@ -9,7 +9,10 @@ use crate::scene::Rig;
 pub struct Entry {
     /// Description of the edit: "key: +0.5 stop".
     pub name: String,
+    /// The lights as the shown camera sees them.
     state: RigState,
+    /// The lights of all shots.
+    base: RigState,
     /// Selection after undoing the edit.
     selected_before: Selection,
     /// Selection after redoing the edit.
@@ -23,8 +26,9 @@ pub struct Entry {
 }
 
 impl Entry {
-    pub fn state(&self) -> &RigState {
-        &self.state
+    /// The lights of all shots.
+    pub fn base(&self) -> &RigState {
+        &self.base
     }
 }
 
@@ -40,10 +44,12 @@ pub struct History {
 }
 
 impl History {
-    pub fn new(opened: &Rig) -> Self {
+    /// `opened`: as the camera sees the lights, and of all shots.
+    pub fn new(opened: [&Rig; 2]) -> Self {
         let entry = Entry {
             name: "opened".into(),
-            state: RigState::of(opened),
+            state: RigState::of(opened[0]),
+            base: RigState::of(opened[1]),
             selected_before: Selection::default(),
             selected_after: Selection::default(),
             edited: Vec::new(),
@@ -54,9 +60,11 @@ impl History {
     }
 
     /// Records a change and returns its description: `name`, or else one derived from the change. Merged with the last
-    /// entry if both belong to one gesture. `selected` is the selection before and after the change.
-    pub fn push(&mut self, rig: &Rig, selected: [&Selection; 2], name: Option<String>) -> &str {
-        let state = self.state().then(rig);
+    /// entry if both belong to one gesture. `rigs`: as the camera sees the lights, and
+    /// of all shots. `selected` is the selection before and after the change.
+    pub fn push(&mut self, rigs: [&Rig; 2], selected: [&Selection; 2], name: Option<String>) -> &str {
+        let entry = &self.entries[self.current];
+        let (state, base) = (entry.state.then(rigs[0]), entry.base.then(rigs[1]));
         self.entries.truncate(self.current + 1);
         let last = &self.entries[self.current];
         let joins = self.current > 0 && last.gesture == self.gesture && last.state.has_lists_of(&state);
@@ -67,13 +75,14 @@ impl History {
             self.current -= 1;
         }
         let before = self.state();
-        if joins && *before == state {
+        if joins && *before == state && self.entries[self.current].base == base {
             return "no change";
         }
         let entry = Entry {
             name: name.unwrap_or_else(|| describe::change(before, &state)),
             edited: state.edited_since(before),
             state,
+            base,
             selected_before,
             selected_after: selected[1].clone(),
             gesture: self.gesture,
@@ -103,13 +112,19 @@ impl History {
         &self.entries[self.current].state
     }
 
-    /// Restores the state of entry `index` in `rig`; returns the selection of that state.
-    pub fn go_to(&mut self, index: usize, rig: &mut Rig) -> Selection {
+    /// Takes the lights of the current entry as another camera sees them.
+    pub fn look_at(&mut self, rig: &Rig) {
+        let entry = &mut self.entries[self.current];
+        entry.state = entry.state.then(rig);
+    }
+
+    /// Restores the state of entry `index` in `base`, the lights of all shots; returns the selection of that state.
+    pub fn go_to(&mut self, index: usize, base: &mut Rig) -> Selection {
         self.end_gesture();
         let back = index < self.current;
         self.current = index;
         let entry = &self.entries[index];
-        entry.state.put_into(rig);
+        entry.base.put_into(base);
         match self.entries.get(index + 1).filter(|_| back) {
             Some(undone) => undone.selected_before.clone(),
             None => entry.selected_after.clone(),

@@ -23,6 +23,7 @@ pub use self::linking::{LinkEdit, PickedObject};
 pub use self::place::Pick;
 use self::selection::Selection;
 use self::snapshots::Snapshots;
+use crate::scene::rig::Shot;
 use crate::scene::{Camera, Emitters, Light, Rig, Scene};
 
 /// What a light keeps when its size changes.
@@ -36,6 +37,9 @@ pub enum SizeKeeps {
 
 /// The lighting desk: rig, selection, history and snapshots.
 pub struct Desk {
+    /// The lights of all shots.
+    base: Rig,
+    /// The lights as the camera sees them.
     rig: Rig,
     selection: Selection,
     history: History,
@@ -48,6 +52,8 @@ pub struct Desk {
     /// Distance from a surface at which a light is placed, metres.
     lift: f64,
     pub size_keeps: SizeKeeps,
+    /// Whether edits change only the lights of the camera's shot.
+    pub only_here: bool,
     /// Message to the user about the last action.
     pub message: String,
 }
@@ -56,16 +62,22 @@ impl Desk {
     /// Selects the first light. `radius` is the radius of the scene, metres.
     pub fn new(mut rig: Rig, camera: Camera, radius: f64) -> Self {
         let snapshots = Snapshots::loaded(std::mem::take(&mut rig.snapshots));
+        let (base, rig) = match rig.of_shot(&camera.name) {
+            Ok(seen) => (rig, seen),
+            Err(_) => (Rig { shots: Vec::new(), ..rig.clone() }, Rig { shots: Vec::new(), ..rig }),
+        };
         let mut desk = Self {
             selection: Selection::of((!rig.lights.is_empty()).then_some(0)),
-            history: History::new(&rig),
+            history: History::new([&rig, &base]),
             snapshots,
+            base,
             rig,
             version: 0,
             camera,
             step: step(radius),
             lift: lift(radius),
             size_keeps: SizeKeeps::Power,
+            only_here: false,
             message: String::new(),
         };
         desk.message = match desk.selection.is_empty() {
@@ -79,7 +91,7 @@ impl Desk {
     /// the scene. An error names the light whose links name what is not there any more.
     pub fn rig_in(&self, scene: &Scene, own: &Rig) -> Result<Rig, String> {
         let emitters = Emitters::of(scene);
-        let mut rig = self.rig.clone();
+        let mut rig = self.base.clone();
         rig.camera.clone_from(&own.camera);
         rig.retain_lights(|_, light| light.material.as_ref().is_none_or(|material| emitters.names.contains(material)));
         for light in &mut rig.lights {
@@ -97,26 +109,61 @@ impl Desk {
         (self.camera, self.step, self.lift) = (camera, step(radius), lift(radius));
         let fits = |entry: &Entry| {
             let mut rig = Rig::default();
-            entry.state().put_into(&mut rig);
+            entry.base().put_into(&mut rig);
             rig.check_links(scene).is_ok()
         };
         if !self.history.entries().iter().all(fits) {
-            self.history = History::new(&self.rig);
+            self.history = History::new([&self.rig, &self.base]);
         }
         let selection = self.selection.clone().within(rig.lights.len());
         self.history.end_gesture();
-        self.replace_rig(rig, selection, Some("scene loaded again".into()));
+        self.replace_base(rig, selection, Some("scene loaded again".into()));
         self.history.end_gesture();
     }
 
-    /// Takes another camera of the scene: lights move as it sees them.
+    /// Takes another camera of the scene: lights move as it sees them, and have the values of its shot.
     pub fn look_from(&mut self, camera: Camera) {
+        self.history.end_gesture();
         self.camera = camera;
+        self.see_base();
     }
 
-    /// The current lights, without snapshots.
+    /// Shows the lights of all shots as the camera sees them.
+    fn see_base(&mut self) {
+        match self.base.of_shot(&self.camera.name) {
+            Ok(rig) => self.rig = rig,
+            Err(reason) => self.message = reason,
+        }
+        self.history.look_at(&self.rig);
+        self.version += 1;
+    }
+
+    /// The current lights as the camera sees them, without shots and snapshots.
     pub fn rig(&self) -> &Rig {
         &self.rig
+    }
+
+    /// The current lights of all shots, without snapshots.
+    pub fn base(&self) -> &Rig {
+        &self.base
+    }
+
+    /// What the shown shot has of its own, if it does.
+    pub fn shot(&self) -> Option<&Shot> {
+        self.base.shot(&self.camera.name)
+    }
+
+    /// Makes the selected lights in this shot as they are in all others.
+    pub fn share_selected(&mut self) {
+        let names: Vec<String> = self.selection.iter().map(|light| self.rig.lights[light].name.clone()).collect();
+        let mut base = self.base.clone();
+        if let Err(reason) = base.share(&self.camera.name, &names) {
+            self.message = reason;
+            return;
+        }
+        self.history.end_gesture();
+        self.replace_base(base, self.selection.clone(), Some(format!("{}: as in all shots", names.join(", "))));
+        self.history.end_gesture();
     }
 
     pub fn history(&self) -> &History {
@@ -231,9 +278,27 @@ impl Desk {
             self.message = reason;
             return;
         }
-        self.message = self.history.push(&rig, [&self.selection, &selection], name).to_owned();
-        self.rig = rig;
-        self.selection = selection;
+        match self.base.edited_in_shot(&self.camera.name, [&self.rig, &rig], self.only_here) {
+            Ok(base) => self.record(rig, base, selection, name),
+            Err(reason) => self.message = reason,
+        }
+    }
+
+    /// Replaces the lights of all shots.
+    fn replace_base(&mut self, base: Rig, selection: Selection, name: Option<String>) {
+        if base == self.base {
+            return;
+        }
+        let seen = base.of_shot(&self.camera.name).and_then(|rig| check::check(&self.rig, &rig).map(|()| rig));
+        match seen {
+            Ok(rig) => self.record(rig, base, selection, name),
+            Err(reason) => self.message = reason,
+        }
+    }
+
+    fn record(&mut self, rig: Rig, base: Rig, selection: Selection, name: Option<String>) {
+        self.message = self.history.push([&rig, &base], [&self.selection, &selection], name).to_owned();
+        (self.rig, self.base, self.selection) = (rig, base, selection);
         self.version += 1;
     }
 
@@ -269,8 +334,9 @@ impl Desk {
 
     /// Restores the state of a history entry.
     pub fn go_to(&mut self, entry: usize) {
-        self.selection = self.history.go_to(entry, &mut self.rig).within(self.rig.lights.len());
-        self.version += 1;
+        let selection = self.history.go_to(entry, &mut self.base);
+        self.see_base();
+        self.selection = selection.within(self.rig.lights.len());
         self.message = self.history.entries()[entry].name.clone();
     }
 

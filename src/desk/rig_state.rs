@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::scene::rig::Shot;
 use crate::scene::{Light, LightGroup, ObjectSet, Rig};
 
 /// One state of the lights. States share lights, so each state costs little more than a list of pointers.
@@ -10,6 +11,7 @@ pub struct RigState {
     pub lights: Vec<Arc<Light>>,
     pub groups: Vec<Arc<LightGroup>>,
     pub sets: Arc<Vec<ObjectSet>>,
+    pub shots: Arc<Vec<Shot>>,
 }
 
 impl RigState {
@@ -18,6 +20,7 @@ impl RigState {
             lights: rig.lights.iter().cloned().map(Arc::new).collect(),
             groups: rig.groups.iter().cloned().map(Arc::new).collect(),
             sets: Arc::new(rig.sets.clone()),
+            shots: Arc::new(rig.shots.clone()),
         }
     }
 
@@ -27,14 +30,16 @@ impl RigState {
             lights: shared(&self.lights, &rig.lights, |light| &light.name),
             groups: shared(&self.groups, &rig.groups, |group| &group.name),
             sets: if *self.sets == rig.sets { self.sets.clone() } else { Arc::new(rig.sets.clone()) },
+            shots: if *self.shots == rig.shots { self.shots.clone() } else { Arc::new(rig.shots.clone()) },
         }
     }
 
-    /// Replaces the lights, groups and sets of `rig` by those of this state.
+    /// Replaces the lights, groups, sets and shots of `rig` by those of this state.
     pub fn put_into(&self, rig: &mut Rig) {
         rig.lights = self.lights.iter().map(|light| Light::clone(light)).collect();
         rig.groups = self.groups.iter().map(|group| LightGroup::clone(group)).collect();
         rig.sets.clone_from(&self.sets);
+        rig.shots.clone_from(&self.shots);
     }
 
     pub fn has_lists_of(&self, other: &Self) -> bool {

@@ -132,7 +132,7 @@ impl Desk {
             snapshot.state.put_into(&mut rig);
             Some(RigSnapshot { slot, note: snapshot.note.clone(), rig })
         });
-        Rig { snapshots: stored.collect(), ..self.rig.clone() }
+        Rig { snapshots: stored.collect(), ..self.base.clone() }
     }
 
     /// Replaces lights and snapshots by those that a crash left.
@@ -145,7 +145,7 @@ impl Desk {
             _ => self.selection.clone().within(count),
         };
         let rig = Rig { camera: self.rig.camera.clone(), ..rig };
-        self.replace_rig(rig, selection, Some("recovered".into()));
+        self.replace_base(rig, selection, Some("recovered".into()));
         self.history.end_gesture();
     }
 }

@@ -8,9 +8,12 @@ use crate::scene::{LightGroup, LightKind, Links, ObjectSet, Projection, Scene};
 fn desk(count: usize) -> Desk {
     let light = |i: usize| Light::point(&format!("key_{i}"), DVec3::new(i as f64, 1.0, 0.0));
     let rig = Rig { lights: (0..count).map(light).collect(), ..Rig::default() };
+    Desk::new(rig, desk_camera(), 10.0)
+}
+
+fn desk_camera() -> Camera {
     let yfov = Projection::Perspective { yfov: 0.7 };
-    let camera = Camera::look_at(DVec3::Z * 5.0, DVec3::ZERO, DVec3::Y, yfov).unwrap();
-    Desk::new(rig, camera, 10.0)
+    Camera::look_at(DVec3::Z * 5.0, DVec3::ZERO, DVec3::Y, yfov).unwrap()
 }
 
 const RIGHT: LightEdit = LightEdit::Move { frame: Frame::Camera, axis: DVec3::X };
@@ -174,7 +177,8 @@ fn several() -> Desk {
         light.color = Vec3::new(1.0, 0.5 + 0.1 * i as f32, 0.2);
         light.enabled = index != 1;
     }
-    desk.history = History::new(&desk.rig);
+    desk.base = desk.rig.clone();
+    desk.history = History::new([&desk.rig, &desk.base]);
     desk.select(Selection::of([1, 2, 0]));
     desk
 }
@@ -573,7 +577,8 @@ fn a_change_of_size_keeps_power_or_radiance() {
     }
     desk.rig.lights[1].radius = 0.0;
     desk.rig.lights[2].follows = Some(0);
-    desk.history = History::new(&desk.rig);
+    desk.base = desk.rig.clone();
+    desk.history = History::new([&desk.rig, &desk.base]);
     let first = desk.rig().clone();
     let strengths = |desk: &Desk| [0, 1, 2].map(|i| (desk.rig().lights[i].radius, desk.rig().lights[i].intensity));
     // By key, as the power stays.
@@ -599,4 +604,50 @@ fn a_change_of_size_keeps_power_or_radiance() {
     desk.go_to(0);
     desk.edit_primary_and_selection(Light { intensity: 4.0, ..desk.rig().lights[0].clone() });
     assert_eq!(strengths(&desk), [(0.5, 4.0), (0.0, 4.0), (0.5, 4.0)]);
+}
+
+#[test]
+fn shots_differ_where_they_were_told_to() {
+    let mut desk = desk(2);
+    let camera = |name: &str| Camera { name: name.into(), ..desk_camera() };
+    desk.look_from(camera("left"));
+    desk.only_here = true;
+    desk.edit(LightEdit::Stops(1.0));
+    desk.only_here = false;
+    desk.end_gesture();
+    desk.edit(RIGHT);
+    let left = desk.rig().clone();
+    desk.look_from(camera("right"));
+    let right = desk.rig().clone();
+    assert_eq!((left.lights[0].stops, right.lights[0].stops), (1.0, 0.0));
+    assert_eq!(left.lights[0].position, right.lights[0].position, "it moved in all shots");
+
+    // What is of this shot alone is edited there, wherever edits go.
+    desk.look_from(camera("left"));
+    desk.edit(LightEdit::Stops(0.5));
+    assert_eq!(desk.rig().lights[0].stops, 1.5);
+    desk.look_from(camera("right"));
+    assert_eq!(desk.rig(), &right);
+
+    // Undone from another camera.
+    for expected in [1.0, 1.0, 0.0] {
+        desk.undo();
+        assert_eq!(desk.base().of_shot("left").unwrap().lights[0].stops, expected, "{}", desk.message);
+    }
+    assert!(desk.base().shots.is_empty() && !desk.is_unsaved());
+    (0..3).for_each(|_| desk.redo());
+    desk.look_from(camera("left"));
+    desk.share_selected();
+    assert_eq!((desk.rig(), desk.base().shots.len()), (&right, 0), "{}", desk.message);
+
+    // A light's name and end are the same everywhere.
+    desk.only_here = true;
+    desk.edit(LightEdit::Stops(1.0));
+    let renamed = Light { name: "rim".into(), ..desk.rig().lights[0].clone() };
+    desk.edit_primary_and_selection(renamed);
+    desk.look_from(camera("right"));
+    assert_eq!((&*desk.rig().lights[0].name, desk.rig().lights[0].stops), ("rim", 0.0));
+    assert_eq!(desk.base().of_shot("left").unwrap().lights[0].stops, 1.0);
+    desk.delete();
+    assert!(desk.base().shots.is_empty() && desk.rig().lights.len() == 1);
 }

@@ -112,6 +112,8 @@ pub struct Session {
     pub transfer: Option<Arc<Transfer>>,
     /// The lights that the first picture shows.
     pub rig: Rig,
+    /// The lights of all shots.
+    pub base_rig: Rig,
     pub bake: BakeReport,
     /// Names what the deep framebuffer depends on.
     pub key: cache::Key,
@@ -385,13 +387,13 @@ impl Session {
         mut report: BakeReport,
         progress: &dyn Progress,
     ) -> Result<Self> {
-        let Opened { scene, rig, camera, size } = opened;
+        let Opened { scene, rig, base_rig, camera, size } = opened;
         settings.check_view(&scene, &rig, size)?;
         let scene = report.clocked(|report| report.stage("build BVH", || build_bvh(scene, progress)));
-        Self::of_view(Arc::new(scene), rig, (camera, size), settings, report, progress)
+        Self::of_view(Arc::new(scene), [rig, base_rig], (camera, size), settings, report, progress)
     }
 
-    /// A scene that another session opened, from the camera that `settings` name.
+    /// A scene that another session opened, from the camera that `settings` name. `rig`: the lights of all shots.
     pub fn of_traced(
         scene: Arc<TracedScene>,
         rig: Rig,
@@ -400,12 +402,13 @@ impl Session {
     ) -> Result<Self> {
         let view = choose_view(&scene, &rig, &settings.open)?;
         settings.check_view(&scene, &rig, view.1)?;
-        Self::of_view(scene, rig, view, settings, BakeReport::default(), progress)
+        let seen = rig.of_shot(&view.0.name).map_err(|reason| Error::invalid("the lights", reason))?;
+        Self::of_view(scene, [seen, rig], view, settings, BakeReport::default(), progress)
     }
 
     fn of_view(
         scene: Arc<TracedScene>,
-        rig: Rig,
+        [rig, base_rig]: [Rig; 2],
         (camera, size @ [width, height]): (Camera, [u32; 2]),
         settings: &SessionSettings,
         mut report: BakeReport,
@@ -483,6 +486,7 @@ impl Session {
             framebuffer,
             transfer: None,
             rig,
+            base_rig,
             bake: report,
             key,
             cache_dir: cache_dir.clone(),

@@ -22,7 +22,10 @@ pub struct OpenSettings {
 /// A scene as it is lit and seen, before any of it is computed.
 pub struct Opened {
     pub scene: Scene,
+    /// The lights as the camera sees them.
     pub rig: Rig,
+    /// The lights of all shots.
+    pub base_rig: Rig,
     pub camera: Camera,
     pub size: [u32; 2],
 }
@@ -61,7 +64,8 @@ impl Opened {
             }
         }
         let (camera, size) = choose_view(&scene, &rig, settings)?;
-        Ok(Self { scene, rig, camera, size })
+        let seen = rig.of_shot(&camera.name).map_err(|reason| Error::import(rig_path.unwrap_or(path), reason))?;
+        Ok(Self { scene, rig: seen, base_rig: rig, camera, size })
     }
 }
 

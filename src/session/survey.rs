@@ -165,7 +165,7 @@ impl Survey {
         settings.check()?;
         let mut report = BakeReport::default();
         let opened = report.stage("load", || Opened::new(path, rig_path, &settings.open, progress))?;
-        let Opened { scene, rig, camera, size } = opened;
+        let Opened { scene, rig, camera, size, .. } = opened;
         let scene = report.stage("build BVH", || build_bvh(scene, progress));
         let view = View { scene: &scene, rig: &rig, camera: &camera, settings };
         let (framebuffer, counts, counted_in) = match report.stage("read cache", || view.stored(size)) {

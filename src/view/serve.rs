@@ -14,9 +14,9 @@ use crate::error::{Error, Result};
 use crate::gpu::Context;
 use crate::relight::{Picture, Relighter, choose_device, exposure};
 use crate::scene::Rig;
+use crate::scene::rig::merge_patch::Object;
 use crate::trace::bvh::TracedScene;
 use crate::wire::host::Lit;
-use crate::wire::merge_patch::Object;
 use crate::wire::picture::picture;
 use crate::wire::{Host, Inbound, Other, Server};
 
@@ -38,7 +38,7 @@ pub fn serve(settings: PictureSettings, listen: Option<&Path>, source: SceneSour
     )?;
     let loads = Loads::new(source, messenger);
     let mut served = Served { host: Host::new(server), settings, context, loads, open: None };
-    for Numbered { scene, event } in messages {
+    for Numbered { scene, event, .. } in messages {
         let has_left = matches!(event, LoadEvent::Wire(Inbound::Left(_))) && listen.is_none();
         if has_left {
             break;

@@ -5,13 +5,13 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::merge_patch::{Object, object, without};
 use super::message::{PictureRequest, Request};
-use super::rig_diff::{diff, whole};
-use super::rig_patch::apply;
 use super::server::{Client, Inbound, Pending, Server};
 use crate::desk::Desk;
 use crate::error::Error;
+use crate::scene::rig::diff::{diff, whole};
+use crate::scene::rig::merge_patch::{Object, object, without};
+use crate::scene::rig::patch::apply;
 use crate::scene::rig::without_dots;
 use crate::scene::{Emitters, Rig, Scene};
 

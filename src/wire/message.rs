@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::merge_patch::Object;
+use crate::scene::rig::merge_patch::Object;
 
 /// Version of the protocol: it changes when a client for the old one would misunderstand the new one.
 pub const PROTOCOL: u64 = 1;

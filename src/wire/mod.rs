@@ -9,11 +9,8 @@
 mod connection_file;
 pub mod host;
 mod lines;
-pub mod merge_patch;
 pub mod message;
 pub mod picture;
-pub mod rig_diff;
-pub mod rig_patch;
 pub mod server;
 
 pub use self::host::{Host, Other};

@@ -13,9 +13,9 @@ use serde_json::{Value, json};
 
 use super::connection_file::ConnectionFile;
 use super::lines::read_line;
-use super::merge_patch::Object;
 use super::message::{PROTOCOL, Request, parse};
 use crate::error::{Error, Result};
+use crate::scene::rig::merge_patch::Object;
 
 /// Connections at a time, those that have not said hello yet included.
 const MOST_CONNECTIONS: usize = 128;

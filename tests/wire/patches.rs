@@ -5,10 +5,10 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use relume::scene::light_filter::BarnDoors;
-use relume::scene::{Light, LightGroup, LightKind, ObjectSet, Rig};
-use relume::wire::merge_patch::{Object, merge};
-use relume::wire::rig_diff::{diff, whole};
-use relume::wire::rig_patch::apply;
+use relume::scene::rig::diff::{diff, whole};
+use relume::scene::rig::merge_patch::{Object, merge};
+use relume::scene::rig::patch::apply;
+use relume::scene::{Light, LightGroup, LightKind, ObjectSet, Rig, RigFiles};
 
 fn light(name: String) -> impl Strategy<Value = Light> {
     let kind = prop_oneof![Just(LightKind::Point), Just(LightKind::Spot), Just(LightKind::Rect), Just(LightKind::Disk)];
@@ -89,4 +89,47 @@ fn renamed_lights_keep_their_place() {
     let patch = diff(&before, &after);
     assert_eq!(serde_json::json!(patch), serde_json::json!({ "lights": { "a": { "name": "c", "stops": 1.0 } } }));
     assert_eq!(apply(&before, patch, Path::new("")).unwrap(), after);
+}
+
+proptest! {
+    /// Whatever is edited in whichever shot: that shot shows it, and a file has all shots.
+    #[test]
+    fn an_edit_in_a_shot_shows_there(
+        first in rig(),
+        edits in prop::collection::vec((rig(), prop_oneof![Just("left"), Just("right")], any::<bool>()), 1..5),
+    ) {
+        let mut base = first;
+        for (after, camera, only_here) in edits {
+            let before = base.of_shot(camera).unwrap();
+            // Cones that are valid here and not in another shot are refused.
+            let Ok(edited) = base.edited_in_shot(camera, [&before, &after], only_here) else { continue };
+            prop_assert_eq!(by_name(&edited.of_shot(camera).unwrap()), by_name(&after), "{:?}", edited.shots);
+            let stored = Rig::from_toml(&edited.to_toml(Path::new("")), RigFiles::new(Path::new(""))).unwrap();
+            for camera in ["left", "right", "middle"] {
+                let [is, was] = [&stored, &edited].map(|rig| by_name(&rig.of_shot(camera).unwrap()));
+                prop_assert_eq!(is, was, "{}", edited.to_toml(Path::new("")));
+            }
+            base = edited;
+        }
+    }
+
+    /// Values that change in one shot alone are as before in all others.
+    #[test]
+    fn an_edit_of_one_shot_alone_leaves_the_others(base in rig(), stops in -2.0..2.0f64, other in 0.0..1.0f64) {
+        let before = base.of_shot("left").unwrap();
+        let mut after = before.clone();
+        after.lights.iter_mut().for_each(|light| (light.stops, light.visible) = (stops, !light.visible));
+        after.groups[0].stops = stops;
+        let edited = base.edited_in_shot("left", [&before, &after], true).unwrap();
+        prop_assert_eq!(by_name(&edited.of_shot("right").unwrap()), by_name(&base));
+        // Then an edit of all shots leaves what is of this one alone.
+        let before = edited.of_shot("right").unwrap();
+        let mut after = before.clone();
+        after.lights.iter_mut().for_each(|light| (light.stops, light.intensity) = (-stops, other));
+        let edited = edited.edited_in_shot("right", [&before, &after], false).unwrap();
+        for (left, right) in edited.of_shot("left").unwrap().lights.iter().zip(&after.lights) {
+            prop_assert_eq!((left.stops, left.intensity), (stops, other));
+            prop_assert_eq!(left.visible, !right.visible);
+        }
+    }
 }

@@ -4,9 +4,13 @@
 //! radians or, if there are none, the nearest (1e-15 relative).
 
 mod blackbody;
+pub mod diff;
+pub mod merge_patch;
+pub mod patch;
 mod read;
 mod read_light;
 mod rig_text;
+mod shots;
 mod write;
 
 use std::borrow::Cow;
@@ -14,6 +18,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 pub use blackbody::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb, xyz_to_rgb};
+pub use shots::Shot;
 
 use super::{Camera, Light, LightGroup, LightKind, ObjectSet, RigFiles, usd};
 use crate::error::{Error, Result};
@@ -27,6 +32,8 @@ pub struct Rig {
     /// Names that lights' links use.
     pub sets: Vec<ObjectSet>,
     pub lights: Vec<Light>,
+    /// What lights have only in pictures of one camera; see [`Rig::of_shot`].
+    pub shots: Vec<Shot>,
     /// Other states of the lights, for the lighting desk; renders ignore them.
     pub snapshots: Vec<RigSnapshot>,
 }
@@ -41,7 +48,7 @@ pub struct RigSnapshot {
     pub slot: usize,
     /// Note of the user.
     pub note: String,
-    /// Groups, sets and lights; without camera and snapshots.
+    /// Groups, sets and lights; without camera, shots and snapshots.
     pub rig: Rig,
 }
 
@@ -117,6 +124,9 @@ impl Rig {
 
     /// Removes the lights for which `stays` does not hold; their followers follow no light any more.
     pub fn retain_lights(&mut self, stays: impl Fn(usize, &Light) -> bool) {
+        let leaves = self.lights.iter().enumerate().filter(|(index, light)| !stays(*index, light));
+        let leaves: Vec<String> = leaves.map(|(_, light)| light.name.clone()).collect();
+        self.shots.iter_mut().for_each(|shot| shot.forget_lights(&leaves));
         let stays: Vec<bool> = self.lights.iter().enumerate().map(|(index, light)| stays(index, light)).collect();
         let stay_before = |light: usize| stays[..light].iter().filter(|stays| **stays).count();
         for light in &mut self.lights {

@@ -4,8 +4,10 @@ use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 use serde::Deserialize;
+use serde_json::{Value, json};
 use toml::Spanned;
 
+use super::merge_patch::{Object, object};
 use super::read_light::{self, LightEntry, is_color};
 use super::rig_text::RigText;
 use super::{Rig, RigSnapshot, SLOTS, without_dots};
@@ -22,7 +24,19 @@ struct File {
     #[serde(default)]
     light: Vec<LightEntry>,
     #[serde(default)]
+    shot: Vec<ShotEntry>,
+    #[serde(default)]
     snapshot: Vec<SnapshotEntry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ShotEntry {
+    camera: Spanned<String>,
+    #[serde(default)]
+    group: Vec<Spanned<toml::Table>>,
+    #[serde(default)]
+    light: Vec<Spanned<toml::Table>>,
 }
 
 #[derive(Deserialize)]
@@ -91,6 +105,7 @@ pub fn parse(source: &str, mut files: RigFiles) -> Result<Rig, String> {
     })?;
     let camera = file.camera.map(|camera| text.camera(camera)).transpose()?;
     let mut rig = Rig { camera, ..text.lists(file.group, file.set, file.light, &mut files)? };
+    file.shot.into_iter().try_for_each(|entry| text.shot(entry, &mut rig))?;
     for SnapshotEntry { slot, note, group, set, light } in file.snapshot {
         let wrong = |reason: &str| Err(text.line(slot.span(), format!("snapshot {} {reason}", slot.get_ref())));
         if !(1..=SLOTS).contains(slot.get_ref()) {
@@ -143,6 +158,37 @@ impl RigText<'_> {
         }
         self.follow(&mut rig, &leaders, &light_indices)?;
         Ok(rig)
+    }
+
+    fn shot(&self, ShotEntry { camera, group, light }: ShotEntry, rig: &mut Rig) -> Result<(), String> {
+        let at = camera.span();
+        let name = without_dots(camera.get_ref());
+        let wrong = |reason: &str| Err(self.line(at.clone(), format!("shot \"{name}\" {reason}")));
+        if rig.shot(&name).is_some() {
+            return wrong("is defined twice");
+        }
+        let mut values = Object::new();
+        for (list, entries) in [("groups", group), ("lights", light)] {
+            let mut of_list = Object::new();
+            for entry in entries {
+                let mut entry = entry.into_inner();
+                let Some(toml::Value::String(of)) = entry.remove("name") else {
+                    return wrong("has an entry without a name");
+                };
+                let unset = match entry.remove("unset").map(toml::Value::try_into::<Vec<String>>) {
+                    None => Vec::new(),
+                    Some(Ok(keys)) => keys,
+                    Some(Err(_)) => return wrong(&format!("has \"{of}\" with an unset that is no list of keys")),
+                };
+                let mut own = object(json!(entry));
+                own.extend(unset.into_iter().map(|key| (key, Value::Null)));
+                if of_list.insert(without_dots(&of), own.into()).is_some() {
+                    return wrong(&format!("has \"{of}\" twice"));
+                }
+            }
+            values.insert(list.to_owned(), of_list.into());
+        }
+        rig.add_shot(&name, values).map_err(|reason| self.line(at, format!("shot \"{name}\": {reason}")))
     }
 
     fn camera(&self, entry: Spanned<CameraEntry>) -> Result<Camera, String> {

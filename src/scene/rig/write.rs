@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 
-use super::{Rig, RigSnapshot};
+use super::{Rig, RigSnapshot, Shot};
 use crate::scene::light_filter::{Gobo, SOFTNESS_DEG};
 use crate::scene::{
     Camera, DomeMap, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, PhysicalSky, Projection,
@@ -19,6 +19,7 @@ pub fn to_toml(rig: &Rig, folder: &Path) -> String {
         out.camera(camera);
     }
     out.lists(rig, folder);
+    rig.shots.iter().for_each(|shot| out.shot(shot));
     for RigSnapshot { slot, note, rig } in &rig.snapshots {
         out.table = "";
         out.header("snapshot");
@@ -89,6 +90,24 @@ impl Document {
         rig.groups.iter().for_each(|group| self.group(group));
         rig.sets.iter().for_each(|set| self.set(set));
         rig.lights.iter().for_each(|light| self.light(light, rig, folder));
+    }
+
+    fn shot(&mut self, shot: &Shot) {
+        self.table = "";
+        self.header("shot");
+        self.key("camera", string(&shot.camera));
+        self.table = "shot.";
+        for (table, list) in [("group", "groups"), ("light", "lights")] {
+            for (name, values) in shot.entries(list) {
+                self.header(table);
+                self.key("name", string(name));
+                let (unset, set): (Vec<_>, Vec<_>) = values.iter().partition(|(_, value)| value.is_null());
+                set.into_iter().for_each(|(key, value)| self.key(key, toml_value(value)));
+                if !unset.is_empty() {
+                    self.key("unset", toml_value(unset.into_iter().map(|(key, _)| key).collect::<Vec<_>>()));
+                }
+            }
+        }
     }
 
     fn key(&mut self, key: &str, value: impl Display) {

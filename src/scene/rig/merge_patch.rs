@@ -62,7 +62,7 @@ fn is_same(a: &Value, b: &Value) -> bool {
 }
 
 /// The object that a value is known to be.
-pub(super) fn object(value: Value) -> Object {
+pub(crate) fn object(value: Value) -> Object {
     match value {
         Value::Object(object) => object,
         _ => unreachable!("it was written as an object"),

@@ -10,8 +10,9 @@ use std::collections::HashMap;
 
 use serde_json::{Value, json};
 
+use super::Rig;
 use super::merge_patch::{Object, difference};
-use crate::scene::{Light, Rig};
+use crate::scene::Light;
 
 /// All groups, sets and lights.
 pub fn whole(rig: &Rig) -> Object {

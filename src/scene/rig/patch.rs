@@ -1,12 +1,12 @@
-//! Changes of a rig's lights by a JSON Merge Patch of [`whole`](super::rig_diff::whole).
+//! Changes of a rig's lights by a JSON Merge Patch of [`whole`](super::diff::whole).
 
 use std::path::Path;
 
 use serde_json::{Value, json};
 
 use super::merge_patch::{Object, merge, object};
-use crate::scene::rig::without_dots;
-use crate::scene::{LightKind, ObjectSet, Rig, RigFiles};
+use super::{Rig, without_dots};
+use crate::scene::{LightKind, ObjectSet, RigFiles};
 
 /// Keys of which an entry has one.
 const EXCLUSIVE: [&[&str]; 3] =
