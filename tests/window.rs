@@ -253,3 +253,56 @@ fn another_camera_of_the_scene_is_a_key_away() {
     window.keys(&["ctrl+q"]);
     window.ends_silently();
 }
+
+#[test]
+fn all_cameras_follow_a_light() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scene = command::with_second_camera("balls-2.glb", "left", [-1.5, 1.6, 4.0], &path("balls.glb"));
+    let (scene_text, rig) = (scene.to_str().unwrap(), path("balls.toml"));
+    let rig_text = rig.to_str().unwrap();
+    command::Run::of(command::relume().args(["rig", scene_text, "-o", rig_text])).done();
+    let name = Rig::load(&rig).unwrap().lights[0].name.clone();
+    let text = std::fs::read_to_string(&rig).unwrap();
+    let shot = format!("\n[[shot]]\ncamera = \"left\"\n\n[[shot.light]]\nname = \"{name}\"\ncolor = [1.0, 0.0, 0.0]\n");
+    std::fs::write(&rig, text + &shot).unwrap();
+    let size = [360, 240];
+    let mut window = desktop.relume(&["view", scene_text, "--rig", rig_text, "--exposure", "0.5", "--size", "360x240"]);
+    window.wait_for_window();
+    window.key("F2", "stops");
+    window.key("1", "picture 1:1");
+    window.key("shift+F10", "picture 1:1");
+    // The sheet has baked for the other camera once its picture shows an edit.
+    let headless = |camera: &str| {
+        let arguments = ["--exposure", "0.5", "--size", "360x240", "--rig", rig_text, "--camera", camera];
+        render_with(&scene, &arguments, &path("headless.png"))
+    };
+    let reddish = |pixels: &[[u8; 3]]| pixels.iter().filter(|p| p[0] > 60 && p[0] > 2 * p[1].max(1)).count();
+    let begun = std::time::Instant::now();
+    while reddish(&window.screenshot().rgb) < 1000 {
+        assert!(begun.elapsed().as_secs() < 120, "no picture of the other camera");
+        std::thread::sleep(std::time::Duration::from_millis(200));
+    }
+    let before = reddish(&window.screenshot().rgb);
+    window.key("m", "off");
+    let begun = std::time::Instant::now();
+    while 2 * reddish(&window.screenshot().rgb) > before {
+        assert!(begun.elapsed().as_secs() < 60, "the other camera's picture does not follow");
+        std::thread::sleep(std::time::Duration::from_millis(200));
+    }
+    window.key("ctrl+z", "undone");
+    window.key("plus", "+0.5 stop");
+    window.key("ctrl+s", "saved");
+    window.keys(&["Escape"]);
+    window.key("ctrl+Next", "camera left");
+    window.key("Tab", "2 of 2");
+    assert_eq!(difference(&cut(&window.screenshot(), size), &headless("left")), 0.0, "with the colour of its shot");
+    window.key("ctrl+Next", "camera camera");
+    window.key("Tab", "of 2");
+    assert_eq!(difference(&cut(&window.screenshot(), size), &headless("camera")), 0.0);
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+    let saved = Rig::load(&rig).unwrap();
+    assert_eq!((saved.shots.len(), saved.lights[0].stops), (1, 0.5));
+}

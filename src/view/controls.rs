@@ -13,6 +13,7 @@ use super::lights_list::lights_list;
 use super::linking_values::linking_values;
 use super::map_browser::MapBrowser;
 use super::open_scene::OpenScene;
+use super::shots::shots;
 use super::snapshots::snapshots;
 use super::view_menu::view_menu;
 use super::view_state::{Dialog, Displays, ViewState};
@@ -34,7 +35,7 @@ pub fn baking(ui: &mut Ui, what: &str, share: f32) {
 /// Draws the panel: lights, values of the selected lights, snapshots, history, picture.
 pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scene: &str, actions: &mut Vec<Action>) {
     let folder = open_scene.folder();
-    let OpenScene { desk, shares, thumbnails, map_browser, .. } = open_scene;
+    let OpenScene { desk, shares, thumbnails, map_browser, opened, .. } = open_scene;
     let mut button = |ui: &mut Ui, text: &str, command: Command, hint: &str| {
         if ui.button(text).on_hover_text(hint).clicked() {
             actions.push(Action::Do(command));
@@ -74,6 +75,7 @@ pub fn panel(ui: &mut Ui, open_scene: &mut OpenScene, view: &mut ViewState, scen
     ScrollArea::vertical().max_height(ui.available_height() - 166.0).auto_shrink([false, true]).show(ui, |ui| {
         light_values(ui, desk, &mut view.light_unit);
         light_extras(ui, desk, &folder, map_browser, &mut view.show_maps);
+        shots(ui, desk, &opened.scene.cameras, &opened.framebuffer.camera.name, view, actions);
         snapshots(ui, desk, thumbnails, view, actions);
         history_list(ui, desk);
     });

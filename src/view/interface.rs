@@ -63,6 +63,11 @@ impl Interface<'_> {
             let OpenScene { light_view, opened, desk, .. } = open_scene;
             light_view.show(ui, opened, desk);
         }
+        let shown = open_scene.shown_camera();
+        if view.show_shots {
+            let OpenScene { shot_sheet, opened, .. } = &mut *open_scene;
+            shot_sheet.show(ui, &mut view.show_shots, &opened.scene.cameras, shown, actions);
+        }
         let folder = open_scene.folder();
         let OpenScene { map_browser, map_ball, opened, desk, .. } = open_scene;
         map_browser.show(ui, &mut view.show_maps, desk, &folder);

@@ -67,6 +67,10 @@ pub enum Command {
     Panel,
     Overlay,
     FullScreen,
+    /// Looks from a camera of the scene, by its index.
+    Camera(usize),
+    /// Pictures of all cameras.
+    Shots,
     Help,
     Close,
 }
@@ -190,6 +194,11 @@ pub const SECTIONS: &[Section] = &[
             once(&[(NONE, Key::F8)], Command::View(View::Indirect), "indirect light"),
             once(&[(NONE, Key::F9)], Command::View(View::Light), "the selected light alone"),
             once(&[(NONE, Key::F10)], Command::View(View::Lights), "each light alone; click to select"),
+            once(
+                &[(Modifiers::SHIFT, Key::F10)],
+                Command::Shots,
+                "all cameras beside each other; click to look from one",
+            ),
             once(&[(NONE, Key::F12)], Command::NextChannel, "deep framebuffer: next channel"),
             once(&[(Modifiers::SHIFT, Key::F12)], Command::NextLayer, "next layer: seen in mirrors"),
             once(&[(Modifiers::SHIFT, Key::F8)], Command::View(View::TransferError), "error of indirect light"),

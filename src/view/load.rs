@@ -20,6 +20,8 @@ use crate::wire::Inbound;
 /// A message to the event loop, with the number of the scene that it is for. The scene may have been loaded again since.
 pub struct Numbered {
     pub scene: u32,
+    /// Of another camera than the shown one: its index in the scene.
+    pub shot: Option<usize>,
     pub event: LoadEvent,
 }
 
@@ -28,23 +30,29 @@ pub struct Numbered {
 pub struct Messenger {
     send: Arc<dyn Fn(Numbered) -> bool + Send + Sync>,
     scene: u32,
+    shot: Option<usize>,
 }
 
 impl Messenger {
     /// `send` returns whether somebody still takes messages.
     pub fn new(send: impl Fn(Numbered) -> bool + Send + Sync + 'static) -> Self {
-        Self { send: Arc::new(send), scene: 0 }
+        Self { send: Arc::new(send), scene: 0, shot: None }
     }
 
     /// The same for another scene.
     #[must_use]
     pub fn of_scene(&self, scene: u32) -> Self {
-        Self { send: self.send.clone(), scene }
+        Self { send: self.send.clone(), scene, shot: None }
+    }
+
+    /// The same for another camera of the scene.
+    fn of_shot(&self, shot: usize) -> Self {
+        Self { shot: Some(shot), ..self.clone() }
     }
 
     /// Returns whether somebody still takes messages.
     pub fn send(&self, event: LoadEvent) -> bool {
-        (self.send)(Numbered { scene: self.scene, event })
+        (self.send)(Numbered { scene: self.scene, shot: self.shot, event })
     }
 }
 
@@ -57,30 +65,62 @@ pub struct SceneSource {
     pub settings: SessionSettings,
 }
 
+/// What is known of a scene of which another camera is wanted.
+#[derive(Clone)]
+pub struct Known {
+    pub scene: Arc<TracedScene>,
+    /// The lights of all shots.
+    pub rig: Rig,
+    /// The camera's indirect light, if its picture is shown already.
+    pub transfer: Option<Arc<Transfer>>,
+}
+
 impl SceneSource {
-    /// Starts to load the scene and to bake it on a thread, which tells `messenger`. `known`: the scene as it is, with its
-    /// lights, if it is another camera that is wanted.
-    pub fn start(&self, messenger: Messenger, known: Option<(Arc<TracedScene>, Rig)>) -> Loading {
-        let (loader, loading) = Loader::new(messenger);
+    /// Starts to load the scene and to bake it on a thread, which tells `messenger`.
+    pub fn start(&self, messenger: Messenger, known: Option<Known>) -> Loading {
+        let (sender, domes) = channel();
+        let is_cancelled = Arc::<AtomicBool>::default();
+        let loader = Loader::new(messenger, domes, is_cancelled.clone());
         let source = self.clone();
         // Not joined, so that closing the window does not wait for a long bake.
         std::thread::spawn(move || loader.end(source.load(known, &loader)));
+        Loading { first_dome: Some(sender), is_cancelled }
+    }
+
+    /// Starts to bake for cameras of the scene, in turn, on a thread, which tells `messenger`.
+    pub fn start_shots(&self, messenger: &Messenger, known: &Known, shots: Vec<usize>) -> Loading {
+        let is_cancelled = Arc::<AtomicBool>::default();
+        let loading = Loading { first_dome: None, is_cancelled: is_cancelled.clone() };
+        let (messenger, known, mut source) = (messenger.clone(), known.clone(), self.clone());
+        std::thread::spawn(move || {
+            for shot in shots {
+                source.settings.open.camera = Some(known.scene.cameras[shot].name.clone());
+                // Domes that come later wait until the sheet is opened again.
+                let loader = Loader::new(messenger.of_shot(shot), channel().1, is_cancelled.clone());
+                loader.end(source.load(Some(known.clone()), &loader));
+                if is_cancelled.load(Ordering::Relaxed) {
+                    return;
+                }
+            }
+        });
         loading
     }
 
-    fn load(&self, known: Option<(Arc<TracedScene>, Rig)>, loader: &Loader) -> Result<()> {
-        let session = match known {
-            Some((scene, rig)) => Session::of_traced(scene, rig, &self.settings, loader)?,
-            None => Session::open_direct(&self.path, self.rig.as_deref(), &self.settings, loader)?,
+    fn load(&self, known: Option<Known>, loader: &Loader) -> Result<()> {
+        let (session, shown) = match known {
+            Some(Known { scene, rig, transfer }) => (Session::of_traced(scene, rig, &self.settings, loader)?, transfer),
+            None => (Session::open_direct(&self.path, self.rig.as_deref(), &self.settings, loader)?, None),
         };
-        let Session { scene, framebuffer, rig, transfers, bake, .. } = session;
+        let Session { scene, framebuffer, base_rig: rig, transfers, bake, .. } = session;
         let changed = bake.because;
         let opened = Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig, changed };
-        loader.send(LoadEvent::Opened(Box::new(opened)));
+        if shown.is_none() {
+            loader.send(LoadEvent::Opened(Box::new(opened)));
+        }
         let Some(transfers) = transfers else { return Ok(()) };
         let seen = BakeInput { scene: &scene, framebuffer: &framebuffer };
         let show = |transfer| loader.send(LoadEvent::Transfer(transfer));
-        let transfer = transfers.refine(seen, loader, show)?;
+        let transfer = shown.map_or_else(|| transfers.refine(seen, loader, show), Ok)?;
         if transfers.lacks_sky() && loader.wait_for_dome() {
             loader.send(LoadEvent::Transfer(Arc::new(transfers.add_sky(&transfer, seen, loader)?)));
         }
@@ -142,17 +182,9 @@ struct State {
 const INTERVAL: Duration = Duration::from_millis(100);
 
 impl Loader {
-    /// Returns a loader, and the window's end of it.
-    fn new(messenger: Messenger) -> (Self, Loading) {
-        let (sender, domes) = channel();
-        let loader = Self {
-            messenger,
-            state: Mutex::new(State { what: "", total: 0, done: 0, last_sent: None }),
-            is_cancelled: Arc::default(),
-            domes: Mutex::new(domes),
-        };
-        let loading = Loading { first_dome: Some(sender), is_cancelled: loader.is_cancelled.clone() };
-        (loader, loading)
+    fn new(messenger: Messenger, domes: Receiver<()>, is_cancelled: Arc<AtomicBool>) -> Self {
+        let state = Mutex::new(State { what: "", total: 0, done: 0, last_sent: None });
+        Self { messenger, state, is_cancelled, domes: Mutex::new(domes) }
     }
 
     /// Waits until the rig has a dome. Returns whether it has one, and not the window is gone.

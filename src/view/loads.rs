@@ -4,10 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::Opened;
-use super::load::{LoadEvent, Loading, Messenger, SceneSource};
+use super::load::{Known, LoadEvent, Loading, Messenger, SceneSource};
 use crate::bake::transfer::Transfer;
 use crate::scene::Rig;
-use crate::trace::bvh::TracedScene;
 
 /// Which scene is loaded, and which is shown.
 pub struct Loads {
@@ -45,13 +44,25 @@ impl Loads {
         self.start(None);
     }
 
-    /// Starts to look at the scene that is shown from another of its cameras.
-    pub fn look_from(&mut self, camera: String, opened: &Opened) {
+    /// Starts to look at the scene that is shown from another of its cameras. `rig`: the lights of all shots.
+    pub fn look_from(&mut self, camera: String, opened: &Opened, rig: &Rig) {
         self.source.settings.open.camera = Some(camera);
-        self.start(Some((opened.scene.clone(), opened.rig.clone())));
+        self.start(Some(Known { scene: opened.scene.clone(), rig: rig.clone(), transfer: None }));
     }
 
-    fn start(&mut self, known: Option<(Arc<TracedScene>, Rig)>) {
+    /// Looks from a camera whose picture is complete.
+    pub fn looks_from(&mut self, seen: &Opened, rig: &Rig) {
+        self.source.settings.open.camera = Some(seen.framebuffer.camera.name.clone());
+        self.start(Some(Known { scene: seen.scene.clone(), rig: rig.clone(), transfer: seen.transfer.clone() }));
+    }
+
+    /// Starts to bake for other cameras of the scene that is shown. Returns the number of the scene in the messages, too.
+    pub fn start_shots(&self, opened: &Opened, rig: &Rig, shots: Vec<usize>) -> (Loading, u32) {
+        let known = Known { scene: opened.scene.clone(), rig: rig.clone(), transfer: None };
+        (self.source.start_shots(&self.messenger(), &known, shots), self.latest)
+    }
+
+    fn start(&mut self, known: Option<Known>) {
         self.latest += 1;
         self.replacement = None;
         self.thread = self.source.start(self.messenger(), known);

@@ -39,6 +39,8 @@ mod remote;
 pub mod script;
 mod serve;
 pub mod shares;
+mod shot_sheet;
+mod shots;
 mod snapshots;
 mod still;
 mod timings;
@@ -103,11 +105,13 @@ pub struct PictureSettings {
 }
 
 /// A loaded and baked scene.
+#[derive(Clone)]
 pub struct Opened {
     pub scene: Arc<TracedScene>,
     pub framebuffer: Arc<DeepFramebuffer>,
     /// `None` until it is baked, or without indirect light.
     pub transfer: Option<Arc<Transfer>>,
+    /// The lights of all shots, as they were loaded.
     pub rig: Rig,
     /// What changed since the last bake, if it had to be baked again.
     pub changed: Option<String>,

@@ -4,6 +4,7 @@ mod comparison;
 mod gathering;
 mod mouse_edits;
 mod other_programs;
+mod shots;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,6 +12,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 
+use self::shots::ShotDisplay;
 use super::action::Action;
 use super::aids::{self, OverlayInfo};
 use super::autosave::Autosave;
@@ -28,6 +30,7 @@ use super::map_ball::MapBall;
 use super::map_browser::MapBrowser;
 use super::pick::pixel;
 use super::shares::Shares;
+use super::shot_sheet::ShotSheet;
 use super::snapshots::Thumbnail;
 use super::still::Still;
 use super::view_state::{Dialog, ViewState};
@@ -41,7 +44,7 @@ use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
-use crate::relight::{Detail, Layers, Picture, Relighter, Request, exposure};
+use crate::relight::{Detail, Layers, Picture, RelightSettings, Relighter, Request, exposure};
 use crate::scene::rig::SLOTS;
 use crate::scene::{Rig, export_gltf, usd};
 
@@ -76,8 +79,12 @@ pub struct OpenScene {
     pub light_view: LightView,
     pub map_browser: MapBrowser,
     pub map_ball: MapBall,
+    pub shot_sheet: ShotSheet,
+    /// `None`: the sheet is not shown.
+    shot_display: Option<ShotDisplay>,
     /// The point whose shadow is being dragged, world space.
     caster: Option<DVec3>,
+    relight: RelightSettings,
     autosave: Autosave,
     rig_path: Option<PathBuf>,
     suggested_path: String,
@@ -129,6 +136,9 @@ impl OpenScene {
             light_view: LightView::default(),
             map_browser: MapBrowser::new(messenger),
             map_ball: MapBall::default(),
+            shot_sheet: ShotSheet::default(),
+            shot_display: None,
+            relight: settings.pictures.relight.clone(),
             caster: None,
             rig_path: settings.rig_path.clone(),
             suggested_path,
@@ -211,6 +221,9 @@ impl OpenScene {
     /// was work.
     pub fn idle_step(&mut self) -> Result<bool> {
         self.update_autosave();
+        if self.shot_step()? {
+            return Ok(true);
+        }
         if self.shows_light_view
             && let Some(light) = self.desk.selected_light()
             && self.light_view.make(&self.opened, light, true)
@@ -227,6 +240,8 @@ impl OpenScene {
     /// Draws the chosen view and updates [`Self::overlay`] for it.
     pub fn draw(&mut self, view: &ViewState, pointer: Pointer, screen: Screen) -> Result<()> {
         self.shows_light_view = view.show_light_view;
+        let display = || ShotDisplay { exposure: view.exposure, tone_map: view.curve() };
+        self.shot_display = view.show_shots.then(display);
         self.update_autosave();
         let size = self.picture_size();
         let under_mouse = pointer.at.and_then(|at| pixel(pointer.placement, size, at));
@@ -439,6 +454,7 @@ impl OpenScene {
             }
             Command::Shadow => self.drag_shadow(pointer),
             Command::Maps => view.show_maps = !view.show_maps,
+            Command::Shots => view.show_shots = !view.show_shots,
             Command::LookThrough => view.show_light_view = !view.show_light_view,
             Command::Store(slot) => self.store_snapshot(slot, view)?,
             Command::Recall(slot) => self.recall_snapshot(slot, view)?,
@@ -532,12 +548,14 @@ impl OpenScene {
             Command::Close => {
                 let closes = view.dialog.take().is_some()
                     || std::mem::take(&mut view.help)
-                    || std::mem::take(&mut view.show_maps);
+                    || std::mem::take(&mut view.show_maps)
+                    || std::mem::take(&mut view.show_shots);
                 if !closes {
                     view.views.view = View::Beauty;
                 }
             }
-            Command::FullScreen | Command::NextCamera | Command::PreviousCamera => {} // handled by the window
+            // Handled by the window.
+            Command::FullScreen | Command::NextCamera | Command::PreviousCamera | Command::Camera(_) => {}
         }
         Ok(Flow::Continue)
     }
@@ -564,8 +582,8 @@ impl OpenScene {
         let is_gltf = matches!(extension.as_str(), "glb" | "gltf");
         if is_gltf || usd::is_usd(&path) {
             let exported = match is_gltf {
-                true => export_gltf(&self.opened.scene, self.desk.rig(), &path),
-                false => usd::save(self.desk.rig(), &path),
+                true => export_gltf(&self.opened.scene, self.desk.base(), &path),
+                false => usd::save(self.desk.base(), &path),
             };
             self.desk.message = match &exported {
                 Ok(()) => format!("exported {}; Blender draws the edges of cones differently", path.display()),

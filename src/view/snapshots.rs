@@ -21,21 +21,8 @@ pub enum Thumbnail {
 }
 
 impl Thumbnail {
-    /// Reduces a picture: each pixel of the thumbnail is the mean of the pixels that it covers.
     pub fn of(pixels: &[[u8; 4]], size: [u32; 2]) -> Self {
-        let [width, height] = size.map(|side| side as usize);
-        let small = [WIDTH.min(width), (height * WIDTH.min(width) / width).max(1)];
-        let mean = |x: usize, y: usize| {
-            let columns = x * width / small[0]..((x + 1) * width / small[0]).max(x * width / small[0] + 1);
-            let rows = y * height / small[1]..((y + 1) * height / small[1]).max(y * height / small[1] + 1);
-            let count = (columns.len() * rows.len()) as u32;
-            let inside = rows.flat_map(|row| columns.clone().map(move |column| pixels[row * width + column]));
-            let sum = inside.fold([0u32; 3], |sum, pixel| [0, 1, 2].map(|c| sum[c] + u32::from(pixel[c])));
-            let [r, g, b] = sum.map(|sum| (sum / count) as u8);
-            Color32::from_rgb(r, g, b)
-        };
-        let colors = (0..small[1]).flat_map(|y| (0..small[0]).map(move |x| mean(x, y))).collect();
-        Self::Fresh(ColorImage::new(small, colors))
+        Self::Fresh(reduced(pixels, size, WIDTH))
     }
 
     pub fn texture(&mut self, ui: &Ui) -> &TextureHandle {
@@ -48,6 +35,23 @@ impl Thumbnail {
             Self::Fresh(_) => unreachable!("it was loaded above"),
         }
     }
+}
+
+/// A picture at most `most` pixels wide: each of its pixels is the mean of the pixels that it covers.
+pub fn reduced(pixels: &[[u8; 4]], size: [u32; 2], most: usize) -> ColorImage {
+    let [width, height] = size.map(|side| side as usize);
+    let small = [most.min(width), (height * most.min(width) / width).max(1)];
+    let mean = |x: usize, y: usize| {
+        let columns = x * width / small[0]..((x + 1) * width / small[0]).max(x * width / small[0] + 1);
+        let rows = y * height / small[1]..((y + 1) * height / small[1]).max(y * height / small[1] + 1);
+        let count = (columns.len() * rows.len()) as u32;
+        let inside = rows.flat_map(|row| columns.clone().map(move |column| pixels[row * width + column]));
+        let sum = inside.fold([0u32; 3], |sum, pixel| [0, 1, 2].map(|c| sum[c] + u32::from(pixel[c])));
+        let [r, g, b] = sum.map(|sum| (sum / count) as u8);
+        Color32::from_rgb(r, g, b)
+    };
+    let colors = (0..small[1]).flat_map(|y| (0..small[0]).map(move |x| mean(x, y))).collect();
+    ColorImage::new(small, colors)
 }
 
 pub fn snapshots(

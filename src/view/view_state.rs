@@ -31,6 +31,8 @@ pub struct ViewState {
     pub show_light_view: bool,
     /// Whether the browser of environment maps is shown.
     pub show_maps: bool,
+    /// Whether pictures of all cameras are shown.
+    pub show_shots: bool,
 }
 
 /// An OpenColorIO configuration, and the view that was chosen last.
@@ -75,12 +77,17 @@ impl ViewState {
             comparing: None,
             show_light_view: false,
             show_maps: false,
+            show_shots: false,
         }
     }
 
     /// Whether anything is drawn beside or over the picture.
     pub fn has_ui(&self) -> bool {
-        let over = self.show_light_view || self.show_maps || self.comparing.is_some() || self.views.has_ui();
+        let over = self.show_light_view
+            || self.show_maps
+            || self.show_shots
+            || self.comparing.is_some()
+            || self.views.has_ui();
         self.panel || self.overlay || self.help || over || self.dialog.is_some()
     }
 

@@ -252,6 +252,7 @@ impl App {
             return Ok(flow);
         }
         self.tell_of_dome();
+        self.start_shots();
         self.draw(drawn.as_ref())?;
         Ok(flow)
     }
@@ -293,8 +294,9 @@ impl App {
                 window.set_fullscreen(window.fullscreen().is_none().then_some(Fullscreen::Borderless(None)));
             }
             match action {
-                Action::Do(Command::NextCamera) => self.change_camera(1),
-                Action::Do(Command::PreviousCamera) => self.change_camera(-1),
+                Action::Do(Command::NextCamera) => self.step_camera(1),
+                Action::Do(Command::PreviousCamera) => self.step_camera(-1),
+                Action::Do(Command::Camera(camera)) => self.look_from(*camera),
                 _ => {}
             }
             let pointer = self.pointer();
@@ -344,7 +346,7 @@ impl App {
                 self.idle_work_at = Some(Instant::now());
                 self.idle_work_unshown = true;
             }
-            false if std::mem::take(&mut self.idle_work_unshown) && self.view.panel => self.ask_for_frame(),
+            false if std::mem::take(&mut self.idle_work_unshown) && self.view.has_ui() => self.ask_for_frame(),
             false => {}
         }
         Ok(Flow::Continue)
@@ -398,7 +400,8 @@ impl App {
             }
         }
         self.frames += 1;
-        self.idle_work_at = Some(Instant::now() + IDLE_DELAY);
+        let delay = if self.view.show_shots { Duration::ZERO } else { IDLE_DELAY };
+        self.idle_work_at = Some(Instant::now() + delay);
         self.stale = graphics.surface.lost_picture();
         if let Some(event) = self.pending.take() {
             self.timings.frame(event, passes, coarse);
@@ -438,7 +441,13 @@ impl ApplicationHandler<Numbered> for App {
         }
     }
 
-    fn user_event(&mut self, event_loop: &ActiveEventLoop, Numbered { scene, event }: Numbered) {
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, Numbered { scene, shot, event }: Numbered) {
+        if let Some(shot) = shot {
+            let take = |open_scene: &mut OpenScene| open_scene.shot_sheet.take(shot, scene, event);
+            let outcome = self.open_scene.as_mut().map_or(Ok(()), take);
+            self.ask_for_frame();
+            return self.check(outcome.map(|()| Flow::Continue), event_loop);
+        }
         if !self.loads.concerns(scene, &event) {
             return;
         }

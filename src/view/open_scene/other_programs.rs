@@ -13,6 +13,7 @@ use crate::view::converge::Converge;
 use crate::view::final_gathering::FinalGathering;
 use crate::view::light_view::LightView;
 use crate::view::load::Messenger;
+use crate::view::shot_sheet::ShotSheet;
 use crate::view::view_state::ViewState;
 use crate::view::{Opened, ViewSettings};
 use crate::wire::message::PictureRequest;
@@ -27,13 +28,17 @@ impl OpenScene {
         let is_same = Arc::ptr_eq(scene, &self.opened.scene);
         let rig = if is_same { self.desk.rig().clone() } else { self.desk.rig_in(scene, rig).map_err(wrong)? };
         let context = self.relighter.context().clone();
-        let relighter =
-            Relighter::new(&context, scene, framebuffer, transfer.as_ref(), &rig, &settings.pictures.relight)?;
+        let given = scene.cameras.iter().position(|camera| camera.name == framebuffer.camera.name);
+        let given = given.filter(|_| is_same).and_then(|shot| self.shot_sheet.give(shot, &opened));
+        let relighter = match given {
+            Some(relighter) => relighter,
+            None => Relighter::new(&context, scene, framebuffer, transfer.as_ref(), &rig, &settings.pictures.relight)?,
+        };
+        let before = (self.shown_camera(), std::mem::replace(&mut self.relighter, relighter));
         match is_same {
             true => self.desk.look_from(framebuffer.camera.clone()),
             false => self.desk.change_scene(rig, scene, framebuffer.camera.clone()),
         }
-        self.relighter = relighter;
         self.shares.invalidate();
         (self.synced_version, self.drawn, self.still) = (None, None, None);
         (self.is_refined, self.waits_for_operator) = (false, false);
@@ -42,7 +47,11 @@ impl OpenScene {
         self.final_gathering = FinalGathering::new(settings.final_error, messenger);
         (self.gather_marks, self.comparison_image, self.caster) = (None, None, None);
         self.light_view = LightView::default();
-        self.opened = opened;
+        let seen = std::mem::replace(&mut self.opened, opened);
+        match before {
+            (Some(shot), relighter) if is_same => self.shot_sheet.keep(shot, seen, relighter, !self.is_baking),
+            _ => self.shot_sheet = ShotSheet::default(),
+        }
         Ok(())
     }
 

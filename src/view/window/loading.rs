@@ -21,8 +21,8 @@ impl App {
         }
     }
 
-    /// Looks from the camera that is `step` further in the scene, while the old picture stays.
-    pub(super) fn change_camera(&mut self, step: isize) {
+    /// Looks from the camera that is `step` further in the scene.
+    pub(super) fn step_camera(&mut self, step: isize) {
         let Some(open_scene) = &mut self.open_scene else { return };
         let cameras = &open_scene.opened.scene.cameras;
         let shown = cameras.iter().position(|camera| camera.name == self.loads.camera(&open_scene.opened));
@@ -34,11 +34,43 @@ impl App {
             open_scene.desk.message = "the scene has no other camera".into();
             return;
         }
-        let name = cameras[next].name.clone();
+        self.look_from(next);
+    }
+
+    /// Looks from another camera of the scene: at once if its picture is in the sheet of shots, else the old picture stays
+    /// until there is one.
+    pub(super) fn look_from(&mut self, camera: usize) {
+        let Some(open_scene) = &mut self.open_scene else { return };
+        let name = open_scene.opened.scene.cameras[camera].name.clone();
+        if self.loads.camera(&open_scene.opened) == name {
+            return;
+        }
         open_scene.desk.message = format!("camera {name}");
-        open_scene.is_baking = true;
-        self.loads.look_from(name, &open_scene.opened);
+        let complete = open_scene.complete_shot(camera).cloned().filter(|_| !open_scene.is_baking);
         self.loading = Some(("loading", 0.0));
+        match complete {
+            Some(opened) => {
+                self.loads.looks_from(&opened, open_scene.desk.base());
+                self.replace(opened);
+            }
+            None => {
+                open_scene.is_baking = true;
+                self.loads.look_from(name, &open_scene.opened, open_scene.desk.base());
+            }
+        }
+    }
+
+    /// Bakes for all cameras once their sheet is shown and nothing else bakes.
+    pub(super) fn start_shots(&mut self) {
+        let Some(open_scene) = &mut self.open_scene else { return };
+        let waits = open_scene.shot_sheet.is_new() && self.view.show_shots;
+        if !waits || open_scene.is_baking {
+            return;
+        }
+        let count = open_scene.opened.scene.cameras.len();
+        let others = (0..count).filter(|camera| Some(*camera) != open_scene.shown_camera()).collect();
+        let (thread, scene) = self.loads.start_shots(&open_scene.opened, open_scene.desk.base(), others);
+        open_scene.shot_sheet.begin(count, thread, scene);
     }
 
     /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
@@ -49,10 +81,13 @@ impl App {
             true => format!("camera {}", opened.framebuffer.camera.name),
             false => format!("the scene was loaded again{}", changed.unwrap_or_default()),
         };
+        let size = open_scene.picture_size();
         match open_scene.replace(opened, &self.settings, self.loads.messenger()) {
             Ok(()) => {
                 self.loads.replaced();
-                graphics.make_room(open_scene.picture_size());
+                if open_scene.picture_size() != size {
+                    graphics.make_room(open_scene.picture_size());
+                }
                 open_scene.desk.message = message;
                 if let Some(remote) = &mut self.remote {
                     remote.opened(open_scene);
