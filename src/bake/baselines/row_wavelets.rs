@@ -163,7 +163,9 @@ impl<'a> RowWavelets<'a> {
     /// Rows of T in Haar terms, as vectors.
     fn terms(&self, rows: &CsrMatrix) -> VectorBatch {
         let columns = self.gatherer.levels.iter().map(|level| level.coefficient_count()).sum();
-        self.inputs.bounces.terms(&self.inputs.haar, VectorBatch::from_rows(rows, 0..rows.len(), columns))
+        let mut terms = VectorBatch::from_rows(rows, 0..rows.len(), columns);
+        self.inputs.bounces.to_terms(&self.inputs.haar, &mut terms);
+        terms
     }
 
     /// The fewest terms of each vector such that the omitted ones have at most the share `omitted_share` of its

@@ -1,5 +1,6 @@
 //! S applied to batches of vectors, and its transpose in Haar terms: T = Φ_f + Φ_c S.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use faer::{Mat, MatRef};
@@ -9,7 +10,7 @@ use rayon::prelude::*;
 use super::Operator;
 use super::haar::Haar;
 use super::largest::largest;
-use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
+use super::vector_batch::{self, PART, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::linear;
 use crate::bake::transport::LightTransport;
@@ -77,14 +78,19 @@ impl<'a> Bounces<'a> {
     pub fn thinned(self, haar: &Haar, power: &[Vec<f32>; 3], tail: f64) -> Thinned {
         let power = power.each_ref().map(Vec::as_slice);
         let columns = self.operand.fine;
-        let thin = |first: usize| {
-            let rows = first..self.first.len().min(first + WIDTH);
+        let thin = |rows: Range<usize>| {
             let mut terms = VectorBatch::from_rows(self.first, rows, columns);
             terms.for_each_mut(|_, panel| haar.transform(panel));
-            TransposedPart::new(&largest(&terms, power, tail), first, columns)
+            largest(&terms, power, tail)
         };
-        let panels: Vec<usize> = (0..self.first.len()).step_by(WIDTH).collect();
-        let parts = panels.into_par_iter().map(thin).collect();
+        let pieces = |rows: Range<usize>, size: usize| {
+            rows.clone().step_by(size).map(move |first| first..rows.end.min(first + size)).collect::<Vec<_>>()
+        };
+        let part = |rows: Range<usize>| {
+            let thinned = pieces(rows.clone(), WIDTH).into_par_iter().map(thin).collect();
+            TransposedPart::new(&CsrMatrix::concatenated(thinned), rows.start, columns)
+        };
+        let parts = pieces(0..self.first.len(), PART).into_iter().map(part).collect();
         let Self { resolvents, operand, .. } = self;
         Thinned { resolvents, first: Transposed { columns, parts }, operand }
     }
@@ -121,26 +127,21 @@ impl Thinned {
         Self { resolvents: resolvents(operator), first, operand: Operand::new(operator) }
     }
 
-    /// Haar terms of Tᵀ x, from Φᵀ x.
-    pub fn terms(&self, haar: &Haar, mut gathered: VectorBatch) -> VectorBatch {
+    /// Replaces Φᵀ x by the Haar terms of Tᵀ x, which are the first rows; those after them are of no use.
+    pub fn to_terms(&self, haar: &Haar, gathered: &mut VectorBatch) {
         let Operand { two_levels, fine, first } = self.operand;
-        let mut further = VectorBatch { count: gathered.count, ..Default::default() };
-        for (further, gathered) in further.channels.iter_mut().zip(&mut gathered.channels) {
-            let split = |panel: &mut Panel| if two_levels { panel.split_off(fine) } else { panel.clone() };
-            further.extend(gathered.iter_mut().map(split));
-        }
-        let summed = further.map(|channel, panel| times(self.resolvents[channel].transpose(), panel));
-        if first {
-            gathered.for_each_mut(|_, panel| haar.transform(panel));
-        } else {
-            gathered = VectorBatch::zeros(fine, gathered.count);
-        }
-        self.first.add_product(&summed, &mut gathered);
-        gathered
+        let further = if two_levels { fine.. } else { 0.. };
+        let summed =
+            gathered.map(|channel, panel| times(self.resolvents[channel].transpose(), &panel[further.clone()]));
+        gathered.for_each_mut(|_, panel| match first {
+            true => haar.transform(&mut panel[..fine]),
+            false => panel[..fine].fill([0.0; WIDTH]),
+        });
+        self.first.add_product(&summed, gathered);
     }
 }
 
-fn times(matrix: MatRef<'_, f32>, panel: &Panel) -> Panel {
+fn times(matrix: MatRef<'_, f32>, panel: &[[f32; WIDTH]]) -> Panel {
     let mut product = vec![[0.0; WIDTH]; panel.len()];
     linear::add_product(vector_batch::matrix_mut(&mut product), matrix, vector_batch::matrix(panel));
     product

@@ -435,22 +435,26 @@ struct Directions {
 /// Significant Haar terms, and their products with the vectors of `basis`. The squares of the omitted terms sum to
 /// about `negligible`.
 fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, negligible: f64) -> (Vec<u32>, VectorBatch) {
-    let terms = |vectors: MatRef<f64>| {
+    // One for all panels: it is large.
+    let mut sums = VectorBatch::zeros(rows.columns, basis.ncols().min(WIDTH));
+    let terms = |vectors: MatRef<f64>, sums: &mut VectorBatch| {
         let vectors = VectorBatch::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
-        inputs.bounces.terms(&inputs.haar, rows.multiply(&vectors))
+        sums.clear();
+        rows.add_product(&vectors, sums);
+        inputs.bounces.to_terms(&inputs.haar, sums);
     };
     let one_panel = basis.ncols() <= WIDTH;
-    let sums = if one_panel {
-        terms(basis)
+    if one_panel {
+        terms(basis, &mut sums);
     } else {
         // The mean square of sums with random signs equals the sum of squares.
         let points = Points::new(0, 0);
         let sign = |vector: usize, sum: usize| if points.at(vector as u32, sum as u32)[0] < 0.5 { 1.0 } else { -1.0 };
         let scaled = |vector, sum| sign(vector, sum) / (WIDTH as f64).sqrt();
         let signs = Mat::from_fn(basis.ncols(), WIDTH, scaled);
-        terms(linear::product(basis, signs.as_ref()).as_ref())
-    };
-    let mut squares = vec![0.0f64; sums.rows()];
+        terms(linear::product(basis, signs.as_ref()).as_ref(), &mut sums);
+    }
+    let mut squares = vec![0.0f64; inputs.power[0].len()];
     for (channel, power) in inputs.power.iter().enumerate() {
         let of_channel = sums.row_squares(channel).into_iter().zip(power);
         squares.iter_mut().zip(of_channel).for_each(|(all, (x, power))| *all += f64::from(x * power));
@@ -471,7 +475,10 @@ fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, negligible
         keep(&sums);
     } else {
         let firsts = (0..basis.ncols()).step_by(WIDTH);
-        firsts.for_each(|first| keep(&terms(basis.subcols(first, WIDTH.min(basis.ncols() - first)))));
+        firsts.for_each(|first| {
+            terms(basis.subcols(first, WIDTH.min(basis.ncols() - first)), &mut sums);
+            keep(&sums);
+        });
     }
     (list, found)
 }

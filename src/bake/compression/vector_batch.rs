@@ -14,8 +14,8 @@ use crate::storage::pods;
 
 /// Vectors per panel: two cache lines of single precision.
 pub const WIDTH: usize = 32;
-/// Rows per parallel task.
-const ROWS: usize = 64;
+/// Rows per parallel task: their sums stay in a cache.
+const ROWS: usize = 256;
 
 /// One row per coefficient (or pixel), one column per vector.
 pub type Panel = Vec<[f32; WIDTH]>;
@@ -119,6 +119,11 @@ impl VectorBatch {
         }
     }
 
+    /// Sets all elements to zero.
+    pub fn clear(&mut self) {
+        self.for_each_mut(|_, panel| panel.fill([0.0; WIDTH]));
+    }
+
     /// Number of rows of each panel.
     pub fn rows(&self) -> usize {
         self.channels[0].first().map_or(0, Vec::len)
@@ -214,45 +219,79 @@ pub fn gathered(panels: &[Panel], rows: impl ExactSizeIterator<Item = usize>) ->
 
 /// Product of each row with each vector, channel by channel.
 pub fn multiply(rows: &CsrMatrix, vectors: &VectorBatch) -> VectorBatch {
-    vectors.map(|channel, panel| {
-        let mut products = vec![[0.0; WIDTH]; rows.len()];
-        let task = |(piece, products): (usize, &mut [[f32; WIDTH]])| {
-            pulp::Arch::new().dispatch(Multiply { rows, first: piece * ROWS, channel, panel, products });
-        };
-        products.par_chunks_mut(ROWS).enumerate().for_each(task);
-        products
-    })
+    let mut products = VectorBatch::zeros(rows.len(), vectors.count);
+    let tasks = tasks(vectors, &mut products, rows.len(), ROWS);
+    tasks.into_par_iter().enumerate().for_each(|(block, tasks)| {
+        pulp::Arch::new().dispatch(Multiply { rows, first: block * ROWS, columns: vectors.rows(), tasks });
+    });
+    products
 }
 
-struct Multiply<'a> {
-    rows: &'a CsrMatrix,
-    first: usize,
+/// The product of one block of rows or columns with one panel of vectors.
+struct Task<'a> {
     channel: usize,
     panel: &'a Panel,
-    products: &'a mut [[f32; WIDTH]],
+    sums: &'a mut [[f32; WIDTH]],
+}
+
+/// The tasks of each block of `size` of the first `rows` rows of `sums`, one for each panel of `vectors`.
+fn tasks<'a>(vectors: &'a VectorBatch, sums: &'a mut VectorBatch, rows: usize, size: usize) -> Vec<Vec<Task<'a>>> {
+    let mut tasks: Vec<Vec<Task>> = (0..rows.div_ceil(size)).map(|_| Vec::new()).collect();
+    for (channel, (sums, panels)) in sums.channels.iter_mut().zip(&vectors.channels).enumerate() {
+        for (sums, panel) in sums.iter_mut().zip(panels) {
+            let of_blocks = tasks.iter_mut().zip(sums[..rows].chunks_mut(size));
+            of_blocks.for_each(|(tasks, sums)| tasks.push(Task { channel, panel, sums }));
+        }
+    }
+    tasks
+}
+
+/// The products of one block of rows with all panels.
+struct Multiply<'a> {
+    rows: &'a CsrMatrix,
+    /// First row of the block.
+    first: usize,
+    /// Number of columns.
+    columns: usize,
+    tasks: Vec<Task<'a>>,
 }
 
 impl pulp::NullaryFnOnce for Multiply<'_> {
     type Output = ();
 
+    /// Columns are the outer loop: what a piece of them needs of a panel stays in a cache for all rows.
     #[inline(always)]
     fn call(self) {
-        for (i, product) in self.products.iter_mut().enumerate() {
-            let range = self.rows.first[self.first + i]..self.rows.first[self.first + i + 1];
-            let mut sum = [0.0; WIDTH];
-            for (column, value) in self.rows.columns[range.clone()].iter().zip(&self.rows.values[range]) {
-                let factor = value[self.channel];
-                sum.iter_mut().zip(&self.panel[*column as usize]).for_each(|(sum, x)| *sum += factor * x);
+        let Self { rows, first, columns, mut tasks } = self;
+        let count = tasks.first().map_or(0, |task| task.sums.len());
+        let ends = &rows.first[first + 1..first + 1 + count];
+        let mut runs: Vec<Range<usize>> = rows.first[first..first + count].iter().map(|&start| start..start).collect();
+        for piece in (0..columns).step_by(COLUMNS) {
+            for (run, end) in runs.iter_mut().zip(ends) {
+                let left = &rows.columns[run.end..*end];
+                let of_piece = left.iter().take_while(|&&column| (column as usize) < piece + COLUMNS).count();
+                *run = run.end..run.end + of_piece;
             }
-            *product = sum;
+            for Task { channel, panel, sums } in &mut tasks {
+                let panel = &panel[piece..];
+                for (sum, run) in sums.iter_mut().zip(&runs) {
+                    let mut all = *sum;
+                    for (column, value) in rows.columns[run.clone()].iter().zip(&rows.values[run.clone()]) {
+                        let factor = value[*channel];
+                        let x = &panel[*column as usize - piece];
+                        all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+                    }
+                    *sum = all;
+                }
+            }
         }
     }
 }
 
-/// Columns per piece, so that their sums stay in a cache during the pass over all rows.
-const COLUMNS: usize = 256;
+/// Columns per piece, whose part of a panel and whose sums stay in a cache.
+const COLUMNS: usize = 512;
 
-/// Sparse rows sorted by pieces of columns, for fast repeated products with the transpose.
+/// Sparse rows sorted by column, for fast repeated products with the transpose.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Transposed {
     pub columns: usize,
@@ -260,11 +299,15 @@ pub struct Transposed {
     pub parts: Vec<TransposedPart>,
 }
 
+/// Rows per part: what they multiply stays in a cache, and columns have several entries.
+pub const PART: usize = 512;
+
 /// A range of the rows.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct TransposedPart {
-    /// Entries of piece p, which has [`COLUMNS`] columns, row by row: `first[p]..first[p + 1]`.
-    first: Vec<usize>,
+    /// Entries of column c: `first[c]..first[c + 1]`.
+    #[serde(with = "pods")]
+    first: Vec<u32>,
     #[serde(with = "pods")]
     entries: Vec<Entry>,
 }
@@ -272,26 +315,23 @@ pub struct TransposedPart {
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 struct Entry {
-    /// Row times [`COLUMNS`] plus the column's offset in the piece.
-    place: u32,
+    row: u32,
     value: [f32; 3],
 }
 
 impl TransposedPart {
     /// `before` is the number of rows in preceding parts.
     pub fn new(rows: &CsrMatrix, before: usize, columns: usize) -> Self {
-        assert!(before + rows.len() <= u32::MAX as usize / COLUMNS, "places are u32");
-        let piece = |column: u32| column as usize / COLUMNS;
-        let mut first = vec![0; columns.div_ceil(COLUMNS) + 1];
-        rows.columns.iter().for_each(|&column| first[piece(column) + 1] += 1);
-        (1..first.len()).for_each(|p| first[p] += first[p - 1]);
+        assert!((before + rows.len()).max(rows.columns.len()) <= u32::MAX as usize, "rows and entries are u32");
+        let mut first = vec![0; columns + 1];
+        rows.columns.iter().for_each(|&column| first[column as usize + 1] += 1);
+        (0..columns).for_each(|column| first[column + 1] += first[column]);
         let mut next = first.clone();
         let mut entries = vec![Entry::default(); rows.columns.len()];
         for row in 0..rows.len() {
             for (column, value) in rows.row(row) {
-                let place = ((before + row) * COLUMNS + column as usize % COLUMNS) as u32;
-                let next = &mut next[piece(column)];
-                entries[*next] = Entry { place, value };
+                let next = &mut next[column as usize];
+                entries[*next as usize] = Entry { row: (before + row) as u32, value };
                 *next += 1;
             }
         }
@@ -300,39 +340,20 @@ impl TransposedPart {
 }
 
 impl Transposed {
-    /// Product of the transposed matrix with each vector, channel by channel; the result has one row per matrix column.
-    pub fn multiply(&self, vectors: &VectorBatch) -> VectorBatch {
-        let mut products = VectorBatch::zeros(self.columns, vectors.count);
-        self.add_product(vectors, &mut products);
-        products
-    }
-
-    /// Adds the product of [`Self::multiply`] to `sums`.
+    /// Adds the product of the transposed matrix with each vector, channel by channel, to the first rows of `sums`: one row
+    /// per matrix column.
     pub fn add_product(&self, vectors: &VectorBatch, sums: &mut VectorBatch) {
-        let mut tasks: Vec<Vec<Task>> = (0..self.columns.div_ceil(COLUMNS)).map(|_| Vec::new()).collect();
-        for (channel, (sums, panels)) in sums.channels.iter_mut().zip(&vectors.channels).enumerate() {
-            for (sums, panel) in sums.iter_mut().zip(panels) {
-                let of_pieces = tasks.iter_mut().zip(sums.chunks_mut(COLUMNS));
-                of_pieces.for_each(|(tasks, sums)| tasks.push(Task { channel, panel, sums }));
-            }
-        }
-        tasks.into_par_iter().enumerate().for_each(|(piece, tasks)| {
-            pulp::Arch::new().dispatch(MultiplyTransposed { parts: &self.parts, piece, tasks });
+        tasks(vectors, sums, self.columns, COLUMNS).into_par_iter().enumerate().for_each(|(piece, tasks)| {
+            pulp::Arch::new().dispatch(MultiplyTransposed { parts: &self.parts, first: piece * COLUMNS, tasks });
         });
     }
-}
-
-/// The product of one piece of columns with one panel of vectors.
-struct Task<'a> {
-    channel: usize,
-    panel: &'a Panel,
-    sums: &'a mut [[f32; WIDTH]],
 }
 
 /// The products of one piece of columns with all panels.
 struct MultiplyTransposed<'a> {
     parts: &'a [TransposedPart],
-    piece: usize,
+    /// First column of the piece.
+    first: usize,
     tasks: Vec<Task<'a>>,
 }
 
@@ -343,13 +364,12 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
     fn call(self) {
         for Task { channel, panel, sums } in self.tasks {
             for part in self.parts {
-                for entry in &part.entries[part.first[self.piece]..part.first[self.piece + 1]] {
-                    let factor = entry.value[channel];
-                    let x = &panel[entry.place as usize / COLUMNS];
-                    let sum = &mut sums[entry.place as usize % COLUMNS];
-                    // The copy cannot alias `x`, so the loop is vectorized.
+                for (sum, column) in sums.iter_mut().zip(part.first[self.first..].windows(2)) {
                     let mut all = *sum;
-                    all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+                    for entry in &part.entries[column[0] as usize..column[1] as usize] {
+                        let factor = entry.value[channel];
+                        all.iter_mut().zip(&panel[entry.row as usize]).for_each(|(sum, x)| *sum += factor * x);
+                    }
                     *sum = all;
                 }
             }
@@ -393,7 +413,8 @@ mod tests {
             values: rows.values[rows.first[range.start]..rows.first[range.end]].to_vec(),
         };
         let part = |range: Range<usize>| TransposedPart::new(&some(range.clone()), range.start, columns);
-        let products = Transposed { columns, parts: vec![part(0..30), part(30..row_count)] }.multiply(&panels);
+        let mut products = VectorBatch::zeros(columns, vectors);
+        Transposed { columns, parts: vec![part(0..30), part(30..row_count)] }.add_product(&panels, &mut products);
         assert_eq!((products.rows(), products.count), (columns, vectors));
         let mut want = vec![[[0.0f64; 3]; WIDTH + 1]; columns];
         for r in 0..row_count {
