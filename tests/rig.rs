@@ -802,3 +802,24 @@ unset = ["range"]
     assert!(wrong(of_key, "lumen").contains("an entry without a name"));
     assert!(refusal(&format!("{text}\n[[shot]]\ncamera = \"eye_left\"")).contains("is defined twice"));
 }
+
+/// Factors of objects are one value: in a shot and out of it none is mixed with another's.
+#[test]
+fn factors_of_a_shot_replace_those_of_the_rig() {
+    let factors = |names: &[&str]| {
+        names.iter().map(|name| ((*name).to_owned(), 0.0)).collect::<std::collections::BTreeMap<_, _>>()
+    };
+    let with = |names: &[&str]| {
+        let mut light = Light::point("key", DVec3::ZERO);
+        light.links.factor = factors(names);
+        Rig { lights: vec![light], ..Rig::default() }
+    };
+    for (base, after) in [(&["b"][..], &["a", "b"][..]), (&["a", "b"], &["a"]), (&["a"], &[]), (&[], &["a"])] {
+        let (base, after) = (with(base), with(after));
+        let edited = base.edited_in_shot("left", [&base, &after], true).unwrap();
+        assert_eq!(edited.of_shot("left").unwrap(), after);
+        assert_eq!(edited.of_shot("right").unwrap(), base);
+        let stored = parse(&edited.to_toml(Path::new(""))).unwrap();
+        assert_eq!((stored.of_shot("left").unwrap(), stored.of_shot("right").unwrap()), (after, base));
+    }
+}

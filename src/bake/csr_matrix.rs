@@ -39,6 +39,7 @@ impl CsrMatrix {
             && self.first.is_sorted()
             && self.columns.len() == self.values.len()
             && self.columns.iter().all(|&column| (column as usize) < columns)
+            && self.first.windows(2).all(|row| self.columns[row[0]..row[1]].is_sorted())
     }
 
     /// Multiplies all values by `factor`.

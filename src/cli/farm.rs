@@ -98,7 +98,11 @@ pub fn run(args: &Args) -> Result<()> {
         seconds
     )?;
     out!("openjd check {}", path.display())?;
-    out!("openjd run {} --step Pictures --run-dependencies", path.display())
+    out!("openjd run {} --step Pictures --run-dependencies", path.display())?;
+    match args.report {
+        Some(_) => out!("openjd run {} --step Report --run-dependencies", path.display()),
+        None => Ok(()),
+    }
 }
 
 /// Ends the program where they are no options of a bake, as the command line does with its own.

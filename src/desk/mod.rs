@@ -119,6 +119,7 @@ impl Desk {
         self.history.end_gesture();
         self.replace_base(rig, selection, Some("scene loaded again".into()));
         self.history.end_gesture();
+        self.see_base();
     }
 
     /// Takes another camera of the scene: lights move as it sees them, and have the values of its shot.
@@ -153,11 +154,14 @@ impl Desk {
         self.base.shot(&self.camera.name)
     }
 
-    /// Makes the selected lights in this shot as they are in all others.
+    /// Makes the selected lights and their groups in this shot as they are in all others.
     pub fn share_selected(&mut self) {
-        let names: Vec<String> = self.selection.iter().map(|light| self.rig.lights[light].name.clone()).collect();
+        let lights = || self.selection.iter().map(|light| &self.rig.lights[light]);
+        let names: Vec<String> = lights().map(|light| light.name.clone()).collect();
+        let groups = lights().filter_map(|light| light.group).map(|group| self.rig.groups[group].name.clone());
+        let groups: Vec<String> = groups.collect();
         let mut base = self.base.clone();
-        if let Err(reason) = base.share(&self.camera.name, &names) {
+        if let Err(reason) = base.share(&self.camera.name, &names, &groups) {
             self.message = reason;
             return;
         }
@@ -311,7 +315,10 @@ impl Desk {
         let same_list = rig.lights.len() == self.rig.lights.len();
         let kept = |light: usize| index(&self.rig.lights[light].name).or(Some(light).filter(|_| same_list));
         let selection = Selection::of(self.selection.iter().filter_map(kept));
+        // The switch is not theirs.
+        let only_here = std::mem::replace(&mut self.only_here, false);
         self.replace_rig(rig, selection, None);
+        self.only_here = only_here;
         Ok(())
     }
 

@@ -95,7 +95,7 @@ impl SceneSource {
         std::thread::spawn(move || {
             for shot in shots {
                 source.settings.open.camera = Some(known.scene.cameras[shot].name.clone());
-                // Domes that come later wait until the sheet is opened again.
+                // With the first dome the sheet begins again.
                 let loader = Loader::new(messenger.of_shot(shot), channel().1, is_cancelled.clone());
                 loader.end(source.load(Some(known.clone()), &loader));
                 if is_cancelled.load(Ordering::Relaxed) {

@@ -17,6 +17,8 @@ pub struct Loads {
     latest: u32,
     /// Number of the scene that is shown.
     shown: Option<u32>,
+    /// The camera that it was asked for.
+    shown_camera: Option<String>,
     /// The scene that was loaded again: it replaces the shown one as soon as it has indirect light.
     replacement: Option<Box<Opened>>,
 }
@@ -36,7 +38,7 @@ impl Loads {
     /// Starts to load.
     pub fn new(source: SceneSource, messenger: Messenger) -> Self {
         let thread = source.start(messenger.clone(), None);
-        Self { source, messenger, thread, latest: 0, shown: None, replacement: None }
+        Self { source, messenger, thread, latest: 0, shown: None, shown_camera: None, replacement: None }
     }
 
     /// Starts to load again; the thread before ends.
@@ -51,7 +53,7 @@ impl Loads {
     }
 
     /// Looks from a camera whose picture is complete.
-    pub fn looks_from(&mut self, seen: &Opened, rig: &Rig) {
+    pub fn show_complete(&mut self, seen: &Opened, rig: &Rig) {
         self.source.settings.open.camera = Some(seen.framebuffer.camera.name.clone());
         self.start(Some(Known { scene: seen.scene.clone(), rig: rig.clone(), transfer: seen.transfer.clone() }));
     }
@@ -104,7 +106,7 @@ impl Loads {
             self.replacement = Some(opened);
             return Change::None;
         }
-        self.shown = Some(self.latest);
+        self.replaced();
         Change::Open(opened)
     }
 
@@ -118,6 +120,9 @@ impl Loads {
     }
 
     pub fn ended(&mut self, has_failed: bool) -> Change {
+        if has_failed && !self.is_shown() {
+            self.source.settings.open.camera.clone_from(&self.shown_camera);
+        }
         let opened = self.replacement.take().filter(|_| !has_failed);
         opened.map_or(Change::None, Change::Replace) // there is no indirect light
     }
@@ -125,5 +130,6 @@ impl Loads {
     /// The scene that was loaded last is shown now.
     pub fn replaced(&mut self) {
         self.shown = Some(self.latest);
+        self.shown_camera.clone_from(&self.source.settings.open.camera);
     }
 }

@@ -55,6 +55,8 @@ pub struct OpenScene {
     pub shares: Shares,
     /// Whether indirect light is being baked.
     pub is_baking: bool,
+    /// Whether the indirect light that is shown is complete.
+    pub is_complete: bool,
     relighter: Relighter,
     shows_light_view: bool,
     /// Version of the desk's lights in the relighter, and whether it was unsaved.
@@ -118,6 +120,7 @@ impl OpenScene {
             desk,
             shares: Shares::default(),
             is_baking: true,
+            is_complete: false,
             relighter,
             shows_light_view: false,
             synced_version: None,
@@ -209,6 +212,7 @@ impl OpenScene {
     pub fn set_transfer(&mut self, transfer: Arc<Transfer>) -> Result<()> {
         self.shares.invalidate();
         self.comparison_image.iter_mut().for_each(ComparisonImage::invalidate);
+        self.shot_sheet.forget(self.shown_camera());
         self.relighter.set_transfer(transfer.clone())?;
         self.opened.transfer = Some(transfer);
         self.final_gathering.forget_operator();

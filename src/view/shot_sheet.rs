@@ -24,6 +24,8 @@ pub struct ShotSheet {
     shots: Vec<Shot>,
     /// Bakes for the shots, and the number of the scene in its messages.
     thread: Option<(Loading, u32)>,
+    /// Whether its bakes have light of the sky.
+    has_sky: bool,
     /// Shot whose turn it is.
     next: usize,
 }
@@ -54,15 +56,16 @@ pub struct Drawn {
 }
 
 impl ShotSheet {
-    /// Whether nothing was baked for it yet.
-    pub fn is_new(&self) -> bool {
-        self.thread.is_none()
+    /// Whether bakes for it have to begin: there are none, or none with the light of the sky that `domes` need.
+    pub fn is_due(&self, domes: bool) -> bool {
+        self.thread.is_none() || (domes && !self.has_sky)
     }
 
-    /// Begins a sheet of `count` shots. `scene`: number of the scene in messages of `thread`.
-    pub fn begin(&mut self, count: usize, thread: Loading, scene: u32) {
-        self.shots.resize_with(count, Shot::default);
-        self.thread = Some((thread, scene));
+    /// A sheet of `count` shots. `scene`: number of the scene in messages of `thread`, which bakes light of the sky if
+    /// there are `domes`.
+    pub fn new(count: usize, thread: Loading, scene: u32, domes: bool) -> Self {
+        let shots = std::iter::repeat_with(Shot::default).take(count).collect();
+        Self { shots, thread: Some((thread, scene)), has_sky: domes, next: 0 }
     }
 
     /// Takes a message of the thread; `scene` is its number.
@@ -71,6 +74,9 @@ impl ShotSheet {
             return Ok(());
         }
         let shot = &mut self.shots[shot];
+        if shot.is_complete {
+            return Ok(()); // the window baked for it meanwhile
+        }
         match event {
             LoadEvent::Progress { what, share } => shot.note = format!("{what} {:.0} %", 100.0 * share),
             LoadEvent::Opened(opened) => (shot.opened, shot.relighter, shot.drawn) = (Some(*opened), None, None),
@@ -133,8 +139,20 @@ impl ShotSheet {
         let shot = &mut self.shots[shot];
         shot.drawn = Some(drawn);
         match picture {
-            Ok(picture) => shot.fresh = Some(picture),
+            Ok(picture) => {
+                shot.fresh = Some(picture);
+                if shot.is_complete {
+                    shot.note.clear();
+                }
+            }
             Err(error) => shot.note = error.to_string(),
+        }
+    }
+
+    /// The picture of a shot has to be made again.
+    pub fn forget(&mut self, shot: Option<usize>) {
+        if let Some(shot) = shot.and_then(|shot| self.shots.get_mut(shot)) {
+            shot.drawn = None;
         }
     }
 

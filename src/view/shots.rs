@@ -34,11 +34,22 @@ pub fn shots(
         ui.checkbox(&mut desk.only_here, "edits change this shot only")
             .on_hover_text("values of lights that you change become those of this camera's pictures alone");
         let Some(light) = desk.selected_light() else { return };
-        let values = desk.shot().and_then(|shot| shot.values("lights", &light.name));
-        let Some(values) = values.filter(|values| !values.is_empty()) else { return };
-        let keys: Vec<&str> = values.keys().map(String::as_str).collect();
-        ui.label(RichText::new(format!("{} only here: {}", light.name, keys.join(", "))).small());
-        if ui.button("As in all shots").on_hover_text("give up what the selected lights have only here").clicked() {
+        let group = light.group.map(|group| desk.rig().groups[group].name.as_str());
+        let of = [("lights", Some(light.name.as_str())), ("groups", group)];
+        let only_here = of.into_iter().filter_map(|(list, name)| {
+            let keys: Vec<&str> = desk.shot()?.values(list, name?)?.keys().map(String::as_str).collect();
+            Some(format!("{} only here: {}", name?, keys.join(", ")))
+        });
+        let only_here: Vec<String> = only_here.collect();
+        if only_here.is_empty() {
+            return;
+        }
+        only_here.into_iter().for_each(|line| _ = ui.label(RichText::new(line).small()));
+        if ui
+            .button("As in all shots")
+            .on_hover_text("give up what the selected lights and their groups have only here")
+            .clicked()
+        {
             desk.share_selected();
         }
     });

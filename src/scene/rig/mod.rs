@@ -126,7 +126,7 @@ impl Rig {
     pub fn retain_lights(&mut self, stays: impl Fn(usize, &Light) -> bool) {
         let leaves = self.lights.iter().enumerate().filter(|(index, light)| !stays(*index, light));
         let leaves: Vec<String> = leaves.map(|(_, light)| light.name.clone()).collect();
-        self.shots.iter_mut().for_each(|shot| shot.forget_lights(&leaves));
+        self.shots.iter_mut().for_each(|shot| shot.forget("lights", &leaves));
         let stays: Vec<bool> = self.lights.iter().enumerate().map(|(index, light)| stays(index, light)).collect();
         let stay_before = |light: usize| stays[..light].iter().filter(|stays| **stays).count();
         for light in &mut self.lights {

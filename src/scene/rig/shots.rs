@@ -8,6 +8,7 @@ use super::Rig;
 use super::diff::diff;
 use super::merge_patch::{Object, object};
 use super::patch::apply;
+use crate::scene::Light;
 
 /// Keys of lights and groups that are the same in all shots: what a light is, and files, which take long to read.
 const SHARED: [&str; 10] =
@@ -41,8 +42,8 @@ impl Shot {
         entries.filter_map(|(name, values)| Some((name, values.as_object()?)))
     }
 
-    pub(super) fn forget_lights(&mut self, names: &[String]) {
-        names.iter().for_each(|name| drop(self.list("lights").remove(name)));
+    pub(super) fn forget(&mut self, list: &str, names: &[String]) {
+        names.iter().for_each(|name| drop(self.list(list).remove(name)));
     }
 
     fn is_empty(&self) -> bool {
@@ -75,7 +76,7 @@ impl Rig {
                 }
             }
         }
-        let lit = apply(&Self { shots: Vec::new(), ..self.clone() }, values.clone(), Path::new(""))?;
+        let lit = Self { shots: Vec::new(), ..self.clone() }.replaced(&values)?;
         // In the keys that this program writes: lumen become an intensity.
         let mut shot = Shot::new(camera);
         for list in LISTS {
@@ -109,9 +110,18 @@ impl Rig {
         let shared = Self { shots: Vec::new(), snapshots: Vec::new(), ..self.clone() };
         match self.shot(camera) {
             None => Ok(shared),
-            Some(shot) => apply(&shared, shot.values.clone(), Path::new(""))
-                .map_err(|reason| format!("shot \"{camera}\": {reason}")),
+            Some(shot) => shared.replaced(&shot.values).map_err(|reason| format!("shot \"{camera}\": {reason}")),
         }
+    }
+
+    /// The rig with other values, by list, name and key, in place of its own: a patch would merge tables.
+    fn replaced(mut self, values: &Object) -> Result<Self, String> {
+        let lights = values.get("lights").and_then(Value::as_object);
+        let has_factors = |light: &&mut Light| {
+            lights.is_some_and(|lights| lights.get(&light.name).is_some_and(|own| own.get("factor").is_some()))
+        };
+        self.lights.iter_mut().filter(has_factors).for_each(|light| light.links.factor.clear());
+        apply(&self, values.clone(), Path::new(""))
     }
 
     /// The rig after an edit that turned its lights in pictures of `camera` from `before` into `after`. Values that differ
@@ -167,7 +177,7 @@ impl Rig {
                 shared.set(list, name, key, entry.get(key).cloned().unwrap_or_default());
             }
         }
-        edited = apply(&edited, shared.values, Path::new(""))?;
+        edited = edited.replaced(&shared.values)?;
         edited.snapshots.clone_from(&self.snapshots);
         edited.shots = shots;
         edited.shots.retain(|shot| !shot.is_empty());
@@ -175,10 +185,12 @@ impl Rig {
         Ok(edited)
     }
 
-    /// Makes lights in pictures of `camera` those of all other shots. An error names a light that would be invalid.
-    pub fn share(&mut self, camera: &str, lights: &[String]) -> Result<(), String> {
+    /// Makes lights and groups in pictures of `camera` those of all other shots. An error names a light that would be
+    /// invalid.
+    pub fn share(&mut self, camera: &str, lights: &[String], groups: &[String]) -> Result<(), String> {
         let Some(shot) = self.shots.iter_mut().find(|shot| shot.camera == camera) else { return Ok(()) };
-        shot.forget_lights(lights);
+        shot.forget("lights", lights);
+        shot.forget("groups", groups);
         self.shots.retain(|shot| !shot.is_empty());
         self.of_shot(camera).map(drop)
     }

@@ -48,8 +48,10 @@ impl OpenScene {
         (self.gather_marks, self.comparison_image, self.caster) = (None, None, None);
         self.light_view = LightView::default();
         let seen = std::mem::replace(&mut self.opened, opened);
+        let is_complete = std::mem::take(&mut self.is_complete);
         match before {
-            (Some(shot), relighter) if is_same => self.shot_sheet.keep(shot, seen, relighter, !self.is_baking),
+            (Some(shot), relighter) if is_same => self.shot_sheet.keep(shot, seen, relighter, is_complete),
+            _ if is_same => {}
             _ => self.shot_sheet = ShotSheet::default(),
         }
         Ok(())

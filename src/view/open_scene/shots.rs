@@ -17,8 +17,8 @@ pub struct ShotDisplay {
 impl OpenScene {
     /// Index of the camera that is shown; `None`: it is not one of the scene's.
     pub fn shown_camera(&self) -> Option<usize> {
-        let name = &self.opened.framebuffer.camera.name;
-        self.opened.scene.cameras.iter().position(|camera| camera.name == *name)
+        let shown = &self.opened.framebuffer.camera;
+        self.opened.scene.cameras.iter().position(|camera| camera.name == shown.name && camera.sees_as(shown))
     }
 
     /// Updates one picture of the sheet. Returns whether there was one to update.

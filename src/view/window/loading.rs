@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::view::Opened;
 use crate::view::loads::Change;
 use crate::view::open_scene::Flow;
+use crate::view::shot_sheet::ShotSheet;
 
 impl App {
     /// Loads the scene's file again, while the old picture stays.
@@ -42,16 +43,20 @@ impl App {
     pub(super) fn look_from(&mut self, camera: usize) {
         let Some(open_scene) = &mut self.open_scene else { return };
         let name = open_scene.opened.scene.cameras[camera].name.clone();
-        if self.loads.camera(&open_scene.opened) == name {
+        let is_wanted = self.loads.camera(&open_scene.opened) == name;
+        if is_wanted && (open_scene.is_baking || open_scene.shown_camera() == Some(camera)) {
             return;
         }
         open_scene.desk.message = format!("camera {name}");
-        let complete = open_scene.complete_shot(camera).cloned().filter(|_| !open_scene.is_baking);
+        let domes = open_scene.desk.rig().has_domes();
+        let has_all = |seen: &&Opened| !domes || seen.transfer.as_ref().is_none_or(|transfer| transfer.sky.is_some());
+        let complete = open_scene.complete_shot(camera).filter(has_all).filter(|_| !open_scene.is_baking).cloned();
         self.loading = Some(("loading", 0.0));
         match complete {
             Some(opened) => {
-                self.loads.looks_from(&opened, open_scene.desk.base());
+                self.loads.show_complete(&opened, open_scene.desk.base());
                 self.replace(opened);
+                self.open_scene.iter_mut().for_each(|open_scene| open_scene.is_complete = true);
             }
             None => {
                 open_scene.is_baking = true;
@@ -63,14 +68,14 @@ impl App {
     /// Bakes for all cameras once their sheet is shown and nothing else bakes.
     pub(super) fn start_shots(&mut self) {
         let Some(open_scene) = &mut self.open_scene else { return };
-        let waits = open_scene.shot_sheet.is_new() && self.view.show_shots;
-        if !waits || open_scene.is_baking {
+        let domes = open_scene.desk.rig().has_domes();
+        if !self.view.show_shots || open_scene.is_baking || !open_scene.shot_sheet.is_due(domes) {
             return;
         }
         let count = open_scene.opened.scene.cameras.len();
         let others = (0..count).filter(|camera| Some(*camera) != open_scene.shown_camera()).collect();
         let (thread, scene) = self.loads.start_shots(&open_scene.opened, open_scene.desk.base(), others);
-        open_scene.shot_sheet.begin(count, thread, scene);
+        open_scene.shot_sheet = ShotSheet::new(count, thread, scene, domes);
     }
 
     /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
@@ -131,6 +136,7 @@ impl App {
             return self.check(outcome.map(|()| Flow::Continue), event_loop);
         };
         open_scene.is_baking = false;
+        open_scene.is_complete |= is_shown && outcome.is_ok();
         match outcome {
             Ok(()) if is_shown => self.remote.iter_mut().for_each(|remote| remote.host.indirect(true)),
             Ok(()) => {}
