@@ -45,7 +45,12 @@ impl Transfer {
         };
         let mut chain: Vec<_> = inner.iter().map(|matrix| lengthened(matrix, matrix.outputs.clone())).collect();
         chain.push(lengthened(last, last.outputs.iter().map(|output| output + first as u32).collect()));
-        chain.push(matrix(&rows, vector_length, first as u32));
+        // Samples of `from` that no light reaches are not part of any block: nothing writes their places in the vector.
+        let mut is_lit = vec![false; from.samples.len()];
+        last.outputs.iter().for_each(|&output| is_lit[output as usize] = true);
+        let lit = |row: &Row| row.iter().copied().filter(|(i, _)| is_lit[*i as usize]).collect();
+        let lit: Vec<Row> = rows.iter().map(lit).collect();
+        chain.push(matrix(&lit, vector_length, first as u32));
         let upsampled = |light: &EmitterLight| {
             let pixel = |row: &Row| row.iter().map(|&(i, factor)| factor * light.radiance[i as usize]).sum();
             EmitterLight { radiance: rows.par_iter().map(pixel).collect(), ..*light }
