@@ -3,7 +3,6 @@
 use super::OpenScene;
 use crate::error::{Error, Result};
 use crate::relight::{Layers, Request, ToneMap};
-use crate::view::Opened;
 use crate::view::shot_sheet::{Drawn, WIDTH};
 use crate::view::snapshots::reduced;
 
@@ -54,10 +53,5 @@ impl OpenScene {
         });
         self.shot_sheet.drew(shot, picture, wanted);
         Ok(true)
-    }
-
-    /// What another camera of the scene sees, if it is complete.
-    pub fn complete_shot(&self, shot: usize) -> Option<&Opened> {
-        self.shot_sheet.complete(shot)
     }
 }

@@ -50,7 +50,8 @@ impl App {
         open_scene.desk.message = format!("camera {name}");
         let domes = open_scene.desk.rig().has_domes();
         let has_all = |seen: &&Opened| !domes || seen.transfer.as_ref().is_none_or(|transfer| transfer.sky.is_some());
-        let complete = open_scene.complete_shot(camera).filter(has_all).filter(|_| !open_scene.is_baking).cloned();
+        let complete =
+            open_scene.shot_sheet.complete(camera).filter(has_all).filter(|_| !open_scene.is_baking).cloned();
         self.loading = Some(("loading", 0.0));
         match complete {
             Some(opened) => {
