@@ -4,14 +4,16 @@ mod common;
 
 use std::sync::Arc;
 
-use common::stage::{Setup, Stage};
+use common::stage::{Build, Setup, Stage, lambert, look, rig};
 use common::{gpu, shipped, transfer};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+use relume::bake::compression::CompressionSettings;
 use relume::bake::transfer::Transfer;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::relight::Layers;
-use relume::scene::Scene;
+use relume::scene::{Light, Projection, Scene};
+use relume::shared::NO_BRDF;
 use relume::storage::journal::Journal;
 
 fn setup(samples: u32) -> Setup {
@@ -97,4 +99,37 @@ fn larger_pictures_get_the_light_of_the_same_surfaces() {
     let error = apart(&got, &want);
     println!("indirect light of a picture 2.5 times as wide: {error:.4} off");
     assert!(error < 0.12, "{error}");
+}
+
+/// Samples that no light reaches are in no block, so nothing writes their places in the vector.
+#[test]
+fn larger_pictures_read_only_what_is_written() {
+    let mut build = Build::default();
+    let white = build.material(lambert(Vec3::splat(0.7)));
+    // Two walls of a corner light each other; a board in front of them, to the right, faces the camera and nothing else.
+    build.quad(DVec3::new(-1.0, 0.0, -3.0), DVec3::X * 0.8, DVec3::Y, white);
+    build.quad(DVec3::new(-1.8, 0.0, -2.0), -DVec3::Z, DVec3::Y, white);
+    build.quad(DVec3::new(1.0, 0.0, -1.0), DVec3::X * 0.8, DVec3::Y * 0.8, white);
+    let camera = look(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, DVec3::Y, Projection::Perspective { yfov: 0.9 });
+    let rig = rig(vec![Light::point("point", DVec3::new(-0.5, 0.5, -1.5))]);
+    let [small, large] =
+        [Setup::new(48, 32), Setup::new(90, 60)].map(|setup| Stage::new(build.scene(), &camera, &rig, &setup));
+    let settings =
+        TransferSettings { outgoing: Outgoing::Glossy { functions: Some(9) }, ..transfer::settings(256, 256, 256) };
+    let transport = LightTransport::new(&small.scene, &small.framebuffer, &settings, &|_| ());
+    let compression = CompressionSettings { error: 0.03, lights: 64, lobe: Lobe::All, seed: 1 };
+    let nested = Transfer::nested(&transport, &compression, &mut Journal::default(), &|_| ()).unwrap();
+    let reflects = small.framebuffer.samples.iter().filter(|sample| sample.brdf != NO_BRDF).count();
+    let lit = nested.chain.last().expect("there is a chain").outputs.len();
+    assert!(0 < lit && lit < reflects, "{lit} of {reflects} samples are in blocks");
+
+    let upsampled = nested.upsampled(&small.framebuffer, &large.framebuffer, small.scene.bvh.radius).unwrap();
+    let mut written = vec![false; upsampled.vector_length];
+    written[..upsampled.first().last().copied().unwrap() as usize].fill(true);
+    for matrix in &upsampled.chain {
+        assert!(matrix.inputs.iter().all(|&input| written[input as usize]), "reads what nothing wrote");
+        if matrix.output_count as usize == written.len() {
+            matrix.outputs.iter().for_each(|&output| written[output as usize] = true);
+        }
+    }
 }
