@@ -7,15 +7,13 @@
 
 // One workgroup per tile: its reads are contiguous, and no pixel needs a division by the width.
 void main() {
-    uint tiles_x = (push.width + TILE_SIZE - 1) / TILE_SIZE;
-    uint stride = tiled_length(uvec2(push.width, push.height));
-    uvec2 tile = uvec2(group_index() % tiles_x, group_index() / tiles_x);
-    uint inside = gl_LocalInvocationIndex;
-    uvec2 pixel = tile * TILE_SIZE + uvec2(inside % TILE_SIZE, inside / TILE_SIZE);
+    uvec2 pixel = tile_pixel();
     if (pixel.x >= push.width || pixel.y >= push.height) {
         return;
     }
-    uint at = thread_index();
+    uint stride = tiled_length(uvec2(push.width, push.height));
+    uint tile = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    uint at = tile * GROUP_SIZE + gl_LocalInvocationIndex;
     uint index = pixel.y * push.width + pixel.x;
 
     vec3 c = vec3(0.0);

@@ -6,11 +6,10 @@
 #include "lib/read_pixel.glsl"
 
 void main() {
-    uint thread = thread_index();
-    if (thread >= push.cell.x * push.cell.y) {
+    uvec2 inside = tile_pixel();
+    if (inside.x >= push.cell.x || inside.y >= push.cell.y) {
         return;
     }
-    uvec2 inside = uvec2(thread % push.cell.x, thread / push.cell.x);
     vec3 sum = vec3(0.0);
     if (push.term_count != 0) {
         uvec2 first = inside * push.size / push.cell;

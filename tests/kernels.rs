@@ -214,7 +214,7 @@ fn composite_sums_and_maps_tones() {
                     height,
                     blue_first: 0,
                 };
-                pass.dispatch(&kernel, &push, stride as u32);
+                pass.dispatch_tiles(&kernel, &push, [width, height]);
             });
             assert!(target.host()[words..].iter().all(|&x| x == 0x1234_5678), "wrote past {width} x {height}");
             for at in 0..pixel_count {

@@ -20,7 +20,7 @@ use super::surface::{Presenting, Surface};
 use super::vulkan_error::vulkan;
 use crate::error::Result;
 use crate::shared::gpu_struct::{Compute, Exchange, Glsl, Push, Read, Write};
-use crate::shared::{GROUP_SIZE, MAX_COLUMNS};
+use crate::shared::{GROUP_SIZE, MAX_COLUMNS, TILE_SIZE};
 
 /// Where a pass ran.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -447,10 +447,21 @@ impl Pass<'_> {
 
     /// Runs `kernel` with at least `thread_count` threads; the kernel itself discards the excess ones.
     pub fn dispatch<P: Push<Pipeline = Compute>>(self, kernel: &Kernel<P>, push: &P, thread_count: u32) {
-        let Self { frames, name, sampled } = self;
-        frames.begin_pass(name);
         let groups = thread_count.div_ceil(GROUP_SIZE).max(1);
         let columns = groups.min(MAX_COLUMNS);
+        self.launch(kernel, push, [columns, groups.div_ceil(columns)]);
+    }
+
+    /// Runs `kernel` with a workgroup for each tile of a picture of `size` pixels: workgroup and tile have the same
+    /// column and row, and a thread finds its pixel without a division.
+    pub fn dispatch_tiles<P: Push<Pipeline = Compute>>(self, kernel: &Kernel<P>, push: &P, size: [u32; 2]) {
+        const { assert!(TILE_SIZE * TILE_SIZE == GROUP_SIZE) };
+        self.launch(kernel, push, size.map(|pixels| pixels.div_ceil(TILE_SIZE).max(1)));
+    }
+
+    fn launch<P: Push<Pipeline = Compute>>(self, kernel: &Kernel<P>, push: &P, [columns, rows]: [u32; 2]) {
+        let Self { frames, name, sampled } = self;
+        frames.begin_pass(name);
         let device = &frames.context.device;
         let layout = frames.context.pipeline_layout;
         let stages = vk::ShaderStageFlags::COMPUTE | vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT;
@@ -463,7 +474,7 @@ impl Pass<'_> {
                 let bind_point = vk::PipelineBindPoint::COMPUTE;
                 device.cmd_bind_descriptor_sets(frames.commands, bind_point, layout, 0, &[set], &[]);
             }
-            device.cmd_dispatch(frames.commands, columns, groups.div_ceil(columns), 1);
+            device.cmd_dispatch(frames.commands, columns, rows, 1);
         }
         frames.end_pass(name);
     }

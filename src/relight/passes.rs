@@ -476,7 +476,7 @@ impl FrameResources<'_> {
             height: self.framebuffer.tiling.height,
             blue_first: u32::from(output.is_blue_first()),
         };
-        pass.dispatch(outputs.kernel(output), &push, self.framebuffer.pixel_stride() as u32);
+        pass.dispatch_tiles(outputs.kernel(output), &push, [push.width, push.height]);
         if let Some(finite_check) = self.finite_check.filter(|_| *output == Output::Linear) {
             let pixels = push.width * push.height;
             finite_check.planes(frame, CheckedPass::Composite, outputs.pixels(output), pixels, pixels);

@@ -104,7 +104,7 @@ impl FrameResources<'_> {
             cell: UVec2::new(width, height),
             blue_first: u32::from(output.is_blue_first()),
         };
-        pass.dispatch(outputs.sheet_kernel(output), &push, width * height);
+        pass.dispatch_tiles(outputs.sheet_kernel(output), &push, [width, height]);
     }
 }
 
