@@ -1,13 +1,18 @@
 //! A frame: a sequence of passes, each with barrier, debug label and timestamps.
 //!
+//! A frame waits once, at its end. Where kernels run on the CPU, passes [on the host](Frame::host_pass) may lie between
+//! those of the device; the frame waits before each such pass that follows one of the device.
+//!
 //! A pass gets the address of a buffer only from [`Pass::read`] or [`Pass::write`], so every access is declared, and
 //! barriers are derived from the declarations. Two mistakes panic: reading a buffer that was never written, and
 //! declaring a buffer twice in a pass unless both only read. (Synchronization validation cannot see buffer addresses,
 //! and on lavapipe missing barriers have no visible effect.)
 
+use std::cell::RefCell;
 use std::collections::HashMap;
+use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use ash::vk;
@@ -71,6 +76,12 @@ pub struct Frames {
     times: Vec<PassTime>,
     began: Instant,
     presenting: Option<Presenting>,
+    /// Number of passes of this frame that were submitted.
+    submitted: usize,
+    /// Time of the first submission since the start of the frame.
+    submitted_ms: f64,
+    /// Of the buffers that the pass on the host has slices of: whether it has.
+    lent: Vec<Arc<AtomicBool>>,
 }
 
 /// The last passes of this frame that touched a buffer.
@@ -86,7 +97,8 @@ enum Touch {
     Write,
 }
 
-/// A frame being recorded. If it is dropped without [`Frame::finish`], nothing is executed.
+/// A frame being recorded. If it is dropped without [`Frame::finish`], passes after the last one on the host are not
+/// executed.
 pub struct Frame<'a> {
     frames: &'a mut Frames,
 }
@@ -96,6 +108,12 @@ pub struct Pass<'f> {
     frames: &'f mut Frames,
     name: &'static str,
     sampled: Option<vk::DescriptorSet>,
+}
+
+/// A pass on the host, which declares its accesses like one of the device.
+pub struct HostPass<'f> {
+    frames: RefCell<&'f mut Frames>,
+    name: &'static str,
 }
 
 impl Glsl for u8 {
@@ -130,6 +148,9 @@ impl Frames {
             times: Vec::with_capacity(MAX_PASSES),
             began: Instant::now(),
             presenting: None,
+            submitted: 0,
+            submitted_ms: 0.0,
+            lent: Vec::new(),
         };
         // SAFETY: all infos are valid. `drop` destroys what was made if a step fails, and ignores null handles.
         unsafe {
@@ -149,7 +170,7 @@ impl Frames {
         Ok(frames)
     }
 
-    /// Times of the last finished frame: CPU stages first, then passes.
+    /// Times of the last finished frame: what ran on the CPU first, then passes of the device.
     pub fn times(&self) -> &[PassTime] {
         &self.times
     }
@@ -169,18 +190,67 @@ impl Frames {
         self.barrier_count = 0;
         self.names.clear();
         self.times.clear();
+        self.submitted = 0;
+        // SAFETY: the last frame was waited for or never submitted.
+        unsafe { self.context.device.reset_query_pool(self.queries, 0, 2 * MAX_PASSES as u32) };
+        self.record()?;
+        Ok(Frame { frames: self })
+    }
+
+    /// Begins to record commands.
+    fn record(&mut self) -> Result<()> {
         let device = &self.context.device;
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the last frame was waited for or never submitted.
+        // SAFETY: what was recorded before was waited for or never submitted.
         unsafe {
             device.reset_command_pool(self.pool, Default::default()).map_err(vulkan("reset a command pool"))?;
-            device.reset_query_pool(self.queries, 0, 2 * MAX_PASSES as u32);
             device.begin_command_buffer(self.commands, &begin).map_err(vulkan("begin a frame"))?;
         }
-        // Earlier frames are finished, but only a barrier makes their writes visible to kernels.
+        // Earlier submissions are finished, but only a barrier makes their writes visible to kernels.
         let access = vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE;
         self.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, STAGES, access);
-        Ok(Frame { frames: self })
+        Ok(())
+    }
+
+    /// Submits the recorded commands, presents on `surface` if anything was drawn for it, and waits for all of it. Returns
+    /// whether that was presented.
+    fn submit(&mut self, surface: Option<&mut Surface>) -> Result<Result<()>> {
+        let host = vk::AccessFlags2::HOST_READ | vk::AccessFlags2::HOST_WRITE;
+        self.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, vk::PipelineStageFlags2::HOST, host);
+        if self.submitted == 0 {
+            self.submitted_ms = self.began.elapsed().as_secs_f64() * 1e3;
+        }
+        self.submitted = self.pass_count;
+        let device = &self.context.device;
+        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
+        let presenting = self.presenting.take();
+        let semaphore = |semaphore, stage| vk::SemaphoreSubmitInfo::default().semaphore(semaphore).stage_mask(stage);
+        let acquired = presenting.map(|p| semaphore(p.acquired, vk::PipelineStageFlags2::ALL_TRANSFER));
+        let rendered = presenting.map(|p| semaphore(p.rendered, vk::PipelineStageFlags2::ALL_COMMANDS));
+        let submit = [vk::SubmitInfo2::default()
+            .command_buffer_infos(&commands)
+            .wait_semaphore_infos(acquired.as_slice())
+            .signal_semaphore_infos(rendered.as_slice())];
+        // SAFETY: the commands were recorded from live objects, whose owners outlive this wait.
+        unsafe {
+            device.end_command_buffer(self.commands).map_err(vulkan("end a frame"))?;
+            device.reset_fences(&[self.fence]).map_err(vulkan("reset a fence"))?;
+            device.queue_submit2(self.context.queue, &submit, self.fence).map_err(vulkan("submit a frame"))?;
+        }
+        let shown = match (surface, presenting) {
+            (Some(surface), Some(presenting)) => surface.present(&presenting),
+            _ => Ok(()),
+        };
+        // SAFETY: as above; the submission signals the fence.
+        unsafe {
+            device.wait_for_fences(&[self.fence], true, u64::MAX).map_err(|error| {
+                // After an error the frame's resources may be dropped, so wait until it no longer runs. A lost device
+                // runs nothing.
+                let _ = device.device_wait_idle();
+                vulkan("wait for a frame")(error)
+            })?;
+        }
+        Ok(shown)
     }
 
     /// Declares an access of the current pass.
@@ -191,8 +261,15 @@ impl Frames {
             }
             Touch::Write => raw.written.store(true, Ordering::Relaxed),
         }
+        let is_lent = raw.lent.load(Ordering::Acquire) && !self.has_lent(raw);
+        assert!(!is_lent, "pass {name:?} declares {:?}, which another pass has on the host", raw.name);
         self.touch_id(name, raw.id, &raw.name, touch);
         raw.address
+    }
+
+    /// Whether the current pass, which is on the host, has slices of a buffer.
+    fn has_lent(&self, raw: &RawBuffer) -> bool {
+        self.lent.iter().any(|lent| Arc::ptr_eq(lent, &raw.lent))
     }
 
     fn touch_id(&mut self, name: &str, id: u64, object: &str, touch: Touch) {
@@ -285,8 +362,17 @@ impl Frames {
         Read::from(self.upload.raw().address + start as u64)
     }
 
-    /// Converts the timestamps of the finished frame to [`PassTime`]s. It was submitted `submitted_ms` after its start.
-    fn collect_times(&mut self, submitted_ms: f64) -> Result<()> {
+    fn add_cpu_time(&mut self, name: &'static str, start: Instant) {
+        self.times.push(PassTime {
+            name,
+            processor: Processor::Cpu,
+            start_ms: (start - self.began).as_secs_f64() * 1e3,
+            ms: start.elapsed().as_secs_f64() * 1e3,
+        });
+    }
+
+    /// Converts the timestamps of the finished frame to [`PassTime`]s.
+    fn collect_times(&mut self) -> Result<()> {
         let ticks = &mut self.ticks[..2 * self.pass_count];
         if ticks.is_empty() {
             return Ok(());
@@ -300,7 +386,7 @@ impl Frames {
             self.times.push(PassTime {
                 name,
                 processor: Processor::Gpu,
-                start_ms: submitted_ms + ms(pair[0].saturating_sub(first)),
+                start_ms: self.submitted_ms + ms(pair[0].saturating_sub(first)),
                 ms: ms(pair[1].saturating_sub(pair[0])),
             });
         }
@@ -311,7 +397,7 @@ impl Frames {
 impl Drop for Frames {
     fn drop(&mut self) {
         let device = &self.context.device;
-        // SAFETY: `finish` waits, so no frame is in flight.
+        // SAFETY: `submit` waits, so no frame is in flight.
         unsafe {
             device.destroy_query_pool(self.queries, None);
             device.destroy_fence(self.fence, None);
@@ -331,12 +417,7 @@ impl Frame<'_> {
     pub fn cpu<R>(&mut self, name: &'static str, stage: impl FnOnce() -> R) -> R {
         let start = Instant::now();
         let result = stage();
-        self.frames.times.push(PassTime {
-            name,
-            processor: Processor::Cpu,
-            start_ms: (start - self.frames.began).as_secs_f64() * 1e3,
-            ms: start.elapsed().as_secs_f64() * 1e3,
-        });
+        self.frames.add_cpu_time(name, start);
         result
     }
 
@@ -350,51 +431,38 @@ impl Frame<'_> {
         MAX_PASSES - self.frames.pass_count
     }
 
-    /// Submits the frame and waits until it is finished. There is no other wait in a frame.
+    /// Runs a pass on the host, after all passes before it and before those that follow. Only on devices whose kernels
+    /// run on the CPU; see [`HostPass`].
+    pub fn host_pass(&mut self, name: &'static str, run: impl FnOnce(&HostPass)) -> Result<()> {
+        let frames = &mut *self.frames;
+        assert!(
+            frames.context.is_cpu(),
+            "pass {name:?} is on the host, but kernels run on {}",
+            frames.context.info.name
+        );
+        assert!(frames.presenting.is_none(), "pass {name:?} comes after what is presented");
+        if frames.submitted < frames.pass_count {
+            frames.submit(None)??;
+            frames.record()?;
+            frames.synced = frames.pass_count;
+        }
+        frames.accesses.clear();
+        let start = Instant::now();
+        run(&HostPass { frames: RefCell::new(frames), name });
+        self.frames.add_cpu_time(name, start);
+        Ok(())
+    }
+
+    /// Submits the frame and waits until it is finished.
     pub fn finish(self) -> Result<()> {
-        self.submit(None)
+        self.frames.submit(None)??;
+        self.frames.collect_times()
     }
 
     /// Like [`Frame::finish`], and presents on `surface` what [`Frame::draw`] drew.
     pub fn finish_on(self, surface: &mut Surface) -> Result<()> {
-        self.submit(Some(surface))
-    }
-
-    fn submit(self, surface: Option<&mut Surface>) -> Result<()> {
-        let frames = self.frames;
-        let host = (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ);
-        frames.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, host.0, host.1);
-        let submitted_ms = frames.began.elapsed().as_secs_f64() * 1e3;
-        let device = &frames.context.device;
-        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(frames.commands)];
-        let presenting = frames.presenting.take();
-        let semaphore = |semaphore, stage| vk::SemaphoreSubmitInfo::default().semaphore(semaphore).stage_mask(stage);
-        let acquired = presenting.map(|p| semaphore(p.acquired, vk::PipelineStageFlags2::ALL_TRANSFER));
-        let rendered = presenting.map(|p| semaphore(p.rendered, vk::PipelineStageFlags2::ALL_COMMANDS));
-        let submit = [vk::SubmitInfo2::default()
-            .command_buffer_infos(&commands)
-            .wait_semaphore_infos(acquired.as_slice())
-            .signal_semaphore_infos(rendered.as_slice())];
-        // SAFETY: the commands were recorded from live objects, whose owners outlive this wait.
-        unsafe {
-            device.end_command_buffer(frames.commands).map_err(vulkan("end a frame"))?;
-            device.reset_fences(&[frames.fence]).map_err(vulkan("reset a fence"))?;
-            device.queue_submit2(frames.context.queue, &submit, frames.fence).map_err(vulkan("submit a frame"))?;
-        }
-        let shown = match (surface, presenting) {
-            (Some(surface), Some(presenting)) => surface.present(&presenting),
-            _ => Ok(()),
-        };
-        // SAFETY: as above; the submission signals the fence.
-        unsafe {
-            device.wait_for_fences(&[frames.fence], true, u64::MAX).map_err(|error| {
-                // After an error the frame's resources may be dropped, so wait until it no longer runs. A lost device
-                // runs nothing.
-                let _ = device.device_wait_idle();
-                vulkan("wait for a frame")(error)
-            })?;
-        }
-        frames.collect_times(submitted_ms)?;
+        let shown = self.frames.submit(Some(surface))?;
+        self.frames.collect_times()?;
         shown
     }
 
@@ -490,5 +558,47 @@ impl Pass<'_> {
         frames.begin_pass(name);
         record(&frames.context, frames.commands);
         frames.end_pass(name);
+    }
+}
+
+impl HostPass<'_> {
+    /// Declares that the pass reads `buffer`, and returns its contents as floats.
+    pub fn read<'p, T: Glsl>(&'p self, buffer: &'p Buffer<T>) -> &'p [f32] {
+        if buffer.raw().access != Access::Device {
+            self.frames.borrow_mut().touch(self.name, buffer.raw(), Touch::Read);
+            return bytemuck::cast_slice(buffer.host());
+        }
+        let (start, count) = self.borrow(buffer, Touch::Read);
+        // SAFETY: as in `write`.
+        unsafe { std::slice::from_raw_parts(start.as_ptr(), count) }
+    }
+
+    /// Declares that the pass writes `buffer`, and perhaps reads what earlier passes wrote. Returns its contents as
+    /// floats.
+    #[allow(clippy::mut_from_ref, reason = "each buffer is lent once")]
+    pub fn write<'p, T: Glsl>(&'p self, buffer: &'p Buffer<T>) -> &'p mut [f32] {
+        let (start, count) = self.borrow(buffer, Touch::Write);
+        // SAFETY: the memory is mapped as long as the buffer lives, and all bits are floats. Nobody else has a slice of it:
+        // `host` and `host_mut` refuse buffers of the device, and `borrow` a second one until this pass ends. No kernel
+        // accesses it: frames waited for those before this pass, and buffers are passed to no other frame meanwhile.
+        unsafe { std::slice::from_raw_parts_mut(start.as_ptr(), count) }
+    }
+
+    fn borrow<T: Glsl>(&self, buffer: &Buffer<T>, touch: Touch) -> (NonNull<f32>, usize) {
+        let mut frames = self.frames.borrow_mut();
+        frames.touch(self.name, buffer.raw(), touch);
+        if !frames.has_lent(buffer.raw()) {
+            let was_lent = buffer.raw().lent.swap(true, Ordering::AcqRel);
+            assert!(!was_lent, "{:?} is lent to another pass", buffer.raw().name);
+            frames.lent.push(buffer.raw().lent.clone());
+        }
+        (buffer.raw().mapped_floats(), buffer.len() * size_of::<T>() / size_of::<f32>())
+    }
+}
+
+impl Drop for HostPass<'_> {
+    fn drop(&mut self) {
+        let frames = self.frames.get_mut();
+        frames.lent.drain(..).for_each(|lent| lent.store(false, Ordering::Release));
     }
 }

@@ -1,8 +1,9 @@
 //! Typed, named buffers that own their memory; `upload.rs` fills them.
 
 use std::marker::PhantomData;
+use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -27,6 +28,10 @@ pub enum Access {
     Streamed,
 }
 
+/// A float that several threads may access at once.
+#[repr(transparent)]
+pub struct SharedFloat(AtomicU32);
+
 /// `[T]` in memory that kernels access by device address.
 pub struct Buffer<T> {
     raw: RawBuffer,
@@ -43,6 +48,9 @@ pub(super) struct RawBuffer {
     pub handle: vk::Buffer,
     /// Whether the buffer was ever written.
     pub written: AtomicBool,
+    pub access: Access,
+    /// Whether a pass on the host has slices of it.
+    pub lent: Arc<AtomicBool>,
     allocation: Option<Allocation>,
     context: Arc<Context>,
 }
@@ -76,12 +84,28 @@ impl<T: Glsl> Buffer<T> {
         let bytes = self.len * size_of::<T>();
         let Self { raw, .. } = self;
         let allocation = raw.allocation.as_mut().expect("held until dropped");
-        let mapped = allocation.mapped_slice_mut();
+        let mapped = if raw.access == Access::Device { None } else { allocation.mapped_slice_mut() };
         bytemuck::cast_slice_mut(&mut mapped.unwrap_or_else(|| panic!("{} is not host memory", raw.name))[..bytes])
     }
 
     pub(super) fn raw(&self) -> &RawBuffer {
         &self.raw
+    }
+}
+
+impl SharedFloat {
+    pub fn of(floats: &mut [f32]) -> &[Self] {
+        // SAFETY: both types have the size and alignment of `u32`, and all their bits are valid. While the slice returned
+        // lives, nobody else has access.
+        unsafe { std::slice::from_raw_parts(floats.as_mut_ptr().cast(), floats.len()) }
+    }
+
+    pub fn get(&self) -> f32 {
+        f32::from_bits(self.0.load(Ordering::Relaxed))
+    }
+
+    pub fn set(&self, value: f32) {
+        self.0.store(value.to_bits(), Ordering::Relaxed);
     }
 }
 
@@ -106,6 +130,8 @@ impl RawBuffer {
             address: 0,
             handle,
             written: AtomicBool::new(false),
+            access,
+            lent: Arc::default(),
             allocation: None,
             context: context.clone(),
         };
@@ -125,8 +151,17 @@ impl RawBuffer {
         Ok(raw)
     }
 
+    /// Memory that the host may read; `None` for [`Access::Device`].
     fn mapped(&self) -> Option<&[u8]> {
-        self.allocation.as_ref()?.mapped_slice()
+        self.allocation.as_ref().filter(|_| self.access != Access::Device)?.mapped_slice()
+    }
+
+    /// Start of the memory of a buffer that the host does not access otherwise. Panics for other buffers, and where device
+    /// memory is not mapped.
+    pub fn mapped_floats(&self) -> NonNull<f32> {
+        assert!(self.access == Access::Device, "the host accesses {} by itself", self.name);
+        let allocation = self.allocation.as_ref().expect("held until dropped");
+        allocation.mapped_ptr().unwrap_or_else(|| panic!("{} is not host memory", self.name)).cast()
     }
 }
 
