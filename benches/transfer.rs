@@ -6,7 +6,8 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{Vec3, Vec4};
 use relume::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
-use relume::gpu::{Access, Buffer, Context, Frames, Kernel, Validation};
+use relume::gpu::{Access, Buffer, Context, Frames, Kernel, SharedFloat, Validation};
+use relume::relight::host_product::{self, LightVectors, Results};
 use relume::shared::*;
 
 /// Blocks alike: how many, rows of each, columns with factors for each channel and with a tint, channels.
@@ -24,6 +25,13 @@ fn products(criterion: &mut Criterion) {
         let matrix = matrix(blocks, rows, columns, channels);
         group.throughput(Throughput::Bytes(matrix.bytes() as u64));
         let shape = format!("{blocks} of {rows}x({}x3 + {})", columns[0], columns[1]);
+        let mut vector = vec![1.0f32; 4 * matrix.input_count as usize];
+        group.bench_function(BenchmarkId::new(name, format!("{shape}, on the host")), |bencher| {
+            bencher.iter(|| {
+                let vectors = LightVectors { floats: SharedFloat::of(&mut vector), places: 1, lights: 1 };
+                host_product::multiply(&matrix, vectors, Results::ToVectors);
+            });
+        });
         for lights in [1, MAX_LIGHTS_PER_PASS] {
             let mut product = Product::new(&context, &matrix, lights);
             group.bench_function(

@@ -20,8 +20,9 @@ use relume::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
-use relume::gpu::{Access, Buffer, Frames, Kernel, Pass};
-use relume::relight::{Layers, Picture, Request, VisibilityMethod};
+use relume::gpu::{Access, Buffer, Frames, Kernel, Pass, SharedFloat};
+use relume::relight::host_product::{self, LightVectors, Results, ViewSampleRadiance};
+use relume::relight::{Layers, Picture, Request, Site, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Light, LightKind, Material, Projection as Lens, Scene};
 use relume::shared::gpu_struct::Write;
@@ -114,6 +115,11 @@ fn multiply(
     });
 }
 
+/// Where this device's products can be computed.
+fn sites(gpu: &Gpu) -> impl Iterator<Item = Site> {
+    [Site::Device, Site::Host].into_iter().take(1 + usize::from(gpu.is_cpu()))
+}
+
 /// Forms of the kernel that the device can run: see [`MultiplyBlocksConstants::wide`].
 fn forms(gpu: &Gpu) -> impl Iterator<Item = bool> {
     [false, true].into_iter().take(1 + usize::from(gpu.has_wide_subgroups()))
@@ -184,6 +190,67 @@ fn multiply_blocks() {
     }
 }
 
+/// As [`multiply_blocks`], on the host.
+#[test]
+fn products_on_the_host() {
+    let mut random = Random::new(10);
+    let shapes = [(1, 1, false), (3, 130, true), (1, 3001, true), (3, 700, false), (1, 700, true), (3, 65, true)];
+    let lit = [(1, 1, 1.0), (2, 4, 1.0), (3, 4, 0.03), (4, 4, 0.1), (1, 1, 0.1), (1, 1, 0.0)];
+    for ((channels, outputs, to_view), (lights, places, share)) in
+        shapes.into_iter().flat_map(|shape| lit.map(|lit| (shape, lit)))
+    {
+        let inputs = 333;
+        let extras: usize = if to_view { outputs / 3 } else { 0 };
+        let (pixel_count, extra_stride) = (outputs - extras, extras.next_multiple_of(4));
+        let mut matrix = random_matrix(&mut random, channels, inputs, outputs);
+        if !to_view {
+            matrix.outputs.iter_mut().for_each(|o| *o += inputs as u32);
+            [matrix.input_count, matrix.output_count] = [(inputs + outputs) as u32; 2];
+        }
+        // Absent lights left anything in the vector.
+        let of_element = |i| match i % places < lights && (i / places >= inputs || random.unit() >= share) {
+            true => Vec4::ZERO,
+            false => random.vector(-1.0, 1.0).as_vec3().extend(0.0),
+        };
+        let before: Vec<Vec4> = (0..places * (inputs + outputs)).map(of_element).collect();
+        let mut vector = before.clone();
+        let mut images = vec![(vec![0.5f32; 3 * pixel_count], vec![0.5f32; 3 * extra_stride]); lights];
+        let of_images: Vec<ViewSampleRadiance> = images
+            .iter_mut()
+            .map(|(pixels, extras)| ViewSampleRadiance {
+                pixels: SharedFloat::of(pixels),
+                extras: SharedFloat::of(extras),
+                pixel_stride: pixel_count,
+                extra_stride,
+            })
+            .collect();
+        let vectors = LightVectors { floats: SharedFloat::of(bytemuck::cast_slice_mut(&mut vector)), places, lights };
+        let results = if to_view { Results::ToViewSamples(&of_images) } else { Results::ToVectors };
+        host_product::multiply(&matrix, vectors, results);
+        for light in 0..lights {
+            let exact: Vec<DVec3> =
+                before.iter().skip(light).step_by(places).map(|v| v.truncate().as_dvec3()).collect();
+            let (want, largest) = (matrix.multiply(&exact), matrix.multiply_magnitudes(&exact));
+            for row in 0..outputs {
+                let (pixels, extra_samples) = &images[light];
+                let (got, before, place) = match () {
+                    () if !to_view => {
+                        (vector[(inputs + row) * places + light].truncate().as_dvec3(), 0.0, inputs + row)
+                    }
+                    () if row < pixel_count => (pixel(pixels, pixel_count, row), 0.5, row),
+                    () => (pixel(extra_samples, extra_stride, row - pixel_count), 0.5, row),
+                };
+                // As in `multiply_blocks`.
+                let tolerance = 140.0 * ROUNDING * (largest[place].max_element() + before);
+                let error = (got - want[place] - before).abs().max_element();
+                assert!(error <= tolerance, "row {row} of {outputs}: off by {error:.3e}, tolerance {tolerance:.3e}");
+            }
+        }
+        let unchanged = |i: usize| (i % places >= lights || i / places < inputs).then_some(i);
+        assert!((0..vector.len()).filter_map(unchanged).all(|i| vector[i] == before[i]));
+    }
+}
+
 /// Their factors are not numbers here; what absent lights left in the vector does not count as light.
 #[test]
 fn column_groups_in_the_dark_are_passed_over() {
@@ -216,6 +283,13 @@ fn column_groups_in_the_dark_are_passed_over() {
         for light in 0..lights {
             let got = vector.host()[to as usize * places + light];
             assert_eq!(got.truncate(), Vec3::splat(2.0 * column_group as f32), "light {light} of {lights}");
+        }
+        let mut vector: Vec<f32> = values.iter().flat_map(Vec4::to_array).collect();
+        let floats = SharedFloat::of(&mut vector);
+        host_product::multiply(&matrix, LightVectors { floats, places, lights }, Results::ToVectors);
+        for light in 0..lights {
+            let got = &vector[4 * (to as usize * places + light)..][..3];
+            assert_eq!(got, [2.0 * column_group as f32; 3], "light {light} of {lights}, on the host");
         }
     }
 }
@@ -501,9 +575,10 @@ fn distance(got: &[[f32; 3]], want: &[DVec3]) -> f64 {
 #[test]
 fn pictures_are_what_the_operator_says() {
     let gpu = gpu();
-    for coarse_samples in [300, 60] {
+    for (coarse_samples, site) in [300, 60].into_iter().flat_map(|samples| sites(&gpu).map(move |site| (samples, site)))
+    {
         let (scene, camera) = room();
-        let setup = Setup::new(41, 23);
+        let setup = Setup { site: Some(site), ..Setup::new(41, 23) };
         let mut stage = Stage::new(scene, &camera, &lights(), &setup);
         let scene = stage.scene.clone();
         let framebuffer = stage.framebuffer.clone();
@@ -591,7 +666,7 @@ fn applied(stage: &Stage, transfer: &LightTransport, framebuffer: &Transfer, lig
 fn compressed_pictures_are_what_the_factors_say() {
     let gpu = gpu();
     let (scene, camera) = room();
-    let setup = Setup::new(48, 40);
+    let mut setup = Setup::new(48, 40);
     let mut stage = Stage::new(scene, &camera, &lights(), &setup);
     let (scene, framebuffer) = (stage.scene.clone(), stage.framebuffer.clone());
     let transfer = LightTransport::new(&scene, &framebuffer, &settings(900, 200), &|_| ());
@@ -602,36 +677,39 @@ fn compressed_pictures_are_what_the_factors_say() {
     let by_emitters = resolved(&stage, &light.radiance.iter().map(|e| e.as_dvec3()).collect::<Vec<_>>());
     stage.transfer = Some(Arc::new(nested));
     let nested = stage.transfer.as_ref().unwrap();
-    let mut relighter = stage.relighter(&gpu, &lights(), &setup);
-    // Lights that are made together with others are the same to the last bit.
-    let mut many = lights();
-    for i in 0..3 {
-        many.lights.extend(lights().lights.into_iter().map(|light| Light {
-            name: format!("{} {i}", light.name),
-            position: light.position + DVec3::new(0.0, 0.01 * f64::from(i), 0.0),
-            ..light
-        }));
-    }
-    let alone = |light| stage.relighter(&gpu, &many, &setup).linear(Picture::Light(light)).unwrap().to_vec();
-    let mut together = stage.relighter(&gpu, &many, &setup);
-    together.linear(Picture::Whole).unwrap();
-    for light in 0..many.lights.len() {
-        assert_eq!(together.linear(Picture::Light(light)).unwrap(), alone(light), "light {light}");
-    }
-    let indirect = |i| Request { layers: Layers::Indirect, ..Picture::Light(i).into() };
-    for (i, light) in lights().lights.iter().enumerate() {
-        let scale = light.scale().as_dvec3();
-        let want: Vec<DVec3> =
-            resolved(&stage, &applied(&stage, &transfer, nested, light)).into_iter().map(|p| scale * p).collect();
-        let got = relighter.linear(indirect(i)).unwrap().to_vec();
-        let error = distance(&got, &want);
-        assert!(error < 1e-5, "{}: off by {error:.2e}", light.name);
-        let exact = expected(&stage, &transfer, &rig(vec![light.clone()]));
-        let error = distance(&got, &exact);
-        assert!(error < 0.2, "{}: {error:.3} from what is compressed", light.name);
+    for site in sites(&gpu) {
+        setup.site = Some(site);
+        let mut relighter = stage.relighter(&gpu, &lights(), &setup);
+        // Lights that are made together with others are the same to the last bit.
+        let mut many = lights();
+        for i in 0..3 {
+            many.lights.extend(lights().lights.into_iter().map(|light| Light {
+                name: format!("{} {i}", light.name),
+                position: light.position + DVec3::new(0.0, 0.01 * f64::from(i), 0.0),
+                ..light
+            }));
+        }
+        let alone = |light| stage.relighter(&gpu, &many, &setup).linear(Picture::Light(light)).unwrap().to_vec();
+        let mut together = stage.relighter(&gpu, &many, &setup);
+        together.linear(Picture::Whole).unwrap();
+        for light in 0..many.lights.len() {
+            assert_eq!(together.linear(Picture::Light(light)).unwrap(), alone(light), "light {light}");
+        }
+        let indirect = |i| Request { layers: Layers::Indirect, ..Picture::Light(i).into() };
+        for (i, light) in lights().lights.iter().enumerate() {
+            let scale = light.scale().as_dvec3();
+            let want: Vec<DVec3> =
+                resolved(&stage, &applied(&stage, &transfer, nested, light)).into_iter().map(|p| scale * p).collect();
+            let got = relighter.linear(indirect(i)).unwrap().to_vec();
+            let error = distance(&got, &want);
+            assert!(error < 1e-5, "{}: off by {error:.2e}", light.name);
+            let exact = expected(&stage, &transfer, &rig(vec![light.clone()]));
+            let error = distance(&got, &exact);
+            assert!(error < 0.2, "{}: {error:.3} from what is compressed", light.name);
+        }
     }
     // Emitters' light is not compressed.
-    let emitted = relighter.linear(Picture::Emission).unwrap().to_vec();
+    let emitted = stage.relighter(&gpu, &lights(), &setup).linear(Picture::Emission).unwrap().to_vec();
     let plain = Stage { transfer: None, ..stage };
     let seen = plain.relighter(&gpu, &lights(), &setup).linear(Picture::Emission).unwrap().to_vec();
     let want: Vec<DVec3> = seen.iter().zip(by_emitters).map(|(s, e)| Vec3::from(*s).as_dvec3() + e).collect();

@@ -8,9 +8,10 @@ use common::gpu;
 use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use glam::{DVec3, UVec2, Vec2, Vec3, Vec4};
-use relume::gpu::{Access, Buffer, Frame, Frames, Kernel};
+use relume::gpu::{Access, Buffer, Frame, Frames, HostPass, Kernel};
 use relume::physics::octahedral;
 use relume::reference::{self, composite};
+use relume::relight::host_sum;
 use relume::shared::gpu_struct::Read;
 use relume::shared::*;
 
@@ -125,6 +126,16 @@ fn sum_images() {
                 assert!(error.cmple(tolerance).all(), "pixel {i} of {stride}, {term_count} terms: off by {error}");
             }
             assert!(sum.host()[3 * stride..].iter().all(|&x| x == SENTINEL), "wrote past {stride} pixels");
+            // The same on the host.
+            let mut sum = vec![0.25; 3 * stride + 1];
+            let read: Vec<(&[f32], Vec3)> = terms.iter().map(|(scale, image)| (&image[..], *scale)).collect();
+            host_sum::sum(&mut sum, stride, &read, kept);
+            for (i, want) in want.iter().enumerate() {
+                let tolerance = (2 * term_count) as f64 * ROUNDING * want;
+                let error = (pixel(&sum, stride, i) - want).abs();
+                assert!(error.cmple(tolerance).all(), "pixel {i} of {stride}, {term_count} terms: off by {error}");
+            }
+            assert_eq!(sum[3 * stride], 0.25);
         }
     }
 }
@@ -382,6 +393,48 @@ fn reading_and_writing_in_one_pass_stops() {
     let mut pass = frame.pass("both");
     let _ = pass.read(&buffer);
     let _ = pass.write(&buffer);
+}
+
+/// Passes of the device and of the host in turns, where kernels run on the CPU.
+#[test]
+fn passes_on_the_host_come_in_order() {
+    let gpu = gpu();
+    if !gpu.is_cpu() {
+        return;
+    }
+    let mut frames = Frames::new(&gpu).unwrap();
+    let kernel = Kernel::<SumImagesPush>::new(&gpu, ()).unwrap();
+    let quarter = 5_000;
+    let buffer = |access| Buffer::<Vec4>::new(&gpu, "test chain", access, 3 * quarter).unwrap();
+    let mut first = buffer(Access::HostWrites);
+    first.host_mut().fill(Vec4::ONE);
+    let (middle, last) = (buffer(Access::Device), buffer(Access::HostReads));
+    let mut frame = frames.begin().unwrap();
+    let twice = |frame: &mut Frame, from: &Buffer<Vec4>, to: &Buffer<Vec4>| {
+        let mut pass = frame.pass("twice");
+        let push = SumImagesPush {
+            terms: terms([(Vec3::splat(2.0), pass.read(from))]),
+            sum: pass.write(to),
+            term_count: 1,
+            plane_length: quarter as u32,
+            kept: 0.0,
+            unused: 0,
+        };
+        pass.dispatch(&kernel, &push, 3 * push.plane_length);
+    };
+    twice(&mut frame, &first, &middle);
+    for _ in 0..2 {
+        let add_one = |pass: &HostPass| {
+            let ones = pass.read(&first);
+            pass.write(&middle).iter_mut().zip(ones).for_each(|(float, one)| *float += one);
+        };
+        frame.host_pass("add one", add_one).unwrap();
+    }
+    twice(&mut frame, &middle, &last);
+    frame.finish().unwrap();
+    assert!(last.host().iter().all(|&v| v == Vec4::splat(8.0)), "{}", last.host()[0]);
+    let names: Vec<_> = frames.times().iter().map(|time| time.name).collect();
+    assert_eq!(names, ["add one", "add one", "twice", "twice"]);
 }
 
 #[test]

@@ -6,8 +6,9 @@ mod command;
 use std::path::Path;
 
 use command::{Run, folder, parse, relume, shipped};
-use relume::relight::{RelightSettings, VisibilityMethod};
-use relume::session::{Survey, Target};
+use relume::bake::transport::Outgoing;
+use relume::relight::{RelightSettings, Site, VisibilityMethod};
+use relume::session::{Form, IndirectSettings, Survey, Target};
 use relume::{Session, SessionSettings};
 
 /// Its factors take 19 MB, a gather sample 100 kB at the most.
@@ -107,8 +108,6 @@ fn remedies() {
     let bytes = |[width, height]: [usize; 2]| 32 * (width.next_multiple_of(8) * height.next_multiple_of(8) + 49 * 64);
     assert!(bytes([width, height]) <= 6_000_000 && bytes([width + 8, height + 8]) > 6_000_000, "{size}");
     render(folder.path(), "cornell-diffuse.glb", "buffer:6000000", &["--size", &size, "--gi", "off"]).done();
-    let gather = proposed("buffer:3000000", "--gather ", &["--size", SIZE]);
-    render(folder.path(), "cornell-diffuse.glb", "buffer:3000000", &["--size", SIZE, "--gather", &gather]).done();
     let maps = ["--size", SIZE, "--visibility", "map"];
     assert_eq!(proposed("image:512", "--shadow-size ", &maps), "512");
     let small = [&maps[..], &["--shadow-size", "512"]].concat();
@@ -163,6 +162,27 @@ fn devices_report_limits() {
     }
 }
 
+/// Kernels need a whole panel of the transfer in a buffer. The number that is proposed is the largest that fits.
+#[test]
+fn gather_samples_of_a_device_that_multiplies() {
+    let relight = RelightSettings { site: Some(Site::Device), ..Default::default() };
+    let mut target = Target::new(None, relight).unwrap();
+    target.device.limits.buffer_bytes = 3_000_000;
+    let refusal = |gather: u32| {
+        let outgoing = Outgoing::Glossy { functions: None };
+        let (form, gather) = (Form::Dense, Some(gather));
+        let indirect = IndirectSettings::Robust { outgoing, form, gather, rays: Some(16), bounces: None };
+        let mut settings = SessionSettings { cache_dir: None, indirect: Some(indirect), ..Default::default() };
+        settings.open.size = Some([64, 48]);
+        let survey = Survey::new(&shipped("cornell-glossy.glb"), None, &settings, &()).unwrap();
+        survey.footprint(&target).refusal(&target.device)
+    };
+    let refused = refusal(64).expect("a panel has more bytes");
+    let gather = refused.split("--gather ").nth(1).and_then(|rest| rest.split(' ').next()).expect("it is proposed");
+    let gather: u32 = gather.parse().unwrap();
+    assert!(refusal(gather).is_none() && refusal(gather + 1).is_some(), "{refused}");
+}
+
 /// The footprint is what a relighter allocates, but for the allocator's blocks.
 #[test]
 fn footprints_are_the_memory_that_is_taken() {
@@ -170,7 +190,7 @@ fn footprints_are_the_memory_that_is_taken() {
     let mut settings = SessionSettings { cache_dir: None, indirect: None, ..Default::default() };
     settings.open.size = Some([128, 96]); // counted, not estimated
     for visibility in [VisibilityMethod::Map, VisibilityMethod::Traced] {
-        let relight = RelightSettings { visibility, shadow_size: 256, budget_bytes: Some(0) };
+        let relight = RelightSettings { visibility, shadow_size: 256, budget_bytes: Some(0), site: None };
         let target = Target::new(None, relight.clone()).unwrap();
         let footprint = Survey::new(&path, None, &settings, &()).unwrap().footprint(&target);
         let session = Session::open(&path, None, &settings, &()).unwrap();

@@ -100,7 +100,7 @@ pub struct DeviceOptions {
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
     /// Device memory for light images and for the transfer, like 2000000000, 500M or 2G [default: three quarters of the
-    /// device's memory]. With a smaller budget the picture is the same, but slower.
+    /// device's memory]. With a smaller budget the picture is the same, but slower. Without a GPU the transfer takes none.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub budget: Option<u64>,
 }
@@ -240,6 +240,7 @@ impl ShadowOptions {
             visibility: self.visibility.into(),
             shadow_size: self.shadow_size,
             budget_bytes: device.budget,
+            site: None,
         }
     }
 

@@ -1,4 +1,4 @@
-//! Products of block matrices with the vector of light, on the device.
+//! Products of block matrices with the vector of light: on the device, or on the host if that is where kernels run.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -6,8 +6,10 @@ use std::sync::Arc;
 
 use glam::{UVec4, Vec3, Vec4};
 
+use super::Site;
 use super::factor_budget::FactorBudget;
-use super::interleaved::KernelVariants;
+use super::host_product::{Results, multiply};
+use super::interleaved::{KernelVariants, LightVectors};
 use super::light_target::LightTargets;
 use super::sparse::SparseProduct;
 use crate::bake::transfer::blocks::{BlockMatrix, Piece};
@@ -16,8 +18,14 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Context, Frame};
 use crate::shared::{GROUP_SIZE, MultiplyBlocksConstants, MultiplyBlocksPush, Panel};
 
+/// A product with a block matrix.
+pub enum Product {
+    Device(Box<DeviceProduct>),
+    Host(HostProduct),
+}
+
 /// A block matrix on the device, or some of its rows.
-pub struct Product {
+pub struct DeviceProduct {
     name: &'static str,
     panels: Buffer<Panel>,
     values: Buffer<UVec4>,
@@ -27,9 +35,17 @@ pub struct Product {
     kernels: Arc<KernelVariants<MultiplyBlocksPush>>,
 }
 
+/// A block matrix in host memory; its factors may lie in the mapped cache file.
+pub struct HostProduct {
+    name: &'static str,
+    matrix: BlockMatrix,
+    to_view_samples: bool,
+}
+
 /// Uploads matrices within a budget; those of one kind share a kernel.
 pub struct Products<'a> {
     context: &'a Arc<Context>,
+    site: Site,
     pub budget: FactorBudget,
     /// By number of channels, and whether the outputs are view samples.
     kernels: HashMap<(u32, bool), Arc<KernelVariants<MultiplyBlocksPush>>>,
@@ -40,20 +56,25 @@ pub struct Products<'a> {
 const PIECE_BYTES: u64 = 1 << 30;
 
 impl<'a> Products<'a> {
-    pub fn new(context: &'a Arc<Context>, budget_bytes: u64) -> Self {
+    pub fn new(context: &'a Arc<Context>, site: Site, budget_bytes: u64) -> Self {
         let piece_bytes = PIECE_BYTES.min(context.info.limits.largest_buffer()) as usize;
-        Self { context, budget: FactorBudget::new(budget_bytes), kernels: HashMap::new(), piece_bytes }
+        Self { context, site, budget: FactorBudget::new(budget_bytes), kernels: HashMap::new(), piece_bytes }
     }
 
     /// Of matrices that are applied one after another.
     pub fn of(&mut self, matrices: &[BlockMatrix], to_view_samples: bool) -> Result<Vec<Product>> {
         let mut products = Vec::new();
-        for matrix in matrices {
+        let name = if to_view_samples { "transfer to pixels" } else { "transfer" };
+        for matrix in matrices.iter().filter(|matrix| !matrix.panels.is_empty()) {
+            if self.site == Site::Host {
+                products.push(Product::Host(HostProduct { name, matrix: matrix.clone(), to_view_samples }));
+                continue;
+            }
             let kernels = self.kernels(matrix.channels, to_view_samples)?;
             for panels in matrix.pieces(self.piece_bytes) {
-                let name = if to_view_samples { "transfer to pixels" } else { "transfer" };
                 let piece = matrix.piece(panels);
-                products.push(Product::new(self.context, name, &piece, kernels.clone(), &mut self.budget)?);
+                let product = DeviceProduct::new(self.context, name, &piece, kernels.clone(), &mut self.budget)?;
+                products.push(Product::Device(Box::new(product)));
             }
         }
         Ok(products)
@@ -77,6 +98,35 @@ impl<'a> Products<'a> {
 }
 
 impl Product {
+    /// Number of passes on the device.
+    pub fn pass_count(&self) -> usize {
+        usize::from(matches!(self, Self::Device(_)))
+    }
+
+    /// Multiplies the vector of each target; outputs that are view samples are added to their images.
+    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &LightTargets) -> Result<()> {
+        match self {
+            Self::Device(product) => product.run(frame, vector, targets),
+            Self::Host(product) => product.run(frame, vector, targets)?,
+        }
+        Ok(())
+    }
+}
+
+impl HostProduct {
+    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &LightTargets) -> Result<()> {
+        let lights = targets.lights.len();
+        frame.host_pass(self.name, |pass| {
+            let vectors = LightVectors::new(pass, vector, lights);
+            match self.to_view_samples {
+                true => multiply(&self.matrix, vectors, Results::ToViewSamples(&targets.view_samples(pass))),
+                false => multiply(&self.matrix, vectors, Results::ToVectors),
+            }
+        })
+    }
+}
+
+impl DeviceProduct {
     fn new(
         context: &Arc<Context>,
         name: &'static str,
@@ -95,8 +145,7 @@ impl Product {
         })
     }
 
-    /// Multiplies the vector of each target; outputs that are view samples are added to their images.
-    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &LightTargets) {
+    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, targets: &LightTargets) {
         let mut pass = frame.pass(self.name);
         let push = MultiplyBlocksPush {
             panels: pass.read(&self.panels),

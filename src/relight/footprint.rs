@@ -4,7 +4,7 @@
 use glam::UVec2;
 
 use super::light_cache::LightCache;
-use super::{batch_size, visibility};
+use super::{Site, batch_size, visibility};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::framebuffer::view_samples::Tiling;
 use crate::bake::gather_samples::light_rays::RAYS;
@@ -45,6 +45,7 @@ pub struct GatherFootprint {
     pub points_per_sample: usize,
     /// Maximum functions of a sample.
     pub functions: usize,
+    pub site: Site,
 }
 
 /// Shadow maps and what is drawn into them.
@@ -146,7 +147,7 @@ impl Footprint {
         part("visibility", Cause::Pixels, packed(view_samples), visibility::BUFFERS);
         let filtered = if self.factors { visibility::BUFFERS - 1 } else { 0 };
         part("light factors", Cause::Pixels, size_of::<UVec2>() * view_samples, filtered);
-        if let Some(GatherFootprint { samples, points_per_sample, functions }) = self.gather {
+        if let Some(GatherFootprint { samples, points_per_sample, functions, site }) = self.gather {
             let points = samples * points_per_sample;
             let coefficients = max_coefficients(samples, functions);
             part("gather samples", Cause::Gather, size_of::<LightSample>() * samples, 1);
@@ -156,16 +157,19 @@ impl Footprint {
             part("light factors at gather samples", Cause::Gather, size_of::<UVec2>() * points, filtered);
             let hits = RAYS.min(samples) * functions;
             part("light rays", Cause::Gather, size_of::<Contribution>() * hits, visibility::BUFFERS);
-            // The Haar transform has a rotation and two indices a coefficient.
-            part("the Haar transform", Cause::Gather, (size_of::<Rotation>() + 8) * coefficients, 1);
             // Of one light: direct and bounced light of gather samples; two ranks a block of the nested form, each at
             // most its number of rows.
             part("the light of gather samples", Cause::Pixels, 16 * 2 * (coefficients + view_samples), 1);
             if self.domes {
                 part("light of the sky", Cause::Pixels, 16 * (sky::COLUMNS + 2 * view_samples), 1);
             }
-            // Factors of R, G and B in float16, a tint and an index for each column: of a panel, which is not divided.
-            part("a panel of the transfer", Cause::Gather, (6 * PANEL_ROWS as usize + 16) * coefficients, 0);
+            if site == Site::Device {
+                // The Haar transform has a rotation and two indices a coefficient.
+                part("the Haar transform", Cause::Gather, (size_of::<Rotation>() + 8) * coefficients, 1);
+                // Factors of R, G and B in float16, a tint and an index for each column: of a panel, which is not
+                // divided.
+                part("a panel of the transfer", Cause::Gather, (6 * PANEL_ROWS as usize + 16) * coefficients, 0);
+            }
         }
         if let Some(MapFootprint { side, vertices, triangles, masked_triangles }) = self.maps {
             part("vertices of shadow casters", Cause::Maps, 12 * vertices, 1);

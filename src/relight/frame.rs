@@ -129,6 +129,7 @@ impl Relighter {
             triangles: self.triangles.as_ref(),
             layers: self.layers,
             finite_check: self.finite_check.as_ref(),
+            site: self.site,
         };
         let mut steps = &plan.steps[..];
         loop {
@@ -145,7 +146,7 @@ impl Relighter {
                 soft: soft.as_mut(),
                 sky_terms: sky_terms.as_mut(),
             };
-            steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output.as_ref());
+            steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output.as_ref())?;
             let is_done = steps.is_empty();
             let mut surface = None;
             if let Some(FinalOutput { picture, inspection, output, screen }) = last.as_mut().filter(|_| is_done) {
@@ -188,7 +189,7 @@ impl FrameResources<'_> {
         seeing: &mut Seeing,
         outputs: &Outputs,
         output: Option<&Output>,
-    ) -> &'p [Step] {
+    ) -> Result<&'p [Step]> {
         while let Some(step) = steps.first() {
             let room = frame.passes_left().saturating_sub(MAX_FINAL_PASSES) / self.max_passes_per_step();
             let taken = match step {
@@ -197,7 +198,7 @@ impl FrameResources<'_> {
                     if shade.points.count() > room.min(seeing.visibility.left()) || !seeing.has_room() {
                         break;
                     }
-                    self.shade(frame, seeing, std::slice::from_ref(shade));
+                    self.shade(frame, seeing, std::slice::from_ref(shade))?;
                     1
                 }
                 Step::Shade(_) => {
@@ -209,11 +210,11 @@ impl FrameResources<'_> {
                     if shades.is_empty() {
                         break;
                     }
-                    self.shade(frame, seeing, &shades);
+                    self.shade(frame, seeing, &shades)?;
                     shades.len()
                 }
                 Step::Sum { target, terms, kept } => {
-                    self.sum(frame, *target, terms, *kept);
+                    self.sum(frame, *target, terms, *kept)?;
                     1
                 }
                 Step::Compare { image, .. } => {
@@ -227,6 +228,6 @@ impl FrameResources<'_> {
             };
             steps = &steps[taken..];
         }
-        steps
+        Ok(steps)
     }
 }

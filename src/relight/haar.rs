@@ -1,27 +1,43 @@
-//! The Haar transform of λ0 on the device, pruned to the terms that some product reads.
+//! The Haar transform of λ0 on the device or on the host, pruned to the terms that some product reads.
 //!
-//! First, each thread sums the coefficients of a subtree whose terms are not needed. Then each workgroup computes the
-//! rotations of one subtree of gather samples. Finally, one workgroup computes the rotations above all subtrees.
+//! On the device, first each thread sums the coefficients of a subtree whose terms are not needed. Then each workgroup
+//! computes the rotations of one subtree of gather samples. Finally, one workgroup computes the rotations above all
+//! subtrees. On the host, tasks take the place of threads and workgroups.
 
 use std::sync::Arc;
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
 
-use super::interleaved::KernelVariants;
+use super::Site;
+use super::interleaved::{KernelVariants, LightVectors};
 use crate::bake::compression::haar::{Haar, Pruned};
 use crate::error::Result;
-use crate::gpu::{Buffer, Context, Frame};
+use crate::gpu::{Buffer, Context, Frame, HostPass};
 use crate::shared::{GROUP_SIZE, HaarPush, HaarSumsPush, LightsConstants, Rotation};
 use crate::trace::point_tree::middle;
 
+/// The transform where products are computed.
+pub enum HaarTransform {
+    Device(Box<DeviceTransform>),
+    Host(HostTransform),
+}
+
 /// Buffers and kernels of the transform.
-pub struct HaarTransform {
+pub struct DeviceTransform {
     places: Buffer<u32>,
     first_place: Buffer<u32>,
     sums: KernelVariants<HaarSumsPush>,
     rotations: Buffer<Rotation>,
     launches: Vec<Launch>,
     rotate: KernelVariants<HaarPush>,
+}
+
+/// Sums and rotations of the transform.
+pub struct HostTransform {
+    places: Vec<u32>,
+    first_place: Vec<u32>,
+    order: Order,
 }
 
 /// Subtrees that one dispatch transforms.
@@ -34,12 +50,71 @@ struct Launch {
 
 /// Maximum samples per subtree: the samples and their rotations fit into a core's cache.
 const SUBTREE: usize = 256;
+/// Sums that one task on the host computes, a few microseconds of work.
+const SUMS_A_TASK: usize = 1024;
 
 impl HaarTransform {
     /// Transforms coefficients to the terms that are `needed`. Sample i has coefficients `first[i]..first[i + 1]`.
-    pub fn new(context: &Arc<Context>, first: &[u32], needed: &[bool]) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, site: Site, first: &[u32], needed: &[bool]) -> Result<Self> {
         let Pruned { places, first_place, haar } = Haar::new(first).pruned(needed);
-        let order = Order::new(&haar, first);
+        let host = HostTransform { places, first_place, order: Order::new(&haar, first) };
+        Ok(match site {
+            Site::Device => Self::Device(Box::new(DeviceTransform::new(context, &host)?)),
+            Site::Host => Self::Host(host),
+        })
+    }
+
+    /// Maximum number of passes on the device.
+    pub fn pass_count(&self) -> usize {
+        match self {
+            Self::Device(transform) => 1 + transform.launches.len(),
+            Self::Host(_) => 0,
+        }
+    }
+
+    /// Transforms the first elements of `vector` in place, for `light_count` lights. Terms that are not needed are left
+    /// undefined.
+    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, light_count: usize) -> Result<()> {
+        match self {
+            Self::Device(transform) => transform.run(frame, vector, light_count),
+            Self::Host(transform) => {
+                let run = |pass: &HostPass| transform.run(&LightVectors::new(pass, vector, light_count));
+                frame.host_pass("Haar transform", run)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl HostTransform {
+    fn run(&self, vectors: &LightVectors) {
+        let add = |places: &[u32]| {
+            for light in 0..vectors.lights {
+                let sum: Vec3 = places.iter().map(|&place| vectors.get(place as usize, light)).sum();
+                vectors.set(places[0] as usize, light, sum / (places.len() as f32).sqrt());
+            }
+        };
+        let sums = self.first_place.par_windows(2).with_min_len(SUMS_A_TASK);
+        sums.for_each(|range| add(&self.places[range[0] as usize..range[1] as usize]));
+        let rotate = |rotation: &Rotation| {
+            let [sum, term] = [rotation.sum, rotation.term].map(|place| place as usize);
+            for light in 0..vectors.lights {
+                let [left, right] = [sum, term].map(|place| vectors.get(place, light));
+                vectors.set(sum, light, rotation.cosine * left + rotation.sine * right);
+                vectors.set(term, light, rotation.sine * left - rotation.cosine * right);
+            }
+        };
+        for launch in &self.order.launches {
+            launch.par_iter().for_each(|heights| {
+                let [first, end] = [heights[0], heights[heights.len() - 1]].map(|place| place as usize);
+                self.order.rotations[first..end].iter().for_each(rotate);
+            });
+        }
+    }
+}
+
+impl DeviceTransform {
+    fn new(context: &Arc<Context>, HostTransform { places, first_place, order }: &HostTransform) -> Result<Self> {
         let launch = |ranges: &Vec<Vec<u32>>| -> Result<Launch> {
             Ok(Launch {
                 ranges: Buffer::from_slice(context, "transfer (Haar ranges)", &ranges.concat())?,
@@ -48,8 +123,8 @@ impl HaarTransform {
             })
         };
         Ok(Self {
-            places: Buffer::from_slice(context, "transfer (Haar sums)", &places)?,
-            first_place: Buffer::from_slice(context, "transfer (Haar sums' places)", &first_place)?,
+            places: Buffer::from_slice(context, "transfer (Haar sums)", places)?,
+            first_place: Buffer::from_slice(context, "transfer (Haar sums' places)", first_place)?,
             sums: KernelVariants::new(context, |lights| LightsConstants { lights })?,
             rotations: Buffer::from_slice(context, "transfer (Haar rotations)", &order.rotations)?,
             launches: order.launches.iter().map(launch).collect::<Result<_>>()?,
@@ -57,13 +132,7 @@ impl HaarTransform {
         })
     }
 
-    pub fn pass_count(&self) -> usize {
-        1 + self.launches.len()
-    }
-
-    /// Transforms the first elements of `vector` in place, for `light_count` lights. Terms that are not needed are left
-    /// undefined.
-    pub fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, light_count: usize) {
+    fn run(&self, frame: &mut Frame, vector: &Buffer<Vec4>, light_count: usize) {
         if !self.places.is_empty() {
             let mut pass = frame.pass("Haar transform");
             let push = HaarSumsPush {
@@ -145,6 +214,7 @@ fn subtrees(first: usize, end: usize, ends: &mut Vec<usize>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::SharedFloat;
 
     /// Executing the rotations of each subtree by height gives the transform, whatever the order of subtrees.
     #[test]
@@ -170,6 +240,18 @@ mod tests {
                     }
                 }
                 assert_eq!(values, want, "{samples} samples");
+            }
+            // On the host, of the second of two lights; the first one is dark.
+            let value = |i: usize| (i as f32 * 0.37).sin();
+            let mut want: Vec<[f32; 3]> = (0..length).map(|i| [value(i), 1.0, 0.0]).collect();
+            let mut floats: Vec<f32> = want.iter().flat_map(|&[r, g, b]| [0.0, 0.0, 0.0, 5.0, r, g, b, 5.0]).collect();
+            whole.transform(&mut want);
+            let Pruned { places, first_place, haar } = whole.pruned(&some);
+            let transform = HostTransform { places, first_place, order: Order::new(&haar, &first) };
+            transform.run(&LightVectors { floats: SharedFloat::of(&mut floats), places: 2, lights: 2 });
+            for (i, got) in floats.chunks(8).enumerate().filter(|(i, _)| some[*i]) {
+                assert!(got[..3] == [0.0; 3] && got[3] == 5.0 && got[7] == 5.0);
+                assert!((0..3).all(|c| (got[4 + c] - want[i][c]).abs() < 1e-4), "{got:?}, want {:?}", want[i]);
             }
         }
     }

@@ -7,6 +7,9 @@
 //! 4. `transfer to pixels` (multiply_blocks.comp): the last matrix. Adds to the images of the lights and to the
 //!    radiance of extra samples. For row wavelets a sparse product (multiply_sparse.comp) takes the place of 3 and 4.
 //!
+//! Where kernels run on the CPU, the Haar transform (haar.rs) and the products of 3 and 4 (host_product.rs) are computed
+//! on the host.
+//!
 //! Each pass declares what it accesses by `pass.read` and `pass.write`; [`LightTargets`] does this for the images.
 //! [`Frame`] derives the barriers.
 
@@ -14,6 +17,7 @@ use std::sync::Arc;
 
 use glam::Vec4;
 
+use super::Site;
 use super::block_product::{Product, Products};
 use super::haar::HaarTransform;
 use super::interleaved::{Strided, vectors};
@@ -68,16 +72,16 @@ enum GatherShading {
 
 impl Indirect {
     /// Uploads `transfer`. Factors beyond `budget_bytes` stay in host memory; kernels read them from there in every
-    /// frame.
-    pub fn new(context: &Arc<Context>, transfer: &Transfer, budget_bytes: u64) -> Result<Self> {
+    /// frame. With products on the host no factors are uploaded.
+    pub fn new(context: &Arc<Context>, transfer: &Transfer, site: Site, budget_bytes: u64) -> Result<Self> {
         // What is always needed comes before the factors.
         let points = Buffer::from_slice(context, "gather samples (points)", &transfer.points)?;
         let samples = GatherShading::new(context, transfer)?;
         let ray_caster = (!transfer.samples.is_empty()).then(|| RayCaster::new(context, transfer)).transpose()?;
-        let haar = || HaarTransform::new(context, &transfer.first(), &transfer.needed());
+        let haar = || HaarTransform::new(context, site, &transfer.first(), &transfer.needed());
         let haar = transfer.haar.then(haar).transpose()?;
         let (vector, lights_at_once) = vector(context, transfer.vector_length)?;
-        let mut products = Products::new(context, budget_bytes);
+        let mut products = Products::new(context, site, budget_bytes);
         let (inner, last) = transfer.chain.split_at(transfer.chain.len().saturating_sub(1));
         let (inner, coarse, last) =
             (products.of(inner, false)?, products.of(&transfer.coarse, false)?, products.of(last, true)?);
@@ -106,17 +110,22 @@ impl Indirect {
         })
     }
 
-    /// Maximum number of passes per light that [`Self::add`] records.
+    /// Maximum number of passes on the device per light that [`Self::add`] records.
     pub fn pass_count(&self) -> usize {
-        let inner = self.inner.len().max(self.coarse.len());
+        let count = |products: &[Product]| products.iter().map(Product::pass_count).sum::<usize>();
+        let inner = count(&self.inner).max(count(&self.coarse));
         let sky = self.sky.as_ref().map_or(0, SkyLight::pass_count);
-        2 + self.haar.as_ref().map_or(0, HaarTransform::pass_count) + inner + self.last.len() + self.sparse.len() + sky
+        2 + self.haar.as_ref().map_or(0, HaarTransform::pass_count)
+            + inner
+            + count(&self.last)
+            + self.sparse.len()
+            + sky
     }
 
     /// Adds the indirect light of each light to its image.
-    pub fn add(&self, frame: &mut Frame, targets: &LightTargets, detail: Detail) {
+    pub fn add(&self, frame: &mut Frame, targets: &LightTargets, detail: Detail) -> Result<()> {
         if self.points.is_empty() {
-            return;
+            return Ok(());
         }
         let count = targets.lights.len();
         for (offset, points) in targets.lights.iter().enumerate() {
@@ -129,15 +138,16 @@ impl Indirect {
             }
         }
         if let Some(haar) = &self.haar {
-            haar.run(frame, &self.vector, count);
+            haar.run(frame, &self.vector, count)?;
         }
         let coarse = detail == Detail::Coarse && !self.coarse.is_empty();
         for product in if coarse { &self.coarse } else { &self.inner }.iter().chain(&self.last) {
-            product.run(frame, &self.vector, targets);
+            product.run(frame, &self.vector, targets)?;
         }
         for product in &self.sparse {
             product.run(frame, &self.vector, targets);
         }
+        Ok(())
     }
 }
 

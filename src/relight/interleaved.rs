@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 
 use crate::error::Result;
-use crate::gpu::{Buffer, Context, Kernel};
+use crate::gpu::{Buffer, Context, HostPass, Kernel, SharedFloat};
 use crate::shared::MAX_LIGHTS_PER_PASS;
 use crate::shared::gpu_struct::{Compute, Push};
 
@@ -26,6 +26,39 @@ impl<P: Push<Pipeline = Compute>> KernelVariants<P> {
 
     pub fn get(&self, light_count: usize) -> &Kernel<P> {
         &self.0[usize::from(vectors(light_count) > 1)]
+    }
+}
+
+/// The vectors of one or several lights on the host: `[element][place][4]`, RGB and a float that is not used.
+#[derive(Clone, Copy)]
+pub struct LightVectors<'a> {
+    pub floats: &'a [SharedFloat],
+    /// Number of vectors that are interleaved.
+    pub places: usize,
+    /// The first `lights` of them are valid.
+    pub lights: usize,
+}
+
+impl<'a> LightVectors<'a> {
+    /// Those of `lights` lights in `buffer`, which `pass` writes.
+    pub fn new(pass: &'a HostPass, buffer: &'a Buffer<Vec4>, lights: usize) -> Self {
+        Self { floats: SharedFloat::of(pass.write(buffer)), places: vectors(lights) as usize, lights }
+    }
+
+    pub fn get(&self, element: usize, light: usize) -> Vec3 {
+        let [r, g, b, _] = self.place(element, light);
+        Vec3::new(r.get(), g.get(), b.get())
+    }
+
+    pub fn set(&self, element: usize, light: usize, rgb: Vec3) {
+        let [r, g, b, _] = self.place(element, light);
+        r.set(rgb.x);
+        g.set(rgb.y);
+        b.set(rgb.z);
+    }
+
+    fn place(&self, element: usize, light: usize) -> &'a [SharedFloat; 4] {
+        self.floats[4 * (element * self.places + light)..].first_chunk().expect("elements have four floats")
     }
 }
 

@@ -2,9 +2,10 @@
 
 use glam::Vec4;
 
+use super::host_product::ViewSampleRadiance;
 use super::soft_light::{SoftLight, SoftLights};
 use super::visibility::Visibility;
-use crate::gpu::{Buffer, Pass};
+use crate::gpu::{Buffer, HostPass, Pass, SharedFloat};
 use crate::shared::gpu_struct::Write;
 use crate::shared::{MAX_LIGHTS_PER_PASS, PackedLight};
 
@@ -31,15 +32,29 @@ pub struct LightTargets<'a> {
     pub extra_stride: u32,
 }
 
-impl LightTargets<'_> {
+impl<'a> LightTargets<'a> {
     /// Missing lights reuse the first light's address.
-    fn addresses<T: Copy>(&self, mut of: impl FnMut(&LightTarget) -> T) -> [T; MAX_LIGHTS_PER_PASS as usize] {
+    fn addresses<T: Copy>(&self, mut of: impl FnMut(&'a LightTarget<'a>) -> T) -> [T; MAX_LIGHTS_PER_PASS as usize] {
         let first = of(&self.lights[0][0]);
         std::array::from_fn(|i| if i == 0 { first } else { self.lights.get(i).map_or(first, |light| of(&light[0])) })
     }
 
     pub fn images(&self, pass: &mut Pass) -> [Write<f32>; MAX_LIGHTS_PER_PASS as usize] {
         self.addresses(|target| pass.write_as(target.image))
+    }
+
+    /// For a pass on the host.
+    pub fn view_samples<'p>(&self, pass: &'p HostPass) -> [ViewSampleRadiance<'p>; MAX_LIGHTS_PER_PASS as usize]
+    where
+        'a: 'p,
+    {
+        let [pixel_stride, extra_stride] = [self.pixel_stride, self.extra_stride].map(|stride| stride as usize);
+        self.addresses(|target| ViewSampleRadiance {
+            pixels: SharedFloat::of(pass.write(target.image)),
+            extras: SharedFloat::of(pass.write(target.extras)),
+            pixel_stride,
+            extra_stride,
+        })
     }
 
     pub fn extras(&self, pass: &mut Pass) -> [Write<f32>; MAX_LIGHTS_PER_PASS as usize] {

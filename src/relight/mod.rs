@@ -11,6 +11,8 @@ pub mod footprint;
 mod frame;
 mod gpu_framebuffer;
 mod haar;
+pub mod host_product;
+pub mod host_sum;
 mod indirect;
 mod indirect_images;
 pub mod inspect;
@@ -72,6 +74,16 @@ use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig};
 use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
+/// Where light is transformed and multiplied by a transfer of blocks, and where images of lights are summed. Row wavelets
+/// are multiplied by kernels in any case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Site {
+    /// By kernels.
+    Device,
+    /// On devices whose kernels run on the CPU; others do it by kernels.
+    Host,
+}
+
 /// Settings of a [`Relighter`].
 #[derive(Clone, Debug)]
 pub struct RelightSettings {
@@ -80,11 +92,20 @@ pub struct RelightSettings {
     pub shadow_size: u32,
     /// Device memory for light images and transfer factors; `None`: three quarters of the device's memory.
     pub budget_bytes: Option<u64>,
+    /// `None`: where kernels run. For tests.
+    pub site: Option<Site>,
 }
 
 impl Default for RelightSettings {
     fn default() -> Self {
-        Self { visibility: VisibilityMethod::Auto, shadow_size: 1024, budget_bytes: None }
+        Self { visibility: VisibilityMethod::Auto, shadow_size: 1024, budget_bytes: None, site: None }
+    }
+}
+
+impl RelightSettings {
+    /// `is_cpu`: whether kernels run on the CPU.
+    pub fn site_on(&self, is_cpu: bool) -> Site {
+        if is_cpu { self.site.unwrap_or(Site::Host) } else { Site::Device }
     }
 }
 
@@ -120,6 +141,7 @@ pub struct Relighter {
     image_budget: usize,
     /// Bytes of device memory for the factors of the transfer.
     transfer_budget: u64,
+    site: Site,
     rest: Buffer<Vec4>,
     /// Planes of the extra samples' radiance, for each light of a batch.
     extras: Vec<Buffer<f32>>,
@@ -183,7 +205,8 @@ impl Relighter {
             left + fewest as u64 * image_bytes
         });
         let transfer_budget = budget.saturating_sub(fewest as u64 * image_bytes);
-        let indirect = transfer.map(|t| Indirect::new(context, t, transfer_budget)).transpose()?;
+        let site = settings.site_on(context.is_cpu());
+        let indirect = transfer.map(|t| Indirect::new(context, t, site, transfer_budget)).transpose()?;
         let taken = indirect.as_ref().map_or(0, |indirect| indirect.device_bytes);
         let image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
         if image_budget < fewest {
@@ -210,6 +233,7 @@ impl Relighter {
             indirect_images: None,
             image_budget,
             transfer_budget,
+            site,
             rest,
             extras,
             visibility,
@@ -325,7 +349,7 @@ impl Relighter {
         let (traced, factors) = (self.traces(), self.visibility.allows_factors());
         self.visibility = VisibilityBuffers::new(&self.context, &self.framebuffer, Some(&transfer), traced, factors)?;
         self.gpu.emitters = EmitterImages::new(&self.context, &self.scene, &self.framebuffer, Some(&transfer))?;
-        self.indirect = Some(Indirect::new(&self.context, &transfer, self.transfer_budget)?);
+        self.indirect = Some(Indirect::new(&self.context, &transfer, self.site, self.transfer_budget)?);
         if let Some(soft) = &mut self.soft {
             soft.set_transfer(&transfer);
         }
@@ -357,7 +381,7 @@ impl Relighter {
         for extras in &mut self.extras {
             *extras = extra_planes(&self.context, &framebuffer)?;
         }
-        self.indirect = of.map(|t| Indirect::new(&self.context, t, self.transfer_budget)).transpose()?;
+        self.indirect = of.map(|t| Indirect::new(&self.context, t, self.site, self.transfer_budget)).transpose()?;
         self.sights = LightSights::find(&self.context, &self.scene, &framebuffer, self.cache.rig())?;
         self.soft = SoftLights::find(&self.context, &framebuffer, of, self.cache.rig())?;
         self.sky_terms = sky_terms(&self.context, of)?;

@@ -19,10 +19,11 @@ use super::sky_light::{SkyLight, SkyTerms, suns};
 use super::soft_light::{SoftLight, SoftLights};
 use super::some_points::SomePoints;
 use super::visibility::{Rays, VisibilityBuffers, VisibilitySlot, trace};
-use super::{Kernels, Layers};
+use super::{Kernels, Layers, Site, host_sum};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
-use crate::gpu::{Buffer, Frame, Pass};
+use crate::error::Result;
+use crate::gpu::{Buffer, Frame, HostPass, Pass};
 use crate::physics::distribution::GridDistribution;
 use crate::physics::sequence::fibonacci_lattice;
 use crate::scene::light_filter::PosedFilter;
@@ -61,6 +62,7 @@ pub struct FrameResources<'a> {
     pub triangles: Option<&'a SampleTriangles>,
     pub layers: Layers,
     pub finite_check: Option<&'a FiniteCheck>,
+    pub site: Site,
 }
 
 /// Buffers that a frame fills with what surfaces see of its lights.
@@ -191,7 +193,7 @@ impl FrameResources<'_> {
 
     /// Visibility and shading at unit intensity, each into its target: of one to [`MAX_LIGHTS_PER_PASS`] lights without
     /// size, or of points of one light.
-    pub fn shade(&self, frame: &mut Frame, seeing: &mut Seeing, shades: &[Shade]) {
+    pub fn shade(&self, frame: &mut Frame, seeing: &mut Seeing, shades: &[Shade]) -> Result<()> {
         let detail = shades[0].detail;
         debug_assert!(shades.iter().all(|shade| shade.detail == detail), "a plan has one detail");
         debug_assert!(shades.len() == 1 || shades.iter().all(|shade| shade.points == LightPoints::One));
@@ -263,10 +265,10 @@ impl FrameResources<'_> {
             let (pixel_stride, extra_stride) = (self.framebuffer.pixel_stride() as u32, self.extra_stride());
             let targets = LightTargets { lights: &groups, pixel_stride, extra_stride };
             if !is_dark {
-                indirect.add(frame, &targets, detail);
+                indirect.add(frame, &targets, detail)?;
             }
             if let (Some(sky), Some(index), Some(terms)) = (sky, sky_terms, &seeing.sky_terms) {
-                sky.add(frame, terms.buffer(index), &targets);
+                sky.add(frame, terms.buffer(index), &targets)?;
             }
             groups.iter().for_each(|points| self.count(frame, CheckedPass::Transfer, &points[0]));
         }
@@ -276,6 +278,7 @@ impl FrameResources<'_> {
             sights.add(frame, index, lights[0].image, pixel_stride);
             self.count(frame, CheckedPass::SeenLights, &lights[0]);
         }
+        Ok(())
     }
 
     /// The map from the sky, for domes that it is true for: what it leaves out, and whose light is blocked by all.
@@ -434,12 +437,20 @@ impl FrameResources<'_> {
     }
 
     /// Sums images into one.
-    pub fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], kept: f32) {
-        self.sum_into(frame, "sum lights", self.image(target), self.framebuffer.pixel_stride() as u32, terms, kept);
+    pub fn sum(&self, frame: &mut Frame, target: Source, terms: &[Term], kept: f32) -> Result<()> {
+        let stride = self.framebuffer.pixel_stride();
+        match self.site {
+            Site::Device => self.sum_into(frame, "sum lights", self.image(target), stride as u32, terms, kept),
+            Site::Host => frame.host_pass("sum lights", |pass| {
+                let read = self.read_terms_on_host(pass, terms);
+                host_sum::sum(pass.write(self.image(target)), stride, &read[..terms.len()], kept);
+            })?,
+        }
         if let Some(finite_check) = self.finite_check {
             let pixel_stride = self.framebuffer.pixel_stride() as u32;
             finite_check.planes(frame, CheckedPass::SumLights, self.image(target), pixel_stride, pixel_stride);
         }
+        Ok(())
     }
 
     /// `stride`: floats of each of the three planes of `sum`.
@@ -481,6 +492,20 @@ impl FrameResources<'_> {
             let pixels = push.width * push.height;
             finite_check.planes(frame, CheckedPass::Composite, outputs.pixels(output), pixels, pixels);
         }
+    }
+
+    fn read_terms_on_host<'p>(&'p self, pass: &'p HostPass, terms: &[Term]) -> [(&'p [f32], Vec3); MAX_TERMS as usize] {
+        assert!(terms.len() <= MAX_TERMS as usize, "{} terms, there is room for {MAX_TERMS}", terms.len());
+        let mut read = [(&[][..], Vec3::ZERO); MAX_TERMS as usize];
+        for (read, term) in read.iter_mut().zip(terms) {
+            let image = match term.source {
+                Source::Emitter(index) => pass.read(self.gpu.emitters.image(index)),
+                Source::Change(number) => pass.read(self.changes.image(number)),
+                source => pass.read(self.image(source)),
+            };
+            *read = (image, term.scale);
+        }
+        read
     }
 
     pub(super) fn read_terms(&self, pass: &mut Pass, terms: &[Term]) -> [SumTerm; MAX_TERMS as usize] {

@@ -67,13 +67,13 @@ impl SkyLight {
         }))
     }
 
-    /// Maximum number of passes that [`Self::add`] records.
+    /// Maximum number of passes on the device that [`Self::add`] records.
     pub fn pass_count(&self) -> usize {
-        1 + self.chain.len()
+        1 + self.chain.iter().map(Product::pass_count).sum::<usize>()
     }
 
     /// Adds the light of a sky, whose terms are in a buffer, to the image of one light.
-    pub fn add(&self, frame: &mut Frame, terms: &Buffer<Vec4>, targets: &LightTargets) {
+    pub fn add(&self, frame: &mut Frame, terms: &Buffer<Vec4>, targets: &LightTargets) -> Result<()> {
         let mut pass = frame.pass("light of the sky");
         let push = LoadTermsPush {
             terms: pass.read(terms),
@@ -83,8 +83,9 @@ impl SkyLight {
         };
         pass.dispatch(&self.load, &push, push.count);
         for product in &self.chain {
-            product.run(frame, &self.vector, targets);
+            product.run(frame, &self.vector, targets)?;
         }
+        Ok(())
     }
 }
 

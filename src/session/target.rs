@@ -43,7 +43,7 @@ impl Target {
     ) -> Footprint {
         let gather = transfer.map(|plan| {
             let (samples, points_per_sample, functions) = plan.gather();
-            GatherFootprint { samples, points_per_sample, functions }
+            GatherFootprint { samples, points_per_sample, functions, site: self.relight.site_on(self.device.is_cpu()) }
         });
         Footprint {
             size,

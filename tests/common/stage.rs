@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DVec3, Mat3, Vec2, Vec3, Vec4};
 use relume::bake::transfer::Transfer;
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
-use relume::relight::{Layers, RelightSettings, Relighter, VisibilityMethod};
+use relume::relight::{Layers, RelightSettings, Relighter, Site, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Camera, Light, Material, MeshSpace, Object, Projection, Scene, Texture, TextureRef, Wrap};
 use relume::trace::bvh::TracedScene;
@@ -141,6 +141,7 @@ pub struct Setup {
     pub visibility: VisibilityMethod,
     pub shadow_size: u32,
     pub budget_bytes: Option<u64>,
+    pub site: Option<Site>,
 }
 
 impl Setup {
@@ -154,6 +155,7 @@ impl Setup {
             visibility: VisibilityMethod::Traced,
             shadow_size: 2048,
             budget_bytes: None,
+            site: None,
         }
     }
 }
@@ -179,6 +181,7 @@ impl Stage {
             visibility: setup.visibility,
             shadow_size: setup.shadow_size,
             budget_bytes: setup.budget_bytes,
+            site: setup.site,
         };
         Relighter::new(gpu, &self.scene, &self.framebuffer, self.transfer.as_ref(), rig, &settings)
             .expect("the device has room")

@@ -1,4 +1,4 @@
-//! Block matrices, which the device multiplies with light.
+//! Block matrices, which the device or the host multiplies with light.
 //!
 //! A matrix is divided into panels: a few rows that share a list of columns and are dense within it. Factors are
 //! float16, read 16 bytes at a time: eight columns of a row. Rows are adjacent, so that neighbouring threads read
@@ -7,8 +7,8 @@
 //! Why float16: it takes half the memory and half the reads of float32. The rounding of a factor, 2^-11, is a twentieth
 //! of the default `--error`. Kernels unpack factors by `unpackHalf2x16`, which needs no device feature. Why eight
 //! columns: eight float16 fill one `uvec4`, the unit of one read. They are also the unit of skipping: the factors of a
-//! column group without light are not read. Eight threads, one for each column, share their inputs through the
-//! subgroup. docs/performance.md has times ("Block products", "Columns without light").
+//! column group without light are not read. Eight threads of a device, one for each column, share their inputs
+//! through the subgroup. docs/performance.md has times ("Block products", "Columns without light").
 //!
 //! There are two kinds of columns: with separate factors for R, G and B, and with shared factors, which take a third of
 //! the memory and need a tint of the input.
@@ -352,6 +352,12 @@ impl BlockMatrix {
             result[output as usize] = sum;
         }
         result
+    }
+
+    /// Eight columns of each row of the strip that begins at `first_row`, in a channel.
+    pub fn of_strip(&self, panel: &Panel, column_group: usize, channel: usize, first_row: usize) -> &[UVec4] {
+        let rows = (panel.row_count as usize - first_row).min(STRIP_ROWS as usize);
+        &self.values[place(panel, column_group, channel, first_row)..][..rows]
     }
 
     /// Eight columns of row `r`, RGB, before the panel's scale.
