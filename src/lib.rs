@@ -47,6 +47,8 @@
 //!
 //! # Bibliography
 //!
+//! - [Ahmed 2020] Ahmed, Wonka, Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
+//!   ordering of pixels, ACM TOG 39(6).
 //! - [Andersson 2020] Andersson et al., FLIP: a difference evaluator for alternating images, Proc. ACM CGIT 3(2).
 //! - [Appleby 2011] Appleby, MurmurHash3, public domain.
 //! - [Atanasov 2018] Atanasov et al., Adaptive environment sampling on CPU and GPU, SIGGRAPH Talks.
@@ -78,6 +80,8 @@
 //! - [Heitz 2018b] Heitz, Hill, McGuire, Combining analytic direct illumination and stochastic shadows, I3D.
 //! - [Hosek 2012] Hošek, Wilkie, An analytic model for full spectral sky-dome radiance, SIGGRAPH.
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
+//! - [Joe 2008] Joe, Kuo, Constructing Sobol sequences with better two-dimensional projections, SIAM J. Sci. Comput.
+//!   30(5).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
 //! - [Kasson 1995] Kasson, Nin, Plouffe, Hafner, Performing color space conversions with three-dimensional linear
 //!   interpolation, Journal of Electronic Imaging 4(3).
@@ -91,12 +95,12 @@
 //! - [Keller 2017] Keller et al., The Iray light transport simulation and rendering system, SIGGRAPH talks.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
-//! - [Kollig 2002] Kollig, Keller, Efficient multidimensional sampling, Computer Graphics Forum 21(3).
 //! - [Kreutzer 2014] Kreutzer et al., A unified sparse matrix data format for efficient general sparse matrix-vector
 //!   multiplication on modern processors with wide SIMD units, SIAM Journal on Scientific Computing 36(5).
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
 //! - [Lindbloom 2017] Lindbloom, Chromatic adaptation, brucelindbloom.com.
 //! - [Lloyd 1982] Lloyd, Least squares quantization in PCM, IEEE Transactions on Information Theory 28(2).
+//! - [Matousek 1998] Matousek, On the L2-discrepancy for anchored boxes, J. Complexity 14(4).
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
 //! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
 //! - [OpenGL 4.6] The Khronos Group, The OpenGL Graphics System: A Specification, version 4.6, core profile, 2022.

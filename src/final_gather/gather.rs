@@ -23,7 +23,7 @@ use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::fan::Fan;
 use crate::physics::brdf::{self, Lobes};
 use crate::physics::octahedral;
-use crate::physics::sequence::{Points, ShiftedPoints};
+use crate::physics::sequence::{Points, SharedPoints};
 use crate::shared::{Brdf, LIGHT_FACET, NO_BRDF, PackedLight};
 use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::packet::common_origin::trace_common_origin;
@@ -33,6 +33,8 @@ use crate::trace::surface::SurfacePoint;
 
 /// Most rays of a view sample in one pass, and points that are connected to it.
 pub const RAYS: u32 = 32;
+/// Rays of a view sample before the points of all view samples are scrambled anew: 32 passes.
+pub const RAYS_OF_STREAM: u32 = 1024;
 /// Points of which these are chosen.
 const CANDIDATES: usize = 1024;
 
@@ -63,7 +65,7 @@ pub struct Pass<'a> {
     /// Maximum number of perfect mirrors along a ray.
     pub layers: u32,
     /// One for each ray of a view sample.
-    pub points: &'a ShiftedPoints,
+    pub points: &'a SharedPoints,
     pub seed: u64,
     /// Number of the pass.
     pub number: u32,
@@ -200,7 +202,7 @@ impl Pass<'_> {
         let scene = self.scene;
         let eye = (*normal, *wo, lobes.specular_share() as f32);
         let Scratch { fan, vertices, .. } = scratch;
-        fan.draw(brdf, eye, Lobe::All, self.points, u64::from(*index));
+        fan.draw(brdf, eye, Lobe::All, self.points, *index);
         let origin = off(scene, *position, *geometric_normal, *geometric_normal, 0.0);
         trace_common_origin(scene, origin, &mut fan.packets);
         let random = Points::new(self.seed ^ 2 << 40, u64::from(*index));

@@ -21,14 +21,14 @@ use rayon::prelude::*;
 pub use self::combine::Combination;
 pub use self::refined::{Estimate, Refined, mean};
 
-use self::gather::{BY_CHANCE, Pass, RAYS, Scratch};
+use self::gather::{BY_CHANCE, Pass, RAYS, RAYS_OF_STREAM, Scratch};
 use self::irradiance_cache::IrradianceCache;
 use self::photons::{Photons, Surfaces};
 use self::sources::Source;
 use self::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
 use crate::bake::framebuffer::view_samples::resolve;
-use crate::physics::sequence::ShiftedPoints;
+use crate::physics::sequence::SharedPoints;
 use crate::scene::{Camera, Emitters, Projection, Rig};
 use crate::trace::bvh::TracedScene;
 use crate::trace::emitting_triangles::EmittingTriangles;
@@ -207,7 +207,8 @@ impl<'a> FinalGather<'a> {
         caches[half].add_reflected(cells, &photons.landings);
         // A first look at the picture comes sooner.
         let rays = if number == 0 { RAYS / 8 } else { RAYS };
-        let points = ShiftedPoints::of(seed ^ 4 << 40, number * RAYS..number * RAYS + rays);
+        let (round, first) = (number * RAYS / RAYS_OF_STREAM, number * RAYS % RAYS_OF_STREAM);
+        let points = SharedPoints::of(seed ^ 4 << 40 ^ u64::from(round), first..first + rays, RAYS_OF_STREAM);
         // Photons of some pixels around at first, of fewer later [Knaus 2011].
         let pixels = REACH / f64::from(number + 1).powf(1.0 / 6.0);
         let camera = &self.framebuffer.camera;

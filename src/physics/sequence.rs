@@ -1,8 +1,8 @@
-//! Low-discrepancy points for all sampling: Sobol points with Owen scrambling [Burley 2020]; a lattice where their number
-//! is known.
+//! Low-discrepancy points for all sampling: Sobol points with Owen scrambling [Burley 2020]; [`SharedPoints`], whose streams
+//! are stratified together; a lattice where their number is known.
 //!
 //! A point depends only on its stream, set and index, so samples are the same for any number of threads. The first n
-//! points of a set are stratified for any n, best at powers of two; sets and streams are independent.
+//! points of a set are stratified for any n, best at powers of two; sets and streams of [`Points`] are independent.
 
 /// Independent sets of four-dimensional points.
 #[derive(Clone, Copy, Debug)]
@@ -27,37 +27,48 @@ impl Points {
     }
 }
 
-/// Three dimensions of the first points of one set, with a digital shift per stream [Kollig 2002]: for callers that
-/// draw so many points that generating each would be slow. Strips and squares that contain one point each still do
-/// after a shift.
-pub struct ShiftedPoints {
-    seed: u64,
+/// Three dimensions of a Sobol sequence whose consecutive parts are streams. The points of one stream are stratified. So are
+/// those of 2^k streams together that begin at a multiple of 2^k, if a stream has a power of two of points: the errors of
+/// neighbouring pixels cancel in their mean if they are such streams [Ahmed 2020]. Streams of other lengths begin as far
+/// apart as those of the next power of two. Streams repeat after 2^32 points, that is after 4.2 million pixels with 1,024
+/// points.
+///
+/// The generator matrices are scrambled linearly [Matousek 1998]. So the points of a stream are those of the first one
+/// after a digital shift, and a point costs three additions without carry.
+pub struct SharedPoints {
+    matrices: [Matrix; 3],
+    /// Digital shift of all points.
+    shift: [u32; 3],
     count: usize,
-    /// Points in blocks, by dimension.
+    /// Binary digits of the number of points from one stream to the next.
+    digits_of_stream: u32,
+    /// The chosen points of the first stream in blocks, by dimension.
     digits: Vec<[[u32; BLOCK]; 3]>,
 }
 
 /// Points per block.
 pub const BLOCK: usize = 16;
 
-impl ShiftedPoints {
-    /// The first `count` points of set 0 of stream 0.
+impl SharedPoints {
+    /// The first `count` points of streams of as many.
     pub fn new(seed: u64, count: u32) -> Self {
-        Self::of(seed, 0..count)
+        Self::of(seed, 0..count, count)
     }
 
-    /// A range of the points of set 0 of stream 0.
-    pub fn of(seed: u64, range: std::ops::Range<u32>) -> Self {
-        let points = Points::new(seed, 0);
+    /// The points `range` of each stream, of `stream` points.
+    pub fn of(seed: u64, range: std::ops::Range<u32>, stream: u32) -> Self {
+        let random = |purpose: u64| mix(mix(seed) ^ purpose);
+        let matrices = [0, 1, 2].map(|d| scrambled(SOBOL[d], |row| random(row << 8 | d as u64) as u32));
+        let shift = [0, 1, 2].map(|d| random(1 << 16 | d) as u32);
         let (first, count) = (range.start, range.len());
-        // The generator's numbers are multiples of 2^-24, so this is exact.
-        let digits =
-            |index: usize, dimension: usize| (points.at(first + index as u32, 0)[dimension] * f64::exp2(32.0)) as u32;
-        let block = |b: usize| [0, 1, 2].map(|d| std::array::from_fn(|i| digits(BLOCK * b + i, d)));
-        Self { seed, count, digits: (0..count.div_ceil(BLOCK)).map(block).collect() }
+        let block = |b: usize| {
+            [0, 1, 2].map(|d| std::array::from_fn(|i| apply(&matrices[d], u64::from(first) + (BLOCK * b + i) as u64)))
+        };
+        let digits = (0..count.div_ceil(BLOCK)).map(block).collect();
+        Self { matrices, shift, count, digits_of_stream: stream.next_power_of_two().trailing_zeros(), digits }
     }
 
-    /// Points per stream.
+    /// Chosen points per stream.
     pub fn len(&self) -> usize {
         self.count
     }
@@ -69,8 +80,7 @@ impl ShiftedPoints {
 
     /// The digital shift of a stream, per dimension.
     pub fn shifts(&self, stream: u64) -> [u32; 3] {
-        let first = mix(mix(self.seed) ^ stream);
-        [first as u32, (first >> 32) as u32, mix(first) as u32]
+        [0, 1, 2].map(|d| self.shift[d] ^ apply(&self.matrices[d], stream << self.digits_of_stream))
     }
 
     /// Blocks of points by dimension, each number in [0, 1); the last block is filled up with surplus points.
@@ -85,6 +95,39 @@ impl ShiftedPoints {
         };
         self.digits.iter().map(move |block| [dimension(block, 0), dimension(block, 1), dimension(block, 2)])
     }
+}
+
+/// A generator matrix of 32 binary digits, by column: column k is added for digit k of the index. The first digit of a
+/// number is the highest bit.
+type Matrix = [u32; 32];
+
+/// The first three dimensions of the Sobol sequence, with the direction numbers of [Joe 2008].
+const SOBOL: [Matrix; 3] = {
+    let mut matrices = [[1 << 31; 32]; 3];
+    let mut k = 1;
+    while k < 32 {
+        matrices[0][k] = matrices[0][k - 1] >> 1;
+        matrices[1][k] = matrices[1][k - 1] ^ matrices[1][k - 1] >> 1;
+        matrices[2][k] = match k {
+            1 => 3 << 30,
+            _ => matrices[2][k - 1] ^ matrices[2][k - 2] ^ matrices[2][k - 2] >> 2,
+        };
+        k += 1;
+    }
+    matrices
+};
+
+/// The product of a random lower triangular matrix with ones on its diagonal and `matrix`. `random` takes a row.
+fn scrambled(matrix: Matrix, random: impl Fn(u64) -> u32) -> Matrix {
+    // Row `row` of the random matrix: digits before its own are random.
+    let row = |row: u32| random(row.into()) & !(u32::MAX >> row) | 1 << (31 - row);
+    let rows: [u32; 32] = std::array::from_fn(|i| row(i as u32));
+    matrix.map(|column| (0..32).map(|i| ((rows[i] & column).count_ones() & 1) << (31 - i)).sum())
+}
+
+/// The sum without carry of the columns that the digits of `index` name; of the lowest 32.
+fn apply(matrix: &Matrix, index: u64) -> u32 {
+    matrix.iter().enumerate().filter(|(k, _)| index >> k & 1 == 1).fold(0, |sum, (_, column)| sum ^ column)
 }
 
 /// Point `index` of a lattice of `count` points in the unit square, a power of two: more even than Sobol points of the
@@ -120,6 +163,45 @@ mod tests {
                 (start..start + 256).for_each(|i| seen[(points.at(i, set)[dimension] * 256.0) as usize] = true);
                 assert!(seen.iter().all(|&s| s), "dimension {dimension} of set {set}, stream {stream}");
             }
+        }
+    }
+
+    /// Neighbouring streams are stratified together: one of their points is in each of as many strips of each dimension,
+    /// and in each of as many squares of the first two.
+    #[test]
+    fn streams_share_their_strata() {
+        let points = SharedPoints::new(7, 64);
+        let drawn = |streams: std::ops::Range<u64>| -> Vec<[f32; 3]> {
+            let of_stream = |stream| points.blocks(points.shifts(stream));
+            let of_block = |block: [[f32; BLOCK]; 3]| (0..BLOCK).map(move |i| block.map(|d| d[i]));
+            streams.flat_map(of_stream).flat_map(of_block).collect()
+        };
+        for (streams, squares) in [(5..6, 8.0), (12..16, 16.0), (48..64, 32.0)] {
+            let drawn = drawn(streams);
+            let count = drawn.len() as f32;
+            let strata = |place: &dyn Fn(&[f32; 3]) -> usize| {
+                let mut seen = vec![false; drawn.len()];
+                drawn.iter().for_each(|point| seen[place(point)] = true);
+                seen.iter().all(|&seen| seen)
+            };
+            assert!((0..3).all(|d| strata(&|point| (point[d] * count) as usize)), "{count} points, strips");
+            let square =
+                |point: &[f32; 3]| (squares * (point[0] * squares).floor() + (point[1] * squares).floor()) as usize;
+            assert!(strata(&square), "{count} points, squares");
+        }
+    }
+
+    /// Ranges of a stream are parts of it, of streams of any length.
+    #[test]
+    fn streams_have_parts() {
+        for count in [64, 37] {
+            let first = |points: SharedPoints| -> Vec<[f32; 3]> {
+                let of_block = |block: [[f32; BLOCK]; 3]| (0..BLOCK).map(move |i| block.map(|d| d[i]));
+                points.blocks(points.shifts(5)).flat_map(of_block).take(points.len()).collect()
+            };
+            let all = first(SharedPoints::new(1, count));
+            assert_eq!(all.len(), count as usize);
+            assert_eq!(first(SharedPoints::of(1, 5..37, count)), all[5..37]);
         }
     }
 

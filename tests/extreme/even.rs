@@ -181,9 +181,11 @@ fn noisy_errors(stage: &Stage, albedo: f32, operator: &[DVec3]) -> NoisyErrors {
     let want = f64::from(albedo) / (1.0 - f64::from(albedo));
     let Stage { scene, framebuffer } = stage;
     let mut gather = FinalGather::new(scene, framebuffer, &Rig::default(), |_| true, 1, 0);
-    (0..PASSES).for_each(|_| gather.pass(&|| false));
-    let estimate = gather.estimate(0);
     let DeepFramebuffer { tiling, camera, .. } = framebuffer;
+    // Fewer pixels need more samples for a mean of the same noise.
+    let times = (1024.0 / tiling.len() as f32).max(1.0);
+    (0..PASSES * times as u32).for_each(|_| gather.pass(&|| false));
+    let estimate = gather.estimate(0);
     let pixels: Vec<(u32, u32)> = (0..tiling.height).flat_map(|y| (0..tiling.width).map(move |x| (x, y))).collect();
     let operator: Vec<Vec3> = pixels.iter().map(|&(x, y)| operator[tiling.index(x, y)].as_vec3()).collect();
     let Refined { changes, .. } = Refined::new(tiling.width as usize, &[(Vec3::ONE, &operator, &estimate)]);
@@ -196,7 +198,7 @@ fn noisy_errors(stage: &Stage, albedo: f32, operator: &[DVec3]) -> NoisyErrors {
         (sum / count / want - 1.0).abs()
     };
     // Paths between nearly white surfaces are long.
-    let samples = (320.0 * (1.0 - albedo)).clamp(1.0, 32.0) * (1024.0 / tiling.len() as f32).max(1.0);
+    let samples = (320.0 * (1.0 - albedo)).clamp(1.0, 32.0) * times;
     let traced = tracing(tiling.width, tiling.height);
     let tracer = PathTracer::new(scene, camera, &Rig::default(), &traced);
     let film = tracer.trace(samples as u32, &|| false, &|_| ());

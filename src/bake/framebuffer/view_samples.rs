@@ -113,6 +113,14 @@ impl Tiling {
     pub fn contains(&self, (x, y): (u32, u32)) -> bool {
         x < self.width && y < self.height
     }
+
+    /// An index in tile order, renumbered so that the pixels of a tile are along a Z-order curve.
+    pub fn along_curve(index: u32) -> u32 {
+        const { assert!(TILE_SIZE == 8) };
+        let digit = |from: u32, to: u32| (index >> from & 1) << to;
+        let inside = digit(0, 0) | digit(3, 1) | digit(1, 2) | digit(4, 3) | digit(2, 4) | digit(5, 5);
+        index & !63 | inside
+    }
 }
 
 /// Casts rays from one camera into one scene.
@@ -572,4 +580,26 @@ pub(in crate::bake) fn pack(
             packet
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Aligned groups of 4 and 16 pixels are squares, and tiles stay tiles.
+    #[test]
+    fn groups_along_the_curve_are_squares() {
+        let tiling = Tiling { width: 24, height: 16 };
+        let mut pixels = vec![None; tiling.len()];
+        for index in 0..tiling.len() {
+            pixels[Tiling::along_curve(index as u32) as usize] = Some(tiling.pixel(index));
+        }
+        let pixels: Vec<(u32, u32)> = pixels.into_iter().map(|pixel| pixel.expect("each has one index")).collect();
+        for side in [2, 4, TILE_SIZE] {
+            for group in pixels.chunks((side * side) as usize) {
+                let corner = |(x, y): (u32, u32)| (x / side, y / side);
+                assert!(group.iter().all(|&pixel| corner(pixel) == corner(group[0])), "side {side}: {group:?}");
+            }
+        }
+    }
 }

@@ -6,7 +6,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 use pulp::{Simd, WithSimd};
 
-use crate::physics::sequence::{BLOCK, ShiftedPoints};
+use crate::physics::sequence::{BLOCK, SharedPoints};
 use crate::shared::Brdf;
 
 /// The lobes of a view sample that reflect.
@@ -38,7 +38,7 @@ impl Directions {
         brdf: &Brdf,
         (cosine, specular): (f32, f32),
         lobe: Lobe,
-        points: &ShiftedPoints,
+        points: &SharedPoints,
         shifts: [u32; 3],
     ) {
         let eye = Eye::new(brdf, (cosine, specular), lobe, points.len());
@@ -69,7 +69,7 @@ impl Block {
 
 struct Draw<'a> {
     eye: Eye,
-    points: &'a ShiftedPoints,
+    points: &'a SharedPoints,
     shifts: [u32; 3],
     directions: &'a mut Directions,
 }
@@ -230,7 +230,7 @@ mod tests {
     /// Directions and weights equal those of double precision, except for lobes too narrow for single precision.
     #[test]
     fn draws_what_double_precision_draws() {
-        let points = ShiftedPoints::new(1, 4096);
+        let points = SharedPoints::new(1, 4096);
         let mut directions = Directions::default();
         for brdf in brdfs() {
             for cosine in [1.0, 0.9, 0.3, 0.05f32] {

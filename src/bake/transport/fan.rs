@@ -3,11 +3,13 @@
 use glam::Vec3;
 
 use super::directions::{Directions, Lobe};
-use crate::physics::sequence::{BLOCK, ShiftedPoints};
+use super::paths::Paths;
+use crate::bake::framebuffer::view_samples::Tiling;
+use crate::physics::sequence::{BLOCK, SharedPoints};
 use crate::shared::Brdf;
 use crate::trace::bvh::Hit;
 use crate::trace::packet::PACKET_SIZE;
-use crate::trace::packet::common_origin::CommonOriginPacket;
+use crate::trace::packet::common_origin::{CommonOriginPacket, trace_common_origin};
 
 /// Rays of one view sample; its buffers serve one after another.
 #[derive(Default)]
@@ -27,18 +29,30 @@ const PARTS: usize = 8;
 const NO_LIGHT: u8 = (PARTS * PARTS) as u8;
 
 impl Fan {
-    /// Draws one ray for each of `points`, in mesh space. `normal` and `wo` are unit, `specular` is the share of
+    /// Draws one ray for each of `points`, in mesh space. `sample` is the index of the view sample. `normal` and `wo` are unit, `specular` is the share of
     /// directions from the specular lobe, [`crate::physics::brdf::Lobes::specular_share`].
     pub fn draw(
         &mut self,
         brdf: &Brdf,
         (normal, wo, specular): (Vec3, Vec3, f32),
         lobe: Lobe,
-        points: &ShiftedPoints,
-        stream: u64,
+        points: &SharedPoints,
+        sample: u32,
     ) {
-        self.directions.draw(brdf, (normal.dot(wo), specular), lobe, points, points.shifts(stream));
+        self.directions.draw(
+            brdf,
+            (normal.dot(wo), specular),
+            lobe,
+            points,
+            points.shifts(Tiling::along_curve(sample).into()),
+        );
         self.fill_packets(frame_towards(normal, wo));
+    }
+
+    /// Traces the rays from a point of a surface.
+    pub fn trace(&mut self, paths: &Paths, position: Vec3, geometric_normal: Vec3) {
+        let origin = paths.off(position, geometric_normal, geometric_normal, 0.0);
+        trace_common_origin(paths.scene, origin, &mut self.packets);
     }
 
     /// Of each ray its index among the points, the weight of its radiance, its direction, and once it is traced, its hit
@@ -48,6 +62,24 @@ impl Fan {
         self.rays.iter().enumerate().map(|(i, &(ray, weight))| {
             let (packet, lane) = (&self.packets[i / PACKET_SIZE], i % PACKET_SIZE);
             (ray, weight, packet.direction(lane), packet.hit(lane))
+        })
+    }
+
+    /// [`Self::rays`], [traced](Self::trace) from the same point; those that start below the face are traced here.
+    #[inline(always)]
+    pub fn rays_from(
+        &self,
+        paths: &Paths,
+        position: Vec3,
+        geometric_normal: Vec3,
+    ) -> impl Iterator<Item = (u32, Vec3, Vec3, Option<(Hit, bool)>)> {
+        self.rays().map(move |(ray, weight, direction, hit)| {
+            // Above the horizon of an interpolated normal, but below the face: such rays start on the other side.
+            let hit = match direction.dot(geometric_normal) < 0.0 {
+                true => paths.first_hit(position, geometric_normal, direction),
+                false => hit,
+            };
+            (ray, weight, direction, hit)
         })
     }
 

@@ -13,9 +13,8 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
-use crate::physics::sequence::{Points, ShiftedPoints};
+use crate::physics::sequence::{Points, SharedPoints};
 use crate::shared::NO_BRDF;
-use crate::trace::packet::common_origin::trace_common_origin;
 
 /// Gathers rows.
 pub struct RowGatherer<'a> {
@@ -60,7 +59,7 @@ impl RowGatherer<'_> {
 
     /// Applies `make` to the rows of [`TASK`] samples at a time; results are in order.
     pub fn map<T: Send>(&self, samples: &[u32], make: impl Fn(&CsrMatrix) -> T + Sync) -> Vec<T> {
-        let points = ShiftedPoints::new(self.seed, self.rays);
+        let points = SharedPoints::new(self.seed, self.rays);
         let task = |(scratch, rows): &mut (Scratch, CsrMatrix), samples: &[u32]| {
             rows.clear();
             for &sample in samples {
@@ -78,7 +77,7 @@ impl RowGatherer<'_> {
         samples.par_chunks(TASK).map_init(scratch, task).collect()
     }
 
-    fn gather_row(&self, sample: u32, points: &ShiftedPoints, scratch: &mut Scratch) {
+    fn gather_row(&self, sample: u32, points: &SharedPoints, scratch: &mut Scratch) {
         let view = &self.framebuffer.samples[sample as usize];
         if view.brdf == NO_BRDF {
             return;
@@ -88,10 +87,9 @@ impl RowGatherer<'_> {
         let wo = octahedral::decode(view.wo).as_dvec3().normalize();
         let Some(lobes) = Lobes::new(brdf, normal, wo) else { return };
         let eye = (normal.as_vec3(), wo.as_vec3(), lobes.specular_share() as f32);
-        scratch.fan.draw(brdf, eye, self.lobe, points, sample.into());
+        scratch.fan.draw(brdf, eye, self.lobe, points, sample);
         let geometric_normal = self.framebuffer.geometric_normals[sample as usize];
-        let origin = self.paths.off(view.position, geometric_normal, geometric_normal, 0.0);
-        trace_common_origin(self.paths.scene, origin, &mut scratch.fan.packets);
+        scratch.fan.trace(&self.paths, view.position, geometric_normal);
         pulp::Arch::new().dispatch(Deposit { gatherer: self, sample, geometric_normal, scratch });
     }
 }
@@ -114,7 +112,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
         let numbers = Points::new(self.gatherer.seed, u64::from(sample));
         let Scratch { sky, rows, fan } = scratch;
         let shift = numbers.at(0, 0)[0];
-        for (ray, weight, direction, hit) in fan.rays() {
+        for (ray, weight, direction, hit) in fan.rays_from(paths, position, geometric_normal) {
             let among = (shift + f64::from(ray) * GOLDEN).fract() as f32;
             let random = |layer: u32| {
                 let [u, v, w, _] = numbers.at(ray, 1 + layer);
@@ -134,11 +132,6 @@ impl WithSimd for Deposit<'_, '_, '_> {
                         row.add(sky::column(&escape), &[1.0], weight * escape.tint);
                     }
                 }
-            };
-            // Above the horizon of an interpolated normal, but below the face: such rays start on the other side.
-            let hit = match direction.dot(geometric_normal) < 0.0 {
-                true => paths.first_hit(position, geometric_normal, direction),
-                false => hit,
             };
             paths.go_on(hit, direction, random, meet);
         }
