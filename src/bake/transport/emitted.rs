@@ -16,19 +16,21 @@ use super::LightTransport;
 use super::bright_spots::BrightSpots;
 use super::caustics::Caustics;
 use super::directions::Lobe;
+use super::fan::Fan;
 use super::level::{Level, local};
 use super::paths::{Arrival, Encounter, Paths};
+use super::rows::TASK;
 use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::Projection;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::gather_samples::GatherPoint;
 use crate::physics::brdf::{Lobes, Reflected, cosine_direction};
 use crate::physics::octahedral;
-use crate::physics::sequence::Points;
+use crate::physics::sequence::{Points, SharedPoints};
 use crate::scene::Emitters;
 use crate::shared::{NARROW_ALPHA, NO_BRDF};
 use crate::storage::pods;
-use crate::trace::bvh::TracedScene;
+use crate::trace::bvh::{Hit, TracedScene};
 use crate::trace::emitting_triangles::{EmittingTriangles, Receiver};
 use crate::trace::photon_map::Photon;
 
@@ -67,6 +69,8 @@ struct View<'a> {
     framebuffer: &'a DeepFramebuffer,
     lobe: Lobe,
     seed: u64,
+    /// Directions that samples reflect.
+    points: SharedPoints,
     aims: Aims<'a>,
 }
 
@@ -175,12 +179,15 @@ impl<'a> Emitted<'a> {
     pub fn radiance(&self, rows: &CsrMatrix, view_samples: &[u32]) -> Vec<Vec3> {
         let Some(view) = &self.view else { return Vec::new() };
         let further: Vec<Vec<DVec3>> = self.operands.iter().map(|operand| rows.multiply(operand)).collect();
-        let of_sample = |(row, &sample): (usize, &u32)| {
-            let mut radiance = view.reflected(sample);
-            radiance.iter_mut().zip(&further).for_each(|(sum, further)| *sum += further[row]);
-            radiance.into_iter().map(DVec3::as_vec3)
+        let of_samples = |fan: &mut Fan, (task, samples): (usize, &[u32])| {
+            let of_sample = |(row, &sample): (usize, &u32)| {
+                let mut radiance = view.reflected(sample, fan);
+                radiance.iter_mut().zip(&further).for_each(|(sum, further)| *sum += further[TASK * task + row]);
+                radiance.into_iter().map(DVec3::as_vec3)
+            };
+            samples.iter().enumerate().flat_map(of_sample).collect::<Vec<_>>()
         };
-        view_samples.par_iter().enumerate().flat_map_iter(of_sample).collect()
+        view_samples.par_chunks(TASK).enumerate().map_init(Fan::default, of_samples).flatten_iter().collect()
     }
 
     /// Dark images of all emitters.
@@ -192,11 +199,12 @@ impl<'a> Emitted<'a> {
 
 impl<'a> View<'a> {
     fn new(transport: &LightTransport, framebuffer: &'a DeepFramebuffer, lobe: Lobe, aims: Aims<'a>) -> Self {
-        Self { framebuffer, lobe, seed: transport.settings.seed ^ 6 << 32, aims }
+        let seed = transport.settings.seed ^ 6 << 32;
+        Self { framebuffer, lobe, seed, points: SharedPoints::new(seed, LOBE_RAYS as u32), aims }
     }
 
     /// Light that comes from each emitter, straight or by mirrors, and is reflected to the eye.
-    fn reflected(&self, sample: u32) -> Vec<DVec3> {
+    fn reflected(&self, sample: u32, fan: &mut Fan) -> Vec<DVec3> {
         let count = self.aims.caustics.len();
         let mut sums = vec![DVec3::ZERO; count];
         let view = &self.framebuffer.samples[sample as usize];
@@ -204,15 +212,15 @@ impl<'a> View<'a> {
             return sums;
         }
         let [normal, wo] = [view.normal, view.wo].map(|v| octahedral::decode(v).as_dvec3().normalize());
-        let Some(lobes) = Lobes::new(&self.framebuffer.brdfs[view.brdf as usize], normal, wo) else { return sums };
+        let brdf = &self.framebuffer.brdfs[view.brdf as usize];
+        let Some(lobes) = Lobes::new(brdf, normal, wo) else { return sums };
         let receiver = Receiver {
             position: view.position,
             normal: normal.as_vec3(),
             geometric_normal: self.framebuffer.geometric_normals[sample as usize],
         };
-        let is_narrow = self.framebuffer.brdfs[view.brdf as usize].alpha < NARROW_ALPHA;
+        let is_narrow = brdf.alpha < NARROW_ALPHA;
         let [fewest, most] = AIMED_RAYS_EACH;
-        let draw = |u| lobes.sample(u).map(|wi| (wi, lobes.at(wi).density));
         let search = Search {
             sources: &self.aims.sources,
             receiver,
@@ -227,20 +235,32 @@ impl<'a> View<'a> {
         };
         let by_directions = |wi| if is_narrow { parts(wi)[1] } else { DVec3::ZERO };
         let by_photons = |wi| parts(wi)[0] + parts(wi)[1] - by_directions(wi);
-        self.aims.look(
-            &search,
-            draw,
-            |wi| lobes.at(wi).density,
-            |Arriving { wi, weight, emitter, is_thrown }| {
-                let [diffuse, specular] = parts(wi);
-                sums[emitter] += weight * if is_thrown { by_directions(wi) } else { diffuse + specular };
-            },
-        );
+        let mut found = |Arriving { wi, weight, emitter, is_thrown }| {
+            let [diffuse, specular] = parts(wi);
+            sums[emitter] += weight * if is_thrown { by_directions(wi) } else { diffuse + specular };
+        };
+        let density = |wi| lobes.at(wi).density;
+        self.aims.look_at_points(&search, density, &mut found);
+        let eye = (receiver.normal, wo.as_vec3(), lobes.specular_share() as f32);
+        fan.draw(brdf, eye, self.lobe, &self.points, sample);
+        fan.trace(&self.aims.paths, receiver.position, receiver.geometric_normal);
+        for (i, _, wi, hit) in fan.rays_from(&self.aims.paths, receiver.position, receiver.geometric_normal) {
+            let wi = wi.as_dvec3().normalize();
+            self.aims.look_along(&search, (i as usize, wi, hit), density, &mut found);
+        }
         for (sum, caustics) in sums.iter_mut().zip(&self.aims.caustics) {
             let arrive = |wi, light| *sum += light * by_photons(wi);
             caustics.arriving(receiver.position, receiver.geometric_normal, arrive);
         }
         sums
+    }
+}
+
+impl Search<'_> {
+    /// Three numbers for ray `i`. Each source has a set, directions have one, and each mirror.
+    fn numbers(&self, i: usize, set: usize) -> [f64; 3] {
+        let [u, v, w, _] = self.random.at(i as u32, set as u32);
+        [u, v, w]
     }
 }
 
@@ -328,49 +348,46 @@ impl<'a> Aims<'a> {
         operands
     }
 
-    /// Looks for sources: by points on each, and by directions that `draw` makes from three random numbers, with their
-    /// `density`. `arrive` gets what they find, straight or by mirrors.
-    fn look(
-        &self,
-        search: &Search,
-        draw: impl Fn([f64; 3]) -> Option<(DVec3, f64)>,
-        density: impl Fn(DVec3) -> f64,
-        mut arrive: impl FnMut(Arriving),
-    ) {
-        let Search { sources, receiver, points, directions, random } = search;
-        let scene = self.paths.scene;
-        let random = |i: usize, set: usize| {
-            let [u, v, w, _] = random.at(i as u32, set as u32);
-            [u, v, w]
-        };
-        let [by_points, by_directions] = [points, directions].map(|&count| count as f64);
-        for (set, source) in sources.iter().enumerate() {
-            for i in 0..*points {
-                let Some((wi, emission, point_density)) = source.draw(scene, receiver, random(i, set)) else {
-                    continue;
-                };
-                let weight = emission / (by_points * point_density + by_directions * density(wi));
+    /// Looks for sources by points on each. `density` is that of a direction; `arrive` gets what is seen.
+    fn look_at_points(&self, search: &Search, density: impl Fn(DVec3) -> f64, mut arrive: impl FnMut(Arriving)) {
+        for (set, source) in search.sources.iter().enumerate() {
+            for i in 0..search.points {
+                let drawn = source.draw(self.paths.scene, &search.receiver, search.numbers(i, set));
+                let Some((wi, emission, point_density)) = drawn else { continue };
+                let weight = emission / (search.points as f64 * point_density + search.directions as f64 * density(wi));
                 arrive(Arriving { wi, weight, emitter: source.emitter, is_thrown: false });
             }
         }
-        for i in 0..*directions {
-            let Some((wi, direction_density)) = draw(random(i, sources.len())) else { continue };
-            let at_mirror = |layer: u32| random(i, sources.len() + 1 + layer as usize);
-            let mut is_straight = true;
-            self.paths.follow(receiver.position, receiver.geometric_normal, wi.as_vec3(), at_mirror, |met| {
-                let Encounter::Surface(arrival) = met else { return };
-                // Points on sources are not looked for in mirrors.
-                let is_straight = std::mem::replace(&mut is_straight, false);
-                for source in *sources {
-                    let Some((emission, point_density)) = source.found(scene, &arrival) else { continue };
-                    let of_points = if is_straight { by_points * point_density } else { 0.0 };
-                    let density = by_directions * direction_density + of_points;
-                    let weight = arrival.tint.as_dvec3() * emission / density;
-                    let is_thrown = !is_straight && matches!(source.surface, Surface::Emitting(_));
-                    arrive(Arriving { wi, weight, emitter: source.emitter, is_thrown });
+    }
+
+    /// Follows ray `i` in direction `wi`, whose first hit is `hit`, through mirrors. `density` is that of a direction;
+    /// `arrive` gets the sources that the ray meets.
+    fn look_along(
+        &self,
+        search: &Search,
+        (i, wi, hit): (usize, DVec3, Option<(Hit, bool)>),
+        density: impl Fn(DVec3) -> f64,
+        mut arrive: impl FnMut(Arriving),
+    ) {
+        let at_mirror = |layer: u32| search.numbers(i, search.sources.len() + 1 + layer as usize);
+        let mut is_straight = true;
+        self.paths.go_on(hit, wi.as_vec3(), at_mirror, |met| {
+            let Encounter::Surface(arrival) = met else { return };
+            // Points on sources are not looked for in mirrors.
+            let is_straight = std::mem::replace(&mut is_straight, false);
+            for source in search.sources {
+                let Some((emission, point_density)) = source.found(self.paths.scene, &arrival) else { continue };
+                let of_directions = search.directions as f64 * density(wi);
+                if of_directions <= 0.0 {
+                    // Rounding has moved the direction to the horizon.
+                    continue;
                 }
-            });
-        }
+                let of_points = if is_straight { search.points as f64 * point_density } else { 0.0 };
+                let weight = arrival.tint.as_dvec3() * emission / (of_directions + of_points);
+                let is_thrown = !is_straight && matches!(source.surface, Surface::Emitting(_));
+                arrive(Arriving { wi, weight, emitter: source.emitter, is_thrown });
+            }
+        });
     }
 
     /// By emitter: coefficients of a level for light that comes from `sources` or by `caustics` and is reflected once.
@@ -384,9 +401,9 @@ impl<'a> Aims<'a> {
                 let GatherPoint { position, normal, geometric_normal } = *point;
                 let frame = point.frame(sample);
                 let axes = frame.map(Vec3::as_dvec3);
-                let draw = |[u, v, _]: [f64; 3]| {
+                let direction = |[u, v, _]: [f64; 3]| {
                     let d = cosine_direction(u, v);
-                    Some((axes[0] * d.x + axes[1] * d.y + axes[2] * d.z, d.z / std::f64::consts::PI))
+                    axes[0] * d.x + axes[1] * d.y + axes[2] * d.z
                 };
                 let cosine = |wi: DVec3| axes[2].dot(wi).max(0.0);
                 let density = |wi: DVec3| cosine(wi) / std::f64::consts::PI;
@@ -403,12 +420,17 @@ impl<'a> Aims<'a> {
                 };
                 let (points, directions) = (GATHER_RAYS, GATHER_RAYS);
                 let search = Search { sources, receiver, points, directions, random };
-                self.look(&search, draw, density, |arriving| {
-                    let Arriving { wi, weight, emitter, is_thrown } = arriving;
+                let mut found = |Arriving { wi, weight, emitter, is_thrown }| {
                     if !is_thrown {
                         arrive(emitter, wi, weight * cosine(wi));
                     }
-                });
+                };
+                self.look_at_points(&search, density, &mut found);
+                for i in 0..directions {
+                    let wi = direction(search.numbers(i, sources.len()));
+                    let hit = self.paths.first_hit(position, geometric_normal, wi.as_vec3());
+                    self.look_along(&search, (i, wi, hit), density, &mut found);
+                }
                 for (emitter, caustics) in caustics.iter().enumerate() {
                     caustics.arriving(position, geometric_normal, |wi, light| arrive(emitter, wi, light * cosine(wi)));
                 }
