@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Place, carries_light};
 use crate::scene::Scene;
 use crate::storage::pods;
-use crate::trace::point_tree::{PointTree, point};
+use crate::trace::point_tree::{Point, PointTree, point};
 
 /// Number of samples that a cell reads.
 pub const NEIGHBOURS: usize = 4;
@@ -163,12 +163,30 @@ pub struct Neighbours<'a> {
     samples: &'a GatherSamples,
     /// By position only; normals are compared separately.
     tree: PointTree,
+    /// By position, and a distance [`Self::apart`] between groups.
+    by_group: PointTree,
+    /// Twice the diagonal of the samples' bounds.
+    apart: f32,
+    bounds: [Vec3; 2],
 }
 
 impl<'a> Neighbours<'a> {
     pub fn new(samples: &'a GatherSamples) -> Self {
-        let positions: Vec<_> = samples.samples.iter().map(|s| point(s.position, Vec3::ZERO, 0.0)).collect();
-        Self { samples, tree: PointTree::new(&positions) }
+        let positions = || samples.samples.iter().map(|s| s.position);
+        let tree = |place: &dyn Fn(&GatherSample) -> Point| {
+            PointTree::new(&samples.samples.iter().map(place).collect::<Vec<_>>())
+        };
+        let low = positions().fold(Vec3::INFINITY, Vec3::min);
+        let high = positions().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let apart = (2.0 * low.distance(high)).max(f32::MIN_POSITIVE.sqrt());
+        let of_group = |s: &GatherSample| in_group(s.position, samples.group(s.material), apart);
+        Self {
+            samples,
+            tree: tree(&|s| point(s.position, Vec3::ZERO, 0.0)),
+            by_group: tree(&of_group),
+            apart,
+            bounds: [low, high],
+        }
     }
 
     /// The nearest sample, regardless of its normal. There must be at least one.
@@ -185,7 +203,12 @@ impl<'a> Neighbours<'a> {
         let group = self.samples.group(material);
         let alike = |i: u32| sample(i).normal.dot(normal) > MIN_NORMAL_COSINE;
         let of_group = |i: u32| self.samples.group(sample(i).material) == group && alike(i);
-        let mut found = self.tree.nearest::<LOOKED_AT>(&from, of_group);
+        // Samples of other groups are farther than all of this group, unless the position is far from all samples.
+        let [low, high] = self.bounds;
+        let is_far = (low - position).max(position - high).max_element() > 0.25 * self.apart;
+        let reach2 = if is_far { f32::INFINITY } else { self.apart * self.apart };
+        let from_group = in_group(position, group, self.apart);
+        let mut found = self.by_group.nearest_within::<LOOKED_AT>(&from_group, reach2, of_group);
         if found.items().is_empty() {
             found = self.tree.nearest::<LOOKED_AT>(&from, alike);
         }
@@ -221,6 +244,11 @@ impl<'a> Neighbours<'a> {
         }
         cell
     }
+}
+
+/// A place in [`Neighbours::by_group`].
+fn in_group(position: Vec3, group: u32, apart: f32) -> Point {
+    point(position, group as f32 * Vec3::X, apart)
 }
 
 impl Cell {
@@ -308,5 +336,49 @@ impl Grid {
             row = row.saturating_sub(1);
         }
         Some(self.first + row * columns + column)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+
+    use super::*;
+    use crate::physics::sequence::Points;
+
+    /// Compared with a search through all samples: in their midst, beside them, and far from all. The last group has
+    /// only samples that face away, so those of any group serve.
+    #[test]
+    fn cells_read_the_nearest_of_their_group() {
+        let random = Points::new(1, 0);
+        let sample = |i: u32| {
+            let [x, y, material, side] = random.at(i, 0);
+            let material = (4.0 * material) as u32;
+            let normal = if material == 3 || side < 0.3 { Vec3::NEG_Z } else { Vec3::Z };
+            let position = Vec3::new(x as f32, y as f32, 0.0);
+            GatherSample { position, normal, material, ..GatherSample::zeroed() }
+        };
+        let samples: Vec<GatherSample> = (0..400).map(sample).collect();
+        let samples = GatherSamples { samples, points: Vec::new(), points_per_sample: 0, groups: vec![0, 1, 1, 2] };
+        let neighbours = Neighbours::new(&samples);
+        for (material, from) in (0..4).flat_map(|m| [0.1, 0.7, 1.3, 40.0].map(|x| (m, Vec3::new(x, 0.4, 0.0)))) {
+            let alike = |group: Option<u32>| {
+                let of_group = |s: &GatherSample| group.is_none_or(|group| samples.group(s.material) == group);
+                let mut found: Vec<(f32, u32)> = (0..)
+                    .zip(&samples.samples)
+                    .filter(|(_, s)| s.normal == Vec3::Z && of_group(s))
+                    .map(|(i, s)| (s.position.distance_squared(from), i))
+                    .collect();
+                found.sort_by(|a, b| a.0.total_cmp(&b.0));
+                found.truncate(NEIGHBOURS);
+                found.into_iter().map(|(_, i)| i).collect::<Vec<_>>()
+            };
+            let mut want = alike(Some(samples.group(material)));
+            if want.is_empty() {
+                want = alike(None);
+            }
+            let got = neighbours.cell(from, Vec3::Z, material).samples;
+            assert_eq!(got[..], want[..], "material {material}, {from}");
+        }
     }
 }
