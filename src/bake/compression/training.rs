@@ -128,7 +128,8 @@ impl<'a> Random<'a> {
 }
 
 impl Bounced {
-    /// `count` random combinations with the covariance of these lights.
+    /// `count` random combinations with the covariance of these lights. Those of the channels are independent: one
+    /// combination has nearly the same image in all channels, so the images would span hardly more than those of a channel.
     pub fn combine(&self, count: usize, seed: u64) -> Self {
         Self { direct: combine(&self.direct, count, seed), further: combine(&self.further, count, seed) }
     }
@@ -153,18 +154,16 @@ fn combine(lights: &VectorBatch, count: usize, seed: u64) -> VectorBatch {
         let [u, v, ..] = points.at(i as u32, j as u32);
         ((-2.0 * (1.0 - u).ln() * scale).sqrt() * (std::f64::consts::TAU * v).cos()) as f32
     };
+    let factors = |channel: usize, from: usize, to: usize| -> [[f32; WIDTH]; WIDTH] {
+        let row = |i: usize| std::array::from_fn(|j| normal(from * WIDTH + i, channel << 16 | (to * WIDTH + j)));
+        std::array::from_fn(row)
+    };
     let mut mixtures = VectorBatch::zeros(lights.rows(), count);
-    let factors: Vec<Vec<[[f32; WIDTH]; WIDTH]>> = (0..lights.count.div_ceil(WIDTH))
-        .map(|from| {
-            let factor =
-                |to: usize| std::array::from_fn(|i| std::array::from_fn(|j| normal(from * WIDTH + i, to * WIDTH + j)));
-            (0..count.div_ceil(WIDTH)).map(factor).collect()
-        })
-        .collect();
-    for (mixtures, lights) in mixtures.channels.iter_mut().zip(&lights.channels) {
+    for (channel, (mixtures, lights)) in mixtures.channels.iter_mut().zip(&lights.channels).enumerate() {
         for (to, mixture) in mixtures.iter_mut().enumerate() {
             for (from, panel) in lights.iter().enumerate() {
-                let factors = vector_batch::matrix(&factors[from][to]);
+                let factors = factors(channel, from, to);
+                let factors = vector_batch::matrix(&factors);
                 linear::add_product(vector_batch::matrix_mut(mixture), vector_batch::matrix(panel), factors);
             }
         }
