@@ -11,7 +11,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::bake::compression::fit::Inputs;
+use crate::bake::compression::inputs::Inputs;
 use crate::bake::compression::largest::largest;
 use crate::bake::compression::report::{Report, mean, relative};
 use crate::bake::compression::training::Direct;

@@ -129,15 +129,40 @@ impl Thinned {
 
     /// Replaces Φᵀ x by the Haar terms of Tᵀ x, which are the first rows; those after them are of no use.
     pub fn to_terms(&self, haar: &Haar, gathered: &mut VectorBatch) {
-        let Operand { two_levels, fine, first } = self.operand;
-        let further = if two_levels { fine.. } else { 0.. };
-        let summed =
-            gathered.map(|channel, panel| times(self.resolvents[channel].transpose(), &panel[further.clone()]));
+        let further = VectorBatch {
+            count: gathered.count,
+            channels: gathered
+                .channels
+                .each_ref()
+                .map(|panels| panels.iter().map(|p| self.further(p).into()).collect()),
+        };
+        self.to_direct_terms(haar, gathered);
+        self.add_further(&further, gathered);
+    }
+
+    /// Whether light after further bounces has coefficients of its own.
+    pub fn has_two_levels(&self) -> bool {
+        self.operand.two_levels
+    }
+
+    /// The rows of Φᵀ x that multiply light after further bounces.
+    pub fn further<'a>(&self, gathered: &'a [[f32; WIDTH]]) -> &'a [[f32; WIDTH]] {
+        &gathered[if self.operand.two_levels { self.operand.fine } else { 0 }..]
+    }
+
+    /// Replaces Φᵀ x by the Haar terms of Φ_fᵀ x.
+    pub fn to_direct_terms(&self, haar: &Haar, gathered: &mut VectorBatch) {
+        let Operand { fine, first, .. } = self.operand;
         gathered.for_each_mut(|_, panel| match first {
             true => haar.transform(&mut panel[..fine]),
             false => panel[..fine].fill([0.0; WIDTH]),
         });
-        self.first.add_product(&summed, gathered);
+    }
+
+    /// Adds the Haar terms of Sᵀ x, with x from [`Self::further`].
+    pub fn add_further(&self, further: &VectorBatch, terms: &mut VectorBatch) {
+        let summed = further.map(|channel, panel| times(self.resolvents[channel].transpose(), panel));
+        self.first.add_product(&summed, terms);
     }
 }
 

@@ -1,6 +1,5 @@
 //! The fit of one supercluster: from the sparse rows of its pixels to V, B and U.
 
-use std::borrow::Cow;
 use std::ops::Range;
 
 use faer::{Mat, MatRef};
@@ -8,76 +7,14 @@ use glam::{DVec3, Vec3};
 use half::f16;
 use serde::{Deserialize, Serialize};
 
-use super::bounces::Thinned;
-use super::haar::Haar;
+use super::adjoint::Adjoint;
+use super::inputs::Inputs;
 use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
-use super::vector_batch::{self, Compact, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
-use super::{DECIDING, OUT_OF_BASIS_SHARE, Operator, ValidationSums};
+use super::vector_batch::{self, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
+use super::{OUT_OF_BASIS_SHARE, ValidationSums};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::linear::{self, Lu};
-use crate::physics::sequence::Points;
-
-/// Input shared by all superclusters.
-pub struct Inputs {
-    pub bounces: Thinned,
-    /// See [`crate::bake::transport::LightTransport::residual`].
-    pub residual: Option<f64>,
-    pub haar: Haar,
-    /// Operands of Φ for random combinations of the training lights.
-    pub combinations: VectorBatch,
-    /// Operands of Φ for the validation lights.
-    pub validation_operands: VectorBatch,
-    /// Haar terms of the training lights, scaled so that the mean square of their images is 1.
-    pub training_terms: Compact,
-    /// Sum of the squares of each term over the training lights, by channel.
-    pub power: [Vec<f32>; 3],
-    /// Haar terms of the validation lights.
-    pub validation_terms: VectorBatch,
-    /// The validation lights that determine the ranks.
-    pub deciding: Range<usize>,
-}
-
-/// [`Inputs`] in a file, without what follows from the operator.
-#[derive(Serialize, Deserialize)]
-pub struct StoredInputs<'a> {
-    bounces: Cow<'a, Transposed>,
-    residual: Option<f64>,
-    combinations: Cow<'a, VectorBatch>,
-    validation_operands: Cow<'a, VectorBatch>,
-    training_terms: Cow<'a, Compact>,
-    power: Cow<'a, [Vec<f32>; 3]>,
-    validation_terms: Cow<'a, VectorBatch>,
-}
-
-impl<'a> StoredInputs<'a> {
-    pub fn of(inputs: &'a Inputs) -> Self {
-        Self {
-            bounces: Cow::Borrowed(&inputs.bounces.first),
-            residual: inputs.residual,
-            combinations: Cow::Borrowed(&inputs.combinations),
-            validation_operands: Cow::Borrowed(&inputs.validation_operands),
-            training_terms: Cow::Borrowed(&inputs.training_terms),
-            power: Cow::Borrowed(&inputs.power),
-            validation_terms: Cow::Borrowed(&inputs.validation_terms),
-        }
-    }
-
-    /// For the operator that they were made for.
-    pub fn restore(self, operator: Operator) -> Inputs {
-        Inputs {
-            bounces: Thinned::new(operator, self.bounces.into_owned()),
-            residual: self.residual,
-            haar: operator.haar(),
-            combinations: self.combinations.into_owned(),
-            validation_operands: self.validation_operands.into_owned(),
-            training_terms: self.training_terms.into_owned(),
-            power: self.power.into_owned(),
-            validation_terms: self.validation_terms.into_owned(),
-            deciding: DECIDING,
-        }
-    }
-}
 
 /// Squared errors allowed for the three steps, as shares of the whole image's square.
 #[derive(Clone, Copy, Debug)]
@@ -217,11 +154,12 @@ impl<'a> Projected<'a> {
         let projections = linear::product(all.subcols(0, count), projections.subrows(0, count));
         let outside = estimate.outside(&projections);
         let basis = all.subcols(0, count);
-        let (list, terms) = seen_terms(inputs, &rows, basis, NEGLIGIBLE_SHARE * allowed);
+        let (list, terms) = Adjoint { inputs, rows: &rows }.terms(basis, NEGLIGIBLE_SHARE * allowed);
         let power = inputs.power.each_ref().map(|power| list.iter().map(|&term| power[term as usize]).collect());
         let training = [0, 1, 2].map(|c| {
-            let lit = |list: &[u32]| inputs.training_terms.gathered(c, list.iter().map(|&term| term as usize));
-            project_lights(&terms.channels[c], &list, inputs.training_terms.width, lit, count)
+            let lights = inputs.training_terms.width;
+            let lit = |list: &[u32]| inputs.training_terms.gathered(c, list.iter().map(|&term| term as usize), lights);
+            project_lights(&terms.channels[c], &list, lights, lit, count)
         });
         let decided = [0, 1, 2].map(|c| {
             let deciding = &inputs.validation_terms.channels[c][..1];
@@ -394,13 +332,14 @@ impl<'a> Projected<'a> {
     /// Factors of the terms `some`: terms x directions. They are the terms' own factors plus, by ridge regression over
     /// the training lights, a prediction of the omitted terms.
     fn fit_terms(&self, channel: usize, turn: &Mat<f32>, factors: Mat<f32>, some: &[u32]) -> Mat<f32> {
-        let training = &self.inputs.training_terms;
-        let listed = training.gathered(channel, some.iter().map(|&i| self.list[i as usize] as usize));
-        let listed = MatRef::from_row_major_slice(&listed, some.len(), training.width);
+        let terms = some.iter().map(|&i| self.list[i as usize] as usize);
+        let lights = self.inputs.training_terms.width.min(RIDGE_LIGHTS);
+        let listed = self.inputs.training_terms.gathered(channel, terms, lights);
+        let listed = MatRef::from_row_major_slice(&listed, some.len(), lights);
         let mut kept = Mat::from_fn(some.len(), factors.ncols(), |i, r| factors[(some[i] as usize, r)]);
         drop(factors);
         let mut missing = linear::product(listed.transpose(), kept.as_ref()) * faer::Scale(-1.0);
-        linear::add_product(missing.as_mut(), self.training[channel].transpose(), turn.as_ref());
+        linear::add_product(missing.as_mut(), self.training[channel].subcols(0, lights).transpose(), turn.as_ref());
         let mut gram = Mat::from_fn(listed.ncols(), listed.ncols(), |_, _| 0.0f32);
         linear::add_product(gram.as_mut(), listed.transpose(), listed);
         let mut gram = Mat::from_fn(gram.nrows(), gram.nrows(), |i, j| f64::from(gram[(i, j)]));
@@ -419,6 +358,8 @@ impl<'a> Projected<'a> {
 const NEGLIGIBLE_SHARE: f64 = 0.01;
 /// Block size of the terms in products, so that intermediate results stay in a cache.
 const TERMS: usize = 512;
+/// Training lights that predict omitted terms, the first of all.
+pub const RIDGE_LIGHTS: usize = 128;
 /// Ridge regularization against overfitting to few lights, as a share of the sum of their squares.
 const RIDGE: f64 = 1e-3;
 
@@ -430,57 +371,6 @@ struct Directions {
     sizes: Vec<f32>,
     /// The deciding lights in these units, times the roots of their weights: directions x lights, channel by channel.
     deciding: Mat<f64>,
-}
-
-/// Significant Haar terms, and their products with the vectors of `basis`. The squares of the omitted terms sum to
-/// about `negligible`.
-fn seen_terms(inputs: &Inputs, rows: &Transposed, basis: MatRef<f64>, negligible: f64) -> (Vec<u32>, VectorBatch) {
-    // One for all panels: it is large.
-    let mut sums = VectorBatch::zeros(rows.columns, basis.ncols().min(WIDTH));
-    let terms = |vectors: MatRef<f64>, sums: &mut VectorBatch| {
-        let vectors = VectorBatch::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
-        sums.clear();
-        rows.add_product(&vectors, sums);
-        inputs.bounces.to_terms(&inputs.haar, sums);
-    };
-    let one_panel = basis.ncols() <= WIDTH;
-    if one_panel {
-        terms(basis, &mut sums);
-    } else {
-        // The mean square of sums with random signs equals the sum of squares.
-        let points = Points::new(0, 0);
-        let sign = |vector: usize, sum: usize| if points.at(vector as u32, sum as u32)[0] < 0.5 { 1.0 } else { -1.0 };
-        let scaled = |vector, sum| sign(vector, sum) / (WIDTH as f64).sqrt();
-        let signs = Mat::from_fn(basis.ncols(), WIDTH, scaled);
-        terms(linear::product(basis, signs.as_ref()).as_ref(), &mut sums);
-    }
-    let mut squares = vec![0.0f64; inputs.power[0].len()];
-    for (channel, power) in inputs.power.iter().enumerate() {
-        let of_channel = sums.row_squares(channel).into_iter().zip(power);
-        squares.iter_mut().zip(of_channel).for_each(|(all, (x, power))| *all += f64::from(x * power));
-    }
-    let mut list: Vec<u32> = (0..squares.len() as u32).collect();
-    let square = |j: &u32| squares[*j as usize];
-    list.sort_unstable_by(|a, b| square(b).total_cmp(&square(a)).then(a.cmp(b)));
-    list.truncate(cut(list.iter().map(square), negligible));
-    list.sort_unstable();
-
-    let mut found = VectorBatch { count: basis.ncols(), ..Default::default() };
-    let mut keep = |some: &VectorBatch| {
-        for (found, some) in found.channels.iter_mut().zip(&some.channels) {
-            found.push(list.iter().map(|&j| some[0][j as usize]).collect());
-        }
-    };
-    if one_panel {
-        keep(&sums);
-    } else {
-        let firsts = (0..basis.ncols()).step_by(WIDTH);
-        firsts.for_each(|first| {
-            terms(basis.subcols(first, WIDTH.min(basis.ncols() - first)), &mut sums);
-            keep(&sums);
-        });
-    }
-    (list, found)
 }
 
 /// Coefficients of lights in `count` vectors, from the Haar terms of both: vectors x lights. `lit` returns the terms of

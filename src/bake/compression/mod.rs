@@ -13,11 +13,13 @@
 //! multiplied by tints first (`chain.rs`). The same for light of the sky (`operator.rs`). Differs from [Hasan 2006]: nested bases instead of wavelets chosen per
 //! row.
 
+mod adjoint;
 pub mod bounces;
 mod chain;
 pub mod clusters;
 pub mod fit;
 pub mod haar;
+pub mod inputs;
 pub(super) mod largest;
 pub mod lights;
 mod noise_estimate;
@@ -44,7 +46,8 @@ use serde::{Deserialize, Serialize};
 use self::bounces::Bounces;
 use self::chain::Chain;
 use self::clusters::Clusters;
-use self::fit::{Budget, Factors, Inputs, Projected, Resampled, RowProducts, StoredInputs};
+use self::fit::{Budget, Factors, Projected, RIDGE_LIGHTS, Resampled, RowProducts};
+use self::inputs::{Inputs, StoredInputs};
 use self::lights::Kind;
 use self::report::Errors;
 use self::training::{Bounced, Direct, Group, Trainer};
@@ -447,9 +450,14 @@ pub(super) fn training_inputs<'a>(
     let rows = operator.row_gatherer(settings.lobe).gather(&probes);
     let share = probes.len() as f64 / samples.len().max(1) as f64;
     let trainer = Trainer { operator, bounces: &bounces, direct, probes: &rows, share };
-    let spots = settings.lights / 4;
     let group = |kind, count, purpose| Group { kind, count, seed: seed(purpose) };
-    let mut training = trainer.lights(&[group(Kind::Point, settings.lights - spots, 1), group(Kind::Spot, spots, 2)]);
+    let groups = |count: usize, purpose| {
+        let spots = count / 4;
+        [group(Kind::Point, count - spots, purpose), group(Kind::Spot, spots, purpose + 1)]
+    };
+    // Regression uses only the first lights, so these are a full set of points and spots.
+    let first = settings.lights.min(RIDGE_LIGHTS);
+    let mut training = trainer.lights(&[groups(first, 1), groups(settings.lights - first, 7)].concat());
     let validation = trainer.lights(&[
         group(Kind::Point, DECIDING.len(), 3),
         group(Kind::Point, POINTS.len(), 4),

@@ -199,12 +199,12 @@ impl Compact {
         Self { width, rows, values }
     }
 
-    /// The given rows of a channel, row-major.
-    pub fn gathered(&self, channel: usize, rows: impl ExactSizeIterator<Item = usize>) -> Vec<f32> {
-        let mut all = vec![0.0; rows.len() * self.width];
-        let places = all.chunks_exact_mut(self.width.max(1));
+    /// The first `count` vectors of the given rows of a channel, row-major.
+    pub fn gathered(&self, channel: usize, rows: impl ExactSizeIterator<Item = usize>, count: usize) -> Vec<f32> {
+        let mut all = vec![0.0; rows.len() * count];
+        let places = all.chunks_exact_mut(count.max(1));
         places.zip(rows).for_each(|(place, row)| {
-            self.values[(channel * self.rows + row) * self.width..][..self.width].convert_to_f32_slice(place)
+            self.values[(channel * self.rows + row) * self.width..][..count].convert_to_f32_slice(place)
         });
         all
     }
@@ -437,7 +437,7 @@ mod tests {
     fn compact_rows_are_those_of_panels_but_for_rounding() {
         let panels = VectorBatch::from_fn(9, WIDTH + 3, |channel, i, j| 1e20 * random(i, 100 * channel + j));
         let compact = Compact::new(panels.clone());
-        let got = compact.gathered(1, [7, 2].into_iter());
+        let got = compact.gathered(1, [7, 2].into_iter(), 2 * WIDTH);
         let want = gathered(&panels.channels[1], [7, 2].into_iter());
         assert_eq!((got.len(), compact.width), (want.len(), 2 * WIDTH));
         assert!(got.iter().zip(&want).all(|(x, y)| (x - y).abs() <= y.abs() / 256.0));
