@@ -46,6 +46,8 @@ pub struct SharedPoints {
     digits: Vec<[[u32; BLOCK]; 3]>,
 }
 
+/// Digits of a stream's number that are permuted: all of those of a picture of 16 million pixels.
+const SHUFFLED_DIGITS: u32 = 24;
 /// Points per block.
 pub const BLOCK: usize = 16;
 
@@ -80,7 +82,16 @@ impl SharedPoints {
 
     /// The digital shift of a stream, per dimension.
     pub fn shifts(&self, stream: u64) -> [u32; 3] {
+        let stream = self.shuffled(stream);
         [0, 1, 2].map(|d| self.shift[d] ^ apply(&self.matrices[d], stream << self.digits_of_stream))
+    }
+
+    /// A permutation of streams in which those of an aligned group of 2^k stay an aligned group: groups in the order of the
+    /// sequence have similar errors, which would be stripes in a picture [Ahmed 2020].
+    fn shuffled(&self, stream: u64) -> u64 {
+        let seed = u64::from(self.shift[0]) << 32 | u64::from(self.shift[1]);
+        let flip = |digit: u32| (mix(mix(seed ^ u64::from(digit)) ^ stream >> (digit + 1)) & 1) << digit;
+        (0..SHUFFLED_DIGITS).fold(stream, |shuffled, digit| shuffled ^ flip(digit))
     }
 
     /// Blocks of points by dimension, each number in [0, 1); the last block is filled up with surplus points.
