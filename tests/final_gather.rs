@@ -219,7 +219,7 @@ fn a_furnace_is_even() {
     let scene = TracedScene::new(build.scene());
     let framebuffer = seen(&scene, &camera, SIDE);
     let mut gather = FinalGather::new(&scene, &framebuffer, &rig(vec![Light::emitter("wall", "wall")]), |_| true, 1, 0);
-    (0..64).for_each(|_| gather.pass(&|| false));
+    (0..256).for_each(|_| gather.pass(&|| false));
     let image: Vec<f32> = [0, 1].iter().flat_map(|&half| gather.image(half, 0)).map(|pixel| pixel.x).collect();
     let mean = image.iter().sum::<f32>() / image.len() as f32;
     let square = image.iter().map(|value| (value - 1.0).powi(2)).sum::<f32>() / image.len() as f32;
