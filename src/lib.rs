@@ -57,6 +57,8 @@
 //! - [Christensen 2003] Christensen, Adjoints and importance in rendering: an overview, IEEE TVCG 9(3).
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
 //! - [Clarberg 2008] Clarberg, Fast equal-area mapping of the (hemi)sphere using SIMD, Journal of Graphics Tools 13(3).
+//! - [Croci 2022] Croci et al., Stochastic rounding: implementation, error analysis and applications, Royal Society Open
+//!   Science 9(3).
 //! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
 //! - [Dupuy 2023] Dupuy, Benyoub, Sampling visible GGX normals with spherical caps, Computer Graphics Forum 42(8).
 //! - [Enderton 2010] Enderton et al., Stochastic transparency, I3D.

@@ -4,10 +4,12 @@
 //! only a few combinations of the vectors.
 
 use faer::{Mat, MatRef};
+use rayon::prelude::*;
 
 use super::inputs::Inputs;
 use super::terms::cut;
-use super::vector_batch::{self, Panel, Transposed, VectorBatch, WIDTH};
+use super::transposed::Transposed;
+use super::vector_batch::{self, Panel, VectorBatch, WIDTH};
 use crate::bake::linear;
 use crate::physics::sequence::Points;
 
@@ -71,9 +73,10 @@ impl Adjoint<'_> {
 
     /// Φᵀ `vectors`, at most a panel of them.
     fn gather(&self, vectors: MatRef<f64>, sums: &mut VectorBatch) {
-        let vectors = VectorBatch::from_fn(vectors.nrows(), vectors.ncols(), |_, i, j| vectors[(i, j)] as f32);
+        let row = |i: usize| std::array::from_fn(|j| if j < vectors.ncols() { vectors[(i, j)] as f32 } else { 0.0 });
+        let panel: Panel = (0..vectors.nrows()).into_par_iter().map(row).collect();
         sums.clear();
-        self.rows.add_product(&vectors, sums);
+        self.rows.add_product([std::slice::from_ref(&panel); 3], sums);
     }
 
     /// The terms whose products with light are not negligible, ascending.

@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use super::Operator;
 use super::haar::Haar;
 use super::largest::largest;
-use super::vector_batch::{self, PART, Panel, Transposed, TransposedPart, VectorBatch, WIDTH};
+use super::transposed::{PART, Transposed, TransposedPart};
+use super::vector_batch::{self, Panel, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::linear;
 use crate::bake::transport::LightTransport;
@@ -162,7 +163,7 @@ impl Thinned {
     /// Adds the Haar terms of Sᵀ x, with x from [`Self::further`].
     pub fn add_further(&self, further: &VectorBatch, terms: &mut VectorBatch) {
         let summed = further.map(|channel, panel| times(self.resolvents[channel].transpose(), panel));
-        self.first.add_product(&summed, terms);
+        self.first.add_product(summed.panels(), terms);
     }
 }
 

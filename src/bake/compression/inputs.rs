@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::bounces::Thinned;
 use super::haar::Haar;
-use super::vector_batch::{Compact, Transposed, VectorBatch};
+use super::transposed::Transposed;
+use super::vector_batch::{Compact, VectorBatch};
 use super::{DECIDING, Operator};
 
 /// Input shared by all superclusters.

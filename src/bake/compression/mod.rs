@@ -29,6 +29,7 @@ pub(super) mod report;
 mod skies;
 mod terms;
 pub mod training;
+mod transposed;
 pub mod validation;
 pub mod vector_batch;
 

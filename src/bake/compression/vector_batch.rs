@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use bytemuck::{Pod, Zeroable};
 use faer::{MatMut, MatRef};
 use half::bf16;
 use half::slice::HalfFloatSliceExt;
@@ -33,6 +32,11 @@ impl VectorBatch {
     pub fn zeros(rows: usize, count: usize) -> Self {
         let channel = || vec![vec![[0.0; WIDTH]; rows]; count.div_ceil(WIDTH)];
         Self { count, channels: [channel(), channel(), channel()] }
+    }
+
+    /// The panels of each channel.
+    pub fn panels(&self) -> [&[Panel]; 3] {
+        self.channels.each_ref().map(Vec::as_slice)
     }
 
     /// All panels, with channel indices.
@@ -220,30 +224,44 @@ pub fn gathered(panels: &[Panel], rows: impl ExactSizeIterator<Item = usize>) ->
 /// Product of each row with each vector, channel by channel.
 pub fn multiply(rows: &CsrMatrix, vectors: &VectorBatch) -> VectorBatch {
     let mut products = VectorBatch::zeros(rows.len(), vectors.count);
-    let tasks = tasks(vectors, &mut products, rows.len(), ROWS);
+    let tasks = tasks(vectors.panels(), &mut products, rows.len(), ROWS);
     tasks.into_par_iter().enumerate().for_each(|(block, tasks)| {
         pulp::Arch::new().dispatch(Multiply { rows, first: block * ROWS, columns: vectors.rows(), tasks });
     });
     products
 }
 
-/// The product of one block of rows or columns with one panel of vectors.
-struct Task<'a> {
-    channel: usize,
-    panel: &'a Panel,
-    sums: &'a mut [[f32; WIDTH]],
+/// The products of one block of rows or columns with one panel of each channel.
+pub(super) struct Task<'a> {
+    pub panels: [&'a Panel; 3],
+    pub sums: [&'a mut [[f32; WIDTH]]; 3],
 }
 
-/// The tasks of each block of `size` of the first `rows` rows of `sums`, one for each panel of `vectors`.
-fn tasks<'a>(vectors: &'a VectorBatch, sums: &'a mut VectorBatch, rows: usize, size: usize) -> Vec<Vec<Task<'a>>> {
+/// The tasks of each block of `size` of the first `rows` rows of `sums`, one for each panel number.
+pub(super) fn tasks<'a>(
+    vectors: [&'a [Panel]; 3],
+    sums: &'a mut VectorBatch,
+    rows: usize,
+    size: usize,
+) -> Vec<Vec<Task<'a>>> {
     let mut tasks: Vec<Vec<Task>> = (0..rows.div_ceil(size)).map(|_| Vec::new()).collect();
-    for (channel, (sums, panels)) in sums.channels.iter_mut().zip(&vectors.channels).enumerate() {
-        for (sums, panel) in sums.iter_mut().zip(panels) {
-            let of_blocks = tasks.iter_mut().zip(sums[..rows].chunks_mut(size));
-            of_blocks.for_each(|(tasks, sums)| tasks.push(Task { channel, panel, sums }));
+    let [red, green, blue] = sums.channels.each_mut().map(|panels| panels.iter_mut());
+    for (number, ((red, green), blue)) in red.zip(green).zip(blue).enumerate() {
+        let panels = vectors.map(|panels| &panels[number]);
+        let [red, green, blue] = [red, green, blue].map(|panel| panel[..rows].chunks_mut(size));
+        for (tasks, ((red, green), blue)) in tasks.iter_mut().zip(red.zip(green).zip(blue)) {
+            tasks.push(Task { panels, sums: [red, green, blue] });
         }
     }
     tasks
+}
+
+/// Adds `x` times the factor of each channel.
+#[inline(always)]
+pub(super) fn add_multiples(sums: &mut [[f32; WIDTH]; 3], factors: [f32; 3], x: [&[f32; WIDTH]; 3]) {
+    for ((sums, factor), x) in sums.iter_mut().zip(factors).zip(x) {
+        sums.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+    }
 }
 
 /// The products of one block of rows with all panels.
@@ -259,11 +277,12 @@ struct Multiply<'a> {
 impl pulp::NullaryFnOnce for Multiply<'_> {
     type Output = ();
 
-    /// Columns are the outer loop: what a piece of them needs of a panel stays in a cache for all rows.
+    /// Columns are the outer loop: what a piece of them needs of three panels stays in the second-level cache for all
+    /// rows.
     #[inline(always)]
     fn call(self) {
         let Self { rows, first, columns, mut tasks } = self;
-        let count = tasks.first().map_or(0, |task| task.sums.len());
+        let count = tasks.first().map_or(0, |task| task.sums[0].len());
         let ends = &rows.first[first + 1..first + 1 + count];
         let mut runs: Vec<Range<usize>> = rows.first[first..first + count].iter().map(|&start| start..start).collect();
         for piece in (0..columns).step_by(COLUMNS) {
@@ -272,110 +291,23 @@ impl pulp::NullaryFnOnce for Multiply<'_> {
                 let of_piece = left.iter().take_while(|&&column| (column as usize) < piece + COLUMNS).count();
                 *run = run.end..run.end + of_piece;
             }
-            for Task { channel, panel, sums } in &mut tasks {
-                let panel = &panel[piece..];
-                for (sum, run) in sums.iter_mut().zip(&runs) {
-                    let mut all = *sum;
+            for Task { panels, sums } in &mut tasks {
+                let panels = panels.map(|panel| &panel[piece..]);
+                for (row, run) in runs.iter().enumerate() {
+                    let mut all = sums.each_ref().map(|of_channel| of_channel[row]);
                     for (column, value) in rows.columns[run.clone()].iter().zip(&rows.values[run.clone()]) {
-                        let factor = value[*channel];
-                        let x = &panel[*column as usize - piece];
-                        all.iter_mut().zip(x).for_each(|(sum, x)| *sum += factor * x);
+                        let column = *column as usize - piece;
+                        add_multiples(&mut all, *value, panels.map(|panel| &panel[column]));
                     }
-                    *sum = all;
+                    sums.iter_mut().zip(all).for_each(|(of_channel, sum)| of_channel[row] = sum);
                 }
             }
         }
     }
 }
 
-/// Columns per piece, whose part of a panel and whose sums stay in a cache.
-const COLUMNS: usize = 512;
-
-/// Sparse rows sorted by column, for fast repeated products with the transpose.
-#[derive(Clone, Serialize, Deserialize)]
-pub struct Transposed {
-    pub columns: usize,
-    /// Each part is constructed with the number of rows before it.
-    pub parts: Vec<TransposedPart>,
-}
-
-/// Rows per part: what they multiply stays in a cache, and columns have several entries.
-pub const PART: usize = 512;
-
-/// A range of the rows.
-#[derive(Clone, Serialize, Deserialize)]
-pub struct TransposedPart {
-    /// Entries of column c: `first[c]..first[c + 1]`.
-    #[serde(with = "pods")]
-    first: Vec<u32>,
-    #[serde(with = "pods")]
-    entries: Vec<Entry>,
-}
-
-#[derive(Clone, Copy, Default, Pod, Zeroable)]
-#[repr(C)]
-struct Entry {
-    row: u32,
-    value: [f32; 3],
-}
-
-impl TransposedPart {
-    /// `before` is the number of rows in preceding parts.
-    pub fn new(rows: &CsrMatrix, before: usize, columns: usize) -> Self {
-        assert!((before + rows.len()).max(rows.columns.len()) <= u32::MAX as usize, "rows and entries are u32");
-        let mut first = vec![0; columns + 1];
-        rows.columns.iter().for_each(|&column| first[column as usize + 1] += 1);
-        (0..columns).for_each(|column| first[column + 1] += first[column]);
-        let mut next = first.clone();
-        let mut entries = vec![Entry::default(); rows.columns.len()];
-        for row in 0..rows.len() {
-            for (column, value) in rows.row(row) {
-                let next = &mut next[column as usize];
-                entries[*next as usize] = Entry { row: (before + row) as u32, value };
-                *next += 1;
-            }
-        }
-        Self { first, entries }
-    }
-}
-
-impl Transposed {
-    /// Adds the product of the transposed matrix with each vector, channel by channel, to the first rows of `sums`: one row
-    /// per matrix column.
-    pub fn add_product(&self, vectors: &VectorBatch, sums: &mut VectorBatch) {
-        tasks(vectors, sums, self.columns, COLUMNS).into_par_iter().enumerate().for_each(|(piece, tasks)| {
-            pulp::Arch::new().dispatch(MultiplyTransposed { parts: &self.parts, first: piece * COLUMNS, tasks });
-        });
-    }
-}
-
-/// The products of one piece of columns with all panels.
-struct MultiplyTransposed<'a> {
-    parts: &'a [TransposedPart],
-    /// First column of the piece.
-    first: usize,
-    tasks: Vec<Task<'a>>,
-}
-
-impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        for Task { channel, panel, sums } in self.tasks {
-            for part in self.parts {
-                for (sum, column) in sums.iter_mut().zip(part.first[self.first..].windows(2)) {
-                    let mut all = *sum;
-                    for entry in &part.entries[column[0] as usize..column[1] as usize] {
-                        let factor = entry.value[channel];
-                        all.iter_mut().zip(&panel[entry.row as usize]).for_each(|(sum, x)| *sum += factor * x);
-                    }
-                    *sum = all;
-                }
-            }
-        }
-    }
-}
+/// Columns per piece, whose parts of three panels, or whose sums, stay in the second-level cache.
+pub(super) const COLUMNS: usize = 512;
 
 /// [`matrix`], mutable.
 pub fn matrix_mut(panel: &mut [[f32; WIDTH]]) -> MatMut<'_, f32> {
@@ -385,6 +317,8 @@ pub fn matrix_mut(panel: &mut [[f32; WIDTH]]) -> MatMut<'_, f32> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::physics::sequence::Points;
 
@@ -392,43 +326,27 @@ mod tests {
         Points::new(5, 0).at(i as u32, j as u32)[0] as f32 - 0.5
     }
 
-    /// More columns than a piece, more vectors than a panel, empty rows and a full one.
+    /// More rows and columns than a task has, and more vectors than a panel.
     #[test]
-    fn transposed_rows_are_those_of_the_columns() {
-        let (row_count, columns, vectors) = (70, 2 * COLUMNS + 3, WIDTH + 1);
+    fn products_are_those_of_each_vector() {
+        let (row_count, columns, vectors) = (ROWS + 3, 2 * COLUMNS + 3, WIDTH + 1);
         let mut rows = CsrMatrix::empty(0);
         for r in 0..row_count {
-            let kept = |column: &usize| r != 3 && (r == 4 || random(r, *column) > 0.4);
-            for column in (0..columns).filter(kept) {
+            for column in (0..columns).filter(|&column| r != 3 && random(r, column) > 0.4) {
                 rows.columns.push(column as u32);
-                rows.values.push([1, 2, 3].map(|channel| random(r, channel * 1000 + column)));
+                rows.values.push([1, 2, 3].map(|channel| random(r, channel * 10_000 + column)));
             }
             rows.first.push(rows.columns.len());
         }
-        let panels =
-            VectorBatch::from_fn(row_count, vectors, |channel, r, vector| random(5000 + r, 100 * channel + vector));
-        let some = |range: Range<usize>| CsrMatrix {
-            first: rows.first[range.start..=range.end].iter().map(|first| first - rows.first[range.start]).collect(),
-            columns: rows.columns[rows.first[range.start]..rows.first[range.end]].to_vec(),
-            values: rows.values[rows.first[range.start]..rows.first[range.end]].to_vec(),
-        };
-        let part = |range: Range<usize>| TransposedPart::new(&some(range.clone()), range.start, columns);
-        let mut products = VectorBatch::zeros(columns, vectors);
-        Transposed { columns, parts: vec![part(0..30), part(30..row_count)] }.add_product(&panels, &mut products);
-        assert_eq!((products.rows(), products.count), (columns, vectors));
-        let mut want = vec![[[0.0f64; 3]; WIDTH + 1]; columns];
-        for r in 0..row_count {
-            for (column, value) in rows.row(r) {
-                for (vector, channel) in (0..vectors).flat_map(|v| [0, 1, 2].map(|c| (v, c))) {
-                    let x = f64::from(value[channel]) * f64::from(panels.get(channel, r, vector));
-                    want[column as usize][vector][channel] += x;
-                }
-            }
-        }
-        for (column, vector) in (0..columns).flat_map(|column| (0..vectors).map(move |v| (column, v))) {
-            for (channel, want) in want[column][vector].iter().enumerate() {
-                let off = f64::from(products.get(channel, column, vector)) - want;
-                assert!(off.abs() < 1e-5, "{channel} {column} {vector}: {off}");
+        let batch = VectorBatch::from_fn(columns, vectors, |c, i, vector| random(5000 + i, 100 * c + vector));
+        let products = multiply(&rows, &batch);
+        assert_eq!((products.rows(), products.count), (row_count, vectors));
+        for vector in 0..vectors {
+            let of_column = |i: usize| DVec3::from_array([0, 1, 2].map(|c| batch.get(c, i, vector).into()));
+            let want = rows.multiply(&(0..columns).map(of_column).collect::<Vec<_>>());
+            for (r, want) in want.into_iter().enumerate() {
+                let off = DVec3::from_array([0, 1, 2].map(|c| products.get(c, r, vector).into())) - want;
+                assert!(off.abs().max_element() < 1e-5, "row {r}, vector {vector}: {off}");
             }
         }
     }
