@@ -19,6 +19,7 @@ use relume::bake::transfer::blocks::BlockMatrix;
 use relume::bake::transport::LightTransport;
 use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
+use relume::bake::transport::rows::RowBuffers;
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::scene::{Camera, Material, Projection, Scene};
 use relume::shared::{LIGHT_POINT, PackedLight};
@@ -260,4 +261,18 @@ fn nothing_to_compress() {
     let unseen = Stage::new(build.scene(), &away, 8);
     let none = unseen.compress(&unseen.transfer(50, 20, 16), 0.01);
     assert!(none.chain[2].panels.is_empty());
+}
+
+#[test]
+fn rows_are_the_same_in_used_buffers() {
+    let stage = Stage::room(lambert(Vec3::splat(0.6)), 16);
+    let transfer = stage.transfer(100, 50, 64);
+    let all = stage.framebuffer.reflecting();
+    let gatherer = transfer.row_gatherer(Lobe::All);
+    let mut buffers = RowBuffers::default();
+    for some in [&all[..40], &all[40..57], &[], &all[7..80]] {
+        gatherer.gather_to(some, &mut buffers);
+        assert_eq!(buffers.rows, gatherer.gather(some), "{} rows", some.len());
+        assert_eq!(buffers.rows.len(), some.len());
+    }
 }

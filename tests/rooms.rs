@@ -108,7 +108,7 @@ fn first_bounces_are_read_as_they_are() {
             let place = Place { triangle: hit.triangle, barycentric: hit.barycentric, back };
             let surface = place.surface(&scene, 0.0);
             let mut read = DVec3::ZERO;
-            transfer.fine.read(&place, -direction, |_, weight, first, values| {
+            transfer.fine.read(&transfer.fine.cell(&place), -direction, |_, weight, first, values| {
                 read += (values.iter().enumerate())
                     .map(|(k, value)| f64::from(weight * value) * direct[first as usize + k])
                     .sum::<DVec3>();

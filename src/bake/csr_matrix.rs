@@ -50,13 +50,22 @@ impl CsrMatrix {
     /// The rows of all `parts`, in order.
     pub fn concatenated(parts: Vec<CsrMatrix>) -> Self {
         let mut rows = Self::with_capacity(parts.iter().map(|part| part.columns.len()).sum());
-        for part in parts {
-            let start = rows.columns.len();
-            rows.first.extend(part.first[1..].iter().map(|end| start + end));
-            rows.columns.extend(part.columns);
-            rows.values.extend(part.values);
-        }
+        parts.into_iter().for_each(|part| rows.append(&part));
         rows
+    }
+
+    /// Makes room for more entries.
+    pub fn reserve(&mut self, entries: usize) {
+        self.columns.reserve(entries);
+        self.values.reserve(entries);
+    }
+
+    /// Appends `rows`.
+    pub fn append(&mut self, rows: &CsrMatrix) {
+        let start = self.columns.len();
+        self.first.extend(rows.first[1..].iter().map(|end| start + end));
+        self.columns.extend_from_slice(&rows.columns);
+        self.values.extend_from_slice(&rows.values);
     }
 
     /// One channel as a dense matrix of `columns` columns.

@@ -56,6 +56,7 @@ use self::vector_batch::{Compact, WIDTH};
 use super::transfer::blocks::{BlockMatrix, check_addressable};
 use super::transport::directions::Lobe;
 use super::transport::emitted::{self, Emitted, EmitterLight, StoredEmitted};
+use super::transport::rows::RowBuffers;
 use super::transport::{LightTransport, direct};
 use crate::error::{Error, Result};
 use crate::physics::sequence::Points;
@@ -355,12 +356,14 @@ impl<'a> Compressor<'a> {
         let again: Vec<u32> = pixels.iter().map(|&p| samples[p]).collect();
         let mut gatherer = self.operator.row_gatherer(self.settings.lobe);
         let (mut seen, mut emission) = (RowProducts::new(&self.inputs), Vec::new());
+        let mut buffers = RowBuffers::default();
         for some in samples.chunks(ROWS_AT_ONCE) {
-            let rows = gatherer.gather(some);
-            seen.push(&self.inputs, &rows);
-            emission.extend(self.emitted.radiance(&rows, some));
+            gatherer.gather_to(some, &mut buffers);
+            seen.push(&self.inputs, &buffers.rows);
+            emission.extend(self.emitted.radiance(&buffers.rows, some));
         }
         gatherer.seed ^= 1 << 33;
+        drop(buffers);
         let resampled = Resampled { rows: &gatherer.gather(&again), pixels: &pixels };
         let share = samples.len() as f64 / self.clusters.samples.len() as f64;
         let allowed = |energy: f64, noise: f64| {

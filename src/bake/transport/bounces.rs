@@ -104,7 +104,7 @@ impl BounceGatherer<'_> {
             // Upper bound over the channels.
             let reach = arrival.tint.max_element();
             for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
-                level.read(&arrival.place, arrival.wo, |sender, weight, _, values| {
+                level.read(&level.cell(&arrival.place), arrival.wo, |sender, weight, _, values| {
                     factors.add(sender, &[weight], Vec3::splat(share * reach));
                     let light = arrival.tint * (weight * share * PI);
                     rows.iter_mut().zip(k).for_each(|(row, k)| row.add(sender, values, *k * light));

@@ -98,25 +98,26 @@ impl<'a> BrightSpots<'a> {
         let cell = self.cells.get(at).or(self.cells.last())?;
         let place = self.level.cells.point_in(cell.side, cell.index, [u[1], u[2]])?;
         let (direction, hit) = receiver.sees(scene, place.triangle, place.barycentric)?;
-        let (radiance, density) = self.seen(scene, &place, -direction, hit.distance)?;
+        let (radiance, density) = self.seen(scene, cell, &place, -direction, hit.distance)?;
         Some((direction, radiance, density))
     }
 
     /// What a ray finds: RGB radiance, and the density per solid angle with which [`Self::draw`] finds it. `None`
     /// where nothing is bright.
     pub fn found(&self, scene: &Scene, arrival: &Arrival) -> Option<(DVec3, f64)> {
-        self.seen(scene, &arrival.place, arrival.wo, arrival.distance)
+        let index = self.level.cells.index(&arrival.place)?;
+        let cell = self.cells.binary_search_by_key(&index, |cell| cell.index).ok()?;
+        self.seen(scene, &self.cells[cell], &arrival.place, arrival.wo, arrival.distance)
     }
 
-    fn seen(&self, scene: &Scene, place: &Place, wo: Vec3, distance: f32) -> Option<(DVec3, f64)> {
-        let index = self.level.cells.index(place)?;
-        let cell = &self.cells[self.cells.binary_search_by_key(&index, |cell| cell.index).ok()?];
+    /// [`Self::found`] at a `place` in a bright `cell`.
+    fn seen(&self, scene: &Scene, cell: &BrightCell, place: &Place, wo: Vec3, distance: f32) -> Option<(DVec3, f64)> {
         let cosine = f64::from(place.surface(scene, 0.0).geometric_normal.dot(wo));
         if cosine <= 0.0 {
             return None;
         }
         let mut radiance = DVec3::ZERO;
-        self.level.read(place, wo, |_, weight, first, values| {
+        self.level.read(self.level.cells.get(cell.index), wo, |_, weight, first, values| {
             for (k, &value) in self.radiance[first as usize..].iter().zip(values) {
                 radiance += f64::from(weight * value) * k;
             }

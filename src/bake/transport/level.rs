@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::cells::Cells;
+use super::cells::{Cell, Cells};
 use crate::bake::brdf_factors::harmonics::{Harmonics, MAX_FUNCTIONS};
 use crate::bake::brdf_factors::roughness_coordinate;
 use crate::bake::gather_samples::light_rays::LightRays;
@@ -69,15 +69,20 @@ impl Level {
         self.first[sample] as usize..self.first[sample + 1] as usize
     }
 
-    /// The radiance from `place` towards `wo`: calls `read` with each contributing sample, its weight, the index of its
+    /// The cell of a surface point; with weights of 0 on the back of a single-sided face.
+    #[inline(always)]
+    pub fn cell(&self, place: &Place) -> Cell {
+        self.cells.index(place).map_or_else(Cell::default, |index| *self.cells.get(index))
+    }
+
+    /// The radiance from a `cell` towards `wo`: calls `read` with each contributing sample, its weight, the index of its
     /// first coefficient, and the values of its functions.
     #[inline(always)]
-    pub fn read(&self, place: &Place, wo: Vec3, mut read: impl FnMut(usize, f32, u32, &[f32])) {
-        let Some(cell) = self.cells.index(place) else { return };
+    pub fn read(&self, cell: &Cell, wo: Vec3, mut read: impl FnMut(usize, f32, u32, &[f32])) {
         let mut values = [0.0; MAX_FUNCTIONS];
         // On flat surfaces neighbours share one frame.
         let mut known: Option<(Vec3, usize)> = None;
-        for (sample, weight) in self.cells.get(cell).read() {
+        for (sample, weight) in cell.read() {
             let range = self.coefficients(sample);
             let (first, count) = (range.start as u32, range.len());
             if count == 1 {
@@ -96,12 +101,11 @@ impl Level {
     /// Like [`Self::read`], but if samples have many functions, a single one is drawn by weight, with `random` in 0..1:
     /// unbiased, with a third of the entries.
     #[inline(always)]
-    pub fn read_few(&self, place: &Place, wo: Vec3, random: f32, mut read: impl FnMut(usize, f32, &[f32])) {
-        let picked = self.cells.index(place).and_then(|cell| self.cells.get(cell).pick(random));
-        let Some(sample) = picked else { return };
+    pub fn read_few(&self, cell: &Cell, wo: Vec3, random: f32, mut read: impl FnMut(usize, f32, &[f32])) {
+        let Some(sample) = cell.pick(random) else { return };
         let count = self.coefficients(sample).len();
         if count < MANY_FUNCTIONS {
-            return self.read(place, wo, |sample, weight, _, values| read(sample, weight, values));
+            return self.read(cell, wo, |sample, weight, _, values| read(sample, weight, values));
         }
         let mut values = [0.0; MAX_FUNCTIONS];
         Harmonics::get().evaluate(local(&self.frames[sample], wo), &mut values[..count]);

@@ -4,10 +4,11 @@ use glam::Vec3;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
+use super::cells::Cell;
 use super::directions::Lobe;
 use super::fan::Fan;
 use super::level::Level;
-use super::paths::{Encounter, Paths};
+use super::paths::{Arrival, Encounter, Paths};
 use super::sky;
 use crate::bake::DeepFramebuffer;
 use crate::bake::csr_matrix::CsrMatrix;
@@ -30,6 +31,14 @@ pub struct RowGatherer<'a> {
     pub seed: u64,
 }
 
+/// Rows, and the buffers of their tasks: reused, because they are large.
+#[derive(Default)]
+pub struct RowBuffers {
+    pub rows: CsrMatrix,
+    /// Of [`TASK`] samples each.
+    parts: Vec<CsrMatrix>,
+}
+
 /// Accumulator of one row: sums for every coefficient of a level, and a mask of the samples with nonzero sums.
 pub struct Row<'a> {
     /// Coefficients of sample i: `first[i]..first[i + 1]`.
@@ -48,33 +57,57 @@ struct Scratch<'a> {
     /// One per level.
     rows: Vec<Row<'a>>,
     fan: Fan,
+    /// What the rays of a row meet, and numbers in 0..1 that pick samples there. Tints have the weights of the rays.
+    arrivals: Vec<(Arrival, f32)>,
+    /// The cell that each arrival reads, in one level. Copied in a loop of their own, so that cache misses overlap.
+    cells: Vec<Cell>,
 }
 
 impl RowGatherer<'_> {
     /// Rows of the view samples `samples`; a row is empty if the sample reflects nothing. Results do not depend on the
     /// number of threads or on how rows are distributed over calls.
     pub fn gather(&self, samples: &[u32]) -> CsrMatrix {
-        CsrMatrix::concatenated(self.map(samples, CsrMatrix::clone))
+        let mut buffers = RowBuffers::default();
+        self.gather_to(samples, &mut buffers);
+        buffers.rows
+    }
+
+    /// [`Self::gather`], in place of the rows that the buffers have.
+    pub fn gather_to(&self, samples: &[u32], RowBuffers { rows, parts }: &mut RowBuffers) {
+        parts.resize_with(samples.len().div_ceil(TASK), CsrMatrix::default);
+        let points = SharedPoints::new(self.seed, self.rays);
+        samples.par_chunks(TASK).zip(&mut *parts).for_each_init(
+            || Scratch::new(self.sky, &self.levels),
+            |scratch, (samples, part)| self.gather_task(samples, &points, scratch, part),
+        );
+        rows.clear();
+        rows.reserve(parts.iter().map(|part| part.columns.len()).sum());
+        parts.iter().for_each(|part| rows.append(part));
     }
 
     /// Applies `make` to the rows of [`TASK`] samples at a time; results are in order.
     pub fn map<T: Send>(&self, samples: &[u32], make: impl Fn(&CsrMatrix) -> T + Sync) -> Vec<T> {
         let points = SharedPoints::new(self.seed, self.rays);
         let task = |(scratch, rows): &mut (Scratch, CsrMatrix), samples: &[u32]| {
-            rows.clear();
-            for &sample in samples {
-                self.gather_row(sample, &points, scratch);
-                let mut offset = 0;
-                for row in scratch.sky.iter_mut().chain(&mut scratch.rows) {
-                    row.take(offset, rows);
-                    offset += row.columns();
-                }
-                rows.first.push(rows.columns.len());
-            }
+            self.gather_task(samples, &points, scratch, rows);
             make(rows)
         };
         let scratch = || (Scratch::new(self.sky, &self.levels), CsrMatrix::default());
         samples.par_chunks(TASK).map_init(scratch, task).collect()
+    }
+
+    /// Replaces `rows` by those of one task.
+    fn gather_task(&self, samples: &[u32], points: &SharedPoints, scratch: &mut Scratch, rows: &mut CsrMatrix) {
+        rows.clear();
+        for &sample in samples {
+            self.gather_row(sample, points, scratch);
+            let mut offset = 0;
+            for row in scratch.sky.iter_mut().chain(&mut scratch.rows) {
+                row.take(offset, rows);
+                offset += row.columns();
+            }
+            rows.first.push(rows.columns.len());
+        }
     }
 
     fn gather_row(&self, sample: u32, points: &SharedPoints, scratch: &mut Scratch) {
@@ -110,8 +143,9 @@ impl WithSimd for Deposit<'_, '_, '_> {
         let Self { gatherer: RowGatherer { paths, levels, .. }, sample, geometric_normal, scratch } = self;
         let position = self.gatherer.framebuffer.samples[sample as usize].position;
         let numbers = Points::new(self.gatherer.seed, u64::from(sample));
-        let Scratch { sky, rows, fan } = scratch;
+        let Scratch { sky, rows, fan, arrivals, cells } = scratch;
         let shift = numbers.at(0, 0)[0];
+        arrivals.clear();
         for (ray, weight, direction, hit) in fan.rays_from(paths, position, geometric_normal) {
             let among = (shift + f64::from(ray) * GOLDEN).fract() as f32;
             let random = |layer: u32| {
@@ -120,12 +154,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
             };
             let meet = |met: Encounter| match met {
                 Encounter::Surface(arrival) => {
-                    for (level, row) in levels.iter().zip(&mut *rows) {
-                        let light = weight * arrival.tint;
-                        level.read_few(&arrival.place, arrival.wo, among, |sample, share, values| {
-                            row.add(sample, values, light * share);
-                        });
-                    }
+                    arrivals.push((Arrival { tint: weight * arrival.tint, ..arrival }, among));
                 }
                 Encounter::Sky(escape) => {
                     if let Some(row) = sky {
@@ -134,6 +163,13 @@ impl WithSimd for Deposit<'_, '_, '_> {
                 }
             };
             paths.go_on(hit, direction, random, meet);
+        }
+        for (level, row) in levels.iter().zip(rows) {
+            cells.clear();
+            cells.extend(arrivals.iter().map(|(arrival, _)| level.cell(&arrival.place)));
+            for ((Arrival { wo, tint, .. }, among), cell) in arrivals.iter().zip(&*cells) {
+                level.read_few(cell, *wo, *among, |sample, share, values| row.add(sample, values, *tint * share));
+            }
         }
     }
 }
@@ -149,6 +185,8 @@ impl<'a> Scratch<'a> {
             sky: sky.then(Row::of_sky),
             rows: levels.iter().map(|level| Row::new(&level.first, u32::MAX)).collect(),
             fan: Fan::default(),
+            arrivals: Vec::new(),
+            cells: Vec::new(),
         }
     }
 }
