@@ -54,14 +54,18 @@ pub(in crate::bake) fn shade_with(
         let mut k = vec![Vec3::ZERO; (first[i + 1] - first[i]) as usize];
         let mut sum = vec![DVec3::ZERO; k.len()];
         for (p, point) in samples.points_of(i).iter().enumerate() {
-            let Some(arriving) = light::incident(light, point.position.as_dvec3()) else { continue };
-            let wi = local(&point.frame(sample), arriving.wi.as_vec3());
             let seen = f64::from(visibility[i * samples.points_per_sample + p]) / 255.0;
-            if seen == 0.0 || wi.z <= 0.0 {
+            if seen == 0.0 {
                 continue;
             }
-            let irradiance = seen * arriving.irradiance * f64::from(wi.z) / samples.points_per_sample as f64;
-            project(i, wi, irradiance, &mut k);
+            let Some(arriving) = light::incident(light, point.position.as_dvec3()) else { continue };
+            let wi = arriving.wi.as_vec3();
+            if point.normal.dot(wi) <= 0.0 {
+                continue;
+            }
+            let wi_l = local(&point.frame(sample), wi);
+            let irradiance = seen * arriving.irradiance * f64::from(wi_l.z) / samples.points_per_sample as f64;
+            project(i, wi_l, irradiance, &mut k);
             let irradiance = irradiance * light::color(light);
             sum.iter_mut().zip(&k).for_each(|(sum, k)| *sum += irradiance * k.as_dvec3());
         }
