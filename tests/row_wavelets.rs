@@ -227,8 +227,8 @@ fn all_terms_are_the_dense_operator_and_fewer_are_as_close_as_asked() {
         let (whole, _, report) = wavelets.compress(&mut Journal::default(), &|_| ());
         let error = relative(&whole.multiply(&haar.terms(&light)), &dense);
         println!("all: {} terms, {error:.2e}, {report:?}", wavelets.kept);
-        // Factors in float16 are off by 2^-12 of themselves at most, entries of the bounces in bf16 by 2^-7, at random.
-        assert!(whole.is_consistent() && error < 6e-4 && report.point < 6e-4, "{samples} samples: {error}");
+        // Factors in float16 are off by 2^-11 of themselves at most, at random.
+        assert!(whole.is_consistent() && error < 3e-4 && report.point < 3e-4, "{samples} samples");
         assert!(fewer.bytes() < whole.bytes());
     }
 }

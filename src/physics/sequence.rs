@@ -153,7 +153,7 @@ pub fn fibonacci_lattice(index: u32, count: u32) -> [f64; 2] {
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 
 /// The finalizer of [Steele 2014], SplitMix64.
-fn mix(seed: u64) -> u64 {
+pub fn mix(seed: u64) -> u64 {
     let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

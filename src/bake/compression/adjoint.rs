@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::inputs::Inputs;
 use super::terms::cut;
-use super::transposed::Transposed;
+use super::transposed::{Rounded, Transposed};
 use super::vector_batch::{self, Panel, VectorBatch, WIDTH};
 use crate::bake::linear;
 use crate::physics::sequence::Points;
@@ -16,7 +16,7 @@ use crate::physics::sequence::Points;
 /// Tᵀ, restricted to the rows of a supercluster.
 pub struct Adjoint<'a> {
     pub inputs: &'a Inputs,
-    pub rows: &'a Transposed,
+    pub rows: &'a Transposed<Rounded>,
 }
 
 impl Adjoint<'_> {

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::Operator;
 use super::haar::Haar;
 use super::largest::largest;
-use super::transposed::{PART, Transposed, TransposedPart};
+use super::transposed::{Exact, PART, Transposed, TransposedPart};
 use super::vector_batch::{self, Panel, VectorBatch, WIDTH};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::linear;
@@ -118,13 +118,13 @@ fn resolvents(Operator { transport, from_sky }: Operator) -> Arc<[Mat<f32>; 3]> 
 pub struct Thinned {
     resolvents: Arc<[Mat<f32>; 3]>,
     /// Rows of G_cf in Haar terms.
-    pub first: Transposed,
+    pub first: Transposed<Exact>,
     operand: Operand,
 }
 
 impl Thinned {
     /// With `first` from [`Bounces::thinned`] of the same operator.
-    pub fn new(operator: Operator, first: Transposed) -> Self {
+    pub fn new(operator: Operator, first: Transposed<Exact>) -> Self {
         Self { resolvents: resolvents(operator), first, operand: Operand::new(operator) }
     }
 

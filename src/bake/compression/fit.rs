@@ -11,7 +11,7 @@ use super::adjoint::Adjoint;
 use super::inputs::Inputs;
 use super::noise_estimate::NoiseEstimate;
 use super::terms::{self, Chosen, cut, multiple};
-use super::transposed::{Transposed, TransposedPart};
+use super::transposed::{Rounded, Transposed, TransposedPart};
 use super::vector_batch::{self, Panel, VectorBatch, WIDTH};
 use super::{OUT_OF_BASIS_SHARE, ValidationSums};
 use crate::bake::csr_matrix::CsrMatrix;
@@ -61,7 +61,7 @@ pub struct Projected<'a> {
 
 /// Rows of Φ and their products with lights.
 pub struct RowProducts {
-    rows: Transposed,
+    rows: Transposed<Rounded>,
     /// Images of random combinations of the training lights, and of the validation lights.
     combinations: VectorBatch,
     validation_images: VectorBatch,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounces::Thinned;
 use super::haar::Haar;
-use super::transposed::Transposed;
+use super::transposed::{Exact, Transposed};
 use super::vector_batch::{Compact, VectorBatch};
 use super::{DECIDING, Operator};
 
@@ -34,7 +34,7 @@ pub struct Inputs {
 /// [`Inputs`] in a file, without what follows from the operator.
 #[derive(Serialize, Deserialize)]
 pub struct StoredInputs<'a> {
-    bounces: Cow<'a, Transposed>,
+    bounces: Cow<'a, Transposed<Exact>>,
     residual: Option<f64>,
     combinations: Cow<'a, VectorBatch>,
     validation_operands: Cow<'a, VectorBatch>,

@@ -7,13 +7,15 @@ use serde::{Deserialize, Serialize};
 
 use super::vector_batch::{COLUMNS, Panel, Task, VectorBatch, add_multiples, tasks};
 use crate::bake::csr_matrix::CsrMatrix;
+use crate::physics::sequence::mix;
 use crate::storage::pods;
 
 /// A matrix of sparse rows.
 #[derive(Clone, Serialize, Deserialize)]
-pub struct Transposed {
+#[serde(bound = "E: Entry")]
+pub struct Transposed<E> {
     pub columns: usize,
-    pub parts: Vec<TransposedPart>,
+    pub parts: Vec<TransposedPart<E>>,
 }
 
 /// Rows per part: what they multiply of a panel stays in the second-level cache, and columns have several entries.
@@ -21,27 +23,77 @@ pub const PART: usize = 512;
 
 /// A range of the rows.
 #[derive(Clone, Serialize, Deserialize)]
-pub struct TransposedPart {
+#[serde(bound = "E: Entry")]
+pub struct TransposedPart<E> {
     /// Number of rows in preceding parts.
     before: usize,
     /// Entries of column c: `first[c]..first[c + 1]`.
     #[serde(with = "pods")]
     first: Vec<u32>,
     #[serde(with = "pods")]
-    entries: Vec<Entry>,
+    entries: Vec<E>,
 }
 
-/// Values are bf16, because products are limited by memory. They are rounded at random [Croci 2022], so that sums of
-/// equal entries have no bias.
-#[derive(Clone, Copy, Default, Pod, Zeroable)]
+/// How an entry is stored.
+pub trait Entry: Pod + Send + Sync {
+    /// `row` is the row within the part, and `random` are uniform bits.
+    fn new(row: u16, value: [f32; 3], random: u32) -> Self;
+
+    fn row(&self) -> usize;
+
+    fn value(&self) -> [f32; 3];
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-struct Entry {
-    /// Within the part.
+pub struct Exact {
+    row: u32,
+    value: [f32; 3],
+}
+
+/// In bf16, for estimates that are multiplied often: products are limited by memory. Values are rounded at random
+/// [Croci 2022], so that sums of equal entries have no bias.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Rounded {
     row: u16,
     value: [bf16; 3],
 }
 
-impl TransposedPart {
+impl Entry for Exact {
+    fn new(row: u16, value: [f32; 3], _: u32) -> Self {
+        Self { row: row.into(), value }
+    }
+
+    #[inline(always)]
+    fn row(&self) -> usize {
+        self.row as usize
+    }
+
+    #[inline(always)]
+    fn value(&self) -> [f32; 3] {
+        self.value
+    }
+}
+
+impl Entry for Rounded {
+    fn new(row: u16, value: [f32; 3], random: u32) -> Self {
+        // One number for all channels: grey entries stay grey.
+        Self { row, value: value.map(|x| narrowed(x, random)) }
+    }
+
+    #[inline(always)]
+    fn row(&self) -> usize {
+        self.row.into()
+    }
+
+    #[inline(always)]
+    fn value(&self) -> [f32; 3] {
+        self.value.map(widened)
+    }
+}
+
+impl<E: Entry> TransposedPart<E> {
     /// Rows after the first `before` ones.
     pub fn new(rows: &CsrMatrix, before: usize, columns: usize) -> Self {
         assert!(rows.len() <= 1 << 16, "{} rows, and 65,536 at most", rows.len());
@@ -50,25 +102,17 @@ impl TransposedPart {
         rows.columns.iter().for_each(|&column| first[column as usize + 1] += 1);
         (0..columns).for_each(|column| first[column + 1] += first[column]);
         let mut next = first.clone();
-        let mut entries = vec![Entry::default(); rows.columns.len()];
+        let mut entries = vec![E::zeroed(); rows.columns.len()];
         for row in 0..rows.len() {
             for (column, value) in rows.row(row) {
-                // One number for all channels: grey entries stay grey.
-                let random = hashed((before + row) as u32, column);
+                let random = mix(((before + row) as u64) << 32 | u64::from(column)) as u32;
                 let next = &mut next[column as usize];
-                entries[*next as usize] = Entry { row: row as u16, value: value.map(|x| narrowed(x, random)) };
+                entries[*next as usize] = E::new(row as u16, value, random);
                 *next += 1;
             }
         }
         Self { before, first, entries }
     }
-}
-
-/// 32 random bits for an entry.
-fn hashed(row: u32, column: u32) -> u32 {
-    let mut bits = row.wrapping_mul(0x9e37_79b1) ^ column.wrapping_mul(0x85eb_ca77);
-    bits = (bits ^ bits >> 15).wrapping_mul(0x2c1b_3c6d);
-    (bits ^ bits >> 12).wrapping_mul(0x297a_2d39)
 }
 
 /// Rounds away from zero with a probability equal to the part of a step that truncation drops, for uniform bits
@@ -83,7 +127,7 @@ fn widened(x: bf16) -> f32 {
     f32::from_bits(u32::from(x.to_bits()) << 16)
 }
 
-impl Transposed {
+impl<E: Entry> Transposed<E> {
     /// Adds the product of the transposed matrix with `vectors`, panels of each channel, to the first rows of `sums`:
     /// one row per matrix column.
     pub fn add_product(&self, vectors: [&[Panel]; 3], sums: &mut VectorBatch) {
@@ -94,14 +138,14 @@ impl Transposed {
 }
 
 /// The products of one piece of columns with all panels.
-struct MultiplyTransposed<'a> {
-    parts: &'a [TransposedPart],
+struct MultiplyTransposed<'a, E> {
+    parts: &'a [TransposedPart<E>],
     /// First column of the piece.
     first: usize,
     tasks: Vec<Task<'a>>,
 }
 
-impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
+impl<E: Entry> pulp::NullaryFnOnce for MultiplyTransposed<'_, E> {
     type Output = ();
 
     #[inline(always)]
@@ -112,8 +156,8 @@ impl pulp::NullaryFnOnce for MultiplyTransposed<'_> {
                 for (column, entries) in part.first[self.first..].windows(2).enumerate().take(sums[0].len()) {
                     let mut all = sums.each_ref().map(|of_channel| of_channel[column]);
                     for entry in &part.entries[entries[0] as usize..entries[1] as usize] {
-                        let x = panels.map(|panel| &panel[entry.row as usize]);
-                        add_multiples(&mut all, entry.value.map(widened), x);
+                        let x = panels.map(|panel| &panel[entry.row()]);
+                        add_multiples(&mut all, entry.value(), x);
                     }
                     sums.iter_mut().zip(all).for_each(|(of_channel, sum)| of_channel[column] = sum);
                 }
@@ -157,7 +201,9 @@ mod tests {
             let is_kept = |column: &usize| r != 3 && (r == 4 || random(r, *column) > 0.4);
             (0..columns).filter(is_kept).map(|column| (column, value(r, column))).collect::<Vec<_>>()
         };
-        let part = |rows: std::ops::Range<usize>| TransposedPart::new(&matrix(rows.clone(), row), rows.start, columns);
+        let part = |rows: std::ops::Range<usize>| {
+            TransposedPart::<Rounded>::new(&matrix(rows.clone(), row), rows.start, columns)
+        };
         let batch =
             VectorBatch::from_fn(row_count, vectors, |channel, r, vector| random(5000 + r, 100 * channel + vector));
         let mut products = VectorBatch::zeros(columns, vectors);
@@ -187,7 +233,7 @@ mod tests {
         let rows = matrix(0..row_count, |_| (0..columns).map(|column| (column, values)).collect());
         let ones = vec![[1.0; WIDTH]; row_count];
         let mut sums = VectorBatch::zeros(columns, 1);
-        let rows = Transposed { columns, parts: vec![TransposedPart::new(&rows, 0, columns)] };
+        let rows = Transposed { columns, parts: vec![TransposedPart::<Rounded>::new(&rows, 0, columns)] };
         rows.add_product([std::slice::from_ref(&ones); 3], &mut sums);
         for (channel, value) in values.into_iter().enumerate() {
             let means: Vec<f32> = (0..columns).map(|j| sums.get(channel, j, 0) / row_count as f32).collect();
