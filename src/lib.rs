@@ -61,6 +61,8 @@
 //!   Science 9(3).
 //! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
 //! - [Dupuy 2023] Dupuy, Benyoub, Sampling visible GGX normals with spherical caps, Computer Graphics Forum 42(8).
+//! - [Efron 1973] Efron, Morris, Stein's estimation rule and its competitors - an empirical Bayes approach, Journal of
+//!   the American Statistical Association 68(341).
 //! - [Enderton 2010] Enderton et al., Stochastic transparency, I3D.
 //! - [Friedman 2015] Friedman, Jones, Fully automatic ID mattes with support for motion blur and transparency,
 //!   SIGGRAPH Posters.

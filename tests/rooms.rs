@@ -77,7 +77,7 @@ fn first_bounces_are_read_as_they_are() {
     let mut scene = Scene::load(&path).unwrap();
     scene.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
     let scene = TracedScene::new(scene);
-    // Not the file's own camera and lamps: nothing was chosen by these.
+    // Not the file's own camera and lamps.
     let position = DVec3::new(1.9, 1.5, 2.3);
     let projection = Projection::Perspective { yfov: 0.96 };
     let camera = stage::look(position, DVec3::new(-1.2, 0.8, -1.2), DVec3::Y, projection);

@@ -4,16 +4,16 @@
 //! Gathered rows conserve energy from the view of the receiver, but not of the sender: column sums are inaccurate, and
 //! so is the light in a bright closed room. Therefore the geometric factors F are balanced. F is the share of a
 //! sample's rays that hit each other sample directly or through mirrors. Rows and columns are scaled until each sample
-//! receives the share of its rays that hit a surface and, by reciprocity, sends as much [Sinkhorn 1967]. Columns where
-//! rays contradict the samples' areas are exempt.
+//! receives the share of its rays that hit a surface and, by reciprocity, sends as much [Sinkhorn 1967]. Where the numbers
+//! of rays that hit the areas of samples contradict reciprocity, column sums are corrected towards these numbers.
 
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
+use std::ops::Range;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::cells::Cells;
 use super::level::Level;
 use super::paths::{Encounter, Paths};
 use super::rows::Row;
@@ -33,11 +33,9 @@ const BALANCED: f64 = 1e-9;
 /// Number of functions of a sending sample that are used: light is smoother after a further bounce, and the first
 /// function has all energy.
 const MAX_SENT: u32 = 16;
-/// Number of standard deviations above which a difference between column sums is significant.
-const SIGNIFICANT: f64 = 4.0;
-/// Relative standard deviation of a column sum due to interpolation between samples. With 0.15 light in a closed sphere
-/// has an error of a thousandth.
-const MOVED: f64 = 0.25;
+/// Relative standard deviation between a sample's area and the area of the surface nearest to it: cells and clusters have
+/// different borders. In a closed box it is 0.13.
+const MISFIT: f64 = 0.15;
 /// Maximum scale of a row or column, and inverse of the minimum: columns hit by hardly any ray stay small.
 const MAX_SCALE: f64 = 8.0;
 
@@ -65,6 +63,8 @@ struct SampleRows {
     rows: CsrMatrix,
     /// Row of F: the share of rays that hit each sending sample, directly or through mirrors.
     factors: Vec<(u32, f32)>,
+    /// The same without interpolation: the share of rays that hit the area of each sending sample.
+    hits: Vec<(u32, f32)>,
 }
 
 impl BounceGatherer<'_> {
@@ -103,14 +103,19 @@ impl BounceGatherer<'_> {
             let Encounter::Surface(arrival) = encounter else { return };
             // Upper bound over the channels.
             let reach = arrival.tint.max_element();
-            for (level, (rows, factors)) in senders.iter().zip(&mut scratch.levels) {
-                level.read(&level.cell(&arrival.place), arrival.wo, |sender, weight, _, values| {
-                    factors.add(sender, &[weight], Vec3::splat(share * reach));
+            let mut is_black = true;
+            for (level, to) in senders.iter().zip(&mut scratch.levels) {
+                let cell = level.cell(&arrival.place);
+                let Some(nearest) = cell.nearest() else { continue };
+                is_black = false;
+                to.hits.add(nearest, &[1.0], Vec3::splat(share * reach));
+                level.read(&cell, arrival.wo, |sender, weight, _, values| {
+                    to.factors.add(sender, &[weight], Vec3::splat(share * reach));
                     let light = arrival.tint * (weight * share * PI);
-                    rows.iter_mut().zip(k).for_each(|(row, k)| row.add(sender, values, *k * light));
+                    to.rows.iter_mut().zip(k).for_each(|(row, k)| row.add(sender, values, *k * light));
                 });
             }
-            if senders.iter().any(|level| !is_black(&level.cells, &arrival.place)) {
+            if !is_black {
                 met += f64::from(reach);
             }
         });
@@ -173,30 +178,32 @@ impl BounceGatherer<'_> {
             let met = interpolated(self.receivers, met, sender);
             (0..sender.samples.len()).map(|i| area(sender, i) * met[i]).collect()
         };
-        let factors: Vec<Vec<(u32, f64)>> = found
-            .par_iter()
-            .enumerate()
-            .map(|(i, found)| found.factors.iter().map(|&(j, f)| (j, f64::from(f) * area(self.receivers, i))).collect())
-            .collect();
-        let mut column_sums = vec![0.0; sent.len()];
+        // Column sums that rays found, and the sum of squares of what all rays contribute to them.
+        let mut found_sums = vec![0.0; sent.len()];
         let mut squares = 0.0;
-        for (i, row) in factors.iter().enumerate() {
+        for (i, found) in found.iter().enumerate() {
             let ray = area(self.receivers, i) / f64::from(self.rays);
-            row.iter().for_each(|&(j, value)| {
-                column_sums[j as usize] += value;
+            for &(j, share) in &found.hits {
+                let value = f64::from(share) * area(self.receivers, i);
+                found_sums[j as usize] += value;
                 squares += ray * value;
-            });
+            }
         }
-        let all = column_sums.iter().sum::<f64>();
+        let all = found_sums.iter().sum::<f64>();
         scale_to(&mut sent, all);
         let ray = squares / all.max(f64::MIN_POSITIVE);
         for members in by_group(&sender.samples) {
-            let found: Vec<f64> = members.iter().map(|&j| column_sums[j]).collect();
+            let found: Vec<f64> = members.iter().map(|&j| found_sums[j]).collect();
             let mut expected: Vec<f64> = members.iter().map(|&j| sent[j]).collect();
             correct(&mut expected, &found, ray);
             members.iter().zip(expected).for_each(|(&j, expected)| sent[j] = expected);
         }
         scale_to(&mut sent, received.iter().sum());
+        let factors: Vec<Vec<(u32, f64)>> = found
+            .par_iter()
+            .enumerate()
+            .map(|(i, found)| found.factors.iter().map(|&(j, f)| (j, f64::from(f) * area(self.receivers, i))).collect())
+            .collect();
         let (row_scales, column_scales, imbalance) = balance(&factors, &received, &sent);
 
         let entries = found.iter().map(|found| found.rows.columns.len()).sum();
@@ -218,40 +225,49 @@ impl BounceGatherer<'_> {
     }
 }
 
-/// Accumulators of one thread: for each sending level, rows of G and a row of F.
+/// Accumulators of one thread, for each sending level.
 struct Scratch<'a> {
-    levels: Vec<(Vec<Row<'a>>, Row<'a>)>,
+    levels: Vec<LevelScratch<'a>>,
+}
+
+/// Where [`SampleRows`] of a sending level add up.
+struct LevelScratch<'a> {
+    rows: Vec<Row<'a>>,
+    factors: Row<'a>,
+    hits: Row<'a>,
 }
 
 impl<'a> Scratch<'a> {
     /// `singles` has the values 0, 1, ...: in F each sample has one coefficient.
     fn new(senders: &[&'a Level], singles: &'a [u32]) -> Self {
         let of = |level: &&'a Level| {
-            let rows = (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first, MAX_SENT)).collect();
-            (rows, Row::new(&singles[..=level.samples.len()], 1))
+            let of_samples = || Row::new(&singles[..=level.samples.len()], 1);
+            LevelScratch {
+                rows: (0..MAX_FUNCTIONS).map(|_| Row::new(&level.first, MAX_SENT)).collect(),
+                factors: of_samples(),
+                hits: of_samples(),
+            }
         };
         Self { levels: senders.iter().map(of).collect() }
     }
 
     /// Moves out the contributions to a receiver of `count` coefficients.
     fn take(&mut self, count: usize) -> Vec<SampleRows> {
-        let take = |(rows, factors): &mut (Vec<Row>, Row)| {
-            let mut found = SampleRows { rows: CsrMatrix::empty(0), ..Default::default() };
-            for row in &mut rows[..count] {
-                row.take(0, &mut found.rows);
-                found.rows.first.push(found.rows.columns.len());
-            }
+        let shares = |from: &mut Row| {
             let mut row = CsrMatrix::default();
-            factors.take(0, &mut row);
-            found.factors = row.columns.iter().copied().zip(row.values.iter().map(|v| v[0])).collect();
-            found
+            from.take(0, &mut row);
+            row.columns.iter().copied().zip(row.values.iter().map(|v| v[0])).collect()
+        };
+        let take = |level: &mut LevelScratch| {
+            let mut rows = CsrMatrix::empty(0);
+            for row in &mut level.rows[..count] {
+                row.take(0, &mut rows);
+                rows.first.push(rows.columns.len());
+            }
+            SampleRows { rows, factors: shares(&mut level.factors), hits: shares(&mut level.hits) }
         };
         self.levels.iter_mut().map(take).collect()
     }
-}
-
-fn is_black(cells: &Cells, place: &crate::bake::gather_samples::Place) -> bool {
-    cells.index(place).is_none_or(|cell| cells.get(cell).is_black())
 }
 
 /// Shares of the receiving level's rays, interpolated at the samples of another level.
@@ -272,27 +288,40 @@ fn by_group(samples: &GatherSamples) -> Vec<Vec<usize>> {
     lists.into_values().collect()
 }
 
+/// Scales values to a sum; zeros stay.
 fn scale_to(values: &mut [f64], sum: f64) {
-    let scale = sum / values.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    values.iter_mut().for_each(|value| *value *= scale);
+    let before = values.iter().sum::<f64>();
+    if before > 0.0 {
+        values.iter_mut().for_each(|value| *value *= sum / before);
+    }
 }
 
-/// Corrects the column sums `expected` by reciprocity where other samples see only part of a sample's area, as in the
-/// folds of a sofa: there the sum `found` by rays differs. Each ray contributes `ray` to a sum. As single sums are
-/// noisy, nodes of the samples' tree are compared, from the root down; a node takes the sum found if the difference is
-/// significant.
+/// Corrects the column sums `expected`, which follow from reciprocity, with the sums `found` by rays. The samples' areas
+/// are wrong where others see only part of them, as in the folds of a sofa. The sums found are noisy: each ray
+/// contributes `ray`. So sums over all samples are compared, then over halves, quarters and so on. At each depth they
+/// take a share of the differences. The share is larger if noise explains less of them, similar to [Efron 1973].
 fn correct(expected: &mut [f64], found: &[f64], ray: f64) {
-    let [sum, found_sum] = [&*expected, found].map(|sums| sums.iter().sum::<f64>());
-    // Interpolation between samples moves light from one to another.
-    let variance = ray * sum + expected.iter().map(|e| (MOVED * e).powi(2)).sum::<f64>();
-    if (found_sum - sum).powi(2) > SIGNIFICANT.powi(2) * variance {
-        scale_to(expected, found_sum);
-    }
-    if expected.len() > 1 {
-        let middle = middle(0, expected.len());
-        let (left, right) = expected.split_at_mut(middle);
-        correct(left, &found[..middle], ray);
-        correct(right, &found[middle..], ray);
+    let mut nodes: Vec<Range<usize>> = std::iter::once(0..expected.len()).collect();
+    while !nodes.is_empty() {
+        let (mut squares, mut variances) = (0.0, 0.0);
+        for node in &nodes {
+            let [sum, found_sum] = [&*expected, found].map(|sums| sums[node.clone()].iter().sum::<f64>());
+            let misfit = expected[node.clone()].iter().map(|e| (MISFIT * e).powi(2)).sum::<f64>();
+            let weight = if sum > 0.0 { sum.recip() } else { 0.0 };
+            squares += weight * (found_sum - sum).powi(2);
+            variances += weight * (ray * sum + misfit);
+        }
+        // Without the square, areas that are clearly wrong would keep too much weight (docs/accuracy.md, "Column sums").
+        let share = if squares > variances { 1.0 - (variances / squares).powi(2) } else { 0.0 };
+        for node in &nodes {
+            let [sum, found_sum] = [&*expected, found].map(|sums| sums[node.clone()].iter().sum::<f64>());
+            scale_to(&mut expected[node.clone()], sum + share * (found_sum - sum));
+        }
+        let halves = |node: &Range<usize>| {
+            let middle = middle(node.start, node.end);
+            [node.start..middle, middle..node.end]
+        };
+        nodes = nodes.iter().filter(|node| node.len() > 1).flat_map(halves).collect();
     }
 }
 
@@ -311,8 +340,9 @@ fn balance(rows: &[Vec<(u32, f64)>], row_sums: &[f64], column_sums: &[f64]) -> (
         imbalance = 0.0;
         for ((scale, sum), want) in by_column.iter_mut().zip(&sums).zip(column_sums) {
             if *sum > 0.0 {
-                imbalance = f64::max(imbalance, (*scale * sum / want - 1.0).abs());
-                *scale = limited(want / sum);
+                let new = limited(want / sum);
+                imbalance = f64::max(imbalance, (*scale / new - 1.0).abs());
+                *scale = new;
             }
         }
         by_row = rows
@@ -334,7 +364,7 @@ mod tests {
 
     /// Half of the samples are seen a fifth less than their areas predict, all with noise of a tenth.
     #[test]
-    fn significant_differences_alone_correct_column_sums() {
+    fn differences_beyond_noise_correct_column_sums() {
         let seen = |i: usize| if i < 128 { 0.8 } else { 1.0 };
         let found: Vec<f64> = (0..256).map(|i| seen(i) + if i % 2 == 0 { 0.1 } else { -0.1 }).collect();
         let mut expected = vec![1.0; 256];
@@ -346,5 +376,18 @@ mod tests {
         let mut expected = vec![1.0; 256];
         correct(&mut expected, &found, few_rays);
         assert_eq!(expected, vec![1.0; 256]);
+    }
+
+    #[test]
+    fn column_sums_stay_finite() {
+        let corrected = |expected: &[f64], found: &[f64]| {
+            let mut sums = expected.to_vec();
+            correct(&mut sums, found, 1e-3);
+            sums
+        };
+        assert!(corrected(&[1.0; 5], &[0.0; 5]).iter().all(|sum| (0.0..1e-3).contains(sum)));
+        assert_eq!(corrected(&[0.0; 5], &[1.0; 5]), [0.0; 5]);
+        assert!((corrected(&[1.0], &[3.0])[0] - 3.0).abs() < 1e-3);
+        assert_eq!(corrected(&[], &[]), [0.0; 0]);
     }
 }

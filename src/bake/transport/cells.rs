@@ -31,7 +31,7 @@ const MIN_NORMAL_COSINE: f32 = 0.7;
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Cell {
-    /// Indices of gather samples; some can have weight 0.
+    /// Indices of gather samples, the nearest one first; some can have weight 0.
     pub samples: [u32; NEIGHBOURS],
     pub weights: [f32; NEIGHBOURS],
 }
@@ -255,6 +255,12 @@ impl Cell {
     /// Whether the surface neither reflects nor emits light.
     pub fn is_black(&self) -> bool {
         self.weights[0] == 0.0
+    }
+
+    /// The nearest sample, whose area is roughly the surface that is nearest to it. `None` if the surface is black.
+    #[inline(always)]
+    pub fn nearest(&self) -> Option<usize> {
+        (!self.is_black()).then_some(self.samples[0] as usize)
     }
 
     /// A sample drawn with a probability equal to its weight; `random` is in 0..1.
