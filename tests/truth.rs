@@ -146,14 +146,14 @@ fn cornell_diffuse() {
     against_truth("cornell-diffuse", "cornell-diffuse", &bounds);
 }
 
-/// It is too dark by 1.4 to 1.7 %: the rows before compression lack 1.1 %. Less of that would be welcome.
+/// It is too dark by 0.8 to 1.5 %. Less of that would be welcome.
 #[test]
 fn balls_2() {
-    let bounds = Bounds { by_pixel: 0.0358, blocks_4: 0.0278, blocks_8: 0.0246, bias: -0.021..=0.005 };
+    let bounds = Bounds { by_pixel: 0.0323, blocks_4: 0.0239, blocks_8: 0.0193, bias: -0.018..=0.005 };
     against_truth("balls-2", "balls-2", &bounds);
 }
 
-/// The larger picture has 5.4, 3.7 and 2.7 %.
+/// The larger picture has 5.3, 3.5 and 2.5 %.
 const GLOSSY: Bounds = Bounds { by_pixel: 0.0778, blocks_4: 0.0421, blocks_8: 0.0305, bias: -0.006..=0.006 };
 
 #[test]
