@@ -195,6 +195,21 @@ fn differences([ours, want]: &[Vec<[f32; 3]>; 2], side: usize) -> (f64, f64) {
     (error, bias)
 }
 
+/// A panel shines up at the ceiling of a closed room.
+#[test]
+fn panels_light_rooms_as_much_as_paths_find() {
+    for coarse in [100, 200] {
+        let mut build = Build::default();
+        let grey = build.material(lambert(Vec3::splat(0.5)));
+        let panel = build.material(Material { name: "panel".into(), ..emitter(Vec3::splat(10.0)) });
+        build.room(DVec3::ZERO, 1.0, grey);
+        build.quad(DVec3::new(-0.6, 0.5, 0.3), DVec3::X * 0.2, DVec3::NEG_Z * 0.2, panel);
+        let camera = look(DVec3::new(0.1, 0.1, 0.95), DVec3::NEG_Z, DVec3::Y, Projection::Perspective { yfov: 1.3 });
+        let (error, bias) = differences(&beside_the_path_tracer(build, &camera, coarse), 8);
+        assert!(error < 0.03 && bias.abs() < 0.01, "{coarse}: off by {error}, {bias:+}");
+    }
+}
+
 /// A panel shines up at a mirror, which throws its light onto the floor.
 #[test]
 fn mirrors_throw_light_of_emitters() {

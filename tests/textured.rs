@@ -9,8 +9,10 @@ use common::stage::{Build, ball, emitter, lambert, look, mirror, rig};
 use common::{assert_near, transfer};
 use glam::{DVec3, Vec3};
 use relume::bake::brdf_factors::NEAR_MIRROR_ALPHA;
+use relume::bake::gather_samples::{GatherSamples, Placement, Surfaces};
 use relume::bake::transport::directions::Lobe;
-use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
+use relume::bake::transport::level::Level;
+use relume::bake::transport::{LightTransport, Outgoing, TransferSettings, direct};
 use relume::physics::brdf::Lobes;
 use relume::physics::sequence::Points;
 use relume::scene::{Camera, Encoding, Light, LightKind, Material, Projection, Rig, Scene, Texture};
@@ -130,8 +132,9 @@ fn checker(side: usize, values: [u8; 2]) -> Texture {
 #[test]
 fn a_furnace_with_checkered_walls() {
     let mut build = Build::default();
-    // Odd, so that corners of walls have either colour; interpolation between texels keeps the mean.
-    let base_color_texture = build.texture(checker(64, [51, 204]));
+    // Interpolation between texels keeps the mean. 64 squares would lie on quarters of quarters of the walls, as the steps do
+    // in which candidates of samples are drawn: these then find 0.5 % too little albedo.
+    let base_color_texture = build.texture(checker(61, [51, 204]));
     let walls = build.material(Material { base_color_texture, emissive: Vec3::ONE, ..grey(1.0) });
     build.room(DVec3::ZERO, 1.0, walls);
     let scene = TracedScene::new(build.scene());
@@ -158,6 +161,28 @@ fn a_furnace_with_checkered_walls() {
     }
     println!("checkered furnace: {:.4}", sum / count / 2.0);
     assert_near(sum / count, 2.0, 0.005, "mean");
+}
+
+/// One gather sample is a floor whose bright half is lit, and whose dark half lies in the shadow of a board.
+#[test]
+fn light_on_bright_texels_is_reflected() {
+    let side = 64;
+    let texel = |i: usize| if i % side < side / 2 { [204, 204, 204, 255] } else { [13, 13, 13, 255] };
+    let halves = Texture::new("halves".into(), side, side, (0..side * side).map(texel).collect(), Encoding::Linear);
+    let mut build = Build::default();
+    let base_color_texture = build.texture(halves);
+    let floor = build.material(Material { base_color_texture, ..grey(1.0) });
+    let board = build.material(grey(0.0));
+    build.quad(DVec3::ZERO, DVec3::X, DVec3::NEG_Z, floor);
+    build.quad(DVec3::new(0.5, 1.0, 0.0), DVec3::X * 0.5, DVec3::NEG_Z, board);
+    let scene = TracedScene::new(build.scene());
+    let samples = GatherSamples::place(&scene, &Surfaces::even(&scene), Placement::Clustered { points: 16 }, 1, 1);
+    assert_eq!(samples.len(), 1);
+    let level = Level::new(&scene, samples, &[1]);
+    let sun = Light { kind: LightKind::Directional, direction: DVec3::NEG_Y, ..Light::point("sun", DVec3::ZERO) };
+    let got = direct::shade(&scene, &level, &sun.pack(scene.space))[0].x / PI.sqrt();
+    println!("of the light on bright texels {:.3} is reflected", got / (0.5 * 0.8 / PI));
+    assert_near(got, 0.5 * 0.8 / PI, 0.1, "radiance");
 }
 
 /// A floor whose roughness map has two values, and one of two materials.

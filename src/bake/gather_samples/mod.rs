@@ -17,7 +17,7 @@ pub use self::surface_points::{Drawn, Patch, Place, Surfaces, Visited, is_back, 
 
 use self::clusters::Clusters;
 use self::surface_points::is_enclosed;
-use super::brdf_factors::NEAR_MIRROR_ALPHA;
+use super::brdf_factors::{NEAR_MIRROR_ALPHA, Projection};
 use crate::physics::sequence::Points;
 use crate::scene::{Material, Scene};
 use crate::shared::Brdf;
@@ -92,12 +92,16 @@ pub struct GatherSamples {
 /// Candidate points per cluster.
 const CANDIDATES: usize = 32;
 
+/// Mean cosine of uniform illumination, where the albedo of a candidate is evaluated.
+const MEAN_COSINE: f32 = 2.0 / 3.0;
+
 /// A random point of the surface.
 struct Candidate {
     triangle: u32,
     /// The area it represents, in mesh space.
     area: f64,
-    /// Light that reaches the picture from that area: its weight in the sample's averages.
+    /// Light that reaches the picture from that area: its weight in the sample's averages. Hidden surfaces hardly darken
+    /// visible ones.
     light: f64,
     surface: SurfacePoint,
 }
@@ -265,9 +269,7 @@ fn clustered(
         let of_members = || members.iter().map(|&i| &candidates[i as usize]);
         let area: f64 = of_members().map(|c| c.area).sum();
         let light: f64 = of_members().map(|c| c.light).sum();
-        let counts = |c: &Candidate| c.area * visibility_weight(c.light / c.area * area / light);
-        let counted: f64 = of_members().map(counts).sum();
-        let weight = |c: &Candidate| (counts(c) / counted) as f32;
+        let weight = |c: &Candidate| (c.light / light) as f32;
         let normal: Vec3 = of_members().map(|c| weight(c) * c.surface.normal).sum();
         let sample = GatherSample {
             position: centre.position,
@@ -276,14 +278,20 @@ fn clustered(
             triangle: *triangle,
             material: centre.material,
             emission: of_members().map(|c| weight(c) * c.surface.emission).sum::<Vec3>(),
-            brdf: average(of_members().map(|c| (narrow_lobe_as_mirror(&c.surface.brdf), counts(c)))),
-            direct_brdf: average(of_members().map(|c| (widened(&c.surface.brdf), counts(c)))),
+            brdf: average(of_members().map(|c| (narrow_lobe_as_mirror(&c.surface.brdf), c.light))),
+            direct_brdf: average(of_members().map(|c| (widened(&c.surface.brdf), c.light))),
+        };
+        // Light on dark texels is not reflected, so that points are weighted by albedo too.
+        let reflected = |c: &Candidate| {
+            let albedo = Projection::get().albedo(&c.surface.brdf, MEAN_COSINE).element_sum();
+            c.light * f64::from(albedo.max(f32::MIN_POSITIVE))
         };
         // Members are in tree order: points at equal steps of cumulative weight are spread over the cluster.
+        let step = of_members().map(reflected).sum::<f64>() / points_per_sample as f64;
         let mut points = Vec::with_capacity(points_per_sample);
         let mut covered = 0.0;
         for member in of_members() {
-            covered += counts(member) * points_per_sample as f64 / counted;
+            covered += reflected(member) / step;
             while points.len() < points_per_sample && points.len() as f64 + 0.5 < covered {
                 points.push(GatherPoint::new(&member.surface));
             }
@@ -294,16 +302,6 @@ fn clustered(
     };
     GatherSamples::in_tree_order(clusters.par_iter().map(sample).collect(), points_per_sample, groups)
 }
-
-/// Weight of a place whose area contributes `ratio` times as much light as its sample's area does on average. As visits
-/// are few, ratios within a quarter of 1 count as equal, so that energy is conserved where everything is equally
-/// visible. Smaller ratios reduce the weight continuously, so that hidden surfaces do not darken visible ones.
-fn visibility_weight(ratio: f64) -> f64 {
-    if ratio < ALIKE { ratio / ALIKE } else { (ratio * ALIKE).max(1.0) }
-}
-
-/// See [`visibility_weight`].
-const ALIKE: f64 = 0.8;
 
 /// Materials with enough candidates for a sample get their own samples: the radiance of a dark wall says nothing about
 /// the white skirting in front of it. So do emissive ones, which are lights of their own. All other materials form one

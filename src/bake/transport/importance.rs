@@ -313,7 +313,7 @@ const FEW: usize = 16;
 fn distribute_evenly<'a>(area: f64, visits: impl Iterator<Item = &'a Counted> + Clone, visited: &mut Vec<Visited>) {
     let (count, light) = visits.clone().fold((0.0, 0.0), |(n, sum), visit| (n + 1.0, sum + f64::from(visit.light)));
     // Never 0, as means are weighted by it.
-    let light = (light / count).max(f64::MIN_POSITIVE);
+    let light = (light / count).max(f32::MIN_POSITIVE.into());
     visited.extend(visits.map(|visit| Visited { place: visit.place, area: area / count, light }));
 }
 
