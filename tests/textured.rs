@@ -132,9 +132,8 @@ fn checker(side: usize, values: [u8; 2]) -> Texture {
 #[test]
 fn a_furnace_with_checkered_walls() {
     let mut build = Build::default();
-    // Interpolation between texels keeps the mean. 64 squares would lie on quarters of quarters of the walls, as the steps do
-    // in which candidates of samples are drawn: these then find 0.5 % too little albedo.
-    let base_color_texture = build.texture(checker(61, [51, 204]));
+    // Interpolation between texels keeps the mean.
+    let base_color_texture = build.texture(checker(64, [51, 204]));
     let walls = build.material(Material { base_color_texture, emissive: Vec3::ONE, ..grey(1.0) });
     build.room(DVec3::ZERO, 1.0, walls);
     let scene = TracedScene::new(build.scene());

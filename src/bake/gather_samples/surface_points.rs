@@ -153,8 +153,9 @@ impl Surfaces {
         if self.areas.is_empty() { Vec::new() } else { (0..count).into_par_iter().map(place).collect() }
     }
 
-    /// `count` points, one in each of `count` equal strata; empty if there is no surface. A piece's area and light are
-    /// divided evenly among its points; those of pieces without points go to the next piece with points.
+    /// `count` points, one in each of `count` equal strata; empty if there is no surface. Steps within a piece start at
+    /// a random place, because its texture may be as regular as they are. A piece's area and light are divided evenly
+    /// among its points; those of pieces without points go to the next piece with points.
     pub fn stratified(&self, points: sequence::Points, count: usize) -> Vec<Drawn> {
         if self.areas.is_empty() {
             return Vec::new();
@@ -168,9 +169,10 @@ impl Surfaces {
             let end = if drawn + count_here == count { self.areas.len() } else { of_piece[0] + 1 };
             let share = 1.0 / count_here as f64;
             let area = share * self.areas[first..end].iter().sum::<f64>();
+            let start = points.at(drawn as u32, 0)[3];
             result.extend((0..count_here).map(|i| {
                 let [_, u, v, _] = points.at((drawn + i) as u32, 0);
-                let (place, light) = self.points.place(of_piece[0], [u, v], (i as f64 + 0.5) * share);
+                let (place, light) = self.points.place(of_piece[0], [u, v], (i as f64 + start) * share);
                 Drawn { place, area, light: light * area }
             }));
             first = end;
