@@ -146,12 +146,12 @@ impl<'a> LightTransport<'a> {
                     sample.direct_brdf = lambert(&sample.direct_brdf);
                 }
             }
-            let with = |most: u8| -> Vec<u8> {
-                let dropped = |s: &GatherSample| DROPPED / importance.shares[s.material as usize];
-                samples.samples.iter().map(|s| functions(&settings.outgoing, &s.brdf, most, dropped(s))).collect()
-            };
-            let fits = |functions: &Vec<u8>| functions.iter().map(|&f| usize::from(f)).sum::<usize>() <= limit;
-            let functions = choices.iter().map(|&most| with(most)).find(fits).unwrap_or_else(|| with(1));
+            let dropped = |s: &GatherSample| DROPPED / importance.shares[s.material as usize];
+            let wanted = |s: &GatherSample| functions(&settings.outgoing, &s.brdf, dropped(s));
+            let mut functions: Vec<u8> = samples.samples.par_iter().map(wanted).collect();
+            let fits = |&most: &u8| functions.iter().map(|&f| usize::from(f.min(most))).sum::<usize>() <= limit;
+            let most = choices.iter().copied().find(fits).unwrap_or(1);
+            functions.iter_mut().for_each(|f| *f = most.min(*f));
             let most = functions.iter().copied().max().unwrap_or(1);
             if let Outgoing::Glossy { functions: Some(asked) } = settings.outgoing
                 && most < asked
@@ -407,13 +407,13 @@ fn lambert(brdf: &Brdf) -> Brdf {
     Brdf { diffuse, alpha: 0.0, f0, f90, dielectric_f0: 0.0, dielectric_f90: 0.0 }
 }
 
-/// Number of functions of a material, at most `most`; they may omit the share `dropped` of its energy.
-fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
+/// Number of functions of a material; they may omit the share `dropped` of its energy.
+fn functions(outgoing: &Outgoing, brdf: &Brdf, dropped: f32) -> u8 {
     match *outgoing {
         Outgoing::Diffuse => 1,
         Outgoing::Glossy { functions: Some(count) } => {
             assert_eq!(count.isqrt().pow(2), count, "harmonics come by whole degrees");
-            count.clamp(1, most)
+            count.clamp(1, MAX_FUNCTIONS as u8)
         }
         Outgoing::Glossy { functions: None } => {
             let energy = Projection::get().energy_by_degree(brdf);
@@ -422,7 +422,7 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, most: u8, dropped: f32) -> u8 {
                 let degrees = functions.isqrt() as usize;
                 all == 0.0 || energy[degrees..].iter().sum::<f32>() <= dropped * all
             };
-            EVEN_DEGREES.into_iter().filter(|count| *count < most).find(enough).unwrap_or(most)
+            EVEN_DEGREES.into_iter().find(enough).unwrap_or(MAX_FUNCTIONS as u8)
         }
     }
 }
