@@ -4,11 +4,14 @@
 mod command;
 
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 
 use command::{Run, folder, parse, relume, shipped};
+use glam::DVec3;
 use relume::bake::transport::Outgoing;
-use relume::relight::{RelightSettings, Site, VisibilityMethod};
-use relume::session::{Form, IndirectSettings, Survey, Target};
+use relume::relight::{Picture, RelightSettings, Site, VisibilityMethod};
+use relume::scene::{Light, Rig};
+use relume::session::{Form, IndirectSettings, OpenSettings, Survey, Target};
 use relume::{Session, SessionSettings};
 
 /// Its factors take 19 MB, a gather sample 100 kB at the most.
@@ -190,7 +193,7 @@ fn footprints_are_the_memory_that_is_taken() {
     let mut settings = SessionSettings { cache_dir: None, indirect: None, ..Default::default() };
     settings.open.size = Some([128, 96]); // counted, not estimated
     for visibility in [VisibilityMethod::Map, VisibilityMethod::Traced] {
-        let relight = RelightSettings { visibility, shadow_size: 256, budget_bytes: Some(0), site: None };
+        let relight = RelightSettings { visibility, shadow_size: 256, budget_bytes: Some(0), ..Default::default() };
         let target = Target::new(None, relight.clone()).unwrap();
         let footprint = Survey::new(&path, None, &settings, &()).unwrap().footprint(&target);
         let session = Session::open(&path, None, &settings, &()).unwrap();
@@ -201,4 +204,34 @@ fn footprints_are_the_memory_that_is_taken() {
         let (most, least) = (footprint.total_bytes(), footprint.total_bytes() - blocks);
         assert!(taken <= most && taken as f64 > 0.95 * least as f64, "{visibility:?}: {taken} of {least} to {most}");
     }
+}
+
+/// A picture that is made once needs images for the depth of the tree of lights, not for each light.
+#[test]
+fn many_lights_of_one_picture_take_few_images() {
+    let settings = SessionSettings {
+        open: OpenSettings { size: Some([32, 24]), ..Default::default() },
+        indirect: None,
+        cache_dir: None,
+        ..Default::default()
+    };
+    let session = Session::open(&shipped("balls-2.glb"), None, &settings, &()).unwrap();
+    let place = |i: usize| DVec3::new((i % 20) as f64 * 0.1 - 1.0, 2.0, (i / 20) as f64 * 0.1 - 1.0);
+    let lights = (0..500).map(|i| Light::point(&format!("light {i}"), place(i))).collect();
+    let rig = Rig { lights, ..Rig::default() };
+    let [all, few] = [true, false].map(|keep_images| {
+        let context = session.context(None).unwrap();
+        let relight = RelightSettings { keep_images, ..Default::default() };
+        let mut relighter = session.relighter(&context, &rig, &relight).unwrap();
+        let done = Arc::new(Mutex::new(Vec::new()));
+        let told = done.clone();
+        relighter.set_progress(move |lights, of| told.lock().unwrap().push((lights, of)));
+        let picture = relighter.linear(Picture::Whole).unwrap().to_vec();
+        let done = done.lock().unwrap();
+        assert!(done.is_sorted() && done.len() > 5 && done.last() == Some(&(500, 500)), "{done:?}");
+        let images = context.memory_by_owner().into_iter().find(|(owner, _)| owner == "light").expect("there are some");
+        (picture, images.1)
+    });
+    assert!(few.0 == all.0, "the pictures differ");
+    assert!(10 * few.1 < all.1, "{} bytes of images instead of {}", few.1, all.1);
 }

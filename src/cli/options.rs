@@ -240,7 +240,7 @@ impl ShadowOptions {
             visibility: self.visibility.into(),
             shadow_size: self.shadow_size,
             budget_bytes: device.budget,
-            site: None,
+            ..RelightSettings::default()
         }
     }
 

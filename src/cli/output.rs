@@ -222,6 +222,11 @@ impl PassKind {
         matches!(self, Self::Part(_, LightPart::DirectDiffuse | LightPart::DirectSpecular))
     }
 
+    /// Whether it shows a light alone.
+    pub fn is_of_one_light(&self) -> bool {
+        matches!(self, Self::Light(_) | Self::Part(..))
+    }
+
     /// What EXR calls its layer; the beauty is the unnamed one.
     fn layer_name(&self) -> String {
         if *self == Self::Beauty { String::new() } else { self.name() }

@@ -49,6 +49,19 @@ pub fn bar(what: &'static str, total: usize) -> ProgressBar {
     ProgressBar::with_draw_target(Some(total as u64), target).with_style(style).with_message(what)
 }
 
+/// Shows how many lights of a picture are done, until all are.
+pub fn of_lights() -> impl Fn(usize, usize) + Send + Sync + 'static {
+    let shown = Mutex::new(None);
+    move |done, all| {
+        let mut shown = shown.lock().expect(UNPOISONED);
+        if done < all {
+            shown.get_or_insert_with(|| bar("lights", all)).set_position(done as u64);
+        } else if let Some(bar) = shown.take() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
 /// A line for work whose length nobody knows.
 pub fn spinner(what: &'static str) -> ProgressBar {
     let bar = bar(what, 0);

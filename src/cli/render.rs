@@ -6,7 +6,7 @@ use std::sync::Arc;
 use relume::image::exr::{Blocks, ExrMetadata, Precision};
 use relume::image::png;
 use relume::image::primaries::Primaries;
-use relume::relight::Relighter;
+use relume::relight::{RelightSettings, Relighter};
 use relume::scene::{Emitters, Rig};
 use relume::{Error, Result};
 use serde_json::Value;
@@ -14,7 +14,7 @@ use serde_json::Value;
 use super::final_gather::{FinalOptions, Refinement};
 use super::options::{LightOptions, RecordOptions, SceneOptions};
 use super::output::{self, Display, Has, PassKind, Passes, Relighters, Template, Written};
-use super::progress::Terminal;
+use super::progress::{self, Terminal};
 use super::stats::{self, Strange};
 use super::surfaces::Surfaces;
 
@@ -136,14 +136,18 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
     let has = Has { emission, indirect: transfer.is_some(), expected_error: args.refine.is_wanted() };
     let jobs = output::plan(&args.passes, &template, &rigs, has)?;
 
-    let settings = args.light_options.relight_settings();
+    // Other pictures can use images of lights again.
+    let keep_images =
+        rigs.len() > 1 || args.refine.is_wanted() || jobs.iter().any(|job| job.shows(&PassKind::is_of_one_light));
+    let settings = RelightSettings { keep_images, ..args.light_options.relight_settings() };
     let context = session.context(args.light_options.device.device.as_deref())?;
     let mut whole = session.relighter(&context, &first, &settings)?;
     whole.check_finite()?;
+    whole.set_progress(progress::of_lights());
     let glossy = jobs.iter().any(|job| job.shows(&PassKind::is_glossy));
     let diffuse = jobs.iter().any(|job| job.shows(&PassKind::is_split));
-    let progress = Terminal::default();
-    let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &settings, &progress)).transpose()?;
+    let bars = Terminal::default();
+    let mut glossy = glossy.then(|| session.glossy_relighter(&context, &first, &settings, &bars)).transpose()?;
     glossy.as_mut().map_or(Ok(()), |glossy| glossy.check_finite())?;
     let diffuse = diffuse.then(|| {
         let framebuffer = Arc::new(session.framebuffer.without_specular());

@@ -84,6 +84,10 @@ impl Relighter {
             let Some(light) = light else { return Ok(()) };
             let plan = self.cache.plan_part(light, u32::MAX);
             self.execute_or_invalidate(&plan, None)?;
+            if let Some(progress) = &self.progress {
+                let all = self.rig().lights.len();
+                progress(all - self.cache.pending().0, all);
+            }
         }
     }
 
@@ -168,6 +172,13 @@ impl Relighter {
                 None => frame.finish()?,
             }
             times.extend(frames.times().iter().map(|time| PassTime { start_ms: begin_ms + time.start_ms, ..*time }));
+            if let Some(progress) = &self.progress
+                && last.is_some()
+            {
+                let left = steps.iter().filter(|step| step.as_shade().is_some()).count();
+                let all = self.cache.rig().lights.len();
+                progress(all.saturating_sub(left), all);
+            }
             if is_done {
                 self.shown = shown;
                 if let (Some(light), Some(some_points)) = (plan.compared_light(), &self.some_points) {

@@ -92,13 +92,22 @@ pub struct RelightSettings {
     pub shadow_size: u32,
     /// Device memory for light images and transfer factors; `None`: three quarters of the device's memory.
     pub budget_bytes: Option<u64>,
+    /// Whether images of lights are kept for later pictures, as far as the budget allows. If not, there are only as many
+    /// as one picture needs, and thousands of lights take no more memory than fifty.
+    pub keep_images: bool,
     /// `None`: where kernels run. For tests.
     pub site: Option<Site>,
 }
 
 impl Default for RelightSettings {
     fn default() -> Self {
-        Self { visibility: VisibilityMethod::Auto, shadow_size: 1024, budget_bytes: None, site: None }
+        Self {
+            visibility: VisibilityMethod::Auto,
+            shadow_size: 1024,
+            budget_bytes: None,
+            keep_images: true,
+            site: None,
+        }
     }
 }
 
@@ -160,6 +169,8 @@ pub struct Relighter {
     shown: Option<(Picture, Output, Vec<Term>)>,
     /// Pass times of all frames of the last call.
     times: Vec<PassTime>,
+    /// See [`Relighter::set_progress`].
+    progress: Option<Box<dyn Fn(usize, usize) + Send + Sync>>,
 }
 
 struct Kernels {
@@ -208,9 +219,12 @@ impl Relighter {
         let site = settings.site_on(context.is_cpu());
         let indirect = transfer.map(|t| Indirect::new(context, t, site, transfer_budget)).transpose()?;
         let taken = indirect.as_ref().map_or(0, |indirect| indirect.device_bytes);
-        let image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
+        let mut image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
         if image_budget < fewest {
             tracing::warn!("the budget holds {image_budget} light images; the minimum of {fewest} is allocated");
+        }
+        if !settings.keep_images {
+            image_budget = fewest;
         }
         add_images(&mut images, context, framebuffer, slot_counts(rig, image_budget))?;
         let mut skies = SkyImportances::default();
@@ -251,6 +265,7 @@ impl Relighter {
             sheet: Sheet::default(),
             shown: None,
             times: Vec::new(),
+            progress: None,
             context: context.clone(),
             scene: scene.clone(),
             framebuffer: framebuffer.clone(),
@@ -283,6 +298,12 @@ impl Relighter {
     /// Why shadow rays are traced, or shadow maps drawn.
     pub fn visibility_reason(&self) -> &str {
         &self.visibility_reason
+    }
+
+    /// Calls `progress` after each frame of pictures that take several, with the number of lights that are done and that
+    /// of all.
+    pub fn set_progress(&mut self, progress: impl Fn(usize, usize) + Send + Sync + 'static) {
+        self.progress = Some(Box::new(progress));
     }
 
     /// Replaces the lights; the next picture shows them. May allocate memory if there are more lights.

@@ -182,6 +182,7 @@ impl Stage {
             shadow_size: setup.shadow_size,
             budget_bytes: setup.budget_bytes,
             site: setup.site,
+            ..Default::default()
         };
         Relighter::new(gpu, &self.scene, &self.framebuffer, self.transfer.as_ref(), rig, &settings)
             .expect("the device has room")
