@@ -136,9 +136,11 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
     let has = Has { emission, indirect: transfer.is_some(), expected_error: args.refine.is_wanted() };
     let jobs = output::plan(&args.passes, &template, &rigs, has)?;
 
-    // Other pictures can use images of lights again.
-    let keep_images =
-        rigs.len() > 1 || args.refine.is_wanted() || jobs.iter().any(|job| job.shows(&PassKind::is_of_one_light));
+    // Other pictures can use images of lights again. Those of lights with a size are made before the picture's plan.
+    let keep_images = rigs.len() > 1
+        || rigs.iter().any(|(_, rig)| rig.has_sizes())
+        || args.refine.is_wanted()
+        || jobs.iter().any(|job| job.shows(&PassKind::is_of_one_light));
     let settings = RelightSettings { keep_images, ..args.light_options.relight_settings() };
     let context = session.context(args.light_options.device.device.as_deref())?;
     let mut whole = session.relighter(&context, &first, &settings)?;
