@@ -7,6 +7,7 @@ use std::f64::consts::PI;
 use common::stage::{Build, Setup, Stage, lambert, look, pixels, render, rig};
 use common::{assert_near, gpu, transfer};
 use glam::{DVec3, Vec3, Vec4};
+use relume::bake::transport::TransferSettings;
 use relume::reference::path_tracer::{Film, Filter, Half, Layer, PathTracer, Settings};
 use relume::relight::{Detail, Layers, Request, VisibilityMethod};
 use relume::scene::{AlphaMode, Camera, Light, LightKind, Links, Material, Projection, Rig, Scene};
@@ -263,9 +264,12 @@ fn pictures_pass_what_casts_no_shadow() {
     }
 }
 
-/// A narrow spot through a veil that casts no shadow: its rays light the veil and the floor behind it.
+/// A narrow spot through a veil that casts no shadow: its rays light the veil and the floor behind it. Where samples
+/// lie in its small cone is left to chance, so the picture is a mean over seeds; with 1,000 samples, whose distance is the
+/// width of the cone, it would be 5 % too bright.
 #[test]
 fn light_rays_pass_what_casts_no_shadow() {
+    const SEEDS: u64 = 4;
     let gpu = gpu();
     let mut build = Build::default();
     let wall = build.material(named("wall", white()));
@@ -286,10 +290,17 @@ fn light_rays_pass_what_casts_no_shadow() {
     let all = rig(vec![without_veil(spot)]);
     let setup = Setup::new(32, 32);
     let mut stage = Stage::new(scene.clone(), &camera, &all, &setup);
-    stage.transfer = Some(transfer::dense(&stage, &transfer::settings(1000, 100, 256)));
-    let got = pixels(&mut stage.relighter(&gpu, &all, &setup), Layers::Indirect);
-    let got = got.iter().flatten().map(|&x| f64::from(x)).sum::<f64>() / (3 * got.len()) as f64;
+    let of_seed = |seed| {
+        let settings = TransferSettings { seed, ..transfer::settings(4000, 400, 256) };
+        stage.transfer = Some(transfer::dense(&stage, &settings));
+        let got = pixels(&mut stage.relighter(&gpu, &all, &setup), Layers::Indirect);
+        let mean = got.iter().flatten().map(|&x| f64::from(x)).sum::<f64>() / (3 * got.len()) as f64;
+        println!("seed {seed}: {mean:.5}");
+        mean
+    };
+    let got = (1..=SEEDS).map(of_seed).sum::<f64>() / SEEDS as f64;
     let want = mean(&trace(&scene, &camera, &all, &settings(32, None), 64), Layer::Indirect);
+    println!("mean {got:.5}, want {want:.5}");
     assert_near(got, want, 0.03, "indirect light");
 }
 
