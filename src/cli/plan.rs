@@ -140,7 +140,8 @@ pub fn run(args: &Args) -> Result<()> {
         CountedIn::Smaller([width, height]) => format!("estimated from {width}x{height} pixels"),
     };
     out!("  {width}x{height} pixels, view samples by layer {layers:?} ({counted})")?;
-    out!("  light images: up to {}", megabytes(memory.images[0]))?;
+    let [all, fewest] = memory.images.map(megabytes);
+    out!("  light images: {}", if all == fewest { all } else { format!("{fewest} to {all}, as the budget allows") })?;
     if let Some(plan) = &survey.transfer {
         out!("  indirect light: {}", plan.describe())?;
     }

@@ -121,7 +121,7 @@ impl Relighter {
             transfer: self.transfer.as_deref(),
             gpu: &self.gpu,
             indirect: self.indirect.as_ref().filter(|_| self.layers.indirect()),
-            images: &self.images,
+            images: self.images.as_slice(),
             some_points: self.some_points.as_ref(),
             changes: &self.changes,
             rest: &self.rest,

@@ -1,21 +1,21 @@
 //! Images of the indirect light of single lights, beside the images of the picture.
 
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 
 use super::frame::FinalOutput;
 use super::gpu_framebuffer::indirect_of_emitter;
 use super::light_cache::LightCache;
+use super::light_images::LightImages;
 use super::output::Output;
 use super::some_points::SomePoints;
-use super::{Layers, Picture, Relighter, light_image};
+use super::{Layers, Picture, Relighter};
 use crate::error::Result;
-use crate::gpu::Buffer;
 use crate::scene::{Emitters, LightKind};
 
 /// Images of indirect light, one light at a time.
 pub(super) struct IndirectImages {
     cache: LightCache,
-    images: Vec<Buffer<Vec4>>,
+    images: LightImages,
     /// `None` if all lights are without size.
     some_points: Option<SomePoints>,
 }
@@ -70,10 +70,9 @@ impl Relighter {
     }
 
     fn new_indirect_images(&self) -> Result<IndirectImages> {
-        let image = |_| light_image(&self.context, &self.framebuffer, "light images (indirect)");
         Ok(IndirectImages {
             cache: LightCache::new(self.cache.rig(), IMAGES, Default::default()),
-            images: (0..IMAGES).map(image).collect::<Result<_>>()?,
+            images: LightImages::new(&self.context, &self.framebuffer, "light images (indirect)", IMAGES)?,
             some_points: None,
         })
     }

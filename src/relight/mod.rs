@@ -20,6 +20,7 @@ mod interleaved;
 pub mod light_cache;
 mod light_changes;
 mod light_factors;
+mod light_images;
 mod light_rays;
 mod light_sights;
 mod light_target;
@@ -39,7 +40,6 @@ mod visibility;
 mod visibility_method;
 
 use std::collections::HashMap;
-use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
@@ -54,6 +54,7 @@ pub use self::light_cache::Detail;
 use self::light_cache::{LightCache, Term};
 pub use self::light_changes::{LightChanges, StandingLight};
 use self::light_factors::SampleTriangles;
+use self::light_images::{LightImages, light_image};
 use self::light_sights::LightSights;
 use self::output::{Output, Outputs};
 pub use self::request::{Layers, Picture, Request, ToneMap};
@@ -69,7 +70,7 @@ pub use self::visibility_method::{VisibilityMethod, VisibilityTimes};
 use crate::bake::DeepFramebuffer;
 use crate::bake::transfer::Transfer;
 use crate::error::{Error, Result};
-use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen, is_out_of_memory};
+use crate::gpu::{Access, Buffer, Context, Frames, Kernel, PassTime, Pixels, Screen};
 use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig};
 use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
@@ -139,15 +140,13 @@ pub struct Relighter {
     skies: SkyImportances,
     /// `None` as long as no transfer has light of the sky.
     sky_terms: Option<SkyTerms>,
-    images: Vec<Buffer<Vec4>>,
+    images: LightImages,
     /// See [`Source::SomePoints`]; `None` if all lights are without size.
     some_points: Option<SomePoints>,
     /// What is added to images of lights.
     changes: LightChanges,
     /// `None` as long as none was asked for.
     indirect_images: Option<IndirectImages>,
-    /// Maximum number of light images within the budget.
-    image_budget: usize,
     /// Bytes of device memory for the factors of the transfer.
     transfer_budget: u64,
     site: Site,
@@ -209,8 +208,7 @@ impl Relighter {
         let batch = batch_size(rig.lights.len());
         let extras = (0..batch).map(|_| extra_planes(context, framebuffer)).collect::<Result<_>>()?;
         let rest = light_image(context, framebuffer, "light images (rest)")?;
-        let mut images = Vec::new();
-        add_images(&mut images, context, framebuffer, fewest..=fewest)?;
+        let mut images = LightImages::new(context, framebuffer, LightImages::NAME, fewest)?;
         let budget = budget.unwrap_or_else(|| {
             let left = context.info.usable_bytes().saturating_sub(held(context));
             left + fewest as u64 * image_bytes
@@ -219,14 +217,12 @@ impl Relighter {
         let site = settings.site_on(context.is_cpu());
         let indirect = transfer.map(|t| Indirect::new(context, t, site, transfer_budget)).transpose()?;
         let taken = indirect.as_ref().map_or(0, |indirect| indirect.device_bytes);
-        let mut image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
+        let image_budget = ((budget - taken.min(budget)) / image_bytes) as usize;
         if image_budget < fewest {
             tracing::warn!("the budget holds {image_budget} light images; the minimum of {fewest} is allocated");
         }
-        if !settings.keep_images {
-            image_budget = fewest;
-        }
-        add_images(&mut images, context, framebuffer, slot_counts(rig, image_budget))?;
+        images.set_budget(if settings.keep_images { image_budget } else { fewest });
+        images.grow(context, framebuffer, rig.lights.len(), 0)?;
         let mut skies = SkyImportances::default();
         skies.update(scene, framebuffer, of, rig, &links);
         let some_points = rig.has_sizes().then(|| SomePoints::new(context, framebuffer)).transpose()?;
@@ -245,7 +241,6 @@ impl Relighter {
             some_points,
             changes: LightChanges::default(),
             indirect_images: None,
-            image_budget,
             transfer_budget,
             site,
             rest,
@@ -317,8 +312,7 @@ impl Relighter {
                 self.find_triangles();
             }
         }
-        let counts = slot_counts(rig, self.image_budget);
-        add_images(&mut self.images, &self.context, &self.framebuffer, counts)?;
+        self.images.grow(&self.context, &self.framebuffer, rig.lights.len(), 0)?;
         for _ in self.extras.len()..batch_size(rig.lights.len()) {
             self.extras.push(extra_planes(&self.context, &self.framebuffer)?);
         }
@@ -348,9 +342,8 @@ impl Relighter {
             return Ok(());
         }
         // An image more of each light that has a change.
-        let counts = slot_counts(self.cache.rig(), self.image_budget);
-        let most = (counts.end() + changes.len()).min(self.image_budget.max(*counts.end()));
-        add_images(&mut self.images, &self.context, &self.framebuffer, *counts.start()..=most)?;
+        let light_count = self.cache.rig().lights.len();
+        self.images.grow(&self.context, &self.framebuffer, light_count, changes.len())?;
         self.cache.grow(self.images.len());
         self.changes = changes.clone();
         self.match_changes();
@@ -596,40 +589,7 @@ fn held(context: &Context) -> u64 {
     context.memory_by_owner().iter().map(|(_, bytes)| bytes).sum()
 }
 
-/// Planes R, G, B of a light image.
-fn light_image(context: &Arc<Context>, framebuffer: &DeepFramebuffer, name: &str) -> Result<Buffer<Vec4>> {
-    Buffer::new(context, name, Access::Device, 3 * framebuffer.pixel_stride() / 4)
-}
-
-/// Adds light images until there are as many as the end of `counts`; fewer, but at least as many as its start, if the
-/// device has no room.
-fn add_images(
-    images: &mut Vec<Buffer<Vec4>>,
-    context: &Arc<Context>,
-    framebuffer: &DeepFramebuffer,
-    counts: RangeInclusive<usize>,
-) -> Result<()> {
-    while images.len() < *counts.end() {
-        match light_image(context, framebuffer, "light images") {
-            Ok(image) => images.push(image),
-            Err(error) if images.len() >= *counts.start() && is_out_of_memory(&error) => break,
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(())
-}
-
 /// Number of lights of a rig that are shaded in one batch.
 fn batch_size(light_count: usize) -> usize {
     light_count.clamp(1, MAX_LIGHTS_PER_PASS as usize)
 }
-
-/// Fewest light images for a rig, and their number with a budget of `image_budget` images.
-fn slot_counts(rig: &Rig, image_budget: usize) -> RangeInclusive<usize> {
-    let (fewest, most) = LightCache::slot_range(rig.lights.len());
-    fewest..=image_budget.clamp(fewest, most.min(MAX_IMAGES.max(fewest)))
-}
-
-/// Maximum number of light images, whatever the budget. For 100,000 lights even small pictures would take gigabytes,
-/// and only few lights are edited at a time.
-const MAX_IMAGES: usize = 4_096;

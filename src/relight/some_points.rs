@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec4};
 
-use super::light_image;
+use super::light_images::light_image;
 use crate::bake::DeepFramebuffer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel};
