@@ -5,6 +5,7 @@ mod desktop;
 mod window_desk;
 
 use std::path::Path;
+use std::time::Instant;
 
 use desktop::Desktop;
 use desktop::pictures::{cut, difference, render, render_with, scene, scene_in};
@@ -167,6 +168,44 @@ fn a_scene_that_does_not_load_ends_the_window_with_its_error() {
     let output =
         desktop.output(&["view", scene("balls-2.glb").to_str().unwrap(), "--script", script.to_str().unwrap()]);
     command::Run::from(output).failed(&["wrong.script", "line 1", "dance"]);
+}
+
+/// Images of many lights are made over several frames, between which the window answers.
+#[test]
+fn many_lights_come_one_after_another() {
+    let Some(desktop) = Desktop::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, rig_path) = (scene("balls-2.glb"), folder.path().join("many.toml"));
+    let trace = folder.path().join("trace.json");
+    command::Run::of(command::relume().arg("rig").arg(&scene).arg("-o").arg(&rig_path)).done();
+    let mut rig = Rig::load(&rig_path).unwrap();
+    for number in 0..500 {
+        let mut light = rig.lights[number % 2].clone();
+        light.name = format!("copy {number}");
+        light.position.y += 0.01 * number as f64;
+        light.intensity *= 0.01;
+        rig.lights.push(light);
+    }
+    rig.save(&rig_path).unwrap();
+    let settings = ["--rig", rig_path.to_str().unwrap(), "--size", "360x240", "--gi", "off", "--samples", "1"];
+    let headless = render_with(&scene, &settings, &folder.path().join("many.png"));
+
+    let arguments = ["view", scene.to_str().unwrap(), "--trace", trace.to_str().unwrap()];
+    let mut window = desktop.relume(&[&arguments[..], &settings].concat());
+    window.wait_for_window();
+    window.key("F2", "stops");
+    window.key("1", "picture 1:1");
+    let started = Instant::now();
+    while difference(&cut(&window.screenshot(), [360, 240]), &headless) > 1e-3 {
+        assert!(started.elapsed().as_secs() < 60, "the picture does not become that of all lights");
+    }
+    window.keys(&["ctrl+q"]);
+    window.ends_silently();
+    let trace: serde_json::Value = serde_json::from_slice(&std::fs::read(&trace).unwrap()).unwrap();
+    let events = trace["traceEvents"].as_array().unwrap();
+    let passes: Vec<_> = events.iter().filter_map(|event| event["name"].as_str()).collect();
+    let shading = passes.split(|name| *name == "composite").filter(|frame| frame.contains(&"shade light")).count();
+    assert!(shading >= 3, "{shading} frames shade lights");
 }
 
 /// Once the lights rest, indirect light is gathered until the error is as asked. What is known of a light stays.

@@ -40,17 +40,13 @@ impl Relighter {
     pub(super) fn run(&mut self, request: &Request, output: Output, screen: Option<Screen>) -> Result<()> {
         #[cfg(feature = "hot-reload")]
         self.reload_changed_kernels();
-        let Request { picture, layers, detail, inspection, .. } = *request;
-        self.set_layers_and_detail(layers, detail);
+        let Request { picture, inspection, .. } = *request;
         let is_sheet = picture == Picture::Sheet;
         self.outputs.prepare(&output, is_sheet)?;
         if inspection != Inspection::default() && self.inspector.is_none() {
             self.inspector = Some(Inspector::new(&self.context)?);
         }
-        if detail == Detail::Exact {
-            self.decide_points(picture)?;
-        }
-        let mut plan = self.plan(picture);
+        let mut plan = self.plan(request)?;
         if !is_sheet || self.shown.as_ref().is_none_or(|(shown, ..)| *shown != picture) {
             self.sheet.invalidate();
         }
@@ -61,16 +57,28 @@ impl Relighter {
         self.execute_or_invalidate(&plan, Some(FinalOutput { picture, inspection, output, screen }))
     }
 
-    fn plan(&mut self, picture: Picture) -> Plan {
-        match picture {
-            Picture::Whole => self.cache.plan(),
+    /// Renders images for a picture, but not the picture.
+    pub fn advance(&mut self, request: impl Into<Request>) -> Result<()> {
+        let mut plan = self.plan(&request.into())?;
+        plan.batch_shades();
+        self.execute_or_invalidate(&plan, None)
+    }
+
+    fn plan(&mut self, request: &Request) -> Result<Plan> {
+        let Request { picture, layers, detail, .. } = *request;
+        self.set_layers_and_detail(layers, detail);
+        if detail == Detail::Exact {
+            self.decide_points(picture)?;
+        }
+        Ok(match picture {
+            Picture::Whole => self.cache.plan_some(request.new_lights),
             Picture::Light(light) => self.cache.plan_light(light),
             Picture::Emission => self.cache.plan_emitters(),
             Picture::Sheet => {
                 let [width, height] = [self.framebuffer.tiling.width, self.framebuffer.tiling.height];
                 self.cache.plan_sheet(Grid::new(self.rig().lights.len(), [width, height]).len())
             }
-        }
+        })
     }
 
     /// Renders images of lights with a size until it is known how many points each needs.

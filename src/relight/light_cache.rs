@@ -45,6 +45,8 @@ pub struct LightCache {
     rest: Option<Vec<Term>>,
     /// Whether any image in the rest is coarse.
     rest_is_coarse: bool,
+    /// Number of lights that the last planned picture lacks.
+    lacking: usize,
     /// Whether any image in the last planned picture is coarse.
     picture_is_coarse: bool,
     /// Nodes edited since the last plan.
@@ -70,7 +72,7 @@ struct Node {
     group: Option<usize>,
     /// Slot of its image; `None` if there is no valid image.
     slot: Option<usize>,
-    /// Whether the image is coarse, lacks points of its light, or is a sum with such a part.
+    /// Whether the image is coarse, lacks points of its light, or is a sum with such a part or without one.
     coarse: bool,
     /// Of a leaf whose image has interleaved points: slot of the image that will replace it; `None` if it is not begun.
     growing: Option<usize>,
@@ -118,6 +120,7 @@ impl LightCache {
             focus: Vec::new(),
             rest: None,
             rest_is_coarse: false,
+            lacking: 0,
             picture_is_coarse: false,
             edited: Vec::new(),
             selected: None,
@@ -196,9 +199,14 @@ impl LightCache {
         }
     }
 
-    /// Whether an image in the last planned picture is coarse or lacks points of its light.
+    /// Whether the last planned picture lacks lights, or an image in it is coarse or lacks points of its light.
     pub fn is_coarse(&self) -> bool {
         self.picture_is_coarse
+    }
+
+    /// Number of lights that the last planned picture lacks; see [`Self::plan_some`].
+    pub fn lacking(&self) -> usize {
+        self.lacking
     }
 
     /// Invalidates all images. `emitters`: index of the image of each emitter that is seen, by its material.
@@ -225,6 +233,12 @@ impl LightCache {
 
     /// Plans the whole picture.
     pub fn plan(&mut self) -> Plan {
+        self.plan_some(usize::MAX)
+    }
+
+    /// Plans the whole picture, but outside of the focus begins at most `most` images of lights. If there are more
+    /// lights without image, the picture lacks them: the next one begins further images.
+    pub fn plan_some(&mut self, most: usize) -> Plan {
         self.clock += 1;
         if self.detail != Detail::Coarse {
             self.release_coarse();
@@ -252,8 +266,10 @@ impl LightCache {
         }
         let mut pinned = Vec::new();
         let mut is_coarse = false;
+        let mut unlimited = usize::MAX;
         for (node, scale) in focus_terms {
-            let slot = self.ensure_image(node, &mut plan.steps);
+            let slot =
+                self.ensure_image(node, &mut unlimited, &mut plan.steps).expect("nothing in the focus is lacking");
             is_coarse |= self.nodes[node].coarse;
             self.slots.pin(slot);
             pinned.push(slot);
@@ -261,7 +277,7 @@ impl LightCache {
         }
         let rest = match self.rest.take() {
             Some(rest) => rest,
-            None => self.make_rest(&rest_nodes, &mut plan.steps),
+            None => self.make_rest(&rest_nodes, most, &mut plan.steps),
         };
         plan.picture.extend(&rest);
         self.rest = Some(rest);
@@ -292,8 +308,9 @@ impl LightCache {
     /// Number of lights that a whole picture needs and that no image includes, and the first of them.
     pub fn pending(&self) -> (usize, Option<usize>) {
         let is_complete = |n: usize| {
-            let Node { slot, light, changed, .. } = self.nodes[n];
-            changed.is_some() || (slot.is_some() && (light.is_none() || self.nodes[n].is_complete()))
+            let Node { slot, light, changed, coarse, .. } = self.nodes[n];
+            let is_whole = if light.is_some() { self.nodes[n].is_complete() } else { !coarse };
+            changed.is_some() || (slot.is_some() && is_whole)
         };
         let held = |node: usize| {
             let mut above = std::iter::successors(Some(node), |&n| self.nodes[n].parent);
@@ -324,9 +341,9 @@ impl LightCache {
             scale *= self.scale(n);
             node = self.nodes[n].parent;
         }
-        self.picture_is_coarse = false;
+        (self.picture_is_coarse, self.lacking) = (false, 0);
         if scale != Vec3::ZERO {
-            let slot = self.ensure_image(self.leaf_of[light], &mut plan.steps);
+            let slot = self.ensure_leaf(self.leaf_of[light], light, &mut plan.steps);
             self.picture_is_coarse = self.nodes[self.leaf_of[light]].coarse;
             plan.picture.push(Term { source: Source::Slot(slot), scale });
         }
@@ -389,68 +406,81 @@ impl LightCache {
         let is_emitter = |light: &usize| self.rig.lights[*light].kind == LightKind::Emitter;
         let emitters = (0..self.rig.lights.len()).filter(is_emitter);
         let nodes: Vec<_> = emitters.map(|light| (self.leaf_of[light], self.rig.scale(light))).collect();
-        plan.picture = self.make_rest(&nodes, &mut plan.steps);
+        plan.picture = self.make_rest(&nodes, usize::MAX, &mut plan.steps);
         self.rest = None;
         plan
     }
 
-    /// Plans the rest, the sum of `nodes`; returns its terms.
-    fn make_rest(&mut self, nodes: &[(usize, Vec3)], steps: &mut Vec<Step>) -> Vec<Term> {
-        self.rest_is_coarse = false;
-        let mut terms: Vec<Term> = Vec::new();
-        let nodes: Vec<_> = nodes.iter().filter(|(_, scale)| *scale != Vec3::ZERO).collect();
-        if nodes.is_empty() {
-            return terms;
-        }
+    /// Plans the rest, the sum of `nodes`, with at most `most` new images of lights; returns its terms.
+    fn make_rest(&mut self, nodes: &[(usize, Vec3)], mut most: usize, steps: &mut Vec<Step>) -> Vec<Term> {
+        (self.rest_is_coarse, self.lacking) = (false, 0);
+        let mut slots = Vec::new();
         let mut kept = 0.0;
-        for (i, &&(node, scale)) in nodes.iter().enumerate() {
-            let slot = self.ensure_image(node, steps);
-            self.rest_is_coarse |= self.nodes[node].coarse;
-            self.slots.pin(slot);
-            terms.push(Term { source: Source::Slot(slot), scale });
-            if terms.len() == BATCH || i + 1 == nodes.len() {
-                for term in &terms {
-                    if let Source::Slot(slot) = term.source {
-                        self.slots.unpin(slot);
-                    }
+        let mut nodes = nodes.iter().filter(|(_, scale)| *scale != Vec3::ZERO).peekable();
+        while let Some(&(node, scale)) = nodes.next() {
+            match self.ensure_image(node, &mut most, steps) {
+                Some(slot) => {
+                    self.rest_is_coarse |= self.nodes[node].coarse;
+                    self.slots.pin(slot);
+                    slots.push((slot, scale));
                 }
-                steps.push(Step::Sum { target: Source::Rest, terms: std::mem::take(&mut terms), kept });
+                None => self.rest_is_coarse = true,
+            }
+            if slots.len() == BATCH || (nodes.peek().is_none() && !slots.is_empty()) {
+                slots.iter().for_each(|(slot, _)| self.slots.unpin(*slot));
+                let terms = slots.drain(..).map(|(slot, scale)| Term { source: Source::Slot(slot), scale }).collect();
+                steps.push(Step::Sum { target: Source::Rest, terms, kept });
                 kept = 1.0;
             }
         }
-        vec![Term { source: Source::Rest, scale: Vec3::ONE }]
+        let rest = Term { source: Source::Rest, scale: Vec3::ONE };
+        if kept > 0.0 { vec![rest] } else { Vec::new() }
     }
 
-    /// Plans `node`'s image unless it is valid; returns its slot.
-    fn ensure_image(&mut self, node: usize, steps: &mut Vec<Step>) -> usize {
-        let Node { slot, children, light, .. } = self.nodes[node];
+    /// Plans `node`'s image unless it is valid; returns its slot. `most`: how many images of lights may be begun; `None` is
+    /// returned if that allows none of those below the node.
+    fn ensure_image(&mut self, node: usize, most: &mut usize, steps: &mut Vec<Step>) -> Option<usize> {
+        let Node { slot, changed, children, light, .. } = self.nodes[node];
         if let Some(light) = light {
-            return self.ensure_leaf(node, light, steps);
+            if slot.is_none() && changed.is_none() {
+                if *most == 0 {
+                    self.lacking += 1;
+                    return None;
+                }
+                *most -= 1;
+            }
+            return Some(self.ensure_leaf(node, light, steps));
         }
         if let Some(slot) = slot {
             self.slots.use_at(slot, self.clock);
-            return slot;
+            return Some(slot);
         }
         let children = children.expect("a node without light has children");
         let mut terms = Vec::with_capacity(2);
-        let mut coarse = false;
+        let (mut coarse, mut is_lacking) = (false, false);
         for child in children {
             let scale = self.scale(child);
             if scale != Vec3::ZERO {
-                let slot = self.ensure_image(child, steps);
+                let Some(slot) = self.ensure_image(child, most, steps) else {
+                    is_lacking = true;
+                    continue;
+                };
                 coarse |= self.nodes[child].coarse;
                 self.slots.pin(slot);
                 terms.push((slot, scale));
             }
         }
+        if is_lacking && terms.is_empty() {
+            return None;
+        }
         let target = self.take_slot(node);
-        self.nodes[node].coarse = coarse;
+        self.nodes[node].coarse = coarse || is_lacking;
         for (slot, _) in &terms {
             self.slots.unpin(*slot);
         }
         let terms = terms.into_iter().map(|(slot, scale)| Term { source: Source::Slot(slot), scale }).collect();
         steps.push(Step::Sum { target: Source::Slot(target), terms, kept: 0.0 });
-        target
+        Some(target)
     }
 
     /// Assigns `node` a free slot or the least recently used one, for its image.

@@ -451,6 +451,12 @@ impl Relighter {
         self.execute_or_invalidate(&plan, None)
     }
 
+    /// Number of lights in the last picture, and of all; `None` if it lacks none. See [`Request::new_lights`].
+    pub fn lights_shown(&self) -> Option<[usize; 2]> {
+        let all = self.rig().lights.len();
+        Some(self.cache.lacking()).filter(|lacking| *lacking > 0).map(|lacking| [all - lacking, all])
+    }
+
     /// Whether there is a slot for every image, so that none is evicted and rendered again.
     pub fn has_slot_for_every_image(&self) -> bool {
         self.images.len() >= LightCache::slot_range(self.rig().lights.len()).1

@@ -24,6 +24,9 @@ pub struct Request {
     pub layers: Layers,
     /// Accuracy of the images of changed lights.
     pub detail: Detail,
+    /// Most images of lights that are begun for the whole picture, besides those of the lights in the focus. The picture
+    /// lacks further lights without image; see [`lights_shown`](super::Relighter::lights_shown).
+    pub new_lights: usize,
     /// Stops; not applied to scene-linear output.
     pub exposure: f32,
     /// Maps scene-linear radiance to the display; not applied to scene-linear output.
@@ -38,6 +41,7 @@ impl Default for Request {
             picture: Picture::Whole,
             layers: Layers::All,
             detail: Detail::Exact,
+            new_lights: usize::MAX,
             exposure: 0.0,
             tone_map: ToneMap::Agx,
             inspection: Inspection::default(),

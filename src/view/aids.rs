@@ -21,6 +21,8 @@ pub struct OverlayInfo {
     pub histogram: Option<Vec<u32>>,
     /// Whether the picture is coarse.
     pub is_coarse: bool,
+    /// Number of lights that have an image, and of all; `None` if the picture lacks none.
+    pub lights: Option<[usize; 2]>,
     /// Progress towards extra samples on edges.
     pub progress: Progress,
     pub gathering: GatheringState,
@@ -34,6 +36,9 @@ const TEXT: Color32 = Color32::from_gray(220);
 impl OverlayInfo {
     /// Returns a text for a coarse picture or a running refinement; `None` otherwise.
     pub fn state(&self) -> Option<String> {
+        if let Some([done, of]) = self.lights {
+            return Some(format!("{done} of {of} lights"));
+        }
         match self.progress {
             _ if self.is_coarse => Some("coarse".into()),
             Progress::Bakes(share) => Some(format!("refining edges {:.0} %", 100.0 * share)),

@@ -1,7 +1,7 @@
 //! Refinement of the picture at rest: extra view samples on edges, up to the quality of `relume render`.
 //!
 //! The positions of the edges of shadows and lights depend on the lights. Once the lights rest, a low-priority thread therefore bakes the
-//! deep framebuffer again with more samples. A second relighter uses it and shades one light at a time, so that an edit
+//! deep framebuffer again with more samples. A second relighter uses it and shades one light after another, so that an edit
 //! waits for one light at most. When a light that has edges moves, the first relighter continues.
 
 use std::sync::Arc;
@@ -59,6 +59,8 @@ pub enum Progress {
 
 /// Refinement starts this long after the last edit.
 const REFINEMENT_DELAY: Duration = Duration::from_millis(400);
+/// Time in which a step begins further lights.
+const STEP: Duration = Duration::from_millis(15);
 /// Interval at which progress is shown.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 
@@ -143,7 +145,10 @@ impl Converge {
         if !self.is_current(opened, rig) {
             self.begin(opened, rig);
         } else if let Some(relighter) = &mut self.relighter {
-            relighter.prepare(self.layers)?;
+            let began = Instant::now();
+            while began.elapsed() < STEP && relighter.pending(self.layers) > 0 {
+                relighter.prepare(self.layers)?;
+            }
         }
         Ok(())
     }

@@ -2,12 +2,14 @@
 
 use std::time::{Duration, Instant};
 
+use crate::gpu::PassTime;
 use crate::relight::Detail;
 
 /// Keeps frames within a time budget: if an exact frame exceeds it, lights are shaded coarsely during a drag and
-/// exactly at rest.
+/// exactly at rest. Images of thousands of lights are begun over several frames, so that the window answers meanwhile.
 pub struct DetailControl {
     budget: Duration,
+    new_lights: f64,
     /// Duration of the last exact frame that shaded lights.
     exact: Option<Duration>,
     /// Time at which the last edit was shown.
@@ -16,11 +18,29 @@ pub struct DetailControl {
 
 /// Edits at shorter intervals are one drag; keys repeat within 0.1 s.
 const DRAG_INTERVAL: Duration = Duration::from_millis(180);
+/// Time for images of lights in frames that begin only some of them, milliseconds.
+const SOME_LIGHTS_MS: f64 = 250.0;
+/// Pixels of the lights that the first such frame begins; a processor takes about that duration.
+const FIRST_PIXELS: f64 = (1 << 22) as f64;
 
 impl DetailControl {
-    /// A budget of zero disables coarse pictures.
-    pub fn new(budget: Duration) -> Self {
-        Self { budget, exact: None, edited: None }
+    /// A budget of zero disables coarse pictures. `size`: of the picture, pixels.
+    pub fn new(budget: Duration, size: [u32; 2]) -> Self {
+        let new_lights = FIRST_PIXELS / (f64::from(size[0]) * f64::from(size[1]));
+        Self { budget, new_lights, exact: None, edited: None }
+    }
+
+    /// Returns how many images of lights a frame may begin, besides those of edited lights.
+    pub fn new_lights(&self) -> usize {
+        self.new_lights.max(1.0) as usize
+    }
+
+    /// Records the passes of a frame that could not begin all lights.
+    pub fn lacked_lights(&mut self, passes: &[PassTime]) {
+        let composite = passes.iter().find(|pass| pass.name == "composite").map(|pass| pass.start_ms);
+        let ends = passes.iter().map(|pass| pass.start_ms + pass.ms);
+        let change = SOME_LIGHTS_MS / composite.unwrap_or_else(|| ends.fold(0.0, f64::max)).max(1.0);
+        self.new_lights = (self.new_lights * change.clamp(0.25, 4.0)).clamp(1.0, 1e6);
     }
 
     /// Returns the level of detail for an edit at `now`.
@@ -49,6 +69,7 @@ impl DetailControl {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::Processor;
 
     fn ms(ms: u64) -> Duration {
         Duration::from_millis(ms)
@@ -56,7 +77,7 @@ mod tests {
 
     #[test]
     fn slow_drags_are_coarse_from_their_second_frame_and_rest_finishes_them() {
-        let mut control = DetailControl::new(ms(33));
+        let mut control = DetailControl::new(ms(33), [64, 64]);
         let start = Instant::now();
         assert_eq!(control.detail(start), Detail::Progressive, "its duration is not known yet");
         control.shown(start + ms(80), true, Detail::Progressive, ms(80));
@@ -70,9 +91,21 @@ mod tests {
     }
 
     #[test]
+    fn frames_begin_as_many_lights_as_their_time_allows() {
+        let mut control = DetailControl::new(ms(33), [3840, 2160]);
+        assert_eq!(control.new_lights(), 1);
+        for _ in 0..20 {
+            let pass = |name, start_ms, ms| PassTime { name, processor: Processor::Gpu, start_ms, ms };
+            let took = 2.0 * control.new_lights() as f64;
+            control.lacked_lights(&[pass("shade light", 0.0, took), pass("composite", took, 900.0)]);
+        }
+        assert!((120..130).contains(&control.new_lights()), "{} lights of 2 ms", control.new_lights());
+    }
+
+    #[test]
     fn fast_drags_and_no_budget_stay_exact() {
         for (budget, took) in [(33, 20), (0, 500)] {
-            let mut control = DetailControl::new(ms(budget));
+            let mut control = DetailControl::new(ms(budget), [64, 64]);
             let start = Instant::now();
             control.shown(start, true, Detail::Progressive, ms(took));
             assert_eq!(control.detail(start + ms(10)), Detail::Progressive);

@@ -70,6 +70,10 @@ pub struct OpenScene {
     final_gathering: FinalGathering,
     /// Version of the desk's lights in the picture.
     drawn: Option<u64>,
+    /// Version of the desk's lights, layers and lights of the last picture that lacked no light.
+    whole: Option<(u64, Layers, Picture)>,
+    /// Whether that picture stays until all images of lights are made again.
+    waits_for_lights: bool,
     still: Option<Still>,
     /// Whether the picture at rest stays until another operator has one as good.
     waits_for_operator: bool,
@@ -125,11 +129,16 @@ impl OpenScene {
             shows_light_view: false,
             synced_version: None,
             layers: Layers::All,
-            detail_control: DetailControl::new(settings.frame_budget),
+            detail_control: DetailControl::new(
+                settings.frame_budget,
+                [framebuffer.tiling.width, framebuffer.tiling.height],
+            ),
             converge: Converge::new(context, messenger.clone(), &settings.pictures.relight, settings.rest_samples),
             is_refined: false,
             final_gathering: FinalGathering::new(settings.final_error, messenger.clone()),
             drawn: None,
+            whole: None,
+            waits_for_lights: false,
             still: None,
             waits_for_operator: false,
             overlay: OverlayInfo::default(),
@@ -284,7 +293,28 @@ impl OpenScene {
         if edited || layers != Layers::All || is_better {
             self.waits_for_operator = false;
         }
-        if self.waits_for_operator {
+        let mut request = Request {
+            picture,
+            layers,
+            detail,
+            new_lights: self.detail_control.new_lights(),
+            exposure: view.exposure,
+            tone_map: view.curve(),
+            inspection: Inspection { histogram: view.views.has(Aid::Histogram), probe },
+        };
+        let of = (self.desk.version(), layers, picture);
+        let may_lack = picture == Picture::Whole && self.desk.rig().lights.len() > request.new_lights;
+        self.waits_for_lights = may_lack && self.whole == Some(of) && !self.waits_for_operator && {
+            self.sync_lights()?;
+            self.layers = layers;
+            self.relighter.advance(request.clone())?;
+            self.relighter.lights_shown().is_some()
+        };
+        if self.waits_for_lights {
+            self.detail_control.lacked_lights(self.relighter.times());
+            self.overlay.lights = self.relighter.lights_shown();
+        }
+        if self.waits_for_operator || self.waits_for_lights {
             _ = self.converge.ready(&self.opened, self.desk.rig(), layers)?;
             return match self.converge.relighter_mut().filter(|_| self.is_refined) {
                 Some(refined) => refined.show_again(screen),
@@ -311,18 +341,23 @@ impl OpenScene {
                 &mut self.relighter
             }
         };
-        let detail = if self.is_refined { Detail::Exact } else { detail };
-        let inspection = Inspection { histogram: view.views.has(Aid::Histogram), probe };
-        let request = Request { picture, layers, detail, exposure: view.exposure, tone_map: view.curve(), inspection };
+        if self.is_refined {
+            (request.detail, request.new_lights) = (Detail::Exact, usize::MAX);
+        }
         let comparison = comparing.and_then(|comparing| Some(self.comparison_image.as_ref()?.overlay(comparing.kind)));
         relighter.show(request, Screen { comparison, ..screen })?;
         self.overlay.histogram = relighter.histogram().map(<[u32]>::to_vec);
         self.overlay.is_coarse = relighter.is_coarse();
+        self.overlay.lights = relighter.lights_shown();
         if let Some((pixel, radiance)) = relighter.probed() {
             self.overlay.probe = aids::radiance_lines(pixel, radiance, view.exposure);
         }
         self.overlay.gathering = self.final_gathering.state();
         self.overlay.progress = self.converge.progress(&self.opened, self.desk.rig());
+        self.whole = self.overlay.lights.is_none().then_some(of);
+        if self.whole.is_none() {
+            self.detail_control.lacked_lights(self.relighter.times());
+        }
         if self.times().iter().any(|pass| pass.name == "shade light") {
             self.detail_control.shown(Instant::now(), edited, detail, start.elapsed());
         }
@@ -356,7 +391,7 @@ impl OpenScene {
 
     /// Whether the picture is coarse and not completed yet.
     pub fn is_coarse(&self) -> bool {
-        !self.is_refined && self.relighter.is_coarse()
+        self.waits_for_lights || (!self.is_refined && self.relighter.is_coarse())
     }
 
     /// Returns when refinement of the picture continues, if no event comes before; `None` if it is complete.
@@ -411,10 +446,21 @@ impl OpenScene {
         self.autosave.remove()
     }
 
-    /// Returns the automatic exposure for the current lights, stops.
-    pub fn automatic_exposure(&mut self) -> Result<f32> {
+    /// Chooses the exposure for the current lights, as far as they have images.
+    pub fn choose_exposure(&mut self, view: &mut ViewState) -> Result<()> {
         self.sync_lights()?;
-        Ok(exposure::automatic(self.relighter.linear(Picture::Whole)?))
+        let (layers, new_lights) = (self.layers, self.detail_control.new_lights());
+        let request = Request { layers, new_lights, detail: Detail::Progressive, ..Request::default() };
+        view.exposure = exposure::automatic(self.relighter.linear(request)?);
+        view.provisional_exposure = self.relighter.lights_shown().map(|[shown, _]| (view.exposure, shown));
+        Ok(())
+    }
+
+    /// Whether the exposure was chosen for a picture with at most half of the lights that it has now.
+    pub fn needs_exposure(&self, view: &ViewState) -> bool {
+        view.provisional_exposure.is_some_and(|(exposure, of)| {
+            exposure == view.exposure && self.relighter.lights_shown().is_none_or(|[shown, _]| shown >= 2 * of)
+        })
     }
 
     pub fn act(&mut self, action: &Action, view: &mut ViewState, pointer: Pointer) -> Result<Flow> {
@@ -499,7 +545,7 @@ impl OpenScene {
                 desk.message = format!("exposure {} stops", rounded(f64::from(view.exposure)));
             }
             Command::AutoExposure => {
-                view.exposure = self.automatic_exposure()?;
+                self.choose_exposure(view)?;
                 self.desk.message = format!("exposure {} stops", rounded(f64::from(view.exposure)));
             }
             Command::ToneMap => {

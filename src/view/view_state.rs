@@ -12,6 +12,9 @@ use crate::scene::{LightUnit, Rig};
 pub struct ViewState {
     /// Exposure, stops.
     pub exposure: f32,
+    /// Automatic exposure of a picture that lacks lights, and the number of lights in it. Unless the user changes it, it is
+    /// chosen again with more lights.
+    pub provisional_exposure: Option<(f32, usize)>,
     pub tone_map: ToneMap,
     /// Offered beside the tone curves.
     pub displays: Option<Displays>,
@@ -61,6 +64,7 @@ impl ViewState {
         };
         Self {
             exposure,
+            provisional_exposure: None,
             tone_map: match tone_map {
                 ToneMap::FalseColor => ToneMap::Agx,
                 curve => curve,

@@ -173,7 +173,7 @@ impl App {
         let mut open_scene = OpenScene::new(&graphics.context, opened, &self.settings, self.loads.messenger())?;
         self.device_time += start.elapsed();
         if self.settings.pictures.exposure.is_none() {
-            self.view.exposure = open_scene.automatic_exposure()?;
+            open_scene.choose_exposure(&mut self.view)?;
         }
         graphics.make_room(open_scene.picture_size());
         open_scene.ask_to_recover(&mut self.view);
@@ -229,6 +229,9 @@ impl App {
         let actions = self.take_events(&mut raw_input.events);
         let had_events = !raw_input.events.is_empty();
         let mut flow = self.act(&actions)?;
+        if let Some(open_scene) = self.open_scene.as_mut().filter(|open_scene| open_scene.needs_exposure(&self.view)) {
+            open_scene.choose_exposure(&mut self.view)?;
+        }
         let has_ui = self.view.has_ui() || self.open_scene.is_none();
         let drawn = if has_ui {
             let (ui, actions) = self.run_ui(raw_input)?;
@@ -367,7 +370,7 @@ impl App {
             ui: ui.map(|frame| (&mut graphics.ui, frame)),
         };
         let mut passes = None;
-        let (mut overlay_changed, mut coarse) = (false, false);
+        let (mut overlay_changed, mut needs_exposure, mut coarse) = (false, false, false);
         match &mut self.open_scene {
             Some(open_scene) => {
                 let overlay = open_scene.overlay.clone();
@@ -378,6 +381,7 @@ impl App {
                 }
                 coarse = open_scene.is_coarse();
                 overlay_changed = open_scene.overlay != overlay;
+                needs_exposure = open_scene.needs_exposure(&self.view);
                 passes = Some(open_scene.times()).filter(|times| times.iter().any(|pass| pass.name == "composite"));
                 let star = if open_scene.desk.is_unsaved() { "*" } else { "" };
                 let message = &open_scene.desk.message;
@@ -402,7 +406,7 @@ impl App {
         self.frames += 1;
         let delay = if self.view.show_shots { Duration::ZERO } else { IDLE_DELAY };
         self.idle_work_at = Some(Instant::now() + delay);
-        self.stale = graphics.surface.lost_picture();
+        self.stale = graphics.surface.lost_picture() || needs_exposure;
         if let Some(event) = self.pending.take() {
             self.timings.frame(event, passes, coarse);
         }

@@ -172,6 +172,29 @@ fn pictures_at_rest_become_exact() {
     panic!("the picture is still coarse");
 }
 
+/// Thousands of lights get their images over several pictures, each of which shows those that have one.
+#[test]
+fn pictures_lack_lights_until_all_have_images() {
+    let rig = rig(100, 3);
+    let (fewest, most) = LightCache::slot_range(rig.lights.len());
+    // Where slots are scarce, a few images are evicted before they are part of a sum, and made again.
+    for (slot_count, most_frames) in [(most, 9), (fewest, 12)] {
+        let mut cache = LightCache::new(&rig, slot_count, HashMap::new());
+        cache.set_detail(Detail::Progressive);
+        let mut numbers = Numbers::new(slot_count);
+        // Light 0 is black. In the focus, it is not counted.
+        cache.select(&[0]);
+        for frame in 1..=most_frames {
+            let plan = cache.plan_some(11);
+            let picture = run(&mut cache, &mut numbers, &rig, plan);
+            assert!(numbers.shaded <= 1 + 11 * frame);
+            assert_eq!(cache.is_coarse(), cache.lacking() > 0);
+            assert_eq!(picture == truth(&rig), cache.lacking() == 0, "{} lights are lacking", cache.lacking());
+        }
+        assert_eq!(cache.lacking(), 0);
+    }
+}
+
 proptest! {
     /// For any edits in any order and any number of slots, the picture is the sum of all lights. A coarse picture is
     /// reported as coarse, and its exact version is that sum again.
@@ -180,7 +203,7 @@ proptest! {
         light_count in 0usize..40,
         group_count in 0usize..4,
         scarce in any::<bool>(),
-        edits in prop::collection::vec((0usize..17, 0usize..1000, 1usize..20), 0..40),
+        edits in prop::collection::vec((0usize..18, 0usize..1000, 1usize..20), 0..40),
     ) {
         let mut rig = rig(light_count, group_count);
         for (i, light) in rig.lights.iter_mut().enumerate().filter(|(i, _)| i % 4 == 1) {
@@ -193,6 +216,7 @@ proptest! {
         let mut cache = LightCache::new(&rig, slot_count, emitters);
         let mut numbers = Numbers::new(slot_count);
         let mut detail = Detail::Exact;
+        let mut new_lights = usize::MAX;
         // By name of the light.
         let mut changes = HashMap::new();
         for (kind, which, amount) in edits {
@@ -227,6 +251,7 @@ proptest! {
                     run(&mut cache, &mut numbers, &rig, plan);
                 }
                 15 if lights > 0 => _ = changes.insert(rig.lights[which % lights].name.clone(), amount as u64),
+                17 => new_lights = amount % 5,
                 16 if lights > 0 => _ = changes.remove(&rig.lights[which % lights].name),
                 _ => {}
             }
@@ -243,9 +268,10 @@ proptest! {
             if detail == Detail::Exact {
                 decide(&mut cache, &mut numbers, &rig);
             }
-            let plan = cache.plan();
+            let plan = cache.plan_some(if detail == Detail::Exact { usize::MAX } else { new_lights });
             let picture = run(&mut cache, &mut numbers, &rig, plan);
             prop_assert!(detail != Detail::Exact || !cache.is_coarse());
+            prop_assert!(cache.lacking() == 0 || cache.is_coarse());
             prop_assert!(cache.is_coarse() || is_near(&rig, picture, truth_with(&rig, &changes)));
             if which % 5 == 0 {
                 let plan = cache.plan_emitters();

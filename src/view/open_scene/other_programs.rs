@@ -42,6 +42,7 @@ impl OpenScene {
         self.shares.invalidate();
         (self.synced_version, self.drawn, self.still) = (None, None, None);
         (self.is_refined, self.waits_for_operator) = (false, false);
+        (self.whole, self.waits_for_lights) = (None, false);
         self.layers = Layers::All;
         self.converge = Converge::new(&context, messenger.clone(), &settings.pictures.relight, settings.rest_samples);
         self.final_gathering = FinalGathering::new(settings.final_error, messenger);
