@@ -96,7 +96,7 @@ pub struct Errors {
     /// Noise of rows that compression leaves out, as it reports it.
     noise: f64,
     thesis: f64,
-    /// `None` where light bounces so often that it takes long.
+    /// `None` where light bounces so often, or pixels are so few, that it takes minutes.
     noisy: Option<NoisyErrors>,
 }
 
@@ -143,6 +143,8 @@ const MEANS: f64 = 2e-2;
 const PASSES: u32 = 16;
 /// Albedo from which light bounces so often that [`NoisyErrors`] take long.
 const WHITE: f32 = 0.99;
+/// Pixels below which they do: each pixel needs more samples.
+const FEW_PIXELS: usize = 512;
 
 /// How far a closed scene of [`shining`] material is from its answer.
 pub fn errors(stage: &Stage, albedo: f32) -> Errors {
@@ -172,7 +174,8 @@ pub fn errors_with(stage: &Stage, albedo: f32, settings: &TransferSettings) -> E
         compressed: error(&compressed),
         noise,
         thesis: error(&thesis),
-        noisy: (albedo < WHITE || full()).then(|| noisy_errors(stage, albedo, &all)),
+        noisy: (full() || (albedo < WHITE && stage.framebuffer.tiling.len() >= FEW_PIXELS))
+            .then(|| noisy_errors(stage, albedo, &all)),
     }
 }
 
