@@ -764,6 +764,13 @@ fn plan_tells_what_fits() {
     assert!(plan(&["--budget", "1K"]).contains("memory: does not fit"));
     assert!(plan(&["--visibility", "traced"]).contains("shadow maps: rays are traced"));
     assert!(!plan(&["--visibility", "map", "--device", "0"]).contains("rays are traced"));
+    // A hundred lights need at least 25 of 200 images.
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("many.toml");
+    let light = |number| format!("[[light]]\nname = \"{number}\"\nkind = \"point\"\nposition = [0.0, 2.0, 0.0]\n");
+    std::fs::write(&rig, (0..100).map(light).collect::<String>()).unwrap();
+    let told = plan(&["--rig", rig.to_str().unwrap()]);
+    assert!(told.contains("light images: 1 MB to 7 MB, as the budget allows"), "{told}");
     let nosuch = run!("plan", shipped("balls-2.glb"), "--no-cache", "--device", "nosuch");
     nosuch.failed(&["no Vulkan device", "nosuch"]);
     run!("plan", shipped("balls-2.glb"), "--budget", "much").refused("bytes");
