@@ -229,7 +229,7 @@ fn at_rest_the_picture_becomes_right() {
     window.keys(&["ctrl+q"]);
     window.ends_silently();
 
-    let window = shown(&["--final", "3%", "--stats", stats.to_str().unwrap()]);
+    let window = shown(&["--final", "6%", "--stats", stats.to_str().unwrap()]);
     window.wait_for_title("expected error");
     let gathered = cut(&window.screenshot(), size);
     let truth = folder.path().join("truth.exr");
@@ -253,7 +253,7 @@ fn at_rest_the_picture_becomes_right() {
     window.ends_silently();
     let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
     let gathering = &stats["view"]["final"];
-    assert!(gathering["expected_error"].as_f64().unwrap() <= 0.03 && gathering["goes_on"] == false, "{gathering}");
+    assert!(gathering["expected_error"].as_f64().unwrap() <= 0.06 && gathering["goes_on"] == false, "{gathering}");
 }
 
 #[test]
