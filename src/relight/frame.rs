@@ -57,9 +57,13 @@ impl Relighter {
         self.execute_or_invalidate(&plan, Some(FinalOutput { picture, inspection, output, screen }))
     }
 
-    /// Renders images for a picture, but not the picture.
+    /// Renders images for a picture, but not the picture. Panics if that is [`Picture::Sheet`].
     pub fn advance(&mut self, request: impl Into<Request>) -> Result<()> {
         let mut plan = self.plan(&request.into())?;
+        if plan.steps.is_empty() {
+            self.times.clear();
+            return Ok(()); // what was shown is up to date
+        }
         plan.batch_shades();
         self.execute_or_invalidate(&plan, None)
     }

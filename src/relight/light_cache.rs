@@ -47,6 +47,8 @@ pub struct LightCache {
     rest_is_coarse: bool,
     /// Number of lights that the last planned picture lacks.
     lacking: usize,
+    /// Whether a picture lacked no light since all images were invalid.
+    was_whole: bool,
     /// Whether any image in the last planned picture is coarse.
     picture_is_coarse: bool,
     /// Nodes edited since the last plan.
@@ -90,6 +92,20 @@ struct Node {
     changed: Option<usize>,
 }
 
+/// What a plan may do besides sums.
+struct Limit {
+    /// Images of lights that it may begin.
+    images: usize,
+    /// Whether images of lights with a size get more points.
+    gives_points: bool,
+}
+
+impl Limit {
+    fn none() -> Self {
+        Self { images: usize::MAX, gives_points: true }
+    }
+}
+
 impl Node {
     /// Of a leaf with an image: whether that has all points that it needs.
     fn is_complete(&self) -> bool {
@@ -121,6 +137,7 @@ impl LightCache {
             rest: None,
             rest_is_coarse: false,
             lacking: 0,
+            was_whole: false,
             picture_is_coarse: false,
             edited: Vec::new(),
             selected: None,
@@ -215,7 +232,7 @@ impl LightCache {
         for node in 0..self.nodes.len() {
             self.release(node);
         }
-        self.rest = None;
+        (self.rest, self.was_whole) = (None, false);
     }
 
     /// Invalidates all images since from now on they show other layers of the picture. `whole`: whether they did and do
@@ -236,8 +253,8 @@ impl LightCache {
         self.plan_some(usize::MAX)
     }
 
-    /// Plans the whole picture, but outside of the focus begins at most `most` images of lights. If there are more
-    /// lights without image, the picture lacks them: the next one begins further images.
+    /// Plans the whole picture. As long as all images are being made, it begins at most `most` images of lights outside of
+    /// the focus and lacks further lights: later pictures begin those. Edits of whole pictures have no such limit.
     pub fn plan_some(&mut self, most: usize) -> Plan {
         self.clock += 1;
         if self.detail != Detail::Coarse {
@@ -266,10 +283,10 @@ impl LightCache {
         }
         let mut pinned = Vec::new();
         let mut is_coarse = false;
-        let mut unlimited = usize::MAX;
+        let mut limit = Limit::none();
+        let of_rest = if self.was_whole { Limit::none() } else { self.limit(most) };
         for (node, scale) in focus_terms {
-            let slot =
-                self.ensure_image(node, &mut unlimited, &mut plan.steps).expect("nothing in the focus is lacking");
+            let slot = self.ensure_image(node, &mut limit, &mut plan.steps).expect("nothing in the focus is lacking");
             is_coarse |= self.nodes[node].coarse;
             self.slots.pin(slot);
             pinned.push(slot);
@@ -277,8 +294,9 @@ impl LightCache {
         }
         let rest = match self.rest.take() {
             Some(rest) => rest,
-            None => self.make_rest(&rest_nodes, most, &mut plan.steps),
+            None => self.make_rest(&rest_nodes, of_rest, &mut plan.steps),
         };
+        self.was_whole |= self.lacking == 0;
         plan.picture.extend(&rest);
         self.rest = Some(rest);
         for slot in pinned {
@@ -363,6 +381,7 @@ impl LightCache {
     /// Plans a contact sheet of `cells` cells, one light's contribution per cell.
     pub fn plan_sheet(&mut self, cells: usize) -> Plan {
         self.stop_comparing_dark();
+        self.lacking = 0;
         let mut plan = Plan::default();
         let mut is_coarse = false;
         for cell in 0..cells {
@@ -406,19 +425,32 @@ impl LightCache {
         let is_emitter = |light: &usize| self.rig.lights[*light].kind == LightKind::Emitter;
         let emitters = (0..self.rig.lights.len()).filter(is_emitter);
         let nodes: Vec<_> = emitters.map(|light| (self.leaf_of[light], self.rig.scale(light))).collect();
-        plan.picture = self.make_rest(&nodes, usize::MAX, &mut plan.steps);
+        plan.picture = self.make_rest(&nodes, Limit::none(), &mut plan.steps);
         self.rest = None;
+        self.picture_is_coarse = self.rest_is_coarse;
         plan
     }
 
-    /// Plans the rest, the sum of `nodes`, with at most `most` new images of lights; returns its terms.
-    fn make_rest(&mut self, nodes: &[(usize, Vec3)], mut most: usize, steps: &mut Vec<Step>) -> Vec<Term> {
+    /// What [`Self::plan_some`] may begin.
+    fn limit(&self, most: usize) -> Limit {
+        let is_scarce = self.slots.len() < Self::slot_range(self.rig.lights.len()).1;
+        match most {
+            // Sums above images that lack points are not kept: they need slots for all images.
+            usize::MAX => Limit::none(),
+            _ if is_scarce && self.rig.has_sizes() => Limit::none(),
+            // Images and the sums above them must stay until the next picture.
+            _ => Limit { images: most.min(self.slots.len() / 4).max(1), gives_points: self.lacking == 0 },
+        }
+    }
+
+    /// Plans the rest, the sum of `nodes`; returns its terms.
+    fn make_rest(&mut self, nodes: &[(usize, Vec3)], mut limit: Limit, steps: &mut Vec<Step>) -> Vec<Term> {
         (self.rest_is_coarse, self.lacking) = (false, 0);
         let mut slots = Vec::new();
         let mut kept = 0.0;
         let mut nodes = nodes.iter().filter(|(_, scale)| *scale != Vec3::ZERO).peekable();
         while let Some(&(node, scale)) = nodes.next() {
-            match self.ensure_image(node, &mut most, steps) {
+            match self.ensure_image(node, &mut limit, steps) {
                 Some(slot) => {
                     self.rest_is_coarse |= self.nodes[node].coarse;
                     self.slots.pin(slot);
@@ -437,17 +469,24 @@ impl LightCache {
         if kept > 0.0 { vec![rest] } else { Vec::new() }
     }
 
-    /// Plans `node`'s image unless it is valid; returns its slot. `most`: how many images of lights may be begun; `None` is
-    /// returned if that allows none of those below the node.
-    fn ensure_image(&mut self, node: usize, most: &mut usize, steps: &mut Vec<Step>) -> Option<usize> {
+    /// Plans `node`'s image unless it is valid; returns its slot, or `None` if the limit allows no image below the node.
+    fn ensure_image(&mut self, node: usize, limit: &mut Limit, steps: &mut Vec<Step>) -> Option<usize> {
         let Node { slot, changed, children, light, .. } = self.nodes[node];
         if let Some(light) = light {
-            if slot.is_none() && changed.is_none() {
-                if *most == 0 {
-                    self.lacking += 1;
-                    return None;
+            let is_emitter = self.rig.lights[light].kind == LightKind::Emitter;
+            match slot {
+                None if changed.is_none() && !is_emitter => {
+                    if limit.images == 0 {
+                        self.lacking += 1;
+                        return None;
+                    }
+                    limit.images -= 1;
                 }
-                *most -= 1;
+                Some(slot) if changed.is_none() && !limit.gives_points => {
+                    self.slots.use_at(slot, self.clock);
+                    return Some(slot);
+                }
+                _ => {}
             }
             return Some(self.ensure_leaf(node, light, steps));
         }
@@ -461,7 +500,7 @@ impl LightCache {
         for child in children {
             let scale = self.scale(child);
             if scale != Vec3::ZERO {
-                let Some(slot) = self.ensure_image(child, most, steps) else {
+                let Some(slot) = self.ensure_image(child, limit, steps) else {
                     is_lacking = true;
                     continue;
                 };

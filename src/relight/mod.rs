@@ -467,7 +467,7 @@ impl Relighter {
         self.cache.select(lights);
     }
 
-    /// Whether any image or sum is coarse.
+    /// Whether the last picture lacks lights, or any image in it is coarse.
     pub fn is_coarse(&self) -> bool {
         self.cache.is_coarse()
     }

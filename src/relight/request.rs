@@ -24,8 +24,9 @@ pub struct Request {
     pub layers: Layers,
     /// Accuracy of the images of changed lights.
     pub detail: Detail,
-    /// Most images of lights that are begun for the whole picture, besides those of the lights in the focus. The picture
-    /// lacks further lights without image; see [`lights_shown`](super::Relighter::lights_shown).
+    /// Most images of lights that are begun for the whole picture while all images are being made, besides those of lights
+    /// in the focus. The picture lacks further lights; see [`lights_shown`](super::Relighter::lights_shown). Not for
+    /// [`Detail::Exact`].
     pub new_lights: usize,
     /// Stops; not applied to scene-linear output.
     pub exposure: f32,

@@ -21,7 +21,7 @@ pub struct OverlayInfo {
     pub histogram: Option<Vec<u32>>,
     /// Whether the picture is coarse.
     pub is_coarse: bool,
-    /// Number of lights that have an image, and of all; `None` if the picture lacks none.
+    /// Number of lights that have an image, and of all; `None` if no light lacks one.
     pub lights: Option<[usize; 2]>,
     /// Progress towards extra samples on edges.
     pub progress: Progress,
@@ -34,7 +34,7 @@ const HISTOGRAM_HEIGHT: f32 = 70.0;
 const TEXT: Color32 = Color32::from_gray(220);
 
 impl OverlayInfo {
-    /// Returns a text for a coarse picture or a running refinement; `None` otherwise.
+    /// Returns a text for a picture that lacks lights or is coarse, or for a running refinement; `None` otherwise.
     pub fn state(&self) -> Option<String> {
         if let Some([done, of]) = self.lights {
             return Some(format!("{done} of {of} lights"));

@@ -9,6 +9,7 @@ use crate::relight::Detail;
 /// exactly at rest. Images of thousands of lights are begun over several frames, so that the window answers meanwhile.
 pub struct DetailControl {
     budget: Duration,
+    /// See [`DetailControl::new_lights`].
     new_lights: f64,
     /// Duration of the last exact frame that shaded lights.
     exact: Option<Duration>,
@@ -20,7 +21,7 @@ pub struct DetailControl {
 const DRAG_INTERVAL: Duration = Duration::from_millis(180);
 /// Time for images of lights in frames that begin only some of them, milliseconds.
 const SOME_LIGHTS_MS: f64 = 250.0;
-/// Pixels of the lights that the first such frame begins; a processor takes about that duration.
+/// Pixels of all images together that the first such frame begins. A processor takes about that time for them.
 const FIRST_PIXELS: f64 = (1 << 22) as f64;
 
 impl DetailControl {
@@ -30,13 +31,16 @@ impl DetailControl {
         Self { budget, new_lights, exact: None, edited: None }
     }
 
-    /// Returns how many images of lights a frame may begin, besides those of edited lights.
+    /// Returns how many images of lights a frame may begin while all are being made.
     pub fn new_lights(&self) -> usize {
         self.new_lights.max(1.0) as usize
     }
 
-    /// Records the passes of a frame that could not begin all lights.
+    /// Records the passes of a frame that lacks lights.
     pub fn lacked_lights(&mut self, passes: &[PassTime]) {
+        if !passes.iter().any(|pass| pass.name == "shade light") {
+            return; // it began none
+        }
         let composite = passes.iter().find(|pass| pass.name == "composite").map(|pass| pass.start_ms);
         let ends = passes.iter().map(|pass| pass.start_ms + pass.ms);
         let change = SOME_LIGHTS_MS / composite.unwrap_or_else(|| ends.fold(0.0, f64::max)).max(1.0);
@@ -99,6 +103,9 @@ mod tests {
             let took = 2.0 * control.new_lights() as f64;
             control.lacked_lights(&[pass("shade light", 0.0, took), pass("composite", took, 900.0)]);
         }
+        let before = control.new_lights();
+        control.lacked_lights(&[]);
+        assert_eq!(control.new_lights(), before, "a frame that shades nothing tells nothing");
         assert!((120..130).contains(&control.new_lights()), "{} lights of 2 ms", control.new_lights());
     }
 

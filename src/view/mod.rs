@@ -93,7 +93,7 @@ pub struct ViewSettings {
 
 /// How pictures are made and shown.
 pub struct PictureSettings {
-    /// Exposure in stops; `None` derives it from the first picture.
+    /// Exposure in stops; `None` derives it from the first picture of all lights.
     pub exposure: Option<f32>,
     pub device: Option<String>,
     pub validation: Validation,

@@ -44,7 +44,7 @@ use crate::error::Result;
 use crate::gpu::{Context, PassTime, Placement, Screen};
 use crate::relight::inspect::Inspection;
 use crate::relight::sheet::Grid;
-use crate::relight::{Detail, Layers, Picture, RelightSettings, Relighter, Request, exposure};
+use crate::relight::{Detail, Layers, Picture, RelightSettings, Relighter, Request, ToneMap, exposure};
 use crate::scene::rig::SLOTS;
 use crate::scene::{Rig, export_gltf, usd};
 
@@ -70,8 +70,8 @@ pub struct OpenScene {
     final_gathering: FinalGathering,
     /// Version of the desk's lights in the picture.
     drawn: Option<u64>,
-    /// Version of the desk's lights, layers and lights of the last picture that lacked no light.
-    whole: Option<(u64, Layers, Picture)>,
+    /// The last picture, if it lacked no light.
+    whole: Option<Shown>,
     /// Whether that picture stays until all images of lights are made again.
     waits_for_lights: bool,
     still: Option<Still>,
@@ -94,6 +94,17 @@ pub struct OpenScene {
     autosave: Autosave,
     rig_path: Option<PathBuf>,
     suggested_path: String,
+}
+
+/// What determines a picture, besides its samples.
+#[derive(PartialEq)]
+struct Shown {
+    /// Of the desk's lights.
+    version: u64,
+    layers: Layers,
+    picture: Picture,
+    exposure: f32,
+    curve: ToneMap,
 }
 
 /// Whether the window stays open after a command.
@@ -280,6 +291,19 @@ impl OpenScene {
         let start = Instant::now();
         let detail = self.detail_control.detail(start);
         let edited = self.drawn.replace(self.desk.version()) != Some(self.desk.version());
+        let mut request = Request {
+            picture,
+            layers,
+            detail,
+            new_lights: self.detail_control.new_lights(),
+            exposure: view.exposure,
+            tone_map: view.curve(),
+            inspection: Inspection { histogram: view.views.has(Aid::Histogram), probe },
+        };
+        let shown =
+            Shown { version: self.desk.version(), layers, picture, exposure: view.exposure, curve: view.curve() };
+        let is_valid = view.comparing.is_none() && self.whole.as_ref() == Some(&shown);
+        self.waits_for_lights = is_valid && self.make_images(&request)?;
         if edited {
             self.converge.restart(start);
             self.final_gathering.restart(start);
@@ -290,26 +314,11 @@ impl OpenScene {
             }
         }
         let is_better = self.converge.is_done(&self.opened, self.desk.rig()) && !self.final_gathering.catches_up();
-        if edited || layers != Layers::All || is_better {
+        // The gathering of a picture that is coarse does not go on.
+        let is_coarse = self.relighter.is_coarse() && !self.waits_for_lights;
+        if edited || layers != Layers::All || is_better || is_coarse {
             self.waits_for_operator = false;
         }
-        let mut request = Request {
-            picture,
-            layers,
-            detail,
-            new_lights: self.detail_control.new_lights(),
-            exposure: view.exposure,
-            tone_map: view.curve(),
-            inspection: Inspection { histogram: view.views.has(Aid::Histogram), probe },
-        };
-        let of = (self.desk.version(), layers, picture);
-        let may_lack = picture == Picture::Whole && self.desk.rig().lights.len() > request.new_lights;
-        self.waits_for_lights = may_lack && self.whole == Some(of) && !self.waits_for_operator && {
-            self.sync_lights()?;
-            self.layers = layers;
-            self.relighter.advance(request.clone())?;
-            self.relighter.lights_shown().is_some()
-        };
         if self.waits_for_lights {
             self.detail_control.lacked_lights(self.relighter.times());
             self.overlay.lights = self.relighter.lights_shown();
@@ -354,14 +363,29 @@ impl OpenScene {
         }
         self.overlay.gathering = self.final_gathering.state();
         self.overlay.progress = self.converge.progress(&self.opened, self.desk.rig());
-        self.whole = self.overlay.lights.is_none().then_some(of);
-        if self.whole.is_none() {
+        // Coarse pictures go on with sums that lack lights.
+        let is_whole = self.overlay.lights.is_none() && detail != Detail::Coarse;
+        self.whole = is_whole.then_some(shown);
+        if self.overlay.lights.is_some() {
             self.detail_control.lacked_lights(self.relighter.times());
         }
         if self.times().iter().any(|pass| pass.name == "shade light") {
             self.detail_control.shown(Instant::now(), edited, detail, start.elapsed());
         }
         Ok(())
+    }
+
+    /// Makes images of lights for the whole picture, if there may be lights without image. Returns whether there still are.
+    fn make_images(&mut self, request: &Request) -> Result<bool> {
+        let may_lack = request.picture == Picture::Whole && self.desk.rig().lights.len() > request.new_lights;
+        if !may_lack || self.converge.ready(&self.opened, self.desk.rig(), request.layers)?.is_some() {
+            return Ok(false);
+        }
+        self.sync_lights()?;
+        self.layers = request.layers;
+        self.relighter.set_changes(self.final_gathering.changes())?;
+        self.relighter.advance(request.clone())?;
+        Ok(self.relighter.lights_shown().is_some())
     }
 
     /// Draws the aids over the picture; `scale` is physical pixels per point.
@@ -458,9 +482,11 @@ impl OpenScene {
 
     /// Whether the exposure was chosen for a picture with at most half of the lights that it has now.
     pub fn needs_exposure(&self, view: &ViewState) -> bool {
-        view.provisional_exposure.is_some_and(|(exposure, of)| {
-            exposure == view.exposure && self.relighter.lights_shown().is_none_or(|[shown, _]| shown >= 2 * of)
-        })
+        let picture = view.views.view.picture(self.desk.selected()).map(|(_, picture)| picture);
+        picture == Some(Picture::Whole)
+            && view.provisional_exposure.is_some_and(|(exposure, of)| {
+                exposure == view.exposure && self.relighter.lights_shown().is_none_or(|[shown, _]| shown >= 2 * of)
+            })
     }
 
     pub fn act(&mut self, action: &Action, view: &mut ViewState, pointer: Pointer) -> Result<Flow> {

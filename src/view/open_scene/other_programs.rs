@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::relight::{Layers, Relighter};
 use crate::scene::Scene;
 use crate::view::converge::Converge;
+use crate::view::detail_control::DetailControl;
 use crate::view::final_gathering::FinalGathering;
 use crate::view::light_view::LightView;
 use crate::view::load::Messenger;
@@ -43,6 +44,8 @@ impl OpenScene {
         (self.synced_version, self.drawn, self.still) = (None, None, None);
         (self.is_refined, self.waits_for_operator) = (false, false);
         (self.whole, self.waits_for_lights) = (None, false);
+        let size = [framebuffer.tiling.width, framebuffer.tiling.height];
+        self.detail_control = DetailControl::new(settings.frame_budget, size);
         self.layers = Layers::All;
         self.converge = Converge::new(&context, messenger.clone(), &settings.pictures.relight, settings.rest_samples);
         self.final_gathering = FinalGathering::new(settings.final_error, messenger);
