@@ -439,7 +439,7 @@ impl LightCache {
             usize::MAX => Limit::none(),
             _ if is_scarce && self.rig.has_sizes() => Limit::none(),
             // Images and the sums above them must stay until the next picture.
-            _ => Limit { images: most.min(self.slots.len() / 4).max(1), gives_points: self.lacking == 0 },
+            _ => Limit { images: most.min((self.slots.len() / 4).max(1)), gives_points: self.lacking == 0 },
         }
     }
 

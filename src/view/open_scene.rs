@@ -70,9 +70,9 @@ pub struct OpenScene {
     final_gathering: FinalGathering,
     /// Version of the desk's lights in the picture.
     drawn: Option<u64>,
-    /// The last picture, if it lacked no light.
-    whole: Option<Shown>,
-    /// Whether that picture stays until all images of lights are made again.
+    /// The last picture, and how many lights it showed.
+    shown: Option<(Shown, usize)>,
+    /// Whether that picture stays until as many lights have images again.
     waits_for_lights: bool,
     still: Option<Still>,
     /// Whether the picture at rest stays until another operator has one as good.
@@ -148,7 +148,7 @@ impl OpenScene {
             is_refined: false,
             final_gathering: FinalGathering::new(settings.final_error, messenger.clone()),
             drawn: None,
-            whole: None,
+            shown: None,
             waits_for_lights: false,
             still: None,
             waits_for_operator: false,
@@ -302,8 +302,11 @@ impl OpenScene {
         };
         let shown =
             Shown { version: self.desk.version(), layers, picture, exposure: view.exposure, curve: view.curve() };
-        let is_valid = view.comparing.is_none() && self.whole.as_ref() == Some(&shown);
-        self.waits_for_lights = is_valid && self.make_images(&request)?;
+        let lights = self.shown.as_ref().filter(|(before, _)| *before == shown).map(|(_, lights)| *lights);
+        self.waits_for_lights = match lights.filter(|_| view.comparing.is_none()) {
+            Some(lights) => self.make_images(&mut request)? < lights,
+            None => false,
+        };
         if edited {
             self.converge.restart(start);
             self.final_gathering.restart(start);
@@ -320,7 +323,6 @@ impl OpenScene {
             self.waits_for_operator = false;
         }
         if self.waits_for_lights {
-            self.detail_control.lacked_lights(self.relighter.times());
             self.overlay.lights = self.relighter.lights_shown();
         }
         if self.waits_for_operator || self.waits_for_lights {
@@ -363,9 +365,9 @@ impl OpenScene {
         }
         self.overlay.gathering = self.final_gathering.state();
         self.overlay.progress = self.converge.progress(&self.opened, self.desk.rig());
+        let lights = self.overlay.lights.map_or(usize::MAX, |[lights, _]| lights);
         // Coarse pictures go on with sums that lack lights.
-        let is_whole = self.overlay.lights.is_none() && detail != Detail::Coarse;
-        self.whole = is_whole.then_some(shown);
+        self.shown = (detail != Detail::Coarse).then_some((shown, lights));
         if self.overlay.lights.is_some() {
             self.detail_control.lacked_lights(self.relighter.times());
         }
@@ -375,17 +377,21 @@ impl OpenScene {
         Ok(())
     }
 
-    /// Makes images of lights for the whole picture, if there may be lights without image. Returns whether there still are.
-    fn make_images(&mut self, request: &Request) -> Result<bool> {
+    /// Makes images of lights for the whole picture, if there may be lights without image; the request then begins no more.
+    /// Returns how many lights have one; `usize::MAX` for all.
+    fn make_images(&mut self, request: &mut Request) -> Result<usize> {
         let may_lack = request.picture == Picture::Whole && self.desk.rig().lights.len() > request.new_lights;
         if !may_lack || self.converge.ready(&self.opened, self.desk.rig(), request.layers)?.is_some() {
-            return Ok(false);
+            return Ok(usize::MAX);
         }
         self.sync_lights()?;
         self.layers = request.layers;
         self.relighter.set_changes(self.final_gathering.changes())?;
         self.relighter.advance(request.clone())?;
-        Ok(self.relighter.lights_shown().is_some())
+        request.new_lights = 0;
+        let Some([lights, _]) = self.relighter.lights_shown() else { return Ok(usize::MAX) };
+        self.detail_control.lacked_lights(self.relighter.times());
+        Ok(lights)
     }
 
     /// Draws the aids over the picture; `scale` is physical pixels per point.

@@ -43,7 +43,7 @@ impl OpenScene {
         self.shares.invalidate();
         (self.synced_version, self.drawn, self.still) = (None, None, None);
         (self.is_refined, self.waits_for_operator) = (false, false);
-        (self.whole, self.waits_for_lights) = (None, false);
+        (self.shown, self.waits_for_lights) = (None, false);
         let size = [framebuffer.tiling.width, framebuffer.tiling.height];
         self.detail_control = DetailControl::new(settings.frame_budget, size);
         self.layers = Layers::All;
