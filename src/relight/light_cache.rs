@@ -15,6 +15,7 @@ mod focus;
 mod plan;
 mod points;
 mod slots;
+mod tree;
 
 use std::collections::HashMap;
 
@@ -221,7 +222,7 @@ impl LightCache {
         self.picture_is_coarse
     }
 
-    /// Number of lights that the last planned picture lacks; see [`Self::plan_some`].
+    /// Number of lights that the last planned picture lacks; see [`Self::plan`].
     pub fn lacking(&self) -> usize {
         self.lacking
     }
@@ -248,14 +249,9 @@ impl LightCache {
         }
     }
 
-    /// Plans the whole picture.
-    pub fn plan(&mut self) -> Plan {
-        self.plan_some(usize::MAX)
-    }
-
     /// Plans the whole picture. As long as all images are being made, it begins at most `most` images of lights outside of
     /// the focus and lacks further lights: later pictures begin those. Edits of whole pictures have no such limit.
-    pub fn plan_some(&mut self, most: usize) -> Plan {
+    pub fn plan(&mut self, most: usize) -> Plan {
         self.clock += 1;
         if self.detail != Detail::Coarse {
             self.release_coarse();
@@ -431,7 +427,7 @@ impl LightCache {
         plan
     }
 
-    /// What [`Self::plan_some`] may begin.
+    /// What [`Self::plan`] may begin.
     fn limit(&self, most: usize) -> Limit {
         let is_scarce = self.slots.len() < Self::slot_range(self.rig.lights.len()).1;
         match most {
@@ -591,108 +587,6 @@ impl LightCache {
     fn has_ancestor_in(&self, node: usize, sorted: &[usize]) -> bool {
         std::iter::successors(self.nodes[node].parent, |&n| self.nodes[n].parent)
             .any(|n| sorted.binary_search(&n).is_ok())
-    }
-
-    fn build_tree(&mut self) {
-        let leaf = |light| Node {
-            parent: None,
-            children: None,
-            light: Some(light),
-            group: None,
-            slot: None,
-            coarse: false,
-            growing: None,
-            is_interleaved: false,
-            points: 0,
-            needed: None,
-            needed_by_whole: None,
-            change: None,
-            changed: None,
-        };
-        self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
-        self.leaf_of = (0..self.rig.lights.len()).collect();
-        self.node_of_group = vec![None; self.rig.groups.len()];
-        let mut top = Vec::new();
-        for group in 0..self.rig.groups.len() {
-            let lights: Vec<usize> =
-                (0..self.rig.lights.len()).filter(|&i| self.rig.lights[i].group == Some(group)).collect();
-            if let Some(node) = self.balance(&lights) {
-                self.nodes[node].group = Some(group);
-                self.node_of_group[group] = Some(node);
-                top.push(node);
-            }
-        }
-        top.extend((0..self.rig.lights.len()).filter(|&i| self.rig.lights[i].group.is_none()));
-        self.root = self.balance(&top);
-    }
-
-    /// A balanced tree over `nodes`; returns its root.
-    fn balance(&mut self, nodes: &[usize]) -> Option<usize> {
-        match nodes {
-            [] => None,
-            [one] => Some(*one),
-            _ => {
-                let (left, right) = nodes.split_at(nodes.len() / 2);
-                let children = [self.balance(left)?, self.balance(right)?];
-                let this = self.nodes.len();
-                self.nodes.push(Node {
-                    parent: None,
-                    children: Some(children),
-                    light: None,
-                    group: None,
-                    slot: None,
-                    coarse: false,
-                    growing: None,
-                    is_interleaved: false,
-                    points: 0,
-                    needed: None,
-                    needed_by_whole: None,
-                    change: None,
-                    changed: None,
-                });
-                for child in children {
-                    self.nodes[child].parent = Some(this);
-                }
-                Some(this)
-            }
-        }
-    }
-
-    /// Rebuilds the tree after lights are added, removed or change groups. Images of unmoved lights stay valid.
-    fn rebuild_tree(&mut self, old: &Rig) {
-        let kept: HashMap<&str, (&Light, usize, Node)> = old
-            .lights
-            .iter()
-            .enumerate()
-            .filter_map(|(i, light)| {
-                let leaf = &self.nodes[self.leaf_of[i]];
-                Some((light.name.as_str(), (light, leaf.slot?, leaf.clone())))
-            })
-            .collect();
-        self.build_tree();
-        let same_sets = self.rig.sets == old.sets;
-        let mut slots = Slots::new(self.slots.len());
-        for (i, light) in self.rig.lights.iter().enumerate() {
-            if let Some((was, slot, node)) = kept.get(light.name.as_str())
-                && same_image(was, light, same_sets)
-            {
-                let (leaf, slot) = (self.leaf_of[i], *slot);
-                let Node { coarse, is_interleaved, needed, needed_by_whole, .. } = *node;
-                // An image that grows begins again.
-                let points = if is_interleaved { 0 } else { node.points };
-                let new = self.nodes[leaf].clone();
-                self.nodes[leaf] =
-                    Node { slot: Some(slot), coarse, is_interleaved, points, needed, needed_by_whole, ..new };
-                slots.set(slot, leaf, self.slots.last_used(slot));
-            }
-        }
-        self.slots = slots;
-        self.focus.clear();
-        self.edited.clear();
-        self.selected = None;
-        self.edited_before.clear();
-        self.rest = None;
-        self.compared = None;
     }
 }
 

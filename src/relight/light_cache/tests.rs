@@ -160,7 +160,7 @@ fn pictures_at_rest_become_exact() {
     for frame in 0..2000 {
         rig.lights[1].enabled = !(10..100).contains(&frame);
         cache.set_rig(&rig, slot_count);
-        let plan = cache.plan();
+        let plan = cache.plan(usize::MAX);
         let picture = run(&mut cache, &mut numbers, &rig, plan);
         if !cache.is_coarse() {
             assert!(is_near(&rig, picture, truth(&rig)));
@@ -185,7 +185,7 @@ fn pictures_lack_lights_until_all_have_images() {
         // Light 0 is black. In the focus, it is not counted.
         cache.select(&[0]);
         for frame in 1..=most_frames {
-            let plan = cache.plan_some(11);
+            let plan = cache.plan(11);
             let picture = run(&mut cache, &mut numbers, &rig, plan);
             assert!(numbers.shaded <= 1 + 11 * frame);
             assert_eq!(cache.is_coarse(), cache.lacking() > 0);
@@ -268,7 +268,7 @@ proptest! {
             if detail == Detail::Exact {
                 decide(&mut cache, &mut numbers, &rig);
             }
-            let plan = cache.plan_some(if detail == Detail::Exact { usize::MAX } else { new_lights });
+            let plan = cache.plan(if detail == Detail::Exact { usize::MAX } else { new_lights });
             let picture = run(&mut cache, &mut numbers, &rig, plan);
             prop_assert!(detail != Detail::Exact || !cache.is_coarse());
             prop_assert!(cache.lacking() == 0 || cache.is_coarse());
@@ -294,7 +294,7 @@ proptest! {
         }
         cache.set_detail(Detail::Exact);
         decide(&mut cache, &mut numbers, &rig);
-        let plan = cache.plan();
+        let plan = cache.plan(usize::MAX);
         prop_assert!(is_near(&rig, run(&mut cache, &mut numbers, &rig, plan), truth_with(&rig, &changes)));
         prop_assert!(!cache.is_coarse());
         prop_assert!(scarce || cache.pending().0 == 0);
@@ -312,12 +312,12 @@ fn colour_edits_shade_nothing_and_sum_nothing() {
     let mut rig = rig(256, 0);
     let slot_count = LightCache::slot_range(256).1;
     let mut cache = LightCache::new(&rig, slot_count, HashMap::new());
-    cache.plan();
+    cache.plan(usize::MAX);
     cache.select(&[17]);
-    cache.plan();
+    cache.plan(usize::MAX);
     rig.lights[17].intensity = 3.0;
     cache.set_rig(&rig, slot_count);
-    let plan = cache.plan();
+    let plan = cache.plan(usize::MAX);
     assert!(plan.steps.is_empty(), "{:?}", plan.steps);
     assert_eq!(plan.picture.len(), 2);
 }
@@ -329,11 +329,11 @@ fn a_group_in_focus_is_one_image() {
     let mut cache = LightCache::new(&rig, slot_count, HashMap::new());
     let members: Vec<usize> = (0..64).filter(|&i| rig.lights[i].group == Some(1)).collect();
     cache.select(&members);
-    cache.plan();
+    cache.plan(usize::MAX);
     rig.groups[1].stops = 1.0;
     cache.set_rig(&rig, slot_count);
     cache.select(&members);
-    let plan = cache.plan();
+    let plan = cache.plan(usize::MAX);
     assert_eq!((plan.steps.len(), plan.picture.len()), (0, 2));
 }
 
@@ -342,12 +342,12 @@ fn selecting_another_light_costs_a_logarithm() {
     let mut rig = rig(256, 0);
     let slot_count = LightCache::slot_range(256).1;
     let mut cache = LightCache::new(&rig, slot_count, HashMap::new());
-    cache.plan();
+    cache.plan(usize::MAX);
     for light in [3, 250, 130, 4] {
         rig.lights[light].position.x += 1.0;
         cache.set_rig(&rig, slot_count);
         let images: usize = cache
-            .plan()
+            .plan(usize::MAX)
             .steps
             .iter()
             .map(|step| match step {
@@ -370,9 +370,9 @@ fn a_hundred_thousand_lights() {
     let slot_count = LightCache::slot_range(rig.lights.len()).1;
     let mut cache = LightCache::new(&rig, slot_count, HashMap::new());
     let mut numbers = Numbers::new(slot_count);
-    assert_eq!(numbers.run(&rig, cache.plan()), truth(&rig));
+    assert_eq!(numbers.run(&rig, cache.plan(usize::MAX)), truth(&rig));
     rig.lights.iter_mut().for_each(|light| light.position.x = 2.0);
     cache.set_rig(&rig, slot_count);
-    assert_eq!(numbers.run(&rig, cache.plan()), 200_000.0);
+    assert_eq!(numbers.run(&rig, cache.plan(usize::MAX)), 200_000.0);
     assert_eq!(numbers.shaded, 200_000);
 }
