@@ -75,7 +75,7 @@ impl Relighter {
             self.decide_points(picture)?;
         }
         Ok(match picture {
-            Picture::Whole => self.cache.plan(request.new_lights),
+            Picture::Whole => self.cache.plan(request.most_points),
             Picture::Light(light) => self.cache.plan_light(light),
             Picture::Emission => self.cache.plan_emitters(),
             Picture::Sheet => {

@@ -12,6 +12,7 @@
 
 mod changes;
 mod focus;
+mod limit;
 mod plan;
 mod points;
 mod slots;
@@ -21,6 +22,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
+use self::limit::{Advances, Limit};
 pub use self::plan::{Detail, LightPoints, Plan, Shade, Source, Step, Term};
 pub use self::points::POINTS_A_STEP;
 use self::slots::Slots;
@@ -50,6 +52,8 @@ pub struct LightCache {
     lacking: usize,
     /// Whether a picture lacked no light since all images were invalid.
     was_whole: bool,
+    /// See [`LightCache::points_in_rest`].
+    points_in_rest: usize,
     /// Whether any image in the last planned picture is coarse.
     picture_is_coarse: bool,
     /// Nodes edited since the last plan.
@@ -67,7 +71,7 @@ pub struct LightCache {
     clock: u64,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Node {
     parent: Option<usize>,
     children: Option<[usize; 2]>,
@@ -77,6 +81,8 @@ struct Node {
     slot: Option<usize>,
     /// Whether the image is coarse, lacks points of its light, or is a sum with such a part or without one.
     coarse: bool,
+    /// Of a sum: number of lights that it lacks.
+    lacking: usize,
     /// Of a leaf whose image has interleaved points: slot of the image that will replace it; `None` if it is not begun.
     growing: Option<usize>,
     /// Of a leaf: whether its image has interleaved points.
@@ -93,24 +99,10 @@ struct Node {
     changed: Option<usize>,
 }
 
-/// What a plan may do besides sums.
-struct Limit {
-    /// Images of lights that it may begin.
-    images: usize,
-    /// Whether images of lights with a size get more points.
-    gives_points: bool,
-}
-
-impl Limit {
-    fn none() -> Self {
-        Self { images: usize::MAX, gives_points: true }
-    }
-}
-
 impl Node {
-    /// Of a leaf with an image: whether that has all points that it needs.
+    /// Of a leaf: whether it has an image with all points that it needs.
     fn is_complete(&self) -> bool {
-        !self.is_interleaved && self.needed == Some(self.points)
+        self.slot.is_some() && !self.is_interleaved && self.needed == Some(self.points)
     }
 }
 
@@ -139,6 +131,7 @@ impl LightCache {
             rest_is_coarse: false,
             lacking: 0,
             was_whole: false,
+            points_in_rest: 0,
             picture_is_coarse: false,
             edited: Vec::new(),
             selected: None,
@@ -203,17 +196,15 @@ impl LightCache {
         }
     }
 
-    /// Invalidates coarse images and sums with them, but not images that lack points of their light.
+    /// Invalidates coarse images and the sums above them, but not images that lack points of their light.
     fn release_coarse(&mut self) {
-        for node in 0..self.nodes.len() {
-            let Node { coarse, light, .. } = self.nodes[node];
-            let goes_on = light.is_some_and(|light| !self.rig.lights[light].is_punctual());
-            if coarse && !goes_on {
-                self.release(node);
+        for light in 0..self.leaf_of.len() {
+            let leaf = self.leaf_of[light];
+            if self.nodes[leaf].coarse && self.rig.lights[light].is_punctual() {
+                self.release(leaf);
+                self.release_above(leaf);
+                self.rest = None;
             }
-        }
-        if self.rest_is_coarse {
-            (self.rest, self.rest_is_coarse) = (None, false);
         }
     }
 
@@ -225,6 +216,16 @@ impl LightCache {
     /// Number of lights that the last planned picture lacks; see [`Self::plan`].
     pub fn lacking(&self) -> usize {
         self.lacking
+    }
+
+    /// Whether a picture lacked no light since all images were invalid.
+    pub fn was_whole(&self) -> bool {
+        self.was_whole
+    }
+
+    /// Points of lights outside of the focus that the last planned picture shades; see [`Self::plan`].
+    pub fn points_in_rest(&self) -> usize {
+        self.points_in_rest
     }
 
     /// Invalidates all images. `emitters`: index of the image of each emitter that is seen, by its material.
@@ -249,8 +250,9 @@ impl LightCache {
         }
     }
 
-    /// Plans the whole picture. As long as all images are being made, it begins at most `most` images of lights outside of
-    /// the focus and lacks further lights: later pictures begin those. Edits of whole pictures have no such limit.
+    /// Plans the whole picture. Outside of the focus it shades about `most` points of lights: as long as all images are
+    /// being made, it begins so many of them and lacks further lights, and then gives points to images of lights with a
+    /// size, unless lights were edited. Later pictures go on. Images that edits invalidate have no such limit.
     pub fn plan(&mut self, most: usize) -> Plan {
         self.clock += 1;
         if self.detail != Detail::Coarse {
@@ -259,6 +261,7 @@ impl LightCache {
         self.stop_comparing_dark();
         let mut plan = Plan::default();
         let mut edited = std::mem::take(&mut self.edited);
+        let is_edited = !edited.is_empty();
         edited.sort_unstable();
         edited.dedup();
         match self.selected.take() {
@@ -279,19 +282,30 @@ impl LightCache {
         }
         let mut pinned = Vec::new();
         let mut is_coarse = false;
-        let mut limit = Limit::none();
-        let of_rest = if self.was_whole { Limit::none() } else { self.limit(most) };
+        if self.rest_is_coarse && self.detail != Detail::Coarse {
+            self.rest = None;
+        }
+        let of_focus = self.advances(&focus_terms, &Limit::none());
+        let of_rest = match self.rest {
+            Some(_) => Advances::default(),
+            None => self.advances(&rest_nodes, &self.limit(most, is_edited)),
+        };
+        of_focus.leaves().chain(of_rest.leaves()).for_each(|leaf| self.release_above(leaf));
         for (node, scale) in focus_terms {
-            let slot = self.ensure_image(node, &mut limit, &mut plan.steps).expect("nothing in the focus is lacking");
+            let (slot, _) = self.ensure_image(node, &of_focus, &mut plan.steps);
+            let slot = slot.expect("nothing in the focus is lacking");
             is_coarse |= self.nodes[node].coarse;
             self.slots.pin(slot);
             pinned.push(slot);
             plan.picture.push(Term { source: Source::Slot(slot), scale });
         }
+        let before_rest = plan.steps.len();
         let rest = match self.rest.take() {
             Some(rest) => rest,
-            None => self.make_rest(&rest_nodes, of_rest, &mut plan.steps),
+            None => self.make_rest(&rest_nodes, &of_rest, &mut plan.steps),
         };
+        let shades = plan.steps[before_rest..].iter().filter_map(Step::as_shade);
+        self.points_in_rest = shades.map(|shade| shade.points.count()).sum();
         self.was_whole |= self.lacking == 0;
         plan.picture.extend(&rest);
         self.rest = Some(rest);
@@ -355,9 +369,11 @@ impl LightCache {
             scale *= self.scale(n);
             node = self.nodes[n].parent;
         }
-        (self.picture_is_coarse, self.lacking) = (false, 0);
+        (self.picture_is_coarse, self.lacking, self.points_in_rest) = (false, 0, 0);
         if scale != Vec3::ZERO {
-            let slot = self.ensure_leaf(self.leaf_of[light], light, &mut plan.steps);
+            let most = self.steps_of_each();
+            let slot = self.ensure_leaf(self.leaf_of[light], light, most, &mut plan.steps);
+            self.release_coarse_above(self.leaf_of[light]);
             self.picture_is_coarse = self.nodes[self.leaf_of[light]].coarse;
             plan.picture.push(Term { source: Source::Slot(slot), scale });
         }
@@ -371,13 +387,14 @@ impl LightCache {
         self.compared = self.compared.filter(|&compared| compared == self.leaf_of[light]);
         let mut plan = Plan::default();
         self.add_points(self.leaf_of[light], light, most, &mut plan.steps);
+        self.release_coarse_above(self.leaf_of[light]);
         plan
     }
 
     /// Plans a contact sheet of `cells` cells, one light's contribution per cell.
     pub fn plan_sheet(&mut self, cells: usize) -> Plan {
         self.stop_comparing_dark();
-        self.lacking = 0;
+        (self.lacking, self.points_in_rest) = (0, 0);
         let mut plan = Plan::default();
         let mut is_coarse = false;
         for cell in 0..cells {
@@ -421,38 +438,26 @@ impl LightCache {
         let is_emitter = |light: &usize| self.rig.lights[*light].kind == LightKind::Emitter;
         let emitters = (0..self.rig.lights.len()).filter(is_emitter);
         let nodes: Vec<_> = emitters.map(|light| (self.leaf_of[light], self.rig.scale(light))).collect();
-        plan.picture = self.make_rest(&nodes, Limit::none(), &mut plan.steps);
-        self.rest = None;
+        plan.picture = self.make_rest(&nodes, &Advances::default(), &mut plan.steps);
+        (self.rest, self.points_in_rest) = (None, 0);
         self.picture_is_coarse = self.rest_is_coarse;
         plan
     }
 
-    /// What [`Self::plan`] may begin.
-    fn limit(&self, most: usize) -> Limit {
-        let is_scarce = self.slots.len() < Self::slot_range(self.rig.lights.len()).1;
-        match most {
-            // Sums above images that lack points are not kept: they need slots for all images.
-            usize::MAX => Limit::none(),
-            _ if is_scarce && self.rig.has_sizes() => Limit::none(),
-            // Images and the sums above them must stay until the next picture.
-            _ => Limit { images: most.min((self.slots.len() / 4).max(1)), gives_points: self.lacking == 0 },
-        }
-    }
-
-    /// Plans the rest, the sum of `nodes`; returns its terms.
-    fn make_rest(&mut self, nodes: &[(usize, Vec3)], mut limit: Limit, steps: &mut Vec<Step>) -> Vec<Term> {
+    /// Plans the rest, the sum of `nodes`; returns its terms. `advances`: see [`Self::ensure_image`].
+    fn make_rest(&mut self, nodes: &[(usize, Vec3)], advances: &Advances, steps: &mut Vec<Step>) -> Vec<Term> {
         (self.rest_is_coarse, self.lacking) = (false, 0);
         let mut slots = Vec::new();
         let mut kept = 0.0;
         let mut nodes = nodes.iter().filter(|(_, scale)| *scale != Vec3::ZERO).peekable();
         while let Some(&(node, scale)) = nodes.next() {
-            match self.ensure_image(node, &mut limit, steps) {
-                Some(slot) => {
-                    self.rest_is_coarse |= self.nodes[node].coarse;
-                    self.slots.pin(slot);
-                    slots.push((slot, scale));
-                }
-                None => self.rest_is_coarse = true,
+            let (slot, lacking) = self.ensure_image(node, advances, steps);
+            self.lacking += lacking;
+            self.rest_is_coarse |= lacking > 0;
+            if let Some(slot) = slot {
+                self.rest_is_coarse |= self.nodes[node].coarse;
+                self.slots.pin(slot);
+                slots.push((slot, scale));
             }
             if slots.len() == BATCH || (nodes.peek().is_none() && !slots.is_empty()) {
                 slots.iter().for_each(|(slot, _)| self.slots.unpin(*slot));
@@ -465,57 +470,47 @@ impl LightCache {
         if kept > 0.0 { vec![rest] } else { Vec::new() }
     }
 
-    /// Plans `node`'s image unless it is valid; returns its slot, or `None` if the limit allows no image below the node.
-    fn ensure_image(&mut self, node: usize, limit: &mut Limit, steps: &mut Vec<Step>) -> Option<usize> {
-        let Node { slot, changed, children, light, .. } = self.nodes[node];
+    /// Plans `node`'s image unless it is valid. Only the leaves of `advances` get images or more points. Returns its slot, or `None` if no light below the node has an image, and the number of lights that lack one.
+    fn ensure_image(&mut self, node: usize, advances: &Advances, steps: &mut Vec<Step>) -> (Option<usize>, usize) {
+        let Node { slot, changed, children, light, lacking, .. } = self.nodes[node];
         if let Some(light) = light {
             let is_emitter = self.rig.lights[light].kind == LightKind::Emitter;
-            match slot {
-                None if changed.is_none() && !is_emitter => {
-                    if limit.images == 0 {
-                        self.lacking += 1;
-                        return None;
-                    }
-                    limit.images -= 1;
-                }
-                Some(slot) if changed.is_none() && !limit.gives_points => {
-                    self.slots.use_at(slot, self.clock);
-                    return Some(slot);
-                }
-                _ => {}
+            let most = advances.of(node, slot.is_some());
+            if changed.is_none() && !self.nodes[node].is_complete() && !is_emitter && most.is_none() {
+                slot.inspect(|&slot| self.slots.use_at(slot, self.clock));
+                return (slot, usize::from(slot.is_none()));
             }
-            return Some(self.ensure_leaf(node, light, steps));
+            return (Some(self.ensure_leaf(node, light, most.unwrap_or(0), steps)), 0);
         }
         if let Some(slot) = slot {
             self.slots.use_at(slot, self.clock);
-            return Some(slot);
+            return (Some(slot), lacking);
         }
         let children = children.expect("a node without light has children");
         let mut terms = Vec::with_capacity(2);
-        let (mut coarse, mut is_lacking) = (false, false);
+        let (mut coarse, mut lacking) = (false, 0);
         for child in children {
             let scale = self.scale(child);
             if scale != Vec3::ZERO {
-                let Some(slot) = self.ensure_image(child, limit, steps) else {
-                    is_lacking = true;
-                    continue;
-                };
+                let (slot, lacking_below) = self.ensure_image(child, advances, steps);
+                lacking += lacking_below;
+                let Some(slot) = slot else { continue };
                 coarse |= self.nodes[child].coarse;
                 self.slots.pin(slot);
                 terms.push((slot, scale));
             }
         }
-        if is_lacking && terms.is_empty() {
-            return None;
+        if lacking > 0 && terms.is_empty() {
+            return (None, lacking);
         }
         let target = self.take_slot(node);
-        self.nodes[node].coarse = coarse || is_lacking;
+        (self.nodes[node].coarse, self.nodes[node].lacking) = (coarse || lacking > 0, lacking);
         for (slot, _) in &terms {
             self.slots.unpin(*slot);
         }
         let terms = terms.into_iter().map(|(slot, scale)| Term { source: Source::Slot(slot), scale }).collect();
         steps.push(Step::Sum { target: Source::Slot(target), terms, kept: 0.0 });
-        Some(target)
+        (Some(target), lacking)
     }
 
     /// Assigns `node` a free slot or the least recently used one, for its image.
@@ -530,7 +525,7 @@ impl LightCache {
         if let Some(evicted) = evicted {
             let node = &mut self.nodes[evicted];
             if node.slot == Some(slot) {
-                (node.slot, node.coarse) = (None, false);
+                (node.slot, node.coarse, node.lacking) = (None, false, 0);
             }
             node.changed = node.changed.filter(|&changed| changed != slot);
             self.stop_growing(evicted, slot);
@@ -540,7 +535,7 @@ impl LightCache {
 
     /// Discards `node`'s image.
     fn release(&mut self, node: usize) {
-        self.nodes[node].coarse = false;
+        (self.nodes[node].coarse, self.nodes[node].lacking) = (false, 0);
         (self.nodes[node].needed, self.nodes[node].needed_by_whole) = (None, None);
         self.release_changed(node);
         if let Some(slot) = self.nodes[node].slot.take() {
@@ -570,6 +565,20 @@ impl LightCache {
         while let Some(n) = above {
             self.release(n);
             above = self.nodes[n].parent;
+        }
+    }
+
+    /// After a leaf's image changed: invalidates the sums above it that lack it or some of its points.
+    fn release_coarse_above(&mut self, leaf: usize) {
+        let mut above = self.nodes[leaf].parent;
+        while let Some(n) = above {
+            if self.nodes[n].coarse {
+                self.release(n);
+            }
+            above = self.nodes[n].parent;
+        }
+        if self.rest_is_coarse {
+            self.rest = None;
         }
     }
 

@@ -451,10 +451,20 @@ impl Relighter {
         self.execute_or_invalidate(&plan, None)
     }
 
-    /// Number of lights in the last picture, and of all; `None` if it lacks none. See [`Request::new_lights`].
+    /// Number of lights in the last picture, and of all; `None` if it lacks none. See [`Request::most_points`].
     pub fn lights_shown(&self) -> Option<[usize; 2]> {
         let all = self.rig().lights.len();
         Some(self.cache.lacking()).filter(|lacking| *lacking > 0).map(|lacking| [all - lacking, all])
+    }
+
+    /// Whether a picture lacked no light since all images were invalid.
+    pub fn was_whole(&self) -> bool {
+        self.cache.was_whole()
+    }
+
+    /// Points of lights outside of the focus that the last picture shaded; see [`Request::most_points`].
+    pub fn points_in_rest(&self) -> usize {
+        self.cache.points_in_rest()
     }
 
     /// Whether there is a slot for every image, so that none is evicted and rendered again.

@@ -13,6 +13,8 @@ use rayon::prelude::*;
 use super::exposure::{stop_color, stops};
 use super::inspect::Inspection;
 use super::light_cache::Detail;
+#[cfg(doc)]
+use super::light_cache::LightCache;
 use crate::image::display_view::DisplayView;
 use crate::physics::tone_curve::{agx, pbr_neutral, srgb};
 
@@ -24,10 +26,9 @@ pub struct Request {
     pub layers: Layers,
     /// Accuracy of the images of changed lights.
     pub detail: Detail,
-    /// Most images of lights that are begun for the whole picture while all images are being made, besides those of lights
-    /// in the focus. The picture lacks further lights; see [`lights_shown`](super::Relighter::lights_shown). Not for
-    /// [`Detail::Exact`].
-    pub new_lights: usize,
+    /// Points of lights outside of the focus that the whole picture shades at most, about: see [`LightCache::plan`]. It may
+    /// lack lights; see [`lights_shown`](super::Relighter::lights_shown). Not for [`Detail::Exact`].
+    pub most_points: usize,
     /// Stops; not applied to scene-linear output.
     pub exposure: f32,
     /// Maps scene-linear radiance to the display; not applied to scene-linear output.
@@ -42,7 +43,7 @@ impl Default for Request {
             picture: Picture::Whole,
             layers: Layers::All,
             detail: Detail::Exact,
-            new_lights: usize::MAX,
+            most_points: usize::MAX,
             exposure: 0.0,
             tone_map: ToneMap::Agx,
             inspection: Inspection::default(),

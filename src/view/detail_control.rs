@@ -6,11 +6,12 @@ use crate::gpu::PassTime;
 use crate::relight::Detail;
 
 /// Keeps frames within a time budget: if an exact frame exceeds it, lights are shaded coarsely during a drag and
-/// exactly at rest. Images of thousands of lights are begun over several frames, so that the window answers meanwhile.
+/// exactly at rest. Thousands of lights, and points of lights with a size, are shaded over several frames, so that the
+/// window answers meanwhile.
 pub struct DetailControl {
     budget: Duration,
-    /// See [`DetailControl::new_lights`].
-    new_lights: f64,
+    /// See [`DetailControl::most_points`].
+    most_points: f64,
     /// Duration of the last exact frame that shaded lights.
     exact: Option<Duration>,
     /// Time at which the last edit was shown.
@@ -19,32 +20,32 @@ pub struct DetailControl {
 
 /// Edits at shorter intervals are one drag; keys repeat within 0.1 s.
 const DRAG_INTERVAL: Duration = Duration::from_millis(180);
-/// Time for images of lights in frames that begin only some of them, milliseconds.
-const SOME_LIGHTS_MS: f64 = 250.0;
-/// Pixels of all images together that the first such frame begins. A processor takes about that time for them.
+/// Time in which a frame shades lights outside of the focus, milliseconds.
+const REST_MS: f64 = 250.0;
+/// Points times pixels that the first such frame shades. A processor takes about that time for them.
 const FIRST_PIXELS: f64 = (1 << 22) as f64;
 
 impl DetailControl {
     /// A budget of zero disables coarse pictures. `size`: of the picture, pixels.
     pub fn new(budget: Duration, size: [u32; 2]) -> Self {
-        let new_lights = FIRST_PIXELS / (f64::from(size[0]) * f64::from(size[1]));
-        Self { budget, new_lights, exact: None, edited: None }
+        let most_points = FIRST_PIXELS / (f64::from(size[0]) * f64::from(size[1]));
+        Self { budget, most_points, exact: None, edited: None }
     }
 
-    /// Returns how many images of lights a frame may begin while all are being made.
-    pub fn new_lights(&self) -> usize {
-        self.new_lights.max(1.0) as usize
+    /// Returns how many points of lights a frame may shade; see [`Request::most_points`](crate::relight::Request).
+    pub fn most_points(&self) -> usize {
+        self.most_points.max(1.0) as usize
     }
 
-    /// Records the passes of a frame that lacks lights.
-    pub fn lacked_lights(&mut self, passes: &[PassTime]) {
-        if !passes.iter().any(|pass| pass.name == "shade light") {
-            return; // it began none
+    /// Records the passes of a frame, and how many points of lights outside of the focus it shaded.
+    pub fn shaded(&mut self, points: usize, passes: &[PassTime]) {
+        if points == 0 {
+            return;
         }
         let composite = passes.iter().find(|pass| pass.name == "composite").map(|pass| pass.start_ms);
         let ends = passes.iter().map(|pass| pass.start_ms + pass.ms);
-        let change = SOME_LIGHTS_MS / composite.unwrap_or_else(|| ends.fold(0.0, f64::max)).max(1.0);
-        self.new_lights = (self.new_lights * change.clamp(0.25, 4.0)).clamp(1.0, 1e6);
+        let fitting = points as f64 * REST_MS / composite.unwrap_or_else(|| ends.fold(0.0, f64::max)).max(1.0);
+        self.most_points = fitting.clamp(0.25 * self.most_points, 4.0 * self.most_points).clamp(1.0, 1e6);
     }
 
     /// Returns the level of detail for an edit at `now`.
@@ -95,18 +96,19 @@ mod tests {
     }
 
     #[test]
-    fn frames_begin_as_many_lights_as_their_time_allows() {
+    fn frames_shade_as_many_points_as_their_time_allows() {
         let mut control = DetailControl::new(ms(33), [3840, 2160]);
-        assert_eq!(control.new_lights(), 1);
+        assert_eq!(control.most_points(), 1);
+        let pass = |name, start_ms, ms| PassTime { name, processor: Processor::Gpu, start_ms, ms };
         for _ in 0..20 {
-            let pass = |name, start_ms, ms| PassTime { name, processor: Processor::Gpu, start_ms, ms };
-            let took = 2.0 * control.new_lights() as f64;
-            control.lacked_lights(&[pass("shade light", 0.0, took), pass("composite", took, 900.0)]);
+            let points = control.most_points();
+            let took = 2.0 * points as f64;
+            control.shaded(points, &[pass("shade light", 0.0, took), pass("composite", took, 900.0)]);
         }
-        let before = control.new_lights();
-        control.lacked_lights(&[]);
-        assert_eq!(control.new_lights(), before, "a frame that shades nothing tells nothing");
-        assert!((120..130).contains(&control.new_lights()), "{} lights of 2 ms", control.new_lights());
+        let before = control.most_points();
+        control.shaded(0, &[pass("composite", 0.0, 900.0)]);
+        assert_eq!(control.most_points(), before, "a frame that shades nothing tells nothing");
+        assert!((120..130).contains(&before), "{before} points of 2 ms");
     }
 
     #[test]

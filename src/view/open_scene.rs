@@ -295,7 +295,7 @@ impl OpenScene {
             picture,
             layers,
             detail,
-            new_lights: self.detail_control.new_lights(),
+            most_points: self.detail_control.most_points(),
             exposure: view.exposure,
             tone_map: view.curve(),
             inspection: Inspection { histogram: view.views.has(Aid::Histogram), probe },
@@ -353,7 +353,7 @@ impl OpenScene {
             }
         };
         if self.is_refined {
-            (request.detail, request.new_lights) = (Detail::Exact, usize::MAX);
+            (request.detail, request.most_points) = (Detail::Exact, usize::MAX);
         }
         let comparison = comparing.and_then(|comparing| Some(self.comparison_image.as_ref()?.overlay(comparing.kind)));
         relighter.show(request, Screen { comparison, ..screen })?;
@@ -368,8 +368,8 @@ impl OpenScene {
         let lights = self.overlay.lights.map_or(usize::MAX, |[lights, _]| lights);
         // Coarse pictures go on with sums that lack lights.
         self.shown = (detail != Detail::Coarse).then_some((shown, lights));
-        if self.overlay.lights.is_some() {
-            self.detail_control.lacked_lights(self.relighter.times());
+        if !self.is_refined {
+            self.detail_control.shaded(self.relighter.points_in_rest(), self.relighter.times());
         }
         if self.times().iter().any(|pass| pass.name == "shade light") {
             self.detail_control.shown(Instant::now(), edited, detail, start.elapsed());
@@ -380,18 +380,19 @@ impl OpenScene {
     /// Makes images of lights for the whole picture, if there may be lights without image; the request then begins no more.
     /// Returns how many lights have one; `usize::MAX` for all.
     fn make_images(&mut self, request: &mut Request) -> Result<usize> {
-        let may_lack = request.picture == Picture::Whole && self.desk.rig().lights.len() > request.new_lights;
-        if !may_lack || self.converge.ready(&self.opened, self.desk.rig(), request.layers)?.is_some() {
+        if request.picture != Picture::Whole
+            || self.relighter.was_whole()
+            || self.converge.ready(&self.opened, self.desk.rig(), request.layers)?.is_some()
+        {
             return Ok(usize::MAX);
         }
         self.sync_lights()?;
         self.layers = request.layers;
         self.relighter.set_changes(self.final_gathering.changes())?;
         self.relighter.advance(request.clone())?;
-        request.new_lights = 0;
-        let Some([lights, _]) = self.relighter.lights_shown() else { return Ok(usize::MAX) };
-        self.detail_control.lacked_lights(self.relighter.times());
-        Ok(lights)
+        request.most_points = 0;
+        self.detail_control.shaded(self.relighter.points_in_rest(), self.relighter.times());
+        Ok(self.relighter.lights_shown().map_or(usize::MAX, |[lights, _]| lights))
     }
 
     /// Draws the aids over the picture; `scale` is physical pixels per point.
@@ -479,8 +480,8 @@ impl OpenScene {
     /// Chooses the exposure for the current lights, as far as they have images.
     pub fn choose_exposure(&mut self, view: &mut ViewState) -> Result<()> {
         self.sync_lights()?;
-        let (layers, new_lights) = (self.layers, self.detail_control.new_lights());
-        let request = Request { layers, new_lights, detail: Detail::Progressive, ..Request::default() };
+        let (layers, most_points) = (self.layers, self.detail_control.most_points());
+        let request = Request { layers, most_points, detail: Detail::Progressive, ..Request::default() };
         view.exposure = exposure::automatic(self.relighter.linear(request)?);
         view.provisional_exposure = self.relighter.lights_shown().map(|[shown, _]| (view.exposure, shown));
         Ok(())

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Detail, LightCache, Plan, Source, Step, Term};
+use super::{LightCache, Plan, Source, Step, Term};
 use crate::scene::Rig;
 
 impl LightCache {
@@ -20,13 +20,12 @@ impl LightCache {
         }
     }
 
-    /// Plans a leaf's image, with its change, unless it is valid; returns its slot.
-    pub(super) fn ensure_leaf(&mut self, leaf: usize, light: usize, steps: &mut Vec<Step>) -> usize {
+    /// Plans a leaf's image, with its change, unless it is valid; returns its slot. `most`: see [`Self::add_points`].
+    pub(super) fn ensure_leaf(&mut self, leaf: usize, light: usize, most: u32, steps: &mut Vec<Step>) -> usize {
         if let Some(slot) = self.nodes[leaf].changed {
             self.slots.use_at(slot, self.clock);
             return slot;
         }
-        let most = if self.detail == Detail::Progressive { 1 } else { u32::MAX };
         let slot = self.add_points(leaf, light, most, steps);
         let node = &self.nodes[leaf];
         let Some(change) = node.change.filter(|_| node.is_complete() && !node.coarse) else { return slot };
@@ -51,6 +50,7 @@ impl LightCache {
         self.clock += 1;
         let mut plan = Plan::default();
         let slot = self.add_points(self.leaf_of[light], light, u32::MAX, &mut plan.steps);
+        self.release_coarse_above(self.leaf_of[light]);
         plan.picture.push(Term { source: Source::Slot(slot), scale: Vec3::ONE });
         plan
     }
@@ -58,7 +58,7 @@ impl LightCache {
     /// Whether the exact image of one light is there.
     pub fn is_complete(&self, light: usize) -> bool {
         let node = &self.nodes[self.leaf_of[light]];
-        node.slot.is_some() && node.is_complete() && !node.coarse
+        node.is_complete() && !node.coarse
     }
 
     /// Gives the image of a light as many points as it has in another cache for the same rig, if that is known.

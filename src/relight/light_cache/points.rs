@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Detail, LightCache, LightPoints, Shade, Source, Step, Term};
+use super::{Detail, LightCache, LightPoints, Node, Shade, Source, Step, Term};
 use crate::scene::{Light, LightKind};
 
 /// Points of the lattices of a light with a size: those of each join those before. The last one is for domes alone, of
@@ -102,6 +102,24 @@ impl LightCache {
         target
     }
 
+    /// Whether a leaf's image lacks points that it can get now.
+    pub(super) fn gets_points(&self, leaf: usize) -> bool {
+        let waits = self.is_at_checkpoint(leaf) && self.compared.is_some_and(|compared| compared != leaf);
+        self.detail != Detail::Coarse && !self.nodes[leaf].is_complete() && !waits
+    }
+
+    /// Whether a leaf's image is compared from its points on.
+    pub(super) fn is_at_checkpoint(&self, leaf: usize) -> bool {
+        self.nodes[leaf].needed.is_none() && CHECKPOINTS.contains(&self.nodes[leaf].points)
+    }
+
+    /// Points of an incomplete leaf's image when it will be shown, compared or complete next.
+    pub(super) fn stage(&self, leaf: usize) -> u32 {
+        let Node { points, needed, .. } = self.nodes[leaf];
+        let next = std::iter::once(SHOWN_POINTS).chain(CHECKPOINTS).find(|&next| next > points);
+        needed.into_iter().chain(next).min().expect("no image has the points of all lattices and lacks some")
+    }
+
     /// Tells what a [`Step::Compare`] found: how much the image of a light changed since the checkpoint before; root mean
     /// square, relative to the image.
     pub fn set_change(&mut self, light: usize, change: f32) {
@@ -110,6 +128,8 @@ impl LightCache {
         if change <= LEAST_CHANGE || node.points == lattices.iter().sum::<u32>() {
             (node.needed, node.coarse) = (Some(node.points), false);
             self.compared = None;
+            self.release_above(self.leaf_of[light]);
+            self.rest = None;
         }
     }
 

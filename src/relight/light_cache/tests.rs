@@ -195,6 +195,39 @@ fn pictures_lack_lights_until_all_have_images() {
     }
 }
 
+/// Hundreds of lights with a size get their points over several pictures, each of which shades few and sums few images.
+#[test]
+fn points_of_many_lights_come_over_several_pictures() {
+    let mut rig = rig(100, 3);
+    rig.lights.iter_mut().for_each(|light| light.radius = 1.0);
+    let slot_count = LightCache::slot_range(rig.lights.len()).1;
+    let mut cache = LightCache::new(&rig, slot_count, HashMap::new());
+    cache.set_detail(Detail::Progressive);
+    let mut numbers = Numbers::new(slot_count);
+    for frame in 0..20_000 {
+        rig.lights[5].intensity = f64::from(1 + frame / 100);
+        cache.set_rig(&rig, slot_count);
+        let plan = cache.plan(16);
+        let shades = plan.steps.iter().filter_map(Step::as_shade).count();
+        // Besides those of light 5, which is in the focus.
+        let most = match frame {
+            0..7 => 16,
+            _ if frame % 100 == 0 => 0,
+            _ => 2,
+        };
+        assert!(shades <= most + 1, "{shades} shades in frame {frame}");
+        assert!(plan.steps.len() <= 80, "{} steps in frame {frame}", plan.steps.len());
+        let picture = run(&mut cache, &mut numbers, &rig, plan);
+        if !cache.is_coarse() {
+            assert!(is_near(&rig, picture, truth(&rig)));
+            // As in `pictures_at_rest_become_exact`; light 0 is black.
+            assert_eq!(numbers.shaded, 100 + (34 * 256 + 66 * 1280) / POINTS_A_STEP as usize);
+            return;
+        }
+    }
+    panic!("the picture is still coarse");
+}
+
 proptest! {
     /// For any edits in any order and any number of slots, the picture is the sum of all lights. A coarse picture is
     /// reported as coarse, and its exact version is that sum again.
@@ -216,7 +249,7 @@ proptest! {
         let mut cache = LightCache::new(&rig, slot_count, emitters);
         let mut numbers = Numbers::new(slot_count);
         let mut detail = Detail::Exact;
-        let mut new_lights = usize::MAX;
+        let mut most_points = usize::MAX;
         // By name of the light.
         let mut changes = HashMap::new();
         for (kind, which, amount) in edits {
@@ -251,7 +284,7 @@ proptest! {
                     run(&mut cache, &mut numbers, &rig, plan);
                 }
                 15 if lights > 0 => _ = changes.insert(rig.lights[which % lights].name.clone(), amount as u64),
-                17 => new_lights = amount % 5,
+                17 => most_points = amount % 5,
                 16 if lights > 0 => _ = changes.remove(&rig.lights[which % lights].name),
                 _ => {}
             }
@@ -268,7 +301,7 @@ proptest! {
             if detail == Detail::Exact {
                 decide(&mut cache, &mut numbers, &rig);
             }
-            let plan = cache.plan(if detail == Detail::Exact { usize::MAX } else { new_lights });
+            let plan = cache.plan(if detail == Detail::Exact { usize::MAX } else { most_points });
             let picture = run(&mut cache, &mut numbers, &rig, plan);
             prop_assert!(detail != Detail::Exact || !cache.is_coarse());
             prop_assert!(cache.lacking() == 0 || cache.is_coarse());

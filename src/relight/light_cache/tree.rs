@@ -9,21 +9,7 @@ use crate::scene::{Light, Rig};
 impl LightCache {
     /// Builds the tree of the rig: a balanced one below each group.
     pub(super) fn build_tree(&mut self) {
-        let leaf = |light| Node {
-            parent: None,
-            children: None,
-            light: Some(light),
-            group: None,
-            slot: None,
-            coarse: false,
-            growing: None,
-            is_interleaved: false,
-            points: 0,
-            needed: None,
-            needed_by_whole: None,
-            change: None,
-            changed: None,
-        };
+        let leaf = |light| Node { light: Some(light), ..Node::default() };
         self.nodes = (0..self.rig.lights.len()).map(leaf).collect();
         self.leaf_of = (0..self.rig.lights.len()).collect();
         self.node_of_group = vec![None; self.rig.groups.len()];
@@ -50,21 +36,7 @@ impl LightCache {
                 let (left, right) = nodes.split_at(nodes.len() / 2);
                 let children = [self.balance(left)?, self.balance(right)?];
                 let this = self.nodes.len();
-                self.nodes.push(Node {
-                    parent: None,
-                    children: Some(children),
-                    light: None,
-                    group: None,
-                    slot: None,
-                    coarse: false,
-                    growing: None,
-                    is_interleaved: false,
-                    points: 0,
-                    needed: None,
-                    needed_by_whole: None,
-                    change: None,
-                    changed: None,
-                });
+                self.nodes.push(Node { children: Some(children), ..Node::default() });
                 for child in children {
                     self.nodes[child].parent = Some(this);
                 }
