@@ -21,9 +21,9 @@ pub struct DetailControl {
 /// Edits at shorter intervals are one drag; keys repeat within 0.1 s.
 const DRAG_INTERVAL: Duration = Duration::from_millis(180);
 /// Time in which a frame shades lights outside of the focus, milliseconds.
-const REST_MS: f64 = 250.0;
+const REST_MS: f64 = 100.0;
 /// Points times pixels that the first such frame shades. A processor takes about that time for them.
-const FIRST_PIXELS: f64 = (1 << 22) as f64;
+const FIRST_PIXELS: f64 = (1 << 21) as f64;
 
 impl DetailControl {
     /// A budget of zero disables coarse pictures. `size`: of the picture, pixels.
@@ -108,7 +108,7 @@ mod tests {
         let before = control.most_points();
         control.shaded(0, &[pass("composite", 0.0, 900.0)]);
         assert_eq!(control.most_points(), before, "a frame that shades nothing tells nothing");
-        assert!((120..130).contains(&before), "{before} points of 2 ms");
+        assert!((48..53).contains(&before), "{before} points of 2 ms");
     }
 
     #[test]

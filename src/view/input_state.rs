@@ -32,7 +32,7 @@ pub struct InputState {
 pub struct InputContext<'a> {
     pub open_scene: Option<&'a mut OpenScene>,
     pub view: &'a ViewState,
-    /// Mouse position before the events.
+    /// Mouse position before the events, then before the one that is taken.
     pub pointer: Pointer,
     pub pixels_per_point: f32,
     pub ui_wants_keys: bool,
@@ -90,6 +90,7 @@ impl InputState {
         events.retain(|event| match event {
             Event::PointerMoved(at) => {
                 self.moved(*at, context.pixels_per_point, &mut result);
+                context.pointer.at = Some([at.x, at.y].map(|x| x * context.pixels_per_point));
                 true
             }
             Event::PointerGone => {
@@ -116,6 +117,14 @@ impl InputState {
                     self.dragging = None;
                     result.actions.push(Action::EndDrag);
                 }
+                true
+            }
+            // A window without the focus hears no releases.
+            Event::WindowFocused(false) => {
+                if self.dragging.take().is_some() | self.grabbed.take().is_some() {
+                    result.actions.push(Action::EndDrag);
+                }
+                self.panning = false;
                 true
             }
             Event::Key { key, pressed: true, repeat, modifiers, .. } => {
