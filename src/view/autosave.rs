@@ -29,6 +29,8 @@ pub struct Autosave {
 enum Job {
     Write(Box<Rig>),
     Remove,
+    /// The next write takes another file.
+    Leave,
 }
 
 /// Highest number of a file that a crash left for the next window to find.
@@ -48,6 +50,10 @@ impl Autosave {
                 let outcome = match job {
                     Job::Write(rig) => rig.save(&held.get_or_insert_with(|| Held::unused(&of)).path),
                     Job::Remove => held.take().map_or(Ok(()), Held::remove),
+                    Job::Leave => {
+                        held = None;
+                        Ok(())
+                    }
                 };
                 if answer.send(outcome).is_err() {
                     return;
@@ -94,6 +100,12 @@ impl Autosave {
     /// Discards the file that was found: the next [`Self::update`] overwrites or removes it.
     pub fn discard_found(&mut self) {
         self.written = ([u64::MAX; 2], true);
+    }
+
+    /// Leaves the file that was found as it is.
+    pub fn leave_found(&mut self) {
+        self.found = None;
+        self.send(Job::Leave);
     }
 
     /// Removes the file and stops the writer.
@@ -287,5 +299,23 @@ mod tests {
         next.autosave.discard_found();
         next.write();
         assert!(!path("rig.autosave.2.toml").exists() && path("rig.autosave.toml").exists());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_recovered_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = folder.path().join("rig.toml");
+        let left = folder.path().join("rig.autosave.toml");
+        std::fs::write(&left, "no rig").unwrap();
+        let mut window = Window::open(&of);
+        assert!(window.autosave.found(&window.desk.rig_to_save()).unwrap().is_err());
+        window.autosave.leave_found();
+        window.brighten(1.0);
+        assert_eq!(files(folder.path()), ["rig.autosave.2.lock", "rig.autosave.2.toml", "rig.autosave.toml"]);
+        window.autosave.remove().unwrap();
+        assert_eq!(
+            (files(folder.path()), std::fs::read_to_string(left).unwrap().as_str()),
+            (vec!["rig.autosave.toml".to_owned()], "no rig")
+        );
     }
 }

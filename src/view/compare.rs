@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::desk::Desk;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, ComparisonOverlay, Context, Pixels};
+use crate::image::png::srgb8_from_linear;
 use crate::relight::{Picture, Relighter, Request, ToneMap};
 
 /// An active comparison with a snapshot.
@@ -97,7 +98,7 @@ impl ComparisonImage {
             let (_, then) = self.linear.as_ref().expect("made above");
             let scale = exposure.exp2();
             let apart = |(a, b): (&[f32; 3], &[f32; 3])| {
-                let channel = |c: usize| encoded(scale * (a[c] - b[c]).abs());
+                let channel = |c: usize| srgb8_from_linear(scale * (a[c] - b[c]).abs());
                 [channel(0), channel(1), channel(2), 255]
             };
             write(&mut self.buffer, now.iter().zip(then).map(apart), blue_first);
@@ -120,11 +121,4 @@ fn write(buffer: &mut Buffer<u32>, pixels: impl Iterator<Item = [u8; 4]>, blue_f
     for (word, [r, g, b, a]) in buffer.host_mut().iter_mut().zip(pixels) {
         *word = u32::from_le_bytes(if blue_first { [b, g, r, a] } else { [r, g, b, a] });
     }
-}
-
-/// Encodes a linear value as 8-bit sRGB.
-fn encoded(x: f32) -> u8 {
-    let x = x.clamp(0.0, 1.0);
-    let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
-    (255.0 * encoded).round() as u8
 }

@@ -207,7 +207,7 @@ impl Converge {
         match outcome {
             // Not fatal: the picture remains without extra samples.
             Err(error) => {
-                tracing::warn!("edges are not refined and have one sample per pixel: {error}");
+                tracing::warn!("edges are not refined and have one sample per pixel: {}", error.chain());
                 (self.relighter, self.samples) = (None, 1);
             }
             Ok(()) => self.has = Some((refinement.edges, refinement.of)),

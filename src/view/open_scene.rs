@@ -452,23 +452,26 @@ impl OpenScene {
     /// Writes edits to the autosave file.
     pub(super) fn update_autosave(&mut self) {
         if let Err(error) = self.autosave.update(&self.desk) {
-            self.desk.message = format!("AUTOSAVE FAILED: {error}");
+            self.desk.message = format!("AUTOSAVE FAILED: {}", error.chain());
         }
     }
 
     /// If a crash left an autosave file, asks whether to recover it.
     pub fn ask_to_recover(&mut self, view: &mut ViewState) {
-        match self.autosave.found(&self.desk.rig_to_save()) {
-            None => {}
-            Some(Ok(rig)) => {
-                if let Err(reason) = rig.check_links(&self.opened.scene) {
-                    self.desk.message = format!("unsaved edits were found but do not fit the scene: {reason}");
-                    return;
-                }
+        let Some(found) = self.autosave.found(&self.desk.rig_to_save()) else { return };
+        let fitting = found.map_err(|error| format!("cannot be read: {}", error.chain())).and_then(|rig| {
+            let fits = rig.check_links(&self.opened.scene);
+            fits.map(|()| rig).map_err(|reason| format!("do not fit the scene: {reason}"))
+        });
+        match fitting {
+            Ok(rig) => {
                 self.desk.message = "unsaved edits were found".into();
                 view.dialog = Some(Dialog::Recover(Box::new(rig)));
             }
-            Some(Err(error)) => self.desk.message = format!("unsaved edits were found but cannot be read: {error}"),
+            Err(reason) => {
+                self.desk.message = format!("unsaved edits were found but {reason}");
+                self.autosave.leave_found();
+            }
         }
     }
 
@@ -670,7 +673,7 @@ impl OpenScene {
             };
             self.desk.message = match &exported {
                 Ok(()) => format!("exported {}; Blender draws the edges of cones differently", path.display()),
-                Err(error) => format!("NOT EXPORTED: {error}"),
+                Err(error) => format!("NOT EXPORTED: {}", error.chain()),
             };
             return exported.is_ok();
         }
@@ -689,8 +692,7 @@ impl OpenScene {
                 true
             }
             Err(error) => {
-                let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
-                self.desk.message = format!("NOT SAVED: {error}{}", cause.unwrap_or_default());
+                self.desk.message = format!("NOT SAVED: {}", error.chain());
                 false
             }
         }

@@ -91,7 +91,7 @@ impl ShotSheet {
                 shot.is_complete = true;
                 shot.note.clear();
             }
-            LoadEvent::Ended(Err(error)) => shot.note = error.to_string(),
+            LoadEvent::Ended(Err(error)) => shot.note = error.chain(),
             _ => unreachable!("other messages are of the shown camera"),
         }
         Ok(())
@@ -128,7 +128,7 @@ impl ShotSheet {
             let Opened { scene, framebuffer, transfer, rig, .. } = opened;
             match Relighter::new(context, scene, framebuffer, transfer.as_ref(), rig, settings) {
                 Ok(relighter) => shot.relighter = Some(relighter),
-                Err(error) => shot.note = error.to_string(),
+                Err(error) => shot.note = error.chain(),
             }
         }
         shot.relighter.as_mut()
@@ -145,7 +145,7 @@ impl ShotSheet {
                     shot.note.clear();
                 }
             }
-            Err(error) => shot.note = error.to_string(),
+            Err(error) => shot.note = error.chain(),
         }
     }
 

@@ -14,6 +14,10 @@ impl OpenScene {
         let is_there = |comparing: &Comparing| self.desk.snapshots().get(comparing.slot).is_some();
         let comparing = view.comparing.filter(|_| view.views.view == View::Beauty).filter(is_there);
         let Some(comparing) = comparing else { return Ok(None) };
+        if let Err(reason) = self.check_snapshot(comparing.slot) {
+            self.desk.message = reason;
+            return Ok(None);
+        }
         self.sync_lights()?;
         if self.comparison_image.is_none() {
             self.comparison_image = Some(ComparisonImage::new(self.relighter.context(), self.picture_size())?);
@@ -33,11 +37,16 @@ impl OpenScene {
         Ok(())
     }
 
+    /// Whether a snapshot fits the scene: it may be of before that was loaded again.
+    fn check_snapshot(&self, slot: usize) -> std::result::Result<(), String> {
+        let fits = self.desk.snapshot_rig(slot).map_or(Ok(()), |rig| rig.check_links(&self.opened.scene));
+        fits.map_err(|reason| format!("slot {} does not fit the scene: {reason}", slot + 1))
+    }
+
     /// Recalls the lights of a slot. A snapshot from a file gets its thumbnail.
     pub(super) fn recall_snapshot(&mut self, slot: usize, view: &ViewState) -> Result<()> {
-        // It may be of before the scene was loaded again.
-        if let Some(Err(reason)) = self.desk.snapshot_rig(slot).map(|rig| rig.check_links(&self.opened.scene)) {
-            self.desk.message = format!("slot {} does not fit the scene: {reason}", slot + 1);
+        if let Err(reason) = self.check_snapshot(slot) {
+            self.desk.message = reason;
             return Ok(());
         }
         self.desk.recall(slot);

@@ -147,7 +147,7 @@ impl App {
                     Some(_) => "indirect light stays as it is",
                     None => "no indirect light",
                 };
-                open_scene.desk.message = format!("{what}: {error}");
+                open_scene.desk.message = format!("{what}: {}", error.chain());
                 self.remote.iter().for_each(|remote| remote.host.failed(&error));
             }
             Err(error) => self.reload_failed(&error),
