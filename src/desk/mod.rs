@@ -102,15 +102,16 @@ impl Desk {
         Ok(rig)
     }
 
-    /// Continues in a scene that was loaded again, with its [`Self::rig_in`]. If states of the history name objects that
-    /// are not there any more, nothing can be undone.
+    /// Continues in a scene that was loaded again, with its [`Self::rig_in`]. If states of the history name objects
+    /// or emissive materials that are not there any more, nothing can be undone.
     pub fn change_scene(&mut self, rig: Rig, scene: &Scene, camera: Camera) {
         let radius = scene.space.unit;
         (self.camera, self.step, self.lift) = (camera, step(radius), lift(radius));
+        let emitters = Emitters::of(scene);
         let fits = |entry: &Entry| {
             let mut rig = Rig::default();
             entry.base().put_into(&mut rig);
-            rig.check_links(scene).is_ok()
+            rig.check_links(scene).is_ok() && emitters.check(&rig).is_ok()
         };
         if !self.history.entries().iter().all(fits) {
             self.history = History::new([&self.rig, &self.base]);
@@ -270,22 +271,24 @@ impl Desk {
         if self.size_keeps == SizeKeeps::Radiance {
             apply_change::keep_radiance(&self.rig, &mut rig);
         }
-        self.replace_rig(rig, selection, name);
+        self.replace_or_tell(rig, selection, name);
+    }
+
+    /// [`Self::replace_rig`]; the message tells why it is refused.
+    fn replace_or_tell(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
+        if let Err(reason) = self.replace_rig(rig, selection, name) {
+            self.message = reason;
+        }
     }
 
     /// [`Self::commit_as`] with the lights as they are in `rig`.
-    fn replace_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) {
-        if rig == self.rig {
-            return;
+    fn replace_rig(&mut self, rig: Rig, selection: Selection, name: Option<String>) -> Result<(), String> {
+        if rig != self.rig {
+            check::check(&self.rig, &rig)?;
+            let base = self.base.edited_in_shot(&self.camera.name, [&self.rig, &rig], self.only_here)?;
+            self.record(rig, base, selection, name);
         }
-        if let Err(reason) = check::check(&self.rig, &rig) {
-            self.message = reason;
-            return;
-        }
-        match self.base.edited_in_shot(&self.camera.name, [&self.rig, &rig], self.only_here) {
-            Ok(base) => self.record(rig, base, selection, name),
-            Err(reason) => self.message = reason,
-        }
+        Ok(())
     }
 
     /// Replaces the lights of all shots.
@@ -317,9 +320,9 @@ impl Desk {
         let selection = Selection::of(self.selection.iter().filter_map(kept));
         // The switch is not theirs.
         let only_here = std::mem::replace(&mut self.only_here, false);
-        self.replace_rig(rig, selection, None);
+        let outcome = self.replace_rig(rig, selection, None);
         self.only_here = only_here;
-        Ok(())
+        outcome
     }
 
     pub fn undo(&mut self) {

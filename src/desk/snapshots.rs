@@ -104,7 +104,7 @@ impl Desk {
         let rig = self.snapshot_rig(slot).expect("it is there");
         let selection = self.selection.clone().within(rig.lights.len());
         self.snapshots.last = Some(slot);
-        self.replace_rig(rig, selection, Some(name));
+        self.replace_or_tell(rig, selection, Some(name));
         self.history.end_gesture();
     }
 
