@@ -1024,4 +1024,14 @@ fn skins_and_copies_that_are_wrong() {
             g.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["ROTATION"] = zero.into();
         }),
     );
+    // Points have no triangles, so that no number of copies is too many.
+    assert_change_refused(
+        "overrun a view",
+        copies(|g| {
+            let turns = g.f32s(&[[0.0, 0.0, 0.0, 1.0]]);
+            g.json["accessors"][turns]["count"] = (1u64 << 60).into();
+            g.json["meshes"][0]["primitives"][0]["mode"] = 0.into();
+            g.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = json!({ "ROTATION": turns });
+        }),
+    );
 }

@@ -29,23 +29,25 @@ impl Document {
 
     /// Transforms of the copies in the node's space.
     pub fn instances(&self, node: usize, attributes: &InstanceAttributes) -> Result<Vec<DAffine3>> {
-        let count = self.instance_count(node)?;
         let what = |attribute: &str| format!("{attribute} of the instances of {}", self.node_name(node));
-        let vectors = |index: Option<usize>, attribute, default: DVec3| -> Result<Vec<DVec3>> {
-            let Some(index) = index else { return Ok(vec![default; count]) };
-            let read = self.vectors::<3>(index, &what(attribute), VECTORS, &[])?;
-            Ok(read.into_iter().map(|v| DVec3::from_array(v.map(f64::from))).collect())
+        let vectors = |index: Option<usize>, attribute| {
+            index.map(|index| self.vectors::<3>(index, &what(attribute), VECTORS, &[])).transpose()
         };
-        let translations = vectors(attributes.translation, "TRANSLATION", DVec3::ZERO)?;
-        let scales = vectors(attributes.scale, "SCALE", DVec3::ONE)?;
-        let rotations = match attributes.rotation {
-            Some(index) => self.vectors::<4>(index, &what("ROTATION"), ROTATIONS, &[])?,
-            None => vec![[0.0, 0.0, 0.0, 1.0]; count],
+        let translations = vectors(attributes.translation, "TRANSLATION")?;
+        let scales = vectors(attributes.scale, "SCALE")?;
+        let rotations = attributes.rotation;
+        let rotations =
+            rotations.map(|index| self.vectors::<4>(index, &what("ROTATION"), ROTATIONS, &[])).transpose()?;
+        // Those that are given were read: there are as many values in the file.
+        let count = self.instance_count(node)?;
+        let vector = |list: &Option<Vec<[f32; 3]>>, i: usize, default: DVec3| {
+            list.as_ref().map_or(default, |list| DVec3::from_array(list[i].map(f64::from)))
         };
-        let poses = translations.into_iter().zip(rotations).zip(scales).enumerate();
-        poses
-            .map(|(i, ((translation, rotation), scale))| {
-                let rotation = DQuat::from_array(rotation.map(f64::from));
+        (0..count)
+            .map(|i| {
+                let (translation, scale) = (vector(&translations, i, DVec3::ZERO), vector(&scales, i, DVec3::ONE));
+                let rotation =
+                    rotations.as_ref().map_or(DQuat::IDENTITY, |list| DQuat::from_array(list[i].map(f64::from)));
                 if !rotation.length_squared().is_normal() {
                     return Err(self.error(format!("{}: copy {i}: not a quaternion", what("ROTATION"))));
                 }

@@ -81,7 +81,7 @@ fn image_size(document: &Document) -> Option<[u32; 2]> {
     let extras = scene.extras.as_ref()?;
     let (width, height) = (extras.get("width")?, extras.get("height")?);
     let side = |value: &serde_json::Value| {
-        let side = value.as_f64().filter(|s| s.fract() == 0.0 && (1.0..=MAX_IMAGE_SIDE).contains(s));
+        let side = value.as_f64().filter(|s| s.fract() == 0.0 && (1.0..=f64::from(MAX_IMAGE_SIDE)).contains(s));
         side.map(|s| s as u32)
     };
     let size = side(width).zip(side(height)).map(|(w, h)| [w, h]);

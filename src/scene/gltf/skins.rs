@@ -58,7 +58,7 @@ impl NodePrimitive<'_> {
     /// joints.
     pub fn skinned(&self, joints: &Joints, count: usize) -> Result<Option<Vec<DAffine3>>> {
         let zero = DAffine3 { matrix3: DMat3::ZERO, translation: DVec3::ZERO };
-        let mut sums = vec![(zero, 0.0); count];
+        let mut sums = Vec::new();
         let mut firsts = Vec::new();
         for set in 0.. {
             let (Some(indices), Some(weights)) =
@@ -72,6 +72,7 @@ impl NodePrimitive<'_> {
             let what = |name: &str| format!("{}: {name}", self.what);
             let indices = self.document.vectors::<4>(indices, &what(&joints_name), &[U8, U16], &[])?;
             let weights = self.document.vectors::<4>(weights, &what(&weights_name), &[F32, U8_NORM, U16_NORM], &[])?;
+            sums.resize(count, (zero, 0.0)); // as many as were read
             for (i, (indices, weights)) in indices.iter().zip(&weights).enumerate() {
                 for (&joint, &weight) in indices.iter().zip(weights) {
                     // Integers up to 65,535, so the conversion is exact.
