@@ -295,6 +295,10 @@ fn files_of_others_are_not_replaced() {
     let ours = folder.path().join("ours.usda");
     convert(&ours).done();
     convert(&ours).done();
+    let with_more = std::fs::read_to_string(&ours).unwrap() + "\ndef Mesh \"floor\"\n{\n}\n";
+    let more = write(folder.path(), "more.usda", &with_more);
+    convert(&more).failed(&["more.usda", "choose another name"]);
+    assert_eq!(std::fs::read_to_string(&more).unwrap(), with_more);
     convert(&folder.path().join("ours.usdc")).failed(&["ours.usdc", "written as .usda"]);
     // And relume lights a scene with it.
     let mut command = relume();

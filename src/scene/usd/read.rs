@@ -32,9 +32,24 @@ pub fn load(path: &Path) -> Result<Rig> {
     Ok(exact(&stage, path, &rig).unwrap_or(rig))
 }
 
-/// Whether relume wrote the lights of a file.
+/// Whether relume wrote a file, and nobody added anything but lights.
 pub fn is_ours(path: &Path) -> bool {
-    open(path).is_ok_and(|stage| exact_text(&stage).is_some())
+    open(path).is_ok_and(|stage| exact_text(&stage).is_some() && has_only_lights(&stage).unwrap_or(false))
+}
+
+fn has_only_lights(stage: &Stage) -> Fallible<bool> {
+    for scope in children(&stage.prim(sdf::Path::abs_root()))? {
+        if scope.path().name() != Some("lights") {
+            return Ok(false);
+        }
+        for prim in children(&scope)? {
+            let type_name = prim.type_name()?.map(|name| name.to_string()).unwrap_or_default();
+            if !type_name.contains("Light") || !children(&prim)?.is_empty() {
+                return Ok(false);
+            }
+        }
+    }
+    Ok(true)
 }
 
 fn open(path: &Path) -> Fallible<Stage> {
