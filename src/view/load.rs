@@ -1,5 +1,6 @@
 //! Messages from other threads to the window: scenes, indirect light, progress, and requests of other programs.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -11,7 +12,7 @@ use super::edge_refinement::EdgeRefinement;
 use super::gathered::Gathered;
 use super::map_answer::Answer;
 use crate::bake::transfer::Transfer;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::Rig;
 use crate::session::{BakeInput, Progress, Session, SessionSettings};
 use crate::trace::bvh::TracedScene;
@@ -83,7 +84,7 @@ impl SceneSource {
         let loader = Loader::new(messenger, domes, is_cancelled.clone());
         let source = self.clone();
         // Not joined, so that closing the window does not wait for a long bake.
-        std::thread::spawn(move || loader.end(source.load(known, &loader)));
+        std::thread::spawn(move || loader.end(source.load_or_fail(known, &loader)));
         Loading { first_dome: Some(sender), is_cancelled }
     }
 
@@ -97,13 +98,21 @@ impl SceneSource {
                 source.settings.open.camera = Some(known.scene.cameras[shot].name.clone());
                 // With the first dome the sheet begins again.
                 let loader = Loader::new(messenger.of_shot(shot), channel().1, is_cancelled.clone());
-                loader.end(source.load(Some(known.clone()), &loader));
+                loader.end(source.load_or_fail(Some(known.clone()), &loader));
                 if is_cancelled.load(Ordering::Relaxed) {
                     return;
                 }
             }
         });
         loading
+    }
+
+    /// [`Self::load`]; a panic, for instance of a decoder of images, is an error.
+    fn load_or_fail(&self, known: Option<Known>, loader: &Loader) -> Result<()> {
+        let loaded = catch_unwind(AssertUnwindSafe(|| self.load(known, loader)));
+        loaded.unwrap_or_else(|_| {
+            Err(Error::import(&self.path, "loading or baking it failed; the reason is on the terminal"))
+        })
     }
 
     fn load(&self, known: Option<Known>, loader: &Loader) -> Result<()> {
