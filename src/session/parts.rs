@@ -74,12 +74,15 @@ impl Session {
 }
 
 impl Transfers {
-    /// Returns the file of what parts share, and makes it if it is not there.
+    /// Returns the file of what parts share, and makes it if it is not there or damaged.
     fn share(&self, input: BakeInput, report: &mut BakeReport, progress: &dyn Progress) -> Result<PathBuf> {
         let no_cache = || Error::invalid("a bake in parts", "parts share a file of the cache, and there is no cache");
         let path = self.shared_file(LOBE).ok_or_else(no_cache)?;
         if path.exists() {
-            return Ok(path);
+            match self.restore(&path, input, report) {
+                Ok(_) => return Ok(path),
+                Err(error) => tracing::warn!("made again: {}", error.chain()),
+            }
         }
         let prepared = self.plan.prepare(input, report, progress);
         progress.begin("training lights", 0);
@@ -131,7 +134,7 @@ impl Transfers {
     ) -> Result<()> {
         let in_cache = match paths.is_empty() {
             // An earlier join may not have removed all of them.
-            true if self.is_complete() => return self.remove_parts(&self.found_parts()?),
+            true if self.is_sound(input) => return self.remove_parts(&self.found_parts()?),
             true => self.parts_in_cache()?,
             false => Vec::new(),
         };
@@ -167,6 +170,13 @@ impl Transfers {
     fn is_complete(&self) -> bool {
         let has = |key| self.dir.as_deref().is_some_and(|dir| cache::has(dir, &key));
         has(self.key(LOBE)) && (!self.has_sky() || has(self.sky_key(LOBE)))
+    }
+
+    /// Whether the whole bake can be read from the cache.
+    fn is_sound(&self, input: BakeInput) -> bool {
+        let Some(dir) = self.dir.as_deref().filter(|_| self.is_complete()) else { return false };
+        cache::load_transfer(dir, &self.key(LOBE), input.framebuffer).is_some()
+            && (!self.has_sky() || cache::load_sky(dir, &self.sky_key(LOBE), input.framebuffer).is_some())
     }
 
     /// The files of all parts in the cache, of whatever division.
