@@ -90,7 +90,11 @@ impl Host {
                 self.server.forget(client);
                 return None;
             }
-            Inbound::Request(pending, request) => (pending, request),
+            Inbound::Request(pending, Ok(request)) => (pending, request),
+            Inbound::Request(pending, Err(reason)) => {
+                self.server.answer(pending, Err(reason));
+                return None;
+            }
         };
         let Some(Lit { desk, scene, folder }) = lit else {
             self.server.answer(pending, Err("the scene is still loading; wait for the event \"opened\"".into()));

@@ -45,7 +45,8 @@ pub struct Client(u32);
 pub enum Inbound {
     /// The client has said hello.
     Joined(Client),
-    Request(Pending, Request),
+    /// What it asks for, or why that cannot be read.
+    Request(Pending, Result<Request, String>),
     Left(Client),
 }
 
@@ -382,30 +383,25 @@ impl Shared {
     }
 
     fn read(&self, client: Client, from: &mut impl BufRead, unanswered: &Unanswered) -> io::Result<()> {
-        let refuse = |id, reason: String| {
-            if let Some(connection) = self.clients().get(&client) {
-                connection.send(refusal(id, &reason));
-            }
-        };
         loop {
             let line = match read_line(from, MOST_LINE, || Ok(())) {
                 Ok(None) => return Ok(()),
-                Ok(Some(line)) => line,
-                Err(error) if error.kind() == ErrorKind::InvalidData => {
-                    refuse(None, error.to_string());
-                    return Ok(());
-                }
+                Ok(Some(line)) => Ok(line),
+                Err(error) if error.kind() == ErrorKind::InvalidData => Err(error.to_string()),
                 Err(error) => return Err(error),
             };
-            match parse(&line) {
-                (id, Ok(Request::Hello { .. })) => refuse(id, "hello was said already".into()),
-                (id, Ok(request)) => {
-                    if !unanswered.add() {
-                        return Ok(());
-                    }
-                    (self.on)(Inbound::Request(Pending { client, id }, request));
-                }
-                (id, Err(reason)) => refuse(id, reason),
+            let goes_on = line.is_ok();
+            let (id, request) = match line.map(|line| parse(&line)) {
+                Ok((id, Ok(Request::Hello { .. }))) => (id, Err("hello was said already".into())),
+                Ok(parsed) => parsed,
+                Err(reason) => (None, Err(reason)),
+            };
+            if !unanswered.add() {
+                return Ok(());
+            }
+            (self.on)(Inbound::Request(Pending { client, id }, request));
+            if !goes_on {
+                return Ok(());
             }
         }
     }

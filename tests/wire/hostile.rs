@@ -101,6 +101,22 @@ fn ten_thousand_damaged_lines_are_answered_one_by_one() {
 }
 
 #[test]
+fn answers_come_in_the_order_of_requests() {
+    let serve = Serve::start(&balls(), "32x24");
+    let (mut client, _) = Client::opened(&serve.file, "");
+    for id in (0..30).step_by(3) {
+        client.write(json!({ "do": "picture", "id": id }).to_string().as_bytes());
+        client.write(json!({ "do": "nonsense", "id": id + 1 }).to_string().as_bytes());
+        client.write(json!({ "do": "rig", "id": id + 2 }).to_string().as_bytes());
+    }
+    let mut ids = Vec::new();
+    while ids.len() < 30 {
+        ids.extend(client.read().expect("it goes on")["id"].as_u64());
+    }
+    assert!(ids.is_sorted(), "{ids:?}");
+}
+
+#[test]
 fn nobody_enters_without_the_token() {
     let serve = Serve::start(&balls(), "32x24");
     let token = address(&serve.file).1;
