@@ -2,30 +2,24 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
 /// Writes `path` through `encode` to a temporary file next to it, then renames it: a failure leaves the previous file.
 ///
-/// A symbolic link is preserved and its target replaced; a device or pipe is written directly. If the disk fails, the
-/// error is `Error::Io` with `path`, whatever error `encode` returns.
+/// A file that is replaced keeps its permissions. A symbolic link is preserved and its target replaced; a device or pipe is
+/// written directly. If the disk fails, the error is `Error::Io` with `path`, whatever error `encode` returns.
 pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
-    write_with(path, &temporary(), encode)
+    write_with(path, false, encode)
 }
 
 /// Writes `bytes` as the whole of `path`, which nobody but this user can read.
 pub fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut private = tempfile::Builder::new(); // its default permissions are 0600
-    private.prefix(PREFIX).suffix(SUFFIX);
-    write_with(path, &private, |out| out.write_all(bytes).map_err(Error::io("write", path)))
+    write_with(path, true, |out| out.write_all(bytes).map_err(Error::io("write", path)))
 }
 
-fn write_with(
-    path: &Path,
-    temporary: &tempfile::Builder,
-    encode: impl FnOnce(&mut dyn Write) -> Result<()>,
-) -> Result<()> {
+fn write_with(path: &Path, is_private: bool, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
     match fs::metadata(path) {
         Ok(kind) if kind.is_dir() => return Err(Error::io("write", path)(io::ErrorKind::IsADirectory.into())),
         // Renaming onto /dev/null or /dev/stdout would replace the device.
@@ -35,14 +29,20 @@ fn write_with(
         }
         _ => {}
     }
-    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let folder = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
+    let folder_of = |path: &Path| match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
     };
-    let beside = temporary.tempfile_in(folder).map_err(|e| Error::io("create", path)(without_path(e)))?;
+    let target = fs::canonicalize(path).or_else(|_| fs::read_link(path).map(|to| folder_of(path).join(to)));
+    let target = target.unwrap_or_else(|_| path.to_owned());
+    let beside = temporary(is_private)
+        .tempfile_in(folder_of(&target))
+        .map_err(|e| Error::io("create", path)(without_path(e)))?;
     let _ = beside.as_file().try_lock(); // tells those who clean up that it is not abandoned
     encode_into(path, beside.as_file(), encode)?;
+    if !is_private && let Ok(replaced) = fs::metadata(&target) {
+        let _ = beside.as_file().set_permissions(replaced.permissions()); // not on all file systems
+    }
     beside.as_file().sync_all().map_err(Error::io("write", path))?;
     beside.persist(&target).map_err(|failed| Error::io("rename a finished file to", path)(failed.error))?;
     Ok(())
@@ -77,12 +77,14 @@ pub fn is_temporary(name: &str) -> bool {
 const PREFIX: &str = ".relume-";
 const SUFFIX: &str = ".part";
 
-fn temporary() -> tempfile::Builder<'static, 'static> {
+fn temporary(is_private: bool) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX).suffix(SUFFIX);
     // tempfile's default is 0600; with this the kernel applies the umask, as for any new file.
     #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    if !is_private {
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    }
     builder
 }
 
@@ -132,5 +134,30 @@ impl Write for Watched<'_> {
     fn flush(&mut self) -> io::Result<()> {
         let outcome = self.file.flush();
         self.keep(outcome)
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    use super::*;
+
+    #[test]
+    fn permissions_and_links_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link, private] = ["file", "link", "private"].map(|name| folder.path().join(name));
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        symlink("file", &link).unwrap();
+        write_bytes(&link, b"made by a link to nothing").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink() && file.exists());
+        for bits in [0o600, 0o640] {
+            fs::set_permissions(&file, fs::Permissions::from_mode(bits)).unwrap();
+            write_bytes(&link, b"replaced").unwrap();
+            assert_eq!((mode(&file), &*fs::read(&file).unwrap()), (bits, &b"replaced"[..]));
+        }
+        fs::write(&private, "").unwrap();
+        write_private(&private, b"token").unwrap();
+        assert_eq!(mode(&private), 0o600);
     }
 }
