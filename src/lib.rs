@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! scene -> bake -> relight -> session -> view, the command line
-//!   physics, storage and gpu lie below and use none of them; trace uses scene only
+//!   physics, storage and gpu lie below and use none of them; trace uses scene and physics only
 //! ```
 //!
 //! - [`scene`]: files in, plain data out. World space is in double precision.

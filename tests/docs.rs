@@ -13,23 +13,12 @@ fn named(text: &str) -> impl Iterator<Item = &str> {
 fn files_named_in_the_documentation_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut checked = 0;
-    for document in [
-        "README.md",
-        "CONTRIBUTING.md",
-        "docs/accuracy.md",
-        "docs/architecture.md",
-        "docs/brdf.md",
-        "docs/desk.md",
-        "docs/extreme.md",
-        "docs/formats.md",
-        "docs/method.md",
-        "docs/options.md",
-        "docs/performance.md",
-        "scenes/README.md",
-        "src/lib.rs",
-    ] {
-        let text = std::fs::read_to_string(root.join(document)).unwrap();
-        let folder = root.join(document).parent().unwrap().to_owned();
+    let pages = std::fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
+    let others = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "scenes/README.md", "src/lib.rs"];
+    let documents = pages.filter(|path| path.extension().is_some_and(|extension| extension == "md"));
+    for document in documents.chain(others.map(|name| root.join(name))) {
+        let text = std::fs::read_to_string(&document).unwrap();
+        let folder = document.parent().unwrap();
         for name in named(&text) {
             let first = name.split_whitespace().next().unwrap_or_default();
             let is_path = ["tools/", "scenes/", "docs/", "src/", "glsl/", "tests/", "benches/"];
@@ -37,7 +26,8 @@ fn files_named_in_the_documentation_exist() {
             if is_path.iter().any(|p| first.starts_with(p)) && !made_on_use && !first.contains(['*', '{', '<']) {
                 assert!(
                     root.join(first).exists() || folder.join(first).exists(),
-                    "{document} names {first}, which does not exist"
+                    "{} names {first}, which does not exist",
+                    document.display()
                 );
                 checked += 1;
             }

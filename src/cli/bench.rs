@@ -203,11 +203,13 @@ pub const SEVERAL: usize = 3;
 
 /// What can be done to a rig's lights: to the first one of each kind, by its index.
 pub fn edits_of(rig: &Rig) -> Vec<(usize, (Edit, &'static str))> {
-    let possible = |edited: usize| {
-        let fits = move |edit: Edit| edit.needed_lights() <= rig.lights.len() && (edit != Edit::None || edited == 0);
-        EDITS.into_iter().filter(move |(edit, _)| fits(*edit)).map(move |edit| (edited, edit))
+    let edited = first_of_each_kind(rig);
+    let possible = |&light: &usize| {
+        let is_first = light == edited[0];
+        let fits = move |edit: Edit| edit.needed_lights() <= rig.lights.len() && (edit != Edit::None || is_first);
+        EDITS.into_iter().filter(move |(edit, _)| fits(*edit)).map(move |edit| (light, edit))
     };
-    first_of_each_kind(rig).into_iter().flat_map(possible).collect()
+    edited.iter().flat_map(possible).collect()
 }
 
 /// How edits are timed.
@@ -409,12 +411,14 @@ fn describe_transfer(session: &Session, records: &[Record], copy_gb_s: f64) -> O
     ))
 }
 
-/// The first light of each kind.
+/// The first light of each kind that has a position or a direction; 0 if there is none.
 fn first_of_each_kind(rig: &Rig) -> Vec<usize> {
-    let kinds = [LightKind::Point, LightKind::Spot, LightKind::Directional];
-    let first = kinds.map(|kind| rig.lights.iter().position(|light| light.kind == kind));
-    let mut found: Vec<usize> = first.into_iter().flatten().collect();
-    found.sort_unstable();
+    let is_first = |&at: &usize| {
+        let kind = rig.lights[at].kind;
+        !matches!(kind, LightKind::Emitter | LightKind::Dome)
+            && rig.lights[..at].iter().all(|before| before.kind != kind)
+    };
+    let found: Vec<usize> = (0..rig.lights.len()).filter(is_first).collect();
     if found.is_empty() { vec![0] } else { found }
 }
 

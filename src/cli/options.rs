@@ -14,7 +14,7 @@ use relume::view::PictureSettings;
 use relume::{Error, Result, Session, SessionSettings};
 use serde_json::Value;
 
-use super::output_file::{make_parent, write_json};
+use super::output_file::{as_file_name, make_parent, write_json};
 use super::progress::Terminal;
 use super::transfer::TransferOptions;
 
@@ -219,9 +219,12 @@ impl ViewOptions {
         }
         let cameras: Vec<String> = Scene::load(scene)?.cameras.into_iter().map(|camera| camera.name).collect();
         let mut names = BTreeSet::new();
-        match cameras.iter().find(|name| !names.insert(name.as_str())) {
+        match cameras.iter().find(|name| !names.insert(as_file_name(name))) {
             _ if cameras.is_empty() => Err(Error::import(scene, "has no cameras")),
-            Some(twice) => Err(Error::import(scene, format!("has several cameras called \"{twice}\""))),
+            Some(twice) => {
+                let reason = format!("has several cameras whose pictures would be called {}", as_file_name(twice));
+                Err(Error::import(scene, reason))
+            }
             None => Ok(cameras),
         }
     }

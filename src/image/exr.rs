@@ -243,7 +243,7 @@ fn header(image: &Image, channels: &[Channel], metadata: &ExrMetadata) -> ExrRes
     header.own_attributes.software_name = Some(Text::from(concat!("relume ", env!("CARGO_PKG_VERSION"))));
     header.shared_attributes.chromaticities = Some(chromaticities(metadata.primaries));
     if !metadata.comments.is_empty() {
-        header.own_attributes.comments = Some(Text::new_or_panic(&metadata.comments));
+        header.own_attributes.comments = Some(Text::from_slice_unchecked(metadata.comments.as_bytes()));
     }
     let others = &mut header.own_attributes.other;
     if metadata.samples_per_pixel > 0 {

@@ -44,8 +44,8 @@ pub use texture::{Encoding, Texture, Wrap};
 
 use crate::error::{Error, Result};
 
-/// Larger image sides are treated as a mistake in the file.
-const MAX_IMAGE_SIDE: f64 = 65_536.0;
+/// Largest side of a picture, pixels: more is a mistake rather than a picture.
+pub const MAX_IMAGE_SIDE: u32 = 16_384;
 
 /// An imported scene file, ready to bake.
 #[derive(Clone)]
@@ -124,7 +124,7 @@ impl Scene {
     /// Default image size through `camera`: the scene's own, else 480 rows with the camera's aspect ratio, else
     /// 720x480.
     pub fn default_size(&self, camera: Option<&Camera>) -> [u32; 2] {
-        let of_aspect = |aspect: f64| [(480.0 * aspect).round().clamp(1.0, MAX_IMAGE_SIDE) as u32, 480];
+        let of_aspect = |aspect: f64| [(480.0 * aspect).round().clamp(1.0, f64::from(MAX_IMAGE_SIDE)) as u32, 480];
         let of_camera = || camera.and_then(|camera| camera.aspect).map(of_aspect);
         self.image_size.or_else(of_camera).unwrap_or([720, 480])
     }

@@ -306,7 +306,7 @@ impl Transfers {
         if let Some(dir) = &self.dir
             && let Err(error) = report.stage("write cache", || store(dir))
         {
-            tracing::info!("not stored in the cache: {error}");
+            tracing::info!("not stored in the cache: {}", error.chain());
             report.not_stored = Some(error);
         }
     }
@@ -450,7 +450,7 @@ impl Session {
                     && let Err(error) =
                         report.stage("write cache", || cache::store(dir, &inputs, &scene.name(), &framebuffer))
                 {
-                    tracing::info!("not stored in the cache: {error}"); // a read-only cache works
+                    tracing::info!("not stored in the cache: {}", error.chain()); // a read-only cache works
                     report.not_stored = Some(error);
                 }
                 Ok((inputs, framebuffer))

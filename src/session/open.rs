@@ -5,7 +5,7 @@ use std::path::Path;
 use super::progress::Progress;
 use crate::error::{Error, Result};
 use crate::scene::rig::without_dots;
-use crate::scene::{Camera, Emitters, Links, Rig, Scene};
+use crate::scene::{Camera, Emitters, Links, MAX_IMAGE_SIDE, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 
 /// How a scene is looked at.
@@ -111,14 +111,11 @@ fn choose_camera(scene: &Scene, rig: &Rig, settings: &OpenSettings) -> Result<Ca
     Ok(Camera::framing(&scene.mesh, scene.space))
 }
 
-/// Largest image side, pixels: more is a mistake rather than a picture.
-const MAX_SIDE: u32 = 16_384;
-
 /// Whether an image of this size can be made.
 pub fn check_size(size: [u32; 2]) -> Result<(), String> {
     match size {
         [w, h] if w == 0 || h == 0 => Err(format!("{w}x{h} has no pixels")),
-        [w, h] if w > MAX_SIDE || h > MAX_SIDE => Err(format!("{w}x{h} is larger than {MAX_SIDE}x{MAX_SIDE}")),
+        [w, h] if w.max(h) > MAX_IMAGE_SIDE => Err(format!("{w}x{h} is larger than {MAX_IMAGE_SIDE}x{MAX_IMAGE_SIDE}")),
         _ => Ok(()),
     }
 }

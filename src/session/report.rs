@@ -11,7 +11,7 @@ pub struct BakeReport {
     pub seconds: f64,
     /// User and system, all threads.
     pub cpu_seconds: f64,
-    /// Whether the deep framebuffer came from the cache.
+    /// Whether all of the bake came from the cache.
     pub cached: bool,
     /// What changed since the most similar bake of the scene in the cache; `None` if it came from there, or there is none.
     pub because: Option<String>,
@@ -47,7 +47,7 @@ impl BakeReport {
     }
 }
 
-/// Processor time of this process, user and system, all threads; 0 where /proc does not tell.
+/// Processor time of this process, user and system, all threads; 0 on systems other than Linux.
 pub fn cpu_seconds() -> f64 {
     #[cfg(target_os = "linux")]
     {

@@ -206,7 +206,7 @@ impl RigText<'_> {
         let mut camera = Camera::look_at(position, target, up, projection)
             .ok_or_else(|| wrong("position, target and up do not define a view"))?;
         if let Some(name) = entry.name {
-            camera.name = name;
+            camera.name = without_dots(&name);
         }
         Ok(camera)
     }
