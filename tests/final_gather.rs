@@ -283,6 +283,28 @@ fn the_combination_is_at_least_as_good_as_the_better_estimate() {
     }
 }
 
+/// Where no surface is seen, the picture stays black however noisy its surroundings are.
+#[test]
+fn the_background_gets_nothing() {
+    const WIDTH: usize = 64;
+    let mut random = Random::new(6);
+    let is_seen = |i: usize| i % WIDTH > 20 && i / WIDTH < 50;
+    let mut image = |mean: f64| -> Vec<Vec3> {
+        let mut value = |i| if is_seen(i) { Vec3::splat((mean + random.unit()) as f32) } else { Vec3::ZERO };
+        (0..WIDTH * WIDTH).map(&mut value).collect()
+    };
+    let [biased, a, b] = [1.0, 2.0, 2.0].map(&mut image);
+    let combination = Combination::new(WIDTH, &biased, [&a, &b]);
+    let (change, errors2) = (combination.change(&biased, [&a, &b]), combination.errors2());
+    for i in 0..WIDTH * WIDTH {
+        assert_eq!([change[i] != Vec3::ZERO, errors2[i] > 0.0], [is_seen(i); 2], "{} {}", change[i], errors2[i]);
+    }
+    // The mean of what is seen is right, up to its noise.
+    let mean =
+        change.iter().map(|change| change.x).sum::<f32>() / (0..WIDTH * WIDTH).filter(|i| is_seen(*i)).count() as f32;
+    assert!((mean - 1.0).abs() < 0.05, "{mean}");
+}
+
 /// Where less is known more rays are cast, and nowhere else; the rays of two gathers add up.
 #[test]
 fn rays_go_where_the_error_is() {

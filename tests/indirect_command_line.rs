@@ -123,7 +123,7 @@ fn final_gathering_refines_a_coarse_operator() {
     let parts = ["direct", "reflection", "indirect"].map(of);
     assert!(difference(&of(""), &sum(&parts)) < 1e-5);
     let figures = &json(&stats)["final"];
-    let expected = figures["expected_error"].as_f64().unwrap();
+    let expected = figures["estimated_error"].as_f64().unwrap();
     assert!(expected > 0.0 && expected <= 0.08 && figures["passes"].as_u64() >= Some(2), "{figures}");
     let [errors, beauty] = [of("expected_error"), of("")].map(|pixels| pixels.into_iter().map(f64::from));
     let (square, count) =

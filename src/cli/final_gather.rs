@@ -124,6 +124,6 @@ impl FinalOptions {
 impl Refinement {
     /// For `--stats`.
     pub fn figures(&self) -> Value {
-        json!({ "expected_error": self.error, "passes": self.passes, "seconds": self.seconds })
+        json!({ "estimated_error": self.error, "passes": self.passes, "seconds": self.seconds })
     }
 }

@@ -2,7 +2,7 @@
 //! expected squared error is least [James 1961].
 //!
 //! Bias is smooth and noise is not. So the difference is split by Haar wavelets, and each size is shrunk according to its
-//! noise.
+//! noise. Pixels that are black in all estimates, as where no surface is seen, take no part: nothing is added to them.
 
 use glam::Vec3;
 
@@ -13,6 +13,8 @@ const LEVELS: usize = 6;
 pub struct Combination {
     /// From pixels to the largest blocks.
     levels: Vec<Level>,
+    /// Of each pixel: 1, or 0 where all estimates are black.
+    lit: Vec<f32>,
 }
 
 /// Blocks of one size.
@@ -28,13 +30,12 @@ struct Level {
 struct Means {
     size: [usize; 2],
     pixels: Vec<Vec3>,
-    /// Pixels in each block.
+    /// Pixels in each block that take part.
     counts: Vec<f32>,
 }
 
 impl Means {
-    fn new(width: usize, pixels: Vec<Vec3>) -> Self {
-        let counts = vec![1.0; pixels.len()];
+    fn new(width: usize, pixels: Vec<Vec3>, counts: Vec<f32>) -> Self {
         Self { size: [width, pixels.len() / width], pixels, counts }
     }
 
@@ -48,7 +49,7 @@ impl Means {
             means.pixels[parent] += *pixel * *count;
             means.counts[parent] += *count;
         }
-        means.pixels.iter_mut().zip(&means.counts).for_each(|(sum, count)| *sum /= *count);
+        means.pixels.iter_mut().zip(&means.counts).for_each(|(sum, count)| *sum /= count.max(1.0));
         means
     }
 
@@ -82,16 +83,22 @@ fn details(levels: &[Means], level: usize) -> Vec<Vec3> {
 impl Combination {
     /// From pictures of `width` pixels a row: the biased one, and two independent halves of the noisy one.
     pub fn new(width: usize, biased: &[Vec3], halves: [&[Vec3]; 2]) -> Self {
+        let is_lit =
+            |(biased, (a, b)): (&Vec3, (&Vec3, &Vec3))| [biased, a, b].iter().any(|pixel| **pixel != Vec3::ZERO);
+        let lit = biased.iter().zip(halves[0].iter().zip(halves[1]));
+        let lit: Vec<f32> = lit.map(|pixel| if is_lit(pixel) { 1.0 } else { 0.0 }).collect();
         let difference =
             |half: &[Vec3]| half.iter().zip(biased).map(|(pixel, biased)| finite(*pixel - *biased)).collect();
-        let [a, b] = halves.map(|half| Means::new(width, difference(half)).pyramid());
+        let [a, b] = halves.map(|half| Means::new(width, difference(half), lit.clone()).pyramid());
         let level = |level: usize| {
             let size = a[level].size;
             let owners = a.get(level + 1).map_or(size, |parents| parents.size);
             // Sums over the blocks of each owner: of squares, of squared differences of the halves, and their number.
             // In double precision, since lights may be of any brightness.
             let mut squares = vec![[0.0; 3]; owners[0] * owners[1]];
-            for (i, (a, b)) in details(&a, level).into_iter().zip(details(&b, level)).enumerate() {
+            let counts = &a[level].counts;
+            let of_halves = details(&a, level).into_iter().zip(details(&b, level)).enumerate();
+            for (i, (a, b)) in of_halves.filter(|(i, _)| counts[*i] > 0.0) {
                 let owner = if owners == size { i } else { parent(i, size[0], owners[0]) };
                 let [all, noise, count] = &mut squares[owner];
                 *all += 0.25 * (a + b).as_dvec3().length_squared();
@@ -106,14 +113,14 @@ impl Combination {
             let (shares, errors2) = windows.iter().map(|window| kept(window, held)).unzip();
             Level { size, shares, errors2 }
         };
-        Self { levels: (0..LEVELS).map(level).collect() }
+        Self { levels: (0..LEVELS).map(level).collect(), lit }
     }
 
     /// What is added to the biased estimate, of all light or of a part of it.
     pub fn change(&self, biased: &[Vec3], halves: [&[Vec3]; 2]) -> Vec<Vec3> {
         let difference = biased.iter().zip(halves[0].iter().zip(halves[1]));
         let difference = difference.map(|(biased, (a, b))| finite((*a + *b) * 0.5 - *biased)).collect();
-        let levels = Means::new(self.levels[0].size[0], difference).pyramid();
+        let levels = Means::new(self.levels[0].size[0], difference, self.lit.clone()).pyramid();
         let mut sums: Vec<Vec3> = Vec::new();
         for (level, Level { size, shares, .. }) in self.levels.iter().enumerate().rev() {
             let above = self.levels.get(level + 1).map(|above| above.size[0]);
@@ -126,6 +133,7 @@ impl Combination {
             };
             sums = details(&levels, level).into_iter().enumerate().map(sum).collect();
         }
+        sums.iter_mut().zip(&self.lit).for_each(|(sum, lit)| *sum *= *lit);
         sums
     }
 
@@ -140,6 +148,7 @@ impl Combination {
                 .map(|owner| sums[owner] + errors2[owner])
                 .collect();
         }
+        sums.iter_mut().zip(&self.lit).for_each(|(sum, lit)| *sum *= f64::from(*lit));
         sums
     }
 }
