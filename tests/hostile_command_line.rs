@@ -91,6 +91,42 @@ fn scenes_that_mean_nothing() {
 }
 
 #[test]
+fn outputs_replace_neither_inputs_nor_each_other() {
+    let folder = folder();
+    let path = folder.path();
+    let scene = Gltf::lit_square(|_| {}).write(path, "scene.glb");
+    let map = write(
+        path,
+        "sky.exr",
+        &fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/goldens/cornell-glossy.exr")).unwrap(),
+    );
+    let rig = "[[light]]\nname = \"sky\"\nkind = \"dome\"\nmap = \"sky.exr\"\nintensity = 1\n";
+    let rig = write(path, "rig.toml", rig.as_bytes());
+    std::os::unix::fs::symlink("scene.glb", path.join("link")).unwrap();
+    let files = || names_in(path).into_iter().map(|name| fs::read(path.join(name)).unwrap()).collect::<Vec<_>>();
+    let before = files();
+    let [out, stats] = ["a.exr", "a.json"].map(|name| path.join(name));
+    let refused = |out: &Path, more: &[&Path], says: &str| {
+        let mut command = relume();
+        command.arg("render").arg(&scene).arg("--rig").arg(&rig).args(["--no-cache", "--size", "8x8"]);
+        Run::of(command.arg("-o").arg(out).args(more)).failed(&[says]);
+        assert!(files() == before, "{out:?} {more:?}");
+    };
+    let [stats_is, trace_is] = ["--stats", "--trace"].map(Path::new);
+    refused(&out, &[stats_is, &scene], "scene.glb: is read by this command");
+    refused(&out, &[stats_is, &path.join("link")], "link: is read by this command");
+    refused(&out, &[trace_is, &rig], "rig.toml: is read by this command");
+    refused(&map, &[], "sky.exr: is read by this command");
+    refused(
+        &out,
+        &[stats_is, &path.join("../").join(path.file_name().unwrap()).join("a.exr")],
+        "would be written twice",
+    );
+    refused(&out, &[stats_is, &stats, trace_is, &stats], "a.json: would be written twice");
+    render!(&scene, &out, "--stats", "/dev/null", "--trace", "/dev/null").done();
+}
+
+#[test]
 fn extreme_scenes_render() {
     let folder = folder();
     let out = folder.path().join("a.exr");

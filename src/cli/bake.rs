@@ -11,7 +11,7 @@ use relume::{Error, Result};
 use serde_json::json;
 
 use super::options::{RecordOptions, SceneOptions, parse_bytes};
-use super::output_file::make_parent;
+use super::output_file::{check_outputs, make_parent};
 use super::progress::Terminal;
 use super::stats;
 use super::stdout::out;
@@ -107,6 +107,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// Bakes what one camera sees.
 fn bake(args: &Args, scene: &Path) -> Result<()> {
     args.record.make_parents()?;
+    check_outputs([scene], args.output.as_deref().into_iter().chain(args.record.files()))?;
     args.output.as_deref().map_or(Ok(()), make_parent)?;
     let progress = Terminal::default();
     let options = &args.options;

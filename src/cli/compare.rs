@@ -8,7 +8,8 @@ use relume::image::png;
 use serde::Serialize;
 use serde_json::json;
 
-use super::output_file::make_parent;
+use super::options::check_extension;
+use super::output_file::{check_outputs, make_parent};
 use super::progress;
 use super::stdout::out;
 
@@ -62,7 +63,10 @@ struct Output<'a> {
 
 /// Prints the figures on stdout and writes the difference maps that are asked for.
 pub fn run(args: &Args) -> Result<()> {
-    [&args.diff, &args.false_color].into_iter().flatten().try_for_each(|path| make_parent(path))?;
+    let maps = || [&args.diff, &args.false_color].into_iter().flatten();
+    maps().try_for_each(|path| make_parent(path).and_then(|()| check_extension(path, &["png"])))?;
+    let read = [&args.image, &args.reference].into_iter().chain(&args.reference_b).chain(&args.mask);
+    check_outputs(read.map(PathBuf::as_path), maps().map(PathBuf::as_path))?;
     let spinner = progress::spinner("comparing");
     let second = args.reference_b.as_deref();
     let pictures = Pictures::read(&args.image, &args.reference, second, &args.layer, args.mask.as_deref())?;

@@ -294,7 +294,11 @@ impl RecordOptions {
 
     /// Makes the folders of the files, before any work is done.
     pub fn make_parents(&self) -> Result<()> {
-        self.stats.iter().chain(&self.trace).try_for_each(|path| make_parent(path))
+        self.files().try_for_each(make_parent)
+    }
+
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.stats.iter().chain(&self.trace).map(PathBuf::as_path)
     }
 
     /// Writes what is asked for.

@@ -1,7 +1,7 @@
 //! Where pictures go: which passes, as EXR layers or one PNG each.
 
 use std::collections::HashSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use relume::gpu::PassTime;
 use relume::image::cryptomatte::Cryptomatte;
@@ -318,6 +318,10 @@ struct Target {
 }
 
 impl Job<'_> {
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.targets.iter().map(|target| target.path.as_path())
+    }
+
     pub fn shows(&self, is: &dyn Fn(&PassKind) -> bool) -> bool {
         self.targets.iter().any(|target| target.passes.iter().any(is))
     }

@@ -1,6 +1,6 @@
 //! Files that commands write: their folders, and JSON.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use relume::storage::file::write_bytes;
 use relume::{Error, Result};
@@ -16,6 +16,40 @@ pub fn make_parent(path: &Path) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Refuses, before any work is done, outputs that would replace an input or each other.
+pub fn check_outputs<'a>(
+    inputs: impl IntoIterator<Item = &'a Path>,
+    outputs: impl IntoIterator<Item = &'a Path>,
+) -> Result<()> {
+    // Whatever the name: through links, and before the file is there.
+    let place = |path: &Path| -> PathBuf {
+        let in_folder = || Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?));
+        path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned())
+    };
+    let inputs: Vec<PathBuf> = inputs.into_iter().map(place).collect();
+    let mut seen = Vec::new();
+    for output in outputs {
+        // Devices and pipes take several.
+        if output.exists() && !output.is_file() {
+            continue;
+        }
+        let at = place(output);
+        let refuse = |reason: &str| Err(Error::invalid(output.display().to_string(), reason));
+        if inputs.contains(&at) {
+            return refuse("is read by this command and would be written over; choose another name");
+        }
+        if seen.contains(&at) {
+            return refuse("would be written twice; choose different names");
+        }
+        seen.push(at);
+    }
+    Ok(())
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// A name with nothing in it that would mean something to a file system.

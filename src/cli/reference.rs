@@ -14,7 +14,7 @@ use serde_json::json;
 
 use super::options::{RecordOptions, ViewOptions, check_extension, parse_seconds};
 use super::output::find_light;
-use super::output_file::make_parent;
+use super::output_file::{check_outputs, make_parent};
 use super::progress::{self, Terminal};
 use super::stats;
 use super::transfer::{Bounces, parse_bounces};
@@ -91,6 +91,8 @@ pub fn run(args: &Args, quiet: bool) -> Result<()> {
     let paths = [args.output.clone(), a, b];
     paths.iter().try_for_each(|path| make_parent(path))?;
     args.record.make_parents()?;
+    let read = args.rig.iter().chain([&args.scene]).map(PathBuf::as_path);
+    check_outputs(read, paths.iter().map(PathBuf::as_path).chain(args.record.files()))?;
     args.view.use_threads();
     let (mut report, progress) = (BakeReport::default(), Terminal::default());
     let open = || Opened::new(&args.scene, args.rig.as_deref(), &args.view.settings(), &progress);

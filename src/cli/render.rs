@@ -13,7 +13,8 @@ use serde_json::Value;
 
 use super::final_gather::{FinalOptions, Refinement};
 use super::options::{LightOptions, RecordOptions, SceneOptions};
-use super::output::{self, Display, Has, PassKind, Passes, Relighters, Template, Written};
+use super::output::{self, Display, Has, Job, PassKind, Passes, Relighters, Template, Written};
+use super::output_file::check_outputs;
 use super::progress::{self, Terminal};
 use super::stats::{self, Strange};
 use super::surfaces::Surfaces;
@@ -108,6 +109,8 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
     let template = Template(args.output.clone());
     template.check(args.rig.len(), &args.passes)?;
     args.record.make_parents()?;
+    let read = args.rig.iter().chain([&args.scene]).map(PathBuf::as_path);
+    check_outputs(read, args.record.files().chain([args.output.as_path()]))?;
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
     args.refine.check(args.scene_options.settings()?.indirect.as_ref())?;
@@ -134,7 +137,14 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
     let transfer = session.transfer.as_ref();
     let emission = !session.framebuffer.emission.is_empty() || transfer.is_some_and(|t| !t.emission.is_empty());
     let has = Has { emission, indirect: transfer.is_some(), expected_error: args.refine.is_wanted() };
+    let template = Template(template.of_camera(&session.framebuffer.camera.name).unwrap_or(template.0));
     let jobs = output::plan(&args.passes, &template, &rigs, has)?;
+    let maps = rigs.iter().flat_map(|(_, rig)| rig.files());
+    let written = jobs.iter().flat_map(Job::files).chain(args.record.files());
+    check_outputs(
+        [args.scene.as_path()].into_iter().chain(args.rig.iter().map(PathBuf::as_path)).chain(maps),
+        written,
+    )?;
 
     // Other pictures can use images of lights again. Those of lights with a size are made before the picture's plan.
     let keep_images = rigs.len() > 1

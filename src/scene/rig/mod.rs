@@ -20,7 +20,8 @@ use std::path::Path;
 pub use blackbody::{KELVIN, TINT, kelvin_and_tint_of, kelvin_to_rgb, xyz_to_rgb};
 pub use shots::Shot;
 
-use super::{Camera, Light, LightGroup, LightKind, ObjectSet, RigFiles, usd};
+use super::light_filter::Attached;
+use super::{Camera, DomeMap, Light, LightGroup, LightKind, ObjectSet, RigFiles, usd};
 use crate::error::{Error, Result};
 use crate::storage::file;
 
@@ -93,6 +94,19 @@ impl Rig {
     /// Group `index` as the table `[[group]]` of [`Rig::to_toml`].
     pub fn group_entry(&self, index: usize) -> toml::Table {
         write::group_entry(&self.groups[index])
+    }
+
+    /// Files that lights are made of: maps, profiles and gobos.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.lights.iter().flat_map(|light| {
+            let map = light.map.as_ref().and_then(|map| match map {
+                DomeMap::File(map) => Some(map.path()),
+                DomeMap::Physical(_) => None,
+            });
+            let filter = &light.filter;
+            let gobo = filter.gobo.as_ref().map(|gobo| gobo.image.path());
+            [map, filter.ies.as_ref().map(Attached::path), gobo].into_iter().flatten()
+        })
     }
 
     /// Whether any light has a size.
