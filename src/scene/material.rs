@@ -67,6 +67,8 @@ pub struct TextureRef {
     /// `KHR_texture_transform` as a matrix on (u, v, 1).
     pub uv_transform: Mat3,
     pub wrap: [Wrap; 2],
+    /// Whether magnified texels have sharp edges.
+    pub is_nearest: bool,
 }
 
 /// A material at one point: every factor multiplied by its texture.
@@ -200,6 +202,7 @@ impl TextureRef {
     fn sample(&self, textures: &[Texture], uvs: [Vec2; 2], footprints: [f32; 2]) -> Vec4 {
         let uv = (self.uv_transform * uvs[self.uv_set].extend(1.0)).truncate();
         let scale = self.uv_transform.determinant().abs().sqrt();
+        let uv = if self.is_nearest { textures[self.texture].texel_center(uv) } else { uv };
         textures[self.texture].sample(uv, self.wrap, footprints[self.uv_set] * scale)
     }
 }

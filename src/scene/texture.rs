@@ -247,6 +247,12 @@ impl Texture {
         if fraction == 0.0 { near } else { near.lerp(self.bilinear(fine + 1, uv, wrap), fraction) }
     }
 
+    /// The middle of the finest level's texel at `uv`.
+    pub fn texel_center(&self, uv: Vec2) -> Vec2 {
+        let size = Vec2::new(self.width() as f32, self.height() as f32);
+        ((uv * size).floor() + 0.5) / size
+    }
+
     fn bilinear(&self, level: usize, uv: Vec2, wrap: [Wrap; 2]) -> Vec4 {
         let level = &self.levels[level];
         let (x, tx) = taps(uv.x, wrap[0], level.width);
@@ -427,6 +433,15 @@ mod tests {
         assert_eq!(read(-0.25, Wrap::Mirror), 0.0);
         assert_eq!(read(0.0, Wrap::Repeat), 0.5);
         assert_eq!(read(0.0, Wrap::Mirror), 0.0);
+    }
+
+    #[test]
+    fn centers_of_texels_are_texels() {
+        let texture = row(&[0, 255, 51], Encoding::Linear);
+        for (u, want) in [(0.01, 0.0), (0.32, 0.0), (0.34, 1.0), (0.99, 0.2), (-0.01, 0.2), (7.4, 1.0)] {
+            let got = texture.sample(texture.texel_center(Vec2::new(u, 0.3)), REPEAT, 0.0).x;
+            assert!((got - want).abs() < 1e-5, "{u}: {got}, not {want}");
+        }
     }
 
     #[test]

@@ -31,7 +31,7 @@ impl Build {
     pub fn texture(&mut self, texture: Texture) -> Option<TextureRef> {
         self.textures.push(texture);
         let texture = self.textures.len() - 1;
-        Some(TextureRef { texture, uv_set: 0, uv_transform: Mat3::IDENTITY, wrap: [Wrap::Clamp; 2] })
+        Some(TextureRef { texture, uv_set: 0, uv_transform: Mat3::IDENTITY, wrap: [Wrap::Clamp; 2], is_nearest: false })
     }
 
     /// A parallelogram around `center`; its front is the side that u x v points to.

@@ -7,7 +7,8 @@ use std::path::Path;
 use glam::{Mat3, Vec2, Vec3, Vec4};
 use gltf::json;
 use json::extensions::texture::TextureTransform;
-use json::texture::WrappingMode;
+use json::texture::{MagFilter, WrappingMode};
+use json::validation::Checked;
 use rayon::prelude::*;
 
 use super::document::Document;
@@ -172,8 +173,8 @@ impl<'a> Materials<'a> {
             return Err(document.error(format!("{what} {reason}")));
         };
         document.item(&document.root.images, image, "image", &what)?;
-        let wrap = match source.sampler {
-            None => [Wrap::Repeat; 2],
+        let (wrap, is_nearest) = match source.sampler {
+            None => ([Wrap::Repeat; 2], false),
             Some(sampler) => {
                 let sampler = document.item(&document.root.samplers, sampler.value(), "sampler", &what)?;
                 let wrap = |mode| -> Result<Wrap> {
@@ -183,7 +184,8 @@ impl<'a> Materials<'a> {
                         WrappingMode::Repeat => Wrap::Repeat,
                     })
                 };
-                [wrap(sampler.wrap_s)?, wrap(sampler.wrap_t)?]
+                let is_nearest = sampler.mag_filter == Some(Checked::Valid(MagFilter::Nearest));
+                ([wrap(sampler.wrap_s)?, wrap(sampler.wrap_t)?], is_nearest)
             }
         };
         let uv_set = info.transform.as_ref().and_then(|t| t.tex_coord).unwrap_or(info.tex_coord) as usize;
@@ -195,7 +197,7 @@ impl<'a> Materials<'a> {
             self.textures.push((image, encoding));
             self.textures.len() - 1
         });
-        Ok(Some(TextureRef { texture, uv_set, uv_transform, wrap }))
+        Ok(Some(TextureRef { texture, uv_set, uv_transform, wrap, is_nearest }))
     }
 }
 

@@ -68,7 +68,7 @@ impl TextureMap {
         // OBJ's v points the other way, so v is flipped before and after the transform.
         let turned = Mat3::from_cols(Vec3::X, -Vec3::Y, Vec3::new(0.0, 1.0, 1.0));
         let uv_transform = turned * Mat3::from_translation(self.offset) * Mat3::from_scale(self.scale) * turned;
-        TextureRef { texture, uv_set: 0, uv_transform, wrap: [wrap; 2] }
+        TextureRef { texture, uv_set: 0, uv_transform, wrap: [wrap; 2], is_nearest: false }
     }
 
     /// Whether two maps have the same offset, scale and wrap mode.
