@@ -130,6 +130,9 @@ impl LightInScene<'_> {
     }
 }
 
+/// Sides of a rectangle are not shorter than this, relative to the longer one.
+const LEAST_SIDE: f64 = 1e-6;
+
 impl LightSurface {
     /// `None` if the light has no size, or one too small for a finite radiance.
     ///
@@ -139,6 +142,9 @@ impl LightSurface {
             return None;
         }
         let radius = light.radius / space.unit;
+        // A side of zero is a line: its radiance would be infinite.
+        let least_side = LEAST_SIDE * light.size[0].max(light.size[1]);
+        let light = &Light { size: light.size.map(|side| side.max(least_side)), ..light.clone() };
         let half_size = light.size.map(|x| 0.5 * x / space.unit);
         let quarter = (light.angle / 4.0).sin();
         let (shape, area) = match light.kind {
