@@ -12,6 +12,7 @@ use super::gltf::container::{Container, MAGIC};
 use super::gltf::document::Document;
 use super::gltf::embedded_rig;
 use super::gltf::light_extension::LightExtension;
+use super::light_filter::Attached;
 use super::{DomeMap, Light, LightFilter, Links, Rig, Scene};
 use crate::error::{Error, Result};
 use crate::storage::file;
@@ -43,7 +44,7 @@ pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
         return Err(Error::import(&scene.path, "is not a JSON object"));
     };
     lights::replace(&mut root, &document, &rig.with_solo_applied())?;
-    embed_rig(&mut root, &document, rig, path.parent().unwrap_or(Path::new("")));
+    embed_rig(&mut root, &document, rig, path);
     if let Some(light) = rig.lights.iter().find(|light| !light.shadows) {
         tracing::warn!("{}: glTF cannot store that \"{}\" casts no shadows", path.display(), light.name);
     }
@@ -72,27 +73,34 @@ fn outside_extension(light: &Light) -> LightFilter {
     LightFilter { ies, ..light.filter.clone() }
 }
 
-/// Stores the exact rig, for [`embedded_rig`] to find.
-fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, folder: &Path) {
+/// Stores the exact rig in the file at `path`, for [`embedded_rig`] to find. It may name files in the same folder only.
+fn embed_rig(root: &mut json::Object, document: &Document, rig: &Rig, path: &Path) {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let warn = |light: &Light, file: &Path, effect: &str| {
+        let (path, file, name) = (path.display(), file.display(), &light.name);
+        tracing::warn!(
+            "{path}: \"{name}\" {effect}: {file} lies outside of the folder; copy it there and name that file"
+        );
+    };
     let Some(scene) = json::element(root, "scenes", document.shown_scene()) else { return };
     if scene.get("extras").is_none_or(serde_json::Value::is_object) {
         let mut rig = Rig { camera: None, snapshots: Vec::new(), ..rig.clone() };
         for light in &mut rig.lights {
             light.filter = outside_extension(light);
             let within = light.filter.within(folder);
-            if within != light.filter {
-                let name = &light.name;
-                tracing::warn!("a file of \"{name}\" lies outside the folder of the scene and is not restored");
-                light.filter = within;
+            let without = light.filter.ies.as_ref().filter(|_| within.ies.is_none()).map(Attached::path);
+            let gobo = light.filter.gobo.as_ref().filter(|_| within.gobo.is_none()).map(|gobo| gobo.image.path());
+            for file in without.into_iter().chain(gobo) {
+                warn(light, file, "will be without its filter");
             }
+            light.filter = within;
             if let Some(DomeMap::File(map)) = light.map.take_if(|map| map.as_file().is_some()) {
                 let map = map.in_scene(&document.path);
-                match map.is_within(folder) {
-                    true => light.map = Some(DomeMap::File(map)),
-                    false => tracing::warn!(
-                        "the map of \"{}\" lies outside the folder of the scene and is not restored",
-                        light.name
-                    ),
+                if map.is_within(folder) {
+                    light.map = Some(DomeMap::File(map));
+                } else {
+                    warn(light, map.path(), "will be off");
+                    light.enabled = false;
                 }
             }
         }
