@@ -31,7 +31,7 @@ pub fn change(before: &RigState, after: &RigState) -> String {
         Some((before, after)) => {
             format!("{}: {}", and_more(&before.name, lights().count()), light_difference(before, after))
         }
-        None => "groups".into(),
+        None => "groups or sets".into(),
     }
 }
 

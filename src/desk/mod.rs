@@ -318,6 +318,7 @@ impl Desk {
         let same_list = rig.lights.len() == self.rig.lights.len();
         let kept = |light: usize| index(&self.rig.lights[light].name).or(Some(light).filter(|_| same_list));
         let selection = Selection::of(self.selection.iter().filter_map(kept));
+        self.message = "no change".into(); // unless there is one
         // The switch is not theirs.
         let only_here = std::mem::replace(&mut self.only_here, false);
         let outcome = self.replace_rig(rig, selection, None);

@@ -111,7 +111,8 @@ impl MeshBuilder {
             tracing::info!("dropped {} triangles of zero area", self.dropped);
         }
         if self.replaced_normals > 0 {
-            tracing::warn!("{} normals of zero length were replaced by their faces' normals", self.replaced_normals);
+            let count = self.replaced_normals;
+            tracing::warn!("{count} normals of zero length or with NaN were replaced by their faces' normals");
         }
         Ok((self.mesh, space))
     }

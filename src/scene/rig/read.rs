@@ -101,7 +101,7 @@ pub fn parse(source: &str, mut files: RigFiles) -> Result<Rig, String> {
     let file: File = toml::from_str(source).map_err(|e| {
         let at = e.span().unwrap_or_default();
         let message = e.message().replace('\n', " ");
-        text.line(at, message)
+        text.line(at.clone(), format!("{message}: {}", text.source_line(at)))
     })?;
     let camera = file.camera.map(|camera| text.camera(camera)).transpose()?;
     let mut rig = Rig { camera, ..text.lists(file.group, file.set, file.light, &mut files)? };

@@ -12,4 +12,11 @@ impl RigText<'_> {
         let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
         format!("line {line}: {reason}")
     }
+
+    /// The line in which `at` begins.
+    pub fn source_line(&self, at: Span) -> &str {
+        let at = self.0.floor_char_boundary(at.start);
+        let begin = self.0[..at].rfind('\n').map_or(0, |before| before + 1);
+        self.0[begin..].lines().next().unwrap_or_default().trim()
+    }
 }
