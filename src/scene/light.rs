@@ -2,10 +2,10 @@
 
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec2, DVec3, Vec3};
 
 use super::light_unit::LEAST_FALLOFF;
-use super::{DomeMap, LightFilter, Links, MeshSpace, SkyMap};
+use super::{DomeMap, LightFilter, Links, MeshSpace, SkyMap, WideLight};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_POINT, LIGHT_SPOT, LIGHT_TWO_SIDED_FACET, PackedLight};
 
 /// The light types of `KHR_lights_punctual`, and flat lights.
@@ -227,7 +227,9 @@ impl Light {
         if self.is_punctual() {
             return packed;
         }
-        let area = self.surface().zip(count).map_or(0.0, |(surface, count)| surface / f64::from(count));
+        let wide = WideLight::of(self, space);
+        let (place, weight) = wide.map_or((DVec2::ZERO, 1.0), |wide| wide.point([u, v]));
+        let area = self.surface().zip(count).map_or(0.0, |(surface, count)| weight * surface / f64::from(count));
         let squared_radius = packed.squared_radius.max((area / PI * space.unit.powi(-2)) as f32);
         let at = |offset: DVec3| space.from_world(self.position + offset).as_vec3();
         let (sin, cos) = (TAU * v).sin_cos();
@@ -235,7 +237,17 @@ impl Light {
             let (s, t) = axis.any_orthonormal_pair();
             s * x + t * y
         };
-        let disk = || across(self.direction, cos, sin) * (self.radius * u.sqrt());
+        let along_axes = |place: DVec2| {
+            let [along_width, along_height] = self.axes();
+            along_width * place.x + along_height * place.y
+        };
+        // Of a wide one, points are drawn in the square around it.
+        let (disk, of_disk) = match wide {
+            Some(_) if place.length() > self.radius => (along_axes(place), 0.0),
+            Some(_) => (along_axes(place), weight * 4.0 / PI),
+            None => (across(self.direction, cos, sin) * (self.radius * u.sqrt()), 1.0),
+        };
+        let scaled = |weight: f64| (f64::from(packed.strength) * weight) as f32;
         match self.kind {
             LightKind::Point => {
                 let (z, r) = (1.0 - 2.0 * u, 2.0 * (u * (1.0 - u)).sqrt());
@@ -250,13 +262,12 @@ impl Light {
                     ..packed
                 }
             }
-            LightKind::Spot => PackedLight { position: at(disk()), ..packed },
-            LightKind::Disk => PackedLight { position: at(disk()), squared_radius, ..packed },
+            LightKind::Spot => PackedLight { position: at(disk), strength: scaled(of_disk), ..packed },
+            LightKind::Disk => PackedLight { position: at(disk), strength: scaled(of_disk), squared_radius, ..packed },
             LightKind::Rect => {
-                let [along_width, along_height] = self.axes();
                 let [width, height] = self.size;
-                let offset = along_width * ((u - 0.5) * width) + along_height * ((v - 0.5) * height);
-                PackedLight { position: at(offset), squared_radius, ..packed }
+                let place = if wide.is_some() { place } else { DVec2::new((u - 0.5) * width, (v - 0.5) * height) };
+                PackedLight { position: at(along_axes(place)), strength: scaled(weight), squared_radius, ..packed }
             }
             LightKind::Directional => {
                 // Uniform over the solid angle; 1 - cos without cancellation.

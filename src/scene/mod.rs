@@ -24,6 +24,7 @@ pub mod rig;
 pub mod sky_map;
 mod tangents;
 pub mod usd;
+mod wide_light;
 
 use std::path::{Path, PathBuf};
 
@@ -41,6 +42,7 @@ pub use mesh_space::MeshSpace;
 pub use rig::Rig;
 pub use sky_map::{DomeMap, PhysicalSky, SkyMap};
 pub use texture::{Encoding, Texture, Wrap};
+pub use wide_light::WideLight;
 
 use crate::error::{Error, Result};
 

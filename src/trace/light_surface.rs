@@ -2,13 +2,13 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec2, DVec3, Vec3};
 
 use super::linked::LinkedScene;
 use crate::physics::distribution::GridDistribution;
 use crate::physics::light::{cone, facet, off_axis, window};
 use crate::scene::light_filter::PosedFilter;
-use crate::scene::{DomeMap, Light, LightKind, MeshSpace, SkyMap};
+use crate::scene::{DomeMap, Light, LightKind, MeshSpace, SkyMap, WideLight};
 use crate::shared::{LIGHT_SPOT, PackedLight};
 
 /// A light with a size and what lies between it and a ray's origin.
@@ -28,8 +28,12 @@ pub struct LightSurface {
     packed: PackedLight,
     /// cd/m², straight ahead.
     radiance: f64,
-    /// Density of sampling points, per area or, for suns, per solid angle.
+    /// Density of sampling points, per area or, for suns, per solid angle; the mean one of wide lights.
     density: f64,
+    /// Density of the points of a wide light, and its axes.
+    wide: Option<(WideLight, [DVec3; 2])>,
+    /// Metres.
+    unit: f64,
 }
 
 enum Shape {
@@ -164,7 +168,11 @@ impl LightSurface {
             LightKind::Spot => PI * light.radius * light.radius,
             _ => light.projected_area().unwrap_or(0.0),
         };
-        let surface = Self { shape, packed: light.pack(space), radiance: projected.recip(), density: area.recip() };
+        let wide = WideLight::of(light, space).map(|wide| (wide, light.axes()));
+        // Points of a wide disk are drawn in the square around it.
+        let drawn_area = if wide.is_some() && light.kind != LightKind::Rect { area * 4.0 / PI } else { area };
+        let (radiance, density) = (projected.recip(), drawn_area.recip());
+        let surface = Self { shape, packed: light.pack(space), radiance, density, wide, unit: space.unit };
         (surface.radiance.is_finite() && surface.density.is_finite()).then_some(surface)
     }
 
@@ -172,8 +180,16 @@ impl LightSurface {
     pub fn size(&self, point: &PackedLight) -> f64 {
         match self.shape {
             Shape::Sky { .. } => point.squared_radius.into(),
-            _ => self.density.recip(),
+            _ => self.density_at(point.position.as_dvec3() - self.packed.position.as_dvec3()).recip(),
         }
+    }
+
+    /// Density of sampling points, at an offset from the middle.
+    fn density_at(&self, offset: DVec3) -> f64 {
+        let weight = |(wide, axes): &(WideLight, [DVec3; 2])| {
+            wide.weight(self.unit * DVec2::new(offset.dot(axes[0]), offset.dot(axes[1])))
+        };
+        self.wide.as_ref().map_or(self.density, |wide| self.density / weight(wide))
     }
 
     /// What a ray in unit `direction` sees of the light beyond the distance `begin` and up to `end`.
@@ -203,16 +219,16 @@ impl LightSurface {
                 let distance = along - half_chord;
                 // From inside it is dark.
                 (half_chord > 0.0 && distance > begin && distance <= end)
-                    .then(|| self.seen(distance, half_chord / radius, 1.0))
+                    .then(|| self.seen(distance, half_chord / radius, 1.0, self.density))
             }
             Shape::Disk { radius } => {
                 let (distance, at) = on_plane()?;
-                (at.length_squared() <= radius * radius).then(|| self.flat(distance, direction, axis))?
+                (at.length_squared() <= radius * radius).then(|| self.flat(distance, at, direction, axis))?
             }
             Shape::Rect { axes, half_size } => {
                 let (distance, at) = on_plane()?;
                 let is_inside = axes.iter().zip(half_size).all(|(axis, half)| at.dot(*axis).abs() <= *half);
-                is_inside.then(|| self.flat(distance, direction, axis))?
+                is_inside.then(|| self.flat(distance, at, direction, axis))?
             }
         }
     }
@@ -224,21 +240,21 @@ impl LightSurface {
         map.density(direction) * warp.as_ref().map_or(1.0, |warp| warp.warp_density(map.drawn_at(direction)))
     }
 
-    fn flat(&self, distance: f64, direction: DVec3, axis: DVec3) -> Option<LightHit> {
+    fn flat(&self, distance: f64, at: DVec3, direction: DVec3, axis: DVec3) -> Option<LightHit> {
         let cosine = -direction.dot(axis);
         let emission = match self.packed.kind {
             LIGHT_SPOT => cone(&self.packed, off_axis(&self.packed, direction)),
             _ => facet(&self.packed, cosine),
         };
-        (emission > 0.0).then(|| self.seen(distance, cosine.abs(), emission / cosine.abs()))
+        (emission > 0.0).then(|| self.seen(distance, cosine.abs(), emission / cosine.abs(), self.density_at(at)))
     }
 
     /// `relative`: radiance relative to that straight ahead.
-    fn seen(&self, distance: f64, cosine: f64, relative: f64) -> LightHit {
+    fn seen(&self, distance: f64, cosine: f64, relative: f64, density: f64) -> LightHit {
         LightHit {
             distance,
             radiance: DVec3::splat(self.radiance * relative),
-            density: self.density * distance * distance / cosine,
+            density: density * distance * distance / cosine,
         }
     }
 
@@ -247,7 +263,10 @@ impl LightSurface {
         match &self.shape {
             Shape::Sun { .. } => self.density,
             Shape::Sky { .. } => self.sky_density(wi),
-            _ => self.density * distance * distance / wi.dot(point.direction.as_dvec3()).abs().max(f64::MIN_POSITIVE),
+            _ => {
+                let density = self.density_at(point.position.as_dvec3() - self.packed.position.as_dvec3());
+                density * distance * distance / wi.dot(point.direction.as_dvec3()).abs().max(f64::MIN_POSITIVE)
+            }
         }
     }
 }

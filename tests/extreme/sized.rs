@@ -25,7 +25,6 @@ const MIDDLE: DVec3 = DVec3::new(0.1, -0.2, 0.05);
 const ROUNDING: f64 = 1e-8;
 const TOUCHES: &str =
     "its points are bounded within their share of its surface, which takes light from where it touches";
-const HIDDEN: &str = "none of its 256 points is in the room; paths find the way to the others";
 const SELDOM: &str = "few of the points that are drawn on it are in the room, so both are noisy";
 
 fn grey() -> Material {
@@ -161,7 +160,6 @@ fn sizes_and_places() {
             "a sphere half in a wall" | "a sphere that touches the floor" | "a sphere that touches all walls" => {
                 row.short(TOUCHES)
             }
-            "a disk of 100 m below the ceiling" | "a spot of 100 m" => row.short(HIDDEN),
             _ => row,
         });
         let gathered = relit.gathered(&rig(vec![light.clone()]), 16);
