@@ -120,8 +120,9 @@ mod tests {
         let disk = Light { direction: DVec3::NEG_Y, ..disk };
         let irradiance = |i: usize| {
             let point = disk.pack_point(space, [i % 400, i / 400].map(|i| (i as f64 + 0.5) / 400.0), None);
-            let squared = (space.unit * point.position.as_dvec3()).length_squared(); // from the middle of the scene
-            3600.0 * f64::from(point.strength) * (7.0 / squared).powi(2)
+            // From the middle of the scene; in mesh space lights are weaker by the square of its unit.
+            let squared = (space.unit * point.position.as_dvec3()).length_squared();
+            3600.0 * f64::from(point.strength) * (space.unit * 7.0 / squared).powi(2)
         };
         let mean = (0..400 * 400).map(irradiance).sum::<f64>() / (400.0 * 400.0);
         assert!((mean * (3600.0 + 49.0) / 3600.0 - 1.0).abs() < 0.01, "{mean}");
