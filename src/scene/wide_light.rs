@@ -126,8 +126,7 @@ mod tests {
         };
         let mean = (0..400 * 400).map(irradiance).sum::<f64>() / (400.0 * 400.0);
         assert!((mean * (3600.0 + 49.0) / 3600.0 - 1.0).abs() < 0.01, "{mean}");
-        let small =
-            Light { kind: LightKind::Rect, size: [4.0, 30.0], ..Light::point("card", DVec3::new(0.0, 5.0, 0.0)) };
+        let small = Light { kind: LightKind::Rect, size: [4.0, 30.0], ..disk };
         assert!(WideLight::of(&small, space).is_none());
     }
 }
