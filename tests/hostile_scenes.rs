@@ -726,6 +726,7 @@ fn mtl() {
     let obj = write(folder.path(), "x.obj", obj);
     // A missing library is only a warning.
     assert!(Scene::load(&obj).is_ok());
+    ["broken.png", "broken.tga", "layers.psd"].iter().for_each(|name| drop(write(folder.path(), name, b"8BPS")));
     for (text, says) in [
         ("newmtl a\nKd\n", "line 2: Kd: numbers are missing"),
         ("newmtl a\nKs x\n", "line 2: Ks: \"x\" is not a number"),
@@ -735,7 +736,8 @@ fn mtl() {
         ("newmtl a\nmap_Kd\n", "line 2: map_Kd: names no file"),
         ("newmtl a\nmap_Kd -s 1 2\n", "line 2: map_Kd: names no file"),
         ("newmtl a\nmap_Kd -what x.png\n", "option -what is unknown"),
-        ("newmtl a\nmap_Kd x.obj\n", "\"x.obj\" cannot be decoded"),
+        ("newmtl a\nmap_Kd broken.png\n", "\"broken.png\" cannot be decoded"),
+        ("newmtl a\nmap_Kd broken.tga\n", "\"broken.tga\" cannot be decoded"),
     ] {
         write(folder.path(), "x.mtl", text.as_bytes());
         let Err(error) = Scene::load(&obj) else { panic!("loaded: {text}") };
@@ -743,7 +745,8 @@ fn mtl() {
         assert!(chain(&error).contains(says), "says: {}\nnot: {says}", chain(&error));
     }
     // Textures that are not there, or not to be read, leave their materials grey; names may be missing.
-    for text in ["newmtl a\nmap_Kd none.png\n", "newmtl a\nmap_Kd ../../secret.png\n", "newmtl\nKd 1 0 0\n"] {
+    let unread = ["none.png", "../../secret.png", "layers.psd"].map(|file| format!("newmtl a\nmap_Kd {file}\n"));
+    for text in unread.into_iter().chain(["newmtl\nKd 1 0 0\n".to_owned()]) {
         write(folder.path(), "x.mtl", text.as_bytes());
         assert!(Scene::load(&obj).unwrap().textures.is_empty(), "{text}");
     }

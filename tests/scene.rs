@@ -587,7 +587,8 @@ fn obj_faces_of_several_kinds() {
         corners.entry(of).or_insert_with(Vec::new).push((normals, uvs, colors));
     }
     let [a, b, c, d, tip, far] = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 2, 2], [2, 0, 0]];
-    let (white, purple, none) = ([Vec3::ONE; 3], Vec3::new(0.5, 0.0, 1.0), [[0.0, 1.0]; 3]);
+    // Vertex colours are sRGB.
+    let (white, purple, none) = ([Vec3::ONE; 3], Vec3::new(0.21404114, 0.0, 1.0), [[0.0, 1.0]; 3]);
     let uvs = [[0.5, 0.25], [0.25, 1.0], [1.0, 0.0]];
     let given = [Vec3::X, Vec3::X, Vec3::Y];
     assert_eq!(corners[&[a, b, c]], [(given, uvs, white), ([Vec3::Z; 3], uvs, white)]);
@@ -624,6 +625,29 @@ fn obj_materials() {
     assert_eq!(scene.mesh.uvs[0][0], Vec2::new(0.0, 1.0));
     let uv = (texture.uv_transform * Vec3::new(0.5, 1.0, 1.0)).truncate();
     assert!(uv.distance(Vec2::new(1.0, 1.0)) < 1e-6, "{uv}");
+}
+
+/// Names with the sign of comments, an image that only its name says what it is, and a normal that is no number.
+#[test]
+fn obj_files_of_other_programs() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut tga = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 1, 0, 24, 0x20];
+    tga.extend([10, 20, 30]); // blue first
+    write(folder.path(), "brick#3.tga", &tga);
+    let mtl = "newmtl Material #25 # both\nKd 0.1 0.1 0.1\nnewmtl Material #26\nmap_Kd brick#3.tga\n";
+    write(folder.path(), "lib #1.mtl", mtl.as_bytes());
+    let obj = format!(
+        "mtllib lib #1.mtl\n{OBJ_SQUARE}vn nan 0 1\nvt 0 0\n\
+         usemtl Material #25 # both\nf 1//1 2//1 3//1 # tip\nusemtl Material #26\nf 1/1 3/1 4/1\n"
+    );
+    let scene = Scene::load(&write(folder.path(), "scene.obj", obj.as_bytes())).unwrap();
+    assert_eq!(scene.materials[0].base_color, Vec4::new(0.1, 0.1, 0.1, 1.0));
+    assert!(scene.materials[1].base_color_texture.is_some());
+    let texture = &scene.textures[0];
+    let texel = texture.sample(Vec2::ZERO, [Wrap::Repeat; 2], 0.0);
+    let red = ((30.0f32 / 255.0 + 0.055) / 1.055).powf(2.4);
+    assert!((texel.x - red).abs() < 1e-4 && texel.z < texel.x, "{texel}");
+    assert_eq!(scene.mesh.normals[0], Vec3::Z);
 }
 
 #[test]
@@ -752,6 +776,30 @@ fn any_set_of_texture_coordinates() {
     // The third of three has no room.
     assert_eq!((read(2, &three.base_color_texture), read(2, &three.emissive_texture)), (Some(0.0), None));
     assert_eq!(read(2, &three.metallic_roughness_texture), Some(3.0));
+}
+
+/// Of older files: reflectance is a colour, and alpha is glossiness.
+#[test]
+fn specular_glossiness_becomes_roughness() {
+    let mut gltf = textured();
+    let glossy = |gltf: &mut Gltf, values: serde_json::Value| {
+        gltf.json["materials"] = json!([{ "extensions": { "KHR_materials_pbrSpecularGlossiness": values } }]);
+        load(gltf)
+    };
+    let factors = json!({ "diffuseFactor": [0.5, 0.25, 0.125, 1.0], "specularFactor": [0.04, 0.5, 1.0],
+        "glossinessFactor": 0.75 });
+    let material = glossy(&mut gltf, factors).materials[0].clone();
+    assert_eq!((material.base_color, material.metallic), (Vec4::new(0.5, 0.25, 0.125, 1.0), 0.0));
+    assert_eq!((material.roughness, material.specular_color), (0.25, Vec3::new(1.0, 12.5, 25.0)));
+    let scene = glossy(&mut gltf, json!({ "glossinessFactor": 0.5, "specularGlossinessTexture": { "index": 0 } }));
+    let material = &scene.materials[0];
+    let texture = material.metallic_roughness_texture.unwrap().texture;
+    // The image is opaque.
+    assert_eq!(
+        (material.roughness, scene.textures[texture].sample(Vec2::new(0.25, 0.5), [Wrap::Repeat; 2], 0.0).y),
+        (1.0, 128.0 / 255.0)
+    );
+    assert_ne!(material.specular_color_texture.unwrap().texture, texture);
 }
 
 #[test]

@@ -98,9 +98,9 @@ impl Refusal {
 }
 
 impl TexelCount {
-    /// Adds a file, or returns which limit it exceeds.
-    pub fn add(&mut self, file: &[u8]) -> Result<(), Refusal> {
-        let Header { width, height, texel_bytes } = Header::read(file).map_err(Refusal::Undecodable)?;
+    /// Adds a file, or returns which limit it exceeds. `name`: see [`Image::decode`].
+    pub fn add(&mut self, file: &[u8], name: &Path) -> Result<(), Refusal> {
+        let Header { width, height, texel_bytes } = Header::read(file, name).map_err(Refusal::Undecodable)?;
         let count = u64::from(width) * u64::from(height);
         let bytes = file.len() as u64;
         if count > SMALL && count / MAX_TEXELS_PER_BYTE > bytes {
@@ -135,13 +135,21 @@ struct Header {
 }
 
 impl Header {
-    fn read(file: &[u8]) -> Result<Self, image::ImageError> {
-        let mut reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
+    fn read(file: &[u8], name: &Path) -> Result<Self, image::ImageError> {
+        let mut reader = reader(file, name)?;
         reader.no_limits();
         let decoder = reader.into_decoder()?;
         let (width, height) = decoder.dimensions();
         Ok(Self { width, height, texel_bytes: if is_deep(decoder.color_type()) { 8 } else { 4 } })
     }
+}
+
+fn reader<'a>(file: &'a [u8], name: &Path) -> std::io::Result<image::ImageReader<std::io::Cursor<&'a [u8]>>> {
+    let mut reader = image::ImageReader::new(std::io::Cursor::new(file));
+    if let Ok(format) = image::ImageFormat::from_path(name) {
+        reader.set_format(format);
+    }
+    reader.with_guessed_format()
 }
 
 /// Whether channels have more than 8 bits.
@@ -150,9 +158,10 @@ fn is_deep(color: image::ColorType) -> bool {
 }
 
 impl Image {
-    /// Decodes a PNG, JPEG or WebP file; channels of more than 8 bits are stored as 16.
-    pub fn decode(file: &[u8]) -> Result<Self, image::ImageError> {
-        let mut reader = image::ImageReader::new(std::io::Cursor::new(file)).with_guessed_format()?;
+    /// Decodes a PNG, JPEG, WebP, BMP, TIFF or TGA file; channels of more than 8 bits are stored as 16. `name`: tells TGA,
+    /// which nothing else does; may be empty.
+    pub fn decode(file: &[u8], name: &Path) -> Result<Self, image::ImageError> {
+        let mut reader = reader(file, name)?;
         let mut limits = image::Limits::default();
         limits.max_alloc = Some(MAX_DECODED_BYTES);
         limits.max_image_width = Some(MAX_SIDE);

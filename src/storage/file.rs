@@ -29,10 +29,6 @@ fn write_with(path: &Path, is_private: bool, encode: impl FnOnce(&mut dyn Write)
         }
         _ => {}
     }
-    let folder_of = |path: &Path| match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
-        _ => PathBuf::from("."),
-    };
     let target = fs::canonicalize(path).or_else(|_| fs::read_link(path).map(|to| folder_of(path).join(to)));
     let target = target.unwrap_or_else(|_| path.to_owned());
     let beside = temporary(is_private)
@@ -62,6 +58,17 @@ pub fn open(path: &Path) -> Result<(File, u64)> {
     }
     let file = File::open(path).map_err(Error::io("open", path))?;
     Ok((file, kind.len()))
+}
+
+/// The folder that holds `path`; `.` if it is only a name.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Where `path` lies: absolute, without links, also if only its folder is there; else `path`.
+pub fn without_links(path: &Path) -> PathBuf {
+    let in_folder = || Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?));
+    path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned())
 }
 
 /// Marks a file of the cache as used now, so that pruning by age keeps it. Only its owner may do so.

@@ -144,9 +144,11 @@ impl Document {
     /// Counts an accessor without a buffer view towards the file's limit, once.
     fn count_zeros(&self, index: usize, count: usize, what: &str) -> Result<()> {
         let mut zeros = self.zeros.lock().expect("nothing panics while it holds this");
-        zeros.insert(index, count);
-        let of_file: usize = zeros.values().sum();
-        if of_file > 2 * MAX_ZEROS {
+        let (known, of_file) = &mut *zeros;
+        if known.insert(index) {
+            *of_file += count;
+        }
+        if *of_file > 2 * MAX_ZEROS {
             return Err(self.error(format!("{what}: {of_file} elements together have no buffer view")));
         }
         Ok(())

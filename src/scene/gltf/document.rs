@@ -7,7 +7,7 @@
 //! Its types have single precision, which is too coarse for poses and for values that artists read back in a rig file.
 //! So nodes, cameras and lights are parsed a second time, into our own types.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -29,7 +29,7 @@ pub struct Document {
     pub poses: Poses,
     pub buffers: Vec<Vec<u8>>,
     /// Lengths of the accessors without a buffer view that have been read.
-    pub zeros: Mutex<HashMap<usize, usize>>,
+    pub zeros: Mutex<(HashSet<usize>, usize)>,
     pub unpacked: Unpacked,
 }
 
@@ -200,6 +200,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_specular",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",

@@ -7,6 +7,10 @@ use std::path::Path;
 pub struct IgnoredCounts {
     pub points_and_lines: usize,
     pub missing_uvs: usize,
+    /// Texture coordinates that are no numbers.
+    pub bad_uvs: usize,
+    /// Primitives with vertex colours whose material shows its own colour.
+    pub unlit_colors: usize,
     pub without_positions: usize,
     /// Nodes and copies of zero scale.
     pub vanished: usize,
@@ -29,6 +33,13 @@ impl IgnoredCounts {
         if self.missing_uvs > 0 {
             let count = self.missing_uvs;
             tracing::warn!("{path}: {count} primitives lack texture coordinates that their material uses");
+        }
+        if self.bad_uvs > 0 {
+            tracing::warn!("{path}: {} texture coordinates are no numbers and were replaced by 0", self.bad_uvs);
+        }
+        if self.unlit_colors > 0 {
+            let count = self.unlit_colors;
+            tracing::warn!("{path}: {count} primitives have unlit materials: their vertex colours are ignored");
         }
     }
 }

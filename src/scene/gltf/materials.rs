@@ -6,6 +6,7 @@ use std::path::Path;
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
 use gltf::json;
+use json::extensions::material::PbrSpecularGlossiness;
 use json::extensions::texture::TextureTransform;
 use json::texture::{MagFilter, WrappingMode};
 use json::validation::Checked;
@@ -26,10 +27,23 @@ pub struct Materials<'a> {
     /// Index in `materials` by index in the file; `None` is glTF's default material.
     indices: HashMap<Option<usize>, usize>,
     /// Source of each texture: an image of the file, and its encoding.
-    textures: Vec<(usize, Encoding)>,
-    texture_indices: HashMap<(usize, Encoding), usize>,
+    textures: Vec<(usize, Content)>,
+    texture_indices: HashMap<(usize, Content), usize>,
     missing: Missing,
 }
+
+/// What a texture has of its image.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Content {
+    Image(Encoding),
+    /// Roughness: 1 less the image's alpha times a glossiness, given by its bits.
+    Roughness {
+        glossiness: u32,
+    },
+}
+
+/// Reflectance of a material with the default index of refraction, at normal incidence.
+const DEFAULT_REFLECTANCE: f32 = 0.04;
 
 /// What a primitive needs from its material.
 pub struct MaterialUse {
@@ -39,12 +53,16 @@ pub struct MaterialUse {
     pub uv_sets: [Option<u32>; 2],
     /// Which of these two the normal map uses.
     pub tangents_from: Option<usize>,
+    /// Whether its own colour is shown.
+    pub is_unlit: bool,
 }
 
 /// Magic bytes of KTX2 files.
 const KTX2: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 
 const NO_KTX2: &str = "is KTX2 (KHR_texture_basisu), which is not supported; PNG, JPEG and WebP are";
+
+const UNLIT: &str = "KHR_materials_unlit";
 
 const MIME_TYPES: [&str; 3] = ["image/png", "image/jpeg", "image/webp"];
 
@@ -88,7 +106,9 @@ impl<'a> Materials<'a> {
         };
         let material = &self.materials[known];
         let tangents_from = material.normal_texture.as_ref().map(|t| t.uv_set);
-        Ok(MaterialUse { index: known, uv_sets: self.uv_sets[known], tangents_from })
+        let extensions = index.and_then(|index| self.document.root.materials[index].extensions.as_ref());
+        let is_unlit = extensions.is_some_and(|extensions| extensions.others.contains_key(UNLIT));
+        Ok(MaterialUse { index: known, uv_sets: self.uv_sets[known], tangents_from, is_unlit })
     }
 
     /// All materials in use, and their decoded textures.
@@ -97,7 +117,7 @@ impl<'a> Materials<'a> {
         for &(image, _) in &self.textures {
             self.document.count_texels(image, &mut texels)?;
         }
-        let decode = |&(image, encoding): &(usize, Encoding)| self.document.decode_image(image, encoding);
+        let decode = |&(image, content): &(usize, Content)| self.document.decode_image(image, content);
         let textures = self.textures.par_iter().map(decode).collect::<Result<_>>()?;
         self.missing.warn(self.document);
         Ok((self.materials, textures))
@@ -122,8 +142,8 @@ impl<'a> Materials<'a> {
         let normal_info = normal_info.map_err(|e| {
             Error::import_from(&document.path, format!("{what}: the transform of its normal texture"), e)
         })?;
-        let mut texture = |info: Option<Info>, encoding| self.texture(info, encoding, &what);
-        let material = Material {
+        let mut texture = |info: Option<Info>, encoding| self.texture(info, Content::Image(encoding), &what);
+        let mut material = Material {
             base_color: Vec4::from_array(pbr.base_color_factor.0),
             base_color_texture: texture(pbr.base_color_texture.as_ref().map(Info::from), Encoding::Srgb)?,
             metallic: pbr.metallic_factor.0,
@@ -146,18 +166,44 @@ impl<'a> Materials<'a> {
             strip_diffuse: false,
             name,
         };
+        if let Some(glossy) = extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()) {
+            self.take_specular_glossiness(glossy, &mut material, &what)?;
+        }
         let material = checked(material, &document.path, &what);
         let mut material = material.map_err(|reason| document.error(format!("{what}: {reason}")))?;
         if let Some(others) = extensions.map(|e| &e.others) {
             self.missing.count(others);
-            if others.contains_key("KHR_materials_unlit") {
+            if others.contains_key(UNLIT) {
                 make_unlit(&mut material);
             }
         }
         Ok(material)
     }
 
-    fn texture(&mut self, info: Option<Info>, encoding: Encoding, what: &str) -> Result<Option<TextureRef>> {
+    /// `KHR_materials_pbrSpecularGlossiness` of older files, in place of metallic-roughness. Metals are dielectrics whose
+    /// reflectance is a colour.
+    fn take_specular_glossiness(
+        &mut self,
+        glossy: &PbrSpecularGlossiness,
+        material: &mut Material,
+        what: &str,
+    ) -> Result<()> {
+        let mut texture =
+            |info: Option<&json::texture::Info>, content| self.texture(info.map(Info::from), content, what);
+        let (reflectance, glossiness) = (glossy.specular_glossiness_texture.as_ref(), glossy.glossiness_factor.0);
+        let from_alpha = Content::Roughness { glossiness: glossiness.to_bits() };
+        material.base_color = Vec4::from_array(glossy.diffuse_factor.0);
+        material.base_color_texture = texture(glossy.diffuse_texture.as_ref(), Content::Image(Encoding::Srgb))?;
+        (material.metallic, material.ior) = (0.0, 1.5);
+        (material.specular, material.specular_texture) = (1.0, None);
+        material.specular_color = Vec3::from_array(glossy.specular_factor.0) / DEFAULT_REFLECTANCE;
+        material.specular_color_texture = texture(reflectance, Content::Image(Encoding::Srgb))?;
+        material.metallic_roughness_texture = texture(reflectance, from_alpha)?;
+        material.roughness = if reflectance.is_some() { 1.0 } else { 1.0 - glossiness };
+        Ok(())
+    }
+
+    fn texture(&mut self, info: Option<Info>, content: Content, what: &str) -> Result<Option<TextureRef>> {
         let Some(info) = info else { return Ok(None) };
         let document = self.document;
         let source = document.item(&document.root.textures, info.index, "texture", what)?;
@@ -193,8 +239,8 @@ impl<'a> Materials<'a> {
         if !uv_transform.is_finite() {
             return Err(document.error(format!("{what}: its transform is not finite")));
         }
-        let texture = *self.texture_indices.entry((image, encoding)).or_insert_with(|| {
-            self.textures.push((image, encoding));
+        let texture = *self.texture_indices.entry((image, content)).or_insert_with(|| {
+            self.textures.push((image, content));
             self.textures.len() - 1
         });
         Ok(Some(TextureRef { texture, uv_set, uv_transform, wrap, is_nearest }))
@@ -202,9 +248,17 @@ impl<'a> Materials<'a> {
 }
 
 impl Document {
-    fn decode_image(&self, index: usize, encoding: Encoding) -> Result<Texture> {
+    fn decode_image(&self, index: usize, content: Content) -> Result<Texture> {
         let name = self.root.images[index].name.clone().unwrap_or_else(|| format!("image{index}"));
-        Ok(Texture::of(name, self.image(index)?, encoding))
+        let image = self.image(index)?;
+        Ok(match content {
+            Content::Image(encoding) => Texture::of(name, image, encoding),
+            Content::Roughness { glossiness } => {
+                let rough = |alpha: u8| 255.0 - f32::from_bits(glossiness) * f32::from(alpha);
+                let texels = image.texels.iter().map(|texel| [255, rough(texel[3]).round() as u8, 255, 255]);
+                Texture::new(name, image.width, image.height, texels.collect(), Encoding::Linear)
+            }
+        })
     }
 
     /// Adds an image to `texels`, or returns why it is refused.
@@ -213,11 +267,11 @@ impl Document {
         if file.starts_with(KTX2) {
             return Err(self.error(format!("{name} {NO_KTX2}")));
         }
-        texels.add(&file).map_err(|refusal| refusal.at(&self.path, &name))
+        texels.add(&file, Path::new("")).map_err(|refusal| refusal.at(&self.path, &name))
     }
 
     pub fn image(&self, index: usize) -> Result<Image> {
-        let image = Image::decode(&self.image_file(index)?);
+        let image = Image::decode(&self.image_file(index)?, Path::new(""));
         image.map_err(|e| Error::import_from(&self.path, format!("{} cannot be decoded", self.image_name(index)), e))
     }
 

@@ -95,7 +95,7 @@ impl NodePrimitive<'_> {
         for (slot, set) in material.uv_sets.into_iter().enumerate() {
             let Some(set) = set else { continue };
             part.uvs[slot] = match self.attribute(Semantic::TexCoords(set)) {
-                Some(index) => self.uvs(index, set, count)?,
+                Some(index) => self.uvs(index, set, count, ignored)?,
                 None => {
                     ignored.missing_uvs += 1;
                     vec![Vec2::ZERO; count]
@@ -104,6 +104,7 @@ impl NodePrimitive<'_> {
         }
         if let Some(index) = self.attribute(Semantic::Colors(0)) {
             part.colors = self.colors(index, count)?;
+            ignored.unlit_colors += usize::from(material.is_unlit);
         }
         part.tangents_from = material.tangents_from;
         if part.tangents_from.is_some()
@@ -145,12 +146,13 @@ impl NodePrimitive<'_> {
         Ok(normals.into_iter().enumerate().map(|(i, n)| direction(matrix(i), n)).collect())
     }
 
-    fn uvs(&self, index: usize, set: u32, count: usize) -> Result<Vec<Vec2>> {
+    fn uvs(&self, index: usize, set: u32, count: usize, ignored: &mut IgnoredCounts) -> Result<Vec<Vec2>> {
         let name = format!("TEXCOORD_{set}");
         let what = format!("{}: {name}", self.what);
         let quantized = [I8, I8_NORM, U8, I16, I16_NORM, U16];
         self.same_length(index, count, &name)?;
         let uvs = self.document.vectors::<2>(index, &what, &[F32, U8_NORM, U16_NORM], &quantized)?;
+        ignored.bad_uvs += uvs.iter().filter(|uv| uv.iter().any(|t| !t.is_finite())).count();
         // Texture lookups read non-finite values as 0; tangent generation does not.
         Ok(uvs.into_iter().map(|uv| Vec2::from_array(uv.map(|t| if t.is_finite() { t } else { 0.0 }))).collect())
     }

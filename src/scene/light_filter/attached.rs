@@ -13,6 +13,7 @@ use crate::scene::gltf::image_lights::read_sky_map;
 use crate::scene::gltf::profile_files::{file_and_index, path_in_file, read_profile};
 use crate::scene::texture::{Encoding, Image, TexelCount, Texture};
 use crate::scene::{DomeMap, Light, SkyMap};
+use crate::storage::file::without_links;
 
 /// A decoded file and where it lies.
 pub struct Attached<T> {
@@ -24,10 +25,7 @@ pub struct Attached<T> {
 impl<T> Attached<T> {
     /// `path` may be relative to the current folder.
     pub fn new(path: &Path, bytes: &[u8], content: T) -> Self {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let in_folder = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
-        let path = path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned());
-        Self { path, hash: blake3::hash(bytes), content: Arc::new(content) }
+        Self { path: without_links(path), hash: blake3::hash(bytes), content: Arc::new(content) }
     }
 
     /// Absolute, without links. Ends in `#` and a number if the file is one of those in a glTF file.
@@ -183,15 +181,15 @@ impl<'a> RigFiles<'a> {
         Ok(index.map_or(path.clone(), |index| path_in_file(&path, index)))
     }
 
-    /// Reads an image: PNG, JPEG or WebP; sRGB.
+    /// Reads an image, sRGB; see [`Image::decode`].
     pub fn image(&mut self, name: &str) -> Result<Attached<Texture>> {
         if let Some(known) = self.images.get(&self.folder.join(name)) {
             return Ok(known.clone());
         }
         let path = self.find(name)?;
         let decode = |bytes: &[u8]| {
-            TexelCount::default().add(bytes).map_err(|refusal| refusal.at(&path, "the image"))?;
-            let image = Image::decode(bytes);
+            TexelCount::default().add(bytes, &path).map_err(|refusal| refusal.at(&path, "the image"))?;
+            let image = Image::decode(bytes, &path);
             let image = image.map_err(|cause| Error::import_from(&path, "the image cannot be decoded", cause))?;
             let mut texture = Texture::of(String::new(), image, Encoding::Srgb);
             let is_fine = |level: &crate::scene::texture::Level| level.width.max(level.height) > MAX_SIDE;

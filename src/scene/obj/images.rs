@@ -1,8 +1,12 @@
 //! Texture files of MTL: found, decoded once, and combined if one of our textures needs several.
 
 use std::collections::HashMap;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+
+use image::ImageFormat;
 
 use super::texture_map::TextureMap;
 use crate::error::{Error, Result};
@@ -19,8 +23,8 @@ pub struct Images {
     made: HashMap<Recipe, usize>,
     images: HashMap<PathBuf, Rc<Image>>,
     texels: TexelCount,
-    /// Missing files, each reported once.
-    missing: Vec<String>,
+    /// Ignored files, each reported once.
+    ignored: Vec<String>,
 }
 
 impl Images {
@@ -29,27 +33,39 @@ impl Images {
     }
 
     /// Finds the file of `map`: at the path in the MTL, else by its file name next to the MTL, because many MTL files
-    /// contain paths of the machine that wrote them. `None`, with a warning, if it does not exist.
+    /// contain paths of the machine that wrote them. `None`, with a warning, if it does not exist or has a format that is
+    /// not read.
     pub fn find(&mut self, mtl: &Path, map: &TextureMap) -> Result<Option<PathBuf>> {
         let folder = mtl.parent().unwrap_or(Path::new(""));
         let name = map.file.rsplit('/').next().unwrap_or_default();
         for candidate in [map.file.as_str(), name] {
             let Ok(relative) = files::inside(candidate) else { continue };
             let path = folder.join(relative);
-            if path.exists() {
-                let leaves = |e| Error::import_from(mtl, format!("\"{}\"", files::shortened(&map.file)), e);
-                return files::below(folder, &path).map(Some).map_err(leaves);
+            if !path.exists() {
+                continue;
             }
-        }
-        let name = files::shortened(&map.file);
-        if !self.missing.contains(&name) {
-            tracing::warn!("{}: texture \"{name}\" does not exist and is ignored", mtl.display());
-            // Enough to avoid repeated warnings about textures that all materials share.
-            if self.missing.len() < 64 {
-                self.missing.push(name);
+            let leaves = |e| Error::import_from(mtl, format!("\"{}\"", files::shortened(&map.file)), e);
+            let path = files::below(folder, &path).map_err(leaves)?;
+            if is_readable(&path) {
+                return Ok(Some(path));
             }
+            self.ignore(mtl, map, "is no image that relume reads (PNG, JPEG, WebP, TGA, BMP, TIFF)");
+            return Ok(None);
         }
+        self.ignore(mtl, map, "does not exist");
         Ok(None)
+    }
+
+    /// Warns about a file, once.
+    fn ignore(&mut self, mtl: &Path, map: &TextureMap, reason: &str) {
+        let name = files::shortened(&map.file);
+        if !self.ignored.contains(&name) {
+            tracing::warn!("{}: texture \"{name}\" {reason} and is ignored", mtl.display());
+            // Enough to avoid repeated warnings about textures that all materials share.
+            if self.ignored.len() < 64 {
+                self.ignored.push(name);
+            }
+        }
     }
 
     /// The decoded file.
@@ -60,8 +76,8 @@ impl Images {
         let name = files::shortened(&path.file_name().unwrap_or_default().to_string_lossy());
         let bytes = files::read(path).map_err(|e| Error::import_from(mtl, format!("cannot read \"{name}\""), e))?;
         let undecodable = |e| Error::import_from(mtl, format!("\"{name}\" cannot be decoded"), e);
-        self.texels.add(&bytes).map_err(|e| e.at(mtl, &format!("\"{name}\"")))?;
-        let image = Rc::new(Image::decode(&bytes).map_err(undecodable)?);
+        self.texels.add(&bytes, path).map_err(|e| e.at(mtl, &format!("\"{name}\"")))?;
+        let image = Rc::new(Image::decode(&bytes, path).map_err(undecodable)?);
         self.images.insert(path.to_owned(), image.clone());
         Ok(image)
     }
@@ -83,6 +99,14 @@ impl Images {
         self.made.insert(recipe, self.textures.len() - 1);
         Ok(self.textures.len() - 1)
     }
+}
+
+/// Whether the name or the first bytes of a file are those of a format that is read; the file may still be malformed.
+fn is_readable(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(64).read_to_end(&mut head));
+    let formats = [ImageFormat::from_path(path), image::guess_format(&head)];
+    read.is_err() || formats.iter().flatten().any(ImageFormat::reading_enabled)
 }
 
 /// An 8-bit image with the largest width and height of its sources; each texel is computed from the sources' nearest

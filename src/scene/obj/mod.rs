@@ -14,11 +14,12 @@ use std::path::Path;
 
 use earcut::Earcut;
 use earcut::utils3d::project3d_to_2d;
-use glam::{DVec3, Vec2, Vec4};
+use glam::{DVec3, Vec2};
 use tobj::{LoadOptions, Mesh};
 
 use super::mesh_builder::MeshBuilder;
 use super::mesh_part::MeshPart;
+use super::texture::srgb_to_linear;
 use super::{Material, Object, Rig, Scene, files};
 use crate::error::{Error, Result};
 use materials::Library;
@@ -71,6 +72,13 @@ pub fn load(path: &Path) -> Result<Scene> {
             }
             materials::default(name)
         });
+        let without_uvs = polygons.iter().filter(|polygon| !polygon.face.has_uvs).count();
+        if without_uvs > 0 && material.textures().next().is_some() {
+            let path = path.display();
+            tracing::warn!(
+                "{path}: material \"{name}\": {without_uvs} faces lack texture coordinates for its textures"
+            );
+        }
         // Faces without normals are flat, those with normals are not: they form separate parts.
         for has_normals in [true, false] {
             let polygons = polygons.iter().filter(|polygon| polygon.face.has_normals == has_normals);
@@ -131,8 +139,8 @@ fn part<'a>(
                     part.uvs[0].push(uv.map_or(Vec2::Y, |i| turned(i as usize)));
                 }
                 if !mesh.vertex_color.is_empty() {
-                    let color = three(&mesh.vertex_color, position).as_vec3();
-                    part.colors.push(color.extend(1.0).clamp(Vec4::ZERO, Vec4::ONE));
+                    let color = three(&mesh.vertex_color, position).clamp(DVec3::ZERO, DVec3::ONE);
+                    part.colors.push(color.map(srgb_to_linear).as_vec3().extend(1.0));
                 }
                 next
             })

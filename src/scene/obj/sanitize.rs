@@ -61,6 +61,9 @@ pub fn obj(text: &str) -> Result<Obj, String> {
                 counts[1] += 1;
             }
             "vn" => {
+                // Normals that are no numbers become those of the faces.
+                let is_nan = rest.split_whitespace().any(|word| word.parse::<f64>().is_ok_and(|x| !x.is_finite()));
+                let rest = if is_nan { "0 0 0" } else { rest };
                 numbers(rest, 3..=3).map_err(wrong)?;
                 obj.text.extend(["vn ", rest, "\n"]);
                 counts[2] += 1;
@@ -174,7 +177,13 @@ fn logical_lines(text: &str) -> impl Iterator<Item = (usize, String)> {
                 part = lines.next().map_or("", |(_, next)| next);
             }
             line.push_str(part);
-            let content = line.split('#').next().unwrap_or_default().trim();
+            // Names may hold the sign: 3ds Max writes "Material #25".
+            let has_name =
+                |key: &str| matches!(key, "newmtl" | "usemtl" | "mtllib" | "norm" | "bump") || key.contains("map");
+            let content = match has_name(split_word(line.trim()).0) {
+                true => line.trim(),
+                false => line.split('#').next().unwrap_or_default().trim(),
+            };
             if !content.is_empty() {
                 return Some((index + 1, content.to_owned()));
             }
