@@ -4,6 +4,10 @@ use glam::{Mat3, Vec2, Vec3, Vec4};
 
 use super::texture::{Texture, Wrap};
 
+/// Smallest z of a tangent-space normal before it is scaled: glTF maps point out of the surface (blue from 128 to 255).
+/// Images that are no normal maps would otherwise let light through from behind.
+const LEAST_NORMAL_Z: f32 = 1.0 / 255.0;
+
 /// glTF's material: factors, each with an optional texture that multiplies it. Defaults are glTF's.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Material {
@@ -179,6 +183,7 @@ impl Material {
         let normal_t = match &self.normal_texture {
             Some(t) => {
                 let n = t.sample(textures, uvs, footprints).truncate() * 2.0 - 1.0;
+                let n = n.with_z(n.z.max(LEAST_NORMAL_Z));
                 (n * Vec3::new(self.normal_scale, self.normal_scale, 1.0)).try_normalize().unwrap_or(Vec3::Z)
             }
             None => Vec3::Z,
