@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude as ex;
 use exr::prelude::{Blocks, Compression, Encoding, FlatSamples, LayerAttributes, LineOrder, Vec2, WritableImage, f16};
+use relume::image::primaries::Primaries;
 use relume::image::{DataChannel, Image, exr as our_exr, png};
 use relume::storage::file;
 use relume::{Error, Result};
@@ -235,6 +236,24 @@ fn exr_data_window_is_placed_in_the_display_window() {
     image.write().to_buffered(&mut bytes).unwrap();
     let read = our_exr::read(&written(&folder, "window.exr", &bytes.into_inner())).unwrap();
     assert_eq!(read, Image::single(2, 2, vec![[0.0; 3], [0.0; 3], [2.0; 3], [0.0; 3]]));
+}
+
+/// Colours are those of Rec. 709, whatever primaries the file has.
+#[test]
+fn primaries_of_a_file_are_converted() {
+    let folder = folder();
+    let path = folder.path().join("acescg.exr");
+    let pixels = vec![[0.5, 0.25, 0.125], [1.0, 1.0, 1.0], [0.0, 0.9, 0.1], [3.0, 0.0, 2.0]];
+    let image = Image::single(2, 2, pixels);
+    for primaries in [Primaries::REC_709, Primaries::ACES_CG] {
+        let metadata = our_exr::ExrMetadata { primaries, ..Default::default() };
+        our_exr::write_with_metadata(&path, &image, &metadata).unwrap();
+        let read = our_exr::read(&path).unwrap();
+        for (got, want) in read.layers[0].pixels.iter().flatten().zip(image.layers[0].pixels.iter().flatten()) {
+            let tolerance = if primaries == Primaries::REC_709 { 0.0 } else { 1e-5 };
+            assert!((got - want).abs() <= tolerance, "{primaries:?}: {got}, want {want}");
+        }
+    }
 }
 
 #[test]

@@ -16,7 +16,6 @@ use exr::meta::attribute::{
     AttributeValue, ChannelDescription, Chromaticities, LevelMode, LineOrder, SampleType, Text, TileDescription,
 };
 use exr::meta::header::Header;
-use glam::Vec3;
 use half::f16;
 use rayon::prelude::*;
 
@@ -267,11 +266,7 @@ fn converted(image: &Image, primaries: Primaries) -> Option<Image> {
     if primaries == Primaries::REC_709 {
         return None;
     }
-    let matrix = primaries.from_rec_709();
-    let pixel = |pixel: &[f32; 3]| (matrix * Vec3::from_array(*pixel).as_dvec3()).as_vec3().to_array();
     let mut image = image.clone();
-    for layer in &mut image.layers {
-        layer.pixels = layer.pixels.par_iter().map(pixel).collect();
-    }
+    image.map_pixels(primaries.from_rec_709());
     Some(image)
 }

@@ -11,10 +11,12 @@ use exr::block::reader::ChunksReader;
 use exr::compression::Compression;
 use exr::error::{Error as ExrError, Result as ExrResult};
 use exr::math::Vec2;
-use exr::meta::attribute::{IntegerBounds, SampleType};
+use exr::meta::attribute::{Chromaticities, IntegerBounds, SampleType};
 use exr::meta::header::Header;
+use glam::{DMat3, DVec2};
 use rayon::prelude::*;
 
+use super::primaries::Primaries;
 use super::{Image, Layer};
 use crate::error::{Error, Result};
 use crate::storage::file;
@@ -24,7 +26,7 @@ const MAX_BYTES: u64 = 8 << 30;
 
 /// Reads every RGB layer (half, float or uint; `NAME.R` channels, parts, or grey `Y`), in file order.
 ///
-/// Other channels (alpha, depth) are skipped. The image is the display window; a larger data window is cropped, and
+/// Colours of other primaries become those of Rec. 709 [RP 177-1993]. Other channels (alpha, depth) are skipped. The image is the display window; a larger data window is cropped, and
 /// pixels without data are black. In a file of several parts, plain `R`, `G`, `B` are the layer named like the part,
 /// except that `beauty` and `rgba` are the unnamed layer.
 pub fn read(path: &Path) -> Result<Image> {
@@ -294,6 +296,24 @@ impl Canvas {
         }
         let Vec2(width, height) = self.window.size;
         let layers = self.wanted.names.into_iter().zip(self.layers).map(|(name, pixels)| Layer { name, pixels });
-        Ok(Image { width, height, layers: layers.collect(), data: Vec::new() })
+        let mut image = Image { width, height, layers: layers.collect(), data: Vec::new() };
+        if let Some(primaries) = other_primaries(headers) {
+            image.map_pixels(primaries.from_rec_709().inverse());
+        }
+        Ok(image)
     }
 }
+
+/// The primaries that the file names; `None` if they are those of Rec. 709 or no colour space.
+fn other_primaries(headers: &[Header]) -> Option<Primaries> {
+    let Chromaticities { red, green, blue, white } = headers[0].shared_attributes.chromaticities?;
+    let [red, green, blue, white] = [red, green, blue, white].map(|Vec2(x, y)| DVec2::new(x.into(), y.into()));
+    let primaries = Primaries { rgb: [red, green, blue], white };
+    let matrix = primaries.from_rec_709().inverse();
+    let is_other = |i: usize| (matrix.col(i) - DMat3::IDENTITY.col(i)).abs().max_element() > SAME_PRIMARIES;
+    (matrix.is_finite() && (0..3).any(is_other)).then_some(primaries)
+}
+
+/// Largest entry by which a matrix between primaries differs from the identity if the file means Rec. 709, whose
+/// chromaticities some programs round.
+const SAME_PRIMARIES: f64 = 2e-3;

@@ -8,6 +8,9 @@ mod exr_read;
 pub mod png;
 pub mod primaries;
 
+use glam::{DMat3, Vec3};
+use rayon::prelude::*;
+
 /// Layers of linear RGB, all of one size. Row 0 is the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
@@ -54,6 +57,12 @@ impl Image {
         assert_eq!(pixels.len(), self.width * self.height, "layer `{name}` of {}x{}", self.width, self.height);
         assert!(self.layers.iter().all(|layer| layer.name != name), "layer `{name}` exists already");
         self.layers.push(Layer { name, pixels });
+    }
+
+    /// Multiplies the colours of all layers by a matrix.
+    fn map_pixels(&mut self, matrix: DMat3) {
+        let map = |pixel: &mut [f32; 3]| *pixel = (matrix * Vec3::from_array(*pixel).as_dvec3()).as_vec3().to_array();
+        self.layers.iter_mut().for_each(|layer| layer.pixels.par_iter_mut().for_each(map));
     }
 
     /// The layer called `name`; `beauty` is the unnamed layer unless a layer has this name.

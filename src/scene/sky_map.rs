@@ -235,7 +235,10 @@ fn read_exr(path: &Path) -> Result<Texels> {
 }
 
 fn decode(path: &Path, bytes: &[u8]) -> Result<Texels> {
-    TexelCount::default().add(bytes).map_err(|refusal| refusal.at(path, "the map"))?;
+    // Radiance's format as other programs sign it (OpenCV, rgbe.c).
+    let renamed = bytes.strip_prefix(b"#?RGBE").map(|rest| [b"#?RADIANCE", rest].concat());
+    let bytes = renamed.as_deref().unwrap_or(bytes);
+    TexelCount::default().add(bytes, path).map_err(|refusal| refusal.at(path, "the map"))?;
     let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
     let mut reader = reader.map_err(Error::io("read", path))?;
     reader.no_limits();
