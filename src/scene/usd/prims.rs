@@ -13,7 +13,7 @@ pub type Fallible<T> = std::result::Result<T, Cause>;
 /// The children of a prim that are there: active, loaded, defined and not abstract; none below instances.
 pub fn children(prim: &Prim) -> Fallible<Vec<Prim>> {
     let mut there = Vec::new();
-    if prim.path().name().is_some() && prim.is_instance()? {
+    if is_instance(prim)? {
         return Ok(there);
     }
     for name in prim.child_names()? {
@@ -25,6 +25,10 @@ pub fn children(prim: &Prim) -> Fallible<Vec<Prim>> {
         }
     }
     Ok(there)
+}
+
+pub fn is_instance(prim: &Prim) -> Fallible<bool> {
+    Ok(prim.path().name().is_some() && prim.is_instance()?)
 }
 
 fn is_name(text: &str) -> bool {

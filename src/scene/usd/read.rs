@@ -10,7 +10,7 @@ use openusd::sdf::{self, AssetPath, Value};
 use openusd::usd::{Prim, Stage};
 
 use super::prims::{
-    Fallible, children, color, display_name, ensure, flag, is_visible, number, unescaped, world_from_prim,
+    Fallible, children, color, display_name, ensure, flag, is_instance, is_visible, number, unescaped, world_from_prim,
 };
 use super::resolver::ShallowFiles;
 use super::{EXACT_RIG, has, is_same, nearest};
@@ -111,13 +111,18 @@ impl Reader<'_> {
         let space = Space::of(stage).map_err(|cause| invalid(path, cause))?;
         let mut names = UniqueNames::default();
         let mut lights = Vec::new();
+        let mut instances = 0;
         let mut prims = vec![stage.prim(sdf::Path::abs_root())];
         while let Some(prim) = prims.pop() {
+            instances += usize::from(is_instance(&prim).map_err(|cause| invalid(path, cause))?);
             let mut children = children(&prim).map_err(|cause| invalid(path, cause))?;
             prims.extend(children.drain(..).rev());
             let light = self.light(stage, &prim, &space);
             let light = light.map_err(|cause| Error::import_from(path, format!("the light {}", prim.path()), cause))?;
             lights.extend(light.map(|light| Light { name: names.claim(&light.name), ..light }));
+        }
+        if instances > 0 {
+            tracing::warn!("{}: lights within its {instances} instances are not read", path.display());
         }
         if lights.is_empty() {
             tracing::warn!("{}: has no lights of UsdLux", path.display());
@@ -141,8 +146,18 @@ impl Reader<'_> {
                 tracing::warn!("{}: {} is a {type_name}, which relume does not have", self.path.display(), prim.path());
                 return Ok(None);
             }
-            _ => return Ok(None),
+            _ => {
+                if prim.path().name().is_some() && prim.has_api_schema("MeshLightAPI")? {
+                    tracing::warn!(
+                        "{}: {} is a mesh light, which relume does not have",
+                        self.path.display(),
+                        prim.path()
+                    );
+                }
+                return Ok(None);
+            }
         };
+        self.warn_of_ignored(prim, kind)?;
         let world_from_light = space.world_from_stage * world_from_prim(prim)?;
         let (_, rotation, position) = world_from_light.to_scale_rotation_translation();
         ensure(rotation.is_finite() && position.is_finite(), "its place is not finite or has no size")?;
@@ -182,6 +197,32 @@ impl Reader<'_> {
         let is_sized = light.radius.is_finite() && light.size.iter().all(|side| side.is_finite());
         ensure(is_sized && light.angle.is_finite() && cone.inner.is_finite(), "its size is no number")?;
         Ok(Some(light))
+    }
+
+    /// Warns about what changes a light and is not read.
+    fn warn_of_ignored(&self, prim: &Prim, kind: LightKind) -> Fallible<()> {
+        let is_other = |name: &str, default: f64| -> Fallible<bool> {
+            Ok(number(prim, name)?.is_some_and(|value| value != default))
+        };
+        let limits = |name: &str| -> Fallible<bool> { Ok(number(prim, name)?.is_some_and(|x| x >= 0.0)) };
+        let is_colored = |name: &str| -> Fallible<bool> { Ok(color(prim, name)?.is_some_and(|c| c != Vec3::ZERO)) };
+        let has_map = kind == LightKind::Rect && self.asset(prim, "inputs:texture:file")?.is_some();
+        let ignored = [
+            ("filters", !prim.relationship("light:filters").targets()?.is_empty()),
+            ("texture", has_map),
+            ("diffuse", is_other("inputs:diffuse", 1.0)?),
+            ("specular", is_other("inputs:specular", 1.0)?),
+            ("focus", is_other("inputs:shaping:focus", 0.0)?),
+            ("scale of IES angles", is_other("inputs:shaping:ies:angleScale", 0.0)?),
+            ("shadow colour", is_colored("inputs:shadow:color")?),
+            ("shadow distance", limits("inputs:shadow:distance")?),
+            ("shadow falloff", limits("inputs:shadow:falloff")?),
+        ];
+        let ignored: Vec<&str> = ignored.iter().filter(|(_, is_set)| *is_set).map(|(what, _)| *what).collect();
+        if !ignored.is_empty() {
+            tracing::warn!("{}: {}: ignored {}", self.path.display(), prim.path(), ignored.join(", "));
+        }
+        Ok(())
     }
 
     /// The IES profile of a light that has a place.
@@ -226,7 +267,10 @@ impl Reader<'_> {
     /// Path of a file, absolute or from the folder of the USD file.
     fn asset(&self, prim: &Prim, name: &str) -> Fallible<Option<String>> {
         let asset = prim.attribute(name).get::<AssetPath>()?.filter(|asset| !asset.as_str().is_empty());
-        Ok(asset.map(|asset| asset.resolved_path().unwrap_or(asset.as_str()).to_owned()))
+        let path = asset.map(|asset| asset.resolved_path().unwrap_or(asset.as_str()).to_owned());
+        let is_packed = path.as_ref().is_some_and(|path| path.ends_with(']'));
+        ensure(!is_packed, "its file is inside a .usdz, where relume reads only layers: unpack the .usdz")?;
+        Ok(path)
     }
 }
 
