@@ -9,6 +9,7 @@ use proptest::prelude::*;
 use relume::Error;
 use relume::scene::light_filter::BarnDoors;
 use relume::scene::links::MAX_FACTOR;
+use relume::scene::rig::RigSnapshot;
 use relume::scene::{
     Camera, DomeMap, Light, LightFilter, LightGroup, LightKind, Links, ObjectSet, PhysicalSky, Projection, Rig,
     RigFiles, Scene, export_gltf,
@@ -739,6 +740,24 @@ fn unknown_names_in_links_are_refused_with_the_nearest() {
     let says = "light \"a\": factor: the scene has no node or material \"x\"";
     assert_eq!(refusal("factor = { x = 0.5 }"), says);
     assert!(refusal("no_shadow_from = [\"\"]").contains("no_shadow_from: the scene has no node or material \"\""));
+}
+
+/// Shots are checked as lights are; what no light uses is only told.
+#[test]
+fn unknown_names_in_shots_snapshots_and_sets() {
+    let (scene, _) = linked();
+    let shot = links_of("[[shot]]\ncamera = \"left\"\n[[shot.light]]\nname = \"a\"\nonly = [\"sofas\"]");
+    let refusal = shot.check_links(&scene).unwrap_err();
+    assert!(refusal.contains("shot \"left\": light \"a\": only: ") && refusal.contains("\"sofas\""), "{refusal}");
+    let mut rig = links_of("[[set]]\nname = \"none\"\nitems = [\"stool\"]");
+    let stale = links_of("only = [\"chair\"]");
+    rig.snapshots.push(RigSnapshot { slot: 2, note: String::new(), rig: stale });
+    assert_eq!(rig.check_links(&scene), Ok(()));
+    let told = rig.stale_links(&scene);
+    assert!(
+        told.len() == 2 && told[0].starts_with("set \"none\": ") && told[1].starts_with("snapshot 3: "),
+        "{told:?}"
+    );
 }
 
 #[test]

@@ -143,6 +143,11 @@ impl History {
         self.saved = self.entries[self.current].id;
     }
 
+    /// No entry is the one that was saved.
+    pub fn mark_unsaved(&mut self) {
+        self.saved = u64::MAX;
+    }
+
     /// Whether the rig differs from what was loaded or last saved.
     pub fn is_unsaved(&self) -> bool {
         self.entries[self.current].id != self.saved

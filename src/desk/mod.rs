@@ -14,6 +14,8 @@ pub mod rig_state;
 pub mod selection;
 pub mod snapshots;
 
+use std::borrow::Cow;
+
 pub use self::attach::TakesMap;
 use self::describe::{kind_name, rounded};
 pub use self::edit::{Frame, LEAST_SPREAD, LightEdit, luminance};
@@ -103,7 +105,7 @@ impl Desk {
     }
 
     /// Continues in a scene that was loaded again, with its [`Self::rig_in`]. If states of the history name objects
-    /// or emissive materials that are not there any more, nothing can be undone.
+    /// or emissive materials that are not there any more, or lack new ones, nothing can be undone.
     pub fn change_scene(&mut self, rig: Rig, scene: &Scene, camera: Camera) {
         let radius = scene.space.unit;
         (self.camera, self.step, self.lift) = (camera, step(radius), lift(radius));
@@ -111,11 +113,17 @@ impl Desk {
         let fits = |entry: &Entry| {
             let mut rig = Rig::default();
             entry.base().put_into(&mut rig);
-            rig.check_links(scene).is_ok() && emitters.check(&rig).is_ok()
+            let has_all = matches!(emitters.complete(&rig), Cow::Borrowed(_));
+            rig.check_links(scene).is_ok() && emitters.check(&rig).is_ok() && has_all
         };
         if !self.history.entries().iter().all(fits) {
+            let is_unsaved = self.history.is_unsaved();
             self.history = History::new([&self.rig, &self.base]);
+            if is_unsaved {
+                self.history.mark_unsaved();
+            }
         }
+        self.complete_snapshots(&emitters);
         let selection = self.selection.clone().within(rig.lights.len());
         self.history.end_gesture();
         self.replace_base(rig, selection, Some("scene loaded again".into()));

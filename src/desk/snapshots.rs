@@ -1,10 +1,12 @@
 //! Snapshots: states of the lights, stored to be recalled or compared.
 
+use std::borrow::Cow;
+
 use super::Desk;
 use super::rig_state::RigState;
 use super::selection::Selection;
-use crate::scene::Rig;
 use crate::scene::rig::{RigSnapshot, SLOTS};
+use crate::scene::{Emitters, Rig};
 
 /// A stored state of the lights.
 pub struct Snapshot {
@@ -106,6 +108,16 @@ impl Desk {
         self.snapshots.last = Some(slot);
         self.replace_or_tell(rig, selection, Some(name));
         self.history.end_gesture();
+    }
+
+    /// Adds the emitters of a scene that was loaded again to snapshots that lack them.
+    pub(super) fn complete_snapshots(&mut self, emitters: &Emitters) {
+        for slot in 0..SLOTS {
+            let Some(rig) = self.snapshot_rig(slot) else { continue };
+            if let (Cow::Owned(rig), Some(snapshot)) = (emitters.complete(&rig), &mut self.snapshots.slots[slot]) {
+                snapshot.state = RigState::of(&rig);
+            }
+        }
     }
 
     /// Sets the note of a snapshot.

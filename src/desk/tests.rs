@@ -5,9 +5,12 @@ use crate::scene::light_filter::{BarnDoors, RigFiles};
 use crate::scene::rig::kelvin_and_tint_of;
 use crate::scene::{LightGroup, LightKind, Links, ObjectSet, Projection, Scene};
 
+fn desk_lights(count: usize) -> Vec<Light> {
+    (0..count).map(|i| Light::point(&format!("key_{i}"), DVec3::new(i as f64, 1.0, 0.0))).collect()
+}
+
 fn desk(count: usize) -> Desk {
-    let light = |i: usize| Light::point(&format!("key_{i}"), DVec3::new(i as f64, 1.0, 0.0));
-    let rig = Rig { lights: (0..count).map(light).collect(), ..Rig::default() };
+    let rig = Rig { lights: desk_lights(count), ..Rig::default() };
     Desk::new(rig, desk_camera(), 10.0)
 }
 
@@ -497,6 +500,34 @@ fn objects_are_lit_or_not() {
     desk.edit_links(LinkEdit::Light, gold);
     let linked = Links { only: names(&["ball_gold", "ball_steel"]), except: names(&["ball_gold"]), ..Links::default() };
     assert_eq!(links(&desk), [linked.clone(), linked]);
+}
+
+/// What was not saved before a scene is loaded again is not saved after it, though nothing can be undone; and snapshots
+/// get the emitters that are new.
+#[test]
+fn a_scene_is_loaded_again_among_unsaved_edits() {
+    let before = balls();
+    let mut desk = desk(1);
+    desk.store(0);
+    let linked = |only: &[&str]| {
+        let mut rig = Rig { lights: desk_lights(1), ..Rig::default() };
+        rig.lights[0].links.only = names(only);
+        rig
+    };
+    desk.take_rig(linked(&["ball_gold"])).unwrap();
+    desk.end_gesture();
+    desk.take_rig(Rig { lights: vec![Light { stops: 1.0, ..linked(&[]).lights[0].clone() }], ..Rig::default() })
+        .unwrap();
+    let mut after = before.clone();
+    after.objects.iter_mut().filter(|object| object.name == "ball_gold").for_each(|object| object.name = "new".into());
+    after.materials[0].emissive = Vec3::ONE;
+    let rig = desk.rig_in(&after, &Rig::default()).unwrap();
+    desk.change_scene(rig, &after, desk_camera());
+    assert!(desk.is_unsaved() && desk.rig().lights.len() == 2);
+    desk.undo();
+    assert_eq!(desk.rig().lights[0].stops, 1.0, "{}", desk.message);
+    desk.recall(0);
+    assert_eq!((desk.rig().lights[0].stops, desk.rig().lights[1].kind), (0.0, LightKind::Emitter));
 }
 
 /// One edit switches an object, by whatever name the links include it.

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use super::rig::RigSnapshot;
 use super::{Mesh, Rig, Scene};
 
 /// Links of a light, by names of nodes, materials or sets. A node's name includes its descendants.
@@ -100,13 +101,23 @@ impl Rig {
             .collect()
     }
 
-    /// Whether `scene` has all names that lights' links use, those of snapshots too. An error names the light.
+    /// Whether `scene` has all names that lights' links use, those of shots too. An error names the light.
     pub fn check_links(&self, scene: &Scene) -> Result<(), String> {
         self.resolve_links(scene)?;
-        self.snapshots.iter().try_for_each(|snapshot| {
-            let resolved = snapshot.rig.resolve_links(scene);
-            resolved.map(drop).map_err(|reason| format!("snapshot {}: {reason}", snapshot.slot + 1))
+        self.shots.iter().try_for_each(|shot| {
+            let resolved = self.of_shot(&shot.camera)?.resolve_links(scene);
+            resolved.map(drop).map_err(|reason| format!("shot \"{}\": {reason}", shot.camera))
         })
+    }
+
+    /// Snapshots whose links, and sets of which a name, are not in `scene`, with reasons: no light uses them now.
+    pub fn stale_links(&self, scene: &Scene) -> Vec<String> {
+        let of_set =
+            |set: &ObjectSet| Some(format!("set \"{}\": {}", set.name, Cover::new(&set.items, &[], scene).err()?));
+        let of_snapshot = |snapshot: &RigSnapshot| {
+            Some(format!("snapshot {}: {}", snapshot.slot + 1, snapshot.rig.resolve_links(scene).err()?))
+        };
+        self.sets.iter().filter_map(of_set).chain(self.snapshots.iter().filter_map(of_snapshot)).collect()
     }
 }
 

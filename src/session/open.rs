@@ -60,8 +60,13 @@ impl Opened {
                     tracing::warn!("{}: links to objects are discarded: {reason}", path.display());
                     rig.lights.iter_mut().for_each(|light| light.links = Links::default());
                     rig.snapshots.clear();
+                    rig.shots.clear();
+                    rig.sets.clear();
                 }
             }
+        }
+        for reason in rig.stale_links(&scene) {
+            tracing::warn!("{}: {reason}", rig_path.unwrap_or(path).display());
         }
         let (camera, size) = choose_view(&scene, &rig, settings)?;
         let seen = rig.of_shot(&camera.name).map_err(|reason| Error::import(rig_path.unwrap_or(path), reason))?;

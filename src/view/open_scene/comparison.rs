@@ -3,6 +3,7 @@
 use super::OpenScene;
 use crate::error::Result;
 use crate::relight::{Layers, Request};
+use crate::scene::{Emitters, Rig};
 use crate::view::compare::{Comparing, Comparison, ComparisonImage};
 use crate::view::snapshots::Thumbnail;
 use crate::view::view_state::ViewState;
@@ -39,8 +40,12 @@ impl OpenScene {
 
     /// Whether a snapshot fits the scene: it may be of before that was loaded again.
     fn check_snapshot(&self, slot: usize) -> std::result::Result<(), String> {
-        let fits = self.desk.snapshot_rig(slot).map_or(Ok(()), |rig| rig.check_links(&self.opened.scene));
-        fits.map_err(|reason| format!("slot {} does not fit the scene: {reason}", slot + 1))
+        let scene = &self.opened.scene;
+        let check = |rig: Rig| rig.check_links(scene).and_then(|()| Emitters::of(scene).check(&rig));
+        self.desk
+            .snapshot_rig(slot)
+            .map_or(Ok(()), check)
+            .map_err(|reason| format!("slot {} does not fit the scene: {reason}", slot + 1))
     }
 
     /// Recalls the lights of a slot. A snapshot from a file gets its thumbnail.
