@@ -91,6 +91,28 @@ fn renamed_lights_keep_their_place() {
     assert_eq!(apply(&before, patch, Path::new("")).unwrap(), after);
 }
 
+/// Edits of a follower that do not say whom it follows, beside a leader that gets another name or is deleted.
+#[test]
+fn followers_keep_their_leader() {
+    let lights = ["key", "fill"].map(|name| Light::point(name, DVec3::ZERO));
+    let mut rig = Rig { lights: lights.to_vec(), ..Rig::default() };
+    rig.lights[1].follows = Some(0);
+    let edited = |patch: serde_json::Value| {
+        let serde_json::Value::Object(lights) = patch else { panic!("{patch}") };
+        let patch = [("lights".to_owned(), lights.into())].into_iter().collect();
+        apply(&rig, patch, Path::new("")).unwrap()
+    };
+    for patch in [
+        serde_json::json!({ "fill": { "stops": 1 }, "key": { "name": "main" } }),
+        serde_json::json!({ "key": { "name": "main" }, "fill": { "stops": 1 } }),
+    ] {
+        let after = edited(patch);
+        assert_eq!((after.lights[0].name.as_str(), after.lights[1].follows), ("main", Some(0)));
+    }
+    let alone = edited(serde_json::json!({ "key": null, "fill": { "stops": 1 } }));
+    assert_eq!((alone.lights.len(), alone.lights[0].follows, alone.lights[0].stops), (1, None, 1.0));
+}
+
 proptest! {
     /// Whatever is edited in whichever shot: that shot shows it, and a file has all shots.
     #[test]

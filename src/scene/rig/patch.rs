@@ -86,6 +86,7 @@ fn patch_lights(rig: &mut Rig, changes: Vec<(String, Value)>, folder: &Path) -> 
             (known, Value::Object(change)) => {
                 let base = known.map(|light| &rig.lights[light]);
                 let entry = known.map_or_else(|| json!({ "name": name }), |light| json!(rig.light_entry(light)));
+                let follows_anew = change.contains_key("follows");
                 let mut entry = patched(entry, change);
                 let leader = entry.remove("follows").unwrap_or(Value::Null);
                 let group = entry.get("group").and_then(Value::as_str).map(without_dots);
@@ -99,7 +100,10 @@ fn patch_lights(rig: &mut Rig, changes: Vec<(String, Value)>, folder: &Path) -> 
                 if let Some(base) = base.filter(|base| base.map == light.map) {
                     light.map.clone_from(&base.map);
                 }
-                leaders.push((light.name.clone(), leader));
+                light.follows = base.and_then(|base| base.follows);
+                if follows_anew {
+                    leaders.push((light.name.clone(), leader));
+                }
                 match known {
                     Some(known) => rig.lights[known] = light,
                     None => new.push(light),
