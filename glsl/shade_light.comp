@@ -4,15 +4,13 @@
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"
 
-// Weight of a light's point beside the directions drawn from a narrow lobe: power heuristic [Veach 1995, Eq. 15].
-float point_share(float alpha, vec3 position, vec3 normal, vec3 wi, vec3 wo) {
-    float solid_angle = push.drawn_area;
-    if (push.light.kind != LIGHT_DIRECTIONAL) {
-        vec3 to_light = push.light.position - position;
-        solid_angle *= abs(dot(wi, push.light.direction)) / dot(to_light, to_light);
+// What a point of the light stands for.
+float solid_angle(vec3 position, vec3 wi) {
+    if (push.light.kind == LIGHT_DIRECTIONAL) {
+        return push.drawn_area;
     }
-    float drawn = min(solid_angle, 1e15) * lobe_density(alpha, normal, wi, wo);
-    return dot(normal, wo) > 0.0 ? 1.0 / (1.0 + drawn * drawn) : 1.0;
+    vec3 to_light = push.light.position - position;
+    return push.drawn_area * abs(dot(wi, push.light.direction)) / dot(to_light, to_light);
 }
 
 vec3 shade(uint index) {
@@ -40,7 +38,7 @@ vec3 shade(uint index) {
     vec3 wo = octahedral(s.wo);
     vec3 radiance = irradiance * factor * reflected(brdf, normal, wi, wo, SPECULAR);
     if (SPECULAR && push.drawn_area > 0.0 && brdf.alpha > 0.0 && brdf.alpha < NARROW_ALPHA) {
-        radiance *= point_share(brdf.alpha, s.position, normal, wi, wo);
+        radiance *= point_share(brdf.alpha, normal, wi, wo, solid_angle(s.position, wi));
     }
     return radiance;
 }

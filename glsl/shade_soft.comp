@@ -35,13 +35,6 @@ Arriving from_point(PackedLight light, vec3 position, float area) {
     return arriving;
 }
 
-// Power heuristic [Veach 1995, Eq. 15] for a point of the light that stands for `solid_angle`, beside the directions
-// drawn from a narrow lobe.
-float point_share(Brdf brdf, vec3 normal, vec3 wi, vec3 wo, float solid_angle) {
-    float drawn = min(solid_angle, 1e15) * lobe_density(brdf.alpha, normal, wi, wo);
-    return dot(normal, wo) > 0.0 ? 1.0 / (1.0 + drawn * drawn) : 1.0;
-}
-
 // Light of all directions of a dome.
 vec3 of_dome(Brdf brdf, vec3 normal, vec3 wo) {
     const float EACH = 1.0 / float(SOFT_POINTS);
@@ -54,7 +47,7 @@ vec3 of_dome(Brdf brdf, vec3 normal, vec3 wo) {
         Brdf widened = brdf;
         float share = 1.0;
         if (is_narrow) {
-            share = point_share(brdf, normal, -point.direction, wo, DIRECTIONS_PER_POINT * solid_angle);
+            share = point_share(brdf.alpha, normal, -point.direction, wo, DIRECTIONS_PER_POINT * solid_angle);
         } else if (has_lobe) {
             widened.alpha = sqrt(min(brdf.alpha * brdf.alpha + WIDENING * solid_angle * EACH / PI, 1.0));
         }
@@ -77,7 +70,7 @@ vec3 unshadowed(ViewSample s, vec3 normal, vec3 wo) {
     // Of the directions in which the light is seen.
     float squared_radius = min((SHAPE == SHAPE_RECT ? 0.5 * (width2 + height2) : height2) / d2, 1e12);
     bool has_lobe = SPECULAR && brdf.alpha > 0.0;
-    bool is_narrow = has_lobe && brdf.alpha < NARROW_ALPHA && SHAPE != SHAPE_SPOT;
+    bool is_narrow = has_lobe && brdf.alpha < NARROW_ALPHA;
     float small = has_lobe ? min(SMALL, 0.5 * brdf.alpha * brdf.alpha) : SMALL;
     // Light that changes more with the direction of emission needs more points.
     float narrowing = middle.narrowing;
@@ -149,7 +142,7 @@ vec3 unshadowed(ViewSample s, vec3 normal, vec3 wo) {
         }
         float share = 1.0;
         if (is_narrow) {
-            share = point_share(brdf, normal, arriving.wi, wo, arriving.solid_angle);
+            share = point_share(brdf.alpha, normal, arriving.wi, wo, arriving.solid_angle);
         }
         radiance += arriving.irradiance * share * reflected(brdf, normal, arriving.wi, wo, SPECULAR);
     }

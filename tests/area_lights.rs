@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3};
 use relume::physics::sequence::fibonacci_lattice;
 use relume::reference::path_tracer::{Filter, Half, Layer, PathTracer, Settings};
 use relume::relight::{Detail, Layers, Picture, Request, VisibilityMethod};
-use relume::scene::{Camera, Light, LightKind, Material, Projection, Rig, Scene};
+use relume::scene::{AlphaMode, Camera, Light, LightKind, Material, Projection, Rig, Scene};
 use relume::trace::bvh::TracedScene;
 
 /// Asked of pictures at rest.
@@ -307,6 +307,49 @@ fn mirrors_show_lights() {
     }
 }
 
+/// A pane that covers half of what is behind it halves a light in a mirror, unless the light casts no shadows: then all of
+/// it is seen, once.
+#[test]
+fn mirrors_show_lights_through_panes() {
+    let gpu = gpu();
+    let mut build = Build::default();
+    let shiny = build.material(mirror(Vec3::ONE, 1.0));
+    build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, shiny);
+    let pane = Material { alpha_mode: AlphaMode::Blend, double_sided: true, ..lambert(Vec3::ZERO) };
+    let pane = build.material(Material { base_color: pane.base_color.with_w(0.5), ..pane });
+    build.quad(1.5 * DVec3::Y, 4.0 * DVec3::Z, 4.0 * DVec3::X, pane);
+    let camera = look(DVec3::Y, DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: 0.1 });
+    for (light, shadows) in shapes().flat_map(|light| [(light.clone(), true), (light, false)]) {
+        let light = Light { shadows, ..light };
+        let want = if shadows { 0.5 } else { 1.0 } / light.projected_area().unwrap();
+        for picture in both(&gpu, build.scene(), &camera, &light, Layer::Reflection) {
+            assert_near(f64::from(picture[0][0]), want, 1e-5, format!("{:?}, shadows {shadows}", light.kind));
+        }
+    }
+}
+
+/// A mirror shows a dome where it shows no surface, whether these stop the dome's light or not.
+#[test]
+fn mirrors_show_domes_behind_surfaces() {
+    let gpu = gpu();
+    let mut build = Build::default();
+    let shiny = build.material(mirror(Vec3::ONE, 1.0));
+    build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, shiny);
+    let black = build.material(Material { double_sided: true, ..lambert(Vec3::ZERO) });
+    build.quad(DVec3::new(4.0, 1.5, 0.0), 4.0 * DVec3::Z, 4.0 * DVec3::X, black);
+    let camera = look(DVec3::Y, DVec3::ZERO, DVec3::NEG_Z, Projection::Orthographic { ymag: 1.0 });
+    for shadows in [true, false] {
+        let dome = Light { kind: LightKind::Dome, shadows, ..Light::point("dome", DVec3::ZERO) };
+        let [relit, traced] = both(&gpu, build.scene(), &camera, &dome, Layer::Reflection);
+        for (i, pair) in relit.iter().zip(&traced).enumerate() {
+            let want = if i as u32 % SIDE < SIDE / 2 { 1.0 } else { 0.0 };
+            for pixel in [pair.0, pair.1] {
+                assert_near(f64::from(pixel[0]), want, 1e-5, format!("pixel {i}, shadows {shadows}"));
+            }
+        }
+    }
+}
+
 /// The camera sees a light that is visible, at its radiance, where no surface is before it; no other light.
 #[test]
 fn visible_lights_are_seen() {
@@ -355,6 +398,32 @@ fn highlights_have_the_shape_of_the_light() {
             let bias = pairs().map(|(a, b)| a - b).sum::<f64>() / all;
             println!("{:?}, roughness {roughness}: {error:.4}, bias {bias:+.5}", light.kind);
             assert!(all > 0.0 && error < 0.02 && bias.abs() < 2e-3, "{light:?} at {roughness}: {error}, bias {bias}");
+        }
+    }
+}
+
+/// Highlights in narrow lobes while a light moves have the light of those at rest.
+#[test]
+fn highlights_while_moving() {
+    let gpu = gpu();
+    let setup = Setup::new(SIDE, SIDE);
+    let spot = Light { outer_angle: 1.0, ..shapes().next().expect("there are some") };
+    let spot = Light { kind: LightKind::Spot, ..spot };
+    for roughness in [0.1, 0.2] {
+        let mut build = Build::default();
+        let material = build.material(Material { roughness, ..mirror(Vec3::splat(0.9), 1.0) });
+        build.quad(DVec3::ZERO, 4.0 * DVec3::Z, 4.0 * DVec3::X, material);
+        let camera = look(DVec3::new(0.3, 1.0, 2.0), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.0 });
+        for light in shapes().chain([spot.clone()]) {
+            let all = rig(vec![light.clone()]);
+            let stage = Stage::new(build.scene(), &camera, &all, &setup);
+            let [moving, exact] = [Detail::Coarse, Detail::Exact].map(|detail| {
+                let request = Request { detail, ..Picture::Light(0).into() };
+                let mut relighter = stage.relighter(&gpu, &all, &setup);
+                relighter.linear(request).unwrap().iter().map(|pixel| f64::from(pixel[0])).sum::<f64>()
+            });
+            println!("{:?}, roughness {roughness}: {:+.4}", light.kind, moving / exact - 1.0);
+            assert_near(moving, exact, MOVING, format!("{:?}, roughness {roughness}", light.kind));
         }
     }
 }

@@ -36,6 +36,13 @@ float lobe_density(float alpha, vec3 n, vec3 wi, vec3 wo) {
     return ggx(n, h, dot(n, h), alpha) * 0.5 / (no + root);
 }
 
+// Weight of a light's point that stands for `solid_angle`, beside directions drawn from a narrow lobe: power heuristic
+// [Veach 1995, Eq. 15].
+float point_share(float alpha, vec3 n, vec3 wi, vec3 wo, float solid_angle) {
+    float drawn = min(solid_angle, 1e15) * lobe_density(alpha, n, wi, wo);
+    return dot(n, wo) > 0.0 ? 1.0 / (1.0 + drawn * drawn) : 1.0;
+}
+
 // BRDF times the cosine at wi; zero below either horizon.
 vec3 reflected(Brdf brdf, vec3 n, vec3 wi, vec3 wo, bool specular) {
     float ni = dot(n, wi);

@@ -79,8 +79,15 @@ impl LightInScene<'_> {
     /// Light along a part of an eye path, between two distances from the origin. `mirror`: triangle at the origin; `None`
     /// if the eye looks directly.
     pub fn seen(&self, mirror: Option<u32>, [origin, direction]: [Vec3; 2], range: [f32; 2]) -> Option<DVec3> {
+        if self.light.kind == LightKind::Dome {
+            let radiance = || self.seen_sky(mirror, SkyMap::place(direction));
+            return range[1].is_infinite().then(radiance).filter(|radiance| *radiance != DVec3::ZERO);
+        }
         if let Some(mirror) = mirror {
-            return self.between(mirror, [origin, direction], range, true).map(|arriving| arriving.radiance);
+            // A light that surfaces do not stop is seen along the whole ray, by its first segment alone.
+            let was_seen = range[0] > 0.0 && !self.is_stopped();
+            let arriving = if was_seen { None } else { self.between(mirror, [origin, direction], range, true) };
+            return arriving.map(|arriving| arriving.radiance);
         }
         if !self.light.visible {
             return None;
@@ -109,9 +116,8 @@ impl LightInScene<'_> {
         [begin, end]: [f32; 2],
         is_free: bool,
     ) -> Option<ArrivingLight> {
-        // Whether the surface at the end stops the light.
-        let is_free = is_free && self.scene.everything_casts_shadow();
-        let reach = if is_free && self.light.shadows { end } else { f32::INFINITY };
+        let is_free = is_free && self.is_stopped();
+        let reach = if is_free { end } else { f32::INFINITY };
         let LightHit { distance, radiance, density } =
             self.surface.hit(origin.as_dvec3(), direction.as_dvec3(), [begin, reach].map(f64::from))?;
         let factor = f64::from(self.scene.factor(triangle)) * self.filtered(-direction);
@@ -126,6 +132,11 @@ impl LightInScene<'_> {
         let falloff = if distance.is_finite() { window(&self.surface.packed, distance) } else { 1.0 };
         let radiance = f64::from(passes) * factor * radiance * falloff;
         (radiance != DVec3::ZERO).then_some(ArrivingLight { radiance, density })
+    }
+
+    /// Whether every surface stops the light, as far as it covers what is behind it.
+    fn is_stopped(&self) -> bool {
+        self.light.shadows && self.scene.everything_casts_shadow()
     }
 
     /// Factor of the light's filter in a unit direction of emission.
