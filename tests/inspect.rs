@@ -6,6 +6,7 @@ use common::stage::{Setup, Stage};
 use common::{Gpu, gpu, shipped};
 use glam::{DVec3, Vec3};
 use relume::bake::channels::Channel;
+use relume::image::luminance;
 use relume::relight::exposure::{stop_color, stops};
 use relume::relight::inspect::Inspection;
 use relume::relight::sheet::Grid;
@@ -28,10 +29,6 @@ fn stage(name: &str) -> Stage {
 
 fn relighter(gpu: &Gpu, stage: &Stage) -> Relighter {
     stage.relighter(gpu, &stage.scene.rig, &setup())
-}
-
-fn luminance(c: [f32; 3]) -> f32 {
-    Vec3::from_array(c).dot(Vec3::new(0.2126729, 0.7151522, 0.0721750))
 }
 
 /// Where a value lies between two bands rounding decides; elsewhere it must not.

@@ -1,7 +1,7 @@
 // From scene-linear Rec. 709 to the display.
 
 float luminance(vec3 c) {
-    return dot(c, vec3(0.2126729, 0.7151522, 0.0721750));
+    return dot(c, vec3(0.2126, 0.7152, 0.0722));
 }
 
 // Luminance in stops above middle grey. Black gives about -97, below every bin and band.

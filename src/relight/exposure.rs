@@ -1,5 +1,6 @@
 //! Automatic exposure, needed because exported intensities span six orders of magnitude; and stops for false colour.
 
+use crate::image::luminance;
 use crate::shared::{MIDDLE_GREY, MIDDLE_STOP, STOP_COLORS, STOP_COUNT};
 
 /// Stops of a luminance above middle grey; minus infinity for 0.
@@ -17,11 +18,8 @@ pub fn stop_color(stops: f32) -> [u8; 3] {
 /// Exposure in stops that maps the geometric mean of the lit pixels' luminance to middle grey [Reinhard 2002, Eq. 1 and
 /// 2]; 0 if no pixel is lit.
 pub fn automatic(pixels: &[[f32; 3]]) -> f32 {
-    let mut luminances: Vec<f64> = pixels
-        .iter()
-        .map(|&[r, g, b]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b))
-        .filter(|&y| y.is_finite() && y > 0.0)
-        .collect();
+    let mut luminances: Vec<f64> =
+        pixels.iter().map(|&pixel| f64::from(luminance(pixel))).filter(|&y| y.is_finite() && y > 0.0).collect();
     if luminances.is_empty() {
         return 0.0;
     }

@@ -16,6 +16,7 @@ use super::light_cache::Detail;
 #[cfg(doc)]
 use super::light_cache::LightCache;
 use crate::image::display_view::DisplayView;
+use crate::image::luminance;
 use crate::physics::tone_curve::{agx, pbr_neutral, srgb};
 
 /// Parameters of a picture. `Picture::Whole.into()` requests the whole picture with all layers, exact.
@@ -88,10 +89,9 @@ impl ToneMap {
             Self::None => each(&srgb, exposed),
             Self::Agx => each(&agx, exposed),
             Self::PbrNeutral => each(&|c| srgb(pbr_neutral(c)), exposed),
-            // Rec. 709 luminance, as in glsl/lib/color.glsl.
             Self::FalseColor => each(
                 &|c| {
-                    let color = stop_color(stops(c.dot(DVec3::new(0.2126, 0.7152, 0.0722)) as f32));
+                    let color = stop_color(stops(luminance(c.as_vec3().to_array())));
                     DVec3::from_array(color.map(f64::from)) / 255.0
                 },
                 exposed,
