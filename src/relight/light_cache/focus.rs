@@ -1,4 +1,4 @@
-//! Which nodes are the focus of the next plan, where the user says which lights will be edited.
+//! Which nodes are the focus of the next plan: those that the user selected, else the edited ones.
 
 use super::{LightCache, MAX_FOCUS};
 
@@ -25,6 +25,23 @@ impl LightCache {
             nodes.clear();
         }
         self.selected = Some(nodes);
+    }
+
+    /// Moves the focus to the edited nodes.
+    pub(super) fn focus_on(&mut self, mut edited: Vec<usize>) {
+        // A group's node includes all edited nodes below it.
+        let below: Vec<usize> = edited.iter().copied().filter(|&n| self.has_ancestor_in(n, &edited)).collect();
+        edited.retain(|n| below.binary_search(n).is_err());
+        // If the same part of the focus is edited twice, it becomes the focus: later frames read fewer images.
+        let narrower = edited == self.edited_before && edited.len() < self.focus.len();
+        if !edited.is_empty() {
+            self.edited_before.clone_from(&edited);
+        }
+        let outside = !edited.iter().all(|n| self.focus.contains(n)) || !below.is_empty();
+        if outside || (narrower && !edited.is_empty()) {
+            self.focus = if edited.len() <= MAX_FOCUS { edited } else { Vec::new() };
+            self.rest = None;
+        }
     }
 
     /// Whether all lights below `node` are in `leaves`. If not, appends the largest subtrees that are covered to

@@ -86,7 +86,7 @@ impl LightCache {
         incomplete.sort_by_key(|&leaf| (stage(leaf), Reverse(self.nodes[leaf].points)));
         let mut is_comparing = false;
         for leaf in incomplete {
-            if self.is_at_checkpoint(leaf) && std::mem::replace(&mut is_comparing, true) {
+            if self.nodes[leaf].is_at_checkpoint() && std::mem::replace(&mut is_comparing, true) {
                 continue; // one at a time
             }
             let steps = (stage(leaf) - self.nodes[leaf].points) / POINTS_A_STEP;

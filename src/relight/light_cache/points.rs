@@ -19,6 +19,13 @@ const SHOWN_POINTS: u32 = 32;
 /// Points of a light that are shaded in one step.
 pub const POINTS_A_STEP: u32 = 8;
 
+impl Node {
+    /// Of a leaf: whether its image is compared with the one that has its next points.
+    pub(super) fn is_at_checkpoint(&self) -> bool {
+        self.needed.is_none() && CHECKPOINTS.contains(&self.points)
+    }
+}
+
 impl LightCache {
     /// Plans at most `most` steps towards the exact image of a light, each with some of its points, and none beyond a
     /// comparison; returns the slot of the image to show.
@@ -68,7 +75,7 @@ impl LightCache {
             if node.needed == Some(first) {
                 break;
             }
-            if node.needed.is_none() && CHECKPOINTS.contains(&first) {
+            if node.is_at_checkpoint() {
                 if self.compared.is_some_and(|compared| compared != leaf) {
                     break;
                 }
@@ -87,7 +94,7 @@ impl LightCache {
             let [kept, added] = [first, POINTS_A_STEP].map(|points| points as f32 / node.points as f32);
             let terms = vec![Term { source: Source::SomePoints, scale: Vec3::splat(added) }];
             steps.push(Step::Sum { target: image, terms, kept });
-            if node.needed.is_none() && CHECKPOINTS.contains(&node.points) && self.compared == Some(leaf) {
+            if node.is_at_checkpoint() && self.compared == Some(leaf) {
                 steps.push(Step::Compare { light, image });
                 break;
             }
@@ -104,13 +111,8 @@ impl LightCache {
 
     /// Whether a leaf's image lacks points that it can get now.
     pub(super) fn gets_points(&self, leaf: usize) -> bool {
-        let waits = self.is_at_checkpoint(leaf) && self.compared.is_some_and(|compared| compared != leaf);
+        let waits = self.nodes[leaf].is_at_checkpoint() && self.compared.is_some_and(|compared| compared != leaf);
         self.detail != Detail::Coarse && !self.nodes[leaf].is_complete() && !waits
-    }
-
-    /// Whether a leaf's image is compared from its points on.
-    pub(super) fn is_at_checkpoint(&self, leaf: usize) -> bool {
-        self.nodes[leaf].needed.is_none() && CHECKPOINTS.contains(&self.nodes[leaf].points)
     }
 
     /// Points of an incomplete leaf's image when it will be shown, compared or complete next.
