@@ -41,6 +41,13 @@ pub enum IndirectSettings {
     },
 }
 
+impl IndirectSettings {
+    /// Whether it has all bounces, and glossy ones: what final gathering estimates.
+    pub fn has_all_light(&self) -> bool {
+        matches!(self, Self::Robust { outgoing: Outgoing::Glossy { .. }, bounces: None, .. })
+    }
+}
+
 /// How our operator is stored, the compressed forms to a relative error: mean over point lights.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Form {

@@ -4,6 +4,7 @@
 //! deep framebuffer again with more samples. A second relighter uses it and shades some lights at a time, so that an edit
 //! does not wait long. When a light that has edges moves, the first relighter continues.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -171,21 +172,27 @@ impl Converge {
             let advance = |tiles| {
                 done.fetch_add(tiles, Ordering::Relaxed);
             };
-            let (framebuffer, transfer) = low_priority(|| {
+            let make = || {
                 let mut framebuffer = bake(&scene, &plain.camera, &rig, &settings, &advance);
                 framebuffer.has_specular |= plain.has_specular;
                 let transfer = of.as_ref().and_then(|of| of.spread(&plain, &framebuffer, scene.bvh.radius));
                 (Arc::new(framebuffer), transfer.map(Arc::new))
-            });
-            let refinement = EdgeRefinement { edges: edge_lights(scene.space, &rig), of, framebuffer, transfer };
+            };
+            let made = catch_unwind(AssertUnwindSafe(|| low_priority(make))).ok();
+            let edges = edge_lights(scene.space, &rig);
+            let refinement =
+                made.map(|(framebuffer, transfer)| Box::new(EdgeRefinement { edges, of, framebuffer, transfer }));
             // Fails only after the window is closed.
-            let _ = messenger.send(LoadEvent::EdgesRefined(Box::new(refinement)));
+            let _ = messenger.send(LoadEvent::EdgesRefined(refinement));
         });
     }
 
-    /// Accepts a finished bake, unless lights that cast shadows have moved since.
-    pub fn accept(&mut self, refinement: EdgeRefinement, opened: &Opened, rig: &Rig) {
+    /// Accepts a finished bake, unless lights that cast shadows have moved since; `None`: it failed.
+    pub fn accept(&mut self, refinement: Option<EdgeRefinement>, opened: &Opened, rig: &Rig) {
         self.baking = None;
+        let Some(refinement) = refinement else {
+            return self.give_up("it failed; the reason is on the terminal");
+        };
         if !opened.has(&refinement.of) || refinement.edges != edge_lights(opened.scene.space, rig) {
             return;
         }
@@ -205,13 +212,15 @@ impl Converge {
             }
         };
         match outcome {
-            // Not fatal: the picture remains without extra samples.
-            Err(error) => {
-                tracing::warn!("edges are not refined and have one sample per pixel: {}", error.chain());
-                (self.relighter, self.samples) = (None, 1);
-            }
+            Err(error) => self.give_up(&error.chain()),
             Ok(()) => self.has = Some((refinement.edges, refinement.of)),
         }
+    }
+
+    /// The picture remains without extra samples.
+    fn give_up(&mut self, reason: &str) {
+        tracing::warn!("edges are not refined and have one sample per pixel: {reason}");
+        (self.relighter, self.samples) = (None, 1);
     }
 
     /// Returns the progress of the refinement for `rig`.

@@ -4,6 +4,7 @@
 //! kept by light, as it stands, at unit strength: a light that is recoloured, muted or put back by undo needs no work. Any
 //! edit stops the thread; what it found until then is kept.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -93,6 +94,8 @@ const GROWTH: f64 = 1.25;
 const INTERVAL: Duration = Duration::from_millis(700);
 /// Passes that are made at once even if a bake needs a core.
 const FIRST_PASSES: u32 = 2;
+/// Passes of a light that reaches nothing.
+const NOTHING_TO_FIND: u32 = u32::MAX;
 /// Bytes of what is known, unless the lights of the rig alone need more.
 const MOST_BYTES: usize = 1 << 30;
 const BYTES_A_PIXEL: usize = 3 * size_of::<Vec3>() + 2 * size_of::<u32>() + size_of::<f64>();
@@ -248,7 +251,8 @@ impl FinalGathering {
             self.operator.extend(image.map(|image| (light, image)));
             return Ok(None);
         }
-        let more = shining(&rig).map(|light| passes(&light)).filter(|&passes| passes > self.state.passes).min();
+        let has_more = |&passes: &u32| passes > self.state.passes && passes < NOTHING_TO_FIND;
+        let more = shining(&rig).map(|light| passes(&light)).filter(has_more).min();
         let is_other = |light: &usize| !lights.contains(light);
         let others = shining(&rig).filter(is_other).filter_map(|light| {
             let known = self.known(&rig, light)?;
@@ -276,8 +280,14 @@ impl FinalGathering {
         let messenger = self.messenger.clone();
         // Not joined, so that closing the window does not wait for it. Sending fails only after the window is closed.
         std::thread::spawn(move || {
-            let run = || task.run(&stop, |gathered| messenger.send(LoadEvent::Gathered(Box::new(gathered))));
-            if gives_way { low_priority(run) } else { at_rest(run) }
+            let tell = |gathered: Option<Gathered>| messenger.send(LoadEvent::Gathered(gathered.map(Box::new)));
+            let run = AssertUnwindSafe(|| {
+                let run = || task.run(&stop, |gathered| tell(Some(gathered)));
+                if gives_way { low_priority(run) } else { at_rest(run) }
+            });
+            if catch_unwind(run).is_err() {
+                tell(None);
+            }
         });
         Ok(None)
     }
@@ -383,7 +393,7 @@ impl Task {
         let black = || Estimate {
             halves: [(); 2].map(|()| vec![Vec3::ZERO; count]),
             rays: [(); 2].map(|()| vec![1; count]),
-            passes: u32::MAX, // there is nothing more to find
+            passes: NOTHING_TO_FIND,
         };
         let estimate = |light: &TaskLight| {
             let source = sources.iter().position(|&source| source == light.index);

@@ -145,10 +145,10 @@ pub enum LoadEvent {
     },
     Opened(Box<Opened>),
     Transfer(Arc<Transfer>),
-    /// A bake with extra samples on edges, made while lights rest.
-    EdgesRefined(Box<EdgeRefinement>),
-    /// Indirect light that was gathered while lights rest.
-    Gathered(Box<Gathered>),
+    /// A bake with extra samples on edges, made while lights rest; `None`: it failed.
+    EdgesRefined(Option<Box<EdgeRefinement>>),
+    /// Indirect light that was gathered while lights rest; `None`: gathering failed.
+    Gathered(Option<Box<Gathered>>),
     /// The thread that reads environment maps has done a job.
     Maps(Box<Answer>),
     /// The loading thread has nothing to do any more, or failed.

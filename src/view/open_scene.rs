@@ -192,7 +192,7 @@ impl OpenScene {
     }
 
     /// Accepts a bake with extra samples on edges.
-    pub fn accept_refinement(&mut self, refinement: EdgeRefinement) {
+    pub fn accept_refinement(&mut self, refinement: Option<EdgeRefinement>) {
         self.converge.accept(refinement, &self.opened, self.desk.rig());
     }
 
@@ -472,7 +472,7 @@ impl OpenScene {
             Ok(()) => {
                 if self.rig_path.as_deref() != Some(&*path) {
                     let mut beside_it = Autosave::new(&path, &self.desk);
-                    beside_it.discard_found();
+                    beside_it.leave_found();
                     if let Err(error) = std::mem::replace(&mut self.autosave, beside_it).remove() {
                         tracing::warn!("{error}");
                     }

@@ -478,12 +478,13 @@ impl ApplicationHandler<Numbered> for App {
             }
             LoadEvent::EdgesRefined(refinement) => {
                 if let Some(open_scene) = &mut self.open_scene {
-                    open_scene.accept_refinement(*refinement);
+                    open_scene.accept_refinement(refinement.map(|refinement| *refinement));
                 }
                 self.stale = true;
             }
             LoadEvent::Gathered(gathered) => {
-                let accept = |open_scene: &mut OpenScene| open_scene.accept_gathered(*gathered);
+                let accept =
+                    |open_scene: &mut OpenScene| open_scene.accept_gathered(gathered.map(|gathered| *gathered));
                 let outcome = self.open_scene.as_mut().map_or(Ok(()), accept);
                 self.stale = true;
                 self.check(outcome.map(|()| Flow::Continue), event_loop);

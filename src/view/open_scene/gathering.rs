@@ -6,8 +6,12 @@ use crate::gpu::is_out_of_memory;
 use crate::view::gathered::{Gathered, GatheringState};
 
 impl OpenScene {
-    /// Accepts indirect light that was gathered.
-    pub fn accept_gathered(&mut self, gathered: Gathered) -> Result<()> {
+    /// Accepts indirect light that was gathered; `None`: gathering failed.
+    pub fn accept_gathered(&mut self, gathered: Option<Gathered>) -> Result<()> {
+        let Some(gathered) = gathered else {
+            self.give_up_gathering("it failed; the reason is on the terminal");
+            return Ok(());
+        };
         let outcome = self.final_gathering.accept(gathered, &self.opened, &self.relighter);
         self.without_gathering_if(outcome)
     }
@@ -16,13 +20,17 @@ impl OpenScene {
     fn without_gathering_if(&mut self, outcome: Result<()>) -> Result<()> {
         match outcome {
             Err(error) if is_out_of_memory(&error) => {
-                tracing::warn!("indirect light is not gathered at rest: {error}");
-                self.waits_for_operator = false;
-                self.final_gathering.give_up();
+                self.give_up_gathering(&error.to_string());
                 Ok(())
             }
             outcome => outcome,
         }
+    }
+
+    fn give_up_gathering(&mut self, reason: &str) {
+        tracing::warn!("indirect light is not gathered at rest: {reason}");
+        self.waits_for_operator = false;
+        self.final_gathering.give_up();
     }
 
     /// How far final gathering has come.
