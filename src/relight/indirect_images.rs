@@ -53,7 +53,8 @@ impl Relighter {
         self.exchange_images(&mut others);
         self.layers = layers;
         self.shown = None;
-        self.indirect_images = Some(others);
+        // After an error their images are not those that their cache describes.
+        self.indirect_images = outcome.is_ok().then_some(others);
         outcome
     }
 

@@ -426,6 +426,7 @@ impl Session {
         fits(&FramebufferCounts::fewest([width, height]))?;
         let of_framebuffer = BakeSettings { width, height, layers, samples };
         let cache_dir = &settings.cache_dir;
+        report.cached = true; // until something is made
         let framebuffer =
             |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Inputs, DeepFramebuffer)> {
                 let inputs = cache::Inputs::of(&scene, &camera, &rig, settings);
@@ -433,14 +434,15 @@ impl Session {
                 let stored = cache_dir
                     .as_deref()
                     .and_then(|dir| report.stage("read cache", || cache::load(dir, &key, &camera, settings)));
-                report.cached = stored.is_some();
+                report.cached &= stored.is_some();
                 if let Some(framebuffer) = stored {
                     return Ok((inputs, framebuffer));
                 }
-                report.because = cache_dir.as_deref().and_then(|dir| inputs.changes(dir, &scene.name()));
-                if let Some(changed) = &report.because {
+                let because = cache_dir.as_deref().and_then(|dir| inputs.changes(dir, &scene.name()));
+                if let Some(changed) = &because {
                     tracing::info!("baked again, because of what changed since: {changed}");
                 }
+                report.because = report.because.take().or(because);
                 let passes = if settings.samples > 1 { 2 } else { 1 };
                 progress.begin("deep framebuffer", passes * settings.tile_count());
                 let make = || bake(&scene, &camera, &rig, settings, &advance(progress));

@@ -42,6 +42,11 @@ impl<'a> Bounces<'a> {
         Self { resolvents: resolvents(operator), first, operand: Operand::new(operator) }
     }
 
+    /// Whether any light reaches view samples: false without bounces.
+    pub fn reflect_any(&self) -> bool {
+        self.operand.first
+    }
+
     /// S `direct`.
     pub fn further(&self, direct: &VectorBatch) -> VectorBatch {
         vector_batch::multiply(self.first, direct).map(|channel, panel| times(self.resolvents[channel].as_ref(), panel))

@@ -182,7 +182,7 @@ impl<'a> Compressor<'a> {
 
     /// The superclusters of one part of the bake, for [`Compressor::compress`]. Arguments as there.
     pub fn fit_part(&self, part: Part, journal: &mut Journal, progress: &dyn Fn(usize)) -> Result<Vec<Fitted>> {
-        self.fit_all(&self.superclusters_of(part), &mut 0, journal, progress)
+        self.fit_all(&self.superclusters_of(part), 0, journal, progress)
     }
 
     /// Number of view samples in a part.
@@ -224,9 +224,8 @@ impl<'a> Compressor<'a> {
         journal: &mut Journal,
         progress: &dyn Fn(usize),
     ) -> Result<Compressed> {
-        let mut bytes = made.iter().flatten().map(|fitted| fitted.factors.packed_bytes()).sum();
-        check_addressable(bytes)?;
-        let mut fit_all = |ranges: &[Range<usize>]| self.fit_all(ranges, &mut bytes, journal, progress);
+        check_addressable(packed_bytes(made.iter().flatten()))?;
+        let mut fit_all = |ranges: &[Range<usize>], others| self.fit_all(ranges, others, journal, progress);
         let mut fitted = match made {
             Some(made) if self.is_complete(&made) => made,
             Some(_) => {
@@ -235,14 +234,15 @@ impl<'a> Compressor<'a> {
                     "superclusters are missing, or a part belongs to another bake",
                 ));
             }
-            None => fit_all(&self.clusters.superclusters().collect::<Vec<_>>())?,
+            None => fit_all(&self.clusters.superclusters().collect::<Vec<_>>(), 0)?,
         };
         loop {
             let halves = take_halves(&mut fitted);
             if halves.is_empty() {
                 break;
             }
-            fitted.extend(fit_all(&halves)?);
+            let others = packed_bytes(&fitted);
+            fitted.extend(fit_all(&halves, others)?);
         }
         fitted.sort_by_key(|f| f.tiles.start);
         let view_samples = self.operator.transport.framebuffer().samples.len();
@@ -261,12 +261,12 @@ impl<'a> Compressor<'a> {
         Ok(Compressed { chain: chain.finish(), emission, report: errors.report() })
     }
 
-    /// Fits ranges of tiles and adds the bytes of their factors to `bytes`; `progress` counts the view samples of fits
-    /// that are accurate enough.
+    /// Fits ranges of tiles; `bytes` are those of all other factors. `progress` counts the view samples of fits that are
+    /// accurate enough.
     fn fit_all(
         &self,
         ranges: &[Range<usize>],
-        bytes: &mut u64,
+        mut bytes: u64,
         journal: &mut Journal,
         progress: &dyn Fn(usize),
     ) -> Result<Vec<Fitted>> {
@@ -274,15 +274,15 @@ impl<'a> Compressor<'a> {
             |fitted: &Fitted| progress(if fitted.meets_target() { self.clusters.rows(&fitted.tiles).len() } else { 0 });
         let mut all = Vec::new();
         while let Some(fitted) = ranges.get(all.len()).and_then(|tiles| journal.replay(|f| self.is_of(f, tiles))) {
-            *bytes += fitted.factors.packed_bytes();
+            bytes += fitted.factors.packed_bytes();
             count(&fitted);
             all.push(fitted);
         }
         for some in ranges[all.len()..].chunks(rayon::current_num_threads()) {
             let fitted: Vec<Fitted> = some.par_iter().map(|tiles| self.fit(tiles)).collect();
             for fitted in fitted {
-                *bytes += fitted.factors.packed_bytes();
-                check_addressable(*bytes)?;
+                bytes += fitted.factors.packed_bytes();
+                check_addressable(bytes)?;
                 journal.add(&fitted);
                 count(&fitted);
                 all.push(fitted);
@@ -489,7 +489,12 @@ pub(super) fn training_inputs<'a>(
     }
 }
 
-/// `count` random elements of `samples`, or as many as `samples` has.
+/// Bytes of the factors of several fits.
+fn packed_bytes<'a>(fitted: impl IntoIterator<Item = &'a Fitted>) -> u64 {
+    fitted.into_iter().map(|fitted| fitted.factors.packed_bytes()).sum()
+}
+
+/// `count` random elements of `samples`, or as many as `samples` has; some may occur twice.
 pub(super) fn random_subset(samples: &[u32], count: usize, seed: u64) -> Vec<u32> {
     let points = Points::new(seed, 0);
     let pick = |i: usize| samples[(points.at(i as u32, 0)[0] * samples.len() as f64) as usize];

@@ -56,6 +56,8 @@ impl Trainer<'_> {
         let zeros = |rows| VectorBatch::zeros(rows, count);
         let mut all =
             Bounced { direct: zeros(self.operator.coefficient_count()), further: zeros(transport.bounce_matrix.len()) };
+        // Without bounces no light shows anything.
+        let groups = if self.bounces.reflect_any() { groups } else { &[] };
         let mut first = 0;
         for group in groups {
             let end = first + group.count;

@@ -22,10 +22,8 @@ const VISIBLE_STEP: u8 = 16;
 
 /// What the edges of a rig's lights depend on.
 pub fn edge_lights(space: MeshSpace, rig: &Rig) -> Vec<u8> {
-    let shows_edges =
-        |light: &&Light| light.kind != LightKind::Emitter && light.enabled && (light.shadows || !light.is_punctual());
     let mut bytes = Vec::new();
-    for light in rig.lights.iter().filter(shows_edges) {
+    for light in with_edges(rig).filter(|light| light.shadows || !light.is_punctual()) {
         bytes.extend_from_slice(bytemuck::bytes_of(&light.pack(space)));
         if !light.is_punctual() {
             let Light { radius, size: [width, height], angle, spread, .. } = *light;
@@ -37,10 +35,15 @@ pub fn edge_lights(space: MeshSpace, rig: &Rig) -> Vec<u8> {
     bytes
 }
 
+/// Lights that may have edges besides those of surfaces.
+fn with_edges(rig: &Rig) -> impl Iterator<Item = &Light> {
+    rig.lights.iter().filter(|light| light.enabled && !matches!(light.kind, LightKind::Emitter | LightKind::Dome))
+}
+
 /// Pixels on edges, in tile order, sorted. Edges of visibility and of lights are those of `rig`'s lights.
 pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<u32> {
     let mut visible: Vec<Vec<u8>> = Vec::new();
-    for light in rig.lights.iter().filter(|light| light.kind != LightKind::Emitter && light.enabled && light.shadows) {
+    for light in with_edges(rig).filter(|light| light.shadows) {
         let light = light.pack(eye.scene.space);
         let mut visibility = vec![0u8; framebuffer.packets.len() * PACKET_SIZE];
         trace_all(eye.scene, &light, &framebuffer.packets, &mut visibility);
@@ -97,9 +100,8 @@ pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> V
 
 /// For each light with a size, whether the eye sees the light itself in each pixel, directly or in mirrors.
 fn lights_shown(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<Vec<bool>> {
-    let lights = rig.lights.iter().filter(|light| light.enabled);
-    let lights: Vec<(&Light, LightSurface)> =
-        lights.filter_map(|light| Some((light, LightSurface::new(light, eye.scene.space, None)?))).collect();
+    let surface = |light| Some((light, LightSurface::new(light, eye.scene.space, None)?));
+    let lights: Vec<(&Light, LightSurface)> = with_edges(rig).filter_map(surface).collect();
     let from_eye = lights.iter().any(|(light, _)| light.visible);
     if lights.is_empty() || !(from_eye || eye.scene.has_mirrors()) {
         return Vec::new();
