@@ -29,7 +29,10 @@ def peak(path):
     """The largest candela of a profile (LM-63), times its ballast factors; None if it cannot be read."""
     try:
         text = Path(path).read_text(encoding="latin-1")
-        numbers = [float(number) for number in re.split(r"[\s,]+", re.split(r"TILT=NONE", text, maxsplit=1)[1].strip())]
+        tilt, text = re.split(r"TILT\s*=\s*(\w+)", text, maxsplit=1)[1:]
+        numbers = [float(number) for number in re.split(r"[\s,]+", text.strip())]
+        if tilt == "INCLUDE":  # geometry, number of angles, angles, factors
+            numbers = numbers[2 + 2 * int(numbers[1]) :]
         multiplier, verticals, horizontals = numbers[2], int(numbers[3]), int(numbers[4])
         factors = numbers[10] * numbers[11]
         return multiplier * factors * max(numbers[13 + verticals + horizontals :])

@@ -279,7 +279,9 @@ fn surfaces_and_mattes_are_what_rays_find() {
     assert!(seen.len() > 2, "{seen:?}");
     let refused = "is for EXR files";
     let png = folder.path().join("{pass}.png");
-    render!(shipped("balls-2.glb"), png, "--passes", "depth").failed(&[refused]);
+    render!(shipped("balls-2.glb"), &png, "--passes", "depth").failed(&[refused]);
+    render!(shipped("balls-2.glb"), &png, "--primaries", "acescg").failed(&["--primaries", refused]);
+    render!(shipped("balls-2.glb"), folder.path().join("a.exr"), "--png-bits", "16").failed(&["is for PNG files"]);
 }
 
 #[test]
@@ -295,6 +297,8 @@ fn a_file_for_each_pass() {
     assert_eq!(names_in(folder.path()), ["balls-2", "beauty.png", "direct.png"]);
 
     render!(&scene, folder.path().join("a.png"), "--passes", "all").failed(&["a.png", "{pass}"]);
+    let diffuse = render!(&scene, folder.path().join("b.exr"), "--final", "1%", "--gi", "diffuse");
+    diffuse.failed(&["--final", "--gi diffuse"]);
     let nosuch = render!(&scene, folder.path().join("b.exr"), "--passes", "beauty,light:nosuch");
     nosuch.failed(&["nosuch", "point0, spot1"]);
     assert!(!folder.path().join("b.exr").exists());

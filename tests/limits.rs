@@ -169,7 +169,7 @@ fn devices_report_limits() {
 #[test]
 fn gather_samples_of_a_device_that_multiplies() {
     let relight = RelightSettings { site: Some(Site::Device), ..Default::default() };
-    let mut target = Target::new(None, relight).unwrap();
+    let mut target = Target::new(None, None, relight).unwrap();
     target.device.limits.buffer_bytes = 3_000_000;
     let refusal = |gather: u32| {
         let outgoing = Outgoing::Glossy { functions: None };
@@ -194,7 +194,7 @@ fn footprints_are_the_memory_that_is_taken() {
     settings.open.size = Some([128, 96]); // counted, not estimated
     for visibility in [VisibilityMethod::Map, VisibilityMethod::Traced] {
         let relight = RelightSettings { visibility, shadow_size: 256, budget_bytes: Some(0), ..Default::default() };
-        let target = Target::new(None, relight.clone()).unwrap();
+        let target = Target::new(None, None, relight.clone()).unwrap();
         let footprint = Survey::new(&path, None, &settings, &()).unwrap().footprint(&target);
         let session = Session::open(&path, None, &settings, &()).unwrap();
         let context = session.context(None).unwrap();

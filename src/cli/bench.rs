@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (mut slowest_segments, mut slowest_gather) = (f64::INFINITY, f64::INFINITY);
     let mut device = (String::new(), String::new());
     for (path, files) in args.scenes.iter().zip(&files) {
-        let target = args.light_options.target()?;
+        let target = args.light_options.target(&args.scene_options.cache)?;
         let session = args.scene_options.open(path, args.rig.as_deref(), Some(target))?;
         let context = session.context(args.light_options.device.device.as_deref())?;
         device = (context.info.name.clone(), context.info.driver.clone());

@@ -1,6 +1,5 @@
 //! Options that several subcommands take; defaults as in their help.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -14,7 +13,7 @@ use relume::view::PictureSettings;
 use relume::{Error, Result, Session, SessionSettings};
 use serde_json::Value;
 
-use super::output_file::{as_file_name, make_parent, write_json};
+use super::output_file::{make_parent, write_json};
 use super::progress::Terminal;
 use super::transfer::TransferOptions;
 
@@ -218,15 +217,10 @@ impl ViewOptions {
             return Ok(Vec::new());
         }
         let cameras: Vec<String> = Scene::load(scene)?.cameras.into_iter().map(|camera| camera.name).collect();
-        let mut names = BTreeSet::new();
-        match cameras.iter().find(|name| !names.insert(as_file_name(name))) {
-            _ if cameras.is_empty() => Err(Error::import(scene, "has no cameras")),
-            Some(twice) => {
-                let reason = format!("has several cameras whose pictures would be called {}", as_file_name(twice));
-                Err(Error::import(scene, reason))
-            }
-            None => Ok(cameras),
+        if cameras.is_empty() {
+            return Err(Error::import(scene, "has no cameras"));
         }
+        Ok(cameras)
     }
 
     /// Before any work is done.
@@ -248,8 +242,8 @@ impl ShadowOptions {
     }
 
     /// Fails if there is no such device.
-    pub fn target(&self, device: &DeviceOptions) -> Result<Target> {
-        Target::new(device.device.as_deref(), self.relight_settings(device))
+    pub fn target(&self, device: &DeviceOptions, cache: &CacheOptions) -> Result<Target> {
+        Target::new(device.device.as_deref(), cache.dir().as_deref(), self.relight_settings(device))
     }
 }
 
@@ -258,8 +252,8 @@ impl LightOptions {
         self.shadows.relight_settings(&self.device)
     }
 
-    pub fn target(&self) -> Result<Target> {
-        self.shadows.target(&self.device)
+    pub fn target(&self, cache: &CacheOptions) -> Result<Target> {
+        self.shadows.target(&self.device, cache)
     }
 
     /// For pictures that are edited.

@@ -8,6 +8,7 @@ use relume::image::cryptomatte::Cryptomatte;
 use relume::image::exr::{self, ExrMetadata};
 use relume::image::{Image, png};
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
+use relume::scene::rig::without_dots;
 use relume::scene::{LightKind, Rig};
 use relume::{Error, Result};
 
@@ -178,7 +179,7 @@ impl Passes {
 
 /// Index of the light that `--passes light:NAME` asks for.
 pub fn find_light(rig: &Rig, name: &str) -> Result<usize> {
-    let found = rig.lights.iter().position(|light| light.name == name);
+    let found = rig.lights.iter().position(|light| light.name == without_dots(name));
     found.ok_or_else(|| {
         let names: Vec<_> = rig.lights.iter().map(|light| light.name.as_str()).collect();
         let reason = match names.is_empty() {
@@ -304,7 +305,7 @@ impl Template {
         self.0.to_str().is_some_and(|text| text.contains(placeholder))
     }
 
-    fn is_exr(&self) -> bool {
+    pub fn is_exr(&self) -> bool {
         check_extension(&self.0, &["exr"]).is_ok()
     }
 }

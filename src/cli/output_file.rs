@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use relume::storage::file::write_bytes;
+use relume::storage::file::{folder_of, without_links, write_bytes};
 use relume::{Error, Result};
 
 /// Makes the folder that a file goes to, and refuses to write a file where a folder is.
@@ -10,12 +10,8 @@ pub fn make_parent(path: &Path) -> Result<()> {
     if path.is_dir() {
         return Err(Error::io("write", path)(std::io::ErrorKind::IsADirectory.into()));
     }
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => {
-            std::fs::create_dir_all(parent).map_err(Error::io("create", parent))
-        }
-        _ => Ok(()),
-    }
+    let folder = folder_of(path);
+    std::fs::create_dir_all(folder).map_err(Error::io("create", folder))
 }
 
 /// Refuses, before any work is done, outputs that would replace an input or each other.
@@ -23,19 +19,14 @@ pub fn check_outputs<'a>(
     inputs: impl IntoIterator<Item = &'a Path>,
     outputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<()> {
-    // Whatever the name: through links, and before the file is there.
-    let place = |path: &Path| -> PathBuf {
-        let in_folder = || Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?));
-        path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned())
-    };
-    let inputs: Vec<PathBuf> = inputs.into_iter().map(place).collect();
+    let inputs: Vec<PathBuf> = inputs.into_iter().map(without_links).collect();
     let mut seen = Vec::new();
     for output in outputs {
         // Devices and pipes take several.
         if output.exists() && !output.is_file() {
             continue;
         }
-        let at = place(output);
+        let at = without_links(output);
         let refuse = |reason: &str| Err(Error::invalid(output.display().to_string(), reason));
         if inputs.contains(&at) {
             return refuse("is read by this command and would be written over; choose another name");
@@ -46,10 +37,6 @@ pub fn check_outputs<'a>(
         seen.push(at);
     }
     Ok(())
-}
-
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// A name with nothing in it that would mean something to a file system.

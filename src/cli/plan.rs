@@ -92,7 +92,8 @@ pub fn run(args: &Args) -> Result<()> {
     args.options.view.use_threads();
     let settings = args.options.settings()?;
     let survey = Survey::new(&args.scene, args.rig.as_deref(), &settings, &Terminal::default())?;
-    let target = args.device.device.as_ref().map(|_| args.shadows.target(&args.device)).transpose()?;
+    let target = || args.shadows.target(&args.device, &args.options.cache);
+    let target = args.device.device.is_some().then(target).transpose()?;
     let traced = match (VisibilityMethod::from(args.shadows.visibility), &target) {
         (_, Some(target)) => target.traces(&survey.scene),
         (method, None) => method == VisibilityMethod::Traced, // the device decides

@@ -1,5 +1,6 @@
 //! `relume render`
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use serde_json::Value;
 use super::final_gather::{FinalOptions, Refinement};
 use super::options::{LightOptions, RecordOptions, SceneOptions};
 use super::output::{self, Display, Has, Job, PassKind, Passes, Relighters, Template, Written};
-use super::output_file::check_outputs;
+use super::output_file::{as_file_name, check_outputs};
 use super::progress::{self, Terminal};
 use super::stats::{self, Strange};
 use super::surfaces::Surfaces;
@@ -24,7 +25,7 @@ pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
     /// Image to write: .exr or .png. In its name, {rig} stands for the name of the rig, {pass} for the name of the
-    /// pass, {camera} for the name of the camera with --camera all.
+    /// pass, {camera} for the name of the camera.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Rig file, or USD file, whose lights replace those of the scene. Give --rig several times to write several images.
@@ -62,12 +63,28 @@ pub struct Args {
 }
 
 impl Args {
+    /// Refuses options of the other kind of file.
+    fn check_format(&self, is_exr: bool) -> Result<()> {
+        let of_exr = [
+            ("--half", self.half),
+            ("--tiles", self.tiles),
+            ("--multi-part", self.multi_part),
+            ("--primaries", self.primaries != PrimariesOption::Rec709),
+        ];
+        let of_png = [("--png-bits", self.png_depth() != png::Depth::Eight)];
+        let (others, format) = if is_exr { (&of_png[..], "PNG") } else { (&of_exr[..], "EXR") };
+        match others.iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) => Err(Error::invalid(*option, format!("is for {format} files"))),
+            None => Ok(()),
+        }
+    }
+
     fn png_depth(&self) -> png::Depth {
         if self.png_bits == "16" { png::Depth::Sixteen } else { png::Depth::Eight }
     }
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 enum PrimariesOption {
     Rec709,
     #[value(name = "acescg")]
@@ -95,6 +112,11 @@ pub fn run(args: &Args) -> Result<()> {
     if args.record.is_wanted() {
         return Err(Error::invalid("--camera all", "--stats and --trace tell of one camera"));
     }
+    let mut names = BTreeSet::new();
+    if let Some(twice) = cameras.iter().map(|camera| as_file_name(camera)).find(|name| !names.insert(name.clone())) {
+        let reason = format!("has several cameras whose pictures would be called {twice}");
+        return Err(Error::import(&args.scene, reason));
+    }
     for camera in cameras {
         let mut args = args.clone();
         args.output = Template(args.output).of_camera(&camera)?;
@@ -108,13 +130,14 @@ pub fn run(args: &Args) -> Result<()> {
 fn render(args: &Args, display: &mut Display) -> Result<()> {
     let template = Template(args.output.clone());
     template.check(args.rig.len(), &args.passes)?;
+    args.check_format(template.is_exr())?;
     args.record.make_parents()?;
     let read = args.rig.iter().chain([&args.scene]).map(PathBuf::as_path);
     check_outputs(read, args.record.files().chain([args.output.as_path()]))?;
     // Every rig is read before anything is rendered: a mistake in the last one shows at once.
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
     args.refine.check(args.scene_options.settings()?.indirect.as_ref())?;
-    let target = args.light_options.target()?;
+    let target = args.light_options.target(&args.scene_options.cache)?;
     let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
     let emitters = Emitters::of(&session.scene);
     let camera = &session.framebuffer.camera.name;

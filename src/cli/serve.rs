@@ -6,7 +6,7 @@ use relume::view::SceneSource;
 use relume::{Result, SessionSettings};
 
 use super::options::{LightOptions, SceneOptions};
-use super::output_file::make_parent;
+use super::output_file::{check_outputs, make_parent};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -31,9 +31,10 @@ Messages are JSON objects, one a line; docs/protocol.md lists them. {\"do\": \"e
 
 pub fn run(args: &Args) -> Result<()> {
     args.listen.iter().try_for_each(|path| make_parent(path))?;
+    check_outputs([&args.scene].into_iter().chain(&args.rig).map(PathBuf::as_path), args.listen.as_deref())?;
     args.scene_options.view.use_threads();
     let pictures = args.light_options.picture_settings(args.scene_options.cache.dir())?;
-    let target = Some(args.light_options.target()?);
+    let target = Some(args.light_options.target(&args.scene_options.cache)?);
     let session = SessionSettings { target, ..args.scene_options.settings()? };
     let source = SceneSource { path: args.scene.clone(), rig: args.rig.clone(), settings: session };
     relume::view::serve(pictures, args.listen.as_deref(), source)

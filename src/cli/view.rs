@@ -12,7 +12,7 @@ use serde_json::json;
 
 use super::final_gather::parse_error;
 use super::options::{LightOptions, RecordOptions, SceneOptions};
-use super::output_file::make_parent;
+use super::output_file::{check_outputs, make_parent};
 use super::stats;
 
 #[derive(clap::Args)]
@@ -45,7 +45,8 @@ pub struct Args {
     #[arg(long, value_name = "MS", default_value_t = 33.0, value_parser = parse_budget)]
     frame_budget: f64,
     /// Once the lights rest, gathers their indirect light anew until the expected error of a pixel, relative to the mean of
-    /// the picture, is at most this: a fraction, or percent with %. off: never.
+    /// the picture, is at most this: a fraction, or percent with %. off: never. Never with --bounces, --gi diffuse or --method
+    /// thesis, because it gathers glossy light of all bounces.
     #[arg(id = "final", long, value_name = "ERROR", default_value = "1%", value_parser = parse_at_rest)]
     final_error: AtRest,
     #[command(flatten)]
@@ -57,7 +58,13 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     args.files.make_parents()?;
     args.record.iter().chain(&args.listen).try_for_each(|path| make_parent(path))?;
+    let read = [&args.scene].into_iter().chain(&args.rig).chain(&args.script).map(PathBuf::as_path);
+    let written = args.record.iter().chain(&args.listen).map(PathBuf::as_path).chain(args.files.files());
+    check_outputs(read, written)?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
+    let target = Some(args.light_options.target(&args.scene_options.cache)?);
+    let settings = SessionSettings { samples: 1, target, ..args.scene_options.settings()? };
+    let indirect = settings.indirect.as_ref();
     let view_settings = ViewSettings {
         name: args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         // A USD file may have more than lights: saving asks for a name.
@@ -69,12 +76,10 @@ pub fn run(args: &Args) -> Result<()> {
         listen: args.listen.clone(),
         frame_budget: Duration::from_secs_f64(args.frame_budget * 1e-3),
         rest_samples: args.scene_options.samples.unwrap_or(REST_SAMPLES),
-        final_error: args.final_error.0,
+        final_error: args.final_error.0.filter(|_| indirect.is_some_and(|indirect| indirect.has_all_light())),
         trace: args.files.trace.is_some(),
     };
     args.scene_options.view.use_threads();
-    let target = Some(args.light_options.target()?);
-    let settings = SessionSettings { samples: 1, target, ..args.scene_options.settings()? };
     let source = SceneSource { path: args.scene.clone(), rig: args.rig.clone(), settings };
     let report = relume::view::run(view_settings, source)?;
     let figures = || json!({ "schema": 1, "relume": env!("CARGO_PKG_VERSION"), "view": report });

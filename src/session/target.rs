@@ -1,8 +1,9 @@
 //! The device on which a session's pictures are to be made, asked before it bakes for them.
 
+use std::path::Path;
+
 use super::plan::TransferPlan;
 use super::survey::{FramebufferCounts, Survey};
-use super::user_cache_dir;
 use crate::error::Result;
 use crate::gpu::{DeviceInfo, find_device};
 use crate::relight::footprint::{Footprint, GatherFootprint, MapFootprint};
@@ -18,9 +19,10 @@ pub struct Target {
 }
 
 impl Target {
-    /// `device`: its index or a part of its name; `None`: the fastest one, see [`choose_device`].
-    pub fn new(device: Option<&str>, relight: RelightSettings) -> Result<Self> {
-        let device = choose_device(device, user_cache_dir().as_deref())?;
+    /// `device`: its index or a part of its name; `None`: the fastest one, see [`choose_device`], which keeps what it
+    /// measures in `cache_dir`.
+    pub fn new(device: Option<&str>, cache_dir: Option<&Path>, relight: RelightSettings) -> Result<Self> {
+        let device = choose_device(device, cache_dir)?;
         Ok(Self { device: find_device(device.as_deref())?, relight })
     }
 

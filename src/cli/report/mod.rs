@@ -62,7 +62,7 @@ impl Args {
     }
 
     fn target(&self) -> Result<Target> {
-        self.shadows.target(&self.device)
+        self.shadows.target(&self.device, &self.cache)
     }
 }
 
